@@ -1,4 +1,5 @@
-"""Calibration of a serial arm from touch data: kinematic and elastic parameters with their uncertainty.
+"""Calibration of a serial arm from touch data: kinematic and elastic parameters with their
+uncertainty.
 
 Names are imported on first use, so that `from uuv import calib` loads neither numba nor SciPy.
 """

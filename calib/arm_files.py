@@ -1,10 +1,11 @@
-"""Arms from files: Denavit-Hartenberg tables as CSV or YAML, the YAML of Universal Robots, URDF, MJCF.
+"""Arms from files: Denavit-Hartenberg tables as CSV or YAML, the YAML of Universal Robots, URDF,
+MJCF.
 
     source = read_arm("arm.urdf", tip="ball_link")
     source.arm, source.tcp
 
-A URDF or MJCF has six numbers a joint. They become rows of a table (`uuv.models.arms.serial_arm`), and the tip the
-flange.
+A URDF or MJCF has six numbers a joint. They become rows of a table (`uuv.models.arms.serial_arm`),
+and the tip the flange.
 """
 
 import hashlib
@@ -23,7 +24,15 @@ from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.sim.interfaces.documents import parsed_yaml
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import bytes_of
-from uuv.sim.interfaces.spatial import Array, checked, checked_place, checked_pose, pose, readonly, shown
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    checked_pose,
+    pose,
+    readonly,
+    shown,
+)
 from uuv.sim.interfaces.tables import TableReader
 
 if TYPE_CHECKING:
@@ -46,7 +55,8 @@ _COLUMNS = ("theta", "d", "a", "alpha", "beta")
 _ANGLES, _LENGTHS = (0, 3, 4), (1, 2)
 _MOST_BYTES = 1_000_000  # of a YAML file
 _FACTORS = {"deg": np.pi / 180.0, "mm": 1e-3}
-_LONGEST = 50.0  # [m] an arm that reaches farther is written in millimetres, where no unit is stated
+# [m] an arm that reaches farther is written in millimetres, where no unit is stated
+_LONGEST = 50.0
 _DETOUR = 5.0  # times the reach of an arm: longer links cancel
 _POSTURES = 64  # drawn to guess the reach of an arm
 _LONGEST_KEY = 60  # characters of a column's name
@@ -61,7 +71,8 @@ class ArmSource:
     arm: "SerialArm"  # with the limits and joint names of the file
     base: str  # link or body whose frame is the arm's base
     tip: str  # link or site whose frame is the arm's flange
-    tcp: Array = field(default_factory=lambda: readonly(np.zeros(3)))  # (3,) [m] tool point in the flange, if stated
+    # (3,) [m] tool point in the flange, if stated
+    tcp: Array = field(default_factory=lambda: readonly(np.zeros(3)))
     sha256: str
     notes: tuple[str, ...] = ()  # what was assumed while reading
 
@@ -70,8 +81,8 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     """Read the arm of a file.
 
     Args:
-        path: .csv or .txt (DH table), .yaml or .yml (DH table, what `uuv.calib.results` wrote, or the calibration of a
-            Universal Robots arm), .urdf, .xml or .mjcf (MuJoCo).
+        path: .csv or .txt (DH table), .yaml or .yml (DH table, what `uuv.calib.results` wrote, or
+            the calibration of a Universal Robots arm), .urdf, .xml or .mjcf (MuJoCo).
         base: link of a URDF (default: its root) or body of an MJCF (default: arm_base).
         tip: link of a URDF (default: its only leaf) or site of an MJCF (default: tip).
 
@@ -95,7 +106,9 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
         ".mjcf": _from_mjcf,
     }
     if suffix not in (*readers, ".urdf"):
-        raise ConfigurationError(f"arm {file}: allowed {', '.join((*readers, '.urdf'))}, got {suffix!r}")
+        raise ConfigurationError(
+            f"arm {file}: allowed {', '.join((*readers, '.urdf'))}, got {suffix!r}"
+        )
     if suffix == ".urdf":
         return _from_urdf(file, raw, digest, base, tip)  # XML says its encoding itself
     try:
@@ -110,7 +123,11 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
 
 def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | None) -> ArmSource:
     lines = [line.split("#", 1)[0].strip() for line in text.splitlines()]
-    cells = [re.split(r"\s*[;,\t]\s*" if re.search(r"[;,\t]", line) else r"\s+", line) for line in lines if line]
+    cells = [
+        re.split(r"\s*[;,\t]\s*" if re.search(r"[;,\t]", line) else r"\s+", line)
+        for line in lines
+        if line
+    ]
     header: list[str] = []
     try:
         [float(cell) for cell in cells[0]]
@@ -122,7 +139,9 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
     rows = []
     for k, row in enumerate(cells, 1):
         if len(row) != len(columns):
-            raise ConfigurationError(f"arm {file}: row {k} has {len(row)} numbers, {len(columns)} expected")
+            raise ConfigurationError(
+                f"arm {file}: row {k} has {len(row)} numbers, {len(columns)} expected"
+            )
         rows.append(dict(zip(columns, row, strict=True)))
     return _of_rows(file, "dh", rows, digest, _ArmTable(), base, tip)
 
@@ -157,7 +176,9 @@ _UNITS = {"schema": {"title": "{angle: rad or deg, length: m or mm}"}}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ArmTable:
-    """A table with what may stand beside it; files have further entries, as `calib.results` writes."""
+    """A table with what may stand beside it; files have further entries, as `calib.results`
+    writes.
+    """
 
     dh: list[_Row] | None = field(default=None, metadata=_ROWS)
     joints: list[_Row] | None = field(default=None, metadata=_ROWS)  # another name for it
@@ -240,8 +261,11 @@ def _of_rows(
     tip: str | None,
     notes: Sequence[str] = (),
 ) -> ArmSource:
-    """An arm of rows given by name; units from the names ("alpha_deg", "d [mm]"), from `about`, or from the size."""
-    from uuv.models.arms.serial_arm import SerialArm  # its kernels compile on import: first what can be refused
+    """An arm of rows given by name; units from the names ("alpha_deg", "d [mm]"), from `about`, or
+    from the size.
+    """
+    # its kernels compile on import: first what can be refused
+    from uuv.models.arms.serial_arm import SerialArm
 
     read = _table_of(file, rows, about.units or _Units())
     table, notes = read.table, [*notes, *_guessed_angles(file, read)]
@@ -249,12 +273,16 @@ def _of_rows(
     letters = about.joint_types or "".join(read.types) or "r" * n
     reach = _extent(file, table, letters)
     if "length" not in read.stated and reach > _LONGEST:
-        notes.append(f"{file.name}: lengths look like millimetres (the arm reaches {reach:.4g}), turned into metres")
+        notes.append(
+            f"{file.name}: lengths look like millimetres (the arm reaches {reach:.4g}), "
+            "turned into metres"
+        )
         table[:, _LENGTHS] *= 1e-3
         reach *= 1e-3
     if reach < _LONGEST and np.abs(table[:, _LENGTHS]).max() > _DETOUR * reach:
         notes.append(
-            f"{file.name}: along nearly parallel axes d up to {np.abs(table[:, 1]).max():.4g} m cancel, the arm "
+            f"{file.name}: along nearly parallel axes d up to {np.abs(table[:, 1]).max():.4g} m "
+            "cancel, the arm "
             f"reaches {reach:.3g} m: the same arm with frames near it is used"
         )
         arm = _near_frames(SerialArm(table=readonly(table), joint_types=letters))
@@ -266,7 +294,12 @@ def _of_rows(
     tcp = checked(_or(about.tcp, np.zeros(3)), (3,), f"arm {file}: tcp [m]")
     joint_names = _joint_names(file, about, n)
     names = read.names
-    if not joint_names and len(names) == n and len(set(names)) == n and not all(name.isdigit() for name in names):
+    if (
+        not joint_names
+        and len(names) == n
+        and len(set(names)) == n
+        and not all(name.isdigit() for name in names)
+    ):
         joint_names = tuple(names)
     return ArmSource(
         path=file,
@@ -333,7 +366,10 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
         for column in columns:
             table[bare[:, column], column] *= _FACTORS.get(chosen, 1.0)
     return _Table(
-        table=table, stated=frozenset(kind for kind, found in said.items() if found), names=names, types=types
+        table=table,
+        stated=frozenset(kind for kind, found in said.items() if found),
+        names=names,
+        types=types,
     )
 
 
@@ -341,9 +377,17 @@ def _word_and_unit(file: Path, k: int, key: str) -> tuple[str, str]:
     """Word of a column's name, and the unit that it states or an empty text."""
     if len(key) > _LONGEST_KEY:
         raise ConfigurationError(f"arm {file}: row {k + 1}: no column is called {shown(key)}")
-    word = re.split(r"[\[( ]", key)[0].removesuffix("_deg").removesuffix("_rad").removesuffix("_mm").removesuffix("_m")
+    word = (
+        re.split(r"[\[( ]", key)[0]
+        .removesuffix("_deg")
+        .removesuffix("_rad")
+        .removesuffix("_mm")
+        .removesuffix("_m")
+    )
     if word not in _DH_NAMES and word not in ("name", "joint", "type", "joint_type"):
-        raise ConfigurationError(f"arm {file}: unknown column {key!r}; allowed theta, d, a, alpha, beta, name, type")
+        raise ConfigurationError(
+            f"arm {file}: unknown column {key!r}; allowed theta, d, a, alpha, beta, name, type"
+        )
     unit = re.search(r"(deg|rad|mm|m)(?:rees|ians)?[\])]?$", key[len(word) :])
     return word, unit.group(1) if unit else ""
 
@@ -352,21 +396,28 @@ def _figure(file: Path, k: int, key: str, value: float | str) -> float:
     try:
         return float(value)
     except ValueError:
-        raise ConfigurationError(f"arm {file}: row {k + 1}: {key} must be a number, got {shown(value)}") from None
+        raise ConfigurationError(
+            f"arm {file}: row {k + 1}: {key} must be a number, got {shown(value)}"
+        ) from None
 
 
 def _guessed_angles(file: Path, read: _Table) -> Iterator[str]:
     """Turns angles without a stated unit into radians where they look like degrees, and says so."""
     largest = np.abs(read.table[:, _ANGLES]).max()
     if "angle" not in read.stated and largest > 4.0 * np.pi:
-        yield f"{file.name}: angles look like degrees (the largest is {largest:.4g}), turned into radians"
+        yield (
+            f"{file.name}: angles look like degrees (the largest is {largest:.4g}), turned into "
+            "radians"
+        )
         read.table[:, _ANGLES] = np.deg2rad(read.table[:, _ANGLES])
 
 
 def _extent(file: Path, table: Array, letters: str) -> float:
-    """Largest distance of the flange from the base over many postures, in the unit of the table's lengths.
+    """Largest distance of the flange from the base over many postures, in the unit of the table's
+    lengths.
 
-    The lengths themselves do not tell it: along nearly parallel axes, d of hundreds of metres cancel.
+    The lengths themselves do not tell it: along nearly parallel axes, d of hundreds of metres
+    cancel.
     """
     from uuv.models.arms.serial_arm import SerialArm
 
@@ -375,11 +426,15 @@ def _extent(file: Path, table: Array, letters: str) -> float:
     unit[:, _LENGTHS] /= size  # a table in millimetres is no reason to refuse it here
     arm = SerialArm.from_dh(unit[:, :4], letters, beta=unit[:, 4], name=f"arm {file}")
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(table)))
-    return size * float(np.linalg.norm(arm.flange(np.where(arm.slides, 0.0, q))[:, :3, 3], axis=1).max())
+    return size * float(
+        np.linalg.norm(arm.flange(np.where(arm.slides, 0.0, q))[:, :3, 3], axis=1).max()
+    )
 
 
 def _near_frames(arm: "SerialArm") -> "SerialArm":
-    """The same arm with the origin of each frame where its axis passes nearest to the one before."""
+    """The same arm with the origin of each frame where its axis passes nearest to the one
+    before.
+    """
     from uuv.models.arms import kinematics
     from uuv.models.arms.serial_arm import SerialArm
 
@@ -403,17 +458,23 @@ def _limits(file: Path, about: _ArmTable, n: int) -> Array:
     """Joint limits (n, 2) under `limits`; null is no limit."""
     pairs = about.limits if about.limits is not None else [(None, None)] * n
     if len(pairs) != n:
-        raise ConfigurationError(f"arm {file}: limits: {n} pairs of numbers, got {shown(about.limits)}")
+        raise ConfigurationError(
+            f"arm {file}: limits: {n} pairs of numbers, got {shown(about.limits)}"
+        )
     limits = np.array(pairs, dtype=np.float64)  # of None: NaN
     limits = np.where(np.isnan(limits), [-np.inf, np.inf], limits)
     crossed = np.flatnonzero(~(limits[:, 0] < limits[:, 1]))
     if crossed.size:
         k = int(crossed[0])
-        raise ConfigurationError(f"arm {file}: limits: those of joint {k + 1} must rise, got {shown(limits[k])}")
+        raise ConfigurationError(
+            f"arm {file}: limits: those of joint {k + 1} must rise, got {shown(limits[k])}"
+        )
     return readonly(limits)
 
 
-def _of_ur(file: Path, robot: _UniversalRobot, digest: str, base: str | None, tip: str | None) -> ArmSource:
+def _of_ur(
+    file: Path, robot: _UniversalRobot, digest: str, base: str | None, tip: str | None
+) -> ArmSource:
     """Universal Robots' calibration: x, y, z, roll, pitch, yaw of each joint, its axis z."""
     joints = {
         name: _PASSING.made(_UniversalJoint, entry, f"kinematics.{name}")
@@ -447,14 +508,17 @@ def _of_ur(file: Path, robot: _UniversalRobot, digest: str, base: str | None, ti
 
 def _from_urdf(file: Path, raw: bytes, digest: str, base: str | None, tip: str | None) -> ArmSource:
     chain = urdf.parse(raw, f"arm {file}").chain(base, tip, ("--base", "--tip"))
-    return ArmSource(path=file, kind="urdf", arm=chain.arm(), base=chain.base, tip=chain.tip, sha256=digest)
+    return ArmSource(
+        path=file, kind="urdf", arm=chain.arm(), base=chain.base, tip=chain.tip, sha256=digest
+    )
 
 
 # MJCF
 
 
 def mjcf_arm(file: Path, base: str | None, tip: str | None) -> "tuple[mujoco.MjSpec, SerialArm]":
-    """Read the spec and the arm of an MJCF; joints without actuator (springs, pads) take no part if others have one.
+    """Read the spec and the arm of an MJCF; joints without actuator (springs, pads) take no part if
+    others have one.
 
     Args:
         file: path.
@@ -465,12 +529,15 @@ def mjcf_arm(file: Path, base: str | None, tip: str | None) -> "tuple[mujoco.MjS
         The spec, and the arm.
 
     Raises:
-        ConfigurationError: as `uuv.models.files.mjcf_files.read_mjcf` and `uuv.models.arms.dh_geometry.read`.
+        ConfigurationError: as `uuv.models.files.mjcf_files.read_mjcf` and
+            `uuv.models.arms.dh_geometry.read`.
     """
     spec, model = read_mjcf(file, "arm")
     from uuv.models.arms import dh_geometry
 
-    return spec, dh_geometry.read(model, base or ARM_BASE_BODY, tip or TIP_SITE, exclude=_passive(model))
+    return spec, dh_geometry.read(
+        model, base or ARM_BASE_BODY, tip or TIP_SITE, exclude=_passive(model)
+    )
 
 
 def _passive(model: mujoco.MjModel) -> list[str]:
@@ -482,9 +549,20 @@ def _passive(model: mujoco.MjModel) -> list[str]:
     if not joints:
         return []
     free = mujoco.mjtJoint.mjJNT_FREE
-    return [model.joint(j).name for j in range(model.njnt) if j not in joints and int(model.jnt_type[j]) != free]
+    return [
+        model.joint(j).name
+        for j in range(model.njnt)
+        if j not in joints and int(model.jnt_type[j]) != free
+    ]
 
 
 def _from_mjcf(file: Path, _text: str, digest: str, base: str | None, tip: str | None) -> ArmSource:
     _, arm = mjcf_arm(file, base, tip)
-    return ArmSource(path=file, kind="mjcf", arm=arm, base=base or ARM_BASE_BODY, tip=tip or TIP_SITE, sha256=digest)
+    return ArmSource(
+        path=file,
+        kind="mjcf",
+        arm=arm,
+        base=base or ARM_BASE_BODY,
+        tip=tip or TIP_SITE,
+        sha256=digest,
+    )

@@ -1,14 +1,16 @@
 """Maximum a posteriori estimate of an arm's parameters from touches, by Levenberg-Marquardt.
 
-A series is all touches of one unknown point. The criterion sums squared distances over all pairs of a series [Yukhimets
-2023, eq. 7]. For m touches x_j about their mean c the sum equals m sum |x_j - c|^2. The m (m - 1) / 2 dependent pairs
-are therefore replaced by m centred points, which keeps the degrees of freedom right.
+A series is all touches of one unknown point. The criterion sums squared distances over all pairs of
+a series [Yukhimets 2023, eq. 7]. For m touches x_j about their mean c the sum equals m sum |x_j -
+c|^2. The m (m - 1) / 2 dependent pairs are therefore replaced by m centred points, which keeps the
+degrees of freedom right.
 
-That criterion alone has its minimum at an arm shrunk to a point. The prior fixes the scale and every other direction
-that touching does not observe. Where no prior is stated, its deviations and the noise are those that maximise the
-evidence of the data [MacKay 1992, eq. 2.25-2.27], the deviations within bounds: those of touches that do not belong
-together, or of very many touches, grow without end in directions that touching does not observe. Columns are scaled to
-unit size by the prior's deviations.
+That criterion alone has its minimum at an arm shrunk to a point. The prior fixes the scale and
+every other direction that touching does not observe. Where no prior is stated, its deviations and
+the noise are those that maximise the evidence of the data [MacKay 1992, eq. 2.25-2.27], the
+deviations within bounds: those of touches that do not belong together, or of very many touches,
+grow without end in directions that touching does not observe. Columns are scaled to unit size by
+the prior's deviations.
 """
 
 from collections.abc import Callable
@@ -25,9 +27,11 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.models.arms.tip_places import NO_JACOBIAN, tips
 from uuv.sim.interfaces.spatial import Array
 
-FIRST_NOISE = 1e-4  # [m] initial noise of a touch, kept where too few touches are left to estimate it
+# [m] initial noise of a touch, kept where too few touches are left to estimate it
+FIRST_NOISE = 1e-4
 LEAST_FREEDOM = 5.0  # degrees of freedom needed to estimate the noise
-NOISE_FLOOR = 1e-6  # [m] least noise, below encoder resolution; at zero the prior would have no weight
+# [m] least noise, below encoder resolution; at zero the prior would have no weight
+NOISE_FLOOR = 1e-6
 _SETTLED = 1e-5  # step length, as a share of the posterior deviations, that ends the iteration
 _PSEUDO = 2.0  # pseudo-observations: weight of the default deviation where the data choose it
 _ROUNDS = 12  # maximal iterations of the evidence: noise and prior deviations
@@ -48,7 +52,8 @@ class Data:
 
     q: Array  # (M, n) [rad] or [m]
     starts: np.ndarray  # (S,) first row of each series
-    distances: tuple[tuple[int, int, float, float], ...] = ()  # (series, series, length [m], deviation [m])
+    # (series, series, length [m], deviation [m])
+    distances: tuple[tuple[int, int, float, float], ...] = ()
     load: Load | None = None
     weights: Array = field(default_factory=lambda: np.empty(0))  # (M,) of each touch; 0 excludes it
 
@@ -114,8 +119,8 @@ def linearised(
         parameters: free parameters, P of them.
 
     Returns:
-        Residuals (M, 3) [m], weighted residuals (3 M,), weighted derivatives (3 M, P), means (S, 3) [m], and
-        derivatives of the means (S, P, 3).
+        Residuals (M, 3) [m], weighted residuals (3 M,), weighted derivatives (3 M, P), means (S, 3)
+        [m], and derivatives of the means (S, P, 3).
     """
     p, J = tips_of(arm, full, data)
     return kernels.centred_rows(p, J, data.weights, data.starts, parameters.index)
@@ -133,7 +138,8 @@ def means(values: Array, data: Data) -> Array:
 
 
 def pair_cost(residuals: Array, data: Data) -> float:
-    """Pair criterion [m^2]: squared distances over all pairs of each series [Yukhimets 2023, eq. 7].
+    """Pair criterion [m^2]: squared distances over all pairs of each series [Yukhimets 2023, eq.
+    7].
 
     Touches of weight 0 are excluded.
     """
@@ -145,11 +151,14 @@ def pair_cost(residuals: Array, data: Data) -> float:
 def _distances(data: Data, noise: float) -> list[tuple[int, int, float, float]]:
     """Known distances between series points, each with its total deviation [m].
 
-    The mean of m touches itself deviates by noise / sqrt(m), which is added. The correlation of distances that share a
-    point is neglected.
+    The mean of m touches itself deviates by noise / sqrt(m), which is added. The correlation of
+    distances that share a point is neglected.
     """
     share = noise**2 / np.maximum(np.add.reduceat(data.weights, data.starts), 1e-300)
-    return [(i, j, length, float(np.sqrt(sd**2 + share[i] + share[j]))) for i, j, length, sd in data.distances]
+    return [
+        (i, j, length, float(np.sqrt(sd**2 + share[i] + share[j])))
+        for i, j, length, sd in data.distances
+    ]
 
 
 def distance_rows(c: Array, C: Array, data: Data, noise: float) -> tuple[Array, Array]:
@@ -174,7 +183,9 @@ def distance_rows(c: Array, C: Array, data: Data, noise: float) -> tuple[Array, 
 
 
 class Problem:
-    """Estimation problem: free `parameters` of `arm` from `data`, the prior centred at the full vector `mean`."""
+    """Estimation problem: free `parameters` of `arm` from `data`, the prior centred at the full
+    vector `mean`.
+    """
 
     def __init__(self, arm: SerialArm, data: Data, parameters: Parameters, mean: Array) -> None:
         self.arm, self.data, self.parameters, self.mean = arm, data, parameters, mean
@@ -187,9 +198,10 @@ class Problem:
     def scale(self, full: Array) -> tuple[float, Array]:
         """Size of the arm relative to that at `mean`, and its derivative (P,).
 
-        The criterion rewards a smaller arm, because all spreads shrink with it. Read as a likelihood of joint values,
-        the density of the tip carries the volume of dp/dq, which shrinks equally fast. Residuals are therefore divided
-        by the relative size, so that touching carries no information about size.
+        The criterion rewards a smaller arm, because all spreads shrink with it. Read as a
+        likelihood of joint values, the density of the tip carries the volume of dp/dq, which
+        shrinks equally fast. Residuals are therefore divided by the relative size, so that touching
+        carries no information about size.
         """
         table, tcp = self._split(full)[:2]
         length, gradient = kernels.arm_size(table, self.arm.X_n_flange, tcp, self._parallel)
@@ -236,17 +248,24 @@ class Problem:
         q = data.q if data.load is None else data.q + compliance * data.load(table)
         p = tips(table, self._slides, self.arm.X_base_0, self.arm.X_n_flange, tcp, q, NO_JACOBIAN)
         residuals = centred(p, data)
-        total = float(data.weights @ np.einsum("mi,mi->m", residuals, residuals)) / (noise * self.scale(full)[0]) ** 2
+        total = (
+            float(data.weights @ np.einsum("mi,mi->m", residuals, residuals))
+            / (noise * self.scale(full)[0]) ** 2
+        )
         if data.distances:
             c = means(p, data)
-            total += sum(((np.linalg.norm(c[i] - c[j]) - k) / sd) ** 2 for i, j, k, sd in _distances(data, noise))
+            total += sum(
+                ((np.linalg.norm(c[i] - c[j]) - k) / sd) ** 2
+                for i, j, k, sd in _distances(data, noise)
+            )
         away = (full - self.mean)[self.index] / deviations
         return float(total + away @ away), residuals
 
     def descend(
         self, full: Array, noise: float, deviations: Array, iterations: int, history: list[float]
     ) -> tuple[Array, bool]:
-        """Minimise the objective by Levenberg-Marquardt [Yukhimets 2023, eq. 17]; mu rises on failure.
+        """Minimise the objective by Levenberg-Marquardt [Yukhimets 2023, eq. 17]; mu rises on
+        failure.
 
         Args:
             full: (5 n + 3 + n,) start.
@@ -284,7 +303,9 @@ class Problem:
                 return full, True
         return full, False
 
-    def summary(self, full: Array, noise: float, deviations: Array, history: list[float], converged: bool) -> Fit:
+    def summary(
+        self, full: Array, noise: float, deviations: Array, history: list[float], converged: bool
+    ) -> Fit:
         """Assemble the `Fit` at `full`, with its covariance for the given noise and prior.
 
         Args:
@@ -314,15 +335,23 @@ class Problem:
 
 
 def _noise_of(fit: Fit, data: Data) -> float:
-    """Standard deviation of a touch [m] from the residuals, corrected for the effective number of parameters."""
+    """Standard deviation of a touch [m] from the residuals, corrected for the effective number of
+    parameters.
+    """
     square = float(data.weights @ np.einsum("mi,mi->m", fit.residuals, fit.residuals))
     return max(np.sqrt(square / max(data.degrees - fit.effective, 1.0)), NOISE_FLOOR)
 
 
 def _pooled(parameters: Parameters) -> list[np.ndarray]:
-    """Indices of the parameters that share one deviation chosen by the data; the tool point keeps its own."""
+    """Indices of the parameters that share one deviation chosen by the data; the tool point keeps
+    its own.
+    """
     groups = np.array(parameters.groups)
-    return [np.flatnonzero(groups == group) for group in dict.fromkeys(parameters.groups) if group != "tcp"]
+    return [
+        np.flatnonzero(groups == group)
+        for group in dict.fromkeys(parameters.groups)
+        if group != "tcp"
+    ]
 
 
 def solve(
@@ -340,7 +369,8 @@ def solve(
         problem: arm, data, free parameters and prior mean.
         deviations: (P,) standard deviations of the prior; the start where `widest` is given.
         noise: [m] standard deviation of a touch; None estimates it.
-        widest: (P,) choose the deviations that maximise the evidence of the data, up to these; None keeps them.
+        widest: (P,) choose the deviations that maximise the evidence of the data, up to these; None
+            keeps them.
         start: (5 n + 3 + n,) start of the iteration; None starts at the prior mean.
         iterations: largest number of Levenberg-Marquardt steps altogether.
 
@@ -356,10 +386,13 @@ def solve(
     full, converged = problem.descend(full, sigma, deviations, min(iterations, 3), history)
     fit = problem.summary(full, sigma, deviations, history, converged)
     if noise is not None and widest is None:
-        full, converged = problem.descend(full, sigma, deviations, iterations - len(history) + 1, history)
+        full, converged = problem.descend(
+            full, sigma, deviations, iterations - len(history) + 1, history
+        )
         return problem.summary(full, sigma, deviations, history, converged)
     pools = [] if widest is None else _pooled(problem.parameters)
-    # With few degrees of freedom the residuals vanish, and an estimated noise would be far too small.
+    # With few degrees of freedom the residuals vanish, and an estimated noise would be far too
+    # small.
     estimate = noise is None and problem.data.degrees - fit.effective >= LEAST_FREEDOM
     for _ in range(_ROUNDS):
         before = np.append(deviations, sigma)
@@ -369,24 +402,31 @@ def solve(
         known = 1.0 - np.diag(fit.covariance) / fit.deviations**2
         deviations = deviations.copy()
         for pool in pools:
-            square = float(away[pool] @ away[pool]) + _PSEUDO * float(given[pool] @ given[pool]) / len(pool)
+            square = float(away[pool] @ away[pool]) + _PSEUDO * float(
+                given[pool] @ given[pool]
+            ) / len(pool)
             chosen = np.sqrt(square / (float(known[pool].sum()) + _PSEUDO))
             deviations[pool] = chosen if widest is None else np.minimum(chosen, widest[pool])
         left = iterations - (len(history) - 1)
-        full, converged = problem.descend(full, sigma, deviations, left, history) if left > 0 else (full, False)
+        full, converged = (
+            problem.descend(full, sigma, deviations, left, history) if left > 0 else (full, False)
+        )
         fit = problem.summary(full, sigma, deviations, history, converged)
         if left <= 0 or np.max(np.abs(np.append(deviations, sigma) / before - 1.0)) < 0.01:
             break
     return fit
 
 
-def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, **options: Any) -> tuple[Fit, Data]:
+def solve_robustly(
+    problem: Problem, deviations: Array, *, level: float = 0.01, **options: Any
+) -> tuple[Fit, Data]:
     """Estimate the parameters as `solve` does, whatever a minority of the touches does.
 
-    Touches are judged by a robust fit from the prior alone (`_ordinary_fit`), since a fit to all of them would hide
-    outliers. Without a touch that is less likely than `level` over the number of touches (Bonferroni), all weights stay
-    1. Else far touches keep a reduced weight, whose influence falls with distance. Those too far for a heavy tail
-    (Student's t) as well are excluded.
+    Touches are judged by a robust fit from the prior alone (`_ordinary_fit`), since a fit to all of
+    them would hide outliers. Without a touch that is less likely than `level` over the number of
+    touches (Bonferroni), all weights stay
+    1. Else far touches keep a reduced weight, whose influence falls with distance. Those too far
+    for a heavy tail (Student's t) as well are excluded.
 
     Args:
         problem: arm, data, free parameters and prior mean; its data get the final weights.
@@ -405,7 +445,11 @@ def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, 
     strange = _strange(fit, problem.data, counted, ordinary, noise)
     start = fit.full
     for _ in range(_REJECTIONS):
-        problem.data = replace(every, weights=(counted & ~strange).astype(np.float64)) if strange.any() else every
+        problem.data = (
+            replace(every, weights=(counted & ~strange).astype(np.float64))
+            if strange.any()
+            else every
+        )
         fit = solve(problem, deviations, start=start if strange.any() else None, **options)
         again = _strange(fit, problem.data, counted, ordinary, noise)
         if np.array_equal(again, strange):
@@ -425,10 +469,11 @@ def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, 
 
 
 def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> Fit:
-    """Fit to the majority of the touches: Cauchy weights whose scale falls with the median residual.
+    """Fit to the majority of the touches: Cauchy weights whose scale falls with the median
+    residual.
 
-    The prior stays as stated: chosen by the evidence of data with outliers it becomes so wide that the arm shrinks to a
-    point. `problem.data` gets the weights.
+    The prior stays as stated: chosen by the evidence of data with outliers it becomes so wide that
+    the arm shrinks to a point. `problem.data` gets the weights.
     """
     every = problem.data
     fit = problem.summary(problem.mean, FIRST_NOISE, deviations, [], False)
@@ -436,7 +481,9 @@ def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> F
         before = problem.data.weights
         sigma = _robust_noise(fit, problem.data, counted)
         square = np.einsum("mi,mi->m", fit.residuals, fit.residuals) / sigma**2
-        problem.data = replace(every, weights=np.where(counted, 1.0 / (1.0 + square / _CAUCHY**2), 0.0))
+        problem.data = replace(
+            every, weights=np.where(counted, 1.0 / (1.0 + square / _CAUCHY**2), 0.0)
+        )
         history: list[float] = []
         full, converged = problem.descend(fit.full, sigma, deviations, _CAUCHY_STEPS, history)
         fit = problem.summary(full, sigma, deviations, history, converged)
@@ -446,20 +493,28 @@ def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> F
 
 
 def _far_weights(fit: Fit, data: Data, kept: np.ndarray) -> Array:
-    """Weights (M,) of the touches: 1 where ordinary, falling with the squared distance beyond, 0 where not `kept`."""
-    square = np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, data, kept) ** 2
+    """Weights (M,) of the touches: 1 where ordinary, falling with the squared distance beyond, 0
+    where not `kept`.
+    """
+    square = (
+        np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, data, kept) ** 2
+    )
     return np.where(kept, np.minimum(1.0, chi2.isf(_FAR, 3) / np.maximum(square, 1e-12)), 0.0)
 
 
 def _robust_noise(fit: Fit, data: Data, counted: np.ndarray) -> float:
-    """Standard deviation of a touch [m] from the median distance, which a few outliers do not affect."""
+    """Standard deviation of a touch [m] from the median distance, which a few outliers do not
+    affect.
+    """
     kept = counted & (data.weights > 0.0)
     median = float(np.median(np.linalg.norm(fit.residuals[kept], axis=1)))
     lost = max(1.0 - (3.0 * len(data.starts) + fit.effective) / (3.0 * kept.sum()), 0.1)
     return max(median / (_MEDIAN * np.sqrt(lost)), NOISE_FLOOR)
 
 
-def _strange(fit: Fit, data: Data, counted: np.ndarray, limit: float, noise: float | None) -> np.ndarray:
+def _strange(
+    fit: Fit, data: Data, counted: np.ndarray, limit: float, noise: float | None
+) -> np.ndarray:
     """Mask (M,) of the touches too far from the mean of their series."""
     sigma = max(noise or 0.0, _robust_noise(fit, data, counted))
     return counted & (np.einsum("mi,mi->m", fit.residuals, fit.residuals) > limit * sigma**2)

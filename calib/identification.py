@@ -1,4 +1,5 @@
-"""Kinematic calibration of an arm from touches of unknown points in many orientations, after [Yukhimets 2023].
+"""Kinematic calibration of an arm from touches of unknown points in many orientations, after
+[Yukhimets 2023].
 
 A prior keeps the estimate from collapsing to an arm of size zero.
 
@@ -15,10 +16,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2, t
 
-from uuv.calib.fit import LEAST_FREEDOM, Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
+from uuv.calib.fit import (
+    LEAST_FREEDOM,
+    Data,
+    Fit,
+    Problem,
+    centred,
+    pair_cost,
+    solve,
+    solve_robustly,
+    tips_of,
+)
 from uuv.calib.loads import BoundLoads, Loads
 from uuv.calib.paper import WARNING, paper_run
-from uuv.calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select, widest_prior
+from uuv.calib.parameters import (
+    DEFAULT_FREE,
+    DEFAULT_PRIOR,
+    Parameters,
+    prior_deviations,
+    select,
+    widest_prior,
+)
 from uuv.calib.rank import RankReport, rank_report
 from uuv.calib.touches import UsableTouches, checked_series, usable
 from uuv.calib.verification import PointTouches, kabsch, places, scores
@@ -56,12 +74,17 @@ class Outlier:
     distance: float  # [m] from the series' point under the identified arm
 
     def __str__(self) -> str:
-        return f"series {self.series + 1}, touch {self.touch + 1}: {1e3 * self.distance:.3g} mm off its point"
+        return (
+            f"series {self.series + 1}, touch {self.touch + 1}: {1e3 * self.distance:.3g} mm "
+            "off its point"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Combination:
-    """An observable combination of parameters: weighted sum of their changes over `RankReport.scales`."""
+    """An observable combination of parameters: weighted sum of their changes over
+    `RankReport.scales`.
+    """
 
     text: str  # its largest terms
     weights: Array  # (P,) of the changes over `RankReport.scales`, unit length
@@ -82,7 +105,9 @@ class Estimate:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the free parameters: theta1, d1, a1, alpha1, ..., tcp_x, ..., beta2, ..., c1, ..."""
+        """Names of the free parameters: theta1, d1, a1, alpha1, ..., tcp_x, ..., beta2, ..., c1,
+        ...
+        """
         return self.parameters.names
 
     @property
@@ -99,8 +124,10 @@ class MapFit:
         ConfigurationError: a number out of its range.
     """
 
-    noise: float | None = None  # [m] standard deviation of a touch along each axis; None estimates it
-    robust: bool = True  # reduce the weight of far touches, see `Calibration.weights` and `Calibration.outliers`
+    # [m] standard deviation of a touch along each axis; None estimates it
+    noise: float | None = None
+    # reduce the weight of far touches, see `Calibration.weights` and `Calibration.outliers`
+    robust: bool = True
     max_iterations: int = 200  # largest number of Levenberg-Marquardt steps
 
     def __post_init__(self) -> None:
@@ -121,29 +148,36 @@ class Calibration:
 
     tcp: Array  # (3,) [m] tool point in the flange
     compliance: Array  # (n,) [rad/(N m)] zero where not identified
-    arm: SerialArm  # the identified arm; its table (n, 5) has beta as a column, so all changes are small
+    # the identified arm; its table (n, 5) has beta as a column, so all changes are small
+    arm: SerialArm
     nominal: SerialArm
     nominal_tcp: Array  # (3,) [m] initial tool point, by [Yukhimets 2023, eq. 16] or as given
     cost: float  # [m^2] pair criterion (eq. 7) over the touches in use
     cost_nominal: float  # [m^2] the same for the nominal arm with `nominal_tcp`
-    noise: float  # [m] standard deviation of a touch along each axis, corrected for degrees of freedom
+    # [m] standard deviation of a touch along each axis, corrected for degrees of freedom
+    noise: float
     points: Array  # (S, 3) [m] the touched points in the base
     residuals: tuple[Array, ...]  # (m_i,) [m] distance of every touch, outliers too, from its point
-    weights: tuple[Array, ...]  # (m_i,) of every touch in the fit: 1 ordinary, less for far ones, 0 left out
+    # (m_i,) of every touch in the fit: 1 ordinary, less for far ones, 0 left out
+    weights: tuple[Array, ...]
     outliers: tuple[Outlier, ...]
     estimate: Estimate
-    degrees_of_freedom: float  # of the noise: 3 (touches - series) minus the effective number of parameters
+    # of the noise: 3 (touches - series) minus the effective number of parameters
+    degrees_of_freedom: float
     rank: RankReport  # of the 4 n + 3 DH and tool numbers
     rank_free: RankReport  # of `parameters`: with betas and compliances, without fixed ones
     history: tuple[float, ...]  # [m^2] pair criterion at the start and after each step
     converged: bool
     warnings: tuple[str, ...]
     loads: BoundLoads | None
-    scores: Array  # (3 K,) sorted errors of touches predicted from other places, in predicted deviations
+    # (3 K,) sorted errors of touches predicted from other places, in predicted deviations
+    scores: Array
 
     @property
     def dh(self) -> Array:
-        """Standard DH (n, 4) of exactly the identified arm: theta0 [rad], d [m], a [m], alpha [rad]."""
+        """Standard DH (n, 4) of exactly the identified arm: theta0 [rad], d [m], a [m], alpha
+        [rad].
+        """
         return self.arm.dh
 
     @property
@@ -183,19 +217,27 @@ class Calibration:
         return float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees_of_freedom, 1.0)))
 
     def combinations(self, confidence: float = 0.95) -> tuple[Combination, ...]:
-        """Observable combinations of the free parameters with confidence intervals, best observed first."""
+        """Observable combinations of the free parameters with confidence intervals, best observed
+        first.
+        """
         report, quantile = self.rank_free, self.quantile(confidence)
         out = []
         for i, weights in enumerate(report.directions):
             scaled = weights / report.scales
-            value, sigma = float(scaled @ self.estimate.changes), float(np.sqrt(scaled @ self.covariance @ scaled))
+            value, sigma = (
+                float(scaled @ self.estimate.changes),
+                float(np.sqrt(scaled @ self.covariance @ scaled)),
+            )
             bounds = (value - quantile * sigma, value + quantile * sigma)
             text = report.combination(i)
-            out.append(Combination(text=text, weights=weights, value=value, sigma=sigma, interval=bounds))
+            out.append(
+                Combination(text=text, weights=weights, value=value, sigma=sigma, interval=bounds)
+            )
         return tuple(out)
 
     def scale(self, q: ArrayLike) -> tuple[float, float]:
-        """Scale of the identified arm relative to the nominal one, from flange positions at poses `q` (N, n).
+        """Scale of the identified arm relative to the nominal one, from flange positions at poses
+        `q` (N, n).
 
         A scale of 1.001 means: where the nominal arm moves 1 m, the identified one moves 1.001 m.
 
@@ -208,30 +250,45 @@ class Calibration:
         about = about - about.mean(axis=0)
         p, J = self.arm.tips_and_jacobian(np.ascontiguousarray(values), origin)
         J[:, ROW * n :] = 0.0
-        full = np.concatenate([J, np.zeros((len(p), n, 3))], axis=1)[:, self.estimate.parameters.index]
+        full = np.concatenate([J, np.zeros((len(p), n, 3))], axis=1)[
+            :, self.estimate.parameters.index
+        ]
         total = float(np.sum(about**2))
-        # A rotation moves every point at right angles to `about`, so this is the scale to first order.
+        # A rotation moves every point at right angles to `about`, so this is the scale to first
+        # order.
         gradient = np.einsum("mi,mpi->p", about, full) / total
         aligned = transform_points(kabsch(p, about), p)
-        return float(np.sum(about * aligned)) / total, float(np.sqrt(gradient @ self.covariance @ gradient))
+        return float(np.sum(about * aligned)) / total, float(
+            np.sqrt(gradient @ self.covariance @ gradient)
+        )
 
     def tips(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
-        """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), with the sag under `payload_mass` [kg]."""
+        """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), with the sag under
+        `payload_mass` [kg].
+        """
         values = np.ascontiguousarray(q, dtype=np.float64)
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
 
     def touched_tips(self, series: Sequence[Array]) -> list[Array]:
-        """Tip positions (m_i, 3) [m] of the touches it was identified from, each under the payload of that touch.
+        """Tip positions (m_i, 3) [m] of the touches it was identified from, each under the payload
+        of that touch.
 
         Args:
             series: those touches (m_i, n), all of them.
         """
         every = np.ascontiguousarray(np.vstack(series))
-        bent = every if self.loads is None else every + self.compliance * self.loads.at(every)(self.arm.table)
+        bent = (
+            every
+            if self.loads is None
+            else every + self.compliance * self.loads.at(every)(self.arm.table)
+        )
         return np.split(self.arm.tips(bent, self.tcp), np.cumsum([len(q) for q in series])[:-1])
 
-    def half_widths(self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95) -> Array:
-        """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
+    def half_widths(
+        self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95
+    ) -> Array:
+        """Half-widths of the predictive intervals of touches of one new point about their mean,
+        along the base's axes.
 
         Errors that the parameters cannot express (gears, sag, seating) widen them: see
         `uuv.calib.verification`.
@@ -245,9 +302,15 @@ class Calibration:
             Half-widths (M, 3) [m].
         """
         values = np.ascontiguousarray(q, dtype=np.float64)
-        load = None if self.loads is None else self.loads.with_payload(payload_mass, len(values)).at(values)
+        load = (
+            None
+            if self.loads is None
+            else self.loads.with_payload(payload_mass, len(values)).at(values)
+        )
         full = np.concatenate([self.arm.table.ravel(), self.tcp, self.compliance])
-        data = Data(q=values, starts=np.zeros(1, dtype=int), load=load, weights=np.ones(len(values)))
+        data = Data(
+            q=values, starts=np.zeros(1, dtype=int), load=load, weights=np.ones(len(values))
+        )
         J = tips_of(self.arm, full, data)[1][:, self.estimate.parameters.index]
         J = J - J.mean(axis=0)
         share = 1.0 - 1.0 / len(values)
@@ -256,7 +319,9 @@ class Calibration:
         return factor * np.sqrt(variance)
 
     def deflected(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
-        """True joint positions (M, n) at encoder readings `q` (M, n), deflected under `payload_mass` [kg]."""
+        """True joint positions (M, n) at encoder readings `q` (M, n), deflected under
+        `payload_mass` [kg].
+        """
         values = np.ascontiguousarray(q, dtype=np.float64)
         if self.loads is None:
             return values
@@ -275,32 +340,35 @@ def identify(
     loads: Loads | None = None,
     method: Method | MapFit = "map",
 ) -> Calibration:
-    """Identify an arm from touches of unknown points: `series` holds one (m_i, n) array of joint values per point.
+    """Identify an arm from touches of unknown points: `series` holds one (m_i, n) array of joint
+    values per point.
 
     Deterministic.
 
     Args:
         series: joint values (m_i, n) [rad], slides [m], one array per touched point.
-        nominal: standard DH (n, 4) of hinges as theta0 [rad], d [m], a [m], alpha [rad], or a `SerialArm` (from axes,
-            with slides).
-        free: parameters that may change, as groups (theta, d, a, alpha, beta, tcp, compliance) or single names ("a2").
-            By default all but compliance, which joins where `loads` are given. Beta applies between near-parallel axes
-            only; unless named, it is dropped again where it is not significant.
-        prior: standard deviations about nominal by group or name, in rad, m, rad/(N m). Without it the evidence of the
-            data chooses the deviation of each group, starting from `uuv.calib.parameters.DEFAULT_PRIOR`.
-        distances: (i, j, length [m]) or (i, j, length, deviation [m]) between the points of series i and j, counted
-            from 0. Nothing else here makes scale observable.
+        nominal: standard DH (n, 4) of hinges as theta0 [rad], d [m], a [m], alpha [rad], or a
+            `SerialArm` (from axes, with slides).
+        free: parameters that may change, as groups (theta, d, a, alpha, beta, tcp, compliance) or
+            single names ("a2"). By default all but compliance, which joins where `loads` are given.
+            Beta applies between near-parallel axes only; unless named, it is dropped again where it
+            is not significant.
+        prior: standard deviations about nominal by group or name, in rad, m, rad/(N m). Without it
+            the evidence of the data chooses the deviation of each group, starting from
+            `uuv.calib.parameters.DEFAULT_PRIOR`.
+        distances: (i, j, length [m]) or (i, j, length, deviation [m]) between the points of series
+            i and j, counted from 0. Nothing else here makes scale observable.
         tcp: initial tool point (3,) [m] in the flange; by default from [Yukhimets 2023, eq. 13-16].
         loads: weights and buoyancy on the arm; they make joint compliances observable.
-        method: "map", the fit by `MapFit()`; a `MapFit` with other settings; or "paper" for the run of [Yukhimets
-            2023], three steps on all 4 n + 3 parameters, for comparison.
+        method: "map", the fit by `MapFit()`; a `MapFit` with other settings; or "paper" for the run
+            of [Yukhimets 2023], three steps on all 4 n + 3 parameters, for comparison.
 
     Returns:
         The identified arm with uncertainty, rank and outliers.
 
     Raises:
-        ConfigurationError: wrong joint count, no touches, numbers that are not finite, degrees, millimetres, unknown
-            words.
+        ConfigurationError: wrong joint count, no touches, numbers that are not finite, degrees,
+            millimetres, unknown words.
     """
     if not isinstance(method, MapFit):
         one_of(method, get_args(Method), "method")
@@ -349,27 +417,45 @@ class _Observed:
 
 
 def _map_fit(
-    observed: _Observed, data: Data, free: Iterable[str] | str | None, prior: Mapping[str, float] | None, how: MapFit
+    observed: _Observed,
+    data: Data,
+    free: Iterable[str] | str | None,
+    prior: Mapping[str, float] | None,
+    how: MapFit,
 ) -> tuple[Fit, Data, Parameters]:
-    """Maximum a posteriori estimate: the fit, its data with outliers at weight 0, and the parameters left free."""
+    """Maximum a posteriori estimate: the fit, its data with outliers at weight 0, and the
+    parameters left free.
+    """
     arm, mean, elastic = observed.arm, observed.mean, observed.loads is not None
     default = (*DEFAULT_FREE, "compliance") if elastic else DEFAULT_FREE
     try:
-        words: list[str] = [free] if isinstance(free, str) else list(default if free is None else free)
+        words: list[str] = (
+            [free] if isinstance(free, str) else list(default if free is None else free)
+        )
     except TypeError as error:
         raise ConfigurationError(f"free: expected words, got {shown(free)}") from error
     if prior is not None and not isinstance(prior, Mapping):
-        raise ConfigurationError(f"prior: expected a mapping of words to deviations, got {shown(prior)}")
+        raise ConfigurationError(
+            f"prior: expected a mapping of words to deviations, got {shown(prior)}"
+        )
     parameters = select(arm, words)
     if not elastic and "compliance" in parameters.groups:
         raise ConfigurationError("free: compliance needs `loads`, else nothing bends the joints")
-    solver = solve_robustly if how.robust else lambda *given, **options: (solve(*given, **options), given[0].data)
+    solver = (
+        solve_robustly
+        if how.robust
+        else lambda *given, **options: (solve(*given, **options), given[0].data)
+    )
 
     def run(chosen: Parameters, on: Data) -> tuple[Fit, Data]:
         problem = Problem(arm, on, chosen, mean)
-        deviations = prior_deviations(chosen, {k: v for k, v in (prior or {}).items() if k in _words(chosen)})
+        deviations = prior_deviations(
+            chosen, {k: v for k, v in (prior or {}).items() if k in _words(chosen)}
+        )
         widest = widest_prior(chosen, arm.reach) if prior is None else None
-        return solver(problem, deviations, noise=how.noise, widest=widest, iterations=how.max_iterations)
+        return solver(
+            problem, deviations, noise=how.noise, widest=widest, iterations=how.max_iterations
+        )
 
     prior_deviations(parameters, prior)  # refuses unknown words before the first estimate
     fit, used = run(parameters, data)
@@ -396,23 +482,34 @@ def _checked_distances(
     try:
         rows = [tuple(given) for given in distances]
     except TypeError as error:
-        raise ConfigurationError(f"distances: expected (i, j, length[, deviation]), got {shown(distances)}") from error
+        raise ConfigurationError(
+            f"distances: expected (i, j, length[, deviation]), got {shown(distances)}"
+        ) from error
     for row in rows:
         if len(row) not in (3, 4):
-            raise ConfigurationError(f"distances: expected (i, j, length[, deviation]), got {shown(row)}")
+            raise ConfigurationError(
+                f"distances: expected (i, j, length[, deviation]), got {shown(row)}"
+            )
         i, j = (whole_number(k, "distances: series", most=count - 1) for k in row[:2])
         if i == j:
-            raise ConfigurationError(f"distances: two different series of 0..{count - 1} are needed, got {i} and {j}")
+            raise ConfigurationError(
+                f"distances: two different series of 0..{count - 1} are needed, got {i} and {j}"
+            )
         length = finite_number(row[2], "distances: length [m]", above=0.0, most=_MOST_LENGTH)
         deviation = finite_number(
-            row[3] if len(row) == 4 else _SURE_DISTANCE, "distances: deviation [m]", least=1e-9, most=_MOST_LENGTH
+            row[3] if len(row) == 4 else _SURE_DISTANCE,
+            "distances: deviation [m]",
+            least=1e-9,
+            most=_MOST_LENGTH,
         )
         if i in live and j in live:
             out.append((live.index(i), live.index(j), length, deviation))
     return tuple(out)
 
 
-def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit, warnings: list[str]) -> Calibration:
+def _assemble(
+    observed: _Observed, data: Data, parameters: Parameters, fit: Fit, warnings: list[str]
+) -> Calibration:
     arm, mean, bound = observed.arm, observed.mean, observed.loads
     touches, kept, live = observed.touches.series, observed.touches.kept, observed.touches.live
     n, size = arm.n, ROW * arm.n
@@ -438,16 +535,20 @@ def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit,
         residuals.append(readonly(np.linalg.norm(mine - points[i], axis=1)))
         if i in live:
             left_out = kept[i][~weight[i]]
-            outliers += [Outlier(series=i, touch=int(j), distance=float(residuals[i][j])) for j in left_out]
+            outliers += [
+                Outlier(series=i, touch=int(j), distance=float(residuals[i][j])) for j in left_out
+            ]
     if data.degrees - fit.effective < LEAST_FREEDOM:
         warnings.append(
-            f"{len(data.q)} touches leave {data.degrees - fit.effective:.2g} degrees of freedom: the fit proves "
+            f"{len(data.q)} touches leave {data.degrees - fit.effective:.2g} degrees of freedom: "
+            "the fit proves "
             f"nothing, and a noise of {1e3 * fit.noise:.2g} mm is taken"
         )
     warnings += [f"left out, for it does not belong: {outlier}" for outlier in outliers]
     if fit.noise > _FAR_OFF:
         warnings.append(
-            f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they are not of this arm, or its "
+            f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they are not "
+            "of this arm, or its "
             "table, joint signs or zeros are wrong"
         )
     moved = np.abs(fit.full - mean)[dh_numbers.index[:-3]]
@@ -457,7 +558,8 @@ def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit,
         k = int(shares.argmax())
         amount = f"{np.rad2deg(moved[k]):.3g} deg" if angles[k] else f"{1e3 * moved[k]:.3g} mm"
         warnings.append(
-            f"the arm found is far from the nominal one ({dh_numbers.names[k]} by {amount}): are the table, the joint "
+            f"the arm found is far from the nominal one ({dh_numbers.names[k]} by {amount}): are "
+            "the table, the joint "
             "signs and the joint zeros right?"
         )
     warnings += _at_the_bound(arm, parameters, fit)
@@ -506,13 +608,17 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
         for group, k in held.items()
     )
     return [
-        f"the arm found is far from the nominal one: its {', '.join(bounds)} and more, beyond which arms are not made "
-        "and the prior is held; are the table, the joint signs and the joint zeros right? (a prior may be stated)"
+        f"the arm found is far from the nominal one: its {', '.join(bounds)} and more, beyond "
+        "which arms are not made "
+        "and the prior is held; are the table, the joint signs and the joint zeros right? (a "
+        "prior may be stated)"
     ]
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
-    """Scores (3 K,) of the touches in use (`uuv.calib.verification`); `points` (S, 3) [m] of the series."""
+    """Scores (3 K,) of the touches in use (`uuv.calib.verification`); `points` (S, 3) [m] of the
+    series.
+    """
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
     series, used = [], []
     for s in range(len(data.starts)):

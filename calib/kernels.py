@@ -1,6 +1,8 @@
-"""Compiled kernels of the calibration: size of the arm, centred touches, loads of hanging bodies, inverse kinematics.
+"""Compiled kernels of the calibration: size of the arm, centred touches, loads of hanging bodies,
+inverse kinematics.
 
-Tables are those of `uuv.models.arms.kinematics`. Angles in rad, lengths in m, all vectors in base axes.
+Tables are those of `uuv.models.arms.kinematics`. Angles in rad, lengths in m, all vectors in base
+axes.
 """
 
 import math
@@ -14,16 +16,21 @@ from uuv.sim.interfaces.kernels import kernel
 
 # Explicit signatures: each kernel compiles once, for read-only and writable arrays alike.
 _V, _M, _T, _X4 = (types.Array(float64, d, "C", readonly=True) for d in (1, 2, 3, 4))
-_FLAGS, _PLACES = types.Array(boolean, 1, "C", readonly=True), types.Array(int64, 1, "C", readonly=True)
+_FLAGS, _PLACES = (
+    types.Array(boolean, 1, "C", readonly=True),
+    types.Array(int64, 1, "C", readonly=True),
+)
 
 
 @kernel(signature=types.Tuple((float64, float64[::1]))(_M, _M, _V, _FLAGS))
 def arm_size(table, X_flange, tcp, parallel):
-    """Size of the arm [m], the root of the summed squares of all lengths that touching observes, and its derivative.
+    """Size of the arm [m], the root of the summed squares of all lengths that touching observes,
+    and its derivative.
 
-    The last link and the tool count as one length, from the last joint to the tip. The d of the first joint is left
-    out, because it moves the base only. Along parallel axes the sum of the d counts: shifts that cancel move no tip,
-    and an arm could else grow by them to make its residuals small beside its size.
+    The last link and the tool count as one length, from the last joint to the tip. The d of the
+    first joint is left out, because it moves the base only. Along parallel axes the sum of the d
+    counts: shifts that cancel move no tip, and an arm could else grow by them to make its residuals
+    small beside its size.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).
@@ -38,10 +45,21 @@ def arm_size(table, X_flange, tcp, parallel):
     gradient = np.zeros(ROW * n + 3)
     offset = np.empty(3)
     for i in range(3):
-        offset[i] = X_flange[i, 3] + X_flange[i, 0] * tcp[0] + X_flange[i, 1] * tcp[1] + X_flange[i, 2] * tcp[2]
+        offset[i] = (
+            X_flange[i, 3]
+            + X_flange[i, 0] * tcp[0]
+            + X_flange[i, 1] * tcp[1]
+            + X_flange[i, 2] * tcp[2]
+        )
     row = table[n - 1]
-    ca, sa, cb, sb = math.cos(row[ALPHA]), math.sin(row[ALPHA]), math.cos(row[BETA]), math.sin(row[BETA])
-    R = np.array([[cb, 0.0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]])  # Rx(alpha) Ry(beta)
+    ca, sa, cb, sb = (
+        math.cos(row[ALPHA]),
+        math.sin(row[ALPHA]),
+        math.cos(row[BETA]),
+        math.sin(row[BETA]),
+    )
+    # Rx(alpha) Ry(beta)
+    R = np.array([[cb, 0.0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]])
     tip = np.empty(3)
     for i in range(3):
         tip[i] = R[i, 0] * offset[0] + R[i, 1] * offset[1] + R[i, 2] * offset[2]
@@ -78,9 +96,9 @@ def arm_size(table, X_flange, tcp, parallel):
 
 
 @kernel(
-    signature=types.Tuple((float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1]))(
-        _M, _T, _V, _PLACES, _PLACES
-    )
+    signature=types.Tuple(
+        (float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1])
+    )(_M, _T, _V, _PLACES, _PLACES)
 )
 def centred_rows(p, J, weights, starts, index):
     """Tips and their derivatives about the weighted mean of each series.
@@ -93,8 +111,8 @@ def centred_rows(p, J, weights, starts, index):
         index: (P,) columns of the free parameters.
 
     Returns:
-        Residuals (M, 3); residuals (3 M,) and derivatives (3 M, P), both times the root of the weights; means (S, 3);
-        and derivatives of the means (S, P, 3).
+        Residuals (M, 3); residuals (3 M,) and derivatives (3 M, P), both times the root of the
+        weights; means (S, 3); and derivatives of the means (S, P, 3).
     """
     touches, series, free = p.shape[0], starts.shape[0], index.shape[0]
     residuals = np.empty((touches, 3))
@@ -145,7 +163,8 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     touches, n = X.shape[0], X.shape[1] - 1
     tau = np.zeros((touches, n))
     moment, place, zero = np.empty(3), np.empty(3), np.zeros(3)
-    force, about = np.empty(3), np.empty(3)  # resultant of all loads beyond the joint, and its moment about the base
+    # resultant of all loads beyond the joint, and its moment about the base
+    force, about = np.empty(3), np.empty(3)
     for m in range(touches):
         force[:], about[:] = 0.0, 0.0
         for k in range(n, 0, -1):
@@ -163,13 +182,16 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
                 about += moment
             cross_into(moment, X[m, k - 1, :3, 3], force, zero)
             for i in range(3):
-                tau[m, k - 1] += X[m, k - 1, i, 2] * (force[i] if slides[k - 1] else about[i] - moment[i])
+                tau[m, k - 1] += X[m, k - 1, i, 2] * (
+                    force[i] if slides[k - 1] else about[i] - moment[i]
+                )
     return tau
 
 
 @kernel(signature=boolean(_M, _FLAGS, _M, _M, _V, _V, _M, float64[::1], boolean, int64))
 def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, iterations):
-    """Inverse kinematics by damped least squares: joint values for a tip at `goal`, optionally with an orientation.
+    """Inverse kinematics by damped least squares: joint values for a tip at `goal`, optionally with
+    an orientation.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).
@@ -219,7 +241,8 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
             trace = np.sum(F * R_goal)
         if math.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2) < 1e-11 and turn < 1e-6 and trace > 0.0:
             return True
-        if trace < 0.0 and turn > 0.0:  # beyond 90 deg the sine falls again, so the step gets full length
+        # beyond 90 deg the sine falls again, so the step gets full length
+        if trace < 0.0 and turn > 0.0:
             for i in range(3):
                 e[3 + i] /= turn
         for k in range(n):

@@ -1,7 +1,7 @@
 """Loads on the joints of an arm: link weights, buoyancy in water, and the payload in the tool.
 
-A joint of compliance c [rad/(N m)] stands at q + c tau [Yukhimets 2020]. Touches of one point under different moments
-make c observable, except at joints whose moment does not change.
+A joint of compliance c [rad/(N m)] stands at q + c tau [Yukhimets 2020]. Touches of one point under
+different moments make c observable, except at joints whose moment does not change.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,22 +16,26 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import GRAVITY, Array, checked
 
-_EVEN = 10.0  # [kg/m] assumed where no mass is given; only ratios of moments matter, c absorbs the factor
+# [kg/m] assumed where no mass is given; only ratios of moments matter, c absorbs the factor
+_EVEN = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loads:
     """Weights and buoyancy on an arm. Frame k moves with joint k (standard DH).
 
-    Without `link_masses` the arm's mass is assumed spread evenly along its links, 10 kg/m. Compliances are then
-    relative to that assumption, and still compensate the sag.
+    Without `link_masses` the arm's mass is assumed spread evenly along its links, 10 kg/m.
+    Compliances are then relative to that assumption, and still compensate the sag.
     """
 
     link_masses: ArrayLike | None = None  # (n,) [kg]
-    link_centers: ArrayLike | None = None  # (n, 3) [m] centre of mass of link k in frame k; default the link's middle
+    # (n, 3) [m] centre of mass of link k in frame k; default the link's middle
+    link_centers: ArrayLike | None = None
     link_volumes: ArrayLike = 0.0  # (n,) or one [m^3] displaced
-    link_buoyancy_centers: ArrayLike | None = None  # (n, 3) [m] in frame k; default the centre of mass
-    payload_mass: ArrayLike | Sequence[ArrayLike] = 0.0  # [kg] one for all, per series, or (m_i,) per touch
+    # (n, 3) [m] in frame k; default the centre of mass
+    link_buoyancy_centers: ArrayLike | None = None
+    # [kg] one for all, per series, or (m_i,) per touch
+    payload_mass: ArrayLike | Sequence[ArrayLike] = 0.0
     payload_center: ArrayLike = (0.0, 0.0, 0.0)  # (3,) [m] centre of mass in the flange frame
     payload_volume: float = 0.0  # [m^3] displaced by the payload, where there is one
     water_density: float = 0.0  # [kg/m^3] 0 in air
@@ -48,13 +52,23 @@ class Loads:
         middles, lengths = _middles(arm)
         given = self.link_masses
         masses = _EVEN * lengths if given is None else checked(given, (n,), "loads.link_masses")
-        centers = middles if self.link_centers is None else checked(self.link_centers, (n, 3), "loads.link_centers")
+        centers = (
+            middles
+            if self.link_centers is None
+            else checked(self.link_centers, (n, 3), "loads.link_centers")
+        )
         volumes = np.broadcast_to(np.asarray(self.link_volumes, dtype=np.float64), (n,))
         buoyant = self.link_buoyancy_centers
-        cob = centers if buoyant is None else checked(buoyant, (n, 3), "loads.link_buoyancy_centers")
+        cob = (
+            centers if buoyant is None else checked(buoyant, (n, 3), "loads.link_buoyancy_centers")
+        )
         if not (np.all(masses >= 0.0) and np.all(volumes >= 0.0) and self.water_density >= 0.0):
-            raise ConfigurationError("loads: masses, volumes and the water's density must not be negative")
-        forces = np.stack([masses[:, None] * gravity, -self.water_density * volumes[:, None] * gravity], axis=1)
+            raise ConfigurationError(
+                "loads: masses, volumes and the water's density must not be negative"
+            )
+        forces = np.stack(
+            [masses[:, None] * gravity, -self.water_density * volumes[:, None] * gravity], axis=1
+        )
         return BoundLoads(
             arm=arm,
             forces=np.ascontiguousarray(forces),
@@ -74,18 +88,23 @@ class Loads:
         else:
             items = list(given)  # pyright: ignore[reportArgumentType]
             if len(items) != len(counts):
-                raise ConfigurationError(f"loads.payload_mass: {len(counts)} series, got {len(items)} masses")
+                raise ConfigurationError(
+                    f"loads.payload_mass: {len(counts)} series, got {len(items)} masses"
+                )
             parts = []
             for i, (item, count) in enumerate(zip(items, counts, strict=True)):
                 part = np.asarray(item, dtype=np.float64)
                 if part.shape not in {(), (count,)}:
                     raise ConfigurationError(
-                        f"loads.payload_mass of series {i + 1}: one mass or ({count},), got shape {part.shape}"
+                        f"loads.payload_mass of series {i + 1}: one mass or ({count},), got shape "
+                        f"{part.shape}"
                     )
                 parts.append(np.broadcast_to(part, (count,)))
             masses = np.concatenate(parts)
         if not np.all(np.isfinite(masses) & (masses >= 0.0)):
-            raise ConfigurationError("loads.payload_mass: every mass must be finite and not negative")
+            raise ConfigurationError(
+                "loads.payload_mass: every mass must be finite and not negative"
+            )
         return masses
 
 
@@ -106,7 +125,8 @@ class BoundLoads:
         return replace(self, payload=np.full(count, float(mass)))
 
     def at(self, q: Array, places: np.ndarray | slice = slice(None)) -> Callable[[Array], Array]:
-        """Function that maps the table (n, 5) to the joint loads (M, n) [N m] at the touches `q` (M, n).
+        """Function that maps the table (n, 5) to the joint loads (M, n) [N m] at the touches `q`
+        (M, n).
 
         Args:
             q: (M, n) joint values at which the loads act.
@@ -119,7 +139,9 @@ class BoundLoads:
         net = np.where(payload > 0.0, payload - self.displaced, 0.0)
         extra = np.ascontiguousarray(net[:, None, None] * self.gravity)
         X = self.arm.X_n_flange
-        point = np.ascontiguousarray(np.broadcast_to(X[:3, :3] @ self.center + X[:3, 3], (len(q), 1, 3)))
+        point = np.ascontiguousarray(
+            np.broadcast_to(X[:3, :3] @ self.center + X[:3, 3], (len(q), 1, 3))
+        )
         slides, X_base_0 = self.arm.slides, self.arm.X_base_0
 
         def load(table: Array) -> Array:
@@ -130,7 +152,9 @@ class BoundLoads:
 
 
 def _middles(arm: SerialArm) -> tuple[Array, Array]:
-    """Middle of each link in its own frame (n, 3) [m], and link length (n,) [m] between consecutive frame origins."""
+    """Middle of each link in its own frame (n, 3) [m], and link length (n,) [m] between consecutive
+    frame origins.
+    """
     middles = np.empty((arm.n, 3))
     X = frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
     for k in range(arm.n):

@@ -1,7 +1,9 @@
-"""Calibration of an arm on a moving base: the measured base pose becomes six joints ahead of the arm's own.
+"""Calibration of an arm on a moving base: the measured base pose becomes six joints ahead of the
+arm's own.
 
-Touches made from a hovering vehicle are then touches of a longer arm, with three slides and three hinges first. The
-"encoders" of these six are the vehicle's navigation. Only the arm's own parameters are left free.
+Touches made from a hovering vehicle are then touches of a longer arm, with three slides and three
+hinges first. The "encoders" of these six are the vehicle's navigation. Only the arm's own
+parameters are left free.
 """
 
 from dataclasses import replace
@@ -19,7 +21,8 @@ _NAMES = ("theta", "d", "a", "alpha")
 
 
 def on_moving_base(arm: SerialArm, X_BA: Array) -> SerialArm:
-    """Extend `arm` by six base joints, three slides along x, y, z and three hinges about z, y, x of B.
+    """Extend `arm` by six base joints, three slides along x, y, z and three hinges about z, y, x of
+    B.
 
     Args:
         arm: the arm alone.
@@ -40,7 +43,15 @@ def on_moving_base(arm: SerialArm, X_BA: Array) -> SerialArm:
     return replace(
         longer,
         limits=readonly(np.vstack([longer.limits[:BASE_JOINTS], arm.limits])),
-        joint_names=("base x", "base y", "base z", "base yaw", "base pitch", "base roll", *arm.joint_names),
+        joint_names=(
+            "base x",
+            "base y",
+            "base z",
+            "base yaw",
+            "base pitch",
+            "base roll",
+            *arm.joint_names,
+        ),
     )
 
 
@@ -66,20 +77,25 @@ def with_base(series: Array, X_WB: Array) -> Array:
 
 
 def own_parameters(longer: SerialArm) -> list[str]:
-    """Names of the arm's own parameters within the longer arm, and of the tool point: those to leave free."""
+    """Names of the arm's own parameters within the longer arm, and of the tool point: those to
+    leave free.
+    """
     first = BASE_JOINTS + 1
     names = [f"{name}{k}" for k in range(first, longer.n + 1) for name in _NAMES]
     return [*names, *(f"beta{k + 1}" for k in longer.near_parallel if k >= BASE_JOINTS), "tcp"]
 
 
 def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
-    """Rename the parameters of `found`, of the longer arm, as those of the arm alone; take the rank report of `alike`.
+    """Rename the parameters of `found`, of the longer arm, as those of the arm alone; take the rank
+    report of `alike`.
 
-    `alike` is a calibration of the arm alone in the same poses. The base's small motion does not change which
-    directions touching observes.
+    `alike` is a calibration of the arm alone in the same poses. The base's small motion does not
+    change which directions touching observes.
     """
     names = tuple(
-        name if name.startswith("tcp") else f"{name.rstrip('0123456789')}{int(name.lstrip(_LETTERS)) - BASE_JOINTS}"
+        name
+        if name.startswith("tcp")
+        else f"{name.rstrip('0123456789')}{int(name.lstrip(_LETTERS)) - BASE_JOINTS}"
         for name in found.names
     )
     parameters = replace(found.estimate.parameters, names=names)

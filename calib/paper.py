@@ -1,9 +1,10 @@
-"""Reference run of [Yukhimets 2023]: three Levenberg-Marquardt steps (eq. 17) on all 4 n + 3 parameters, no prior.
+"""Reference run of [Yukhimets 2023]: three Levenberg-Marquardt steps (eq. 17) on all 4 n + 3
+parameters, no prior.
 
-Criterion (7) falls to zero with the arm shrunk to a point, so the run is right only because it stops early. It serves
-for comparison. Parameters are in mm and degrees, as printed there. The paper states neither mu, eta nor delta: here mu
-starts at `MU`, falls tenfold on success and rises tenfold on failure (as printed, 0 < eta < 1, it would rise on
-success).
+Criterion (7) falls to zero with the arm shrunk to a point, so the run is right only because it
+stops early. It serves for comparison. Parameters are in mm and degrees, as printed there. The paper
+states neither mu, eta nor delta: here mu starts at `MU`, falls tenfold on success and rises tenfold
+on failure (as printed, 0 < eta < 1, it would rise on success).
 """
 
 import numpy as np
@@ -15,7 +16,8 @@ STEPS = 3  # Levenberg-Marquardt steps, as published
 MU = 1e3  # [mm^2] initial damping, our choice
 ETA = 10.0  # factor by which the damping falls on success and rises on failure
 WARNING = (
-    "method 'paper': criterion (7) has no least arm, its minimum is an arm shrunk to a point; three steps stop short "
+    "method 'paper': criterion (7) has no least arm, its minimum is an arm shrunk to a point; "
+    "three steps stop short "
     "of that by luck. The scale and 8 or 10 other directions mean nothing here; use method 'map'"
 )
 _WIDE = 100.0  # [mm, deg] prior deviation for the covariance only, wide enough to act as none
@@ -23,10 +25,13 @@ _WIDE = 100.0  # [mm, deg] prior deviation for the covariance only, wide enough 
 
 def paper_run(problem: Problem) -> Fit:
     """Three steps of eq. (17) on the pairs of eq. (9), in mm and degrees [Yukhimets 2023]."""
-    units = np.array([np.deg2rad(1.0) if unit == "rad" else 1e-3 for unit in problem.parameters.units])
+    units = np.array(
+        [np.deg2rad(1.0) if unit == "rad" else 1e-3 for unit in problem.parameters.units]
+    )
     data = problem.data
     counts = np.diff([*data.starts, len(data.q)])
-    pairs = np.sqrt(np.repeat(counts, counts)).astype(np.float64)  # m sum |x - c|^2 = sum over pairs, likewise G'G
+    # m sum |x - c|^2 = sum over pairs, likewise G'G
+    pairs = np.sqrt(np.repeat(counts, counts)).astype(np.float64)
     full, mu = problem.mean.copy(), MU
     residuals, rows = _pair_rows(problem, full, pairs, units)
     history = [float(residuals @ residuals) * 1e-6]
@@ -49,7 +54,9 @@ def paper_run(problem: Problem) -> Fit:
 
 
 def _pair_rows(problem: Problem, full: Array, pairs: Array, units: Array) -> tuple[Array, Array]:
-    """Residuals [mm] and derivatives by parameters in mm and degrees, weighted so that their squares sum to eq. (7)."""
+    """Residuals [mm] and derivatives by parameters in mm and degrees, weighted so that their
+    squares sum to eq. (7).
+    """
     _, r, rows, _, _ = linearised(problem.arm, full, problem.data, problem.parameters)
     weight = 1e3 * np.repeat(pairs, 3)
     return r * weight, rows * weight[:, None] * units

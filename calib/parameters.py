@@ -1,6 +1,7 @@
 """Identifiable parameters of an arm: names, groups, units, selection by words, and priors.
 
-The full vector of an arm with n joints holds its table (n, 5) row by row, the tool point (3) and the compliances (n).
+The full vector of an arm with n joints holds its table (n, 5) row by row, the tool point (3) and
+the compliances (n).
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,11 +15,19 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
 
 GROUPS = ("theta", "d", "a", "alpha", "beta", "tcp", "compliance")
-UNITS = {"theta": "rad", "d": "m", "a": "m", "alpha": "rad", "beta": "rad", "tcp": "m", "compliance": "rad/(N m)"}
+UNITS = {
+    "theta": "rad",
+    "d": "m",
+    "a": "m",
+    "alpha": "rad",
+    "beta": "rad",
+    "tcp": "m",
+    "compliance": "rad/(N m)",
+}
 
-# Standard deviations about the nominal arm where the caller states none, for a machined arm of about a metre. A UR10e
-# as delivered has 0.5 mm and 0.2 deg (tables of [Yukhimets 2023]), a Panda 1 mm and 0.3 deg. The tool point is
-# practically unknown; 1e-4 rad/(N m) is a joint of 1e4 N m/rad.
+# Standard deviations about the nominal arm where the caller states none, for a machined arm of
+# about a metre. A UR10e as delivered has 0.5 mm and 0.2 deg (tables of [Yukhimets 2023]), a Panda 1
+# mm and 0.3 deg. The tool point is practically unknown; 1e-4 rad/(N m) is a joint of 1e4 N m/rad.
 DEFAULT_PRIOR = {
     "theta": np.deg2rad(0.2),
     "d": 1e-3,
@@ -28,20 +37,26 @@ DEFAULT_PRIOR = {
     "tcp": 0.1,
     "compliance": 1e-4,
 }
-# How arms are made bounds the prior that the evidence of the touches may choose: some times what is usual (0.2 deg,
-# 1e-3 of a length), which holds the real arms seen (0.6 deg, 1 mm). Without a bound the evidence of touches that do not
-# belong together chooses ever wider deviations, under which the arm shrinks to a point.
+# How arms are made bounds the prior that the evidence of the touches may choose: some times what is
+# usual (0.2 deg, 1e-3 of a length), which holds the real arms seen (0.6 deg, 1 mm). Without a bound
+# the evidence of touches that do not belong together chooses ever wider deviations, under which the
+# arm shrinks to a point.
 MADE_TURN = np.deg2rad(0.6)  # [rad] of angles
-MADE_SHARE, MADE_LENGTH = 2e-3, 1.5e-3  # of lengths, as a share of the arm's reach, and at least [m]
-_NARROWEST, _WIDEST = 1e-12, 1e6  # bounds of a deviation, so that squares neither vanish nor overflow in sums
+# of lengths, as a share of the arm's reach, and at least [m]
+MADE_SHARE, MADE_LENGTH = 2e-3, 1.5e-3
+# bounds of a deviation, so that squares neither vanish nor overflow in sums
+_NARROWEST, _WIDEST = 1e-12, 1e6
 DEFAULT_FREE = ("theta", "d", "a", "alpha", "beta", "tcp")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Parameters:
-    """Free parameters of an estimation, in the order DH row by row, tool point, betas, compliances."""
+    """Free parameters of an estimation, in the order DH row by row, tool point, betas,
+    compliances.
+    """
 
-    names: tuple[str, ...]  # "theta1", "d1", "a1", "alpha1", ..., "tcp_x", ..., "beta2", ..., "c1", ...
+    # "theta1", "d1", "a1", "alpha1", ..., "tcp_x", ..., "beta2", ..., "c1", ...
+    names: tuple[str, ...]
     groups: tuple[str, ...]  # the group of each, one of GROUPS
     index: np.ndarray  # (P,) place of each in the full vector
 
@@ -65,7 +80,9 @@ class Parameters:
 
 
 def all_parameters(arm: SerialArm) -> Parameters:
-    """All parameters of `arm`: 4 n of DH, 3 of the tool point, beta of near-parallel joints, n compliances."""
+    """All parameters of `arm`: 4 n of DH, 3 of the tool point, beta of near-parallel joints, n
+    compliances.
+    """
     names, groups, index = [], [], []
     for k in range(arm.n):
         for group, column in (("theta", THETA), ("d", D), ("a", A), ("alpha", ALPHA)):
@@ -88,7 +105,8 @@ def all_parameters(arm: SerialArm) -> Parameters:
 
 
 def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
-    """Select parameters of `arm` by `words`: groups ("a", "alpha", "tcp", ...) or single names ("a2", "tcp_z").
+    """Select parameters of `arm` by `words`: groups ("a", "alpha", "tcp", ...) or single names
+    ("a2", "tcp_z").
 
     Raises:
         ConfigurationError: a word that names no parameter, or nothing left to identify.
@@ -98,12 +116,19 @@ def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
     for word in asked:
         if not isinstance(word, str) or (word not in GROUPS and word not in every.names):
             raise ConfigurationError(
-                f"free: {shown(word)} is no parameter of this arm; allowed: groups {', '.join(GROUPS)}, or single ones "
+                f"free: {shown(word)} is no parameter of this arm; allowed: groups "
+                f"{', '.join(GROUPS)}, or single ones "
                 f"such as {every.names[0]}, {every.names[4 * arm.n]}"
-                + (f", beta{arm.near_parallel[0] + 1}" if arm.near_parallel else " (no beta: no near-parallel axes)")
+                + (
+                    f", beta{arm.near_parallel[0] + 1}"
+                    if arm.near_parallel
+                    else " (no beta: no near-parallel axes)"
+                )
             )
     chosen = [
-        i for i, (name, group) in enumerate(zip(every.names, every.groups, strict=True)) if {name, group} & {*asked}
+        i
+        for i, (name, group) in enumerate(zip(every.names, every.groups, strict=True))
+        if {name, group} & {*asked}
     ]
     if not chosen:
         raise ConfigurationError(f"free: nothing left to identify, got {asked}")
@@ -115,8 +140,8 @@ def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) 
 
     Args:
         parameters: P free parameters.
-        prior: deviations by group or single name. A name takes precedence over its group; what is not named keeps
-            `DEFAULT_PRIOR`.
+        prior: deviations by group or single name. A name takes precedence over its group; what is
+            not named keeps `DEFAULT_PRIOR`.
 
     Returns:
         Standard deviations in rad, m, rad/(N m).
@@ -128,11 +153,16 @@ def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) 
     for word, value in stated.items():
         if word not in GROUPS and word not in parameters.names:
             raise ConfigurationError(
-                f"prior: {shown(word)} is not identified here; allowed: {', '.join((*GROUPS, *parameters.names))}"
+                f"prior: {shown(word)} is not identified here; allowed: "
+                f"{', '.join((*GROUPS, *parameters.names))}"
             )
-        stated[word] = finite_number(value, f"prior: the deviation of {word}", above=0.0, most=_WIDEST)
+        stated[word] = finite_number(
+            value, f"prior: the deviation of {word}", above=0.0, most=_WIDEST
+        )
         if stated[word] < _NARROWEST:
-            raise ConfigurationError(f"prior: the deviation of {word} must be >= {_NARROWEST:g}, got {value}")
+            raise ConfigurationError(
+                f"prior: the deviation of {word} must be >= {_NARROWEST:g}, got {value}"
+            )
     return np.array(
         [
             stated.get(name, stated.get(group, DEFAULT_PRIOR[group]))
@@ -142,15 +172,19 @@ def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) 
 
 
 def widest_prior(parameters: Parameters, reach: float) -> Array:
-    """Largest prior deviation (P,) that the evidence of touches may choose: how far off arms are made.
+    """Largest prior deviation (P,) that the evidence of touches may choose: how far off arms are
+    made.
 
     Args:
         parameters: P free parameters.
         reach: [m] of the nominal arm.
 
     Returns:
-        Standard deviations in rad and m; infinite for the tool point and compliances, which no workshop bounds.
+        Standard deviations in rad and m; infinite for the tool point and compliances, which no
+        workshop bounds.
     """
     bounds = {"rad": MADE_TURN, "m": max(MADE_SHARE * reach, MADE_LENGTH)}
     free = {"tcp", "compliance"}
-    return np.array([np.inf if group in free else bounds[UNITS[group]] for group in parameters.groups])
+    return np.array(
+        [np.inf if group in free else bounds[UNITS[group]] for group in parameters.groups]
+    )

@@ -1,8 +1,10 @@
-"""Optimal choice of touches out of candidates: greedy selection, then exchanges, by the information they add.
+"""Optimal choice of touches out of candidates: greedy selection, then exchanges, by the information
+they add.
 
-A touch of point i at pose q measures J dTheta - dc_i. The three coordinates of each point are unknown too and are
-estimated along. Criterion D maximises the determinant of the information of all parameters under the prior [Fedorov
-1972], for arms [Borm 1991]. Criterion V minimises the mean variance of relative flange positions between given poses.
+A touch of point i at pose q measures J dTheta - dc_i. The three coordinates of each point are
+unknown too and are estimated along. Criterion D maximises the determinant of the information of all
+parameters under the prior [Fedorov 1972], for arms [Borm 1991]. Criterion V minimises the mean
+variance of relative flange positions between given poses.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,7 +32,8 @@ class Plan:
 
     chosen: tuple[tuple[int, int], ...]  # (series, row) among the candidates
     series: tuple[Array, ...]  # (m_i, n) the same per point; empty for an unused point
-    merit: tuple[float, ...]  # after each choice: log determinant of the information (D), or expected RMS [m] (V)
+    # after each choice: log determinant of the information (D), or expected RMS [m] (V)
+    merit: tuple[float, ...]
     before: float  # the same merit by the prior and the touches already made
     deviations: Array  # (P,) expected posterior standard deviation of each parameter
     names: tuple[str, ...]
@@ -42,15 +45,18 @@ class Design:
 
     poses: list[Array]  # (K_i, n) per point
     pairs: list[tuple[int, int]]  # (series, row) of each candidate
-    rows: Array  # (K, 3, P + 3 S) derivatives of each candidate over the noise, in units of the priors
-    C: Array  # (P + 3 S, P + 3 S) covariance by the prior and the touches already made, in units of the prior
+    # (K, 3, P + 3 S) derivatives of each candidate over the noise, in units of the priors
+    rows: Array
+    # (P + 3 S, P + 3 S) covariance by the prior and the touches already made, in units of the prior
+    C: Array
     W: Array | None  # weight of `_aim` for criterion V; None for D
     deviations: Array  # (P,) prior standard deviations
     names: tuple[str, ...]
 
 
 def plan(design: Design, count: int) -> Plan:
-    """Choose `count` of the candidates, maximising information or minimising the variance at the targets.
+    """Choose `count` of the candidates, maximising information or minimising the variance at the
+    targets.
 
     Raises:
         ConfigurationError: fewer candidates than `count`.
@@ -61,7 +67,8 @@ def plan(design: Design, count: int) -> Plan:
     chosen, merit = [], []
     free_to_take = np.ones(len(rows), dtype=bool)
     for _ in range(count):
-        best = _best(rows, C, None, free_to_take)  # D in both cases: the first touch of a point gains nothing in V
+        # D in both cases: the first touch of a point gains nothing in V
+        best = _best(rows, C, None, free_to_take)
         C = _updated(C, rows[best], 1.0)
         free_to_take[best] = False
         chosen.append(best)
@@ -83,7 +90,9 @@ def plan(design: Design, count: int) -> Plan:
     pairs = tuple(design.pairs[k] for k in chosen)
     return Plan(
         chosen=pairs,
-        series=tuple(q[sorted(row for i, row in pairs if i == s)] for s, q in enumerate(design.poses)),
+        series=tuple(
+            q[sorted(row for i, row in pairs if i == s)] for s, q in enumerate(design.poses)
+        ),
         merit=(*merit[:-1], _merit(C, W)),
         before=before,
         deviations=np.sqrt(np.diag(C)[: len(design.deviations)]) * design.deviations,
@@ -140,7 +149,8 @@ def design(
         candidates: (K_i, n) joint values [rad] per point.
         tcp: (3,) [m] tool point in the flange; by default the calibration's, else the flange.
         done: touches already made, of the same points in the same order.
-        targets: (N, n) poses whose relative flange positions criterion V is about; without them the criterion is D.
+        targets: (N, n) poses whose relative flange positions criterion V is about; without them the
+            criterion is D.
         free: parameters to be identified, as in `identify`.
         prior: standard deviations by group or name, as in `identify`.
         noise: [m] standard deviation of a touch; by default the calibration's, else `HAND_NOISE`.
@@ -149,7 +159,8 @@ def design(
         The candidates, for `plan` and `random_merits`.
 
     Raises:
-        ConfigurationError: candidates, targets or touches that are not joint values of the arm, or unknown parameters.
+        ConfigurationError: candidates, targets or touches that are not joint values of the arm, or
+            unknown parameters.
     """
     if isinstance(arm, Calibration):
         model, tool, hand = arm.arm, arm.tcp, arm.noise
@@ -188,7 +199,9 @@ def _rows(
     points: int | None = None,
     first: int = 0,
 ) -> Array:
-    """Derivatives (K, 3, P + 3 S) of each touch by parameters and points, over the noise, in units of their priors."""
+    """Derivatives (K, 3, P + 3 S) of each touch by parameters and points, over the noise, in units
+    of their priors.
+    """
     points = len(poses) if points is None else points
     blocks = []
     for s, q in enumerate(poses):
@@ -202,8 +215,12 @@ def _rows(
     return np.concatenate(blocks)
 
 
-def _aim(arm: SerialArm, targets: ArrayLike, index: np.ndarray, deviations: Array, size: int) -> Array:
-    """Weight W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of aligned flange positions."""
+def _aim(
+    arm: SerialArm, targets: ArrayLike, index: np.ndarray, deviations: Array, size: int
+) -> Array:
+    """Weight W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of aligned flange
+    positions.
+    """
     q = checked_series([targets], arm)[0]
     p, J = arm.tips_and_jacobian(q, np.zeros(3))
     J[:, ROW * arm.n :, :] = 0.0  # the flange does not depend on the tool point
@@ -211,7 +228,9 @@ def _aim(arm: SerialArm, targets: ArrayLike, index: np.ndarray, deviations: Arra
     J = (J - J.mean(axis=0)).transpose(0, 2, 1).reshape(3 * len(q), -1) * deviations
     # Alignment removes rotations, and touching does not observe scale: both are projected out.
     about = p - p.mean(axis=0)
-    gauges = np.column_stack([*(np.cross(axis, about).ravel() for axis in np.eye(3)), about.ravel()])
+    gauges = np.column_stack(
+        [*(np.cross(axis, about).ravel() for axis in np.eye(3)), about.ravel()]
+    )
     Q = np.linalg.qr(gauges)[0]
     J -= Q @ (Q.T @ J)
     W = np.zeros((size, size))
@@ -226,7 +245,9 @@ def _best(rows: Array, C: Array, W: Array | None, allowed: np.ndarray) -> int:
     if W is None:
         gain = np.linalg.slogdet(S)[1]
     else:
-        gain = np.trace(np.linalg.solve(S, carried @ W @ carried.transpose(0, 2, 1)), axis1=1, axis2=2)
+        gain = np.trace(
+            np.linalg.solve(S, carried @ W @ carried.transpose(0, 2, 1)), axis1=1, axis2=2
+        )
     return int(np.argmax(np.where(allowed, gain, -np.inf)))
 
 

@@ -1,9 +1,10 @@
-"""Rank analysis of a calibration: which directions of the parameters are observable, and why the others are not.
+"""Rank analysis of a calibration: which directions of the parameters are observable, and why the
+others are not.
 
-Columns are scaled to comparable errors: 0.1 deg, and the length that such a turn moves over a sixth of the arm.
-Singular values can then be compared; below `THRESHOLD` of the largest a direction counts as hidden. On a UR10e with 63
-touches, observable directions lie above 0.04. The pair hidden by a straight pin lies at 5e-4, exact gauges at 1e-6 and
-less.
+Columns are scaled to comparable errors: 0.1 deg, and the length that such a turn moves over a sixth
+of the arm. Singular values can then be compared; below `THRESHOLD` of the largest a direction
+counts as hidden. On a UR10e with 63 touches, observable directions lie above 0.04. The pair hidden
+by a straight pin lies at 5e-4, exact gauges at 1e-6 and less.
 """
 
 from dataclasses import dataclass
@@ -19,10 +20,12 @@ from uuv.sim.interfaces.spatial import Array
 
 THRESHOLD = 3e-3  # share of the largest singular value below which a direction counts as hidden
 _ANGLE = np.deg2rad(0.1)  # [rad] error that the columns of angles are scaled to
-_SHARE = 6.0  # divisor of the arm's length: over that length `_ANGLE` gives the comparable error in metres
+# divisor of the arm's length: over that length `_ANGLE` gives the comparable error in metres
+_SHARE = 6.0
 _LIES_IN = 0.9  # cosine to the hidden space above which a direction counts as inside it
 _EXPLAINS = 0.3  # residual length below which a direction is already explained by those named
-_TOUCHED, _MIXED = 0.02, 0.98  # share of a parameter in hidden directions: known below, unknowable above
+# share of a parameter in hidden directions: known below, unknowable above
+_TOUCHED, _MIXED = 0.02, 0.98
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,10 +49,12 @@ class RankReport:
     rank: int
     singular_values: Array  # (P,) [m] of the scaled columns, descending
     scales: Array  # (P,) error of each parameter that is scaled to one
-    directions: Array  # (rank, P) observable combinations of scaled parameters, orthonormal, best first
+    # (rank, P) observable combinations of scaled parameters, orthonormal, best first
+    directions: Array
     hidden_directions: Array  # (P - rank, P)
     hidden: tuple[HiddenGroup, ...]
-    identifiable: np.ndarray  # (P,) bool: as many parameters as the rank, identifiable with the others fixed
+    # (P,) bool: as many parameters as the rank, identifiable with the others fixed
+    identifiable: np.ndarray
     status: tuple[str, ...]  # of each parameter: "known", "in combination" or "unknowable"
     touches: int
 
@@ -61,20 +66,34 @@ class RankReport:
     @property
     def condition(self) -> float:
         """Ratio of the largest to the smallest singular value of the observable directions."""
-        return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else np.inf
+        return (
+            float(self.singular_values[0] / self.singular_values[self.rank - 1])
+            if self.rank
+            else np.inf
+        )
 
     @property
     def observability(self) -> float:
-        """Observability index O1 [m]: geometric mean of observable singular values over sqrt(touches) [Borm 1991]."""
+        """Observability index O1 [m]: geometric mean of observable singular values over
+        sqrt(touches) [Borm 1991].
+        """
         if not self.rank:
             return 0.0
-        return float(np.exp(np.mean(np.log(self.singular_values[: self.rank]))) / np.sqrt(self.touches))
+        return float(
+            np.exp(np.mean(np.log(self.singular_values[: self.rank]))) / np.sqrt(self.touches)
+        )
 
     def combination(self, i: int, terms: int = 4) -> str:
-        """Text of the i-th observable direction: its `terms` largest weights on the scaled parameters."""
+        """Text of the i-th observable direction: its `terms` largest weights on the scaled
+        parameters.
+        """
         weights = self.directions[i]
         largest = np.argsort(-np.abs(weights))[:terms]
-        return " ".join(f"{weights[j]:+.2f} {self.parameters.names[j]}" for j in largest if abs(weights[j]) > 0.05)
+        return " ".join(
+            f"{weights[j]:+.2f} {self.parameters.names[j]}"
+            for j in largest
+            if abs(weights[j]) > 0.05
+        )
 
     def __str__(self) -> str:
         lines = [
@@ -83,13 +102,19 @@ class RankReport:
         ]
         lines += [f"not seen: {group}" for group in self.hidden]
         for word in ("known", "in combination", "unknowable"):
-            named = [name for name, status in zip(self.parameters.names, self.status, strict=True) if status == word]
+            named = [
+                name
+                for name, status in zip(self.parameters.names, self.status, strict=True)
+                if status == word
+            ]
             if named:
                 lines.append(f"{word}: {', '.join(named)}")
         return "\n".join(lines)
 
 
-def rank_report(arm: SerialArm, full: Array, data: Data, parameters: Parameters, noise: float) -> RankReport:
+def rank_report(
+    arm: SerialArm, full: Array, data: Data, parameters: Parameters, noise: float
+) -> RankReport:
     """Analyse the rank of `parameters` at a solution, for the touches with weight > 0.
 
     A known distance counts as a row, in units of the noise of a touch.
@@ -123,7 +148,10 @@ def rank_report(arm: SerialArm, full: Array, data: Data, parameters: Parameters,
         hidden_directions=hidden,
         hidden=_reasons(arm, hidden, parameters),
         identifiable=_chosen(arm, seen, parameters),
-        status=tuple("known" if s < _TOUCHED else "unknowable" if s > _MIXED else "in combination" for s in share),
+        status=tuple(
+            "known" if s < _TOUCHED else "unknowable" if s > _MIXED else "in combination"
+            for s in share
+        ),
         touches=int(np.sum(data.weights > 0.0)),
     )
 
@@ -138,7 +166,14 @@ def _triangle(rows: Array) -> Array:
 
 def _like_errors(arm: SerialArm, full: Array, data: Data, parameters: Parameters) -> Array:
     length = _ANGLE * arm.reach / _SHARE
-    sizes = {"theta": _ANGLE, "alpha": _ANGLE, "beta": _ANGLE, "d": length, "a": length, "tcp": length}
+    sizes = {
+        "theta": _ANGLE,
+        "alpha": _ANGLE,
+        "beta": _ANGLE,
+        "d": length,
+        "a": length,
+        "tcp": length,
+    }
     if data.load is not None:
         tau = data.load(full[: ROW * arm.n].reshape(-1, ROW))
         sizes["compliance"] = _ANGLE / max(float(np.sqrt(np.mean(tau**2))), 1e-9)
@@ -146,9 +181,11 @@ def _like_errors(arm: SerialArm, full: Array, data: Data, parameters: Parameters
 
 
 def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
-    """As many independent parameters as the rank; where there is a choice, those usually left free."""
-    # Preferably fixed at nominal: the base, the last frame (the tool point replaces it), the first links of a parallel
-    # run, and the longest link (scale).
+    """As many independent parameters as the rank; where there is a choice, those usually left
+    free.
+    """
+    # Preferably fixed at nominal: the base, the last frame (the tool point replaces it), the first
+    # links of a parallel run, and the longest link (scale).
     n = arm.n
     preference = np.ones(len(parameters.names))
     held = {f"theta{n}", f"d{n}", f"a{n}", f"alpha{n}", "theta1", "d1"}
@@ -166,7 +203,9 @@ def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
 
 
 def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[HiddenGroup, ...]:
-    """Split the hidden directions into groups, each the null space of a few columns with a common reason."""
+    """Split the hidden directions into groups, each the null space of a few columns with a common
+    reason.
+    """
     missing, total = hidden.shape
     found = np.zeros((0, total))
     groups = []
@@ -183,13 +222,19 @@ def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[Hid
         new = new[size > _EXPLAINS][: missing - len(found)]
         if len(new):
             inside = [parameters.names[j] for j in range(total) if np.abs(new[:, j]).max() > 0.05]
-            groups.append(HiddenGroup(names=tuple(inside), count=len(new), reason=reason, handle=handle))
+            groups.append(
+                HiddenGroup(names=tuple(inside), count=len(new), reason=reason, handle=handle)
+            )
             found = np.vstack([found, new])
     if len(found) < missing:
         null = hidden - (hidden @ found.T) @ found
         _, _, new = np.linalg.svd(null, full_matrices=False)
         new = new[: missing - len(found)]
-        inside = [parameters.names[j] for j in np.argsort(-np.abs(new).max(axis=0)) if np.abs(new[:, j]).max() > 0.2]
+        inside = [
+            parameters.names[j]
+            for j in np.argsort(-np.abs(new).max(axis=0))
+            if np.abs(new[:, j]).max() > 0.2
+        ]
         groups.append(
             HiddenGroup(
                 names=tuple(inside),
@@ -206,7 +251,9 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
     last = [f"theta{n}", f"d{n}", f"a{n}", f"alpha{n}", "tcp_x", "tcp_y", "tcp_z"]
     before = [f"theta{n - 1}", f"d{n - 1}", f"a{n - 1}", f"alpha{n - 1}"]
     lengths = [
-        name for name, group in zip(parameters.names, parameters.groups, strict=True) if group in {"d", "a", "tcp"}
+        name
+        for name, group in zip(parameters.names, parameters.groups, strict=True)
+        if group in {"d", "a", "tcp"}
     ]
     suspects = [
         (
@@ -228,10 +275,18 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
     for run in _parallel_runs(arm):
         names = [f"d{k + 1}" for k in run]
         suspects.append(
-            (names, "parallel axes: only the sum of the shifts along them is seen", "nothing is lost: use the sum")
+            (
+                names,
+                "parallel axes: only the sum of the shifts along them is seen",
+                "nothing is lost: use the sum",
+            )
         )
     suspects += [
-        (lengths, "scale: coincidence is the same in an arm of any size", "one known distance between points tells it"),
+        (
+            lengths,
+            "scale: coincidence is the same in an arm of any size",
+            "one known distance between points tells it",
+        ),
         (
             [*before, *last],
             f"straight pin: the tip lies on axis {n}, whose direction is then not seen",
@@ -241,7 +296,11 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
     if any(group == "compliance" for group in parameters.groups):
         compliant = [name for name in parameters.names if name.startswith("c")]
         suspects.append(
-            ([*lengths, *compliant], "scale: the compliances shrink as the arm grows", "a known distance tells it")
+            (
+                [*lengths, *compliant],
+                "scale: the compliances shrink as the arm grows",
+                "a known distance tells it",
+            )
         )
     return suspects
 

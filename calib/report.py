@@ -41,7 +41,8 @@ class Statement:
     accepted: bool  # verdict, shown next to the title
     figures_of_merit: Sequence[tuple[str, str]]  # name and value, in order of reading
     notes: Iterable[str] = ()  # shown before the calibration's own warnings
-    options: Mapping[str, Any] | None = None  # settings of the run, shown with the versions of the packages
+    # settings of the run, shown with the versions of the packages
+    options: Mapping[str, Any] | None = None
 
 
 def write_report(
@@ -74,18 +75,22 @@ def write_report(
     verdict = "accepted" if said.accepted else "not accepted"
     notes = [*said.notes, *calibration.warnings]
     merit = "".join(
-        f"<tr><td>{_text(name)}</td><td class=n>{_text(value)}</td></tr>" for name, value in said.figures_of_merit
+        f"<tr><td>{_text(name)}</td><td class=n>{_text(value)}</td></tr>"
+        for name, value in said.figures_of_merit
     )
     pictures = "\n".join(
-        f"<section><h2>{_text(name)}</h2>{_picture(figure, name)}<p class=caption>{_text(caption)}</p></section>"
+        f"<section><h2>{_text(name)}</h2>{_picture(figure, name)}<p "
+        f"class=caption>{_text(caption)}</p></section>"
         for name, caption, figure in figures(calibration, series, point_names, clouds or {})
     )
     body = "\n".join(
         (
-            f"<header><h1>{_text(said.title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>",
+            f"<header><h1>{_text(said.title)} <span "
+            f"class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>",
             "".join(f"<p class=note>{_text(line)}</p>" for line in notes) + "</header>",
             f"<section><h2>Figures</h2><table>{merit}</table></section>",
-            f"<section><h2>What touching told, and what it cannot</h2>{_rank(calibration)}</section>",
+            "<section><h2>What touching told, and what it "
+            f"cannot</h2>{_rank(calibration)}</section>",
             _compliance_section(calibration, series, rigid),
             pictures,
             f"<section><h2>Parameters</h2>{_parameters(calibration)}</section>",
@@ -93,7 +98,8 @@ def write_report(
         )
     )
     path.write_text(
-        f"<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>{_text(said.title)}</title>"
+        "<!doctype html>\n<html lang=en><head><meta "
+        f"charset=utf-8><title>{_text(said.title)}</title>"
         f'<meta name=viewport content="width=device-width"><style>{_STYLE}</style></head>'
         f"<body><main>{body}</main></body></html>\n",
         encoding="utf-8",
@@ -107,21 +113,31 @@ def _rank(calibration: Calibration) -> str:
         f"<td>{_text(group.handle)}</td></tr>"
         for group in rank.hidden
     )
-    head = "<tr><th class=n>directions</th><th>in</th><th>why they are not seen</th><th>what helps</th></tr>"
+    head = (
+        "<tr><th class=n>directions</th><th>in</th><th>why they are not seen</th><th>what "
+        "helps</th></tr>"
+    )
     combinations = "".join(
         f"<li>{_text(rank.combination(i))}</li>" for i in range(max(rank.rank - 3, 0), rank.rank)
     )  # the least observable
     return (
-        f"<p><b>{rank.rank} of {rank.total}</b> directions of the parameters move the touched tips apart, and are "
-        f"identified; condition {rank.condition:.3g}, observability index O1 {rank.observability:.3g} m.</p>"
+        f"<p><b>{rank.rank} of {rank.total}</b> directions of the parameters move the touched "
+        "tips apart, and are "
+        f"identified; condition {rank.condition:.3g}, observability index O1 "
+        f"{rank.observability:.3g} m.</p>"
         + (f"<table>{head}{rows}</table>" if rows else "")
-        + f"<p class=caption>Least seen of the seen, in shares of like errors: more touches help here most.</p>"
+        + "<p class=caption>Least seen of the seen, in shares of like errors: more touches help "
+        "here most.</p>"
         f"<ul class=caption>{combinations}</ul>"
     )
 
 
-def _compliance_section(calibration: Calibration, series: Sequence[Array], rigid: Calibration | None) -> str:
-    """Compliances with intervals, joints that the loads do not show, and what is left at each payload."""
+def _compliance_section(
+    calibration: Calibration, series: Sequence[Array], rigid: Calibration | None
+) -> str:
+    """Compliances with intervals, joints that the loads do not show, and what is left at each
+    payload.
+    """
     if calibration.loads is None:
         return ""
     every = np.ascontiguousarray(np.vstack(series))
@@ -129,18 +145,24 @@ def _compliance_section(calibration: Calibration, series: Sequence[Array], rigid
     rows = []
     for k, name in enumerate(names := [f"c{k + 1}" for k in range(calibration.arm.n)]):
         span = f"{_zero(moments[:, k].min()):.1f} to {_zero(moments[:, k].max()):.1f}"
-        rows.append(f"<tr><td>{name}</td>{_compliance(calibration, name)}<td class=n>{span}</td></tr>")
+        rows.append(
+            f"<tr><td>{name}</td>{_compliance(calibration, name)}<td class=n>{span}</td></tr>"
+        )
     head = (
-        "<tr><th></th><th class=n>compliance [µrad/(N m)]</th><th class=n>95 %</th><th class=n>95 % over value</th>"
+        "<tr><th></th><th class=n>compliance [µrad/(N m)]</th><th class=n>95 %</th><th class=n>95 "
+        "% over value</th>"
         "<th class=n>stiffness [N m/rad]</th><th class=n>moments [N m]</th></tr>"
     )
     hidden = [group for group in calibration.rank_free.hidden if set(group.names) & set(names)]
     why = "".join(
-        f"<li><b>{_text(', '.join(name for name in group.names if name in names))}</b>: {_text(group.reason)}. "
+        f"<li><b>{_text(', '.join(name for name in group.names if name in names))}</b>: "
+        f"{_text(group.reason)}. "
         f"What helps: {_text(group.handle)}.</li>"
         for group in hidden
     )
-    not_seen = f"<p>Not identified; their values stay with the prior:</p><ul>{why}</ul>" if why else ""
+    not_seen = (
+        f"<p>Not identified; their values stay with the prior:</p><ul>{why}</ul>" if why else ""
+    )
     return (
         f"<section><h2>Compliance of the joints</h2><table>{head}{''.join(rows)}</table>{not_seen}"
         f"{_payloads(calibration, rigid)}</section>"
@@ -148,7 +170,9 @@ def _compliance_section(calibration: Calibration, series: Sequence[Array], rigid
 
 
 def _compliance(calibration: Calibration, name: str) -> str:
-    """Cells of one compliance: value, half of its 95 % interval, their quotient and the stiffness."""
+    """Cells of one compliance: value, half of its 95 % interval, their quotient and the
+    stiffness.
+    """
     hidden = any(name in group.names for group in calibration.rank_free.hidden)
     if name not in calibration.names:
         return "<td class=n>fixed</td><td></td><td></td><td></td>"
@@ -167,7 +191,9 @@ def _zero(value: float) -> float:
 
 
 def _payloads(calibration: Calibration, rigid: Calibration | None) -> str:
-    """Table of the RMS distance of the touches from their points at each payload, rigid and elastic."""
+    """Table of the RMS distance of the touches from their points at each payload, rigid and
+    elastic.
+    """
     assert calibration.loads is not None
     payload = calibration.loads.payload
     used = np.concatenate(calibration.weights) > 0.0
@@ -181,9 +207,12 @@ def _payloads(calibration: Calibration, rigid: Calibration | None) -> str:
             if model is not None and mine.any()
         )
         rows.append(f"<tr><td class=n>{mass:g}</td><td class=n>{int(mine.sum())}</td>{cells}</tr>")
-    heads = "".join(f"<th class=n>{name} [mm]</th>" for name, model in models.items() if model is not None)
+    heads = "".join(
+        f"<th class=n>{name} [mm]</th>" for name, model in models.items() if model is not None
+    )
     return (
-        f"<p>Distance of the touches from their points, RMS, by the model:</p><table><tr><th class=n>payload [kg]</th>"
+        "<p>Distance of the touches from their points, RMS, by the model:</p><table><tr><th "
+        "class=n>payload [kg]</th>"
         f"<th class=n>touches</th>{heads}</tr>{''.join(rows)}</table>"
     )
 
@@ -198,11 +227,15 @@ def _parameters(calibration: Calibration) -> str:
     ):
         factor, word = shown(unit)
         rows.append(
-            f"<tr><td>{_text(name)}</td><td class=n>{factor * value:.4f}</td><td class=n>{factor * change:+.4f}</td>"
+            f"<tr><td>{_text(name)}</td><td class=n>{factor * value:.4f}</td><td "
+            f"class=n>{factor * change:+.4f}</td>"
             f"<td class=n>± {factor * width:.4f}</td><td>{word}</td>"
             f"<td>{_text(_MEANING.get(status.get(name, ''), ''))}</td></tr>"
         )
-    head = "<tr><th></th><th class=n>identified</th><th class=n>change</th><th class=n>95 %</th><th></th><th></th></tr>"
+    head = (
+        "<tr><th></th><th class=n>identified</th><th class=n>change</th><th class=n>95 "
+        "%</th><th></th><th></th></tr>"
+    )
     return f"<table>{head}{''.join(rows)}</table>"
 
 
@@ -213,7 +246,9 @@ def _provenance(options: Mapping[str, Any]) -> str:
         **{name: found for name in PACKAGES if (found := _version(name)) is not None},
         "machine": f"{platform.system()} {platform.machine()}",
     }
-    cells = "".join(f"<tr><td>{_text(name)}</td><td>{_text(value)}</td></tr>" for name, value in rows.items())
+    cells = "".join(
+        f"<tr><td>{_text(name)}</td><td>{_text(value)}</td></tr>" for name, value in rows.items()
+    )
     return f"<table>{cells}</table>"
 
 
@@ -225,7 +260,9 @@ def _version(package: str) -> str | None:
 
 
 def _picture(figure: Figure, name: str) -> str:
-    """Embed the figure as an image of its own, since the ids of several drawings on one page would clash."""
+    """Embed the figure as an image of its own, since the ids of several drawings on one page would
+    clash.
+    """
     drawing = io.BytesIO()
     figure.savefig(drawing, format="svg", dpi=160, metadata={"Date": None})
     data = base64.b64encode(drawing.getvalue()).decode("ascii")

@@ -1,4 +1,6 @@
-"""Figures of a calibration report: figures 4 to 8 of [Yukhimets 2023], and the intervals of the parameters."""
+"""Figures of a calibration report: figures 4 to 8 of [Yukhimets 2023], and the intervals of the
+parameters.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -11,15 +13,31 @@ from uuv.calib.touches import first_tcp
 from uuv.calib.verification import Cloud, pair_distances
 from uuv.sim.interfaces.spatial import Array
 
-# Palette of [Okabe 2008], assigned as in the paper: nominal grey, controller orange, identified blue, tracker red.
-BLUE, ORANGE, VERMILION, GREEN, INK, FAINT = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#222222", "#999999"
-_LOOKS = {"nominal": (FAINT, "o"), "controller": (ORANGE, "+"), "identified": (BLUE, "x"), "tracker": (VERMILION, ".")}
+# Palette of [Okabe 2008], assigned as in the paper: nominal grey, controller orange, identified
+# blue, tracker red.
+BLUE, ORANGE, VERMILION, GREEN, INK, FAINT = (
+    "#0072B2",
+    "#E69F00",
+    "#D55E00",
+    "#009E73",
+    "#222222",
+    "#999999",
+)
+_LOOKS = {
+    "nominal": (FAINT, "o"),
+    "controller": (ORANGE, "+"),
+    "identified": (BLUE, "x"),
+    "tracker": (VERMILION, "."),
+}
 _WIDTH = 10.0  # [in] width of a figure
 _PLANES = ((0, 1), (0, 2))
 
 
 def figures(
-    calibration: Calibration, series: Sequence[Array], point_names: Sequence[str], clouds: Mapping[str, Cloud]
+    calibration: Calibration,
+    series: Sequence[Array],
+    point_names: Sequence[str],
+    clouds: Mapping[str, Cloud],
 ) -> Iterator[tuple[str, str, Figure]]:
     """Generate title, caption and figure of each picture, in order of reading.
 
@@ -27,43 +45,64 @@ def figures(
         calibration: result to show.
         series: touches (m_i, n) used for the identification.
         point_names: names of the touched points.
-        clouds: point clouds of `uuv.calib.verification.compare`; their figures are left out where it is empty.
+        clouds: point clouds of `uuv.calib.verification.compare`; their figures are left out where
+            it is empty.
 
     Returns:
         Iterator over (title, caption, figure).
     """
     yield (
         "Distances between the touches of a point",
-        "Every pair of touches of one point, by the nominal arm (grey) and by the identified one (blue), point "
+        "Every pair of touches of one point, by the nominal arm (grey) and by the identified one "
+        "(blue), point "
         "after point [Yukhimets 2023, fig. 4].",
         _pairs(calibration, series, point_names),
     )
     if clouds:
         raw = (
-            "Flange points with the flange turned alike: as the tracker sees them in its own frame, and as each model "
+            "Flange points with the flange turned alike: as the tracker sees them in its own "
+            "frame, and as each model "
         )
         stages: tuple[tuple[str, str, Callable[[Cloud], Array]], ...] = (
-            ("Clouds as measured and computed", raw + "computes them in the arm's (figure 5).", lambda c: c.raw),
-            ("Clouds, centred", "The same less their means: the frames are turned (figure 6).", lambda c: c.centred),
-            ("Clouds, aligned", "Each model's cloud turned onto the tracker's (figure 7).", lambda c: c.aligned),
+            (
+                "Clouds as measured and computed",
+                raw + "computes them in the arm's (figure 5).",
+                lambda c: c.raw,
+            ),
+            (
+                "Clouds, centred",
+                "The same less their means: the frames are turned (figure 6).",
+                lambda c: c.centred,
+            ),
+            (
+                "Clouds, aligned",
+                "Each model's cloud turned onto the tracker's (figure 7).",
+                lambda c: c.aligned,
+            ),
         )
         for title, caption, stage in stages:
             yield title, caption, _clouds({name: stage(cloud) for name, cloud in clouds.items()})
         yield (
             "What is left between model and tracker",
             "Distance of every flange point from the tracker's, after alignment (figure 8)."
-            + (" The controller's table is that of a maker, simulated." if "controller" in clouds else ""),
+            + (
+                " The controller's table is that of a maker, simulated."
+                if "controller" in clouds
+                else ""
+            ),
             _deviations(clouds),
         )
     yield (
         "Touches about their points",
-        "Distance of every touch from its point under the identified arm; crosses were left out as not "
+        "Distance of every touch from its point under the identified arm; crosses were left out "
+        "as not "
         "belonging, open circles have a reduced weight.",
         _residuals(calibration, point_names),
     )
     yield (
         "Changes of the parameters",
-        "Identified minus nominal in deviations of the prior, with 95 % intervals: a bar as wide as the band is what "
+        "Identified minus nominal in deviations of the prior, with 95 % intervals: a bar as wide "
+        "as the band is what "
         "was believed before, a short one is what touching told.",
         _changes(calibration),
     )
@@ -75,8 +114,18 @@ def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[st
     tcp = first_tcp(calibration.nominal, list(series))
     before = pair_distances([calibration.nominal.tips(q, tcp) for q in series])
     after = pair_distances(calibration.touched_tips(series))
-    axes.plot(1e3 * before, color=FAINT, linewidth=0.7, label=f"nominal, mean {1e3 * before.mean():.3g} mm")
-    axes.plot(1e3 * after, color=BLUE, linewidth=0.7, label=f"identified, mean {1e3 * after.mean():.3g} mm")
+    axes.plot(
+        1e3 * before,
+        color=FAINT,
+        linewidth=0.7,
+        label=f"nominal, mean {1e3 * before.mean():.3g} mm",
+    )
+    axes.plot(
+        1e3 * after,
+        color=BLUE,
+        linewidth=0.7,
+        label=f"identified, mean {1e3 * after.mean():.3g} mm",
+    )
     start = 0
     for name, q in zip(names, series, strict=True):
         count = len(q) * (len(q) - 1) // 2
@@ -125,7 +174,11 @@ def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
         color, marker = _LOOKS.get(name, (GREEN, "s"))
         numbers = np.arange(1, len(cloud.deviations) + 1)
         axes.plot(
-            numbers, 1e3 * cloud.deviations, marker=marker, color=color, label=f"{name}, RMS {1e3 * cloud.rms:.3f} mm"
+            numbers,
+            1e3 * cloud.deviations,
+            marker=marker,
+            color=color,
+            label=f"{name}, RMS {1e3 * cloud.rms:.3f} mm",
         )
     axes.set_xlabel("flange point")
     axes.set_ylabel("deviation [mm]")
@@ -147,7 +200,14 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
         axes.plot(places[~left_out], 1e3 * residuals[~left_out], ".", color=color)
         axes.plot(places[left_out], 1e3 * residuals[left_out], "x", color=VERMILION)
         reduced = (calibration.weights[i] < 1.0) & ~left_out
-        axes.plot(places[reduced], 1e3 * residuals[reduced], "o", color=color, markersize=9, fillstyle="none")
+        axes.plot(
+            places[reduced],
+            1e3 * residuals[reduced],
+            "o",
+            color=color,
+            markersize=9,
+            fillstyle="none",
+        )
         if len(names) <= 12:
             _above(axes, float(places.mean()), names[i])
         start += len(residuals)
@@ -162,7 +222,10 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
 
 
 def _changes(calibration: Calibration) -> Figure:
-    own = np.array([i for i, group in enumerate(calibration.estimate.parameters.groups) if group != "tcp"], dtype=int)
+    own = np.array(
+        [i for i, group in enumerate(calibration.estimate.parameters.groups) if group != "tcp"],
+        dtype=int,
+    )
     figure = Figure(figsize=(_WIDTH, 0.6 + 0.19 * len(own)), layout="constrained")
     axes = figure.subplots()
     places, scale = np.arange(len(own)), calibration.estimate.prior[own]
@@ -184,7 +247,9 @@ def _changes(calibration: Calibration) -> Figure:
 
 
 def _above(axes: Axes, x: float, name: str) -> None:
-    axes.text(x, 1.0, name, ha="center", va="bottom", fontsize=8, transform=axes.get_xaxis_transform())
+    axes.text(
+        x, 1.0, name, ha="center", va="bottom", fontsize=8, transform=axes.get_xaxis_transform()
+    )
 
 
 def _bare(axes: Axes) -> None:

@@ -1,6 +1,8 @@
-"""Result files of a calibration: arm.yaml, dh.csv, and the arm as URDF and MJCF, new or corrected from its source.
+"""Result files of a calibration: arm.yaml, dh.csv, and the arm as URDF and MJCF, new or corrected
+from its source.
 
-Every file states its units, the date and the hash of the touches. `uuv.calib.arm_files.read_arm` reads all of them.
+Every file states its units, the date and the hash of the touches. `uuv.calib.arm_files.read_arm`
+reads all of them.
 """
 
 import xml.etree.ElementTree as ET
@@ -20,7 +22,10 @@ from uuv.sim.interfaces.documents import yaml_text
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, shown
 
-CONVENTION = "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(d + q) Tx(a) Rx(alpha) Ry(beta)"
+CONVENTION = (
+    "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(d + q) Tx(a) "
+    "Rx(alpha) Ry(beta)"
+)
 
 
 def write_results(
@@ -35,8 +40,8 @@ def write_results(
 ) -> list[Path]:
     """Write the identified arm into `folder` in every format.
 
-    A URDF or MJCF source is corrected: `arm.urdf` is that file with other origins; `arm.mjcf_patch.xml` lists its
-    bodies and sites with other poses.
+    A URDF or MJCF source is corrected: `arm.urdf` is that file with other origins;
+    `arm.mjcf_patch.xml` lists its bodies and sites with other poses.
 
     Args:
         folder: existing folder.
@@ -57,10 +62,14 @@ def write_results(
     if not folder.is_dir():
         raise ConfigurationError(f"folder {shown(str(folder))}: there is none")
     if not hasattr(source, "arm"):
-        raise ConfigurationError(f"source: expected what `read_arm` returns, got {type(source).__name__}")
+        raise ConfigurationError(
+            f"source: expected what `read_arm` returns, got {type(source).__name__}"
+        )
 
     tcp = calibration.tcp if tcp is None else tcp
-    arm = replace(arm or calibration.arm, joint_names=source.arm.joint_names, limits=source.arm.limits)
+    arm = replace(
+        arm or calibration.arm, joint_names=source.arm.joint_names, limits=source.arm.limits
+    )
     stamp = f"calibrated {date}; touches sha256 {sha256}"
     written = [_write_yaml(folder / "arm.yaml", calibration, arm, source, sha256, date)]
     written.append(_write_dh(folder / "dh.csv", arm, tcp, stamp))
@@ -68,7 +77,9 @@ def write_results(
     written.append(_write(folder / "arm.urdf", _commented(text, f"{stamp}; rad, m")))
     if source.kind == "mjcf":
         text = mjcf_patch(source, arm, tcp)
-        written.append(_write(folder / "arm.mjcf_patch.xml", _commented(text, f"{stamp}; m, quaternions wxyz")))
+        written.append(
+            _write(folder / "arm.mjcf_patch.xml", _commented(text, f"{stamp}; m, quaternions wxyz"))
+        )
     else:
         text = mjcf(arm, tcp)
         written.append(_write(folder / "arm.mjcf.xml", _commented(text, f"{stamp}; rad, m")))
@@ -112,9 +123,14 @@ def _write_yaml(
         "joint_types": arm.joint_types,
         "X_base_0": _rounded(arm.X_base_0),
         "X_n_flange": _rounded(arm.X_n_flange),
-        "dh": [dict(zip(("theta", "d", "a", "alpha", "beta"), row, strict=True)) for row in _rounded(arm.table)],
+        "dh": [
+            dict(zip(("theta", "d", "a", "alpha", "beta"), row, strict=True))
+            for row in _rounded(arm.table)
+        ],
         "tcp": _rounded(calibration.tcp),
-        "limits": [[None if not np.isfinite(x) else round(float(x), 9) for x in row] for row in arm.limits],
+        "limits": [
+            [None if not np.isfinite(x) else round(float(x), 9) for x in row] for row in arm.limits
+        ],
         "identified": {
             name: {
                 "value": float(f"{value:.10g}"),
@@ -139,7 +155,11 @@ def _write_yaml(
 
 
 def _write_dh(file: Path, arm: SerialArm, tcp: Array, stamp: str) -> Path:
-    lines = [f"# {stamp}", f"# {CONVENTION}", f"# tool point in the flange [m]: {' '.join(f'{x:.9f}' for x in tcp)}"]
+    lines = [
+        f"# {stamp}",
+        f"# {CONVENTION}",
+        f"# tool point in the flange [m]: {' '.join(f'{x:.9f}' for x in tcp)}",
+    ]
     lines.append("joint,type,theta [rad],d [m],a [m],alpha [rad],beta [rad]")
     for k, (row, letter) in enumerate(zip(arm.table, arm.joint_types, strict=True), 1):
         lines.append(f"{k},{letter}," + ",".join(f"{value:.12g}" for value in row))
@@ -182,8 +202,16 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
         kind = "fixed"
         if driven:
             bounded = bool(np.all(np.isfinite(limits[k])))
-            kind = "prismatic" if arm.joint_types[k] == "p" else "revolute" if bounded else "continuous"
-        joint = ET.SubElement(root, "joint", name=arm.joint_names[k] if driven else f"{names[k + 1]}_joint", type=kind)
+            kind = (
+                "prismatic"
+                if arm.joint_types[k] == "p"
+                else "revolute"
+                if bounded
+                else "continuous"
+            )
+        joint = ET.SubElement(
+            root, "joint", name=arm.joint_names[k] if driven else f"{names[k + 1]}_joint", type=kind
+        )
         ET.SubElement(joint, "parent", link=names[k])
         ET.SubElement(joint, "child", link=names[k + 1])
         _set_origin(joint, X)
@@ -191,13 +219,16 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
             ET.SubElement(joint, "axis", xyz="0 0 1")
         if kind in ("revolute", "prismatic"):
             lower, upper = limits[k] if np.all(np.isfinite(limits[k])) else (-1e3, 1e3)
-            ET.SubElement(joint, "limit", lower=f"{lower:.9g}", upper=f"{upper:.9g}", effort="0", velocity="0")
+            ET.SubElement(
+                joint, "limit", lower=f"{lower:.9g}", upper=f"{upper:.9g}", effort="0", velocity="0"
+            )
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")
 
 
 def mjcf(arm: SerialArm, tcp: Array) -> str:
-    """The arm as a new MJCF of bare bodies, from `arm_base` to the site `tip`; masses are placeholders.
+    """The arm as a new MJCF of bare bodies, from `arm_base` to the site `tip`; masses are
+    placeholders.
 
     Args:
         arm: identified arm.
@@ -227,7 +258,10 @@ def mjcf(arm: SerialArm, tcp: Array) -> str:
 
 def _place(X: Array) -> dict[str, str]:
     quat_wxyz = quat_wxyz_from_rotation(X[:3, :3])
-    return {"pos": " ".join(f"{x:.12g}" for x in X[:3, 3]), "quat": " ".join(f"{x:.12g}" for x in quat_wxyz)}
+    return {
+        "pos": " ".join(f"{x:.12g}" for x in X[:3, 3]),
+        "quat": " ".join(f"{x:.12g}" for x in quat_wxyz),
+    }
 
 
 # Correction of the file that the arm came from
@@ -236,8 +270,8 @@ def _place(X: Array) -> dict[str, str]:
 def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     """The URDF of `source` with the joint origins of the identified `arm`.
 
-    Every link stays fixed to its joint's axis, so axes, zeros, meshes and inertias remain as written. Where the tip
-    link is a driven one, a link `touch_tip` is added.
+    Every link stays fixed to its joint's axis, so axes, zeros, meshes and inertias remain as
+    written. Where the tip link is a driven one, a link `touch_tip` is added.
 
     Args:
         source: URDF that the nominal arm was read from.
@@ -251,7 +285,8 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     root, chain = robot.xml, robot.chain(source.base, source.tip)
     old, new = _riding(source.arm), _riding(arm)
     driven = {i: k for k, i in enumerate(chain.driven)}
-    carried, parent = np.eye(4), np.eye(4)  # displacement of the links so far; parent link before correction
+    # displacement of the links so far; parent link before correction
+    carried, parent = np.eye(4), np.eye(4)
     for i, (joint, step) in enumerate(zip(chain.joints, chain.X_parent_child, strict=True)):
         child = parent @ step
         if i in driven:
@@ -273,7 +308,9 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
 
 
 def _riding(arm: SerialArm) -> list[Array]:
-    """Frames (4, 4) in the base at zero, fixed to the links: each on its joint's axis and turned by its theta0."""
+    """Frames (4, 4) in the base at zero, fixed to the links: each on its joint's axis and turned by
+    its theta0.
+    """
     X, out = np.eye(4), []
     for step in links(arm)[:-1]:
         X = X @ step
@@ -297,7 +334,8 @@ def _set_origin(joint: ET.Element, X: Array) -> None:
 
 
 def mjcf_patch(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
-    """Bodies and sites of the MJCF of `source` whose pose differs in the identified arm, with their new poses.
+    """Bodies and sites of the MJCF of `source` whose pose differs in the identified arm, with their
+    new poses.
 
     Args:
         source: MJCF that the nominal arm was read from.
@@ -317,11 +355,17 @@ def mjcf_patch(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
         places = [(getattr(m, f"{word}_pos"), getattr(m, f"{word}_quat")) for m in (before, after)]
         for i in range(count):
             name = mujoco.mj_id2name(before, kind, i)
-            if not name or all(np.allclose(a[i], b[i], atol=1e-12) for a, b in zip(*places, strict=True)):
+            if not name or all(
+                np.allclose(a[i], b[i], atol=1e-12) for a, b in zip(*places, strict=True)
+            ):
                 continue
             pos, quat = (values[i] for values in places[1])
             ET.SubElement(
-                root, word, name=name, pos=" ".join(f"{x:.12g}" for x in pos), quat=" ".join(f"{x:.12g}" for x in quat)
+                root,
+                word,
+                name=name,
+                pos=" ".join(f"{x:.12g}" for x in pos),
+                quat=" ".join(f"{x:.12g}" for x in quat),
             )
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")

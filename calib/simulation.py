@@ -1,4 +1,6 @@
-"""Simulated touches: an arm with parameter errors, an operator with noise, points touched in many orientations."""
+"""Simulated touches: an arm with parameter errors, an operator with noise, points touched in many
+orientations.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,10 +20,13 @@ HAND_NOISE = 0.092e-3  # [m] along each axis: J = 28.7 mm^2 of [Yukhimets 2023] 
 _TRIES = 400  # maximal starts and orientations tried for one touch
 _STEPS = 60  # maximal iterations of the inverse kinematics
 _SEATED = 1e-10  # [m] distance from its seat at which a tip rests
-_READ_ALIKE = 1e-12  # [rad] difference of encoder readings that ends the search for true joint values
+# [rad] difference of encoder readings that ends the search for true joint values
+_READ_ALIKE = 1e-12
 
 
-def wrong_arm(arm: SerialArm, deviations: Mapping[str, float], rng: np.random.Generator) -> SerialArm:
+def wrong_arm(
+    arm: SerialArm, deviations: Mapping[str, float], rng: np.random.Generator
+) -> SerialArm:
     """Arm with normally distributed errors in its table, standard deviations given per group.
 
     Args:
@@ -38,7 +43,9 @@ def wrong_arm(arm: SerialArm, deviations: Mapping[str, float], rng: np.random.Ge
     table = np.array(arm.table)
     for group in deviations:
         if group not in GROUPS[:5]:
-            raise ConfigurationError(f"deviations: {group!r} is not of the table; allowed {', '.join(GROUPS[:5])}")
+            raise ConfigurationError(
+                f"deviations: {group!r} is not of the table; allowed {', '.join(GROUPS[:5])}"
+            )
     for group in GROUPS[:5]:  # in fixed order, so that a seed gives one arm
         if group in deviations and not (group == "beta" and not arm.near_parallel):
             index = select(arm, group).index
@@ -48,19 +55,23 @@ def wrong_arm(arm: SerialArm, deviations: Mapping[str, float], rng: np.random.Ge
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Postures:
-    """Postures in which an operator touches: every touch tilts the flange's z within `cone` of `approach`.
+    """Postures in which an operator touches: every touch tilts the flange's z within `cone` of
+    `approach`.
 
     Tilts are uniform over the cap, spins over a turn.
     """
 
     cone: float = np.deg2rad(60.0)  # [rad] half-angle
     approach: ArrayLike = (0.0, 0.0, -1.0)  # (3,) mean direction of the flange's z, in the base
-    limits: ArrayLike | None = None  # (n, 2) of the joints; by default -pi to pi [rad] for hinges, 0 to 1 m for slides
+    # (n, 2) of the joints; by default -pi to pi [rad] for hinges, 0 to 1 m for slides
+    limits: ArrayLike | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sag:
-    """Joints that bend under the weights and buoyancy on the arm, evaluated at the true joint positions."""
+    """Joints that bend under the weights and buoyancy on the arm, evaluated at the true joint
+    positions.
+    """
 
     compliance: ArrayLike  # (n,) [rad/(N m)]
     loads: Loads
@@ -75,16 +86,19 @@ class EccentricGears:
 
     @classmethod
     def draw(cls, spread: float, n: int, rng: np.random.Generator) -> "EccentricGears":
-        """EccentricGears of `n` joints with normally distributed amplitudes of standard deviation `spread` [rad]."""
+        """EccentricGears of `n` joints with normally distributed amplitudes of standard deviation
+        `spread` [rad].
+        """
         return cls(amplitude=spread * rng.standard_normal(n), phase=rng.uniform(-np.pi, np.pi, n))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seating:
-    """Errors of a ball in its sockets: the centre rests at `maps[s] z` beside the middle of socket s.
+    """Errors of a ball in its sockets: the centre rests at `maps[s] z` beside the middle of socket
+    s.
 
-    z is the flange's z axis in the base. A ball that leans on one flank by friction and by errors of form does so again
-    whenever it comes from the same direction, so the error is no noise.
+    z is the flange's z axis in the base. A ball that leans on one flank by friction and by errors
+    of form does so again whenever it comes from the same direction, so the error is no noise.
     """
 
     maps: Array  # (S, 3, 3) [m]
@@ -100,7 +114,8 @@ class Seating:
         Args:
             arm: true arm.
             tcp: (3,) [m] true tool point in the flange.
-            series: true joint values (m_i, n) of touches without seating errors, one array per socket.
+            series: true joint values (m_i, n) of touches without seating errors, one array per
+                socket.
 
         Raises:
             ReachError: the arm does not reach the displaced place.
@@ -114,19 +129,30 @@ class Seating:
             goal = arm.tips(q, tip) + arm.flange(q)[:, :3, 2] @ offset.T
             for _ in range(_STEPS):
                 p, J = arm.tips_and_jacobian(q, tip)
-                q += np.einsum("mni,mi->mn", np.linalg.pinv(J[:, moved].transpose(0, 2, 1), rcond=1e-3), goal - p)
+                q += np.einsum(
+                    "mni,mi->mn",
+                    np.linalg.pinv(J[:, moved].transpose(0, 2, 1), rcond=1e-3),
+                    goal - p,
+                )
                 if np.abs(goal - p).max() < _SEATED:
                     break
             else:
-                raise ReachError("the arm does not reach the seats of the tip beside the middle of the sockets")
+                raise ReachError(
+                    "the arm does not reach the seats of the tip beside the middle of the sockets"
+                )
             out.append(q)
         return out
 
 
 def read_by_encoders(
-    arm: SerialArm, series: Sequence[Array], *, sag: Sag | None = None, gears: EccentricGears | None = None
+    arm: SerialArm,
+    series: Sequence[Array],
+    *,
+    sag: Sag | None = None,
+    gears: EccentricGears | None = None,
 ) -> list[Array]:
-    """Joint values that encoders read where the joints of `arm` truly stand at `series`, arrays (m_i, n) [rad].
+    """Joint values that encoders read where the joints of `arm` truly stand at `series`, arrays
+    (m_i, n) [rad].
 
     Args:
         arm: true arm.
@@ -146,8 +172,11 @@ def read_by_encoders(
     return np.split(read, np.cumsum(counts)[:-1])
 
 
-def true_joints(arm: SerialArm, read: Array, *, sag: Sag | None = None, gears: EccentricGears | None = None) -> Array:
-    """True joint values (M, n) [rad] where the encoders read `read` (M, n): the inverse of `read_by_encoders`.
+def true_joints(
+    arm: SerialArm, read: Array, *, sag: Sag | None = None, gears: EccentricGears | None = None
+) -> Array:
+    """True joint values (M, n) [rad] where the encoders read `read` (M, n): the inverse of
+    `read_by_encoders`.
 
     Args:
         arm: true arm.
@@ -178,7 +207,8 @@ def touch(
     postures: Postures | None = None,
     sag: Sag | None = None,
 ) -> list[Array]:
-    """Simulate touches: joint values (m_i, n) [rad] per point, with the true `arm`, as `identify` takes them.
+    """Simulate touches: joint values (m_i, n) [rad] per point, with the true `arm`, as `identify`
+    takes them.
 
     The tip meets its goal exactly.
 
@@ -204,21 +234,26 @@ def touch(
     goals = hand.points(int(given), rng) if given.ndim == 0 else given
     counts = [touches] * len(goals) if isinstance(touches, (int, np.integer)) else list(touches)
     if len(counts) != len(goals) or goals.ndim != 2 or goals.shape[1] != 3:
-        raise ConfigurationError(f"points, touches: {len(counts)} counts for points of shape {goals.shape}")
+        raise ConfigurationError(
+            f"points, touches: {len(counts)} counts for points of shape {goals.shape}"
+        )
     series = []
     for goal, count in zip(goals, counts, strict=True):
         poses = []
         for _ in range(count):
             q = hand.touching(goal + noise * rng.standard_normal(3), rng)
             if q is None:
-                raise ReachError(f"no pose touches {np.round(goal, 3).tolist()} m within the joint limits")
+                raise ReachError(
+                    f"no pose touches {np.round(goal, 3).tolist()} m within the joint limits"
+                )
             poses.append(q)
         series.append(np.array(poses))
     return series if sag is None else read_by_encoders(arm, series, sag=sag)
 
 
 def reach(arm: SerialArm, tcp: Array, p: Array, R: Array, q: Array, steps: int = _STEPS) -> bool:
-    """Move `q` in place until the tool point is at `p`, of arms of six joints and more with the flange turned as `R`.
+    """Move `q` in place until the tool point is at `p`, of arms of six joints and more with the
+    flange turned as `R`.
 
     Args:
         arm: kinematics.
@@ -257,7 +292,8 @@ class _Hand:
                 continue
             hinges = ~self.arm.slides
             q[hinges] = (q[hinges] + np.pi) % (2.0 * np.pi) - np.pi
-            # With fewer than six joints the position alone was solved, so the orientation is tested here.
+            # With fewer than six joints the position alone was solved, so the orientation is tested
+            # here.
             if np.all((q >= lower) & (q <= upper)) and (self.arm.n >= 6 or self._in_cone(q)):
                 return q
         return None
@@ -267,7 +303,9 @@ class _Hand:
         length = self.arm.reach + float(np.linalg.norm(self.tcp))
         found: list[Array] = []
         for _ in range(_TRIES):
-            goal = self.arm.X_base_0[:3, 3] + length * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 0.4])
+            goal = self.arm.X_base_0[:3, 3] + length * rng.uniform(
+                [-0.6, -0.6, 0.0], [0.6, 0.6, 0.4]
+            )
             near = any(np.linalg.norm(goal - other) < 0.15 * length for other in found)
             tries = [self._try(goal, rng)[1] for _ in range(8)]
             if not near and sum(tries) >= 2:
@@ -281,11 +319,16 @@ class _Hand:
         return q, reach(self.arm, self.tcp, p, _orientation(self.axis, self.cone, rng), q)
 
     def _in_cone(self, q: Array) -> bool:
-        return bool(self.arm.flange(q[None])[0, :3, 2] @ self.axis >= np.cos(self.cone) * np.linalg.norm(self.axis))
+        return bool(
+            self.arm.flange(q[None])[0, :3, 2] @ self.axis
+            >= np.cos(self.cone) * np.linalg.norm(self.axis)
+        )
 
 
 def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
-    """Random rotation whose z is within `cone` [rad] of `axis`, uniform over the cap, with uniform spin."""
+    """Random rotation whose z is within `cone` [rad] of `axis`, uniform over the cap, with uniform
+    spin.
+    """
     cosine = rng.uniform(np.cos(cone), 1.0)
     around, spin = rng.uniform(0.0, 2.0 * np.pi, 2)
     sine = np.sqrt(max(1.0 - cosine**2, 0.0))

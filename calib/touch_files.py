@@ -1,8 +1,9 @@
-"""Reader and writer of touch files: CSV with one touch per row, the joint values at which the tool tip was in a point.
+"""Reader and writer of touch files: CSV with one touch per row, the joint values at which the tool
+tip was in a point.
 
-A folder holds one CSV file per point. A single file holds one point, or several separated by a column `point` or by
-empty lines. Separators are commas, semicolons, tabs or blanks; a header is optional. Radians and degrees are told apart
-automatically, and the result is reported.
+A folder holds one CSV file per point. A single file holds one point, or several separated by a
+column `point` or by empty lines. Separators are commas, semicolons, tabs or blanks; a header is
+optional. Radians and degrees are told apart automatically, and the result is reported.
 """
 
 import hashlib
@@ -21,10 +22,11 @@ from uuv.sim.interfaces.spatial import Array, readonly, shown
 Units = Literal["auto", "rad", "deg"]
 POINT_COLUMNS = ("point", "series", "socket", "hole", "nest", "target", "label")
 IGNORED_COLUMNS = ("time", "t", "stamp", "timestamp", "index", "touch", "comment", "note")
-# Hinges turn at most one turn either way and a little, so a larger value is in degrees. Touching in many orientations
-# takes more than 7 deg, so degrees exceed the bound.
+# Hinges turn at most one turn either way and a little, so a larger value is in degrees. Touching in
+# many orientations takes more than 7 deg, so degrees exceed the bound.
 _MOST_RADIANS = 2.0 * np.pi + 0.6
-_BEYOND = 0.35  # [rad], share of a slide's range: tolerated excess over joint limits (stops, offsets)
+# [rad], share of a slide's range: tolerated excess over joint limits (stops, offsets)
+_BEYOND = 0.35
 _UNIT = 2e-3  # tolerance of a unit quaternion's length, for files with few digits
 
 
@@ -64,7 +66,8 @@ def read_touches(
 
     Args:
         paths: file, folder, or several of them.
-        joint_types: one letter per joint of the arm (r, p): sets the number of joint values and which are angles.
+        joint_types: one letter per joint of the arm (r, p): sets the number of joint values and
+            which are angles.
         joint_names: selects and orders the columns of a header that has all of them.
         units: "rad", "deg", or "auto" by header or size.
         limits: (n, 2) joint limits [rad], slides [m].
@@ -74,9 +77,10 @@ def read_touches(
         The touches in radians and metres.
 
     Raises:
-        ConfigurationError: files that are missing or empty, numbers that are not finite, rows of another length. Also
-            poses (x y z qx qy qz qw) in place of joint values. Values far beyond the limits, unless
-            they are noted. Also files that look like degrees beside others that look like radians.
+        ConfigurationError: files that are missing or empty, numbers that are not finite, rows of
+            another length. Also poses (x y z qx qy qz qw) in place of joint values. Values far
+            beyond the limits, unless they are noted. Also files that look like degrees beside
+            others that look like radians.
     """
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     files = [file for path in given for file in _files(Path(path))]
@@ -96,10 +100,14 @@ def read_touches(
         _refuse_poses(file, rows)
         for row in rows:
             if len(row.values) != width:
-                raise ConfigurationError(f"{row.where}: {len(row.values)} joint values, {width} expected")
+                raise ConfigurationError(
+                    f"{row.where}: {len(row.values)} joint values, {width} expected"
+                )
             points.setdefault(row.point, []).append(row.values)
         if several:
-            notes.append(f"{file.name}: {len({row.point for row in rows})} points, told apart by {several}")
+            notes.append(
+                f"{file.name}: {len({row.point for row in rows})} points, told apart by {several}"
+            )
         if unit is not None:
             stated.add(unit)
         values = np.abs([row.values for row in rows])[:, _hinges(joint_types, width)]
@@ -119,12 +127,15 @@ def read_touches(
         return read
     outside = _beyond_limits(read, np.asarray(limits), hinges, joint_names)
     if outside and beyond == "refuse":
-        raise ConfigurationError(f"{outside[0]}: not joint values of this arm, or in another unit or order")
+        raise ConfigurationError(
+            f"{outside[0]}: not joint values of this arm, or in another unit or order"
+        )
     return replace(read, beyond=tuple(outside))
 
 
 def check_touches(paths: Sequence[Path | str]) -> None:
-    """Refuse files that are missing, empty or no text, before the arm is known to which they belong.
+    """Refuse files that are missing, empty or no text, before the arm is known to which they
+    belong.
 
     Raises:
         ConfigurationError: Which one.
@@ -134,7 +145,9 @@ def check_touches(paths: Sequence[Path | str]) -> None:
             _text(bytes_of(file, "touches"), file)
 
 
-def write_touches(folder: Path, names: Sequence[str], series: Sequence[Array], joint_names: Sequence[str]) -> Path:
+def write_touches(
+    folder: Path, names: Sequence[str], series: Sequence[Array], joint_names: Sequence[str]
+) -> Path:
     """Write one CSV file per point into `folder`, readable by `read_touches`.
 
     Args:
@@ -148,13 +161,19 @@ def write_touches(folder: Path, names: Sequence[str], series: Sequence[Array], j
     """
     folder.mkdir(parents=True, exist_ok=True)
     for name, one in zip(names, series, strict=True):
-        lines = [",".join(joint_names), *(",".join(f"{value:.10f}" for value in row) for row in one)]
+        lines = [
+            ",".join(joint_names),
+            *(",".join(f"{value:.10f}" for value in row) for row in one),
+        ]
         (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return folder
 
 
-def write_touch_list(file: Path, points: Sequence[str], q: Array, joint_names: Sequence[str], joint_types: str) -> Path:
-    """Write touches of several points into one CSV file in the order given, readable by `read_touches`.
+def write_touch_list(
+    file: Path, points: Sequence[str], q: Array, joint_names: Sequence[str], joint_types: str
+) -> Path:
+    """Write touches of several points into one CSV file in the order given, readable by
+    `read_touches`.
 
     Args:
         file: CSV file.
@@ -171,27 +190,39 @@ def write_touch_list(file: Path, points: Sequence[str], q: Array, joint_names: S
     """
     for point in points:
         if re.search(r"[,;#\s]", point):
-            raise ConfigurationError(f"point {shown(point)}: a name in a list has no comma, semicolon, # or blank")
+            raise ConfigurationError(
+                f"point {shown(point)}: a name in a list has no comma, semicolon, # or blank"
+            )
     units = ("m" if letter == "p" else "rad" for letter in joint_types)
-    head = ",".join(("point", *(f"{name} [{unit}]" for name, unit in zip(joint_names, units, strict=True))))
-    rows = (",".join((point, *(f"{value:.10f}" for value in row))) for point, row in zip(points, q, strict=True))
+    head = ",".join(
+        ("point", *(f"{name} [{unit}]" for name, unit in zip(joint_names, units, strict=True)))
+    )
+    rows = (
+        ",".join((point, *(f"{value:.10f}" for value in row)))
+        for point, row in zip(points, q, strict=True)
+    )
     file.write_text("\n".join((head, *rows)) + "\n", encoding="utf-8")
     return file
 
 
 def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
-    """Raise ConfigurationError for a file of poses: rows of seven numbers that end in unit quaternions."""
+    """Raise ConfigurationError for a file of poses: rows of seven numbers that end in unit
+    quaternions.
+    """
     values = np.array([row.values for row in rows if len(row.values) == 7])
     if len(values) < len(rows) or len(values) < 2 or np.ptp(values[:, 3:], axis=0).max() < 1e-6:
         return
     if np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1.0).max() < _UNIT:
         raise ConfigurationError(
-            f"{file}: holds poses (x y z and a unit quaternion in every row), not joint values; name the files of "
+            f"{file}: holds poses (x y z and a unit quaternion in every row), not joint values; "
+            "name the files of "
             "joint values themselves, or move this one out of the folder"
         )
 
 
-def _beyond_limits(read: Touches, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]) -> list[str]:
+def _beyond_limits(
+    read: Touches, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]
+) -> list[str]:
     """Of each point with joint values beyond the arm's limits, the worst.
 
     Args:
@@ -213,7 +244,8 @@ def _beyond_limits(read: Touches, limits: Array, hinges: np.ndarray, joint_names
         word, (low, high) = "rad" if hinges[joint] else "m", limits[joint]
         called = joint_names[joint] if joint < len(joint_names) else f"joint {joint + 1}"
         out.append(
-            f"touches of {name!r}: touch {touch + 1} has {called} at {q[touch, joint]:.4g} {word}, the arm's limits "
+            f"touches of {name!r}: touch {touch + 1} has {called} at {q[touch, joint]:.4g} "
+            f"{word}, the arm's limits "
             f"are {low:.4g} to {high:.4g}"
         )
     return out
@@ -224,11 +256,15 @@ def _hinges(joint_types: str | None, width: int) -> np.ndarray:
 
 
 def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: list[str]) -> bool:
-    """True if the angles are degrees, as requested, by the headers or by their size; the finding goes into `notes`."""
+    """True if the angles are degrees, as requested, by the headers or by their size; the finding
+    goes into `notes`.
+    """
     if units != "auto":
         return units == "deg"
     if len(stated) > 1:
-        raise ConfigurationError("touches: some headers say degrees, others radians; say --units rad or --units deg")
+        raise ConfigurationError(
+            "touches: some headers say degrees, others radians; say --units rad or --units deg"
+        )
     if stated:
         if "deg" in stated:
             notes.append("touches: degrees by their header, turned into radians")
@@ -236,12 +272,14 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
     large = [name for name, value in largest.items() if value > _MOST_RADIANS]
     if large and len(large) < len(largest):
         raise ConfigurationError(
-            f"touches: {', '.join(large[:3])} {'looks' if len(large) == 1 else 'look'} like degrees (up to "
+            f"touches: {', '.join(large[:3])} {'looks' if len(large) == 1 else 'look'} like "
+            "degrees (up to "
             f"{max(largest.values()):.4g}), the rest like radians; say --units rad or --units deg"
         )
     if large:
         notes.append(
-            f"touches: look like degrees (the largest angle is {max(largest.values()):.4g}), turned into radians; "
+            f"touches: look like degrees (the largest angle is {max(largest.values()):.4g}), "
+            "turned into radians; "
             "--units rad if they are not"
         )
     return bool(large)
@@ -249,7 +287,11 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
 
 def _files(path: Path) -> list[Path]:
     if _is_folder(path):
-        found = sorted(file for file in path.rglob("*") if file.suffix.lower() in (".csv", ".tsv") and file.is_file())
+        found = sorted(
+            file
+            for file in path.rglob("*")
+            if file.suffix.lower() in (".csv", ".tsv") and file.is_file()
+        )
         if not found:
             raise ConfigurationError(f"touches: there is no .csv file in folder {path}")
         return found
@@ -276,13 +318,17 @@ def _text(raw: bytes, file: Path) -> str:
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ConfigurationError(f"{file}: not a text file in UTF-8; touches are CSV, or a folder of it") from error
+        raise ConfigurationError(
+            f"{file}: not a text file in UTF-8; touches are CSV, or a folder of it"
+        ) from error
 
 
 def _parse(
     text: str, file: Path, stem: str, width: int | None, joint_names: tuple[str, ...]
 ) -> tuple[list[_Row], str, str | None]:
-    """Rows of one file, the separator of its points (empty for one point), and the unit of its header."""
+    """Rows of one file, the separator of its points (empty for one point), and the unit of its
+    header.
+    """
     header: list[str] | None = None
     rows: list[_Row] = []
     block, gap = 1, False
@@ -313,7 +359,9 @@ def _parse(
         names = {label: label for label in labels}
     rows = [_Row(row.values, names[row.point], row.where) for row in rows]
     found = {
-        unit for cell in header or () for unit in re.findall(r"[\[(_\s](deg|rad)(?:rees|ians?|s)?(?=[\])\s]|$)", cell)
+        unit
+        for cell in header or ()
+        for unit in re.findall(r"[\[(_\s](deg|rad)(?:rees|ians?|s)?(?=[\])\s]|$)", cell)
     }
     return rows, several, found.pop() if len(found) == 1 else None
 
@@ -337,11 +385,20 @@ def _any_number(cells: Sequence[str]) -> bool:
 
 
 def _row(
-    cells: list[str], header: list[str] | None, joint_names: tuple[str, ...], width: int | None, where: str, block: int
+    cells: list[str],
+    header: list[str] | None,
+    joint_names: tuple[str, ...],
+    width: int | None,
+    where: str,
+    block: int,
 ) -> _Row:
     point = f"\n{block}"  # no label in a file begins with a line break
     if header is None:
-        if width is not None and len(cells) == width + 1 and (cells[0].isdigit() or not _any_number(cells[:1])):
+        if (
+            width is not None
+            and len(cells) == width + 1
+            and (cells[0].isdigit() or not _any_number(cells[:1]))
+        ):
             point, cells = cells[0], cells[1:]  # first cell: number or name of the point
     else:
         bare = [re.split(r"\s*[\[(]", name)[0] for name in header]
@@ -361,7 +418,9 @@ def _row(
         except ValueError:
             raise ConfigurationError(f"{where}: {shown(cell)} is no number") from None
         if not np.isfinite(value):
-            raise ConfigurationError(f"{where}: every joint value must be finite, got {shown(cell)}")
+            raise ConfigurationError(
+                f"{where}: every joint value must be finite, got {shown(cell)}"
+            )
         values.append(value)
     if width is not None and len(values) != width:
         raise ConfigurationError(f"{where}: {len(values)} joint values, the arm has {width} joints")

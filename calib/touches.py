@@ -1,4 +1,6 @@
-"""Validation of touch series, and the initial estimate of the tool point [Yukhimets 2023, eq. 12-16]."""
+"""Validation of touch series, and the initial estimate of the tool point [Yukhimets 2023, eq.
+12-16].
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,11 +12,13 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked, real_array, shown
 
-STILL, STILL_SHARE = np.deg2rad(1.0), 5e-3  # [rad], of the reach: least RMS motion of a joint that is identified
+# [rad], of the reach: least RMS motion of a joint that is identified
+STILL, STILL_SHARE = np.deg2rad(1.0), 5e-3
 _SAME = 1e-9  # [rad] or [m] below this difference two touches count as one written twice
 _TWO_TURNS = 4.0 * np.pi  # [rad] beyond this a joint angle is taken as degrees
 _LONGEST_SLIDE = 50.0  # [m] beyond this a slide is taken as millimetres
-_FIT_BETTER = 3.0  # ratio of spreads (radians to degrees) from which the angles are taken as degrees
+# ratio of spreads (radians to degrees) from which the angles are taken as degrees
+_FIT_BETTER = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,7 +37,9 @@ class UsableTouches:
         return [self.series[i][self.kept[i]] for i in self.live]
 
 
-def usable(series: Sequence[ArrayLike], arm: SerialArm, tcp: ArrayLike | None = None) -> UsableTouches:
+def usable(
+    series: Sequence[ArrayLike], arm: SerialArm, tcp: ArrayLike | None = None
+) -> UsableTouches:
     """The touches that an arm can be identified from, and the tool point to begin with.
 
     Args:
@@ -51,32 +57,39 @@ def usable(series: Sequence[ArrayLike], arm: SerialArm, tcp: ArrayLike | None = 
 
     if sum(len(q) - 1 for q in used) < 2:
         raise ConfigurationError(
-            "series: no point was touched in enough different poses; at least three different touches are needed, got "
-            + ", ".join(str(len(places)) for places in kept)
+            "series: no point was touched in enough different poses; at least three different "
+            "touches are needed, got " + ", ".join(str(len(places)) for places in kept)
         )
     if not any(moved(q, arm).any() for q in used):
         raise ConfigurationError(
-            "series: no joint moves by a degree about any point; touches of one posture tell nothing of an arm"
+            "series: no joint moves by a degree about any point; touches of one posture tell "
+            "nothing of an arm"
         )
     start = first_tcp(arm, used) if tcp is None else checked(tcp, (3,), "tcp")
     return UsableTouches(series=series, kept=kept, live=live, tcp=start, warnings=tuple(warnings))
 
 
 def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
-    """Validate the series: arrays (m_i, n), finite, as wide as the arm has joints, in radians and metres.
+    """Validate the series: arrays (m_i, n), finite, as wide as the arm has joints, in radians and
+    metres.
 
     Raises:
         ConfigurationError: anything else, naming series, touch and joint; also angles in degrees.
     """
     if isinstance(series, np.ndarray) and series.ndim == 2:
-        raise ConfigurationError("series: expected a list of arrays (m_i, n), one per touched point, got one array")
+        raise ConfigurationError(
+            "series: expected a list of arrays (m_i, n), one per touched point, got one array"
+        )
     if isinstance(series, str | bytes | Mapping) or not isinstance(series, Iterable):
         raise ConfigurationError(
-            f"series: expected a list of arrays (m_i, n), one per touched point, got {shown(series)}"
+            "series: expected a list of arrays (m_i, n), one per touched point, got "
+            f"{shown(series)}"
         )
     series = list(series)
     if len(series) == 0:
-        raise ConfigurationError("series: empty; at least one series of touches of one point is needed")
+        raise ConfigurationError(
+            "series: empty; at least one series of touches of one point is needed"
+        )
     out = []
     for i, values in enumerate(series):
         q = real_array(values, f"series {i + 1}", f"joint values (m, {arm.n})")
@@ -84,15 +97,20 @@ def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
             raise ConfigurationError(f"series {i + 1}: empty")
         if q.ndim != 2 or q.shape[1] != arm.n:
             raise ConfigurationError(
-                f"series {i + 1}: the arm has {arm.n} joints, so (m, {arm.n}) is needed, got shape {q.shape}"
+                f"series {i + 1}: the arm has {arm.n} joints, so (m, {arm.n}) is needed, got "
+                f"shape {q.shape}"
             )
         bad = np.argwhere(~np.isfinite(q))
         if len(bad):
             j, k = bad[0]
-            raise ConfigurationError(f"series {i + 1}, touch {j + 1}: joint {k + 1} is {q[j, k]}, not a finite number")
+            raise ConfigurationError(
+                f"series {i + 1}, touch {j + 1}: joint {k + 1} is {q[j, k]}, not a finite number"
+            )
         far = np.abs(q[:, arm.slides])
         if far.size and far.max() > _LONGEST_SLIDE:
-            raise ConfigurationError(f"series {i + 1}: a slide at {far.max():.4g} m; millimetres? Metres are needed")
+            raise ConfigurationError(
+                f"series {i + 1}: a slide at {far.max():.4g} m; millimetres? Metres are needed"
+            )
         out.append(q)
     _refuse_degrees(out, arm)
     return out
@@ -108,39 +126,49 @@ def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
     i = int(np.argmax([np.abs(q[:, hinges]).max() for q in series]))
     said = f"series {i + 1}: a joint angle of {largest:.4g} rad"
     if largest > _TWO_TURNS:
-        raise ConfigurationError(f"{said}; these look like degrees, radians are needed (numpy.deg2rad)")
+        raise ConfigurationError(
+            f"{said}; these look like degrees, radians are needed (numpy.deg2rad)"
+        )
     turned = [np.where(hinges, np.deg2rad(q), q) for q in series]
     as_radians, as_degrees = (spread(arm, first_tcp(arm, each), each) for each in (series, turned))
     if as_degrees < as_radians / _FIT_BETTER:
         raise ConfigurationError(
-            f"{said}; the touches of a point lie {1e3 * as_degrees:.3g} mm about it if read as degrees and "
-            f"{1e3 * as_radians:.3g} mm as radians: they look like degrees, radians are needed (numpy.deg2rad)"
+            f"{said}; the touches of a point lie {1e3 * as_degrees:.3g} mm about it if read as "
+            "degrees and "
+            f"{1e3 * as_radians:.3g} mm as radians: they look like degrees, radians are needed "
+            "(numpy.deg2rad)"
         )
 
 
 def motions(q: Array) -> Array:
-    """RMS motion (n,) [rad] or [m] of each joint about its mean over the touches `q` (m, n) of a point."""
+    """RMS motion (n,) [rad] or [m] of each joint about its mean over the touches `q` (m, n) of a
+    point.
+    """
     return np.sqrt(np.mean((q - q.mean(axis=0)) ** 2, axis=0))
 
 
 def moved(q: Array, arm: SerialArm) -> np.ndarray:
-    """Mask (n,) of the joints that move enough over the touches `q` (m, n) of a point to tell something of the arm."""
+    """Mask (n,) of the joints that move enough over the touches `q` (m, n) of a point to tell
+    something of the arm.
+    """
     return motions(q) > np.where(arm.slides, STILL_SHARE * arm.reach, STILL)
 
 
 def first_tcp(arm: SerialArm, series: Sequence[Array]) -> Array:
     """Initial tool point (3,) [m] in the flange: linear least squares per series, then their mean.
 
-    After [Yukhimets 2023, eq. 13-16]. Eq. (13) reads X_f + [R_f E] Lambda = 0, so that Lambda = -(Omega^T Omega)^-1
-    Omega^T X_f; eq. (15) as printed lacks the minus. Directions that the orientations of a series do not determine are
-    set to zero.
+    After [Yukhimets 2023, eq. 13-16]. Eq. (13) reads X_f + [R_f E] Lambda = 0, so that Lambda =
+    -(Omega^T Omega)^-1 Omega^T X_f; eq. (15) as printed lacks the minus. Directions that the
+    orientations of a series do not determine are set to zero.
     """
     found = []
     for q in series:
         if len(q) < 2:
             continue
         X = arm.flange(q)
-        Omega = np.concatenate([X[:, :3, :3], np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2).reshape(-1, 6)
+        Omega = np.concatenate(
+            [X[:, :3, :3], np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2
+        ).reshape(-1, 6)
         found.append(np.linalg.lstsq(Omega, -X[:, :3, 3].ravel(), rcond=1e-3)[0][:3])
     return np.mean(found, axis=0) if found else np.zeros(3)
 
@@ -167,16 +195,22 @@ def spread(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
 def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str]]:
     """Indices of the informative touches per series, and a message on each series that lost some.
 
-    A touch written twice counts once, since its copy has no noise of its own. A series of a single touch is left out.
+    A touch written twice counts once, since its copy has no noise of its own. A series of a single
+    touch is left out.
     """
     kept, lines = [], []
     for i, q in enumerate(series):
         rounded = np.round(q / _SAME)
         places = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
         if len(places) < len(q):
-            lines.append(f"series {i + 1}: {len(q) - len(places)} of {len(q)} touches repeat another exactly, left out")
+            lines.append(
+                f"series {i + 1}: {len(q) - len(places)} of {len(q)} touches repeat "
+                "another exactly, left out"
+            )
         if len(places) < 2:
-            lines.append(f"series {i + 1}: one touch of a point says nothing about the arm, left out")
+            lines.append(
+                f"series {i + 1}: one touch of a point says nothing about the arm, left out"
+            )
             places = places[:0]
         kept.append(places)
     return kept, lines

@@ -1,12 +1,14 @@
-"""Verification of a calibration: against a tracker, and by predicting touches from those of other places.
+"""Verification of a calibration: against a tracker, and by predicting touches from those of other
+places.
 
-Against a tracker [Yukhimets 2023], clouds of flange points are centred, aligned and compared. The flange keeps its
-orientation, so that the reflector's place on it does not matter. The residuals measure the accuracy of relative moves;
-alignment removes the poses of base and tracker.
+Against a tracker [Yukhimets 2023], clouds of flange points are centred, aligned and compared. The
+flange keeps its orientation, so that the reflector's place on it does not matter. The residuals
+measure the accuracy of relative moves; alignment removes the poses of base and tracker.
 
-The posterior covariance speaks of touch noise alone. A real arm has errors that its parameters cannot express (gears,
-sag, seating of the probe); they are alike in neighbouring postures, so that residuals of the fit understate them. Each
-place is therefore predicted from the touches of the others, and the spread of those errors widens the intervals.
+The posterior covariance speaks of touch noise alone. A real arm has errors that its parameters
+cannot express (gears, sag, seating of the probe); they are alike in neighbouring postures, so that
+residuals of the fit understate them. Each place is therefore predicted from the touches of the
+others, and the spread of those errors widens the intervals.
 """
 
 from collections.abc import Sequence
@@ -24,7 +26,8 @@ from uuv.sim.interfaces.spatial import Array, checked, exp_so3, readonly, transf
 
 TRACKER_NOISE = 0.015e-3  # [m] of a FARO Vantage [Yukhimets 2023]
 Alignment = Literal["kabsch", "icp"]
-_ONE_PLACE = 0.1  # points closer than this share of the arm's reach are one place, predicted together
+# points closer than this share of the arm's reach are one place, predicted together
+_ONE_PLACE = 0.1
 _POINTS = 13  # flange points, as many as measured in [Yukhimets 2023]
 _PLACES = 300  # maximal places of the box that are tried
 _TRIES = 6  # goals drawn per wanted point
@@ -34,7 +37,9 @@ _ICP_STEPS = 100  # maximal iterations of one ICP run
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cloud:
-    """Flange points of one model through the stages of the comparison [Yukhimets 2023, fig. 5-8]."""
+    """Flange points of one model through the stages of the comparison [Yukhimets 2023, fig.
+    5-8].
+    """
 
     raw: Array  # (N, 3) [m] in the arm's base; the tracker's own in the tracker's frame
     centred: Array  # (N, 3) [m] less their mean
@@ -53,8 +58,8 @@ def flange_poses(
 ) -> Array:
     """Joint values (count, n) of random flange points in a box, at constant orientation and branch.
 
-    The box spans `box` times the arm's reach to each side of a random place in front of or beside the arm. The flange
-    looks down, and the arm keeps its branch, as it does in straight moves.
+    The box spans `box` times the arm's reach to each side of a random place in front of or beside
+    the arm. The flange looks down, and the arm keeps its branch, as it does in straight moves.
 
     Args:
         controller: arm as its controller models it.
@@ -107,7 +112,8 @@ def track(
     noise: float = TRACKER_NOISE,
     reflector: ArrayLike = (0, 0, 0),
 ) -> Array:
-    """Simulated tracker measurement (N, 3) [m], in the tracker's frame, of a reflector on the flange.
+    """Simulated tracker measurement (N, 3) [m], in the tracker's frame, of a reflector on the
+    flange.
 
     Args:
         truth: true arm.
@@ -125,7 +131,9 @@ def track(
 
 
 def kabsch(source: Array, target: Array) -> Array:
-    """Rigid transform (4, 4) that best aligns `source` (N, 3) to the corresponding `target` (N, 3) [Kabsch 1976]."""
+    """Rigid transform (4, 4) that best aligns `source` (N, 3) to the corresponding `target` (N, 3)
+    [Kabsch 1976].
+    """
     a, b = source.mean(axis=0), target.mean(axis=0)
     U, _, Vt = np.linalg.svd((source - a).T @ (target - b))
     turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
@@ -136,10 +144,11 @@ def kabsch(source: Array, target: Array) -> Array:
 
 
 def icp(source: Array, target: Array) -> Array:
-    """Rigid transform (4, 4) as of `kabsch`, with unknown correspondences: iterative closest points.
+    """Rigid transform (4, 4) as of `kabsch`, with unknown correspondences: iterative closest
+    points.
 
-    Starts from four alignments of the principal axes and keeps the best, since clouds that are only centred may differ
-    by any rotation.
+    Starts from four alignments of the principal axes and keeps the best, since clouds that are only
+    centred may differ by any rotation.
     """
     tree = cKDTree(target)
     best, best_rms = np.eye(4), np.inf
@@ -158,7 +167,9 @@ def icp(source: Array, target: Array) -> Array:
 
 
 def _starts(source: Array, target: Array) -> list[Array]:
-    """Poses that align the principal axes of one cloud with those of the other, in all four ways."""
+    """Poses that align the principal axes of one cloud with those of the other, in all four
+    ways.
+    """
     a, b = source.mean(axis=0), target.mean(axis=0)
     axes = [np.linalg.svd(cloud - mean)[2].T for cloud, mean in ((source, a), (target, b))]
     starts = []
@@ -173,7 +184,9 @@ def _starts(source: Array, target: Array) -> list[Array]:
     return starts
 
 
-def compare(tracker: ArrayLike, clouds: dict[str, Array], alignment: Alignment = "kabsch") -> dict[str, Cloud]:
+def compare(
+    tracker: ArrayLike, clouds: dict[str, Array], alignment: Alignment = "kabsch"
+) -> dict[str, Cloud]:
     """Compare each of `clouds` with the tracker's points: centred, aligned, residuals.
 
     Args:
@@ -188,19 +201,35 @@ def compare(tracker: ArrayLike, clouds: dict[str, Array], alignment: Alignment =
         ConfigurationError: clouds of other sizes, fewer than 3 points, unknown alignments.
     """
     if alignment not in get_args(Alignment):
-        raise ConfigurationError(f"alignment: allowed {', '.join(get_args(Alignment))}, got {alignment!r}")
+        raise ConfigurationError(
+            f"alignment: allowed {', '.join(get_args(Alignment))}, got {alignment!r}"
+        )
     measured = np.asarray(tracker, dtype=np.float64)
     measured = checked(measured, (len(measured), 3), "tracker")
     if len(measured) < 3:
         raise ConfigurationError(f"tracker: at least 3 points are needed, got {len(measured)}")
     target = measured - measured.mean(axis=0)
     zero = np.zeros(len(measured))
-    out = {"tracker": Cloud(raw=measured, centred=readonly(target), aligned=readonly(target), deviations=zero, rms=0.0)}
+    out = {
+        "tracker": Cloud(
+            raw=measured,
+            centred=readonly(target),
+            aligned=readonly(target),
+            deviations=zero,
+            rms=0.0,
+        )
+    }
     for name, points in clouds.items():
         raw = checked(points, measured.shape, name)
         centred = raw - raw.mean(axis=0)
-        aligned = transform_points((kabsch if alignment == "kabsch" else icp)(centred, target), centred)
-        gaps = np.linalg.norm(aligned - target, axis=1) if alignment == "kabsch" else cKDTree(target).query(aligned)[0]
+        aligned = transform_points(
+            (kabsch if alignment == "kabsch" else icp)(centred, target), centred
+        )
+        gaps = (
+            np.linalg.norm(aligned - target, axis=1)
+            if alignment == "kabsch"
+            else cKDTree(target).query(aligned)[0]
+        )
         out[name] = Cloud(
             raw=raw,
             centred=readonly(centred),
@@ -224,7 +253,9 @@ def pair_distances(tips: list[Array]) -> Array:
 
 
 def places(points: ArrayLike, reach: float) -> np.ndarray:
-    """Place (S,) of each point: points within a tenth of `reach` [m] of each other, in chains, share one."""
+    """Place (S,) of each point: points within a tenth of `reach` [m] of each other, in chains,
+    share one.
+    """
     p = np.asarray(points, dtype=np.float64)
     near = np.linalg.norm(p[:, None] - p[None], axis=2) < _ONE_PLACE * reach
     found = np.arange(len(p))
@@ -245,7 +276,8 @@ class PointTouches:
 def scores(series: Sequence[PointTouches], place: np.ndarray, prior: Array, noise: float) -> Array:
     """Errors of touches predicted without their own place, over their predicted deviations, sorted.
 
-    The parameters without a place follow from one Gauss-Newton step that removes its touches. Known distances are left
+    The parameters without a place follow from one Gauss-Newton step that removes its touches. Known
+    distances are left
     aside: they settle the scale, which the spread of touches does not show.
 
     Args:
@@ -269,7 +301,9 @@ def scores(series: Sequence[PointTouches], place: np.ndarray, prior: Array, nois
         without = np.linalg.inv(total - each_tells[mine].sum(axis=0))
         J, w = np.concatenate([rows[s] for s in mine]), np.concatenate([weights[s] for s in mine])
         r = np.concatenate([series[s].residuals.ravel() for s in mine]) / noise
-        lost = np.repeat([1.0 - 1.0 / len(series[s].weights) for s in mine], [len(weights[s]) for s in mine])
+        lost = np.repeat(
+            [1.0 - 1.0 / len(series[s].weights) for s in mine], [len(weights[s]) for s in mine]
+        )
         error = r + J @ (without @ (J.T @ (w * r)))
         out.append(np.abs(error) / np.sqrt(np.einsum("mp,pr,mr->m", J, without, J) + lost))
     return readonly(np.sort(np.concatenate(out)))

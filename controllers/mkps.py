@@ -1,11 +1,12 @@
-"""Inverse kinematics of any serial chain by MKPS, the method of "finite rotation and displacement" [Danilov 2021].
+"""Inverse kinematics of any serial chain by MKPS, the method of "finite rotation and displacement"
+[Danilov 2021].
 
     chain = Chain.from_dh(dh, limits=limits)
     result = solve(chain, X_base_tip, q0)
 
-This module is the public interface. Chains are built in `uuv.controllers.ik.chain`, pose sequences are tracked in
-`uuv.controllers.ik.tracking`. The compiled loops are in `uuv.controllers.ik`: `kinematics`, `damped_descent` (hybrid),
-`sweeps` (jacobian_free), `paper_stages` (plain).
+This module is the public interface. Chains are built in `uuv.controllers.ik.chain`, pose sequences
+are tracked in `uuv.controllers.ik.tracking`. The compiled loops are in `uuv.controllers.ik`:
+`kinematics`, `damped_descent` (hybrid), `sweeps` (jacobian_free), `paper_stages` (plain).
 """
 
 import math
@@ -61,7 +62,8 @@ Precision = Literal["double", "single"]
 StageAxes = Literal["joint", "tip"]
 
 _METHODS = get_args(Method)
-_MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000, "priority": 400}  # sweeps are cheap
+# sweeps are cheap
+_MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000, "priority": 400}
 _MOST_HYBRID = _MOST["hybrid"]
 _MOST_COUNTED = 10**9  # largest number of iterations or restarts that may be asked for
 _MOST_THREADS = 1024  # largest number of threads that may be asked for
@@ -76,16 +78,21 @@ class IkResult(NamedTuple):  # constructing a frozen dataclass would take as lon
     """Solution of `solve`: joint values, always within the limits, and their pose errors."""
 
     q: Array  # (n,) [rad] or [m]
-    converged: bool  # every error that counts is within its tolerance; with branch="keep" the branch was kept too
+    # every error that counts is within its tolerance; with branch="keep" the branch was kept too
+    converged: bool
     iterations: int  # Levenberg-Marquardt steps or sweeps, restarts included
     position_error: float  # [m] distance from tip to target
     orientation_error: float  # [rad] angle between tip and target, by atan2
     cause: str  # why the iteration ended
-    restarts: int = 0  # other starts tried; after any, the solution may lie on another branch than q0
-    history: Array | None = None  # (iterations + 1, n) joint values from start to solution, if asked for
-    goals: Array | None = None  # (iterations + 1, 3) F_R [m], F_alpha1, F_alpha2 [rad] of it [Danilov 2021, eq. 6]
-    # [rad] of the orientation error, for a pose solved for by parts: angle between the tool axes, turn about that of
-    # the tip. NaN where position and whole orientation counted alike, and with "priority".
+    # other starts tried; after any, the solution may lie on another branch than q0
+    restarts: int = 0
+    # (iterations + 1, n) joint values from start to solution, if asked for
+    history: Array | None = None
+    # (iterations + 1, 3) F_R [m], F_alpha1, F_alpha2 [rad] of it [Danilov 2021, eq. 6]
+    goals: Array | None = None
+    # [rad] of the orientation error, for a pose solved for by parts: angle between the tool axes,
+    # turn about that of the tip. NaN where position and whole orientation counted alike, and with
+    # "priority".
     axis_error: float = math.nan
     turn_error: float = math.nan
 
@@ -94,8 +101,10 @@ _CAUSES = {
     kernels.CONVERGED: "converged",
     kernels.STALLED: "no joint values found for this pose; this is the nearest pose found",
     kernels.EXHAUSTED: "max_iterations spent; this is the nearest pose found",
-    kernels.BRANCH_LOST: "the pose was reached only beyond a singular configuration, on another branch than q0",
-    kernels.OUT_OF_REACH: "the target is farther away than the chain is long; this is the nearest pose found",
+    kernels.BRANCH_LOST: "the pose was reached only beyond a singular configuration, on another "
+    "branch than q0",
+    kernels.OUT_OF_REACH: "the target is farther away than the chain is long; this is the nearest "
+    "pose found",
 }
 _RESTARTED = "converged after restarts: the branch may not be that of q0"
 _COARSE = "single precision does not resolve these tolerances here; this is the nearest pose found"
@@ -115,14 +124,17 @@ class IkOptions:
     max_restarts: int = 200  # "plain" makes none, nor does branch="keep"
     # Of `solve`: "single" iterates in four-byte numbers and tests the solution in double precision.
     precision: Precision = "double"
-    # Of `solve`: also return the joint values after every iteration and their three goals [Danilov 2021, fig. 9].
+    # Of `solve`: also return the joint values after every iteration and their three goals [Danilov
+    # 2021, fig. 9].
     history: bool = False
     threads: int | None = None  # of `solve_many`; default the cores that this process may use
-    # (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is then within
-    # `orientation_tolerance`. The other methods take the smaller of the two for the whole rotation.
+    # (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is
+    # then within `orientation_tolerance`. The other methods take the smaller of the two for the
+    # whole rotation.
     stage_tolerances: tuple[float, float] | None = None
-    # Axes that the stages of "plain" align. "tip": the tip's own z and x, as in [Danilov 2021]. "joint": the last
-    # joint's axis and one perpendicular to it; better for a tool that is oblique to this axis, and without limits.
+    # Axes that the stages of "plain" align. "tip": the tip's own z and x, as in [Danilov 2021].
+    # "joint": the last joint's axis and one perpendicular to it; better for a tool that is oblique
+    # to this axis, and without limits.
     stage_axes: StageAxes = "tip"
     usual: bool = field(init=False, repr=False)  # only the iterations and restarts are limited
 
@@ -131,7 +143,11 @@ class IkOptions:
         one_of(self.stage_axes, get_args(StageAxes), "stage_axes")
         if not isinstance(self.history, bool | np.bool_):
             raise ConfigurationError(f"history: must be True or False, got {shown(self.history)}")
-        most, name = (_MOST_KEPT, "max_iterations with history") if self.history else (_MOST_COUNTED, "max_iterations")
+        most, name = (
+            (_MOST_KEPT, "max_iterations with history")
+            if self.history
+            else (_MOST_COUNTED, "max_iterations")
+        )
         if self.max_iterations is not None:
             whole_number(self.max_iterations, name, least=1, most=most)
         whole_number(self.max_restarts, "max_restarts", most=_MOST_COUNTED)
@@ -140,7 +156,9 @@ class IkOptions:
         if self.stage_tolerances is not None:
             both = real_array(self.stage_tolerances, "stage_tolerances [rad]", "two numbers")
             if both.shape != (2,):
-                raise ConfigurationError(f"stage_tolerances [rad]: expected two numbers, got shape {both.shape}")
+                raise ConfigurationError(
+                    f"stage_tolerances [rad]: expected two numbers, got shape {both.shape}"
+                )
             for value in both.tolist():
                 _tolerance(value, "stage_tolerances [rad]")
         usual = self.precision == "double" and not self.history and self.stage_tolerances is None
@@ -163,14 +181,17 @@ def solve(
     axis_tolerance: float | None = None,
     turn_tolerance: float | None = None,
 ) -> IkResult:
-    """Solve the inverse kinematics of a chain for one tip pose, starting at `q0`, within the joint limits.
+    """Solve the inverse kinematics of a chain for one tip pose, starting at `q0`, within the joint
+    limits.
 
-    A part of the pose whose tolerance is infinite does not count: `orientation_tolerance=inf` asks for a position
-    alone, `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for position and tool axis.
+    A part of the pose whose tolerance is infinite does not count: `orientation_tolerance=inf` asks
+    for a position alone, `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for
+    position and tool axis.
 
-    Where no solution is found, `q` is that of the nearest pose found. "Nearest" minimises the sum of the squares of
-    both errors. Metres are divided by a power of two near the chain's length; the angle counts as its chord 2
-    sin(angle/2). For a pose solved for by parts, each error is divided by its tolerance.
+    Where no solution is found, `q` is that of the nearest pose found. "Nearest" minimises the sum
+    of the squares of both errors. Metres are divided by a power of two near the chain's length; the
+    angle counts as its chord 2 sin(angle/2). For a pose solved for by parts, each error is divided
+    by its tolerance.
 
     The GIL is held during the call.
 
@@ -178,32 +199,45 @@ def solve(
         chain: the serial chain.
         X_base_tip: (4, 4) target pose of the tip in the base frame.
         q0: (n,) [rad] or [m] start; values beyond the limits are brought within them.
-        position_tolerance: [m] largest position error of a solution; with infinity it does not count.
-        orientation_tolerance: [rad] largest angle of the whole rotation error of a solution; from pi on it does not
-            count. It is the default of the next two tolerances where only one of them is given.
-        method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps), "plain" ([Danilov 2021]), or
-            "priority": the tip's position, then its z axis, then the turn about it. A pose counts as met without that
-            turn, and its orientation error is the angle of the axes. It keeps the branch of `q0` and makes no restarts,
-            whatever `branch` and `max_restarts` say, and iterates in double precision only.
-        branch: "free" restarts until a pose is met, from the same places for the same chain and q0. "keep" is for
-            tracking: it moves from `q0` by short steps only, without restarts or jumps by a whole turn. A solution to
-            which some joint moved by more than half a radian (or half the chain's length) is then tested further. It is
-            refused if the straight line in joint space from `q0` to it crosses a singular configuration.
+        position_tolerance: [m] largest position error of a solution; with infinity it does not
+            count.
+        orientation_tolerance: [rad] largest angle of the whole rotation error of a solution; from
+            pi on it does not count. It is the default of the next two tolerances where only one of
+            them is given.
+        method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps), "plain"
+            ([Danilov 2021]), or "priority": the tip's position, then its z axis, then the turn
+            about it. A pose counts as met without that turn, and its orientation error is the angle
+            of the axes. It keeps the branch of `q0` and makes no restarts, whatever `branch` and
+            `max_restarts` say, and iterates in double precision only.
+        branch: "free" restarts until a pose is met, from the same places for the same chain and q0.
+            "keep" is for tracking: it moves from `q0` by short steps only, without restarts or
+            jumps by a whole turn. A solution to which some joint moved by more than half a radian
+            (or half the chain's length) is then tested further. It is refused if the straight line
+            in joint space from `q0` to it crosses a singular configuration.
         options: limits of the iterations, precision, history, and what concerns "plain" alone.
-        axis_tolerance: [rad] largest angle between the tool axis, the tip's z, and that of the target. Where it or the
-            next is given, the two take the place of the whole rotation.
-        turn_tolerance: [rad] largest turn about the tool axis that is left. "priority" never counts it.
+        axis_tolerance: [rad] largest angle between the tool axis, the tip's z, and that of the
+            target. Where it or the next is given, the two take the place of the whole rotation.
+        turn_tolerance: [rad] largest turn about the tool axis that is left. "priority" never counts
+            it.
 
     Returns:
         The joint values with errors, counts and the reason why the iteration ended.
 
     Raises:
-        ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not positive, tolerances of
-            which none counts or that the method does not know, or an unknown option.
+        ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not
+            positive, tolerances of which none counts or that the method does not know, or an
+            unknown option.
     """
     whole = axis_tolerance is turn_tolerance is None
-    if whole and type(method) is str and method == "hybrid" and type(options) is IkOptions and options.usual:
-        # Half a microsecond counts here: names of this module are found faster than those of another.
+    if (
+        whole
+        and type(method) is str
+        and method == "hybrid"
+        and type(options) is IkOptions
+        and options.usual
+    ):
+        # Half a microsecond counts here: names of this module are found faster than those of
+        # another.
         q = _empty(chain.n)
         most = options.max_iterations
         try:
@@ -218,13 +252,19 @@ def solve(
                 q,
             )
         except (TypeError, KeyError, OverflowError, ValueError):
-            outcome = _NO_OUTCOME  # not yet compiled, or arguments of other types: the general way below
+            # not yet compiled, or arguments of other types: the general way below
+            outcome = _NO_OUTCOME
         code, iterations, restarts, error_p, error_r = outcome
         if code < _BAD_TARGET:
             cause = _CAUSES[code] if code or not restarts else _RESTARTED
             done = code == _CONVERGED
-            return _new(IkResult, (q, done, iterations, error_p, error_r, cause, restarts, None, None, _NAN, _NAN))
-    tolerances = _Tolerances(position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance)
+            return _new(
+                IkResult,
+                (q, done, iterations, error_p, error_r, cause, restarts, None, None, _NAN, _NAN),
+            )
+    tolerances = _Tolerances(
+        position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance
+    )
     settings, parts = _settings(chain, tolerances, method, branch, options)
     target, start = _as_array(X_base_tip, (4, 4), "X_base_tip"), _as_array(q0, (chain.n,), "q0")
     return _solve(chain, target, start, settings, parts, options)
@@ -250,13 +290,17 @@ class _Tolerances(NamedTuple):
 def _settings(
     chain: Chain, tolerances: _Tolerances, method: str, branch: str, options: IkOptions
 ) -> tuple[kernels.Settings, PartTolerances | None]:
-    """Validated options in the terms of the compiled loops; None unless the pose is solved for by parts."""
+    """Validated options in the terms of the compiled loops; None unless the pose is solved for by
+    parts.
+    """
     one_of(method, _METHODS, "method")
     one_of(branch, get_args(Branch), "branch")
     if not isinstance(options, IkOptions):
         raise ConfigurationError(f"options: expected IkOptions, got {shown(options)}")
     if method == "priority" and options.precision == "single":
-        raise ConfigurationError('precision: "priority" iterates in double precision only, got "single"')
+        raise ConfigurationError(
+            'precision: "priority" iterates in double precision only, got "single"'
+        )
     tol_p = _tolerance(tolerances.position, "position_tolerance [m]")
     tol_r = _tolerance(tolerances.orientation, "orientation_tolerance [rad]")
     axis = tol_r if tolerances.axis is None else _tolerance(tolerances.axis, "axis_tolerance [rad]")
@@ -267,10 +311,15 @@ def _settings(
         tol_1, tol_2 = map(float, options.stage_tolerances)
         tol_r = min(tol_1, tol_2)  # a rotation error within this keeps both axes within theirs
 
-    counted = {"axis_tolerance": axis, "turn_tolerance": turn} if split else {"orientation_tolerance": tol_r}
+    counted = (
+        {"axis_tolerance": axis, "turn_tolerance": turn}
+        if split
+        else {"orientation_tolerance": tol_r}
+    )
     if tol_p == math.inf and all(each >= math.pi for each in counted.values()):
         raise ConfigurationError(
-            f"position_tolerance, {', '.join(counted)}: at least one must be finite (an angle below pi), or no part of"
+            f"position_tolerance, {', '.join(counted)}: at least one must be finite (an angle "
+            "below pi), or no part of"
             " the pose counts"
         )
 
@@ -286,11 +335,14 @@ def _settings(
                 'position_tolerance: "priority" puts the position first, got inf; "hybrid" need not'
             )
         if tolerances.turn is not None and turn < math.pi:
-            raise ConfigurationError(f'turn_tolerance: "priority" never counts the turn, got {turn:g}; "hybrid" does')
+            raise ConfigurationError(
+                f'turn_tolerance: "priority" never counts the turn, got {turn:g}; "hybrid" does'
+            )
         tol_r = axis
     elif split or tol_p == math.inf or tol_r >= math.pi:
         raise ConfigurationError(
-            f'method: {method!r} solves for whole poses; "hybrid" solves for a part of a pose, which an infinite'
+            f'method: {method!r} solves for whole poses; "hybrid" solves for a part of a pose, '
+            "which an infinite"
             " tolerance, axis_tolerance or turn_tolerance ask for"
         )
 
@@ -336,7 +388,9 @@ def _solve(
         name = "keep" if settings.keep else "hybrid"
         solver = entry(name, memory.dtype)
         _quick["keep" if settings.keep else "free"] = solver
-        outcome = solver(memory, target, start, used.tol_p, used.tol_r, used.limit, used.restarts, q)
+        outcome = solver(
+            memory, target, start, used.tol_p, used.tol_r, used.limit, used.restarts, q
+        )
     else:
         traced = "traced_keep" if settings.keep else "traced_hybrid"
         name = traced if settings.method == kernels.HYBRID else _METHODS[settings.method]
@@ -358,7 +412,9 @@ def _solve(
         trail, goals = trail[: iterations + 1], np.empty((iterations + 1, 3))
         entry("goals")(chain._memory, target, settings.tip_axes, trail, goals)
         path, goals = readonly(trail), readonly(goals)
-    return IkResult(q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals, *split)
+    return IkResult(
+        q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals, *split
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -411,7 +467,8 @@ def solve_many(
 ) -> IkBatch:
     """Solve the inverse kinematics for many tip poses in parallel, on all cores.
 
-    The solutions equal those of `solve` to the last bit, for any number of threads. The GIL is free during the call.
+    The solutions equal those of `solve` to the last bit, for any number of threads. The GIL is free
+    during the call.
 
     Args:
         chain: the serial chain.
@@ -421,7 +478,8 @@ def solve_many(
         orientation_tolerance: [rad] as in `solve`.
         method: as in `solve`.
         branch: as in `solve`.
-        options: as in `solve`, without history and in double precision; iterations and restarts are per target.
+        options: as in `solve`, without history and in double precision; iterations and restarts are
+            per target.
         axis_tolerance: [rad] as in `solve`.
         turn_tolerance: [rad] as in `solve`.
 
@@ -429,8 +487,8 @@ def solve_many(
         One row per target.
 
     Raises:
-        ConfigurationError: as `solve`, and for history or single precision; it names the first bad row, and no other
-            row is returned.
+        ConfigurationError: as `solve`, and for history or single precision; it names the first bad
+            row, and no other row is returned.
     """
     targets = _stack(X_base_tip, "X_base_tip")
     count = len(targets) if targets.ndim == 3 else 0
@@ -438,15 +496,23 @@ def solve_many(
         raise ConfigurationError(f"X_base_tip: expected shape (N, 4, 4), got {targets.shape}")
     starts = _stack(q0, "q0")
     if starts.shape not in ((chain.n,), (count, chain.n)):
-        raise ConfigurationError(f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}")
+        raise ConfigurationError(
+            f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}"
+        )
     starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
-    tolerances = _Tolerances(position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance)
+    tolerances = _Tolerances(
+        position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance
+    )
     settings, parts = _settings(chain, tolerances, method, branch, options)
     if options.history or options.precision == "single":
         raise ConfigurationError("options: `solve_many` is without history and in double precision")
     threads = options.threads
     if threads is None:
-        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        threads = (
+            len(os.sched_getaffinity(0))
+            if hasattr(os, "sched_getaffinity")
+            else os.cpu_count() or 1
+        )
     q, out = np.empty((count, chain.n)), np.full((count, 7), np.nan)
     many = entry("many" if parts is None else "many_parts")
 
@@ -486,7 +552,11 @@ def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float, float,
     R = X[:3, :3].T @ target[:3, :3]
     whole, tilt = log_so3(R), np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
     half = 0.5 * float(np.linalg.norm(whole))
-    turn = 0.0 if half == 0.0 else 2.0 * abs(np.arctan2(np.sin(half) * whole[2] / (2.0 * half), np.cos(half)))
+    turn = (
+        0.0
+        if half == 0.0
+        else 2.0 * abs(np.arctan2(np.sin(half) * whole[2] / (2.0 * half), np.cos(half)))
+    )
     return float(np.linalg.norm(X[:3, 3] - target[:3, 3])), 2.0 * half, float(tilt), float(turn)
 
 
@@ -499,7 +569,9 @@ def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """Convert `values` to contiguous float64 of `shape`; the compiled loops validate the numbers."""
+    """Convert `values` to contiguous float64 of `shape`; the compiled loops validate the
+    numbers.
+    """
     array = _stack(values, name)
     if array.shape != shape:
         raise ConfigurationError(f"{name}: expected shape {shape}, got {array.shape}")

@@ -1,8 +1,10 @@
-"""Gains, filters and limits of all controllers: default, unit, meaning, and what fails without them.
+"""Gains, filters and limits of all controllers: default, unit, meaning, and what fails without
+them.
 
     WorkController(model, tuning=ArmTuning(joint_frequency=40.0))
 
-Each value is a `tuned` field of a frozen dataclass, with its unit and meaning; `table` lists them for a report.
+Each value is a `tuned` field of a frozen dataclass, with its unit and meaning; `table` lists them
+for a report.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +27,8 @@ def table(*tunings: Any) -> Iterator[tuple[str, str, str, str]]:
     """Rows for a report: tuning, name, value, unit and meaning.
 
     Args:
-        tunings: Instances of the dataclasses of this module, or of controllers that inherit from them.
+        tunings: Instances of the dataclasses of this module, or of controllers that inherit from
+            them.
     """
     for tuning in tunings:
         for each in fields(tuning):
@@ -36,7 +39,9 @@ def table(*tunings: Any) -> Iterator[tuple[str, str, str, str]]:
                 yield from table(value)
 
 
-def check(tuning: Any, title: str, *, positive: Sequence[str], not_negative: Sequence[str] = ()) -> None:
+def check(
+    tuning: Any, title: str, *, positive: Sequence[str], not_negative: Sequence[str] = ()
+) -> None:
     """Check that fields of a tuning are finite, and > 0 or >= 0; a field may hold several numbers.
 
     Args:
@@ -51,8 +56,13 @@ def check(tuning: Any, title: str, *, positive: Sequence[str], not_negative: Seq
     for names, sign in ((positive, ">"), (not_negative, ">=")):
         for name in names:
             values = np.asarray(getattr(tuning, name), dtype=np.float64)
-            if not (np.all(np.isfinite(values)) and np.all(values > 0.0 if sign == ">" else values >= 0.0)):
-                raise ConfigurationError(f"{title} {name}: must be {sign} 0, got {getattr(tuning, name)}")
+            if not (
+                np.all(np.isfinite(values))
+                and np.all(values > 0.0 if sign == ">" else values >= 0.0)
+            ):
+                raise ConfigurationError(
+                    f"{title} {name}: must be {sign} 0, got {getattr(tuning, name)}"
+                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,11 +71,17 @@ class GearTuning:
 
     title = "friction"
 
-    filter: float = tuned(0.003, "[s] of the estimated gear friction; slower, each reversal presses too hard")
-    reversal: float = tuned(0.01, "[rad/s] wanted speed over which the friction feedforward changes its sign")
+    filter: float = tuned(
+        0.003, "[s] of the estimated gear friction; slower, each reversal presses too hard"
+    )
+    reversal: float = tuned(
+        0.01, "[rad/s] wanted speed over which the friction feedforward changes its sign"
+    )
     known: float = tuned(0.8, "[-] share of the dry friction that is known while a joint slides")
     excess: float = tuned(1.5, "[-] most compensated friction over the believed stiction")
-    feedforward: float = tuned(0.8, "[-] share of the tangential tool force that the servo feeds forward")
+    feedforward: float = tuned(
+        0.8, "[-] share of the tangential tool force that the servo feeds forward"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +90,9 @@ class TorqueNoise:
 
     title = "torques"
 
-    share: float = tuned(0.01, "[-] standard deviation of a torque sensor as a share of its reading")
+    share: float = tuned(
+        0.01, "[-] standard deviation of a torque sensor as a share of its reading"
+    )
     floor: float = tuned(0.1, "[N m] least standard deviation of a torque sensor")
     drift: float = tuned(0.3, "[N m] standard deviation of the external torques since the tare")
     observer_floor: float = tuned(0.4, "[N m] least standard deviation of the load observer")
@@ -90,24 +108,41 @@ class ArmTuning:
     joint_damping: float = tuned(
         2.0, "[-] damping ratio; with less, gear friction makes the tip chatter on stiff surfaces"
     )
-    joint_integral_time: float = tuned(0.2, "[s] of the servo's integral, for friction at the tool and model errors")
+    joint_integral_time: float = tuned(
+        0.2, "[s] of the servo's integral, for friction at the tool and model errors"
+    )
     integral_limit: float = tuned(0.01, "[rad s] limit of the integral, each way")
-    joint_speed_limit: float = tuned(1.6, "[rad/s] of the fastest joint; only a tool that must get away comes near it")
+    joint_speed_limit: float = tuned(
+        1.6, "[rad/s] of the fastest joint; only a tool that must get away comes near it"
+    )
     force_filter: float = tuned(0.012, "[s] first-order filter of the force estimate")
     observer_lag: float = tuned(0.012, "[s] lag of the load observer, which is also its filter")
-    acceleration_filter: float = tuned(0.015, "[s] of the joint acceleration, taken from the encoders' speed")
+    acceleration_filter: float = tuned(
+        0.015, "[s] of the joint acceleration, taken from the encoders' speed"
+    )
     normal_softness: float = tuned(
         0.7, "[-] share of the servo's stiffness that force control removes along the tool axis"
     )
-    hardening_time: float = tuned(0.3, "[s] to restore it after force control; a step throws the tool into the surface")
-    weighing_after: float = tuned(2.0, "[s] after the start at which payload identification begins, filters settled")
+    hardening_time: float = tuned(
+        0.3, "[s] to restore it after force control; a step throws the tool into the surface"
+    )
+    weighing_after: float = tuned(
+        2.0, "[s] after the start at which payload identification begins, filters settled"
+    )
     hover_period: float = tuned(0.02, "[s] of station keeping and allocation")
     task_period: float = tuned(0.004, "[s] of inverse kinematics and force loop")
-    compliance_period: float = tuned(0.2, "[s] after which the servo's compliance at the tip is computed anew")
-    blend_time: float = tuned(0.2, "[s] of the critically damped transition from held joint angles to a tool pose")
+    compliance_period: float = tuned(
+        0.2, "[s] after which the servo's compliance at the tip is computed anew"
+    )
+    blend_time: float = tuned(
+        0.2, "[s] of the critically damped transition from held joint angles to a tool pose"
+    )
     inverse_kinematics: Method = field(
         default="hybrid",
-        metadata={"about": "[-] method that tracks the tool pose; hybrid is priority for other than six joints"},
+        metadata={
+            "about": "[-] method that tracks the tool pose; hybrid is priority for other "
+            "than six joints"
+        },
     )
 
     gears: GearTuning = field(default_factory=GearTuning)
@@ -115,9 +150,18 @@ class ArmTuning:
 
     @property
     def servo_gains(self) -> Array:
-        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, its limit [rad s]."""
+        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, its limit [rad
+        s].
+        """
         w = self.joint_frequency
-        return np.array([w**2, 2.0 * self.joint_damping * w, w**2 / self.joint_integral_time, self.integral_limit])
+        return np.array(
+            [
+                w**2,
+                2.0 * self.joint_damping * w,
+                w**2 / self.joint_integral_time,
+                self.integral_limit,
+            ]
+        )
 
     @property
     def motion_filters(self) -> tuple[float, float]:
@@ -127,7 +171,9 @@ class ArmTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceLoopTuning:
-    """Force loop: integral law, with optional P and D, from the normal force error to the displacement."""
+    """Force loop: integral law, with optional P and D, from the normal force error to the
+    displacement.
+    """
 
     title = "force loop"
     bandwidth: float = tuned(24.0, "[rad/s] of the closed loop on any surface")
@@ -149,7 +195,9 @@ class ForceLoopTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedForceTuning:
-    """Published force law: PID from each component of the force error to the displacement of the tool."""
+    """Published force law: PID from each component of the force error to the displacement of the
+    tool.
+    """
 
     title = "published force law"
     proportional: float = tuned(1e-5, "[m/N]")
@@ -177,7 +225,9 @@ class ComplianceTuning:
     limit: float = tuned(0.012, "[m] largest offset")
     speed: float = tuned(0.02, "[m/s] largest speed of the offset")
     release_speed: float = tuned(0.01, "[m/s] at which the offset returns to zero")
-    gentle_speed: float = tuned(0.005, "[m/s] largest speed, either way, of a tool that stands on a surface")
+    gentle_speed: float = tuned(
+        0.005, "[m/s] largest speed, either way, of a tool that stands on a surface"
+    )
 
     def __post_init__(self) -> None:
         positive = ("admittance", "limit", "speed", "release_speed", "gentle_speed")
@@ -191,16 +241,25 @@ class HullTuning:
     title = "hull"
     frequency: float = tuned(1.6, "[rad/s] natural frequency of the closed loop")
     damping: float = tuned(1.0, "[-] damping ratio of the closed loop")
-    length: float = tuned(0.69, "[m] cube root of the displaced volume, below which the loop is faster by Froude's law")
-    mass: float = tuned(350.0, "[kg] of the vehicle that thresholds of force and moment are for; they grow with it")
+    length: float = tuned(
+        0.69,
+        "[m] cube root of the displaced volume, below which the loop is faster by Froude's law",
+    )
+    mass: float = tuned(
+        350.0, "[kg] of the vehicle that thresholds of force and moment are for; they grow with it"
+    )
     response: float = tuned(
-        0.05, "[s] lag of the thrust with lead compensation; command noise grows by about lag / response"
+        0.05,
+        "[s] lag of the thrust with lead compensation; command noise grows by about lag / response",
     )
     headroom: float = tuned(
-        0.98, "[-] share of full thrust that is used; the rest covers inflow and errors of the thrust curve"
+        0.98,
+        "[-] share of full thrust that is used; the rest covers inflow and errors of the "
+        "thrust curve",
     )
     gap_weights: tuple[float, ...] = tuned(
-        (1.0, 1.0, 1.0, 4.0, 4.0, 0.5), "[1/N, 1/(N m)] weights of the wrench error due to minimal thrusts"
+        (1.0, 1.0, 1.0, 4.0, 4.0, 0.5),
+        "[1/N, 1/(N m)] weights of the wrench error due to minimal thrusts",
     )
 
 
@@ -210,7 +269,9 @@ class ObserverDeviations:
 
     title = "disturbance observer"
 
-    velocity_noise: float = tuned(0.008, "[m/s] per step, including the smoothing error of the navigation filter")
+    velocity_noise: float = tuned(
+        0.008, "[m/s] per step, including the smoothing error of the navigation filter"
+    )
     current: float = tuned(0.3, "[m/s] initial")
     current_walk: float = tuned(0.03, "[m/s/sqrt(s)] random walk: gusts of 5 cm/s within 5 s")
     gain: float = tuned(0.1, "[-] share of the thrust, initial")
@@ -220,7 +281,8 @@ class ObserverDeviations:
     moment_bandwidth: float = tuned(3.0, "[rad/s] of the Luenberger observer of the moment")
 
 
-LIGHTEST = 0.2  # share of `HullTuning.mass` under which thresholds of force do not sink: sensors do not shrink
+# share of `HullTuning.mass` under which thresholds of force do not sink: sensors do not shrink
+LIGHTEST = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,28 +292,42 @@ class FaultLimits:
     title = "fault detection"
 
     vision_age: float = tuned(1.0, "[s] largest age of the newest picture")
-    warm_up: float = tuned(4.0, "[s] initial learning, without detection except for the age of pictures")
+    warm_up: float = tuned(
+        4.0, "[s] initial learning, without detection except for the age of pictures"
+    )
     frozen_time: float = tuned(0.05, "[s] for which a torque sensor may be frozen")
     frozen_encoder_time: float = tuned(
         0.02, "[s] for which an encoder may be frozen; its drive is servoed on it meanwhile"
     )
-    frozen_factor: float = tuned(5.0, "[-] and at least this times its longest frozen run while sound")
+    frozen_factor: float = tuned(
+        5.0, "[-] and at least this times its longest frozen run while sound"
+    )
     torque_time: float = tuned(0.1, "[s] filter of the difference of sensor and motor")
     torque_share: float = tuned(0.08, "[-] torque bound: share of the reading")
     torque_floor: float = tuned(0.05, "[-] plus this share of the drive's torque limit")
-    friction: float = tuned(2.5, "[-] plus this many times the gear's stiction, which acts in both directions")
+    friction: float = tuned(
+        2.5, "[-] plus this many times the gear's stiction, which acts in both directions"
+    )
     torque_confirm: float = tuned(0.1, "[s] for which the torque bound must be exceeded")
-    learning_time: float = tuned(20.0, "[s] of the average with which a torque residual is compared")
+    learning_time: float = tuned(
+        20.0, "[s] of the average with which a torque residual is compared"
+    )
     encoder_time: float = tuned(1.0, "[s] window for angle against integrated speed")
     encoder_slip: float = tuned(4e-3, "[rad] by which they may differ")
     hull_time: float = tuned(0.15, "[s] filter of the hull's momentum balance")
-    hull_learning_time: float = tuned(6.0, "[s] of the average that counts as current, not as a fault")
+    hull_learning_time: float = tuned(
+        6.0, "[s] of the average that counts as current, not as a fault"
+    )
     hull_force: float = tuned(20.0, "[N] hull bound: missing force, moments divided by `lever`")
-    hull_share: float = tuned(0.12, "[-] plus this share of the thrust demanded, sum over all thrusters")
+    hull_share: float = tuned(
+        0.12, "[-] plus this share of the thrust demanded, sum over all thrusters"
+    )
     hull_change: float = tuned(
         0.1, "[-] plus this share of the thrust that differs from the usual: gains are uncertain"
     )
-    hull_speed: float = tuned(250.0, "[N s/m] plus this times the hull's speed: its drag is uncertain")
+    hull_speed: float = tuned(
+        250.0, "[N s/m] plus this times the hull's speed: its drag is uncertain"
+    )
     lever: float = tuned(0.5, "[m] that converts moments to forces")
     thruster_loss: tuple[float, float] = tuned(
         (0.5, 1.3), "[-] range of the missing share of its thrust that is a loss"
@@ -259,18 +335,25 @@ class FaultLimits:
     thruster_moment: float = tuned(
         0.3, "[-] moment over force of a column, at `lever`; below it a loss resembles a current"
     )
-    thruster_leftover: float = tuned(0.4, "[-] share of the missing wrench that the thruster may leave unexplained")
+    thruster_leftover: float = tuned(
+        0.4, "[-] share of the missing wrench that the thruster may leave unexplained"
+    )
     thruster_confirm: float = tuned(0.35, "[s] for which a loss must persist")
-    current_confirm: float = tuned(0.4, "[s] where it may be a current or a wave; then the thruster is probed")
+    current_confirm: float = tuned(
+        0.4, "[s] where it may be a current or a wave; then the thruster is probed"
+    )
     probe_share: float = tuned(0.12, "[-] size of a probe's doublet, as a share of full thrust")
     probe_time: float = tuned(0.6, "[s] of a doublet: half of it ahead, half of it astern")
-    probe_again: float = tuned(4.0, "[s] after which a thruster that was found sound may be probed again")
+    probe_again: float = tuned(
+        4.0, "[s] after which a thruster that was found sound may be probed again"
+    )
 
     @classmethod
     def of_mass(cls, mass: float) -> Self:
         """The limits of a vehicle of `mass` [kg]; forces grow with it, lengths with its cube root.
 
-        The share of the usual mass is rounded to tenths, so that a payload leaves the limits as they are.
+        The share of the usual mass is rounded to tenths, so that a payload leaves the limits as
+        they are.
         """
         usual, share = cls(), max(LIGHTEST, round(mass / HULL.mass, 1))
         return cls(
@@ -289,21 +372,32 @@ class SafetyTuning:
 
     title = "safety wrapper"
 
-    old_imu: float = tuned(0.1, "[s] age of the newest IMU data from which on an estimate is rejected")
-    braking_speed: float = tuned(0.4, "[rad/s] joint speed from which on the full braking torque acts")
+    old_imu: float = tuned(
+        0.1, "[s] age of the newest IMU data from which on an estimate is rejected"
+    )
+    braking_speed: float = tuned(
+        0.4, "[rad/s] joint speed from which on the full braking torque acts"
+    )
     braking_share: float = tuned(0.5, "[-] braking torque as a share of the drive's torque limit")
-    gentle_force: float = tuned(50.0, "[N] at the tip, above which the arm gives way once the work is broken off")
-    balance_time: float = tuned(1.0, "[s] over which thrusts and contact are averaged for a blind departure")
-    leave_acceleration: float = tuned(0.2, "[m/s^2] times the vehicle's mass: force of a blind departure")
+    gentle_force: float = tuned(
+        50.0, "[N] at the tip, above which the arm gives way once the work is broken off"
+    )
+    balance_time: float = tuned(
+        1.0, "[s] over which thrusts and contact are averaged for a blind departure"
+    )
+    leave_acceleration: float = tuned(
+        0.2, "[m/s^2] times the vehicle's mass: force of a blind departure"
+    )
     leave_time: float = tuned(3.0, "[s] for which it acts off the surface")
     rise_time: float = tuned(10.0, "[s] for which it then acts upwards")
 
 
-# A gear that twists hides its link's inertia from the motor at high frequency: with the full gains the servo oscillates
-# on gears of up to 1e6 N m/rad, with these down to 1e4 N m/rad it does not.
+# A gear that twists hides its link's inertia from the motor at high frequency: with the full gains
+# the servo oscillates on gears of up to 1e6 N m/rad, with these down to 1e4 N m/rad it does not.
 ELASTIC_GEARS = ArmTuning(joint_frequency=30.0, joint_damping=1.0)
 
-# Softer servo than for work on a stiff surface; filters, noise and friction as there (same sensors and gears).
+# Softer servo than for work on a stiff surface; filters, noise and friction as there (same sensors
+# and gears).
 _DRIVES = ArmTuning(joint_frequency=40.0, joint_damping=1.0, joint_integral_time=0.3)
 
 
@@ -315,7 +409,9 @@ class TouchTuning:
 
     lift: float = tuned(0.05, "[m] height above the nest between touches")
     descent: float = tuned(0.03, "[m/s] of the spring's end; upwards twice that")
-    beyond: float = tuned(0.012, "[m] by which the spring's end moves below the nest before it follows the tip")
+    beyond: float = tuned(
+        0.012, "[m] by which the spring's end moves below the nest before it follows the tip"
+    )
     move_speed: float = tuned(0.8, "[rad/s] of the fastest joint")
     settle: float = tuned(1.5, "[s] pressed before the reading")
     reading: float = tuned(0.5, "[s] over which encoders are averaged")
@@ -323,7 +419,9 @@ class TouchTuning:
     stiffness: float = tuned(600.0, "[N/m] of the spring at the tip")
     most: float = tuned(12.0, "[N] largest force of the spring")
     push: float = tuned(10.0, "[N] constant force into the nest")
-    let_go: float = tuned(0.3, "[s] time constant with which the spring's end approaches the tip, and the push grows")
+    let_go: float = tuned(
+        0.3, "[s] time constant with which the spring's end approaches the tip, and the push grows"
+    )
     turn_stiffness: float = tuned(60.0, "[N m/rad] of the spring that holds the pin's direction")
     turn_most: float = tuned(8.0, "[N m] largest moment of that spring")
     damping: float = tuned(1.0, "joint damping as a multiple of the gears' viscous friction")

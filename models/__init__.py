@@ -1,7 +1,8 @@
-"""Models of vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Nothing is stepped.
+"""Models of vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables.
+Nothing is stepped.
 
-A vehicle's module is imported when it is loaded: `from uuv import models`, names and descriptions of files need no
-MuJoCo.
+A vehicle's module is imported when it is loaded: `from uuv import models`, names and descriptions
+of files need no MuJoCo.
 """
 
 if __name__ != "uuv.models":
@@ -28,7 +29,9 @@ class _Entry:
 
 
 _MODELS = {
-    "uuv_puma": _Entry(build="uuv.models.vehicles.uuv_puma:build", source="generic, of no real vehicle; estimates"),
+    "uuv_puma": _Entry(
+        build="uuv.models.vehicles.uuv_puma:build", source="generic, of no real vehicle; estimates"
+    ),
     "uuv_puma_side": _Entry(
         build="uuv.models.vehicles.uuv_puma:build_side",
         source="uuv_puma with the arm on the port side, for vertical structures",
@@ -39,7 +42,8 @@ _MODELS = {
     ),
     "bluerov2_heavy_wu2018": _Entry(
         build="uuv.models.vehicles.bluerov2_heavy:wu_2018",
-        source="Wu 2018, thesis, Flinders University, tables 5.1 and 5.2 (for fresh water, here ballasted for "
+        source="Wu 2018, thesis, Flinders University, tables 5.1 and 5.2 (for fresh water, here "
+        "ballasted for "
         "1025 kg/m^3); T200 at 16 V",
     ),
     "bluerov2_heavy_alpha5": _Entry(
@@ -48,19 +52,23 @@ _MODELS = {
     ),
     "phoenix_smart3s": _Entry(
         build="uuv.models.vehicles.phoenix_smart3s:build",
-        source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh water, here "
+        source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh "
+        "water, here "
         "ballasted for 1025 kg/m^3)",
     ),
     "rexrov2_arm7": _Entry(
         build="uuv.models.vehicles.rexrov2:with_arm_7",
-        source="RexROV 2 of UUV Simulator (Manhaes et al. 2016; Berg 2012) with the kinematics of a KUKA LBR iiwa 7",
+        source="RexROV 2 of UUV Simulator (Manhaes et al. 2016; Berg 2012) with the kinematics of "
+        "a KUKA LBR iiwa 7",
     ),
     "uuv_puma_two_sway": _Entry(
-        build="uuv.models.vehicles.uuv_puma:build_two_sway", source="uuv_puma with two sway thrusters, at bow and stern"
+        build="uuv.models.vehicles.uuv_puma:build_two_sway",
+        source="uuv_puma with two sway thrusters, at bow and stern",
     ),
     "remus100": _Entry(
         build="uuv.models.vehicles.remus100:build",
-        source="PythonVehicleSimulator (Fossen), remus100.py; propeller as a thruster, fins by remus100.fin_wrench",
+        source="PythonVehicleSimulator (Fossen), remus100.py; propeller as a thruster, fins by "
+        "remus100.fin_wrench",
     ),
     "reach_alpha_5": _Entry(
         build="uuv.models.vehicles.reach_alpha_5:build",
@@ -155,7 +163,9 @@ def _source(name: str) -> str:
 if not TYPE_CHECKING:  # which sees modules that are imported, and no others
 
     def __getattr__(name: str) -> Any:
-        """A module of this package, such as `uuv.models.hydrodynamics`, imported when it is first asked for."""
+        """A module of this package, such as `uuv.models.hydrodynamics`, imported when it is first
+        asked for.
+        """
         if not name.startswith("_"):
             try:
                 return import_module(f"{__name__}.{name}")

@@ -1,8 +1,10 @@
-"""Hydrodynamic coefficients of bodies: data classes, their table inside an MjSpec, and closed forms for plain shapes.
+"""Hydrodynamic coefficients of bodies: data classes, their table inside an MjSpec, and closed forms
+for plain shapes.
 
-Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's order). They are
-stored in `body.userdata`, one row of `LAYOUT.size` numbers per body. A compiled `MjModel` therefore carries them by
-itself, and one stateless callback (`uuv.sim.hydrodynamics`) serves every model of the process.
+Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's
+order). They are stored in `body.userdata`, one row of `LAYOUT.size` numbers per body. A compiled
+`MjModel` therefore carries them by itself, and one stateless callback (`uuv.sim.hydrodynamics`)
+serves every model of the process.
 """
 
 import warnings
@@ -16,7 +18,15 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.water.bounds import LONGEST, SEA_WATER, bounded, lengths, not_negative, positive, segment
+from uuv.models.water.bounds import (
+    LONGEST,
+    SEA_WATER,
+    bounded,
+    lengths,
+    not_negative,
+    positive,
+    segment,
+)
 from uuv.models.water.forms import KINDS, Form, MunkFactor
 from uuv.models.water.native_mark import mark
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
@@ -25,17 +35,21 @@ from uuv.sim.interfaces.spatial import Array, checked, readonly, rotation_from_z
 ORIGIN: Final = readonly([0.0, 0.0, 0.0])
 MAX_STRIPS: Final = 2  # segments with strip drag per body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations per segment
-UNEVEN: Final = 1e-3  # share of the largest number by which an added mass may be asymmetric, as rounding
-ELEMENTS: Final = "water/", "thruster/"  # begin the names of custom elements with the water of bodies, and thrusters
+# share of the largest number by which an added mass may be asymmetric, as rounding
+UNEVEN: Final = 1e-3
+# begin the names of custom elements with the water of bodies, and thrusters
+ELEMENTS: Final = "water/", "thruster/"
 CEILING: Final = 10.0  # [m] above the sea surface z = 0; a wet body above it causes a warning
 
-_STRIP_SIZE: Final = 9  # numbers per strip: start (3), end (3), normal, tangential, number of stations
+# numbers per strip: start (3), end (3), normal, tangential, number of stations
+_STRIP_SIZE: Final = 9
 _UPPER: Final = np.triu_indices(6)
 
-# Index of each number in a row of `body_user`. The world body has a row of its own. Both begin with a stamp that
-# changes with the layout, so that a table of another layout or project is rejected. The stamp has six digits and is
-# below 1: MJCF has six digits and, from MuJoCo 4.0 on, rounds off numbers that are small beside the others.
-# Behind a body's row stand the records of its forms: kind, length, and that many numbers. A kind of 0 ends them.
+# Index of each number in a row of `body_user`. The world body has a row of its own. Both begin with
+# a stamp that changes with the layout, so that a table of another layout or project is rejected.
+# The stamp has six digits and is below 1: MJCF has six digits and, from MuJoCo 4.0 on, rounds off
+# numbers that are small beside the others. Behind a body's row stand the records of its forms:
+# kind, length, and that many numbers. A kind of 0 ends them.
 LAYOUT: Final = SimpleNamespace(
     stamp_value=0.620263,
     stamp=0,
@@ -48,7 +62,8 @@ LAYOUT: Final = SimpleNamespace(
     strip_count=68,
     strips=69,  # MAX_STRIPS times 9
     strip_size=_STRIP_SIZE,
-    body_density=69 + MAX_STRIPS * _STRIP_SIZE,  # [kg/m^3] of the water; the world's own takes precedence
+    # [kg/m^3] of the water; the world's own takes precedence
+    body_density=69 + MAX_STRIPS * _STRIP_SIZE,
     size=70 + MAX_STRIPS * _STRIP_SIZE,
     # the world; MJCF does not keep this row
     density=1,
@@ -71,8 +86,10 @@ NO_CURRENT: Final = 8  # flag: numbers of something else where a simulation has 
 class StripDrag:
     """Drag of a slender part, integrated along a segment by Gauss-Legendre stations.
 
-    Each station has its own velocity, so that a swinging link is damped correctly, which a single 6x6 matrix cannot do.
-    Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`, the cross-flow principle [Faltinsen 1990, section 7].
+    Each station has its own velocity, so that a swinging link is damped correctly, which a single
+    6x6 matrix cannot do.
+    Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`, the cross-flow principle
+    [Faltinsen 1990, section 7].
 
     Raises:
         ConfigurationError: a number that is not finite or is negative, or a segment without length.
@@ -85,12 +102,18 @@ class StripDrag:
     stations: int = field(default=4, metadata={"schema": {"minimum": 1, "maximum": MAX_STATIONS}})
 
     def __post_init__(self) -> None:
-        for name, place in zip(("start", "end"), segment(self.start, self.end, "strip"), strict=True):
+        for name, place in zip(
+            ("start", "end"), segment(self.start, self.end, "strip"), strict=True
+        ):
             object.__setattr__(self, name, place)
         object.__setattr__(self, "normal", not_negative(self.normal, "strip normal drag [kg/m^2]"))
-        object.__setattr__(self, "tangential", not_negative(self.tangential, "strip tangential drag [kg/m^2]"))
+        object.__setattr__(
+            self, "tangential", not_negative(self.tangential, "strip tangential drag [kg/m^2]")
+        )
         if not (isinstance(self.stations, int | np.integer) and 1 <= self.stations <= MAX_STATIONS):
-            raise ConfigurationError(f"strip stations: expected 1 to {MAX_STATIONS}, got {self.stations!r}")
+            raise ConfigurationError(
+                f"strip stations: expected 1 to {MAX_STATIONS}, got {self.stations!r}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,16 +123,19 @@ class BodyHydrodynamics:
     An asymmetry of the added mass up to 1e-3 of its largest number is removed (PhysicsWarning).
 
     Raises:
-        ConfigurationError: a wrong shape; a number that is not finite or beyond `LARGEST` (lengths: `LONGEST`); a
-            negative volume or damping; an added mass that is not symmetric or not positive semidefinite; a linear
-            damping whose symmetric part is not positive semidefinite.
+        ConfigurationError: a wrong shape; a number that is not finite or beyond `LARGEST` (lengths:
+            `LONGEST`); a negative volume or damping; an added mass that is not symmetric or not
+            positive semidefinite; a linear damping whose symmetric part is not positive
+            semidefinite.
     """
 
     volume: float  # [m^3] of displaced water
     center_of_buoyancy: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
     added_mass: Array = field(default_factory=lambda: np.zeros((6, 6)))  # (6, 6) [kg, kg m, kg m^2]
-    linear_damping: Array = field(default_factory=lambda: np.zeros(6))  # (6,) or (6, 6) [N s/m, N m s]; kept as (6, 6)
-    quadratic_damping: Array = field(default_factory=lambda: np.zeros(6))  # (6,) [N s^2/m^2, N m s^2]
+    # (6,) or (6, 6) [N s/m, N m s]; kept as (6, 6)
+    linear_damping: Array = field(default_factory=lambda: np.zeros(6))
+    # (6,) [N s^2/m^2, N m s^2]
+    quadratic_damping: Array = field(default_factory=lambda: np.zeros(6))
     strips: StripDrag | tuple[StripDrag, ...] | None = ()  # at most MAX_STRIPS; kept as a tuple
     forms: Form | tuple[Form, ...] = ()  # further terms (`uuv.models.water.forms`); kept as a tuple
 
@@ -121,7 +147,9 @@ class BodyHydrodynamics:
         object.__setattr__(self, "linear_damping", _linear_damping(self.linear_damping))
         quadratic = bounded(self.quadratic_damping, (6,), "quadratic_damping")
         if np.any(quadratic < 0.0):
-            raise ConfigurationError(f"quadratic_damping: must not be negative, got {quadratic.tolist()}")
+            raise ConfigurationError(
+                f"quadratic_damping: must not be negative, got {quadratic.tolist()}"
+            )
         object.__setattr__(self, "quadratic_damping", quadratic)
         object.__setattr__(self, "strips", _strips(self.strips))
         object.__setattr__(self, "forms", _forms(self.forms))
@@ -137,7 +165,9 @@ class BodyHydrodynamics:
         return _forms(self.forms)
 
 
-def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float | None = None) -> None:
+def attach(
+    spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float | None = None
+) -> None:
     """Write the coefficients of `bodies` and the density of the water into `spec`.
 
     Repeated calls add or replace bodies; the last density holds for all. Rows of bodies survive
@@ -149,28 +179,43 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
         water_density: [kg/m^3]; by default that of the spec, else `SEA_WATER`.
 
     Raises:
-        ConfigurationError: no MjSpec or mapping, an unknown body, a density <= 0, or foreign user data.
+        ConfigurationError: no MjSpec or mapping, an unknown body, a density <= 0, or foreign user
+            data.
     """
     _check_spec(spec)
     if not isinstance(bodies, Mapping):
-        raise ConfigurationError(f"bodies: expected a mapping of names to BodyHydrodynamics, got {bodies!r}")
-    density = density_of(spec) if water_density is None else float(checked([water_density], (1,), "water_density")[0])
+        raise ConfigurationError(
+            f"bodies: expected a mapping of names to BodyHydrodynamics, got {bodies!r}"
+        )
+    density = (
+        density_of(spec)
+        if water_density is None
+        else float(checked([water_density], (1,), "water_density")[0])
+    )
     if not density > 0.0:
         raise ConfigurationError(f"water_density [kg/m^3]: must be positive, got {density}")
     targets = {name: _body_named(spec, name) for name in bodies}
     if unknown := sorted((name for name, body in targets.items() if body is None), key=str):
-        have = ", ".join(sorted(body.name for body in spec.bodies[1:] if body.name)) or "no body with a name"
-        raise ConfigurationError(f"no such body: {', '.join(map(repr, unknown))}; the spec has {have}")
+        have = (
+            ", ".join(sorted(body.name for body in spec.bodies[1:] if body.name))
+            or "no body with a name"
+        )
+        raise ConfigurationError(
+            f"no such body: {', '.join(map(repr, unknown))}; the spec has {have}"
+        )
     for name, coefficients in bodies.items():
         if not isinstance(coefficients, BodyHydrodynamics):
-            raise ConfigurationError(f"{name}: expected BodyHydrodynamics, got {type(coefficients).__name__}")
+            raise ConfigurationError(
+                f"{name}: expected BodyHydrodynamics, got {type(coefficients).__name__}"
+            )
     for body in [spec.worldbody, *targets.values()]:
         if len(body.userdata) and not carries(body.userdata):
             raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
 
     mark(spec)
     rows = {name: pack(coefficients) for name, coefficients in bodies.items()}
-    if spec.nuser_body >= 0:  # if negative, MuJoCo takes the longest row, and attached specs do not conflict
+    # if negative, MuJoCo takes the longest row, and attached specs do not conflict
+    if spec.nuser_body >= 0:
         spec.nuser_body = max(spec.nuser_body, LAYOUT.size, *map(len, rows.values()))
     world = _row_of(spec.worldbody)
     world[LAYOUT.density] = density
@@ -178,7 +223,8 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
     spec.worldbody.userdata = world
     for name, row in rows.items():
         targets[name].userdata = row
-        # MuJoCo stores only the diagonal of a "simple" body's inertia; added mass needs the whole block.
+        # MuJoCo stores only the diagonal of a "simple" body's inertia; added mass needs the whole
+        # block.
         targets[name].simple = 0
     for body in spec.bodies[1:]:
         row = body.userdata
@@ -187,14 +233,19 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
 
 
 def density_of(spec: mujoco.MjSpec) -> float:
-    """Density of the water [kg/m^3] in `spec`: the world's, else that of its bodies, else `SEA_WATER`.
+    """Density of the water [kg/m^3] in `spec`: the world's, else that of its bodies, else
+    `SEA_WATER`.
 
     Raises:
         ConfigurationError: the bodies have different densities.
     """
     if carries(spec.worldbody.userdata):
         return float(spec.worldbody.userdata[LAYOUT.density])
-    rows = {body.name: float(body.userdata[LAYOUT.body_density]) for body in spec.bodies if carries(body.userdata)}
+    rows = {
+        body.name: float(body.userdata[LAYOUT.body_density])
+        for body in spec.bodies
+        if carries(body.userdata)
+    }
     return _common_density(rows) if rows else SEA_WATER
 
 
@@ -206,7 +257,8 @@ def is_wet(model: mujoco.MjModel) -> bool:
 def water_density(model: mujoco.MjModel) -> float:
     """Density of the water [kg/m^3] of a compiled wet model: the world's, else that of its bodies.
 
-    MJCF keeps only the bodies' rows, so a model that MuJoCo loads by itself has no row of the world.
+    MJCF keeps only the bodies' rows, so a model that MuJoCo loads by itself has no row of the
+    world.
 
     Raises:
         ConfigurationError: the bodies have different densities, or the model has no hydrodynamics.
@@ -214,15 +266,20 @@ def water_density(model: mujoco.MjModel) -> float:
     if carries(model.body_user[0]):
         return float(model.body_user[0, LAYOUT.density])
     rows = {
-        model.body(i).name: float(row[LAYOUT.body_density]) for i, row in enumerate(model.body_user) if carries(row)
+        model.body(i).name: float(row[LAYOUT.body_density])
+        for i, row in enumerate(model.body_user)
+        if carries(row)
     }
     if not rows:
-        raise ConfigurationError("the model has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec")
+        raise ConfigurationError(
+            "the model has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec"
+        )
     return _common_density(rows)
 
 
 def world_row(model: mujoco.MjModel) -> Array:
-    """Row of the world of a compiled wet model, as a live view; created with its density where missing.
+    """Row of the world of a compiled wet model, as a live view; created with its density where
+    missing.
 
     Raises:
         ConfigurationError: as `water_density`.
@@ -235,7 +292,10 @@ def world_row(model: mujoco.MjModel) -> Array:
 
 
 def set_current(
-    spec: mujoco.MjSpec, velocity: ArrayLike = ORIGIN, acceleration: ArrayLike = ORIGIN, shear: ArrayLike = ORIGIN
+    spec: mujoco.MjSpec,
+    velocity: ArrayLike = ORIGIN,
+    acceleration: ArrayLike = ORIGIN,
+    shear: ArrayLike = ORIGIN,
 ) -> None:
     """Set the current of a model: velocity at z = 0, acceleration and shear, in world axes.
 
@@ -257,7 +317,9 @@ def set_current(
         raise ConfigurationError("set_current: this spec has no hydrodynamics; call attach first")
     attach(spec, {})
     world = _row_of(spec.worldbody)
-    world[LAYOUT.current_acceleration :][:3] = checked(acceleration, (3,), "current acceleration [m/s^2]")
+    world[LAYOUT.current_acceleration :][:3] = checked(
+        acceleration, (3,), "current acceleration [m/s^2]"
+    )
     world[LAYOUT.current_shear :][:3] = checked(shear, (3,), "current shear [1/s]")
     spec.option.wind = checked(velocity, (3,), "current velocity [m/s]")
     spec.worldbody.userdata = world
@@ -265,7 +327,11 @@ def set_current(
 
 def attached(spec: mujoco.MjSpec) -> dict[str, BodyHydrodynamics]:
     """Coefficients stored in `spec`, by body name."""
-    return {body.name: unpack(_numbers(body.userdata)) for body in spec.bodies[1:] if carries(body.userdata)}
+    return {
+        body.name: unpack(_numbers(body.userdata))
+        for body in spec.bodies[1:]
+        if carries(body.userdata)
+    }
 
 
 def carries(row: Sequence[float] | Array) -> bool:
@@ -274,7 +340,9 @@ def carries(row: Sequence[float] | Array) -> bool:
 
 
 def pack(body: BodyHydrodynamics) -> Array:
-    """Encode `body` as a row (LAYOUT.size,) of user data; a body with forms has a longer one (see `LAYOUT`)."""
+    """Encode `body` as a row (LAYOUT.size,) of user data; a body with forms has a longer one (see
+    `LAYOUT`).
+    """
     row = np.zeros(LAYOUT.size)
     row[LAYOUT.stamp] = LAYOUT.stamp_value
     row[LAYOUT.volume] = body.volume
@@ -291,14 +359,17 @@ def pack(body: BodyHydrodynamics) -> Array:
             strip.tangential,
             strip.stations,
         ]
-    records = [(form.kind, len(numbers), *numbers) for form in body.terms for numbers in [form.numbers()]]
+    records = [
+        (form.kind, len(numbers), *numbers) for form in body.terms for numbers in [form.numbers()]
+    ]
     return np.concatenate([row, *records])
 
 
 def unpack(row: ArrayLike) -> BodyHydrodynamics:
     """Decode a row of `body_user`; the inverse of `pack`.
 
-    A semidefinite matrix that lost this property to MJCF's six digits is replaced by the nearest semidefinite one.
+    A semidefinite matrix that lost this property to MJCF's six digits is replaced by the nearest
+    semidefinite one.
 
     Raises:
         ConfigurationError: the row holds numbers that `BodyHydrodynamics` refuses.
@@ -340,7 +411,8 @@ def _unpacked(content: bytes) -> BodyHydrodynamics:
 
 
 def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
-    """Decode a row for a model that knows no forms; a PhysicsWarning that begins with `whose` names those left out.
+    """Decode a row for a model that knows no forms; a PhysicsWarning that begins with `whose` names
+    those left out.
 
     Raises:
         ConfigurationError: as `unpack` does.
@@ -348,17 +420,21 @@ def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
     body = unpack(row)
     if body.terms:
         names = ", ".join(sorted({type(form).__name__ for form in body.terms}))
-        warnings.warn(f"{whose} leaves out forms of the water that the plant has: {names}", PhysicsWarning, 3)
+        warnings.warn(
+            f"{whose} leaves out forms of the water that the plant has: {names}", PhysicsWarning, 3
+        )
     return replace(body, forms=())
 
 
 def trim(
     spec: mujoco.MjSpec, body: str, *, metacentric_height: float, qpos: ArrayLike | None = None
 ) -> BodyHydrodynamics:
-    """Ballast the tree of `body`: set that body's volume and centre of buoyancy so that the tree floats at rest.
+    """Ballast the tree of `body`: set that body's volume and centre of buoyancy so that the tree
+    floats at rest.
 
-    Afterwards the tree's buoyancy equals its weight. Its centre of buoyancy lies straight above its centre of mass,
-    against gravity. Every other coefficient stays. All bodies must have their coefficients attached first.
+    Afterwards the tree's buoyancy equals its weight. Its centre of buoyancy lies straight above its
+    centre of mass, against gravity. Every other coefficient stays. All bodies must have their
+    coefficients attached first.
 
     Args:
         spec: model, changed in place.
@@ -370,13 +446,15 @@ def trim(
         The coefficients now attached to `body`.
 
     Raises:
-        ConfigurationError: no MjSpec or no number, no coefficients on `body`, zero gravity, a wrong shape of `qpos`, or
-            other bodies that alone displace more than the tree weighs.
+        ConfigurationError: no MjSpec or no number, no coefficients on `body`, zero gravity, a wrong
+            shape of `qpos`, or other bodies that alone displace more than the tree weighs.
     """
     _check_spec(spec)
     here = attached(spec)
     if body not in here:
-        raise ConfigurationError(f"{body}: no hydrodynamics attached; attached are {', '.join(sorted(here))}")
+        raise ConfigurationError(
+            f"{body}: no hydrodynamics attached; attached are {', '.join(sorted(here))}"
+        )
     metacentric_height = float(checked([metacentric_height], (1,), "metacentric_height [m]")[0])
     model = spec.copy().compile()
     data = mujoco.MjData(model)
@@ -404,7 +482,8 @@ def trim(
     needed = mass - displaced
     if needed <= 0.0:
         raise ConfigurationError(
-            f"trim: the tree of {body} weighs {mass:.6g} kg, its other bodies displace {displaced:.6g} kg already"
+            f"trim: the tree of {body} weighs {mass:.6g} kg, its other bodies displace "
+            f"{displaced:.6g} kg already"
         )
     p_W = (mass * (data.subtree_com[root] + metacentric_height * up) - moment) / needed
     trimmed = replace(
@@ -416,16 +495,22 @@ def trim(
     return trimmed
 
 
-# --------------------------------------------------------------------------------------------------------- plain shapes
+# ---------------------------------------------------------------------------------------------------------
+# plain shapes
 
 
 def sphere(
-    radius: float, *, center: ArrayLike = ORIGIN, drag_coefficient: float = 0.47, water_density: float = SEA_WATER
+    radius: float,
+    *,
+    center: ArrayLike = ORIGIN,
+    drag_coefficient: float = 0.47,
+    water_density: float = SEA_WATER,
 ) -> BodyHydrodynamics:
     """Hydrodynamics of a sphere.
 
-    Added mass is half the displaced mass [Lamb 1932, art. 92]. The drag coefficient is that at Reynolds numbers of 1e4
-    to 1e5 [Hoerner 1965, p. 3-8]. Drag acts at the body origin, so keep `center` near it or use strips.
+    Added mass is half the displaced mass [Lamb 1932, art. 92]. The drag coefficient is that at
+    Reynolds numbers of 1e4 to 1e5 [Hoerner 1965, p. 3-8]. Drag acts at the body origin, so keep
+    `center` near it or use strips.
 
     Args:
         radius: [m].
@@ -436,7 +521,10 @@ def sphere(
     Returns:
         Coefficients at the body origin.
     """
-    radius, center = float(lengths([radius], (1,), "radius [m]")[0]), bounded(center, (3,), "center [m]", LONGEST)
+    radius, center = (
+        float(lengths([radius], (1,), "radius [m]")[0]),
+        bounded(center, (3,), "center [m]", LONGEST),
+    )
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
     volume = 4.0 / 3.0 * np.pi * radius**3
@@ -459,8 +547,8 @@ def ellipsoid(
 ) -> BodyHydrodynamics:
     """Hydrodynamics of an ellipsoid with semi-axes along the body axes.
 
-    Added mass is that of [Lamb 1932, art. 114 and 115]; for two equal axes these are his k-factors of spheroids. Drag
-    acts at the body origin.
+    Added mass is that of [Lamb 1932, art. 114 and 115]; for two equal axes these are his k-factors
+    of spheroids. Drag acts at the body origin.
 
     Args:
         semi_axes: (3,) [m].
@@ -480,20 +568,29 @@ def ellipsoid(
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
-        added_mass=moved_added_mass(np.diag(water_density * volume * _ellipsoid_factors(axes)), np.eye(3), center),
-        quadratic_damping=np.concatenate([0.5 * water_density * drag_coefficient * area, np.zeros(3)]),
+        added_mass=moved_added_mass(
+            np.diag(water_density * volume * _ellipsoid_factors(axes)), np.eye(3), center
+        ),
+        quadratic_damping=np.concatenate(
+            [0.5 * water_density * drag_coefficient * area, np.zeros(3)]
+        ),
     )
 
 
 def box(
-    size: ArrayLike, *, center: ArrayLike = ORIGIN, drag_coefficient: float = 1.05, water_density: float = SEA_WATER
+    size: ArrayLike,
+    *,
+    center: ArrayLike = ORIGIN,
+    drag_coefficient: float = 1.05,
+    water_density: float = SEA_WATER,
 ) -> BodyHydrodynamics:
     """Estimated hydrodynamics of a rectangular prism with edges along the body axes.
 
-    Added mass along each axis is from [DNV C205, table D-2]: the square prism of the same frontal area, tending to a
-    square plate as the length goes to 0. In rotation it is that of the inscribed ellipsoid, scaled by the volumes. Drag
-    acts on the frontal areas (cube, [Hoerner 1965, p. 3-17]). In rotation the same coefficient applies to the local
-    speed of each face. Drag acts at the body origin.
+    Added mass along each axis is from [DNV C205, table D-2]: the square prism of the same frontal
+    area, tending to a square plate as the length goes to 0. In rotation it is that of the inscribed
+    ellipsoid, scaled by the volumes. Drag acts on the frontal areas (cube, [Hoerner 1965, p.
+    3-17]). In rotation the same coefficient applies to the local speed of each face. Drag acts at
+    the body origin.
 
     Args:
         size: (3,) [m] edges.
@@ -510,17 +607,21 @@ def box(
     volume = float(np.prod(edges))
     area = volume / edges
     side = np.sqrt(area)  # [m] side of the square of equal frontal area
-    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant if long.
+    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant if
+    # long.
     slenderness = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0]
     reduced = [0.579 * np.pi / 4.0, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80]
     translation = water_density * side**3 * np.interp(edges / side, slenderness, reduced)
     rotation = water_density * volume * _ellipsoid_factors(edges / 2.0)[3:]
     x, y, z = edges
-    spin = np.array([x * (y**4 + z**4), y * (x**4 + z**4), z * (x**4 + y**4)]) / 32.0  # integral of |r|^3 over faces
+    # integral of |r|^3 over faces
+    spin = np.array([x * (y**4 + z**4), y * (x**4 + z**4), z * (x**4 + y**4)]) / 32.0
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
-        added_mass=moved_added_mass(np.diag(np.concatenate([translation, rotation])), np.eye(3), center),
+        added_mass=moved_added_mass(
+            np.diag(np.concatenate([translation, rotation])), np.eye(3), center
+        ),
         quadratic_damping=0.5 * water_density * drag_coefficient * np.concatenate([area, spin]),
     )
 
@@ -537,8 +638,9 @@ def cylinder(
 ) -> BodyHydrodynamics:
     """Hydrodynamics of a slender cylinder, such as a link of an arm.
 
-    Added mass is by strip theory: the displaced mass across, none along [Newman 1977, section 4.15]. Drag is one strip:
-    cross flow on the diameter, skin friction on the circumference [Hoerner 1965, p. 3-9 and 3-12].
+    Added mass is by strip theory: the displaced mass across, none along [Newman 1977, section
+    4.15]. Drag is one strip: cross flow on the diameter, skin friction on the circumference
+    [Hoerner 1965, p. 3-9 and 3-12].
 
     Args:
         radius: [m].
@@ -574,7 +676,10 @@ def cylinder(
     R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     center = 0.5 * (strip.start + strip.end)
     return BodyHydrodynamics(
-        volume=volume, center_of_buoyancy=center, added_mass=moved_added_mass(local, R, center), strips=strip
+        volume=volume,
+        center_of_buoyancy=center,
+        added_mass=moved_added_mass(local, R, center),
+        strips=strip,
     )
 
 
@@ -597,7 +702,8 @@ def moved_added_mass(added_mass: ArrayLike, R: ArrayLike, p: ArrayLike) -> Array
 
 
 def _ellipsoid_factors(axes: Array) -> Array:
-    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid [Lamb 1932, art. 114, 115].
+    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid [Lamb 1932, art.
+    114, 115].
 
     Equations (8) of article 114 and (5) of article 115.
     """
@@ -606,7 +712,10 @@ def _ellipsoid_factors(axes: Array) -> Array:
     squares = axes**2
     # Lamb's alpha_0 = abc int_0^inf dl / ((a^2 + l) Delta), which is 2/3 abc R_D.
     alpha = np.array(
-        [2.0 / 3.0 * np.prod(axes) * elliprd(squares[i - 2], squares[i - 1], squares[i]) for i in range(3)]
+        [
+            2.0 / 3.0 * np.prod(axes) * elliprd(squares[i - 2], squares[i - 1], squares[i])
+            for i in range(3)
+        ]
     )
     factors = np.zeros(6)
     factors[:3] = alpha / (2.0 - alpha)
@@ -614,34 +723,44 @@ def _ellipsoid_factors(axes: Array) -> Array:
         j, k = (i + 1) % 3, (i + 2) % 3
         difference, total = squares[j] - squares[k], squares[j] + squares[k]
         slip = alpha[k] - alpha[j]
-        if abs(difference) > 1e-9 * total:  # a body of revolution has no added inertia about its axis
+        # a body of revolution has no added inertia about its axis
+        if abs(difference) > 1e-9 * total:
             factors[3 + i] = difference**2 * slip / (5.0 * (2.0 * difference - total * slip))
     return factors
 
 
-# --------------------------------------------------------------------------------------------------------------- checks
+# ---------------------------------------------------------------------------------------------------------------
+# checks
 
 
 def _check_spec(spec: mujoco.MjSpec) -> None:
     if not isinstance(spec, mujoco.MjSpec):
-        raise ConfigurationError(f"spec: expected a mujoco.MjSpec, which is not compiled yet, got {spec!r}")
+        raise ConfigurationError(
+            f"spec: expected a mujoco.MjSpec, which is not compiled yet, got {spec!r}"
+        )
 
 
 def _common_density(rows: dict[str, float]) -> float:
     """Common density [kg/m^3] of all rows, given by body name."""
     if len(set(rows.values())) > 1:
         listed = ", ".join(f"{name} {density:g}" for name, density in rows.items())
-        raise ConfigurationError(f"the bodies carry waters of different density [kg/m^3]: {listed}; attach one to all")
+        raise ConfigurationError(
+            f"the bodies carry waters of different density [kg/m^3]: {listed}; attach one to all"
+        )
     return next(iter(rows.values()))
 
 
 def _body_named(spec: mujoco.MjSpec, name: object) -> Any:
     """Body of `spec` with that name, other than the world; None if there is none."""
-    return spec.body(name) if isinstance(name, str) and name not in ("", spec.worldbody.name) else None
+    return (
+        spec.body(name) if isinstance(name, str) and name not in ("", spec.worldbody.name) else None
+    )
 
 
 def _numbers(userdata: Sequence[float]) -> Array:
-    """Array of MuJoCo's vector `userdata`, number by number: fifteen times as fast as NumPy's own."""
+    """Array of MuJoCo's vector `userdata`, number by number: fifteen times as fast as NumPy's
+    own.
+    """
     return np.array([userdata[k] for k in range(len(userdata))])
 
 
@@ -659,7 +778,9 @@ def _added_mass(values: ArrayLike) -> Array:
     uneven = np.abs(matrix - matrix.T)
     i, j = np.unravel_index(np.argmax(uneven), (6, 6))
     if uneven[i, j] > 1e-9 * largest:
-        said = f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}"
+        said = (
+            f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}"
+        )
         if uneven[i, j] > UNEVEN * largest:
             raise ConfigurationError(said)
         warnings.warn(f"{said}; their mean is taken", PhysicsWarning, 4)
@@ -670,7 +791,9 @@ def _linear_damping(values: ArrayLike) -> Array:
     try:
         shape = np.shape(values)
     except ValueError as error:
-        raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {values!r}") from error
+        raise ConfigurationError(
+            f"linear_damping: expected shape (6,) or (6, 6), got {values!r}"
+        ) from error
     if shape not in ((6,), (6, 6)):
         raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {shape}")
     matrix = bounded(values, shape, "linear_damping")
@@ -684,12 +807,16 @@ def _linear_damping(values: ArrayLike) -> Array:
 def _semidefinite(matrix: Array, name: str) -> Array:
     eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
     if eigenvalues[0] < -1e-9 * max(float(eigenvalues[-1]), 1e-300):
-        raise ConfigurationError(f"{name}: has a negative eigenvalue, {eigenvalues[0]:.6g}; it would feed energy in")
+        raise ConfigurationError(
+            f"{name}: has a negative eigenvalue, {eigenvalues[0]:.6g}; it would feed energy in"
+        )
     return matrix
 
 
 def _restored(symmetric: Array) -> Array:
-    """`symmetric` (6, 6), or the nearest semidefinite matrix where rounding to six digits made it indefinite."""
+    """`symmetric` (6, 6), or the nearest semidefinite matrix where rounding to six digits made it
+    indefinite.
+    """
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     if not -1e-5 * eigenvalues[-1] < eigenvalues[0] < -1e-9 * eigenvalues[-1]:
         return symmetric
@@ -721,7 +848,9 @@ def _unpacked_forms(tail: Array) -> tuple[Form, ...]:
         kind, count = tail[at], tail[at + 1]
         end = at + 2 + int(count)
         if kind not in KINDS or not (count >= 0 and count == int(count)) or end > len(tail):
-            raise ConfigurationError(f"forms: no record of a known form: kind {kind:g} with {count:g} numbers")
+            raise ConfigurationError(
+                f"forms: no record of a known form: kind {kind:g} with {count:g} numbers"
+            )
         forms.append(KINDS[kind].of(tail[at + 2 : end]))
         at = end
     return tuple(forms)

@@ -1,9 +1,11 @@
-"""The contract with a vehicle's MJCF: names of its bodies, sites, geoms, joints and keyframes, and their look-up.
+"""The contract with a vehicle's MJCF: names of its bodies, sites, geoms, joints and keyframes, and
+their look-up.
 
-A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of `uuv.models.water.thrusters`. If it
-has an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints each have an actuator (found by its
-transmission), and a site `tip` (z out of the tool). Jobs also want a site `camera` (OpenCV axes), and optionally a
-sliding joint `pad` behind the face of the pad.
+A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of
+`uuv.models.water.thrusters`. If it
+has an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints each have an
+actuator (found by its transmission), and a site `tip` (z out of the tool). Jobs also want a site
+`camera` (OpenCV axes), and optionally a sliding joint `pad` behind the face of the pad.
 """
 
 from collections.abc import Collection
@@ -40,7 +42,9 @@ _PARTS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartNames:
-    """What the parts of a vehicle are called in a model; a scene that attaches vehicles puts prefixes before them."""
+    """What the parts of a vehicle are called in a model; a scene that attaches vehicles puts
+    prefixes before them.
+    """
 
     hull: str = HULL_BODY
     arm_base: str = ARM_BASE_BODY
@@ -67,7 +71,9 @@ def find(model: "mujoco.MjModel", kind: "mujoco.mjtObj", name: str) -> int:
             mujoco.mjtObj.mjOBJ_GEOM: model.ngeom,
         }[kind]
         names = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
-        raise ConfigurationError(f"the model has no {word} named {name!r}; it has {[n for n in names if n]}")
+        raise ConfigurationError(
+            f"the model has no {word} named {name!r}; it has {[n for n in names if n]}"
+        )
     return index
 
 
@@ -78,20 +84,32 @@ def of_geom(model: "mujoco.MjModel", geom: int) -> str:
 
 
 def parts(model: "mujoco.MjModel") -> list[tuple[str, str, str, bool]]:
-    """Kind, name and use of each part that a job of the arm needs, thrusters first, and whether `model` has it."""
+    """Kind, name and use of each part that a job of the arm needs, thrusters first, and whether
+    `model` has it.
+    """
     import mujoco
 
     from uuv.models.water import thrusters
 
     driven = any(thrusters.carries(row) for row in np.asarray(model.actuator_user))
     kinds = mujoco.mjtObj
-    enums = {"body": kinds.mjOBJ_BODY, "site": kinds.mjOBJ_SITE, "geom": kinds.mjOBJ_GEOM, "keyframe": kinds.mjOBJ_KEY}
-    named = [(word, name, use, mujoco.mj_name2id(model, enums[word], name) >= 0) for word, name, use in _PARTS]
+    enums = {
+        "body": kinds.mjOBJ_BODY,
+        "site": kinds.mjOBJ_SITE,
+        "geom": kinds.mjOBJ_GEOM,
+        "keyframe": kinds.mjOBJ_KEY,
+    }
+    named = [
+        (word, name, use, mujoco.mj_name2id(model, enums[word], name) >= 0)
+        for word, name, use in _PARTS
+    ]
     return [("actuators", "thrusters", "hold the hull", driven), *named]
 
 
 def lacks(model: "mujoco.MjModel", but: Collection[str] = ()) -> list[str]:
-    """Parts that a job of the arm needs and `model` lacks, each with its use; `but` names some that it does without."""
+    """Parts that a job of the arm needs and `model` lacks, each with its use; `but` names some that
+    it does without.
+    """
     return [
         name if name == "thrusters" else f"{word} {name!r} ({use})"
         for word, name, use, there in parts(model)
@@ -100,7 +118,8 @@ def lacks(model: "mujoco.MjModel", but: Collection[str] = ()) -> list[str]:
 
 
 def check_parts(model: "mujoco.MjModel", but: Collection[str] = ()) -> None:
-    """Raise ConfigurationError that names every part which a job of the arm needs and `model` lacks, with its use.
+    """Raise ConfigurationError that names every part which a job of the arm needs and `model`
+    lacks, with its use.
 
     `but` names parts that this job does without.
     """

@@ -3,15 +3,17 @@
     VEHICLES = Registry("vehicle", {"uuv_puma": uuv_puma.build})
     spec = VEHICLES.load("uuv_puma")
 
-A package adds its own in its pyproject.toml; the group is the registry's kind, the object a callable that makes it:
+A package adds its own in its pyproject.toml; the group is the registry's kind, the object a
+callable that makes it:
 
     [project.entry-points."uuv_arm.object"]
     wellhead = "my_package.objects:wellhead"
 
-Without a package, a name MODULE:ATTRIBUTE, such as my_objects:wellhead, is imported from the module path.
+Without a package, a name MODULE:ATTRIBUTE, such as my_objects:wellhead, is imported from the module
+path.
 
-A registry's own makers can be MODULE:ATTRIBUTE too: names are then known, and unknown ones refused, before anything
-heavy is imported.
+A registry's own makers can be MODULE:ATTRIBUTE too: names are then known, and unknown ones refused,
+before anything heavy is imported.
 """
 
 import importlib
@@ -39,7 +41,9 @@ class MadeForm:
 
 
 class Registry(Generic[T]):
-    """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", "sensor", "controller"."""
+    """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", "sensor",
+    "controller".
+    """
 
     def __init__(
         self,
@@ -52,8 +56,8 @@ class Registry(Generic[T]):
 
         Args:
             kind: word that messages use, and the last part of the entry points' group.
-            built_in: makers by name, or MODULE:ATTRIBUTE of one, imported when it is asked for; they take precedence
-                over other packages' of the same name.
+            built_in: makers by name, or MODULE:ATTRIBUTE of one, imported when it is asked for;
+                they take precedence over other packages' of the same name.
             aliases: built-in names by alias.
             form: of what a user's maker has to return; None: nothing is known of it.
         """
@@ -70,15 +74,22 @@ class Registry(Generic[T]):
     def __contains__(self, name: object) -> bool:
         """Whether `load` knows `name`."""
         return isinstance(name, str) and (
-            name in self._built_in or name in self._aliases or ":" in name or name in self._of_packages()
+            name in self._built_in
+            or name in self._aliases
+            or ":" in name
+            or name in self._of_packages()
         )
 
     def resolve(self, name: str) -> str:
-        """The name that an alias stands for; another name as it is. Raises ConfigurationError for an unknown one."""
+        """The name that an alias stands for; another name as it is.
+
+        Raises ConfigurationError for an unknown one.
+        """
         if name not in self:
             meant = did_you_mean(name, self.names())
             raise ConfigurationError(
-                f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}, or MODULE:ATTRIBUTE{meant}"
+                f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}, or "
+                f"MODULE:ATTRIBUTE{meant}"
             )
         return self._aliases.get(name, name)
 
@@ -94,17 +105,21 @@ class Registry(Generic[T]):
             What the maker returns.
 
         Raises:
-            ConfigurationError: for an unknown name or option, with those there are, and for whatever another package's
-                maker raises while it is imported or called.
+            ConfigurationError: for an unknown name or option, with those there are, and for
+                whatever another package's maker raises while it is imported or called.
         """
         name, own = self.resolve(name), self.resolve(name) in self._built_in
         make = self.maker(name)
         if options:
             allowed = inspect.signature(make).parameters
-            anything = any(parameter.kind is parameter.VAR_KEYWORD for parameter in allowed.values())
+            anything = any(
+                parameter.kind is parameter.VAR_KEYWORD for parameter in allowed.values()
+            )
             if not anything and not set(options) <= set(allowed):
                 unknown = sorted(set(options) - set(allowed))
-                raise ConfigurationError(f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}")
+                raise ConfigurationError(
+                    f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}"
+                )
         if own:
             return make(*given, **options)
         try:
@@ -112,12 +127,16 @@ class Registry(Generic[T]):
         except UuvError:
             raise
         except Exception as error:
-            raise ConfigurationError(f"{self.kind} {name!r}: {type(error).__name__}: {error}") from error
+            raise ConfigurationError(
+                f"{self.kind} {name!r}: {type(error).__name__}: {error}"
+            ) from error
 
         # A user's maker may return anything.
         if self._form is not None and not self._form.fits(thing):
             got = type(thing).__name__
-            raise ConfigurationError(f"{self.kind} {name!r}: must return {self._form.words}, got {got}")
+            raise ConfigurationError(
+                f"{self.kind} {name!r}: must return {self._form.words}, got {got}"
+            )
         return thing
 
     def maker(self, name: str) -> Callable[..., T]:
@@ -163,7 +182,9 @@ class Registry(Generic[T]):
             from importlib.metadata import entry_points
 
             points = entry_points(group=f"{GROUP}.{self.kind}")
-            self._found = {point.name: point for point in points if point.name not in self._built_in}
+            self._found = {
+                point.name: point for point in points if point.name not in self._built_in
+            }
         return self._found
 
     def _own(self, name: str) -> Callable[..., T]:
@@ -184,10 +205,13 @@ class Registry(Generic[T]):
             make: Any = point.load()
         except Exception as error:
             raise ConfigurationError(
-                f"{self.kind} {point.name!r} of {package}: cannot import {point.value}; {type(error).__name__}: {error}"
+                f"{self.kind} {point.name!r} of {package}: cannot import {point.value}; "
+                f"{type(error).__name__}: {error}"
             ) from error
         if not callable(make):
-            raise ConfigurationError(f"{self.kind} {point.name!r} of {package}: {point.value} must be callable")
+            raise ConfigurationError(
+                f"{self.kind} {point.name!r} of {package}: {point.value} must be callable"
+            )
         return cast(Callable[..., T], make)
 
 

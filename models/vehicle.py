@@ -1,4 +1,6 @@
-"""A vehicle in a compiled model: indices, limits, keyframes and thrusters, looked up once by `uuv.models.naming`."""
+"""A vehicle in a compiled model: indices, limits, keyframes and thrusters, looked up once by
+`uuv.models.naming`.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -30,19 +32,23 @@ class Vehicle:
     actuators: np.ndarray  # (n,) actuator of each driven joint
     q_limits: Array  # (n, 2) [rad]
     torque_limits: Array  # (n,) [N m]
-    armature: Array  # (n,) [kg m^2] inertia of rotor and gear, on the motor's side of the torque sensor
-    joint_damping: Array  # (n,) [N m s/rad] friction in the gear, on the motor's side of the torque sensor
+    # (n,) [kg m^2] inertia of rotor and gear, on the motor's side of the torque sensor
+    armature: Array
+    # (n,) [N m s/rad] friction in the gear, on the motor's side of the torque sensor
+    joint_damping: Array
     dry_friction: gear_friction.DryFriction  # of the gears, on the same side
     q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed so
     q_ready: Array  # (n,) [rad] a posture to start inverse kinematics from
     thruster_actuators: np.ndarray  # (m,) actuator indices
     thruster_table: Array  # (m, ...) rows of uuv.models.water.thrusters
-    thruster_wrench: Array  # (6, m) wrench on the hull at its origin per newton of thrust, in hull axes
+    # (6, m) wrench on the hull at its origin per newton of thrust, in hull axes
+    thruster_wrench: Array
     thruster_names: tuple[str, ...]
 
     @classmethod
     def of(cls, model: mujoco.MjModel, names: PartNames = USUAL_NAMES) -> "Vehicle":
-        """Look the vehicle up in a compiled model; one with neither `arm_base` nor `tip` has no arm.
+        """Look the vehicle up in a compiled model; one with neither `arm_base` nor `tip` has no
+        arm.
 
         Args:
             model: compiled model with a vehicle by the contract of `uuv.models.naming`.
@@ -63,12 +69,16 @@ class Vehicle:
             tip = find(model, mujoco.mjtObj.mjOBJ_SITE, names.tip)
             joints = _driven_joints(model, arm_base, tip)
         actuators = np.array([_actuator_of(model, j) for j in joints], dtype=np.int64)
-        joint_names = tuple(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(j)) for j in joints)
+        joint_names = tuple(
+            mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(j)) for j in joints
+        )
         for joint, actuator, name in zip(joints, actuators, joint_names, strict=True):
             if not model.jnt_limited[joint]:
                 raise ConfigurationError(f"joint {name!r} of the arm must have a range")
             if not model.actuator_ctrllimited[actuator]:
-                raise ConfigurationError(f"the actuator of joint {name!r} must have a ctrlrange [N m]")
+                raise ConfigurationError(
+                    f"the actuator of joint {name!r} must have a ctrlrange [N m]"
+                )
         qpos = np.asarray(model.jnt_qposadr)[joints]
         dof = np.asarray(model.jnt_dofadr)[joints]
         limits = model.jnt_range[joints]
@@ -91,7 +101,9 @@ class Vehicle:
             joint_damping=readonly(np.asarray(model.dof_damping).reshape(model.nv, -1)[dof, 0]),
             dry_friction=gear_friction.read(model, np.array(joints, dtype=np.int64)),
             q_home=readonly(_keyframe(model, HOME_KEY, model.qpos0)[qpos]),
-            q_ready=readonly(np.clip(_keyframe(model, READY_KEY, model.qpos0)[qpos], limits[:, 0], limits[:, 1])),
+            q_ready=readonly(
+                np.clip(_keyframe(model, READY_KEY, model.qpos0)[qpos], limits[:, 0], limits[:, 1])
+            ),
             thruster_actuators=thruster_actuators,
             thruster_table=readonly(table),
             thruster_wrench=readonly(_thruster_wrench(model, hull, thruster_actuators)),
@@ -113,7 +125,9 @@ class Vehicle:
 
 
 def thruster_names(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of a vehicle's thrusters: those of their actuators without "thruster_", such as "heave_front"."""
+    """Names of a vehicle's thrusters: those of their actuators without "thruster_", such as
+    "heave_front".
+    """
     return _names_of(model, thrusters.read(model)[0])
 
 
@@ -158,7 +172,8 @@ def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
     while at != ancestor:
         if at == 0 or model.body_jntnum[at]:
             raise ConfigurationError(
-                f"body {model.body(body).name!r} must be fixed to body {model.body(ancestor).name!r}"
+                f"body {model.body(body).name!r} must be fixed to body "
+                f"{model.body(ancestor).name!r}"
             )
         X, at = _pose(model.body_pos[at], model.body_quat[at]) @ X, int(model.body_parentid[at])
     return X
@@ -171,7 +186,9 @@ def _pose(p: Array, quat_wxyz: Array) -> Array:
 
 
 def _keyframe(model: mujoco.MjModel, name: str, default: Array) -> Array:
-    """Joint positions `qpos` (nq,) of the named keyframe, or `default` where the model has none of that name."""
+    """Joint positions `qpos` (nq,) of the named keyframe, or `default` where the model has none of
+    that name.
+    """
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
     return model.key_qpos[key] if key >= 0 else default
 
@@ -182,10 +199,18 @@ def _free_joint(model: mujoco.MjModel, hull: int) -> int:
     while at and not model.body_jntnum[at]:
         at = int(model.body_parentid[at])
     joint = int(model.body_jntadr[at])
-    if at == 0 or model.body_jntnum[at] != 1 or int(model.jnt_type[joint]) != mujoco.mjtJoint.mjJNT_FREE:
-        raise ConfigurationError(f"body {model.body(hull).name!r} must have exactly one joint, a free joint")
+    if (
+        at == 0
+        or model.body_jntnum[at] != 1
+        or int(model.jnt_type[joint]) != mujoco.mjtJoint.mjJNT_FREE
+    ):
+        raise ConfigurationError(
+            f"body {model.body(hull).name!r} must have exactly one joint, a free joint"
+        )
     if not np.array_equal(body_in_body(model, hull, at), np.eye(4)):
-        raise ConfigurationError(f"body {model.body(hull).name!r} must lie on its free joint, without an offset")
+        raise ConfigurationError(
+            f"body {model.body(hull).name!r} must lie on its free joint, without an offset"
+        )
     return joint
 
 
@@ -221,7 +246,9 @@ def _actuator_of(model: mujoco.MjModel, joint: int) -> int:
 
 
 def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:
-    """Columns (6, m): unit thrust, with its propeller's torque, of each thruster's site, moved to the hull's origin."""
+    """Columns (6, m): unit thrust, with its propeller's torque, of each thruster's site, moved to
+    the hull's origin.
+    """
     B = np.zeros((6, len(actuators)))
     for column, actuator in enumerate(actuators):
         X = pose_in_body(model, int(model.actuator_trnid[actuator, 0]), hull)

@@ -1,6 +1,8 @@
-"""Perception: point clouds, target poses, surfaces and tool paths from depth frames and sonar scans.
+"""Perception: point clouds, target poses, surfaces and tool paths from depth frames and sonar
+scans.
 
-Names are imported on first use, so that `from uuv import perception` needs neither Embree nor SciPy.
+Names are imported on first use, so that `from uuv import perception` needs neither Embree nor
+SciPy.
 """
 
 if __name__ != "uuv.perception":

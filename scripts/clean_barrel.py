@@ -1,7 +1,9 @@
-"""Contact cleaning of a barrel in a current: scan, identification, and force-controlled motion of a pad along a path.
+"""Contact cleaning of a barrel in a current: scan, identification, and force-controlled motion of a
+pad along a path.
 
-The vehicle knows the barrel's shape and roughly where it is. It keeps station, takes a depth frame, identifies the
-barrel, carries the tool path onto it and closes in. The contact force is estimated from joint torques alone.
+The vehicle knows the barrel's shape and roughly where it is. It keeps station, takes a depth frame,
+identifies the barrel, carries the tool path onto it and closes in. The contact force is estimated
+from joint torques alone.
 
 The same as `uuv run clean-barrel`.
 """

@@ -1,7 +1,9 @@
-"""Contact cleaning of any known object: one of the library by name, or a mesh file with a path laid on it.
+"""Contact cleaning of any known object: one of the library by name, or a mesh file with a path laid
+on it.
 
-The task is that of clean_barrel.py with another object. A named object is worked along one of its own paths. On a mesh
-file [m] the path is a line over its top, along x, projected onto the mesh from above.
+The task is that of clean_barrel.py with another object. A named object is worked along one of its
+own paths. On a mesh file [m] the path is a line over its top, along x, projected onto the mesh from
+above.
 
 The same as `uuv run clean-object`.
 """

@@ -1,7 +1,7 @@
 """Contact cleaning of a vertical pile with the arm on the vehicle's side.
 
-The task is that of clean_barrel.py with a pile 3 m long, of which the camera sees a part. The flange determines the
-height of the visible part.
+The task is that of clean_barrel.py with a pile 3 m long, of which the camera sees a part. The
+flange determines the height of the visible part.
 
 The same as `uuv run clean-pile`.
 """

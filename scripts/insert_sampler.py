@@ -1,8 +1,9 @@
 """Insertion of a sampler into a hole of a subsea manifold, and its withdrawal.
 
-The vehicle knows the manifold's shape and roughly where it is. It keeps station, takes a depth frame, identifies the
-manifold and moves the sampler before the hole. The insertion is force-controlled along the axis and compliant across
-it. With --trials N, the N seeds from --seed on run on all cores, and a table gives the success rate.
+The vehicle knows the manifold's shape and roughly where it is. It keeps station, takes a depth
+frame, identifies the manifold and moves the sampler before the hole. The insertion is
+force-controlled along the axis and compliant across it. With --trials N, the N seeds from --seed on
+run on all cores, and a table gives the success rate.
 
 The same as `uuv run insert-sampler`.
 """

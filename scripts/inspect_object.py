@@ -1,6 +1,7 @@
 """Inspection of a known object: orbits with the camera on it [Konoplin 2019, eq. 6].
 
-The object lies on the seabed; the vehicle knows its model and its coarse pose. Where the orbit would bring hull or arm
+The object lies on the seabed; the vehicle knows its model and its coarse pose. Where the orbit
+would bring hull or arm
 too near, the vehicle stays where it is: one line with the reason, exit code 2.
 
 The same as `uuv run inspect-object`.

@@ -1,7 +1,10 @@
-"""Validation table of the physics: each check with its reference, its largest error and its tolerance.
+"""Validation table of the physics: each check with its reference, its largest error and its
+tolerance.
 
-The checks are the tests in tests/physics that carry `@pytest.mark.check(name, reference)`. One row sums up all tests of
-one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md and table.json.
+The checks are the tests in tests/physics that carry `@pytest.mark.check(name, reference)`. One row
+sums up all tests of
+one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md
+and table.json.
 
 The same as `uuv validate`.
 """
@@ -39,7 +42,8 @@ class Row:
     cases: int = 0
     passed: int = 0
     skipped: str = ""  # reason of the last skipped case
-    figures: list[tuple[str, float, float]] = field(default_factory=list)  # quantity, largest error, tolerance
+    # quantity, largest error, tolerance
+    figures: list[tuple[str, float, float]] = field(default_factory=list)
 
     @property
     def ok(self) -> bool:
@@ -59,9 +63,13 @@ class Row:
 
     @property
     def worst(self) -> tuple[str, float, float] | None:
-        """The figure nearest to its tolerance; None for a check without figures, such as a specified error."""
+        """The figure nearest to its tolerance; None for a check without figures, such as a
+        specified error.
+        """
         return max(
-            self.figures, key=lambda figure: figure[1] / figure[2] if figure[2] else float(figure[1] > 0), default=None
+            self.figures,
+            key=lambda figure: figure[1] / figure[2] if figure[2] else float(figure[1] > 0),
+            default=None,
         )
 
     def columns(self) -> list[str]:
@@ -69,7 +77,12 @@ class Row:
         if self.worst is None:
             return [self.name, self.reference, f"{self.passed} of {self.cases} cases", "all"]
         what, error, tolerance = self.worst
-        return [self.name, self.reference, f"{_short(error, 1)} ({what})", _short(tolerance, 1).replace(".0e", "e")]
+        return [
+            self.name,
+            self.reference,
+            f"{_short(error, 1)} ({what})",
+            _short(tolerance, 1).replace(".0e", "e"),
+        ]
 
 
 class Page:
@@ -93,7 +106,9 @@ class Page:
             row.cases += 1
             row.passed += report.passed
             if report.skipped:
-                row.skipped = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
+                row.skipped = str(
+                    report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
+                )
             row.figures += [figures for key, figures in report.user_properties if key == "within"]  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
 
 
@@ -111,7 +126,9 @@ def put_into_docs(lines: list[str]) -> None:
     old = re.compile(r"^Physics on MuJoCo .*\n\n(\|.*\n)+", flags=re.MULTILINE)
     text, count = old.subn(lambda _: "\n".join(lines), page.read_text(encoding="utf-8"))
     if count != 1:
-        raise ConfigurationError(f"{page}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}")
+        raise ConfigurationError(
+            f"{page}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}"
+        )
     page.write_text(text, encoding="utf-8")
 
 
@@ -142,13 +159,18 @@ def run(options: ValidateOptions) -> int:
     seconds, worked = time.perf_counter() - begin, time.process_time() - worked
     rows = list(page.rows.values())
     good = sum(row.ok for row in rows)
-    title = f"Physics on MuJoCo {mujoco.__version__}: {good} of {len(rows)} checks ok, {worked:.0f} s of processor time"
+    title = (
+        f"Physics on MuJoCo {mujoco.__version__}: {good} of {len(rows)} checks ok, "
+        f"{worked:.0f} s of processor time"
+    )
 
     table = Table(title=title, title_justify="left")
     for column in ("check", "reference", "largest error", "tolerance", ""):
         table.add_column(column)
     for row in rows:
-        table.add_row(*map(Text, row.columns()), Text(row.verdict, style="green" if row.ok else "bold red"))
+        table.add_row(
+            *map(Text, row.columns()), Text(row.verdict, style="green" if row.ok else "bold red")
+        )
     Console().print(table)
 
     lines = ["| check | reference | largest error | tolerance | |", "|---|---|---|---|---|"]
@@ -158,11 +180,21 @@ def run(options: ValidateOptions) -> int:
     if options.docs:
         put_into_docs(lines)
     figures = [
-        {"check": r.name, "reference": r.reference, "cases": r.cases, "passed": r.passed, "skipped": r.skipped}
+        {
+            "check": r.name,
+            "reference": r.reference,
+            "cases": r.cases,
+            "passed": r.passed,
+            "skipped": r.skipped,
+        }
         | dict(zip(("quantity", "error", "tolerance"), r.worst or (None, None, None), strict=True))
         for r in rows
     ]
-    run = {"mujoco": mujoco.__version__, "seconds": round(seconds, 1), "processor_seconds": round(worked, 1)}
+    run = {
+        "mujoco": mujoco.__version__,
+        "seconds": round(seconds, 1),
+        "processor_seconds": round(worked, 1),
+    }
     write_whole(out / validate.TABLE, json.dumps({**run, "checks": figures}, indent=1) + "\n")
     return 0 if stopped == pytest.ExitCode.OK and all(row.ok for row in rows) else 1
 

@@ -1,15 +1,16 @@
-"""Exact hydrodynamics in MuJoCo: added mass in the joint-space inertia, for every solver, integrator and contact.
+"""Exact hydrodynamics in MuJoCo: added mass in the joint-space inertia, for every solver,
+integrator and contact.
 
-Each body obeys Kirchhoff's equations in a current [Lamb 1932, ch. VI]. With its twist nu = (v; w) and relative twist
-nu_r = nu - (R^T v_c; 0), both in body axes, the momentum of the water p = A nu_r and the acceleration nudot, the
-water's wrench on the body is
+Each body obeys Kirchhoff's equations in a current [Lamb 1932, ch. VI]. With its twist nu = (v; w)
+and relative twist nu_r = nu - (R^T v_c; 0), both in body axes, the momentum of the water p = A nu_r
+and the acceleration nudot, the water's wrench on the body is
 
     f = -A (nudot - (R^T vdot_c - w x R^T v_c; 0)) - (w x p_l; w x p_a + v_r x p_l) - D_l nu_r - D_q |nu_r| nu_r
         + rho V R^T (vdot_c - g) at the centre of buoyancy.
 
-The part -A nudot is linear in `qacc`, so it goes into the joint-space inertia: sum_b J_b^T A_b J_b is added to `d.M`,
-which has exactly this sparsity pattern. The other terms go to `d.qfrc_passive`. No acceleration is taken from an
-earlier step, so any added mass is stable.
+The part -A nudot is linear in `qacc`, so it goes into the joint-space inertia: sum_b J_b^T A_b J_b
+is added to `d.M`, which has exactly this sparsity pattern. The other terms go to `d.qfrc_passive`.
+No acceleration is taken from an earlier step, so any added mass is stable.
 
 The current is that of the simulation, in `data.userdata` (`set_current`, `current`), else that of
 its model: `model.opt.wind` (3,) [m/s] in world axes, with the acceleration and shear in
@@ -19,8 +20,10 @@ acceleration of the water is vdot_c + (v_c . grad) v_c, evaluated at the body or
 Limits of MuJoCo:
 
 - Its force and torque sensors do not see `qfrc_passive`; `compile` warns of them.
-- `mj_setConst` replaces the contact weights by those of the dry mass; call `set_constants` after it.
-- The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water explicitly.
+- `mj_setConst` replaces the contact weights by those of the dry mass; call `set_constants` after
+  it.
+- The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water
+  explicitly.
 
 The callbacks belong to the process. A pickled model installs them where it is unpickled. So does a
 file that `MjModel.from_...` loads after this module was imported; `MjSpec.compile` does not. MuJoCo
@@ -71,22 +74,24 @@ _DRY_WEIGHTS = (
     "or call uuv.sim.hydrodynamics.set_constants() after mj_setConst"
 )
 
-DENSITIES = 30.0, 20_000.0  # [kg/m^3] plausible densities of a body; outside them mass or volume is likely wrong
+# [kg/m^3] plausible densities of a body; outside them mass or volume is likely wrong
+DENSITIES = 30.0, 20_000.0
 
-# Angular over linear coefficient is a length squared (quadratic drag: cubed), near the dry body's radius of gyration.
-# Per coefficient: power of that length, and largest plausible ratio to it. The vehicles here reach 2, 27 (REMUS 100)
-# and 30.
+# Angular over linear coefficient is a length squared (quadratic drag: cubed), near the dry body's
+# radius of gyration. Per coefficient: power of that length, and largest plausible ratio to it. The
+# vehicles here reach 2, 27 (REMUS 100) and 30.
 _LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 40.0), "quadratic_damping": (3, 100.0)}
 
 
 def install() -> None:
-    """Install the process's callbacks of the hydrodynamics. Idempotent; about 10 s the first time ever.
+    """Install the process's callbacks of the hydrodynamics. Idempotent; about 10 s the first time
+    ever.
 
     If other code replaces one later, a RuntimeWarning follows: wet models then move without it.
 
     Raises:
-        HydrodynamicsError: MuJoCo's memory layout differs from its introspection, or another callback
-            is in the place of one of ours.
+        HydrodynamicsError: MuJoCo's memory layout differs from its introspection, or another
+            callback is in the place of one of ours.
     """
     process_callbacks.install()
 
@@ -104,9 +109,9 @@ def is_installed() -> bool:
 def check_installed(model: mujoco.MjModel) -> bool:
     """Return True if water and gears of `model` act correctly; otherwise warn and return False.
 
-    RuntimeWarning, in one line: a callback that it needs is not installed, its options are ones that
-    `check` refuses, or its contact weights are those of the dry mass (compiled without `compile`, or
-    reset by `mj_setConst`).
+    RuntimeWarning, in one line: a callback that it needs is not installed, its options are ones
+    that `check` refuses, or its contact weights are those of the dry mass (compiled without
+    `compile`, or reset by `mj_setConst`).
     """
     if process_callbacks.needed_by(model) and not is_installed():
         problem = f"this model carries {process_callbacks.left_out(model)}"
@@ -123,15 +128,19 @@ def check_installed(model: mujoco.MjModel) -> bool:
 
 
 def check_constants(model: mujoco.MjModel) -> None:
-    """Raise HydrodynamicsError if `model` carries coefficients but has the contact weights of its dry mass."""
+    """Raise HydrodynamicsError if `model` carries coefficients but has the contact weights of its
+    dry mass.
+    """
     if _carriers(model) and _has_dry_weights(model):
         raise HydrodynamicsError(f"this model carries hydrodynamics but {_DRY_WEIGHTS}")
 
 
 def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Raise an error if the simulation diverged, and warn once of speeds or heights beyond the model's validity.
+    """Raise an error if the simulation diverged, and warn once of speeds or heights beyond the
+    model's validity.
 
-    MuJoCo resets a diverged simulation and reports that only in a log file and in `data.warning`. PhysicsWarning, once
+    MuJoCo resets a diverged simulation and reports that only in a log file and in `data.warning`.
+    PhysicsWarning, once
     per kind: drag faster than the step can follow, and buoyant bodies above the water.
 
     Args:
@@ -139,9 +148,9 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         data: State after a step.
 
     Raises:
-        HydrodynamicsError: MuJoCo met numbers that are not finite or too large, or the inertia with the added mass was
-            not positive definite, and the message names the entry and the body; or something else is in
-            the place of the current.
+        HydrodynamicsError: MuJoCo met numbers that are not finite or too large, or the inertia with
+            the added mass was not positive definite, and the message names the entry and the body;
+            or something else is in the place of the current.
     """
     kinds = mujoco.mjtWarning
     water = model.body_user[0] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
@@ -149,15 +158,26 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     water[LAYOUT.told] = seen
     new, singular = seen & ~told, data.warning[kinds.mjWARN_INERTIA]
     if singular.number or new & INDEFINITE:
-        at = f" (body {model.body(model.dof_bodyid[singular.lastinfo]).name!r})" if singular.number else ""
+        at = (
+            f" (body {model.body(model.dof_bodyid[singular.lastinfo]).name!r})"
+            if singular.number
+            else ""
+        )
         raise HydrodynamicsError(
-            f"the inertia with the added mass was not positive definite near t = {data.time:g} s{at}; "
+            f"the inertia with the added mass was not positive definite near t = {data.time:g} "
+            f"s{at}; "
             "call uuv.sim.hydrodynamics.set_constants() after changing coefficients: it checks them"
         )
     if new & NO_CURRENT:
         first = int(water[LAYOUT.flow]) - 1
-        raise HydrodynamicsError(f"data.userdata holds no current from index {first} on; use set_current()")
-    for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
+        raise HydrodynamicsError(
+            f"data.userdata holds no current from index {first} on; use set_current()"
+        )
+    for kind, what in (
+        (kinds.mjWARN_BADQPOS, "qpos"),
+        (kinds.mjWARN_BADQVEL, "qvel"),
+        (kinds.mjWARN_BADQACC, "qacc"),
+    ):
         if data.warning[kind].number:
             index = int(data.warning[kind].lastinfo)
             if what == "qpos":  # a free joint has seven qpos for six degrees of freedom
@@ -168,19 +188,22 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             raise HydrodynamicsError(
                 f"the simulation became unstable near t = {data.time:g} s: {what}[{index}] "
                 f"(body {model.body(body).name!r}) was not "
-                f"finite or too large; timestep {model.opt.timestep:g} s may be too long for drag or contact"
+                f"finite or too large; timestep {model.opt.timestep:g} s may be too long for drag "
+                "or contact"
             )
     if new & TOO_FAST:
         limit = (1.0 / model.opt.timestep - water[LAYOUT.drag_rate]) / water[LAYOUT.drag_rate + 1]
         warnings.warn(
-            f"a body moved through the water faster than {max(limit, 0.0):.3g} m/s or rad/s, up to which a timestep of "
+            f"a body moved through the water faster than {max(limit, 0.0):.3g} m/s or rad/s, up "
+            "to which a timestep of "
             f"{model.opt.timestep:g} s can follow the drag: the motion may overshoot or blow up",
             PhysicsWarning,
             2,
         )
     if new & TOO_HIGH:
         warnings.warn(
-            f"a body rose more than {water[LAYOUT.ceiling]:g} m above z = 0 and is still buoyant: no free surface",
+            f"a body rose more than {water[LAYOUT.ceiling]:g} m above z = 0 and is still buoyant: "
+            "no free surface",
             PhysicsWarning,
             2,
         )
@@ -204,14 +227,18 @@ def leaves_mark(model: mujoco.MjModel) -> bool:
 
 
 def doubts(model: mujoco.MjModel) -> list[str]:
-    """List implausible properties of a wet model, one line each; empty for a model without coefficients.
+    """List implausible properties of a wet model, one line each; empty for a model without
+    coefficients.
 
     Bodies that are fixed to each other count as one: the water of all may be that of one of them.
 
-    - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have them.
+    - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have
+      them.
     - A body whose mass over volume is outside DENSITIES.
-    - Coefficients whose linear and angular parts look swapped. A body of about 1 m cannot show this.
-    - Cross terms that feed energy in, beside the other damping of their body, at a motion that sampling found.
+    - Coefficients whose linear and angular parts look swapped. A body of about 1 m cannot show
+      this.
+    - Cross terms that feed energy in, beside the other damping of their body, at a motion that
+      sampling found.
     - Force and torque sensors, which do not measure the water.
     """
     return _doubts(model, _bodies(model))
@@ -230,14 +257,19 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
         volumes[fixed[i]] = volumes.get(fixed[i], 0.0) + body.volume
 
     shaped = (model.body_mass > 0.0) & (model.body_geomnum > 0)
-    dry = [names[i] for i in np.flatnonzero(shaped).tolist() if i and trees[i] in wet_trees and fixed[i] not in volumes]
+    dry = [
+        names[i]
+        for i in np.flatnonzero(shaped).tolist()
+        if i and trees[i] in wet_trees and fixed[i] not in volumes
+    ]
     found = [f"movable bodies without water: {', '.join(dry)}"] if dry else []
     for i, body in wet.items():
         mass = float(model.body_mass[i])
         together, volume = masses[fixed[i]], volumes[fixed[i]]
         if body.volume > 0.0 and not DENSITIES[0] <= together / volume <= DENSITIES[1]:
             found.append(
-                f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} kg/m^3, outside "
+                f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} "
+                "kg/m^3, outside "
                 f"{DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
             )
         gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]
@@ -248,13 +280,15 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
             lever = angular / linear if linear > 0.0 else 0.0
             if lever > most * gyration**power:
                 found.append(
-                    f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the body's radius of "
+                    f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the "
+                    "body's radius of "
                     f"gyration is {gyration:.3g} m; six-vectors are (linear; angular)"
                 )
         if fed := energy.largest_power(body):
             power, twist = fed[0], ", ".join(f"{x:.2g}" for x in fed[1])
             found.append(
-                f"{names[i]}: its cross terms feed in {power:.3g} W at the twist ({twist}) m/s, rad/s through the "
+                f"{names[i]}: its cross terms feed in {power:.3g} W at the twist ({twist}) m/s, "
+                "rad/s through the "
                 "water, more than its other damping takes: a motion may grow without bound"
             )
     kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
@@ -262,7 +296,8 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
     blind = [
         model.sensor(k).name or f"sensor {k}"
         for k in range(model.nsensor)
-        if model.sensor_type[k] in kinds and int(model.site_bodyid[model.sensor_objid[k]]) in holding
+        if model.sensor_type[k] in kinds
+        and int(model.site_bodyid[model.sensor_objid[k]]) in holding
     ]
     if blind:
         found.append(
@@ -278,20 +313,21 @@ def carries_hydrodynamics(model: mujoco.MjModel) -> bool:
 
 
 def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called with its module's name)
-    """Compile `spec`, recompute MuJoCo's derived constants for the wet inertia, and check the result.
+    """Compile `spec`, recompute MuJoCo's derived constants for the wet inertia, and check the
+    result.
 
-    Recomputed from M + A at qpos0: `body_invweight0`, `dof_invweight0`, `tendon_invweight0` (softness of contacts,
-    limits and equalities), `dof_M0`, `actuator_acc0` and `stat.meaninertia`. So is the damping of position actuators
-    given by `dampratio`.
+    Recomputed from M + A at qpos0: `body_invweight0`, `dof_invweight0`, `tendon_invweight0`
+    (softness of contacts, limits and equalities), `dof_M0`, `actuator_acc0` and `stat.meaninertia`.
+    So is the damping of position actuators given by `dampratio`.
 
-    A spec without coefficients is compiled as it is. If only bodies carry water data (the spec came from MJCF, or was
-    attached to this one), the world body gets its row from them. A model with water, gear
-    friction, thrusters or soil installs the process's callbacks.
-    PhysicsWarning for each of its `doubts`. The cost is linear in the number of kinematic trees.
+    A spec without coefficients is compiled as it is. If only bodies carry water data (the spec came
+    from MJCF, or was attached to this one), the world body gets its row from them. A model with
+    water, gear friction, thrusters or soil installs the process's callbacks. PhysicsWarning for
+    each of its `doubts`. The cost is linear in the number of kinematic trees.
 
     Raises:
-        ConfigurationError: `spec` is no MjSpec, its bodies carry waters of different density, or it has custom elements
-            with water that was not attached.
+        ConfigurationError: `spec` is no MjSpec, its bodies carry waters of different density, or it
+            has custom elements with water that was not attached.
         HydrodynamicsError: As `install` and `check` do.
     """
     if not isinstance(spec, mujoco.MjSpec):
@@ -321,8 +357,8 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
 def set_constants(model: mujoco.MjModel) -> None:
     """Recompute the constants of `compile` after `mj_setConst` or a change of mass or coefficients.
 
-    Also for a model that MuJoCo has loaded itself; the world body gets its row. The damping of position actuators is
-    left unchanged.
+    Also for a model that MuJoCo has loaded itself; the world body gets its row. The damping of
+    position actuators is left unchanged.
 
     Raises:
         HydrodynamicsError: As `check` does.
@@ -332,15 +368,16 @@ def set_constants(model: mujoco.MjModel) -> None:
 
 
 def check(model: mujoco.MjModel) -> None:
-    """Refuse settings under which the hydrodynamics would be wrong or unstable; the message gives name and number.
+    """Refuse settings under which the hydrodynamics would be wrong or unstable; the message gives
+    name and number.
 
-    Drag is integrated explicitly. Its rate, the largest eigenvalue of the slope of drag over M + A at qpos0, must
-    therefore not exceed 1 / timestep. Call it again after changing `model.opt`.
+    Drag is integrated explicitly. Its rate, the largest eigenvalue of the slope of drag over M + A
+    at qpos0, must therefore not exceed 1 / timestep. Call it again after changing `model.opt`.
 
     Raises:
         HydrodynamicsError: A setting is refused, or the callback is not installed.
-        ConfigurationError: A body's row is one that `BodyHydrodynamics` would refuse, or the model has custom elements
-            with water that was not attached.
+        ConfigurationError: A body's row is one that `BodyHydrodynamics` would refuse, or the model
+            has custom elements with water that was not attached.
     """
     _refuse_unread_elements(model)
     if carries_hydrodynamics(model):
@@ -348,12 +385,15 @@ def check(model: mujoco.MjModel) -> None:
 
 
 def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Joint-space added mass sum_b J_b^T A_b J_b (nv, nv) at `data`, whose kinematics and comPos are up to date."""
+    """Joint-space added mass sum_b J_b^T A_b J_b (nv, nv) at `data`, whose kinematics and comPos
+    are up to date.
+    """
     return BlockSums(model, data, _bodies(model)).dense(lambda body: body.added_mass)
 
 
 def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Array:
-    """Derivative of drag with respect to joint velocity (nv, nv), symmetric, at `speed` in every direction.
+    """Derivative of drag with respect to joint velocity (nv, nv), symmetric, at `speed` in every
+    direction.
 
     Args:
         model: Compiled model.
@@ -381,13 +421,17 @@ def _largest_inertia(model: mujoco.MjModel, body: int) -> float:
     R, p = np.zeros(9), model.body_ipos[body]
     mujoco.mju_quat2Mat(R, model.body_iquat[body])
     R = R.reshape(3, 3)
-    about_origin = R @ np.diag(model.body_inertia[body]) @ R.T - model.body_mass[body] * skew(p) @ skew(p)
+    about_origin = R @ np.diag(model.body_inertia[body]) @ R.T - model.body_mass[body] * skew(
+        p
+    ) @ skew(p)
     return max(float(np.linalg.eigvalsh(about_origin)[-1]), 0.0)
 
 
 def _body_drag_slope(body: BodyHydrodynamics, speed: float) -> Array:
     """As `drag_slope`, of one body with respect to its twist (6, 6), in body axes at its origin."""
-    slope = 0.5 * (body.linear_damping + body.linear_damping.T) + np.diag(2.0 * speed * body.quadratic_damping)
+    slope = 0.5 * (body.linear_damping + body.linear_damping.T) + np.diag(
+        2.0 * speed * body.quadratic_damping
+    )
     for strip in body.segments:
         nodes, weights = np.polynomial.legendre.leggauss(strip.stations)
         length = float(np.linalg.norm(strip.end - strip.start))
@@ -416,7 +460,9 @@ def _has_dry_weights(model: mujoco.MjModel) -> bool:
 def _refused(model: mujoco.MjModel) -> list[str]:
     """Names of the settings under which the hydrodynamics would be wrong."""
     option, disable, enable = model.opt, mujoco.mjtDisableBit, mujoco.mjtEnableBit
-    water = model.body_user[0, : LAYOUT.size] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
+    water = (
+        model.body_user[0, : LAYOUT.size] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
+    )
     numbers = {
         "gravity": option.gravity,
         "wind (the current)": option.wind,
@@ -424,18 +470,26 @@ def _refused(model: mujoco.MjModel) -> list[str]:
         "current shear": water[LAYOUT.current_shear :][:3],
     }
     refused = {
-        "solver PGS (it whitens the dry inertia); use Newton or CG": option.solver == mujoco.mjtSolver.mjSOL_PGS,
-        f"noslip_iterations {option.noslip_iterations} (it uses the dry inertia); use 0": option.noslip_iterations > 0,
+        "solver PGS (it whitens the dry inertia); use Newton or CG": option.solver
+        == mujoco.mjtSolver.mjSOL_PGS,
+        f"noslip_iterations {option.noslip_iterations} (it uses the dry inertia); use 0": option.noslip_iterations
+        > 0,
         f"density {option.density} (MuJoCo's own fluid would act too); use 0": option.density > 0.0,
-        f"viscosity {option.viscosity} (MuJoCo's own fluid would act too); use 0": option.viscosity > 0.0,
-        "flag sleep (a sleeping tree keeps an old inertia)": option.enableflags & enable.mjENBL_SLEEP,
-        "flag diagexact (it is computed from the dry inertia)": option.enableflags & enable.mjENBL_DIAGEXACT,
+        f"viscosity {option.viscosity} (MuJoCo's own fluid would act too); use 0": option.viscosity
+        > 0.0,
+        "flag sleep (a sleeping tree keeps an old inertia)": option.enableflags
+        & enable.mjENBL_SLEEP,
+        "flag diagexact (it is computed from the dry inertia)": option.enableflags
+        & enable.mjENBL_DIAGEXACT,
         "flags spring and damper both disabled (MuJoCo then calls no passive callback)": (
-            option.disableflags & disable.mjDSBL_SPRING and option.disableflags & disable.mjDSBL_DAMPER
+            option.disableflags & disable.mjDSBL_SPRING
+            and option.disableflags & disable.mjDSBL_DAMPER
         ),
         f"timestep {option.timestep:g} s; it must be positive": not 0.0 < option.timestep < np.inf,
         **{
-            f"{name} {value.tolist()}; it must be finite and below {LARGEST:g}": not np.all(np.abs(value) <= LARGEST)
+            f"{name} {value.tolist()}; it must be finite and below {LARGEST:g}": not np.all(
+                np.abs(value) <= LARGEST
+            )
             for name, value in numbers.items()
         },
     }
@@ -452,7 +506,8 @@ def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:
 
 
 def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
-    """Damping ratio by actuator index, for actuators whose damping the compiler derives from the inertia.
+    """Damping ratio by actuator index, for actuators whose damping the compiler derives from the
+    inertia.
 
     `spec` has been compiled, so its actuators have their indices.
     """
@@ -472,7 +527,8 @@ class _AtRest:
 
 
 def _refuse_unread_elements(model: mujoco.MjModel) -> None:
-    """Refuse a model that MuJoCo read from a file whose custom elements hold water: it would move dry.
+    """Refuse a model that MuJoCo read from a file whose custom elements hold water: it would move
+    dry.
 
     Raises:
         ConfigurationError: There is such an element.
@@ -481,26 +537,38 @@ def _refuse_unread_elements(model: mujoco.MjModel) -> None:
         name = model.numeric(i).name
         if name.startswith(ELEMENTS):
             raise ConfigurationError(
-                f"the custom element {shown(name)} holds water or thrusters that MuJoCo alone does not read; read the "
+                f"the custom element {shown(name)} holds water or thrusters that MuJoCo alone "
+                "does not read; read the "
                 "file by uuv.own_vehicle.vehicle_spec"
             )
 
 
 def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _AtRest | None:
-    """Does the work of `check` for a model with the coefficients `bodies`; None without degrees of freedom."""
+    """Does the work of `check` for a model with the coefficients `bodies`; None without degrees of
+    freedom.
+    """
     if not is_installed():
         raise HydrodynamicsError(f"this model carries {process_callbacks.left_out(model)}")
     if refused := _refused(model):
         raise HydrodynamicsError(f"hydrodynamics cannot be run with {'; '.join(refused)}")
     for i in bodies:
         if model.body_simple[i]:
-            raise HydrodynamicsError(f"{model.body(i).name}: compiled as a simple body; attach() sets simple = 0")
+            raise HydrodynamicsError(
+                f"{model.body(i).name}: compiled as a simple body; attach() sets simple = 0"
+            )
 
     if model.nv == 0:
         return None
     data = mujoco.MjData(model)
-    # As MuJoCo does for its own constants: without contacts, of which a heap of bodies has many at qpos0.
-    for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeM, mujoco.mj_transmission):
+    # As MuJoCo does for its own constants: without contacts, of which a heap of bodies has many at
+    # qpos0.
+    for stage in (
+        mujoco.mj_kinematics,
+        mujoco.mj_comPos,
+        mujoco.mj_tendon,
+        mujoco.mj_makeM,
+        mujoco.mj_transmission,
+    ):
         stage(model, data)
     sums = BlockSums(model, data, bodies)
     inertia = WetInertia(sums)
@@ -508,7 +576,8 @@ def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _At
     rate = inertia.drag_rate(lambda body: _body_drag_slope(body, DRAG_SPEED))
     if not model.opt.timestep * rate <= 1.0:
         raise HydrodynamicsError(
-            f"timestep {model.opt.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, {rate:.4g} 1/s, is "
+            f"timestep {model.opt.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, "
+            f"{rate:.4g} 1/s, is "
             f"{model.opt.timestep * rate:.4g}, more than 1; use at most {1.0 / rate:.3g} s"
         )
 
@@ -521,13 +590,16 @@ def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _At
     start = float(np.max(np.abs(inertia.accelerations(np.arange(model.nv), sums.force(buoyancy)))))
     if not start * model.opt.timestep < LARGEST_START:
         raise HydrodynamicsError(
-            f"buoyancy alone would bring this model to {start * model.opt.timestep:.3g} m/s or rad/s in one step, more "
+            f"buoyancy alone would bring this model to {start * model.opt.timestep:.3g} m/s or "
+            "rad/s in one step, more "
             f"than {LARGEST_START:g}: mass and volume cannot belong together"
         )
     return _AtRest(inertia, rate)
 
 
-def _set_constants(model: mujoco.MjModel, at_rest: _AtRest | None, damping_ratios: dict[int, float]) -> None:
+def _set_constants(
+    model: mujoco.MjModel, at_rest: _AtRest | None, damping_ratios: dict[int, float]
+) -> None:
     """The computation of MuJoCo's engine_setconst.c, with M + A in place of M."""
     water = world_row(model)
     if at_rest is None:
@@ -562,4 +634,6 @@ def _set_constants(model: mujoco.MjModel, at_rest: _AtRest | None, damping_ratio
         model.actuator_acc0[i] = np.linalg.norm(inertia.accelerations(columns, moment))
         if i in damping_ratios:
             reflected = 1.0 / inertia.along(columns, moment)
-            model.actuator_biasprm[i, 2] = -damping_ratios[i] * 2.0 * np.sqrt(model.actuator_gainprm[i, 0] * reflected)
+            model.actuator_biasprm[i, 2] = (
+                -damping_ratios[i] * 2.0 * np.sqrt(model.actuator_gainprm[i, 0] * reflected)
+            )

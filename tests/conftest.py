@@ -1,4 +1,6 @@
-"""Set up for every test: our rooms and no others, tolerances that scale together, scripts as a user runs them."""
+"""Set up for every test: our rooms and no others, tolerances that scale together, scripts as a user
+runs them.
+"""
 
 import gc
 import os
@@ -11,7 +13,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-# Before NumPy reads it, as uuv/__init__.py does for jobs: on matrices of this size further threads only spin.
+# Before NumPy reads it, as uuv/__init__.py does for jobs: on matrices of this size further threads
+# only spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import hypothesis
@@ -29,20 +32,34 @@ ROOT = Path(__file__).resolve().parents[1]
 FIXED_SEEDS = (1, 2)
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
 
-# Byte code is written whatever the environment says: each process that a test starts would else translate all packages
-# anew, for 3 s.
+# Byte code is written whatever the environment says: each process that a test starts would else
+# translate all packages anew, for 3 s.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 if Path(uuv.__file__ or "").resolve().parent != ROOT / "uuv":
-    pytest.exit(f"{uuv.__file__} hides {ROOT / 'uuv'}; rename it or take it off PYTHONPATH", returncode=2)
+    pytest.exit(
+        f"{uuv.__file__} hides {ROOT / 'uuv'}; rename it or take it off PYTHONPATH", returncode=2
+    )
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("seeds")
-    group.addoption("--fresh", type=int, default=0, metavar="N", help="draw from N new seeds instead of the fixed ones")
     group.addoption(
-        "--seed", type=int, action="append", default=[], metavar="K", dest="seeds", help="draw from this seed, as shown"
+        "--fresh",
+        type=int,
+        default=0,
+        metavar="N",
+        help="draw from N new seeds instead of the fixed ones",
+    )
+    group.addoption(
+        "--seed",
+        type=int,
+        action="append",
+        default=[],
+        metavar="K",
+        dest="seeds",
+        help="draw from this seed, as shown",
     )
 
 
@@ -50,14 +67,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Settle the seeds, once for all processes, before Hypothesis reads its options."""
     config.addinivalue_line(
-        "markers", "seeds(*numbers): of the parameter `seed`, where --fresh and --seed ask for no other"
+        "markers",
+        "seeds(*numbers): of the parameter `seed`, where --fresh and --seed ask for no other",
     )
     option = config.option
     if hasattr(config, "workerinput"):
         option.seeds = getattr(config, "workerinput")["seeds"]  # noqa: B009  an attribute of xdist's workers alone
     else:
-        option.seeds = [*option.seeds, *(int.from_bytes(os.urandom(4), "big") for _ in range(option.fresh))]
-    hypothesis.settings.register_profile("suite", derandomize=not option.seeds, database=None, deadline=None)
+        option.seeds = [
+            *option.seeds,
+            *(int.from_bytes(os.urandom(4), "big") for _ in range(option.fresh)),
+        ]
+    hypothesis.settings.register_profile(
+        "suite", derandomize=not option.seeds, database=None, deadline=None
+    )
     hypothesis.settings.load_profile("suite")
     if option.seeds and option.hypothesis_seed is None:
         option.hypothesis_seed = str(option.seeds[0])
@@ -65,7 +88,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_configure_node(node: Any) -> None:
-    """Hand the seeds to a process that xdist starts: it reads the command line anew, and would draw its own."""
+    """Hand the seeds to a process that xdist starts: it reads the command line anew, and would draw
+    its own.
+    """
     node.workerinput["seeds"] = node.config.option.seeds
 
 
@@ -74,7 +99,9 @@ def pytest_report_header(config: pytest.Config) -> str | None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """`rng` on the fixed seeds; `seed` on those of the test's own mark `seeds`, which are as fixed."""
+    """`rng` on the fixed seeds; `seed` on those of the test's own mark `seeds`, which are as
+    fixed.
+    """
     asked = metafunc.config.option.seeds
     if "rng" in metafunc.fixturenames:
         metafunc.parametrize("rng", asked or FIXED_SEEDS, indirect=True)
@@ -83,13 +110,16 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """What is imported and collected by now stays to the end: the garbage collector need not walk it each time."""
+    """What is imported and collected by now stays to the end: the garbage collector need not walk
+    it each time.
+    """
     gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """A process for each core, up to four (half a GB each), for all tests; those named are sooner done in this one.
+    """A process for each core, up to four (half a GB each), for all tests; those named are sooner
+    done in this one.
 
     What tests print is lost in other processes, so residuals are asked of one.
     """
@@ -110,9 +140,16 @@ def pytest_runtest_call():
 @pytest.hookimpl(wrapper=True)
 def pytest_make_collect_report(collector: pytest.Collector):
     report = yield
-    reasons = re.findall(rf"{MissingLibraryError.__name__}: (.+)", str(report.longrepr)) if report.failed else []
+    reasons = (
+        re.findall(rf"{MissingLibraryError.__name__}: (.+)", str(report.longrepr))
+        if report.failed
+        else []
+    )
     if reasons and not os.environ.get("CI"):
-        report.outcome, report.longrepr = "skipped", (str(collector.path), 0, f"Skipped: {reasons[-1]}")
+        report.outcome, report.longrepr = (
+            "skipped",
+            (str(collector.path), 0, f"Skipped: {reasons[-1]}"),
+        )
     return report
 
 
@@ -128,7 +165,9 @@ def skipping():
 
 @pytest.fixture
 def open3d() -> Any:
-    """Open3D, to compare with; skips where it is not installed, as by default: uvw run --extra open3d pytest ..."""
+    """Open3D, to compare with; skips where it is not installed, as by default: uvw run --extra
+    open3d pytest ...
+    """
     if not find_spec("open3d"):
         pytest.skip("Open3D is not installed")
     return open3d_loader.load()
@@ -142,14 +181,18 @@ def root() -> Path:
 
 @pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    """On two fixed seeds, so that a commit is red or green whoever runs it; on others with --fresh and --seed."""
+    """On two fixed seeds, so that a commit is red or green whoever runs it; on others with --fresh
+    and --seed.
+    """
     print(f"repeat with --seed {request.param}")  # pytest shows it when the test fails
     return np.random.default_rng(request.param)
 
 
 @pytest.fixture
 def fresh_seeds(request: pytest.FixtureRequest) -> list[int]:
-    """Seeds of --fresh and --seed, for a test that has its own way of using them; none in the plain suite."""
+    """Seeds of --fresh and --seed, for a test that has its own way of using them; none in the plain
+    suite.
+    """
     return list(request.config.option.seeds)
 
 
@@ -157,7 +200,8 @@ def fresh_seeds(request: pytest.FixtureRequest) -> list[int]:
 def within(capfd: pytest.CaptureFixture[str]):
     """`within(name, residual, tolerance)`: the largest |residual| must not exceed the tolerance.
 
-    UUV_TOLERANCE_SCALE multiplies every tolerance; 0 prints the residuals beside them and fails none.
+    UUV_TOLERANCE_SCALE multiplies every tolerance; 0 prints the residuals beside them and fails
+    none.
     """
 
     def check(name: str, residual: object, tolerance: float) -> None:
@@ -182,7 +226,9 @@ class Run(NamedTuple):
 
 @pytest.fixture
 def ended(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
-    """`ended(command, *words)`: how a command ends in this process, with these words as its command line."""
+    """`ended(command, *words)`: how a command ends in this process, with these words as its command
+    line.
+    """
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "200")
     renderer = os.environ.get("MUJOCO_GL")
@@ -204,8 +250,9 @@ def ended(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
 
 @pytest.fixture
 def script(ended):
-    """`script("experiments.contact.contact", *arguments)`: what scripts/experiments/contact/contact.py does, in this
-    process."""
+    """`script("experiments.contact.contact", *arguments)`: what
+    scripts/experiments/contact/contact.py does, in this process.
+    """
 
     def run(name: str, *arguments: object) -> Run:
         module = import_module(name)
@@ -216,7 +263,9 @@ def script(ended):
 
 @pytest.fixture
 def verb(ended):
-    """`verb("identify", "water", *arguments)`: what `uuv identify water ARGUMENTS` does, in this process."""
+    """`verb("identify", "water", *arguments)`: what `uuv identify water ARGUMENTS` does, in this
+    process.
+    """
     from uuv.cli.main import main
 
     return partial(ended, main, "uuv")

@@ -6,17 +6,20 @@
     print(r.assessment.failed)
     show(r, "my_run")
 
-Names are imported on first use, so that `uuv.start` can look at the Python that runs it before anything else.
+Names are imported on first use, so that `uuv.start` can look at the Python that runs it before
+anything else.
 """
 
 import os
 from pathlib import Path
 
-# All matrices are small: a second thread of BLAS saves no time and burns a core. Read when numpy is first imported.
+# All matrices are small: a second thread of BLAS saves no time and burns a core. Read when numpy is
+# first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _HERE = Path(__file__).resolve().parent
-if not (_HERE / "models").is_dir():  # unpacked without its links to the rooms, which then stand beside it
+# unpacked without its links to the rooms, which then stand beside it
+if not (_HERE / "models").is_dir():
     __path__.append(str(_HERE.parent))
 
 from uuv.sim.interfaces.lazy_names import names_of_stub  # noqa: E402  once the rooms can be found

@@ -25,7 +25,8 @@ from uuv.sim.sensors.arm_camera import beside_tool
 from uuv.sim.water.current import Current, Profile, Wave
 from uuv.tasks.start_place import check_start
 
-REACTION_TICKS = 10  # loop steps between measurements of the arm's reaction wrench on the hull, for the report
+# loop steps between measurements of the arm's reaction wrench on the hull, for the report
+REACTION_TICKS = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,7 +62,9 @@ class Assembly:
             ConfigurationError: The plant has moved on, as after a run.
         """
         if (time := float(self.plant.truth.time)) > 0.0:
-            raise ConfigurationError(f"run: this assembly is at {time:.3f} s; make a new one for each")
+            raise ConfigurationError(
+                f"run: this assembly is at {time:.3f} s; make a new one for each"
+            )
 
 
 def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) -> Current:
@@ -124,7 +127,8 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     """
     rng, task = np.random.default_rng(scenario.seed), scenario.task
     believed, built, said = believed_and_built(scenario.vehicle, scenario.belief, task)
-    timestep = float(built.option.timestep)  # of the loop; a stiff surface needs a shorter timestep of the physics
+    # of the loop; a stiff surface needs a shorter timestep of the physics
+    timestep = float(built.option.timestep)
     drawn = perturb(built, scenario.perturbations, scenario.perturbation_seed)
     own = OwnVehicle.of(believed, task.spares)
     placed = _placed(scenario, own, rng)
@@ -177,13 +181,16 @@ def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:
     model = hydrodynamics.compile(scene)
     if np.any(model.opt.wind):
         raise ConfigurationError(
-            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s; a run overwrites it: its "
+            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s; a run overwrites it: "
+            "its "
             "water is site.current, site.flow, and what `on_water` of a perturbation makes of it"
         )
     return model
 
 
-def _parts(scenario: Scenario, placed: PlacedTask, vehicle: OwnVehicle, model: mujoco.MjModel, seed: int) -> Parts:
+def _parts(
+    scenario: Scenario, placed: PlacedTask, vehicle: OwnVehicle, model: mujoco.MjModel, seed: int
+) -> Parts:
     """Parts of the loop.
 
     Args:

@@ -1,6 +1,7 @@
 """What there is: names of things, and one line about each.
 
-Nothing of it is imported, which takes seconds: names and first lines of docstrings are read from the sources.
+Nothing of it is imported, which takes seconds: names and first lines of docstrings are read from
+the sources.
 """
 
 import ast
@@ -86,7 +87,9 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             listed = folder / ("registry.py" if kind == "task" else "perturbation.py")
             for name, made in _kinds(listed):
                 yield name, documented.get(made, "")
-    yield from ((point.name, f"of {point.value}") for point in entry_points(group=f"{_GROUP}.{kind}"))
+    yield from (
+        (point.name, f"of {point.value}") for point in entry_points(group=f"{_GROUP}.{kind}")
+    )
 
 
 def _jobs(file: Path) -> Iterator[tuple[str, str]]:
@@ -95,13 +98,15 @@ def _jobs(file: Path) -> Iterator[tuple[str, str]]:
         if isinstance(node, ast.FunctionDef):
             marks = [mark.id for mark in node.decorator_list if isinstance(mark, ast.Name)]
             if "job" in marks:
-                yield node.name.replace("_", "-"), _first_line(node)
+                yield node.name.replace("_", "-"), _summary(node)
 
 
 def _vehicles() -> Iterator[tuple[str, str]]:
     """Built-in vehicles with their sources."""
     file = HOME / "models" / "__init__.py"
-    table = next(node for node in ast.walk(_assigned(file, "_MODELS")) if isinstance(node, ast.Dict))
+    table = next(
+        node for node in ast.walk(_assigned(file, "_MODELS")) if isinstance(node, ast.Dict)
+    )
     for key, entry in zip(table.keys, table.values, strict=True):
         if isinstance(key, ast.Constant) and isinstance(entry, ast.Call):
             said = next(word.value for word in entry.keywords if word.arg == "source")
@@ -111,7 +116,9 @@ def _vehicles() -> Iterator[tuple[str, str]]:
 def _arms(file: Path) -> Iterator[tuple[str, str]]:
     """Arms with their titles: entries of a dictionary, and some that are added to it one by one."""
     table = _assigned(file, "_ARMS")
-    entries = list(zip(table.keys, table.values, strict=True)) if isinstance(table, ast.Dict) else []
+    entries = (
+        list(zip(table.keys, table.values, strict=True)) if isinstance(table, ast.Dict) else []
+    )
     for node in _tree(file).body:
         if isinstance(node, ast.Assign) and isinstance(at := node.targets[0], ast.Subscript):
             entries.append((at.slice, node.value))
@@ -132,20 +139,22 @@ def _tree(file: Path) -> ast.Module:
 
 
 def _definitions(file: Path) -> dict[str, str]:
-    """First line of the docstring of each class and function of a module."""
+    """Summary of each class and function of a module: the first paragraph of its docstring."""
     kinds = (ast.ClassDef, ast.FunctionDef)
-    return {node.name: _first_line(node) for node in _tree(file).body if isinstance(node, kinds)}
+    return {node.name: _summary(node) for node in _tree(file).body if isinstance(node, kinds)}
 
 
-def _first_line(node: ast.Module | ast.ClassDef | ast.FunctionDef) -> str:
-    return (ast.get_docstring(node) or "").partition("\n")[0]
+def _summary(node: ast.Module | ast.ClassDef | ast.FunctionDef) -> str:
+    return " ".join((ast.get_docstring(node) or "").partition("\n\n")[0].split())
 
 
 def _keys(file: Path, variable: str) -> list[str]:
     """Keys of the dictionary that a module-level variable is, or is made of."""
     for inner in ast.walk(_assigned(file, variable)):
         if isinstance(inner, ast.Dict):
-            named = [_assigned(file, key.id) if isinstance(key, ast.Name) else key for key in inner.keys]
+            named = [
+                _assigned(file, key.id) if isinstance(key, ast.Name) else key for key in inner.keys
+            ]
             return [_word(key) for key in named if isinstance(key, ast.Constant)]
     return []
 
@@ -162,7 +171,9 @@ def _assigned(file: Path, variable: str) -> ast.expr:
 
 
 def _kinds(file: Path) -> list[tuple[str, str]]:
-    """Names of the things that a function's dictionary lists, and of their classes, which it has as MODULE:CLASS."""
+    """Names of the things that a function's dictionary lists, and of their classes, which it has as
+    MODULE:CLASS.
+    """
     for inner in ast.walk(_tree(file)):
         if isinstance(inner, ast.Dict) and inner.keys:
             return [

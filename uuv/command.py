@@ -1,4 +1,6 @@
-"""A run with its user output: visual log, progress, table, report; and the results of a run that has ended."""
+"""A run with its user output: visual log, progress, table, report; and the results of a run that
+has ended.
+"""
 
 import math
 import shlex
@@ -45,7 +47,8 @@ def command(
     after: str = "",
     assembled: Callable[..., Assembly] = assemble,
 ) -> int:
-    """Assembles and runs a scenario with progress on screen, and writes its results to a new folder.
+    """Assembles and runs a scenario with progress on screen, and writes its results to a new
+    folder.
 
     Args:
         scenario: The description.
@@ -60,20 +63,24 @@ def command(
 
     Raises:
         UuvError: The work could not begin.
-        Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
+        Interrupted: A signal asked for the end; raised after all results are written. A second
+            signal ends at once.
     """
     console = PlainConsole()
     lacking = absent(LOG) if options.record else ()
     draws = options.record and not lacking
     if lacking:
         series = ", series as .npz" if "pyarrow" in lacking else ""
-        said = f"no run.rrd and report.html{series}: {to_install(LOG)} ({', '.join(lacking)} missing)"
+        said = (
+            f"no run.rrd and report.html{series}: {to_install(LOG)} ({', '.join(lacking)} missing)"
+        )
         console.print(said, markup=False, highlight=False, soft_wrap=True)
     sensing = scenario.sensing
     if scenario.task.looks and (sensing.sensor != SURVEY or sensing.arm_camera is not None):
         ray_casting.installed()  # or the refusal, before anything is compiled
     compiled = first_start.build()
-    folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
+    # before the work: the folder may be unusable
+    folder = new_folder(scenario.name, options.out, scenario.seed)
     trial = assembled(to_rehearse(scenario), full=options.record)
     for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
@@ -105,7 +112,9 @@ def command(
             observers.append(log)
         bar = progress(console)
         observers += [placed.story(recorder, log), ProgressPrinter(bar, console)]
-        console.print(Text(title, style="bold"), f" (ready in {time.perf_counter() - started:.1f} s)")
+        console.print(
+            Text(title, style="bold"), f" (ready in {time.perf_counter() - started:.1f} s)"
+        )
         stop = SignalStop()
         with signals(stop.ask):
             with bar:
@@ -132,20 +141,26 @@ def command(
     if not result.recording.within(*placed.begun).any():
         why = result.last.reference.note or f"not within {longest:.0f} s"
         met = f"; before that {result.recording.collided}" if result.recording.collided else ""
-        raise ConfigurationError(f"the work could not begin: {why}{met} (uuv check {scenario.vehicle.vehicle})")
+        raise ConfigurationError(
+            f"the work could not begin: {why}{met} (uuv check {scenario.vehicle.vehicle})"
+        )
     return 0 if assessment.accepted else NOT_ACCEPTED
 
 
 def show(run: Run, folder: str | Path) -> None:
-    """Prints the table of a run, and writes scenario.toml, metrics.json, its series and report.html to `folder`.
+    """Prints the table of a run, and writes scenario.toml, metrics.json, its series and report.html
+    to `folder`.
 
-    The report needs a full recording, as `run(scenario)` makes it, and the extra LOG; else it is left out. There is no
+    The report needs a full recording, as `run(scenario)` makes it, and the extra LOG; else it is
+    left out. There is no
     run.rrd: that log is written while a run goes on.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_scenario(run.scenario, folder / SCENARIO_FILE)
-    run.assessment.made_by(provenance(run.scenario.name, as_dict(run.scenario))).write(folder / "metrics.json")
+    run.assessment.made_by(provenance(run.scenario.name, as_dict(run.scenario))).write(
+        folder / "metrics.json"
+    )
     _say(run.assessment, PlainConsole())
     write_series(run.recording, folder)
     if run.assembly.full and not absent(LOG):
@@ -187,7 +202,8 @@ def _say(assessment: Assessment, console: Console) -> None:
     console.print(results_table(assessment))
     simulated, timings = assessment.metrics["run"]["simulated_s"], assessment.metrics["timings"]
     console.print(
-        f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, {timings['real_time_factor']:.1f} times real time",
+        f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, "
+        f"{timings['real_time_factor']:.1f} times real time",
         highlight=False,
     )
     console.print(verdict("; ".join(assessment.failed)))
@@ -223,8 +239,12 @@ class ProgressPrinter:
             self._state = reference.state
             note = f"  {reference.note}" if reference.note not in ("", self._note) else ""
             self._note = reference.note
-            self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False, soft_wrap=True)
+            self._console.print(
+                f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False, soft_wrap=True
+            )
         if moment.tick % self.slow_ticks[0] == 0:
             felt = moment.command.contact.normal
             said = f"{felt:5.1f} N felt" if reference.set_force and math.isfinite(felt) else ""
-            self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)
+            self._progress.update(
+                self._bar, description=str(reference.state), completed=reference.path_s, note=said
+            )

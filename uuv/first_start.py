@@ -1,8 +1,9 @@
-"""First start: compiles the kernels of the loop on all cores, before one process would do it one after the other.
+"""First start: compiles the kernels of the loop on all cores, before one process would do it one
+after the other.
 
-The list (first_start.json, by `scripts/experiments/runtime/list_kernels.py`) says which kernels a contact job needs,
-what they take, and which of them call which. It only saves time: a kernel that is missing, or that takes something
-else by now, is compiled where it is first called.
+The list (first_start.json, by `scripts/experiments/runtime/list_kernels.py`) says which kernels a
+contact job needs, what they take, and which of them call which. It only saves time: a kernel that
+is missing, or that takes something else by now, is compiled where it is first called.
 """
 
 import contextlib
@@ -36,7 +37,9 @@ from uuv.sim.interfaces.kernels.stored import counts
 from uuv.sim.interfaces.tables import TableReader
 
 LIST = Path(__file__).with_suffix(".json")
-CALLS = (  # functions that compile something: their argument, roughly their seconds, and the kernels that come first
+# functions that compile something: their argument, roughly their seconds, and the kernels that come
+# first
+CALLS = (
     ("uuv.sim.hydrodynamics:install", (), 8.0, "uuv.sim.native."),
     ("uuv.controllers.ik.entries:entry", ("kinematics",), 0.5, "uuv.controllers.ik."),
     ("uuv.controllers.ik.entries:entry", ("keep",), 2.0, "uuv.controllers.ik."),
@@ -138,7 +141,11 @@ def decoded(value: Any) -> Any:
         )
     *flags, form = word.split()
     return types.Array(
-        decoded(inner), int(form[:-1]), form[-1], readonly="readonly" in flags, aligned="unaligned" not in flags
+        decoded(inner),
+        int(form[:-1]),
+        form[-1],
+        readonly="readonly" in flags,
+        aligned="unaligned" not in flags,
     )
 
 
@@ -146,7 +153,10 @@ def _as_descr(rows: Any) -> Any:
     """Description of a numpy dtype after JSON, which knows no tuples."""
     if not isinstance(rows, list):
         return rows
-    return [tuple(tuple(part) if i == 2 else _as_descr(part) for i, part in enumerate(row)) for row in rows]
+    return [
+        tuple(tuple(part) if i == 2 else _as_descr(part) for i, part in enumerate(row))
+        for row in rows
+    ]
 
 
 class _Worker:
@@ -189,14 +199,21 @@ def build() -> int:
     if _config.DISABLE_JIT:
         return 0
     rows = jobs()
-    lacking = {row: job.seconds for row, job in enumerate(rows) if job.takes is not None and not job.is_stored()}
+    lacking = {
+        row: job.seconds
+        for row, job in enumerate(rows)
+        if job.takes is not None and not job.is_stored()
+    }
     if sum(lacking.values()) < WORTH_IT:
         return 0
 
     # What the calls compile is not listed; each takes a moment where the store has it.
     lacking |= {row: job.seconds for row, job in enumerate(rows) if job.takes is None}
     if store.folder() is None:
-        _say(f"there is no store of compiled kernels, so every start compiles, about {sum(lacking.values()):.0f} s")
+        _say(
+            "there is no store of compiled kernels, so every start compiles, about "
+            f"{sum(lacking.values()):.0f} s"
+        )
         return 0
     return _compiled_by_workers(lacking)
 
@@ -210,7 +227,9 @@ def noted(built: int) -> StartMetrics:
 
 def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
     """Compile these rows in processes of their own; returns how many could be."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     workers = SimpleQueue[_Worker]()
     started = [_Worker() for _ in range(min(MOST, cores))]
     for worker in started:
@@ -226,7 +245,9 @@ def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
     done = 0
     try:
         with _progress(lacking, len(started)) as advance, ThreadPoolExecutor(len(started)) as pool:
-            for row, fine in _in_order(jobs(), lacking, lambda row: pool.submit(compile_one, row), len(started)):
+            for row, fine in _in_order(
+                jobs(), lacking, lambda row: pool.submit(compile_one, row), len(started)
+            ):
                 done += fine
                 advance(row)
     finally:
@@ -239,10 +260,16 @@ def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
 
 @contextlib.contextmanager
 def _progress(seconds: Mapping[int, float], workers: int) -> Iterator[Callable[[int], None]]:
-    """Shows how far the rows with these seconds are: a bar on a terminal, else a line now and then."""
+    """Shows how far the rows with these seconds are: a bar on a terminal, else a line now and
+    then.
+    """
     whole = sum(seconds.values())
     if sys.stderr.isatty():
-        columns = (TextColumn("[progress.description]{task.description}"), BarColumn(), TimeElapsedColumn())
+        columns = (
+            TextColumn("[progress.description]{task.description}"),
+            BarColumn(),
+            TimeElapsedColumn(),
+        )
         with Progress(*columns, console=Console(stderr=True)) as bar:
             task = bar.add_task("first start: compiling the inner loops", total=whole)
             yield lambda row: bar.advance(task, seconds[row])
@@ -272,9 +299,13 @@ def _say(message: str) -> None:
 
 
 def _in_order(
-    rows: Sequence[KernelJob], wanted: Collection[int], submit: Callable[[int], Future[bool]], most: int
+    rows: Sequence[KernelJob],
+    wanted: Collection[int],
+    submit: Callable[[int], Future[bool]],
+    most: int,
 ) -> Iterator[tuple[int, bool]]:
-    """Submit the wanted rows, each after those that it calls, at most `most` at once; the longest way to the end first.
+    """Submit the wanted rows, each after those that it calls, at most `most` at once; the longest
+    way to the end first.
 
     Yields:
         Row, and the result of its future.

@@ -1,7 +1,9 @@
-"""Inputs of a run, checked before anything is compiled: names against the registries, files by their readers.
+"""Inputs of a run, checked before anything is compiled: names against the registries, files by
+their readers.
 
-A door calls `check_inputs` before it imports what runs a scenario, and before `first_start.build`. Nothing compiled is
-called here, so that what is refused is refused at once, also in a clone without compiled kernels.
+A door calls `check_inputs` before it imports what runs a scenario, and before `first_start.build`.
+Nothing compiled is called here, so that what is refused is refused at once, also in a clone without
+compiled kernels.
 """
 
 from collections.abc import Collection
@@ -21,7 +23,8 @@ _MOST_SECONDS = 1e6  # [s] simulated in one run
 
 
 def check_inputs(scenario: Scenario, longest: float | None = None) -> None:
-    """Refuses a scenario that names what there is not, or a file that cannot be read or lacks what the job needs.
+    """Refuses a scenario that names what there is not, or a file that cannot be read or lacks what
+    the job needs.
 
     Args:
         scenario: The description.
@@ -73,7 +76,9 @@ def check_vehicle(
         ConfigurationError: Which vehicle, file or part.
     """
     _check_names(setup)
-    return vehicle_spec(setup.vehicle, setup.tool, setup.parts, needs, spares=spares, computed=False)
+    return vehicle_spec(
+        setup.vehicle, setup.tool, setup.parts, needs, spares=spares, computed=False
+    )
 
 
 def _check_limit(scenario: Scenario, longest: float) -> None:

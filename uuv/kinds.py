@@ -20,7 +20,8 @@ TRUST = "--trust"  # option of every command that reads a scenario: run the code
 CONTROLLER = "control.controller"  # begins the messages about one
 _HOME = Path(__file__).resolve().parent
 _SCENARIOS = "scenarios"
-_EARLIER = (_SCENARIOS, *ROOMS)  # packages that stood beside each other, before they were parts of `uuv`
+# packages that stood beside each other, before they were parts of `uuv`
+_EARLIER = (_SCENARIOS, *ROOMS)
 _FOREIGN = 100  # characters kept of the message of a foreign error
 SURVEY = "survey"  # sensor: the object's pose is known, and nothing looks for it
 SENSORS: "Registry[tuple[Sensor, SensorModel | None]]" = Registry(
@@ -31,7 +32,8 @@ SENSORS: "Registry[tuple[Sensor, SensorModel | None]]" = Registry(
         SURVEY: "uuv.components.contact_parts:survey",
     },
     form=MadeForm(
-        "a sensor and its uuv.perception.SensorModel or None", lambda pair: isinstance(pair, tuple) and len(pair) == 2
+        "a sensor and its uuv.perception.SensorModel or None",
+        lambda pair: isinstance(pair, tuple) and len(pair) == 2,
     ),
 )
 CONTROLLERS: Registry[Controller] = Registry(
@@ -51,11 +53,14 @@ def class_of(name: str, option: str) -> Callable[..., Any]:
     try:
         return getattr(importlib.import_module(module), word)
     except (Exception, SystemExit) as error:
-        raise ConfigurationError(f"{option} {shown(name)}: cannot be imported; {told(error)}") from error
+        raise ConfigurationError(
+            f"{option} {shown(name)}: cannot be imported; {told(error)}"
+        ) from error
 
 
 def where_moved(name: str) -> str:
-    """Where the module of MODULE:ATTRIBUTE is now, if it is of a version whose packages were not yet in `uuv`; or "".
+    """Where the module of MODULE:ATTRIBUTE is now, if it is of a version whose packages were not
+    yet in `uuv`; or "".
 
     A module of the user's own may have the name of one of those packages: it is the user's.
     """
@@ -63,7 +68,9 @@ def where_moved(name: str) -> str:
     if first not in _EARLIER:
         return ""
     spec = importlib.util.find_spec(first)
-    if spec is not None and not any(Path(place).is_relative_to(_HOME.parent) for place in _places(spec)):
+    if spec is not None and not any(
+        Path(place).is_relative_to(_HOME.parent) for place in _places(spec)
+    ):
         return ""
     module = ".".join(filter(None, ("" if first == _SCENARIOS else first, rest)))
     file = _HOME.joinpath(*module.split("."))
@@ -78,11 +85,16 @@ def _places(spec: ModuleSpec) -> list[str]:
 
 
 def told(error: BaseException, *ours: str) -> str:
-    """Type and message of a foreign error, and the line that raised it in code outside the files `ours`."""
+    """Type and message of a foreign error, and the line that raised it in code outside the files
+    `ours`.
+    """
     if isinstance(error, SyntaxError) and error.filename:
         where = f" ({error.filename}:{error.lineno})"
     else:
-        places = [f"{frame.filename}:{frame.lineno}" for frame in traceback.extract_tb(error.__traceback__)]
+        places = [
+            f"{frame.filename}:{frame.lineno}"
+            for frame in traceback.extract_tb(error.__traceback__)
+        ]
         foreign = [place for place in places if not place.startswith((__file__, *ours, "<frozen"))]
         where = f" ({foreign[-1]})" if foreign and "importlib" not in foreign[-1] else ""
     return f"{type(error).__name__}: {one_line(str(error), _FOREIGN)}{where}"

@@ -1,9 +1,16 @@
-"""Methods of control and perception by name: those that a run can leave out, those that it can take as published."""
+"""Methods of control and perception by name: those that a run can leave out, those that it can take
+as published.
+"""
 
 from typing import Literal, get_args
 
 Method = Literal[
-    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
+    "compensation",
+    "hydrodynamic-term",
+    "dynamic-term",
+    "contact-term",
+    "drift-correction",
+    "force-control",
 ]  # that a controller can do without
 NavigationMethod = Literal["fusion", "gyro-check"]  # that navigation can do without
 AblatedMethod = Literal[Method, NavigationMethod]

@@ -1,4 +1,6 @@
-"""What a run leaves for its assessment: `RunResult`, the pictures of its report, and clouds seen on the way."""
+"""What a run leaves for its assessment: `RunResult`, the pictures of its report, and clouds seen on
+the way.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,7 +23,8 @@ class RunResult:
     recording: "Recording"
     last: Moment
     wall_s: float
-    part_by_part: str = ""  # why every tick was taken part by part; empty: compiled ticks where nothing slow was due
+    # why every tick was taken part by part; empty: compiled ticks where nothing slow was due
+    part_by_part: str = ""
     slow_parts: tuple[str, ...] = ()  # in plain Python, called by every compiled tick
 
 

@@ -35,11 +35,13 @@ class OwnVehicle:
 
     model: mujoco.MjModel
     vehicle: Vehicle
-    hull_box: Array  # (2, 3) [m] corners in B of the box around the hull's geoms and those fixed to it
+    # (2, 3) [m] corners in B of the box around the hull's geoms and those fixed to it
+    hull_box: Array
 
     @classmethod
     def of(cls, spec: mujoco.MjSpec, but: Collection[str] = ()) -> Self:
-        """Compiles `spec` and checks it for every part that work with the arm needs, except those in `but`.
+        """Compiles `spec` and checks it for every part that work with the arm needs, except those
+        in `but`.
 
         Raises:
             ConfigurationError: Parts are missing; the message names them all and their purpose.
@@ -47,11 +49,14 @@ class OwnVehicle:
         model = spec.compile()
         check_parts(model, but)
         vehicle = Vehicle.of(model)
-        return cls(model=model, vehicle=vehicle, hull_box=hull_box(model, vehicle.hull, vehicle.arm_base))
+        return cls(
+            model=model, vehicle=vehicle, hull_box=hull_box(model, vehicle.hull, vehicle.arm_base)
+        )
 
     def chain(self) -> "Chain":
         """Kinematics of the arm from its base to the tip; springs and pads are left out."""
-        from uuv.controllers.mkps import Chain  # brings compiled kernels, which reading a vehicle does without
+        # brings compiled kernels, which reading a vehicle does without
+        from uuv.controllers.mkps import Chain
 
         return Chain.from_mjcf(self.model, ARM_BASE_BODY, TIP_SITE, exclude=self.passive_joints)
 
@@ -59,15 +64,23 @@ class OwnVehicle:
     def passive_joints(self) -> list[str]:
         """Names of the joints that belong neither to the arm nor to the hull: springs, a pad."""
         model, driven = self.model, self.vehicle.joints
-        return [model.joint(j).name for j in range(model.njnt) if j not in driven and model.jnt_type[j] != 0]
+        return [
+            model.joint(j).name
+            for j in range(model.njnt)
+            if j not in driven and model.jnt_type[j] != 0
+        ]
 
     @property
     def X_BC(self) -> Array:
         """Pose (4, 4) of the camera on the hull."""
-        return pose_in_body(self.model, find(self.model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), self.vehicle.hull)
+        return pose_in_body(
+            self.model, find(self.model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), self.vehicle.hull
+        )
 
     def at_work(self) -> "WorkVehicle":
-        """The vehicle as the planners of its work know it; without a camera one that looks ahead is taken."""
+        """The vehicle as the planners of its work know it; without a camera one that looks ahead is
+        taken.
+        """
         from uuv.controllers.planning.work_vehicle import WorkVehicle
 
         known = WorkVehicle(vehicle=self.vehicle, chain=self.chain(), hull_box=self.hull_box)
@@ -139,7 +152,8 @@ def check(spec: mujoco.MjSpec, spares: Collection[str], *, computed: bool = True
 
 
 def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -> mujoco.MjSpec:
-    """`spec` itself with a tool on its tip: `tool`, or the one that a task needs and its own is not.
+    """`spec` itself with a tool on its tip: `tool`, or the one that a task needs and its own is
+    not.
 
     Raises:
         ConfigurationError: There is no such tool, or no tip for it.

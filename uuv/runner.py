@@ -58,8 +58,8 @@ def run(
     """Runs a scenario to its end without any output.
 
     Args:
-        scenario: A description, recorded with all that a report needs; a saved run, which goes on; or what `assemble`
-            made of a description.
+        scenario: A description, recorded with all that a report needs; a saved run, which goes on;
+            or what `assemble` made of a description.
         recorder: Recorder of the run; None: a new one. A saved run has its own.
         observers: Further observers of the loop.
         longest: [s] limit of the simulated time, from the start of the run; None: that of the task.
@@ -75,7 +75,9 @@ def run(
     first_start.build()
     start = scenario if isinstance(scenario, SavedRun) else None
     if start is not None and recorder is not None:
-        raise ConfigurationError("run: a saved run goes on with its own recorder; leave `recorder` out")
+        raise ConfigurationError(
+            "run: a saved run goes on with its own recorder; leave `recorder` out"
+        )
     assembly = scenario if isinstance(scenario, Assembly) else _assembled(scenario, full=True)
     result = run_through(assembly, recorder, observers, longest, start=start)
     return Run(assembly=assembly, result=result, assessment=assessed(assembly, result))
@@ -117,7 +119,8 @@ def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool 
         reference, time = last.reference, float(last.truth.time)
         note = f": {reference.note}" if reference.note else ""
         raise ConfigurationError(
-            f"phase: {phase} was not reached; the run ended at {time:.1f} s in {reference.state}{note}"
+            f"phase: {phase} was not reached; the run ended at {time:.1f} s in "
+            f"{reference.state}{note}"
         )
     return SavedRun(
         scenario=assembly.scenario,
@@ -148,7 +151,8 @@ def to_rehearse(scenario: Scenario) -> Scenario:
 
 
 def rehearse(assembly: Assembly) -> None:
-    """Runs the loop for REHEARSAL, to load all compiled code and let an invalid plug-in fail at once.
+    """Runs the loop for REHEARSAL, to load all compiled code and let an invalid plug-in fail at
+    once.
 
     Args:
         assembly: Made of `to_rehearse` for this alone, and thrown away: its parts may hold state.
@@ -183,7 +187,8 @@ def run_through(
         observers: Further observers of the loop.
         longest: [s] limit of the simulated time; None: that of the task.
         stop: Observer that ends the run on a signal; None: one that no signal reaches.
-        part_by_part: Take every tick part by part, also where ticks can be compiled; slower, and the same to the bit.
+        part_by_part: Take every tick part by part, also where ticks can be compiled; slower, and
+            the same to the bit.
         start: Saved run of the scenario, to go on from; None: from the start.
 
     Returns:
@@ -195,7 +200,9 @@ def run_through(
     """
     longest = assembly.placed.longest if longest is None else longest
     if start is not None and longest <= start.time:
-        raise ConfigurationError(f"longest [s]: the saved run is at {start.time:.3f} s already, got {longest:g}")
+        raise ConfigurationError(
+            f"longest [s]: the saved run is at {start.time:.3f} s already, got {longest:g}"
+        )
     stop = stop or SignalStop()
     began = time.perf_counter()
     begun = _begin(assembly, recorder, [*observers, stop], part_by_part=part_by_part, start=start)
@@ -263,7 +270,9 @@ class SignalStop:
         self.last: Moment | None = None  # moment at which the run was ended
 
     def ask(self, number: int, _frame: Any = None) -> None:
-        """Signal handler: the first signal ends the run after the present step, a second one at once."""
+        """Signal handler: the first signal ends the run after the present step, a second one at
+        once.
+        """
         if self.asked is not None:
             raise Interrupted(number)
         self.asked = Interrupted(number)

@@ -52,7 +52,8 @@ class SavedRun:
         kind = type(failure).__name__
         if not (isinstance(failure, Failure) and failure.joins):
             raise ConfigurationError(
-                f"saved run: {kind} changes a run from its start; allowed SensorFailure, ThrusterFailure"
+                f"saved run: {kind} changes a run from its start; allowed SensorFailure, "
+                "ThrusterFailure"
             )
         onset = failure.onset()
         for event in self.past:
@@ -71,10 +72,13 @@ class SavedRun:
         """
         if phase in (self.phase, *(state for _, state, _ in self.past)):
             raise ConfigurationError(
-                f"phase: {phase} has begun, for the run was saved in {self.phase}, at {self.time:.3f} s"
+                f"phase: {phase} has begun, for the run was saved in {self.phase}, at "
+                f"{self.time:.3f} s"
             )
 
-    def resume(self, run: Rollout, recorder: Recorder | None, observers: Sequence[Observer]) -> None:
+    def resume(
+        self, run: Rollout, recorder: Recorder | None, observers: Sequence[Observer]
+    ) -> None:
         """Bring a new run of the scenario to where this one stands.
 
         Args:
@@ -143,6 +147,7 @@ def checked_phase(name: str, planner: Planner | None = None) -> WorkState:
     if name not in phases:
         whose = "a run" if planner is None else "this task"
         raise ConfigurationError(
-            f"phase: {whose} has no phase {shown(name)}{did_you_mean(name, phases)}; allowed {', '.join(phases)}"
+            f"phase: {whose} has no phase {shown(name)}{did_you_mean(name, phases)}; allowed "
+            f"{', '.join(phases)}"
         )
     return WorkState(name)

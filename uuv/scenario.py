@@ -1,6 +1,8 @@
-"""Scenario: everything a run needs and nothing else, as a value and (`scenario_file`) as a TOML file.
+"""Scenario: everything a run needs and nothing else, as a value and (`scenario_file`) as a TOML
+file.
 
-A `Task` says what is to be done; placed at a site that was drawn from the seed it is a `PlacedTask`.
+A `Task` says what is to be done; placed at a site that was drawn from the seed it is a
+`PlacedTask`.
 """
 
 from abc import ABC, abstractmethod
@@ -21,7 +23,14 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.options import option
-from uuv.sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
+from uuv.sim.interfaces.protocols import (
+    Controller,
+    Estimator,
+    Planner,
+    Sensor,
+    TargetFinder,
+    TargetFollower,
+)
 from uuv.sim.interfaces.spatial import Array, finite_number, whole_number
 from uuv.sim.loop.rollout import Observer
 from uuv.site import Site
@@ -83,12 +92,16 @@ class Belief:
     water_error: float = 0.15  # share by which all its added masses and drags are wrong, alike
     calibrated: bool = option(
         False,
-        "Calibrate the arm first: four points touched with a hand's noise of 0.1 mm, one known distance.",
+        "Calibrate the arm first: four points touched with a hand's noise of 0.1 mm, one known "
+        "distance.",
         group="control",
         everywhere=False,
     )
     arm: str | None = option(
-        None, "File of the controller's arm model: arm.yaml of uuv calibrate.", group="control", everywhere=False
+        None,
+        "File of the controller's arm model: arm.yaml of uuv calibrate.",
+        group="control",
+        everywhere=False,
     )
 
     def __post_init__(self) -> None:
@@ -117,11 +130,14 @@ class Sensing:
     )
     follow: bool = option(
         False,
-        "Follow the object by further depth frames while the vehicle scans it, and say if it moves.",
+        "Follow the object by further depth frames while the vehicle scans it, and say if it "
+        "moves.",
         group="sensing",
         everywhere=False,
     )
-    dead_beams: tuple[int, ...] = option((), "Beams of the Doppler log, 1 to 4, that return no echo.", everywhere=False)
+    dead_beams: tuple[int, ...] = option(
+        (), "Beams of the Doppler log, 1 to 4, that return no echo.", everywhere=False
+    )
     vision_period: float = 0.1  # [s]
     vision_delay: float = 0.1  # [s]
     vision_noise: float = 2e-3  # [m]
@@ -129,14 +145,21 @@ class Sensing:
     torque_bias: float = 0.5  # [N m] uniform in +-
     arm_camera: ArmCameraSetup | None = option(
         None,
-        "A small stereo camera beside the tool, which tells navigation how the tool moves over the surface.",
+        "A small stereo camera beside the tool, which tells navigation how the tool moves over "
+        "the surface.",
         group="sensing",
         everywhere=False,
     )
 
     def __post_init__(self) -> None:
         whole_number(self.looks, "sensing.looks", least=1, most=_MOST_LOOKS)
-        for name in ("vision_period", "vision_delay", "vision_noise", "torque_noise", "torque_bias"):
+        for name in (
+            "vision_period",
+            "vision_delay",
+            "vision_noise",
+            "torque_noise",
+            "torque_bias",
+        ):
             finite_number(getattr(self, name), f"sensing.{name}", least=0.0)
 
     def proprioception(self) -> list[Sensor]:
@@ -148,7 +171,9 @@ class Sensing:
             proprioception.JointTorqueSensors(noise=self.torque_noise, bias=self.torque_bias),
             proprioception.Imu(),
             proprioception.Dvl(),
-            proprioception.VisionDrift(period=self.vision_period, delay=self.vision_delay, noise=self.vision_noise),
+            proprioception.VisionDrift(
+                period=self.vision_period, delay=self.vision_delay, noise=self.vision_noise
+            ),
         ]
 
 
@@ -156,13 +181,16 @@ class Sensing:
 class Control:
     """The controller, and methods that it does without."""
 
-    controller: str = option("work", "Controller: work, a registered name, or MODULE:CLASS.", group="control")
+    controller: str = option(
+        "work", "Controller: work, a registered name, or MODULE:CLASS.", group="control"
+    )
     without: tuple[AblatedMethod, ...] = option(
         (), "Controller methods to leave out (ablation).", group="control", everywhere=False
     )
     ik: IkMethod = option(
         "hybrid",
-        "Inverse kinematics that tracks the tool pose: hybrid, or a method of [Danilov 2021], jacobian_free or plain.",
+        "Inverse kinematics that tracks the tool pose: hybrid, or a method of [Danilov 2021], "
+        "jacobian_free or plain.",
         group="control",
         everywhere=False,
     )
@@ -179,7 +207,8 @@ class Control:
         laws = {"force-law", "normal-force-law"} & {*self.published}
         if len(laws) + ("force-control" in self.without) > 1:
             raise ConfigurationError(
-                "control.without force-control, control.published force-law and normal-force-law: one of them"
+                "control.without force-control, control.published force-law and normal-force-law: "
+                "one of them"
             )
 
 
@@ -199,7 +228,8 @@ class Task(ABC):
         return None
 
     def check_inputs(self, scenario: "Scenario") -> None:
-        """Refuses an object that is none for it, and names and files that there are not, before anything is compiled.
+        """Refuses an object that is none for it, and names and files that there are not, before
+        anything is compiled.
 
         Calls nothing compiled. A task that follows an object overrides it, others add to it.
 
@@ -210,12 +240,16 @@ class Task(ABC):
             raise ConfigurationError(_NOT_FOLLOWED)
 
     def least_seconds(self, scenario: "Scenario") -> float:
-        """Time [s] that the work itself takes at least, as it is asked for; 0 where nothing says so."""
+        """Time [s] that the work itself takes at least, as it is asked for; 0 where nothing says
+        so.
+        """
         del scenario
         return 0.0
 
     @abstractmethod
-    def place(self, scenario: "Scenario", own: "OwnVehicle", rng: np.random.Generator) -> "PlacedTask":
+    def place(
+        self, scenario: "Scenario", own: "OwnVehicle", rng: np.random.Generator
+    ) -> "PlacedTask":
         """The task at its site.
 
         Args:
@@ -231,8 +265,10 @@ class Task(ABC):
 class PlacedTask(ABC):
     """A task at its site. The truth about the site goes to plant and evaluation only."""
 
-    begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)  # a run in none of these states counts as refused
-    exact_start: ClassVar[bool] = False  # True: the hull starts at `X_WB`, without an error of place and heading
+    # a run in none of these states counts as refused
+    begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)
+    # True: the hull starts at `X_WB`, without an error of place and heading
+    exact_start: ClassVar[bool] = False
 
     @property
     def longest(self) -> float:
@@ -264,7 +300,9 @@ class PlacedTask(ABC):
         """Adds the site to the spec of the true vehicle, in place, and returns it."""
 
     def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
-        """Sensors that see the site, and the model that perception has of them; None: its default."""
+        """Sensors that see the site, and the model that perception has of them; None: its
+        default.
+        """
         return [], None
 
     def estimator(self, navigation: Estimator) -> Estimator:
@@ -289,7 +327,9 @@ class PlacedTask(ABC):
         """Planner of the task."""
 
     def controller(self) -> Controller | None:
-        """Controller of a test rig, in place of that of the scenario; None: that of the scenario."""
+        """Controller of a test rig, in place of that of the scenario; None: that of the
+        scenario.
+        """
         return None
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":

@@ -64,8 +64,9 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
         trust: Import the classes MODULE:CLASS that it names, which runs their code.
 
     Raises:
-        ConfigurationError: The file cannot be read, is of a later format, names code without `trust` or code that has
-            moved, or a key or value is none of those allowed; the message names them.
+        ConfigurationError: The file cannot be read, is of a later format, names code without
+            `trust` or code that has moved, or a key or value is none of those allowed; the message
+            names them.
     """
     found = toml_of(file, "scenario", _MOST)
     what = named(file, "scenario")
@@ -81,7 +82,8 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
 def refuse_code(document: Any, what: str, *, trust: bool) -> None:
     """Refuses a document that names code, MODULE:ATTRIBUTE, before any of it is imported.
 
-    What is typed on the command line needs no such leave: only what stands in a file, which may be another's.
+    What is typed on the command line needs no such leave: only what stands in a file, which may be
+    another's.
 
     Args:
         document: Tables of the file.
@@ -96,7 +98,9 @@ def refuse_code(document: Any, what: str, *, trust: bool) -> None:
             raise ConfigurationError(f"{what}: names {shown(name)}: {moved}")
         if trust:
             continue
-        raise ConfigurationError(f"{what}: names code, {shown(name)}, which is not run unless you say {TRUST}")
+        raise ConfigurationError(
+            f"{what}: names code, {shown(name)}, which is not run unless you say {TRUST}"
+        )
 
 
 def names_of_code(value: Any) -> Iterator[str]:
@@ -147,7 +151,8 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
     """Values by dotted key.
 
     Args:
-        assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; what is none is text.
+        assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; what is
+            none is text.
 
     Raises:
         ConfigurationError: One has no =, or a value that `documents.checked` refuses.
@@ -156,7 +161,9 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         if not equals:
-            raise ConfigurationError(f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}")
+            raise ConfigurationError(
+                f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}"
+            )
         values[key.strip()] = checked(toml_value(text), key.strip())
     return values
 
@@ -164,7 +171,8 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
 def put(nested: dict[str, Any], key: str, value: Any) -> None:
     """Sets the value at a dotted key of a scenario's tables.
 
-    A perturbation that is missing is appended. Another `kind` empties its table: what it had were keys of the old kind.
+    A perturbation that is missing is appended. Another `kind` empties its table: what it had were
+    keys of the old kind.
 
     Raises:
         ConfigurationError: The key is in no table of a scenario.
@@ -208,17 +216,24 @@ def _table(value: Any) -> Any:
         several = isinstance(value, tuple(registries()))
         kind = {KIND: _kind_of(value)} if several else {}
         own = {field.name: getattr(value, field.name) for field in fields(value)}
-        return {**kind, **{name: _table(each) for name, each in own.items() if not _left_out(name, each)}}
+        return {
+            **kind,
+            **{name: _table(each) for name, each in own.items() if not _left_out(name, each)},
+        }
     return [_table(each) for each in value] if isinstance(value, tuple | list) else value
 
 
 def _left_out(name: str, value: Any) -> bool:
-    """True for None, which TOML does not know, and for no perturbations: tables of them can then be appended."""
+    """True for None, which TOML does not know, and for no perturbations: tables of them can then be
+    appended.
+    """
     return value is None or (name == "perturbations" and not value)
 
 
 def _kind_of(value: Any) -> str:
-    """Name under which a registry makes the class of `value`; MODULE:CLASS for one that is in none."""
+    """Name under which a registry makes the class of `value`; MODULE:CLASS for one that is in
+    none.
+    """
     registry = next(known for base, known in registries().items() if isinstance(value, base))
     own = f"{type(value).__module__}:{type(value).__qualname__}"
     return registry.name_of(type(value)) or own
@@ -228,7 +243,9 @@ def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
     """Values of nested tables by their keys, joined by dots."""
     found: dict[str, Any] = {}
     for key, value in nested.items():
-        found |= flat(value, f"{before}{key}.") if isinstance(value, dict) else {before + key: value}
+        found |= (
+            flat(value, f"{before}{key}.") if isinstance(value, dict) else {before + key: value}
+        )
     return found
 
 
@@ -241,7 +258,9 @@ def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
     name = table.get(KIND)
     place = _READER.place(where)
     if name is None:
-        raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
+        raise ConfigurationError(
+            f"{place}: needs a {KIND}; there are {', '.join(registry.names())}"
+        )
 
     entries = {key: value for key, value in table.items() if key != KIND}
     return registry.class_of(str(name), kind, place), entries, where

@@ -1,4 +1,6 @@
-"""The site: the object to work on with its true pose, growth and dents, or the seabed; current and gusts."""
+"""The site: the object to work on with its true pose, growth and dents, or the seabed; current and
+gusts.
+"""
 
 import math
 from abc import ABC, abstractmethod
@@ -25,7 +27,8 @@ if TYPE_CHECKING:
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
 HALF = 3.0  # [m] half the side of the terrain
-TILT = float(np.radians(5.0))  # [rad] largest tilt of the manifold on the seabed, about x and about y
+# [rad] largest tilt of the manifold on the seabed, about x and about y
+TILT = float(np.radians(5.0))
 LEAN = float(np.radians(0.5))  # [rad] standard deviation of the pile's tilt about x and about y
 SHORTEST_LINE = 0.05  # [m]
 BESIDE = 41  # places across an object at which a path over it is tried
@@ -41,8 +44,12 @@ class SiteObject:
     """What there is to work on; the base of all kinds."""
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
-        """True pose X_WT (4, 4): on the seabed 1.5 m below the origin, turned by up to 0.6 rad about z."""
-        return pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
+        """True pose X_WT (4, 4): on the seabed 1.5 m below the origin, turned by up to 0.6 rad
+        about z.
+        """
+        return pose(
+            exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5]
+        )
 
     def clean(self) -> Self:
         """The same without growth and dents, which take seconds to draw."""
@@ -56,7 +63,9 @@ class OpenWater(SiteObject):
 
 @dataclass(frozen=True, kw_only=True)
 class Workpiece(SiteObject, ABC):
-    """Object with tool paths on it; growth and dents lie along the path, and the vehicle knows the clean object."""
+    """Object with tool paths on it; growth and dents lie along the path, and the vehicle knows the
+    clean object.
+    """
 
     fouled: float = option(
         0.0,
@@ -76,7 +85,10 @@ class Workpiece(SiteObject, ABC):
         return replace(self, fouled=0.0, dented=0.0)
 
     def model(self) -> "TargetModel":
-        """Clean model, where no path is needed. Raises ConfigurationError if there is no such object."""
+        """Clean model, where no path is needed.
+
+        Raises ConfigurationError if there is no such object.
+        """
         return self.target(None)[0]
 
     @abstractmethod
@@ -87,7 +99,9 @@ class Workpiece(SiteObject, ABC):
             ConfigurationError: There is no such object or path.
         """
 
-    def as_it_is(self, target: "TargetModel", path: str | None, rng: np.random.Generator) -> "TargetModel":
+    def as_it_is(
+        self, target: "TargetModel", path: str | None, rng: np.random.Generator
+    ) -> "TargetModel":
         """The true object: `target` with growth and dents near `path`; None: all over it.
 
         Raises:
@@ -161,7 +175,9 @@ class Pile(Workpiece):
         unit=DEGREE,
     )
     height: float = option(
-        -0.15, "Height of the path's middle above the pile's [m]; the flange is 0.2 to 0.3 m above it.", group="object"
+        -0.15,
+        "Height of the path's middle above the pile's [m]; the flange is 0.2 to 0.3 m above it.",
+        group="object",
     )
 
     def target(self, path: str | None) -> "tuple[TargetModel, str]":
@@ -179,21 +195,35 @@ class Pile(Workpiece):
         return pile({name: shapes[name]()}), name
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
-        """True pose: nearly upright; the vehicle approaches from -x, to within 0.6 rad of azimuth 0."""
+        """True pose: nearly upright; the vehicle approaches from -x, to within 0.6 rad of azimuth
+        0.
+        """
         lean = LEAN * rng.standard_normal(3) * [1.0, 1.0, 0.0]
-        return pose(exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3))
+        return pose(
+            exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]),
+            rng.uniform(-0.2, 0.2, 3),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownObject(Workpiece):
-    """Object of the library by name, those of other packages included, or a mesh file with a line laid over its top."""
+    """Object of the library by name, those of other packages included, or a mesh file with a line
+    laid over its top.
+    """
 
-    object: str = option("rock", "A name of `uuv list objects`, a mesh file, or MODULE:FUNCTION.", group="object")
-    scale: float | None = option(None, "Unit of a mesh file [m]: 0.001 for one in mm; default: metres.", group="object")
-    length: float = option(0.3, "Length of the line over a mesh [m].", group="object", everywhere=False)
+    object: str = option(
+        "rock", "A name of `uuv list objects`, a mesh file, or MODULE:FUNCTION.", group="object"
+    )
+    scale: float | None = option(
+        None, "Unit of a mesh file [m]: 0.001 for one in mm; default: metres.", group="object"
+    )
+    length: float = option(
+        0.3, "Length of the line over a mesh [m].", group="object", everywhere=False
+    )
     line: tuple[float, float, float, float] | None = option(
         None,
-        "A path of one's own instead: x0 y0 x1 y1 [m] in the object's frame, straight over it, projected from above.",
+        "A path of one's own instead: x0 y0 x1 y1 [m] in the object's frame, straight over it, "
+        "projected from above.",
         group="object",
         everywhere=False,
     )
@@ -205,7 +235,8 @@ class KnownObject(Workpiece):
             finite_number(value, "site.object.line [m]")
         if math.dist(self.line[:2], self.line[2:]) < SHORTEST_LINE:
             raise ConfigurationError(
-                f"site.object.line: must be at least {SHORTEST_LINE:g} m long, got {shown(self.line)}"
+                f"site.object.line: must be at least {SHORTEST_LINE:g} m long, got "
+                f"{shown(self.line)}"
             )
 
     def model(self) -> "TargetModel":
@@ -215,12 +246,19 @@ class KnownObject(Workpiece):
         return targets.of(self.object, self.scale)
 
     def target(self, path: str | None) -> "tuple[TargetModel, str]":
-        """The object and the path's name; "over", from above, is `line`, or along x on a mesh without paths."""
+        """The object and the path's name; "over", from above, is `line`, or along x on a mesh
+        without paths.
+        """
         if self.line is not None and path not in (None, OVER):
-            raise ConfigurationError(f"task.path {shown(path)} and site.object.line: one of the two")
+            raise ConfigurationError(
+                f"task.path {shown(path)} and site.object.line: one of the two"
+            )
         made = self.model()
         if self.line is not None or not made.paths:
-            above, path = float(made.center[2] + made.radius), OVER if self.line is not None else path
+            above, path = (
+                float(made.center[2] + made.radius),
+                OVER if self.line is not None else path,
+            )
             lines = (self.line,) if self.line is not None else self._lines_over(made)
             made = made.with_path(OVER, _first_laid(made, lines, above))
         name = path or next(iter(made.paths), "none")
@@ -235,8 +273,12 @@ class KnownObject(Workpiece):
             yield x - half, y + aside, x + half, y + aside
 
 
-def _first_laid(made: "TargetModel", lines: Iterable[tuple[float, float, float, float]], above: float) -> "ModelPath":
-    """The first of the lines (x, y of both ends) that lies on the object all along, seen from above."""
+def _first_laid(
+    made: "TargetModel", lines: Iterable[tuple[float, float, float, float]], above: float
+) -> "ModelPath":
+    """The first of the lines (x, y of both ends) that lies on the object all along, seen from
+    above.
+    """
     from uuv.perception.toolpath.path_shapes import laid_on, line  # casts rays
 
     refused: ConfigurationError | None = None
@@ -246,14 +288,18 @@ def _first_laid(made: "TargetModel", lines: Iterable[tuple[float, float, float, 
         except ConfigurationError as error:
             refused = refused or error
     assert refused is not None
-    raise ConfigurationError(f"{refused}; site.object.line, x0 y0 x1 y1 [m], lays the path elsewhere") from refused
+    raise ConfigurationError(
+        f"{refused}; site.object.line, x0 y0 x1 y1 [m], lays the path elsewhere"
+    ) from refused
 
 
 @dataclass(frozen=True, kw_only=True)
 class HoleManifold(SiteObject):
     """Subsea manifold with two holes, "a" and "b"."""
 
-    clearance: float = option(2e-3, "Radial clearance between sampler and hole [mm].", unit=MILLIMETRE)
+    clearance: float = option(
+        2e-3, "Radial clearance between sampler and hole [mm].", unit=MILLIMETRE
+    )
     depth: float = 0.08  # [m] of the holes
     chamfer: float = option(2e-3, "Chamfer of the hole's mouth [mm].", unit=MILLIMETRE)
 
@@ -269,14 +315,19 @@ class HoleManifold(SiteObject):
     def draw_pose(self, rng: np.random.Generator) -> Array:
         """True pose: on the seabed, tilted by up to TILT."""
         lean = exp_so3([*rng.uniform(-TILT, TILT, 2), 0.0])
-        return pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]) @ lean, rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
+        return pose(
+            exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]) @ lean,
+            rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5],
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ground(SiteObject):
     """Terrain of the seabed, drawn anew by each seed, and its soil."""
 
-    terrain: Kind | Literal["any"] = option("ripples", "Kind of terrain, drawn from the seed; any: the kinds in turn.")
+    terrain: Kind | Literal["any"] = option(
+        "ripples", "Kind of terrain, drawn from the seed; any: the kinds in turn."
+    )
     soil: str = option("sand", "Kind of soil, of `uuv list soils`.")
 
     def draw(self, seed: int, rng: np.random.Generator) -> "Seabed":
@@ -322,7 +373,9 @@ def flow_of(name: str) -> FlowField:
     if needs:
         lacks = ", ".join(needs)
         first = f"{where}.kind={name}, {where}.{needs[0]}=..."
-        raise ConfigurationError(f"{where}: {name} needs {lacks}; set kind and keys one by one: {first}")
+        raise ConfigurationError(
+            f"{where}: {name} needs {lacks}; set kind and keys one by one: {first}"
+        )
     return TableReader().made(kind, {}, where)
 
 
@@ -333,7 +386,9 @@ class Site:
     object: SiteObject = field(default_factory=Barrel)
     X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed
     current: tuple[float, float, float] = option(
-        (0.15, 0.0, 0.0), "Steady current [m/s], world axes; flow, wave and gusts come on top.", group="water"
+        (0.15, 0.0, 0.0),
+        "Steady current [m/s], world axes; flow, wave and gusts come on top.",
+        group="water",
     )
     flow: FlowField | None = option(
         None,
@@ -370,13 +425,19 @@ class Site:
         return max(velocities, key=lambda velocity: float(np.linalg.norm(velocity)))
 
     def pose(self, rng: np.random.Generator) -> Array:
-        """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws stay the same."""
+        """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws stay
+        the same.
+        """
         drawn = self.object.draw_pose(rng)
         return drawn if self.X_WT is None else np.array(self.X_WT)
 
 
 def with_growth_and_dents(
-    target: "TargetModel", fouled: float, dented: float, rng: np.random.Generator, near: Array | None = None
+    target: "TargetModel",
+    fouled: float,
+    dented: float,
+    rng: np.random.Generator,
+    near: Array | None = None,
 ) -> "TargetModel | None":
     """`target` with random growth and dents.
 
@@ -399,5 +460,7 @@ def with_growth_and_dents(
         if height > 0.0:
             from uuv.models.objects import deformed  # brings compiled kernels
 
-            shown = getattr(deformed, name)(shown, rng, _PATCHES, (0.4 * height, height), near=near).target
+            shown = getattr(deformed, name)(
+                shown, rng, _PATCHES, (0.4 * height, height), near=near
+            ).target
     return None if shown is target else shown

@@ -1,4 +1,6 @@
-"""First import of every command: refuses what it cannot run on, and makes one line of each error."""
+"""First import of every command: refuses what it cannot run on, and makes one line of each
+error.
+"""
 
 import sys
 from types import TracebackType
@@ -8,7 +10,9 @@ from uuv.sim.runs.process import refuse_foreign_system
 from uuv.sim.runs.run_folder import new_folder
 
 
-def _in_one_line(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+def _in_one_line(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
     """What the imports of a command refuse, such as a missing library, is one line as well."""
     from uuv.sim.interfaces.errors import UuvError
 

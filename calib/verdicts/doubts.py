@@ -1,8 +1,10 @@
-"""Doubts of a calibration: what a wrong file, table or length explains better than an arm with errors of its making.
+"""Doubts of a calibration: what a wrong file, table or length explains better than an arm with
+errors of its making.
 
-A fit finds the arm that brings the touches of a point closest together. Any file has such an arm, also one whose
-columns are exchanged. How arms are made and how a hand touches tell right from wrong: each doubt states the odds of a
-wrong input against the arm as found, and those of more than `REFUSED` to 1 refuse it. What no odds can tell is said.
+A fit finds the arm that brings the touches of a point closest together. Any file has such an arm,
+also one whose columns are exchanged. How arms are made and how a hand touches tell right from
+wrong: each doubt states the odds of a wrong input against the arm as found, and those of more than
+`REFUSED` to 1 refuse it. What no odds can tell is said.
 
     found = identify(series, nominal)
     for doubt in examine(found, series, partial(identify, nominal=nominal)).doubts:
@@ -21,7 +23,16 @@ from uuv.calib.fit import LEAST_FREEDOM
 from uuv.calib.identification import Calibration
 from uuv.calib.simulation import HAND_NOISE
 from uuv.calib.touches import first_tcp, motions, moved, spread
-from uuv.calib.verdicts.evidence import BRIEF, REFUSED, Again, Doubt, Told, as_made, log_evidence, motion_of
+from uuv.calib.verdicts.evidence import (
+    BRIEF,
+    REFUSED,
+    Again,
+    Doubt,
+    Told,
+    as_made,
+    log_evidence,
+    motion_of,
+)
 from uuv.calib.verdicts.readings import (
     HiddenJoint,
     Rival,
@@ -36,14 +47,19 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
 REACHES = (0.05, 50.0)  # [m] of arms; beyond, the unit of the lengths is wrong
-_LIKE_HAND = 3.0  # factor of `HAND_NOISE` that is one standard deviation of how well a point is touched
-_SHARE_OF_MOTION, _LIKE_SHARE = 3e-4, 4.0  # noise over the motion of the joints; factor that is one deviation of it
-_COINCIDE = 0.15  # scatter by a nominal arm, as a share of the motion of the joints, that is no accident
+# factor of `HAND_NOISE` that is one standard deviation of how well a point is touched
+_LIKE_HAND = 3.0
+# noise over the motion of the joints; factor that is one deviation of it
+_SHARE_OF_MOTION, _LIKE_SHARE = 3e-4, 4.0
+# scatter by a nominal arm, as a share of the motion of the joints, that is no accident
+_COINCIDE = 0.15
 _BLUNDERS = 20.0  # blunders are rare: their share is drawn from the density 20 (1 - share)^19
-_FOREIGN = 10.0  # times the deviation to which arms are made: errors of a table that is of another arm
+# times the deviation to which arms are made: errors of a table that is of another arm
+_FOREIGN = 10.0
 _WRONG_LENGTH = 0.1  # standard deviation of a wrong known length, as a share of it
 _MADE_SCALE = 1e-3  # standard deviation of the size of a whole arm, slides included
-_SEATS = 4.0  # most touches of a point that count for its place: the seat of a ball repeats its errors
+# most touches of a point that count for its place: the seat of a ball repeats its errors
+_SEATS = 4.0
 _SAME = 2e-4  # [rad], [m] a hand does not find a posture again so closely in every joint
 _RANGE = 0.1  # [rad], [m] over which a hand spreads a joint at least
 _TWO_SEATS = 5e-3  # [m] apart, two seats are no longer one: a ball leans on one flank by less
@@ -58,7 +74,9 @@ class Examination:
     untold: tuple[str, ...] = ()  # wrong inputs that touches like these cannot tell from right ones
 
 
-def examine(found: Calibration, series: Sequence[Array], again: Again, told: Told | None = None) -> Examination:
+def examine(
+    found: Calibration, series: Sequence[Array], again: Again, told: Told | None = None
+) -> Examination:
     """Doubts that refuse a calibration, and what its touches cannot tell.
 
     Args:
@@ -73,31 +91,48 @@ def examine(found: Calibration, series: Sequence[Array], again: Again, told: Tol
     told = Told(names=[f"point {i + 1}" for i in range(len(series))]) if told is None else told
     free = again(series, distances=()) if told.distances else found
     own = [np.ascontiguousarray(q[:, told.base_joints :]) for q in series]
-    named = [*_untold(found, series, told), *_repeats(own, told.names), *_wrong_lengths(free, series, told)]
+    named = [
+        *_untold(found, series, told),
+        *_repeats(own, told.names),
+        *_wrong_lengths(free, series, told),
+    ]
     named += frozen_readings(found, series, told)
     general = [_scatter(found, series), _left_out(found, told.names), _foreign_table(found)]
     hidden: list[HiddenJoint] = []
     rivals: list[Rival] = []
     if not any(doubt.grave for doubt in named):
         hidden += hidden_joints(found, series, again, told)
-        rivals += rival_readings(found, series, again, told, single=any(doubt.grave for doubt in general))
-        causes = [*(one.doubt for one in (*hidden, *rivals)), *_two_points(free, series, again, told.names)]
+        rivals += rival_readings(
+            found, series, again, told, single=any(doubt.grave for doubt in general)
+        )
+        causes = [
+            *(one.doubt for one in (*hidden, *rivals)),
+            *_two_points(free, series, again, told.names),
+        ]
         if not any(doubt.grave for doubt in causes):
             causes += shifted_readings(found, series, again, told)
         # A wrong file may look like several: what explains it best is said.
         named += sorted(causes, key=lambda doubt: -doubt.log_odds)[:1]
     grave = tuple(doubt for doubt in (*named, *general) if doubt.grave)
-    return Examination(doubts=grave, untold=() if grave else tuple(_cannot_tell(hidden, rivals, told)))
+    return Examination(
+        doubts=grave, untold=() if grave else tuple(_cannot_tell(hidden, rivals, told))
+    )
 
 
-def _cannot_tell(hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], told: Told) -> Iterator[str]:
-    """Statements on joints whose readings explain nothing, and on readings that explain as much as those given."""
+def _cannot_tell(
+    hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], told: Told
+) -> Iterator[str]:
+    """Statements on joints whose readings explain nothing, and on readings that explain as much as
+    those given.
+    """
     lost = {one.joint for one in hidden if not one.told}
     for one in hidden:
         if one.joint in lost:
             yield (
-                f"the readings of joint {one.joint + 1 - told.base_joints} explain nothing: the tip lies on its axis "
-                f"to {1e3 * one.lever:.2g} mm, so they are not checked and nothing of that joint is identified"
+                f"the readings of joint {one.joint + 1 - told.base_joints} explain nothing: the "
+                "tip lies on its axis "
+                f"to {1e3 * one.lever:.2g} mm, so they are not checked and nothing of that joint "
+                "is identified"
             )
         elif one.doubt.log_odds > 0.0:
             yield f"it may be that {one.doubt}: too little to refuse it"
@@ -105,9 +140,15 @@ def _cannot_tell(hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], told: T
         if rival.doubt.log_odds < -np.log(REFUSED) or {*rival.reading.joints} & lost:
             continue
         if rival.reading.mirrored:
-            yield "touches cannot tell the arm from its mirror image: check the sign of one joint by a move"
+            yield (
+                "touches cannot tell the arm from its mirror image: check the sign of one joint "
+                "by a move"
+            )
         else:
-            yield f"touches cannot tell the file as it is from {rival.reading.text}: check it by a move"
+            yield (
+                f"touches cannot tell the file as it is from {rival.reading.text}: check it by "
+                "a move"
+            )
 
 
 # Nothing can be told
@@ -118,17 +159,21 @@ def _untold(found: Calibration, series: Sequence[Array], told: Told) -> Iterator
     arm = found.nominal
     if not REACHES[0] <= arm.reach <= REACHES[1]:
         yield Doubt(
-            reason=f"the nominal arm reaches {arm.reach:.3g} m, arms {REACHES[0]:g} to {REACHES[1]:g} m: the unit of "
+            reason=f"the nominal arm reaches {arm.reach:.3g} m, arms {REACHES[0]:g} to "
+            f"{REACHES[1]:g} m: the unit of "
             "its lengths is wrong"
         )
     if found.degrees_of_freedom < LEAST_FREEDOM:
         yield Doubt(reason="the touches are too few for what is identified: they fit any arm")
     still = ~np.any([moved(q, arm) for q in series], axis=0)
     most = np.max([motions(q) for q in series], axis=0)
-    for k in np.flatnonzero(still & np.isin(np.arange(arm.n), found.estimate.parameters.index // ROW)):
+    for k in np.flatnonzero(
+        still & np.isin(np.arange(arm.n), found.estimate.parameters.index // ROW)
+    ):
         unit = f"{1e3 * most[k]:.1f} mm" if arm.slides[k] else f"{np.rad2deg(most[k]):.1f} deg"
         yield Doubt(
-            reason=f"joint {k + 1 - told.base_joints} moves by {unit} RMS about any point: nothing is told of it; "
+            reason=f"joint {k + 1 - told.base_joints} moves by {unit} RMS about any point: "
+            "nothing is told of it; "
             "move it, or leave its parameters out of those that are free"
         )
 
@@ -144,7 +189,8 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
         shared = sum(map(bool, cKDTree(a).query_ball_tree(cKDTree(b), _SAME, p=np.inf)))
         if shared:
             yield Doubt(
-                reason=f"points {names[i]} and {names[j]} share {shared} postures: the same touches twice",
+                reason=f"points {names[i]} and {names[j]} share {shared} postures: the same "
+                "touches twice",
                 log_odds=n * likely - np.log(len(a) * len(b)),
             )
     for name, q in zip(names, series, strict=True):
@@ -153,7 +199,8 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
         if len(q) >= 4 and fresh <= len(q) / 2:
             # A point leaves n - 3 joints to choose.
             yield Doubt(
-                reason=f"point {name}: {len(q)} touches are {fresh} postures, the rest repeats them",
+                reason=f"point {name}: {len(q)} touches are {fresh} postures, the rest repeats "
+                "them",
                 log_odds=(len(q) - fresh) * max(n - 3, 0) * likely,
             )
 
@@ -161,8 +208,12 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
 # Two points in one series
 
 
-def _two_points(free: Calibration, series: Sequence[Array], again: Again, names: Sequence[str]) -> Iterator[Doubt]:
-    """Series that fit far better as touches of two points each than as `free`, which knows no distances."""
+def _two_points(
+    free: Calibration, series: Sequence[Array], again: Again, names: Sequence[str]
+) -> Iterator[Doubt]:
+    """Series that fit far better as touches of two points each than as `free`, which knows no
+    distances.
+    """
     if free.loads is not None:
         return  # its payloads are those of the series as they are
     parts: list[Array] = []
@@ -182,7 +233,11 @@ def _two_points(free: Calibration, series: Sequence[Array], again: Again, names:
         apart = again(parts, distances=(), method=BRIEF)
     except ConfigurationError:
         return
-    far = [name for name, k in split if np.linalg.norm(apart.points[k] - apart.points[k + 1]) > _TWO_SEATS]
+    far = [
+        name
+        for name, k in split
+        if np.linalg.norm(apart.points[k] - apart.points[k + 1]) > _TWO_SEATS
+    ]
     if far:
         yield Doubt(
             reason=f"{', '.join(far)}: touches of two points, not of one",
@@ -191,7 +246,9 @@ def _two_points(free: Calibration, series: Sequence[Array], again: Again, names:
 
 
 def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
-    """Mask (m,) of the touches `q` (m, n) in one of two clusters of tips; None if one explains them as well."""
+    """Mask (m,) of the touches `q` (m, n) in one of two clusters of tips; None if one explains them
+    as well.
+    """
     best, labels = 0.0, None
     for arm, tcp in ((found.arm, found.tcp), (found.nominal, found.nominal_tcp)):
         p = arm.tips(q, tcp)
@@ -205,7 +262,8 @@ def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
         if not _CLUSTER <= mine.sum() <= len(q) - _CLUSTER:
             continue
         within = sum(((p[each] - p[each].mean(axis=0)) ** 2).sum() for each in (mine, ~mine))
-        # Of isotropic tips a cut leaves 0.79 of the squares; which touch is of which point costs a bit each.
+        # Of isotropic tips a cut leaves 0.79 of the squares; which touch is of which point costs a
+        # bit each.
         gain = 1.5 * len(q) * np.log((off**2).sum() / max(within, 1e-18)) - len(q) * np.log(2.0)
         if gain > best:
             best, labels = gain, mine
@@ -216,9 +274,13 @@ def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
 
 
 def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
-    """Known lengths against those that the touches and the making of the arm tell, `free` of them."""
+    """Known lengths against those that the touches and the making of the arm tell, `free` of
+    them.
+    """
     informed, made = _information(free), as_made(free)
-    covariance = np.linalg.inv(informed + np.diag(np.maximum(free.estimate.prior, made / 3.0) ** -2.0))
+    covariance = np.linalg.inv(
+        informed + np.diag(np.maximum(free.estimate.prior, made / 3.0) ** -2.0)
+    )
     slopes: dict[int, Array] = {}
     for i, j, length, deviation in told.distances:
         gap = free.points[i] - free.points[j]
@@ -233,16 +295,21 @@ def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> It
         wide = variance + (_WRONG_LENGTH * length) ** 2
         error2 = (size - length) ** 2
         yield Doubt(
-            reason=f"known distance {told.names[i]} to {told.names[j]}: told {length:.5g} m, by the touches "
+            reason=f"known distance {told.names[i]} to {told.names[j]}: told {length:.5g} m, by "
+            "the touches "
             f"{size:.5g} ± {2.0 * np.sqrt(variance):.2g} m: the length is wrong",
             log_odds=0.5 * (error2 / variance - error2 / wide - np.log(wide / variance)),
         )
 
 
 def _slope(free: Calibration, q: Array, k: int) -> Array:
-    """Derivatives (P, 3) of the point of series k, touched at `q` (m, n), by the free parameters."""
+    """Derivatives (P, 3) of the point of series k, touched at `q` (m, n), by the free
+    parameters.
+    """
     J = free.arm.tips_and_jacobian(np.ascontiguousarray(q), free.tcp)[1]
-    J = np.concatenate([J, np.zeros((len(q), free.arm.n, 3))], axis=1)[:, free.estimate.parameters.index]
+    J = np.concatenate([J, np.zeros((len(q), free.arm.n, 3))], axis=1)[
+        :, free.estimate.parameters.index
+    ]
     used = free.weights[k] > 0.0
     return J[used].mean(axis=0) if used.any() else J.mean(axis=0)
 
@@ -251,27 +318,35 @@ def _slope(free: Calibration, q: Array, k: int) -> Array:
 
 
 def _scatter(found: Calibration, series: Sequence[Array]) -> Doubt:
-    """Touches that come no closer than those of no point: by a hand's noise, and by the motion of the joints."""
+    """Touches that come no closer than those of no point: by a hand's noise, and by the motion of
+    the joints.
+    """
     motion = motion_of(found.arm, found.tcp, series)
     share = found.noise / max(motion, 1e-12)
     odds = max(
-        _log_unlike(found.noise, HAND_NOISE, _LIKE_HAND, motion), _log_unlike(share, _SHARE_OF_MOTION, _LIKE_SHARE, 1.0)
+        _log_unlike(found.noise, HAND_NOISE, _LIKE_HAND, motion),
+        _log_unlike(share, _SHARE_OF_MOTION, _LIKE_SHARE, 1.0),
     )
     return Doubt(
-        reason=f"touches scatter by {1e3 * found.noise:.3g} mm about their points, {100.0 * share:.2g} % of the motion "
+        reason=f"touches scatter by {1e3 * found.noise:.3g} mm about their points, "
+        f"{100.0 * share:.2g} % of the motion "
         "of the joints: they are not touches of points by this arm",
         log_odds=odds,
     )
 
 
 def coincide(arm: SerialArm, series: Sequence[Array]) -> bool:
-    """True if the touches of each point lie close together by the nominal `arm`, beside the motion of its joints."""
+    """True if the touches of each point lie close together by the nominal `arm`, beside the motion
+    of its joints.
+    """
     tcp = first_tcp(arm, series)
     return spread(arm, tcp, series) < _COINCIDE * np.sqrt(3.0) * motion_of(arm, tcp, series)
 
 
 def _log_unlike(value: float, usual: float, factor: float, most: float) -> float:
-    """Logarithm of the odds that `value` is any up to `most`, log-uniform, against about `usual` by a factor."""
+    """Logarithm of the odds that `value` is any up to `most`, log-uniform, against about `usual` by
+    a factor.
+    """
     if value <= usual or most <= usual:
         return -np.inf
     z = np.log(value / usual) / np.log(factor)
@@ -283,18 +358,25 @@ def _left_out(found: Calibration, names: Sequence[str]) -> Doubt:
     out = np.array([(weights == 0.0).sum() for weights in found.weights])
     counts = np.array([len(weights) for weights in found.weights])
     tried = [(f"{out.sum()} of all {counts.sum()} touches", out.sum(), counts.sum())]
-    tried += [(f"{k} of {m} touches of {name}", k, m) for name, k, m in zip(names, out, counts, strict=True)]
+    tried += [
+        (f"{k} of {m} touches of {name}", k, m)
+        for name, k, m in zip(names, out, counts, strict=True)
+    ]
 
     def log_odds(left_out: float, count: float) -> float:
         any_share = betaln(left_out + 1.0, count - left_out + 1.0)
-        return float(any_share - betaln(left_out + 1.0, count - left_out + _BLUNDERS) - np.log(_BLUNDERS))
+        return float(
+            any_share - betaln(left_out + 1.0, count - left_out + _BLUNDERS) - np.log(_BLUNDERS)
+        )
 
     text, *worst = max(tried, key=lambda one: log_odds(*one[1:]))
     return Doubt(reason=f"{text} do not belong to their points", log_odds=log_odds(*worst))
 
 
 def _foreign_table(found: Calibration) -> Doubt:
-    """One parameter further off than arms are made: evidence of the linearised touches under either deviation."""
+    """One parameter further off than arms are made: evidence of the linearised touches under either
+    deviation.
+    """
     estimate, informed, made = found.estimate, _information(found), as_made(found)
     toward = np.linalg.solve(estimate.covariance, estimate.changes)
 
@@ -305,7 +387,11 @@ def _foreign_table(found: Calibration) -> Doubt:
         return 0.5 * float(toward @ changes) - 0.5 * float(np.linalg.slogdet(root)[1]), changes
 
     own, _ = evidence(made)
-    tried = [k for k, group in enumerate(estimate.parameters.groups) if group not in {"tcp", "compliance"}]
+    tried = [
+        k
+        for k, group in enumerate(estimate.parameters.groups)
+        if group not in {"tcp", "compliance"}
+    ]
     best = Doubt(reason="", log_odds=-np.inf)
     for k in tried:
         wider = made.copy()
@@ -314,10 +400,15 @@ def _foreign_table(found: Calibration) -> Doubt:
         odds = value - own - np.log(len(tried))
         if odds > best.log_odds:
             unit = estimate.parameters.units[k]
-            amount = f"{np.rad2deg(changes[k]):.3g} deg" if unit == "rad" else f"{1e3 * changes[k]:.3g} mm"
+            amount = (
+                f"{np.rad2deg(changes[k]):.3g} deg"
+                if unit == "rad"
+                else f"{1e3 * changes[k]:.3g} mm"
+            )
             usual = f"{np.rad2deg(made[k]):.2g} deg" if unit == "rad" else f"{1e3 * made[k]:.2g} mm"
             best = Doubt(
-                reason=f"{estimate.names[k]} would be off by {amount}, arms are made to {usual}: the table, a joint "
+                reason=f"{estimate.names[k]} would be off by {amount}, arms are made to {usual}: "
+                "the table, a joint "
                 "sign or a joint zero is wrong",
                 log_odds=odds,
             )

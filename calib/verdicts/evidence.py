@@ -1,4 +1,6 @@
-"""Evidence of a calibration: how well an arm as made explains its touches, and the doubts that follow from it."""
+"""Evidence of a calibration: how well an arm as made explains its touches, and the doubts that
+follow from it.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +18,8 @@ BRIEF = MapFit(max_iterations=20)  # a right reading settles in fewer steps
 _MOST = 300.0 * np.log(10.0)  # logarithm of the largest odds that are printed
 _SHUFFLES = 8  # draws of the motion
 
-Again = Callable[..., Calibration]  # (series, *, distances, method) -> `identify` with the same arm and options
+# (series, *, distances, method) -> `identify` with the same arm and options
+Again = Callable[..., Calibration]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +27,8 @@ class Doubt:
     """A wrong input that explains the touches better than the arm found does."""
 
     reason: str
-    log_odds: float = np.inf  # natural logarithm, wrong input against the arm found; infinite: nothing can be told
+    # natural logarithm, wrong input against the arm found; infinite: nothing can be told
+    log_odds: float = np.inf
 
     def __str__(self) -> str:
         if not np.isfinite(self.log_odds):
@@ -44,14 +48,20 @@ class Told:
     """What is told of the touches beside their joint values."""
 
     names: Sequence[str]  # of the points
-    distances: Sequence[tuple[int, int, float, float]] = ()  # (series, series, length [m], deviation [m])
-    base_joints: int = 0  # first joints, which are the measured pose of a moving base and not of the arm
+    # (series, series, length [m], deviation [m])
+    distances: Sequence[tuple[int, int, float, float]] = ()
+    # first joints, which are the measured pose of a moving base and not of the arm
+    base_joints: int = 0
 
 
 def log_evidence(found: Calibration, series: Sequence[Array]) -> float:
-    """Logarithm of how well an arm as made explains all touches, each of unknown noise of a hand's or more."""
+    """Logarithm of how well an arm as made explains all touches, each of unknown noise of a hand's
+    or more.
+    """
     square = np.concatenate(found.residuals) ** 2
-    return freedom(series) * float(log_likely(square, motion_of(found.arm, found.tcp, series)).sum()) + log_made(found)
+    return freedom(series) * float(
+        log_likely(square, motion_of(found.arm, found.tcp, series)).sum()
+    ) + log_made(found)
 
 
 def log_likely(square: Array, motion: float) -> Array:
@@ -79,14 +89,17 @@ def log_made(found: Calibration) -> float:
 def as_made(found: Calibration) -> Array:
     """Deviations (P,) to which arms are made, or as stated where that is more."""
     bounds = widest_prior(found.estimate.parameters, found.nominal.reach)
-    return np.where(np.isfinite(bounds), np.maximum(bounds, found.estimate.prior), found.estimate.prior)
+    return np.where(
+        np.isfinite(bounds), np.maximum(bounds, found.estimate.prior), found.estimate.prior
+    )
 
 
 def motion_of(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
-    """RMS distance [m] along each axis of the tips from their mean when the joints take their values in any order.
+    """RMS distance [m] along each axis of the tips from their mean when the joints take their
+    values in any order.
 
-    The touches of a point are judged by it: an arm that shrinks, or joint values in a unit that makes them small,
-    shrink it as much as their scatter.
+    The touches of a point are judged by it: an arm that shrinks, or joint values in a unit that
+    makes them small, shrink it as much as their scatter.
     """
     rng, square, count = np.random.default_rng(0), 0.0, 0
     for q in series:

@@ -1,8 +1,10 @@
-"""Other readings of touch files that explain the touches as well: of whole columns, or of one joint.
+"""Other readings of touch files that explain the touches as well: of whole columns, or of one
+joint.
 
-Columns may be exchanged, of the other sign, in another unit, mirrored. The readings of a joint may be unrelated to the
-touches, or shifted in a part of them. A joint whose axis passes close by the tip hides what it reads: the fit moves the
-tip onto the axis and takes what is left for noise. Such a joint is fitted anew with its reading of each touch unknown.
+Columns may be exchanged, of the other sign, in another unit, mirrored. The readings of a joint may
+be unrelated to the touches, or shifted in a part of them. A joint whose axis passes close by the
+tip hides what it reads: the fit moves the tip onto the axis and takes what is left for noise. Such
+a joint is fitted anew with its reading of each touch unknown.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,10 +35,12 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
 _SCREENED = 4  # readings of a file that are fitted, the nearest by the nominal arm
-_ABOUT = np.log(3.0)  # logarithm of distances, for each point, within which a reading is worth a fit
+# logarithm of distances, for each point, within which a reading is worth a fit
+_ABOUT = np.log(3.0)
 _SIGN = "with the other sign"
 _UNITS = (("in degrees", np.pi / 180.0), ("turned from degrees once too often", 180.0 / np.pi))
-_HIDDEN = 10.0  # distance of the tip from an axis, over the noise, below which its readings may hide in the noise
+# distance of the tip from an axis, over the noise, below which its readings may hide in the noise
+_HIDDEN = 10.0
 _CLOSE = 0.02  # the same as a share of the reach
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)  # [rad] of an unknown reading
 _ROUNDS = 5  # fits with unknown readings, or with a shift
@@ -70,8 +74,11 @@ class Rival:
     doubt: Doubt
 
 
-def rival_readings(found: Calibration, series: Sequence[Array], again: Again, told: Told, single: bool) -> list[Rival]:
-    """Other readings of the files that explain the touches about as well or better: columns, signs, units.
+def rival_readings(
+    found: Calibration, series: Sequence[Array], again: Again, told: Told, single: bool
+) -> list[Rival]:
+    """Other readings of the files that explain the touches about as well or better: columns, signs,
+    units.
 
     Readings that bring the touches about as close as they are, by the nominal arm, are fitted.
 
@@ -87,10 +94,19 @@ def rival_readings(found: Calibration, series: Sequence[Array], again: Again, to
     given = np.array([_miss(found.nominal, q) for q in series])
     read = [(total, k, range(len(series))) for k, total in enumerate((misses - given).sum(axis=1))]
     if single and len(series) > 1:
-        read += [(misses[k, i] - given[i], k, (i,)) for k in range(len(readings)) for i in range(len(series))]
+        read += [
+            (misses[k, i] - given[i], k, (i,))
+            for k in range(len(readings))
+            for i in range(len(series))
+        ]
     nearest = [one for one in sorted(read, key=lambda one: one[0]) if one[0] < _ABOUT * len(one[2])]
-    # A mirror image may explain touches to the last digit, and other readings come closer by chance.
-    mirrored = [one for one in nearest[_SCREENED:] if readings[one[1]].mirrored and len(one[2]) == len(series)]
+    # A mirror image may explain touches to the last digit, and other readings come closer by
+    # chance.
+    mirrored = [
+        one
+        for one in nearest[_SCREENED:]
+        if readings[one[1]].mirrored and len(one[2]) == len(series)
+    ]
     own, out = log_evidence(found, series), []
     for _, k, chosen in (*nearest[:_SCREENED], *mirrored):
         one = readings[k]
@@ -102,13 +118,18 @@ def rival_readings(found: Calibration, series: Sequence[Array], again: Again, to
         where = f" of {told.names[chosen[0]]}" if len(chosen) < len(series) else ""
         odds = log_evidence(other, meant) - own - np.log(len(read))
         out.append(
-            Rival(reading=one, doubt=Doubt(reason=f"{one.text}{where} explains the touches better", log_odds=odds))
+            Rival(
+                reading=one,
+                doubt=Doubt(reason=f"{one.text}{where} explains the touches better", log_odds=odds),
+            )
         )
     return out
 
 
 def _miss(arm: SerialArm, q: Array) -> float:
-    """Logarithm of the median distance of the touches `q` (m, n) from their point, by the nominal arm."""
+    """Logarithm of the median distance of the touches `q` (m, n) from their point, by the nominal
+    arm.
+    """
     p = arm.tips(q, first_tcp(arm, [q]))
     return float(np.log(np.median(np.linalg.norm(p - p.mean(axis=0), axis=1)) + HAND_NOISE))
 
@@ -122,14 +143,20 @@ def _readings(arm: SerialArm, first: int) -> Iterator[ColumnReading]:
             order = np.arange(n)
             order[[i, j]] = j, i
             text = f"columns {i + 1 - first} and {j + 1 - first} exchanged"
-            yield ColumnReading(text=text, change=partial(np.take, indices=order, axis=1), joints=(i, j))
+            yield ColumnReading(
+                text=text, change=partial(np.take, indices=order, axis=1), joints=(i, j)
+            )
     for text, factor in ((_SIGN, -1.0), *_UNITS):
         turned = own & (hinges | (factor < 0.0))
         change = partial(np.multiply, np.where(turned, factor, 1.0))
-        yield ColumnReading(text=f"all joints {text}", change=change, joints=(), mirrored=factor < 0.0)
+        yield ColumnReading(
+            text=f"all joints {text}", change=change, joints=(), mirrored=factor < 0.0
+        )
         for k in np.flatnonzero(turned):
             change = partial(np.multiply, np.where(np.arange(n) == k, factor, 1.0))
-            yield ColumnReading(text=f"joint {k + 1 - first} {text}", change=change, joints=(int(k),))
+            yield ColumnReading(
+                text=f"joint {k + 1 - first} {text}", change=change, joints=(int(k),)
+            )
 
 
 # Readings of one joint
@@ -150,8 +177,11 @@ class HiddenJoint:
         return self.log_any < -np.log(REFUSED)
 
 
-def hidden_joints(found: Calibration, series: Sequence[Array], again: Again, told: Told) -> Iterator[HiddenJoint]:
-    """Hinges close to whose axis the tip is, beside the noise, and the odds that their readings are not the touches'.
+def hidden_joints(
+    found: Calibration, series: Sequence[Array], again: Again, told: Told
+) -> Iterator[HiddenJoint]:
+    """Hinges close to whose axis the tip is, beside the noise, and the odds that their readings are
+    not the touches'.
 
     Args:
         found: the calibration.
@@ -176,18 +206,27 @@ def _by_joint(found: Calibration, series: Sequence[Array], k: int) -> Array:
 def _with_unknown_readings(
     found: Calibration, series: Sequence[Array], again: Again, told: Told, k: int, lever: float
 ) -> HiddenJoint:
-    """Joint k fitted with the readings that bring each touch closest to its point, in turn with the arm.
+    """Joint k fitted with the readings that bring each touch closest to its point, in turn with the
+    arm.
 
-    The first fits replace all readings, which finds the arm without them; the others those that it finds unlikely.
-    Where the joint stood still for some touches, those are replaced: its reading may have frozen.
+    The first fits replace all readings, which finds the arm without them; the others those that it
+    finds unlikely. Where the joint stood still for some touches, those are replaced: its reading
+    may have frozen.
     """
-    own, seen, frozen = log_evidence(found, series), found, np.concatenate([repeated(q[:, k]) for q in series])
+    own, seen, frozen = (
+        log_evidence(found, series),
+        found,
+        np.concatenate([repeated(q[:, k]) for q in series]),
+    )
     some, every, noise = -np.inf, -np.inf, found.noise
     for turn in range(_ROUNDS):
         given, unknown = _log_likely_readings(seen, series, k)
         made = log_made(seen)
         every = max(every, freedom(series) * float(unknown.sum()) + made)
-        mixed = [np.logaddexp(given + np.log1p(-share), unknown + np.log(share)).sum() for share in _UNKNOWN]
+        mixed = [
+            np.logaddexp(given + np.log1p(-share), unknown + np.log(share)).sum()
+            for share in _UNKNOWN
+        ]
         mixed.append(np.where(frozen, unknown, given).sum())
         value = freedom(series) * float(np.logaddexp.reduce(mixed) - np.log(len(mixed))) + made
         if value > some:
@@ -207,7 +246,8 @@ def _with_unknown_readings(
         joint=k,
         lever=lever,
         doubt=Doubt(
-            reason=f"the readings of {name} are not those of these touches: with them the touches scatter by "
+            reason=f"the readings of {name} are not those of these touches: with them the touches "
+            "scatter by "
             f"{1e3 * found.noise:.3g} mm, with others about its axis by {1e3 * noise:.3g} mm",
             log_odds=some - own - joints,
         ),
@@ -216,30 +256,42 @@ def _with_unknown_readings(
 
 
 def repeated(read: Array) -> np.ndarray:
-    """Mask (m,) of readings that repeat the one before to the last digit, in a run of `_LEAST_FROZEN` at least."""
+    """Mask (m,) of readings that repeat the one before to the last digit, in a run of
+    `_LEAST_FROZEN` at least.
+    """
     run = np.cumsum(np.concatenate([[True], np.diff(read) != 0.0]))
     return np.bincount(run)[run] >= _LEAST_FROZEN
 
 
 def _log_likely_readings(seen: Calibration, series: Sequence[Array], k: int) -> tuple[Array, Array]:
-    """Logarithms (M,) of the likelihood of all touches with the readings of joint k, and with any readings of it."""
+    """Logarithms (M,) of the likelihood of all touches with the readings of joint k, and with any
+    readings of it.
+    """
     motion = motion_of(seen.arm, seen.tcp, series)
     pairs = list(zip(series, seen.points, strict=True))
     given = [((seen.arm.tips(q, seen.tcp) - point) ** 2).sum(axis=1) for q, point in pairs]
-    likely = np.concatenate([log_likely(_squares(seen, q, point, k), motion) for q, point in pairs], axis=1)
+    likely = np.concatenate(
+        [log_likely(_squares(seen, q, point, k), motion) for q, point in pairs], axis=1
+    )
     unknown = np.logaddexp.reduce(likely, axis=0) - np.log(len(_ANGLES))
     return log_likely(np.concatenate(given), motion), unknown
 
 
 def _squares(seen: Calibration, q: Array, point: Array, k: int) -> Array:
-    """Squared distances (A, m) [m^2] of the touches `q` (m, n) from `point` (3,) with joint k turned by every angle."""
+    """Squared distances (A, m) [m^2] of the touches `q` (m, n) from `point` (3,) with joint k
+    turned by every angle.
+    """
     turned = np.tile(q, (len(_ANGLES), 1))
     turned[:, k] += np.repeat(_ANGLES, len(q))
-    return ((seen.arm.tips(turned, seen.tcp) - point) ** 2).sum(axis=1).reshape(len(_ANGLES), len(q))
+    return (
+        ((seen.arm.tips(turned, seen.tcp) - point) ** 2).sum(axis=1).reshape(len(_ANGLES), len(q))
+    )
 
 
 def _nearest(seen: Calibration, q: Array, point: Array, k: int) -> Array:
-    """The touches `q` (m, n) with joint k turned so that each tip is closest to `point` (3,) [m]."""
+    """The touches `q` (m, n) with joint k turned so that each tip is closest to `point` (3,)
+    [m].
+    """
     out = np.array(q)
     out[:, k] += _ANGLES[_squares(seen, q, point, k).argmin(axis=0)]
     out[:, k] = (out[:, k] + np.pi) % (2.0 * np.pi) - np.pi
@@ -250,14 +302,17 @@ def _nearest(seen: Calibration, q: Array, point: Array, k: int) -> Array:
 
 
 def frozen_readings(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
-    """Joints that read the same for several touches which the fit left out: blunders do not choose those."""
+    """Joints that read the same for several touches which the fit left out: blunders do not choose
+    those.
+    """
     left_out = np.concatenate([weights == 0.0 for weights in found.weights])
     for k in range(told.base_joints, found.arm.n):
         same = np.concatenate([repeated(q[:, k]) for q in series])
         lost = int((same & left_out).sum())
         if lost:
             yield Doubt(
-                reason=f"joint {k + 1 - told.base_joints} reads the same in {same.sum()} touches, of which {lost} do "
+                reason=f"joint {k + 1 - told.base_joints} reads the same in {same.sum()} touches, "
+                f"of which {lost} do "
                 "not belong to their points: its reading froze",
                 log_odds=-lost * np.log(same.mean()) - np.log(found.arm.n - told.base_joints),
             )
@@ -275,10 +330,13 @@ class _Shift:
     where: str
 
 
-def shifted_readings(found: Calibration, series: Sequence[Array], again: Again, told: Told) -> Iterator[Doubt]:
+def shifted_readings(
+    found: Calibration, series: Sequence[Array], again: Again, told: Told
+) -> Iterator[Doubt]:
     """The shift of one joint, in one file or from some touch on, that explains the touches best.
 
-    The evidence of the linearised touches chooses it; the arm is then fitted to the touches without it.
+    The evidence of the linearised touches chooses it; the arm is then fitted to the touches without
+    it.
     """
     shifts = list(_shifts(found, series, told))
     if not shifts:
@@ -301,25 +359,36 @@ def shifted_readings(found: Calibration, series: Sequence[Array], again: Again, 
         size += float(_linear_odds(seen, meant, [shift])[1][0])
     if abs(settled) < _GEARS:
         return
-    amount = f"{1e3 * settled:+.3g} mm" if found.arm.slides[shift.joint] else f"{np.rad2deg(settled):+.3g} deg"
+    amount = (
+        f"{1e3 * settled:+.3g} mm"
+        if found.arm.slides[shift.joint]
+        else f"{np.rad2deg(settled):+.3g} deg"
+    )
     yield Doubt(
-        reason=f"joint {shift.joint + 1 - told.base_joints} reads {amount} off {shift.where} beside the rest: its "
+        reason=f"joint {shift.joint + 1 - told.base_joints} reads {amount} off {shift.where} "
+        "beside the rest: its "
         "zero was set anew, or it slipped",
         log_odds=value - own - float(occam[best]) - np.log(len(shifts)),
     )
 
 
 def _shifts(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[_Shift]:
-    """Shifts that are tried: each joint in each file, and from some touch on, to the end of its file or of all."""
+    """Shifts that are tried: each joint in each file, and from some touch on, to the end of its
+    file or of all.
+    """
     counts = [len(q) for q in series]
     rows, ends = np.arange(sum(counts)), np.cumsum(counts)
     parts = []
-    for start in np.unique(np.linspace(_LEAST_RUN, len(rows) - _LEAST_RUN, _MOST_SPLITS).astype(int)):
+    for start in np.unique(
+        np.linspace(_LEAST_RUN, len(rows) - _LEAST_RUN, _MOST_SPLITS).astype(int)
+    ):
         i = int(np.searchsorted(ends, start, side="right"))
         first, name = start - (ends[i] - counts[i]) + 1, told.names[i]
         parts.append((rows >= start, f"from touch {first} of {name} on"))
         if i < len(series) - 1 and start <= ends[i] - _LEAST_RUN:
-            parts.append(((rows >= start) & (rows < ends[i]), f"from touch {first} of {name} to its last"))
+            parts.append(
+                ((rows >= start) & (rows < ends[i]), f"from touch {first} of {name} to its last")
+            )
     if len(series) > 1:
         parts += [
             ((rows >= end - count) & (rows < end), f"in {name}")
@@ -336,13 +405,16 @@ def _without(series: Sequence[Array], shift: _Shift, size: float) -> list[Array]
     return np.split(every, np.cumsum([len(q) for q in series])[:-1])
 
 
-def _linear_odds(found: Calibration, series: Sequence[Array], shifts: Sequence[_Shift]) -> tuple[Array, Array, Array]:
+def _linear_odds(
+    found: Calibration, series: Sequence[Array], shifts: Sequence[_Shift]
+) -> tuple[Array, Array, Array]:
     """Linearised touches with each of C shifts, the noise unknown.
 
     Touches that the fit left out count as well: they may be those of a shift.
 
     Returns:
-        Logarithms (C,) of the odds against no shift, sizes (C,), and what a shift of unknown size costs (C,).
+        Logarithms (C,) of the odds against no shift, sizes (C,), and what a shift of unknown size
+        costs (C,).
     """
     counts = np.array([len(q) for q in series])
     owner = np.repeat(np.arange(len(series)), counts)
@@ -364,8 +436,14 @@ def _linear_odds(found: Calibration, series: Sequence[Array], shifts: Sequence[_
     V = np.array([rows(moved[each.joint] * each.rows[:, None]).ravel() for each in shifts])
 
     toward, crossed = V @ r, V @ A
-    informed = np.maximum((V**2).sum(axis=1) - np.einsum("cp,pr,cr->c", crossed, covariance, crossed), 0.0)
+    informed = np.maximum(
+        (V**2).sum(axis=1) - np.einsum("cp,pr,cr->c", crossed, covariance, crossed), 0.0
+    )
     sizes = toward / (informed + _WRONG_ZERO**-2.0)
     explained = np.clip(toward * sizes / max(float(r @ r), 1e-12), 0.0, 0.999)
     occam = 0.5 * np.log1p(_WRONG_ZERO**2 * informed)
-    return -0.5 * found.degrees_of_freedom * np.log1p(-explained) - occam - np.log(len(shifts)), sizes, occam
+    return (
+        -0.5 * found.degrees_of_freedom * np.log1p(-explained) - occam - np.log(len(shifts)),
+        sizes,
+        occam,
+    )

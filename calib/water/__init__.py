@@ -1,1 +1,3 @@
-"""Identification of hydrodynamics: from logs to added mass, damping, trim and thrust, with intervals."""
+"""Identification of hydrodynamics: from logs to added mass, damping, trim and thrust, with
+intervals.
+"""

@@ -1,8 +1,11 @@
-"""Estimate of named parameters from logs, with intervals that allow for noise other than stated and coloured residuals.
+"""Estimate of named parameters from logs, with intervals that allow for noise other than stated and
+coloured residuals.
 
-Residuals of real logs are neither of the stated size nor independent. After a fit each channel is compared with white
-noise that has gone through the same fit: by its variance, and by the variance of its sums over a second, which
-neighbours of one sign enlarge. The larger of the two ratios widens the channel's noise, and the fit is made again.
+Residuals of real logs are neither of the stated size nor independent. After a fit each channel is
+compared with white
+noise that has gone through the same fit: by its variance, and by the variance of its sums over a
+second, which neighbours of one sign enlarge. The larger of the two ratios widens the channel's
+noise, and the fit is made again.
 """
 
 from collections.abc import Sequence
@@ -16,8 +19,10 @@ from uuv.calib.water.named_fit import Blocks, NamedFit, NamedParameter, Reduced,
 from uuv.sim.interfaces.spatial import Array
 
 PASSES = 2  # comparisons with white noise
-FREEDOM = 2  # degrees of freedom of Student's t that a block counts as: what disturbs is drawn anew in each
-SETTLED = 1e-5  # share of the cost by which a round must lower it: far less than a standard deviation makes
+# degrees of freedom of Student's t that a block counts as: what disturbs is drawn anew in each
+FREEDOM = 2
+# share of the cost by which a round must lower it: far less than a standard deviation makes
+SETTLED = 1e-5
 _DRAWS = 4  # of white noise
 _LEAST = 0.05  # of a ratio
 
@@ -70,7 +75,11 @@ class WaterFit:
 
 
 def estimate(
-    blocks: ChannelBlocks, parameters: Sequence[NamedParameter], *, start: Array | None = None, rounds: int = 8
+    blocks: ChannelBlocks,
+    parameters: Sequence[NamedParameter],
+    *,
+    start: Array | None = None,
+    rounds: int = 8,
 ) -> WaterFit:
     """Fit parameters and widen the noise of each channel until its residuals agree with it.
 
@@ -92,7 +101,15 @@ def estimate(
         factors = np.sqrt(excess(blocks, fit))
         blocks.widen(factors)
         widened *= factors
-        fit = fit_blocks(blocks, parameters, start=fit.deviations, own=fit.own, rounds=3, enough=SETTLED, straight=True)
+        fit = fit_blocks(
+            blocks,
+            parameters,
+            start=fit.deviations,
+            own=fit.own,
+            rounds=3,
+            enough=SETTLED,
+            straight=True,
+        )
     return WaterFit(
         named=fit,
         widened=dict(zip(blocks.channels, widened.tolist(), strict=True)),
@@ -101,7 +118,9 @@ def estimate(
 
 
 def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
-    """Variance (channels,) of each channel's residuals over that of white noise that has gone through the same fit."""
+    """Variance (channels,) of each channel's residuals over that of white noise that has gone
+    through the same fit.
+    """
     slopes = blocks.slopes(fit.deviations, fit.own)
     reduced = Reduced.of(slopes, fit.deviations, fit.own)
     inverse = np.array(np.linalg.inv(reduced.H), dtype=np.float64)
@@ -110,7 +129,10 @@ def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
     rng = np.random.default_rng(0)
     white = np.mean(
         [
-            _powers(blocks, _through(slopes, solved, inverse, [rng.standard_normal(len(s[0])) for s in slopes]))
+            _powers(
+                blocks,
+                _through(slopes, solved, inverse, [rng.standard_normal(len(s[0])) for s in slopes]),
+            )
             for _ in range(_DRAWS)
         ],
         axis=0,
@@ -119,17 +141,24 @@ def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
     return np.clip(ratio, _LEAST, None)
 
 
-def _through(slopes: Sequence[Slopes], solved: Sequence[Array], inverse: Array, noise: list[Array]) -> list[Array]:
+def _through(
+    slopes: Sequence[Slopes], solved: Sequence[Array], inverse: Array, noise: list[Array]
+) -> list[Array]:
     """What a fit leaves of noise in the residuals."""
     left = [e - L @ (P @ e) for e, (_, _, L), P in zip(noise, slopes, solved, strict=True)]
     gradient = np.sum([J.T @ e for e, (_, J, _) in zip(left, slopes, strict=True)], axis=0)
     step = inverse @ gradient
     moved = [J @ step for _, J, _ in slopes]
-    return [e - (m - L @ (P @ m)) for e, m, (_, _, L), P in zip(left, moved, slopes, solved, strict=True)]
+    return [
+        e - (m - L @ (P @ m))
+        for e, m, (_, _, L), P in zip(left, moved, slopes, solved, strict=True)
+    ]
 
 
 def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
-    """Mean squares (2, channels) of residuals, and of their sums over a second divided by their number."""
+    """Mean squares (2, channels) of residuals, and of their sums over a second divided by their
+    number.
+    """
     count = len(blocks.channels)
     squares, numbers = np.zeros((2, count)), np.zeros((2, count))
     for r, label in zip(residuals, blocks.labels, strict=True):

@@ -1,4 +1,6 @@
-"""What logs tell of each parameter, in words: told, partly, not told, and what appears only together."""
+"""What logs tell of each parameter, in words: told, partly, not told, and what appears only
+together.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,7 +49,9 @@ class Finding:
 
 
 def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]:
-    """The first `count` parameters of a fit, those of the vehicle; half an interval is `quantile` deviations."""
+    """The first `count` parameters of a fit, those of the vehicle; half an interval is `quantile`
+    deviations.
+    """
     found = []
     for i, each in enumerate(fit.parameters[:count]):
         low, high = fit.interval(i, quantile)
@@ -67,13 +71,19 @@ def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]
 
 
 def together(fit: NamedFit, count: int) -> list[str]:
-    """Sentences on parameters whose errors go together, so that only a sum or a ratio of them is told."""
+    """Sentences on parameters whose errors go together, so that only a sum or a ratio of them is
+    told.
+    """
     sigma = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.outer(sigma, sigma)
     said = []
     for group in _linked(np.abs(correlation) > TOGETHER):
         if len(group) > 1 and group[0] < count:
-            said.append(_sentence([fit.parameters[i].name for i in group], correlation[np.ix_(group, group)]))
+            said.append(
+                _sentence(
+                    [fit.parameters[i].name for i in group], correlation[np.ix_(group, group)]
+                )
+            )
     return said
 
 
@@ -101,13 +111,19 @@ def _sentence(names: Sequence[str], correlation: Array) -> str:
     elif kinds == {"thrusters"}:
         what, how = "only their common factor is not told", _SCALE
     elif kinds == {"linear damping", "quadratic damping"} and len(axes) == 1:
-        what, how = "only the drag at the speeds flown is told", "the same axis at two speeds would tell them apart"
+        what, how = (
+            "only the drag at the speeds flown is told",
+            ("the same axis at two speeds would tell them apart"),
+        )
     elif "nuisance" in kinds and "trim" in kinds:
         what = "only their sum is told"
         mount = any("mount" in name for name in names)
         how = "a level mark for the attitude sensor" if mount else "water at rest"
         how += " would tell them apart"
     else:
-        what, how = "only a combination is told", "another axis or another speed would tell them apart"
+        what, how = (
+            "only a combination is told",
+            ("another axis or another speed would tell them apart"),
+        )
     shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
     return f"{shown}: {what} (correlation {least:.2f} and more); {how}"

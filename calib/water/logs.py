@@ -1,6 +1,8 @@
-"""Logs of a vehicle for the identification of its water: columns, units, one reader for CSV and Parquet.
+"""Logs of a vehicle for the identification of its water: columns, units, one reader for CSV and
+Parquet.
 
-Columns, all but `time` optional; a cell may be blank (null in Parquet) where there is no sample at that time:
+Columns, all but `time` optional; a cell may be blank (null in Parquet) where there is no sample at
+that time:
 
     time                        [s], increasing
     x y z qx qy qz qw           pose of the hull in W [m], z up from the surface; the quaternion may stand alone
@@ -87,7 +89,9 @@ class WaterLog:
         return [(float(a), float(b)) for a, b in zip(begins, ends, strict=True)]
 
 
-def read_log(file: str | Path, *, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]) -> WaterLog:
+def read_log(
+    file: str | Path, *, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+) -> WaterLog:
     """Read and check a log.
 
     Args:
@@ -96,7 +100,8 @@ def read_log(file: str | Path, *, thrusters: Sequence[str], joints: Mapping[str,
         joints: Ranges [rad] of the vehicle's joints by name.
 
     Raises:
-        ConfigurationError: The file cannot be read, or a column is unknown, incomplete or in another unit.
+        ConfigurationError: The file cannot be read, or a column is unknown, incomplete or in
+            another unit.
         MissingLibraryError: A Parquet file, without the package pyarrow.
     """
     path = Path(file)
@@ -105,9 +110,15 @@ def read_log(file: str | Path, *, thrusters: Sequence[str], joints: Mapping[str,
 
 
 def log_of(
-    name: str, columns: Mapping[str, Array], *, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+    name: str,
+    columns: Mapping[str, Array],
+    *,
+    thrusters: Sequence[str],
+    joints: Mapping[str, tuple[float, float]],
 ) -> WaterLog:
-    """The log of columns (N,) by name, NaN where there is no sample; arguments and errors as of `read_log`."""
+    """The log of columns (N,) by name, NaN where there is no sample; arguments and errors as of
+    `read_log`.
+    """
     columns = _of_run(columns, thrusters, joints) if _RUN in columns else dict(columns)
     known = {
         "time",
@@ -127,34 +138,57 @@ def log_of(
             continue
         if len(have) < len(words):
             lacking = next(word for word in words if word not in columns)
-            raise ConfigurationError(f"{name}: {kind} needs {', '.join(words)}; {lacking!r} is missing")
+            raise ConfigurationError(
+                f"{name}: {kind} needs {', '.join(words)}; {lacking!r} is missing"
+            )
         values = np.column_stack([columns[word] for word in words])
         present = ~np.isnan(values).all(axis=1)
         half = present & np.isnan(values).any(axis=1)
         if half.any():
             row = int(np.flatnonzero(half)[0])
-            raise ConfigurationError(f"{name}: at {time[row]:g} s only a part of {', '.join(words)} is there")
+            raise ConfigurationError(
+                f"{name}: at {time[row]:g} s only a part of {', '.join(words)} is there"
+            )
         if present.sum() >= 2:
-            channels[kind] = Channel(time=time[present], values=_in_units(name, kind, time[present], values[present]))
+            channels[kind] = Channel(
+                time=time[present], values=_in_units(name, kind, time[present], values[present])
+            )
     if not channels:
         some = "; ".join(" ".join(words) for words in CHANNELS.values())
         raise ConfigurationError(f"{name}: nothing was measured; it needs one of: {some}")
     _compare_rates(name, channels)
     if POSITION in channels and ATTITUDE not in channels:
-        raise ConfigurationError(f"{name}: x y z need qx qy qz qw: without an attitude nobody knows where ahead is")
+        raise ConfigurationError(
+            f"{name}: x y z need qx qy qz qw: without an attitude nobody knows where ahead is"
+        )
     for kind, have in (
-        ("thruster", [each for each in thrusters if f"{THRUSTER}{each}" in columns or f"{THRUST}{each}" in columns]),
+        (
+            "thruster",
+            [
+                each
+                for each in thrusters
+                if f"{THRUSTER}{each}" in columns or f"{THRUST}{each}" in columns
+            ],
+        ),
         ("joint", [each for each in joints if f"{JOINT}{each}" in columns]),
     ):
-        lacking = [each for each in (thrusters if kind == "thruster" else joints) if each not in have]
+        lacking = [
+            each for each in (thrusters if kind == "thruster" else joints) if each not in have
+        ]
         if have and lacking:
             raise ConfigurationError(
                 f"{name}: {kind} {lacking[0]} has no column, others have; give {kind}.{lacking[0]}"
                 f"{', zero if it was off' if kind == 'thruster' else ''}"
             )
-    both = [each for each in thrusters if f"{THRUSTER}{each}" in columns and f"{THRUST}{each}" in columns]
+    both = [
+        each
+        for each in thrusters
+        if f"{THRUSTER}{each}" in columns and f"{THRUST}{each}" in columns
+    ]
     if both:
-        raise ConfigurationError(f"{name}: thruster {both[0]} has a command and a thrust; one of the two")
+        raise ConfigurationError(
+            f"{name}: thruster {both[0]} has a command and a thrust; one of the two"
+        )
     return WaterLog(
         name=name,
         time=time,
@@ -164,7 +198,9 @@ def log_of(
             for each in thrusters
             if THRUSTER + each in columns
         },
-        thrusts={each: _held(columns[THRUST + each]) for each in thrusters if THRUST + each in columns},
+        thrusts={
+            each: _held(columns[THRUST + each]) for each in thrusters if THRUST + each in columns
+        },
         joints={
             each: _joint(name, each, time, columns[JOINT + each], limits)
             for each, limits in joints.items()
@@ -191,7 +227,8 @@ def write_log(file: Path, log: WaterLog) -> None:
 
 
 def check_log(file: str | Path) -> None:
-    """Refuse a file that is neither CSV nor Parquet, before the vehicle is known to which it belongs.
+    """Refuse a file that is neither CSV nor Parquet, before the vehicle is known to which it
+    belongs.
 
     Raises:
         ConfigurationError: It is missing, empty or of another kind.
@@ -199,7 +236,9 @@ def check_log(file: str | Path) -> None:
     path = Path(file)
     if path.suffix == ".parquet":
         if not bytes_of(path, "log").startswith(b"PAR1"):
-            raise ConfigurationError(f"log {path.name}: it is no Parquet file; what goes is {KINDS}")
+            raise ConfigurationError(
+                f"log {path.name}: it is no Parquet file; what goes is {KINDS}"
+            )
     else:
         _text(path)
 
@@ -216,7 +255,8 @@ def _text(path: Path) -> str:
 
 def _csv(path: Path) -> dict[str, Array]:
     text = _text(path)
-    lines = io.StringIO(text, newline=None)  # every kind of line end, as of older spreadsheets, becomes one
+    # every kind of line end, as of older spreadsheets, becomes one
+    lines = io.StringIO(text, newline=None)
     rows = _rows(csv.reader(lines), path.name)
     head = [cell.strip() for cell in next(rows, [])]
     if twice := [cell for i, cell in enumerate(head) if cell in head[:i]]:
@@ -226,8 +266,12 @@ def _csv(path: Path) -> dict[str, Array]:
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(head):
-            raise ConfigurationError(f"log {path.name}: line {number} has {len(row)} cells, the first line {len(head)}")
-        table.append([_cell(path.name, number, word, cell) for word, cell in zip(head, row, strict=True)])
+            raise ConfigurationError(
+                f"log {path.name}: line {number} has {len(row)} cells, the first line {len(head)}"
+            )
+        table.append(
+            [_cell(path.name, number, word, cell) for word, cell in zip(head, row, strict=True)]
+        )
     if len(table) < 2:
         raise ConfigurationError(
             f"log {path.name}: it has {len(table)} rows of numbers; it needs {SHORTEST:g} s of them"
@@ -254,7 +298,8 @@ def _cell(file: str, line: int, column: str, cell: str) -> float:
         ) from None
     if not np.isfinite(value):
         raise ConfigurationError(
-            f"log {file}: line {line}, column {column!r} is {cell.strip()}; leave a cell blank where there is no sample"
+            f"log {file}: line {line}, column {column!r} is {cell.strip()}; leave a cell blank "
+            "where there is no sample"
         )
     return value
 
@@ -271,23 +316,32 @@ def _parquet(path: Path) -> dict[str, Array]:
     found = {}
     for word in table.column_names:
         try:
-            values = np.asarray(table[word].combine_chunks().cast(pa.float64()).to_numpy(zero_copy_only=False))
+            values = np.asarray(
+                table[word].combine_chunks().cast(pa.float64()).to_numpy(zero_copy_only=False)
+            )
         except (pa.ArrowException, ValueError) as error:
-            raise ConfigurationError(f"log {path.name}: column {word!r} holds no numbers ({error})") from error
+            raise ConfigurationError(
+                f"log {path.name}: column {word!r} holds no numbers ({error})"
+            ) from error
         blank = np.asarray(table[word].is_null().to_numpy(), dtype=bool)
         bad = np.flatnonzero(~blank & ~np.isfinite(values)).tolist()
         if bad and _RUN not in table.column_names:  # runs record NaN where there is nothing to tell
             raise ConfigurationError(
-                f"log {path.name}: row {bad[0]}, column {word!r} is not finite; leave null where there is no sample"
+                f"log {path.name}: row {bad[0]}, column {word!r} is not finite; leave null where "
+                "there is no sample"
             )
         found[word] = np.array(values, dtype=np.float64)
     if len(table) < 2:
-        raise ConfigurationError(f"log {path.name}: it has {len(table)} rows; it needs {SHORTEST:g} s of them")
+        raise ConfigurationError(
+            f"log {path.name}: it has {len(table)} rows; it needs {SHORTEST:g} s of them"
+        )
     return found
 
 
 def _of_run(
-    columns: Mapping[str, Array], thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+    columns: Mapping[str, Array],
+    thrusters: Sequence[str],
+    joints: Mapping[str, tuple[float, float]],
 ) -> dict[str, Array]:
     """Columns of a run's own table by the names of this module; all others are left out."""
     names = {"time": "time", **_OF_RUNS}
@@ -298,7 +352,11 @@ def _of_run(
 
 
 def _unknown(
-    name: str, column: str, known: Iterable[str], thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+    name: str,
+    column: str,
+    known: Iterable[str],
+    thrusters: Sequence[str],
+    joints: Mapping[str, tuple[float, float]],
 ) -> str:
     kind, dot, _ = column.partition(".")
     for before, have in ((THRUSTER, thrusters), (THRUST, thrusters), (JOINT, tuple(joints))):
@@ -306,60 +364,83 @@ def _unknown(
             there = ", ".join(before + each for each in have) or "none"
             meant = did_you_mean(column, [before + each for each in have])
             return f"{name}: unknown column {shown(column)}; this vehicle has {there}{meant}"
-    plain = ", ".join(each for each in ("time", *(word for group in CHANNELS.values() for word in group)))
+    plain = ", ".join(
+        each for each in ("time", *(word for group in CHANNELS.values() for word in group))
+    )
     return (
-        f"{name}: unknown column {shown(column)}; there are {plain}, {THRUSTER}NAME, {THRUST}NAME, {JOINT}NAME"
+        f"{name}: unknown column {shown(column)}; there are {plain}, {THRUSTER}NAME, "
+        f"{THRUST}NAME, {JOINT}NAME"
         f"{did_you_mean(column, list(known))}"
     )
 
 
 def _time(name: str, time: Array) -> Array:
     if np.isnan(time).any():
-        raise ConfigurationError(f"{name}: row {int(np.flatnonzero(np.isnan(time))[0])} has no time")
+        raise ConfigurationError(
+            f"{name}: row {int(np.flatnonzero(np.isnan(time))[0])} has no time"
+        )
     steps = np.diff(time)
     if len(back := np.flatnonzero(steps <= 0.0)):
         at = int(back[0])
-        raise ConfigurationError(f"{name}: time must increase, but {time[at + 1]:g} s follows {time[at]:g} s")
+        raise ConfigurationError(
+            f"{name}: time must increase, but {time[at + 1]:g} s follows {time[at]:g} s"
+        )
     usual = float(np.median(steps))
     if usual > 1.0:
         raise ConfigurationError(
-            f"{name}: its rows are {usual:g} s apart; time is in s (not ms, us or ns), 1 Hz at least"
+            f"{name}: its rows are {usual:g} s apart; time is in s (not ms, us or ns), 1 Hz at "
+            "least"
         )
     if time[-1] - time[0] < SHORTEST:
-        raise ConfigurationError(f"{name}: it lasts {time[-1] - time[0]:.3g} s; {SHORTEST:g} s are needed, time in s")
+        raise ConfigurationError(
+            f"{name}: it lasts {time[-1] - time[0]:.3g} s; {SHORTEST:g} s are needed, time in s"
+        )
     return time
 
 
 def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
-    """The samples, refused where another unit is plain; quaternions of unit length and without jumps of sign."""
+    """The samples, refused where another unit is plain; quaternions of unit length and without
+    jumps of sign.
+    """
     dt = np.diff(time)
     if kind in (POSITION, DEPTH):
         speed = float(np.quantile(np.abs(np.diff(values, axis=0)).max(axis=1) / dt, 0.9))
         if speed > _FASTEST:
-            raise ConfigurationError(f"{name}: {kind} changes by {speed:.3g} m/s; it is in m (not mm)")
+            raise ConfigurationError(
+                f"{name}: {kind} changes by {speed:.3g} m/s; it is in m (not mm)"
+            )
     elif kind == ATTITUDE:
         length = np.linalg.norm(values, axis=1)
         if float(np.abs(length - 1.0).max()) > 0.02:
             raise ConfigurationError(
-                f"{name}: qx qy qz qw must be a unit quaternion, its length reaches {length.max():.3g}"
+                f"{name}: qx qy qz qw must be a unit quaternion, its length reaches "
+                f"{length.max():.3g}"
             )
         values = values / length[:, None]
         upright = 1.0 - 2.0 * (values[:, 0] ** 2 + values[:, 1] ** 2)
         if float(np.median(upright)) < -0.5:
             raise ConfigurationError(
-                f"{name}: the hull is upside down; the order is qx qy qz qw, of the hull in W with z up"
+                f"{name}: the hull is upside down; the order is qx qy qz qw, of the hull in W "
+                "with z up"
             )
-        flips = np.cumprod(np.r_[1.0, np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0)])
+        flips = np.cumprod(
+            np.r_[1.0, np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0)]
+        )
         values = values * flips[:, None]
     elif kind == VELOCITY and float(np.quantile(np.abs(values), 0.9)) > _FASTEST:
-        raise ConfigurationError(f"{name}: vx vy vz reach {np.abs(values).max():.3g}; they are in m/s (not mm/s)")
+        raise ConfigurationError(
+            f"{name}: vx vy vz reach {np.abs(values).max():.3g}; they are in m/s (not mm/s)"
+        )
     elif kind == RATE and float(np.quantile(np.abs(values), 0.99)) > _SPINNING:
-        raise ConfigurationError(f"{name}: wx wy wz reach {np.abs(values).max():.3g}; they are in rad/s (not deg/s)")
+        raise ConfigurationError(
+            f"{name}: wx wy wz reach {np.abs(values).max():.3g}; they are in rad/s (not deg/s)"
+        )
     elif kind == FORCE:
         usual = float(np.median(np.linalg.norm(values, axis=1)))
         if not 5.0 < usual < 20.0:
             raise ConfigurationError(
-                f"{name}: ax ay az have a usual length of {usual:.3g}; they are specific force [m/s^2], 9.81 at rest"
+                f"{name}: ax ay az have a usual length of {usual:.3g}; they are specific force "
+                "[m/s^2], 9.81 at rest"
             )
     return values
 
@@ -374,7 +455,8 @@ def _compare_rates(name: str, channels: Mapping[str, Channel]) -> None:
     measured = float(np.sum(np.linalg.norm(rate.values[:-1], axis=1) * steps))
     if turned > 0.3 and measured > 20.0 * turned:
         raise ConfigurationError(
-            f"{name}: wx wy wz turn by {measured:.3g}, the quaternion by {turned:.3g} rad; rad/s (not deg/s)"
+            f"{name}: wx wy wz turn by {measured:.3g}, the quaternion by {turned:.3g} rad; rad/s "
+            "(not deg/s)"
         )
 
 
@@ -405,7 +487,8 @@ def _joint(name: str, joint: str, time: Array, values: Array, limits: tuple[floa
         degrees = np.radians(filled)
         fits = degrees.max() <= high + 0.1 and degrees.min() >= low - 0.1
         raise ConfigurationError(
-            f"{name}: {JOINT}{joint} runs from {filled.min():.4g} to {filled.max():.4g}, its range is {low:.3g} to "
+            f"{name}: {JOINT}{joint} runs from {filled.min():.4g} to {filled.max():.4g}, its "
+            f"range is {low:.3g} to "
             f"{high:.3g} rad{' (these look like degrees)' if fits else ''}"
         )
     return filled

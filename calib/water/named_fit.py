@@ -1,8 +1,10 @@
-"""Named parameters fitted to residuals: Gauss-Newton with priors, for few parameters and costly residuals.
+"""Named parameters fitted to residuals: Gauss-Newton with priors, for few parameters and costly
+residuals.
 
-Each parameter has a nominal value and a prior standard deviation, and is fitted as a number of standard deviations from
-it. Residuals come in blocks. All blocks share the named parameters; each may have numbers of its own, such as the state
-in which it begins. Those are eliminated block by block, so that a long log costs no more than its length.
+Each parameter has a nominal value and a prior standard deviation, and is fitted as a number of
+standard deviations from it. Residuals come in blocks. All blocks share the named parameters; each
+may have numbers of its own, such as the state in which it begins. Those are eliminated block by
+block, so that a long log costs no more than its length.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -35,7 +37,9 @@ class NamedParameter:
         finite_number(self.sigma, f"parameter {self.name}: prior standard deviation", above=0.0)
         finite_number(self.nominal, f"parameter {self.name}: nominal value")
         if self.factor and not self.nominal > 0.0:
-            raise ConfigurationError(f"parameter {self.name}: a factor must be > 0, got {self.nominal}")
+            raise ConfigurationError(
+                f"parameter {self.name}: a factor must be > 0, got {self.nominal}"
+            )
 
     def value(self, deviations: float) -> float:
         """Value at so many prior standard deviations from the nominal one."""
@@ -44,16 +48,22 @@ class NamedParameter:
         return self.nominal + self.sigma * deviations
 
     def moved(self, deviations: float, step: float) -> float:
-        """Deviations after a step of the value in proportion to its slope: of a factor not of its logarithm."""
+        """Deviations after a step of the value in proportion to its slope: of a factor not of its
+        logarithm.
+        """
         if not self.factor:
             return deviations + step
-        return deviations + float(np.log1p(max(self.sigma * step, SMALLEST_FACTOR - 1.0))) / self.sigma
+        return (
+            deviations + float(np.log1p(max(self.sigma * step, SMALLEST_FACTOR - 1.0))) / self.sigma
+        )
 
 
 class Mapping(Protocol):
     """The method `map` of an executor: results in order."""
 
-    def __call__(self, function: Callable[[Array], Array], points: Iterable[Array], /) -> Iterable[Array]:
+    def __call__(
+        self, function: Callable[[Array], Array], points: Iterable[Array], /
+    ) -> Iterable[Array]:
         """Values of the function at the points."""
         ...
 
@@ -75,7 +85,9 @@ class Blocks(Protocol):
         ...
 
     def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
-        """Residuals of each block in their standard deviations; not finite where they cannot be computed."""
+        """Residuals of each block in their standard deviations; not finite where they cannot be
+        computed.
+        """
         ...
 
     def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
@@ -89,7 +101,8 @@ class NamedFit:
 
     parameters: tuple[NamedParameter, ...]
     deviations: Array  # (n,) prior standard deviations from the nominal values
-    covariance: Array  # (n, n) of the deviations, if residuals have unit variance and are independent
+    # (n, n) of the deviations, if residuals have unit variance and are independent
+    covariance: Array
     cost: float  # sum of squares of residuals and deviations
     rounds: int
     own: tuple[Array, ...] = ()  # numbers of each block
@@ -101,7 +114,9 @@ class NamedFit:
 
     @property
     def told(self) -> Array:
-        """Share (n,) of the prior variance that the data took away: 0 where they tell nothing of a parameter."""
+        """Share (n,) of the prior variance that the data took away: 0 where they tell nothing of a
+        parameter.
+        """
         return 1.0 - np.diag(self.covariance)
 
     def interval(self, index: int, sigmas: float = 1.96) -> tuple[float, float]:
@@ -127,12 +142,13 @@ def fit_named(
     """Fit parameters to one block of residuals, with differences for slopes.
 
     Args:
-        residuals: Function of the deviations (n,), residuals (m,) in their standard deviations. Where it cannot be
-            computed it gives numbers that are not finite.
+        residuals: Function of the deviations (n,), residuals (m,) in their standard deviations.
+            Where it cannot be computed it gives numbers that are not finite.
         parameters: Those to fit.
         start: (n,) deviations to begin with; None: the nominal values.
         rounds: Most rounds.
-        mapped: Maps the function over the points of a round, as `concurrent.futures.Executor.map` does.
+        mapped: Maps the function over the points of a round, as `concurrent.futures.Executor.map`
+            does.
 
     Returns:
         The fit.
@@ -162,7 +178,8 @@ def fit_blocks(
         own: Numbers of each block to begin with; None: zeros.
         rounds: Most rounds.
         enough: Share of the cost by which a round must lower it.
-        straight: Step in the values of factors, not in their logarithms: residuals of forces are linear in those.
+        straight: Step in the values of factors, not in their logarithms: residuals of forces are
+            linear in those.
 
     Returns:
         The fit.
@@ -176,7 +193,8 @@ def fit_blocks(
     cost = _cost(blocks.residuals(x, y), x, y)
     if not np.isfinite(cost):
         raise ConfigurationError("the residuals are not finite at the start of the fit")
-    # Relative to the diagonal, damping holds what only a sum tells; a straight fit begins with hardly any.
+    # Relative to the diagonal, damping holds what only a sum tells; a straight fit begins with
+    # hardly any.
     damping, least = (1e-6, 1e-9) if straight else (1e-2, 1e-4)
     reduced, done = Reduced.of([], x, y), 0
     while done < rounds:
@@ -197,7 +215,12 @@ def fit_blocks(
             break
     covariance = np.array(np.linalg.inv(reduced.H), np.float64)
     return NamedFit(
-        parameters=tuple(parameters), deviations=x, covariance=covariance, cost=cost, rounds=done, own=tuple(y)
+        parameters=tuple(parameters),
+        deviations=x,
+        covariance=covariance,
+        cost=cost,
+        rounds=done,
+        own=tuple(y),
     )
 
 
@@ -206,7 +229,8 @@ class Reduced(NamedTuple):
 
     H: Array  # (n, n)
     gradient: Array  # (n,)
-    eliminated: list[tuple[Array, Array]]  # of each block: (k,) step without the others, (k, n) its slope
+    # of each block: (k,) step without the others, (k, n) its slope
+    eliminated: list[tuple[Array, Array]]
 
     @classmethod
     def of(cls, blocks: Sequence[Slopes], deviations: Array, own: Sequence[Array]) -> "Reduced":
@@ -226,7 +250,9 @@ class Reduced(NamedTuple):
         return [alone + slope @ step for alone, slope in self.eliminated]
 
 
-def _moved(parameters: Sequence[NamedParameter], x: Array, step: Array, straight: bool) -> tuple[Array, Array]:
+def _moved(
+    parameters: Sequence[NamedParameter], x: Array, step: Array, straight: bool
+) -> tuple[Array, Array]:
     """The step as it is taken, shortened unless `straight`, and the deviations (n,) after it."""
     if straight:
         moved = [p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)]
@@ -266,6 +292,10 @@ class _Differences:
         at, r = self._last
         if not np.array_equal(at, deviations):
             (r,) = self.residuals(deviations, own)
-        moved = self._mapped(self._function, [deviations + STEP * e for e in np.eye(len(deviations))])
-        columns = [(each - r) / STEP if np.all(np.isfinite(each)) else np.zeros_like(r) for each in moved]
+        moved = self._mapped(
+            self._function, [deviations + STEP * e for e in np.eye(len(deviations))]
+        )
+        columns = [
+            (each - r) / STEP if np.all(np.isfinite(each)) else np.zeros_like(r) for each in moved
+        ]
         return [Slopes(r, np.column_stack(columns), np.zeros((len(r), 0)))]

@@ -1,9 +1,11 @@
-"""What can be identified of a vehicle's water, as named parameters with priors, and the way back into the model.
+"""What can be identified of a vehicle's water, as named parameters with priors, and the way back
+into the model.
 
-Nominal values are those of the vehicle at hand. Mass, centre of mass and inertia are taken as weighed. Of the hull
-there are the diagonals of added mass and of both dampings, the net buoyancy, and the centre of buoyancy relative to the
-hull's centre of mass; off-diagonal numbers follow their diagonals, so that matrices stay semidefinite. An arm has one
-factor for the drag and one for the added mass of all its links.
+Nominal values are those of the vehicle at hand. Mass, centre of mass and inertia are taken as
+weighed. Of the hull there are the diagonals of added mass and of both dampings, the net buoyancy,
+and the centre of buoyancy relative to the hull's centre of mass; off-diagonal numbers follow their
+diagonals, so that matrices stay semidefinite. An arm has one factor for the drag and one for the
+added mass of all its links.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,7 +27,8 @@ ARM_DRAG, ARM_ADDED_MASS = "arm drag", "arm added mass"
 NET_BUOYANCY = "net buoyancy"
 CENTER = tuple(f"center of buoyancy {axis}" for axis in "xyz")
 GROUPS = ("added mass", "linear damping", "quadratic damping", "trim", "thrusters", "arm")
-# Prior standard deviations: of logarithms for factors; published sets of one vehicle differ by such shares.
+# Prior standard deviations: of logarithms for factors; published sets of one vehicle differ by such
+# shares.
 ADDED_MASS, LINEAR, QUADRATIC, GAIN, LINK_DRAG, LINK_ADDED_MASS = 0.4, 0.7, 0.5, 0.15, 0.5, 0.4
 UNTABLED = 1.0  # of a damping that no table states
 DECAY = 0.05  # [1/s], [1/m] of M + A: damping assumed where the vehicle has none
@@ -43,7 +46,13 @@ def group_of(name: str) -> str:
     if name == NET_BUOYANCY or name in CENTER:
         return "trim"
     words = name.rpartition(" ")[0]
-    return "added mass" if words in ("added mass", "added inertia") else words if words in GROUPS else "nuisance"
+    return (
+        "added mass"
+        if words in ("added mass", "added inertia")
+        else words
+        if words in GROUPS
+        else "nuisance"
+    )
 
 
 def added_mass_name(axis: int) -> str:
@@ -64,7 +73,9 @@ class VehicleWater:
     parameters: tuple[NamedParameter, ...]
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, *, gains: Iterable[str], names: PartNames = USUAL_NAMES) -> Self:
+    def of(
+        cls, model: mujoco.MjModel, *, gains: Iterable[str], names: PartNames = USUAL_NAMES
+    ) -> Self:
         """Parameters of the vehicle in a compiled model.
 
         Args:
@@ -99,20 +110,31 @@ class VehicleWater:
             for i, axis in enumerate(AXES):
                 tabled = diagonal[i] > 0.0
                 value = float(diagonal[i]) if tabled else DECAY * float(inertia[i])
-                found.append(_factor(f"{kind} {axis}", units[i >= 3], value, sigma if tabled else UNTABLED))
+                found.append(
+                    _factor(f"{kind} {axis}", units[i >= 3], value, sigma if tabled else UNTABLED)
+                )
         mass = float(np.sum(model.body_mass))
         displaced = density * sum(each.volume for each in nominal.values())
-        found.append(_offset(NET_BUOYANCY, "N", GRAVITY * (displaced - mass), BUOYANCY * GRAVITY * mass))
+        found.append(
+            _offset(NET_BUOYANCY, "N", GRAVITY * (displaced - mass), BUOYANCY * GRAVITY * mass)
+        )
         off = water.center_of_buoyancy - center
         height, small = float(off[2]), _SMALL * float(np.cbrt(max(water.volume, 1e-9)))
         aside = LOPSIDED * height if height > 0.0 else small
-        found += [_offset(name, "m", float(x), aside) for name, x in zip(CENTER[:2], off[:2], strict=True)]
+        found += [
+            _offset(name, "m", float(x), aside) for name, x in zip(CENTER[:2], off[:2], strict=True)
+        ]
         found.append(
-            _factor(CENTER[2], "m", height, HEIGHT) if height > 0.0 else _offset(CENTER[2], "m", height, small)
+            _factor(CENTER[2], "m", height, HEIGHT)
+            if height > 0.0
+            else _offset(CENTER[2], "m", height, small)
         )
         found += [_factor(f"gain of {name}", "1", 1.0, GAIN) for name in gains]
         if len(nominal) > 1:
-            found += [_factor(ARM_DRAG, "1", 1.0, LINK_DRAG), _factor(ARM_ADDED_MASS, "1", 1.0, LINK_ADDED_MASS)]
+            found += [
+                _factor(ARM_DRAG, "1", 1.0, LINK_DRAG),
+                _factor(ARM_ADDED_MASS, "1", 1.0, LINK_ADDED_MASS),
+            ]
         return cls(
             hull=hull,
             nominal=nominal,
@@ -145,7 +167,9 @@ class VehicleWater:
         return made
 
     def write(self, model: mujoco.MjModel, values: Mapping[str, float]) -> None:
-        """Put the coefficients into a compiled model; constants of contacts are left as they are."""
+        """Put the coefficients into a compiled model; constants of contacts are left as they
+        are.
+        """
         for i, body in self.bodies(values).items():
             row = pack(body)
             row[LAYOUT.body_density] = self.density
@@ -158,7 +182,10 @@ class VehicleWater:
     @staticmethod
     def _link(link: BodyHydrodynamics, values: Mapping[str, float]) -> BodyHydrodynamics:
         drag = values[ARM_DRAG]
-        strips = tuple(replace(s, normal=drag * s.normal, tangential=drag * s.tangential) for s in link.segments)
+        strips = tuple(
+            replace(s, normal=drag * s.normal, tangential=drag * s.tangential)
+            for s in link.segments
+        )
         return replace(
             link,
             strips=strips,
@@ -177,7 +204,9 @@ def _offset(name: str, unit: str, nominal: float, sigma: float) -> NamedParamete
 
 
 def _with_diagonal(matrix: Array, diagonal: Array) -> Array:
-    """The matrix with another diagonal; off-diagonal numbers go with the roots of the two that they couple."""
+    """The matrix with another diagonal; off-diagonal numbers go with the roots of the two that they
+    couple.
+    """
     old = np.diag(matrix)
     roots = np.sqrt(np.where(old > 0.0, diagonal / np.where(old > 0.0, old, 1.0), 1.0))
     scaled = roots[:, None] * matrix * roots

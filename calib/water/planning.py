@@ -1,4 +1,6 @@
-"""Which manoeuvre tells most next: the information that each would add to what is known, and the intervals after it."""
+"""Which manoeuvre tells most next: the information that each would add to what is known, and the
+intervals after it.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,13 +28,16 @@ class Planned:
         return float(np.mean(self.after[self.aim] ** 2))
 
     def sharper(self, group: np.ndarray | None = None) -> float:
-        """Factor by which intervals shrink, geometric mean over a group (n,) of parameters; None: the aim."""
+        """Factor by which intervals shrink, geometric mean over a group (n,) of parameters; None:
+        the aim.
+        """
         mask = self.aim if group is None else group
         return float(np.exp(np.mean(np.log(self.before[mask] / self.after[mask]))))
 
 
 def information(slopes: Sequence[Slopes], count: int) -> Array:
-    """Information (count, count) on the first parameters, with blocks' own numbers and all other parameters eliminated.
+    """Information (count, count) on the first parameters, with blocks' own numbers and all other
+    parameters eliminated.
 
     Both have unit priors; of the first parameters the prior is not counted.
     """
@@ -46,7 +51,10 @@ def information(slopes: Sequence[Slopes], count: int) -> Array:
 
 
 def planned(
-    known: Array, candidates: Mapping[str, Array], parameters: Sequence[NamedParameter], aim: Sequence[str] = ()
+    known: Array,
+    candidates: Mapping[str, Array],
+    parameters: Sequence[NamedParameter],
+    aim: Sequence[str] = (),
 ) -> list[Planned]:
     """Manoeuvres in order, the one first that leaves least of the prior variance.
 
@@ -67,7 +75,12 @@ def planned(
         raise ConfigurationError(f"--aim {', '.join(aim)}: this vehicle has no such parameters")
     before, inverse = np.sqrt(np.diag(known)), np.linalg.inv(known)
     found = [
-        Planned(name=name, before=before, after=np.sqrt(np.diag(np.linalg.inv(inverse + added))), aim=mask)
+        Planned(
+            name=name,
+            before=before,
+            after=np.sqrt(np.diag(np.linalg.inv(inverse + added))),
+            aim=mask,
+        )
         for name, added in candidates.items()
     ]
     return sorted(found, key=lambda each: each.left)

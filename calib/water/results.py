@@ -78,11 +78,15 @@ def write_vehicle(
         values: A value for each.
     """
     fitted = spec.copy()
-    hydrodynamics.attach(fitted, {model.body(i).name: body for i, body in water.bodies(values).items()})
+    hydrodynamics.attach(
+        fitted, {model.body(i).name: body for i, body in water.bodies(values).items()}
+    )
     table = {}
     for actuator in fitted.actuators:
         if thrusters.carries(np.array(actuator.userdata)):
-            gain = values.get(f"gain of {actuator.name.rpartition('/')[2].removeprefix('thruster_')}", 1.0)
+            gain = values.get(
+                f"gain of {actuator.name.rpartition('/')[2].removeprefix('thruster_')}", 1.0
+            )
             table[actuator.name] = scaled(thrusters.unpack(np.array(actuator.userdata)), gain)
     thrusters.attach(fitted, table)
     mjcf = folder / f"{name}.xml"

@@ -24,7 +24,8 @@ def dry_friction(coulomb, stiction, stribeck_speed, width, qd, friction):
 
 @kernel
 def dry_friction_sigma(coulomb, stiction, width, known, qd, sigma):
-    """Standard deviation of the dry friction torque: at rest 0.6 of stiction, in motion the unknown share of Coulomb's.
+    """Standard deviation of the dry friction torque: at rest 0.6 of stiction, in motion the unknown
+    share of Coulomb's.
 
     Args:
         coulomb: (n,) [N m] Coulomb friction.

@@ -1,21 +1,25 @@
-"""Lateral compliance: an admittance that lets the tool yield to lateral forces and centre itself in a hole.
+"""Lateral compliance: an admittance that lets the tool yield to lateral forces and centre itself in
+a hole.
 
-It acts beside the displacement k of [Konoplin 2022]. The displacement controls the force along the tool axis to its set
-value; the admittance controls the force across the axis to zero. The tool's reference moves at
+It acts beside the displacement k of [Konoplin 2022]. The displacement controls the force along the
+tool axis to its set value; the admittance controls the force across the axis to zero. The tool's
+reference moves at
 
     d/dt o = A (1 - min(1, b / |f|)) f,    f = F - (F . z) z.
 
-F is the measured force of the world on the tip, z the tool axis, A the admittance and b a dead band. A bias of the
-measured force within the band moves nothing while the tool is free.
+F is the measured force of the world on the tip, z the tool axis, A the admittance and b a dead
+band. A bias of the measured force within the band moves nothing while the tool is free.
 
-Against a wall of stiffness K the loop is an integrator of crossover K A [rad/s] in series with three lags. These are
-the filter of the measured force (12 ms), the joint servo (critically damped, 60 rad/s: 33 ms) and half a task period (2
-ms). The phase margin is 90 deg - K A 47 ms. The default and K = 3e4 N/m of the tool's mount give 12 rad/s and 58 deg.
-The stability limit is K = 8e4 N/m, which the mount's spring in series excludes. The offset is the integral itself and
-is limited as such, so there is no windup.
+Against a wall of stiffness K the loop is an integrator of crossover K A [rad/s] in series with
+three lags. These are the filter of the measured force (12 ms), the joint servo (critically damped,
+60 rad/s: 33 ms) and half a task period (2 ms). The phase margin is 90 deg - K A 47 ms. The default
+and K = 3e4 N/m of the tool's mount give 12 rad/s and 58 deg. The stability limit is K = 8e4 N/m,
+which the mount's spring in series excludes. The offset is the integral itself and is limited as
+such, so there is no windup.
 
-A tool that stands on a stiff surface yields gently: its lateral force falls from that of sliding friction to little,
-and disturbs the normal force meanwhile. On 6e5 to 1e6 N/m the peaks were 8 to 12 N at full speed, 7 to 10 N gently.
+A tool that stands on a stiff surface yields gently: its lateral force falls from that of sliding
+friction to little, and disturbs the normal force meanwhile. On 6e5 to 1e6 N/m the peaks were 8 to
+12 N at full speed, 7 to 10 N gently.
 """
 
 from dataclasses import dataclass, field
@@ -29,8 +33,8 @@ from uuv.sim.interfaces.kernels.slots import Slot, empty_slot
 from uuv.sim.interfaces.messages import Reference
 from uuv.sim.interfaces.spatial import Array
 
-# Entry of `ComplianceState.numbers` behind the offset (3,) [m], W: not 0 where that is the offset of
-# a tool that stands on a surface
+# Entry of `ComplianceState.numbers` behind the offset (3,) [m], W: not 0 where that is the offset
+# of a tool that stands on a surface
 GENTLE = 3
 # Number of entries
 NUMBERS = 4
@@ -94,7 +98,15 @@ class LateralCompliance(ComplianceTuning):
         """True where the tool is to yield to lateral forces."""
         return reference.compliant
 
-    def step(self, state: ComplianceState, f_tip_W: Array, z_WG: Array, dt: float, *, gently: bool = False) -> Array:
+    def step(
+        self,
+        state: ComplianceState,
+        f_tip_W: Array,
+        z_WG: Array,
+        dt: float,
+        *,
+        gently: bool = False,
+    ) -> Array:
         """Offset of the tool for the measured contact force.
 
         Args:

@@ -1,14 +1,16 @@
-"""Inverse dynamics of an underwater arm on a moving hull: recursive Newton-Euler with added mass, drag, buoyancy.
+"""Inverse dynamics of an underwater arm on a moving hull: recursive Newton-Euler with added mass,
+drag, buoyancy.
 
-Independent of MuJoCo's dynamics. Only names, sizes and coefficients are read from a compiled model, possibly one with
-deliberately wrong coefficients. Per body, in body axes at the body's origin, six-vectors (linear; angular):
+Independent of MuJoCo's dynamics. Only names, sizes and coefficients are read from a compiled model,
+possibly one with deliberately wrong coefficients. Per body, in body axes at the body's origin,
+six-vectors (linear; angular):
 
     rigid body    f = M nudot + (w x momentum terms) - weight
     water         f = A nudot_r + (w x p_l; w x p_a + v_r x p_l) + D nu_r + Dq |nu_r| nu_r + strips - buoyancy,
                   p = A nu_r, nu_r = nu - (R^T v_c; 0)                        [Fossen 2011, ch. 6 and 8]
 
-The sum is the load of the body's joint; it is passed down from tip to base. In [Konoplin 2022] these are the inverse
-dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.
+The sum is the load of the body's joint; it is passed down from tip to base. In [Konoplin 2022]
+these are the inverse dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.
 """
 
 from dataclasses import dataclass
@@ -43,9 +45,11 @@ _OF_BODIES = {
 class ArmParameters(NamedTuple):
     """Believed arm as the kernels take it; `ArmDynamics.parameters`."""
 
-    layout: np.ndarray  # (4, nb) parent row, joint kind, column in q (-1: none), and row of the tip's body
+    # (4, nb) parent row, joint kind, column in q (-1: none), and row of the tip's body
+    layout: np.ndarray
     numbers: Array  # packed parameters of the bodies, gravity and tip
-    stations: Array  # (ns, 9) drag stations: row of the body, position, axis, normal and tangential drag
+    # (ns, 9) drag stations: row of the body, position, axis, normal and tangential drag
+    stations: Array
 
 
 class JointMotion(NamedTuple):
@@ -64,7 +68,8 @@ class _Tree:
     kind: np.ndarray  # (nb,) _FIXED, _HINGE or _SLIDE
     column: np.ndarray  # (nb,) index into q, or -1
     axis: Array  # (nb, 3) joint axis in body axes
-    R0: Array  # (nb, 3, 3) body in parent at q = 0; joints that are no coordinates stay at their qpos0
+    # (nb, 3, 3) body in parent at q = 0; joints that are no coordinates stay at their qpos0
+    R0: Array
     p0: Array  # (nb, 3) joint frame in the parent's joint frame, likewise [m]
     mass: Array  # (nb,) [kg]
     com: Array  # (nb, 3) [m]
@@ -74,11 +79,15 @@ class _Tree:
     quadratic: Array  # (nb, 6)
     buoyancy: Array  # (nb,) displaced mass rho V [kg]
     cob: Array  # (nb, 3) [m]
-    origin: Array  # (nb, 3) the body's own origin in its joint frame [m]; the coefficients refer to it
-    stations: Array  # (ns, 9): row of the body, position (3), unit axis (3), normal and tangential drag [N/(m/s)^2]
+    # (nb, 3) the body's own origin in its joint frame [m]; the coefficients refer to it
+    origin: Array
+    # (ns, 9): row of the body, position (3), unit axis (3), normal and tangential drag [N/(m/s)^2]
+    stations: Array
 
     def packed(self, gravity: Array, R_tip: Array, p_tip: Array) -> Array:
-        """Pack all parameters into one block: those of the bodies, then gravity, tip position and tip rotation."""
+        """Pack all parameters into one block: those of the bodies, then gravity, tip position and
+        tip rotation.
+        """
         blocks = [*(getattr(self, name) for name in _OF_BODIES), gravity, p_tip, R_tip]
         return np.concatenate([np.ravel(block) for block in blocks])
 
@@ -112,16 +121,17 @@ def workspace(layout):
 def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     """Recursive Newton-Euler: forward pass for motion, backward pass for forces.
 
-    The tree comes as one packed block of numbers (`_Tree.packed`): passing thirty arrays costs more than the
-    computation.
+    The tree comes as one packed block of numbers (`_Tree.packed`): passing thirty arrays costs more
+    than the computation.
 
     Args:
         arm: `ArmParameters`.
         joints: `JointMotion`.
-        hull: (24,) attitude R_WB (9), velocity nu_B (6) and the time derivative of its components (6), current
-            v_current_W (3).
+        hull: (24,) attitude R_WB (9), velocity nu_B (6) and the time derivative of its components
+            (6), current v_current_W (3).
         wrench_tip: (6,) [N, N m] of the world on the tip, tool axes.
-        work: working memory of `workspace`; keeps rotations, positions and velocities for further kernels.
+        work: working memory of `workspace`; keeps rotations, positions and velocities for further
+            kernels.
         tau: (n,) [N m] output: torques at the gear outputs.
         wrench_B: (6,) [N, N m] output: wrench of the arm on the hull at its origin, hull axes.
     """
@@ -152,7 +162,11 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     nu = work[21 * nb : 27 * nb].reshape(nb, 6)
     nudot = work[27 * nb : 33 * nb].reshape(nb, 6)
     force = work[33 * nb : 39 * nb].reshape(nb, 6)
-    t1, t2, t3 = work[39 * nb : 39 * nb + 3], work[39 * nb + 3 : 39 * nb + 6], work[39 * nb + 6 : 39 * nb + 9]
+    t1, t2, t3 = (
+        work[39 * nb : 39 * nb + 3],
+        work[39 * nb + 3 : 39 * nb + 6],
+        work[39 * nb + 6 : 39 * nb + 9],
+    )
     v_r, mom, a_r = (
         work[39 * nb + 9 : 39 * nb + 15],
         work[39 * nb + 15 : 39 * nb + 21],
@@ -160,7 +174,8 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     )
     for b in range(nb):
         up = parent[b]
-        # Joint: rotation and position of this body in its parent (Rodrigues about a fixed axis, or a slide).
+        # Joint: rotation and position of this body in its parent (Rodrigues about a fixed axis, or
+        # a slide).
         k, u = kind[b], axis[b]
         angle = q[column[b]] if column[b] >= 0 else 0.0
         rate = qd[column[b]] if column[b] >= 0 else 0.0
@@ -171,9 +186,21 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         if k == _HINGE:
             c, s = np.cos(angle), np.sin(angle)
             d = 1.0 - c
-            e00, e01, e02 = c + d * u[0] * u[0], d * u[0] * u[1] - s * u[2], d * u[0] * u[2] + s * u[1]
-            e10, e11, e12 = d * u[1] * u[0] + s * u[2], c + d * u[1] * u[1], d * u[1] * u[2] - s * u[0]
-            e20, e21, e22 = d * u[2] * u[0] - s * u[1], d * u[2] * u[1] + s * u[0], c + d * u[2] * u[2]
+            e00, e01, e02 = (
+                c + d * u[0] * u[0],
+                d * u[0] * u[1] - s * u[2],
+                d * u[0] * u[2] + s * u[1],
+            )
+            e10, e11, e12 = (
+                d * u[1] * u[0] + s * u[2],
+                c + d * u[1] * u[1],
+                d * u[1] * u[2] - s * u[0],
+            )
+            e20, e21, e22 = (
+                d * u[2] * u[0] - s * u[1],
+                d * u[2] * u[1] + s * u[0],
+                c + d * u[2] * u[2],
+            )
             for i in range(3):
                 x, y, z = R0[b, i, 0], R0[b, i, 1], R0[b, i, 2]
                 Rb[i, 0] = x * e00 + y * e10 + z * e20
@@ -295,7 +322,10 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
             across += t3[i] * t3[i]
         across = np.sqrt(across)
         for i in range(3):
-            t2[i] = stations[k, 7] * across * t3[i] + stations[k, 8] * abs(along) * along * stations[k, 4 + i]
+            t2[i] = (
+                stations[k, 7] * across * t3[i]
+                + stations[k, 8] * abs(along) * along * stations[k, 4 + i]
+            )
         _cross(t1, t2, t3)
         for i in range(3):
             force[b, i] += t2[i]
@@ -313,7 +343,9 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         f = force[b]
         if column[b] >= 0:
             first = 3 if kind[b] == _HINGE else 0
-            tau[column[b]] = axis[b, 0] * f[first] + axis[b, 1] * f[first + 1] + axis[b, 2] * f[first + 2]
+            tau[column[b]] = (
+                axis[b, 0] * f[first] + axis[b, 1] * f[first + 1] + axis[b, 2] * f[first + 2]
+            )
         _rotate(R[b], f[:3], t1)
         _rotate(R[b], f[3:], t2)
         _cross(p[b], t1, t3)
@@ -330,7 +362,8 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
 
 @kernel
 def tip_kinematics(arm, work, X_BG, J_B):
-    """Tip pose in the hull's frame and its Jacobian, from the state that `newton_euler` left in `work`.
+    """Tip pose in the hull's frame and its Jacobian, from the state that `newton_euler` left in
+    `work`.
 
     Args:
         arm: `ArmParameters`.
@@ -346,7 +379,8 @@ def tip_kinematics(arm, work, X_BG, J_B):
     p_tip = numbers[113 * nb + 3 : 113 * nb + 6]
     R_tip = numbers[113 * nb + 6 : 113 * nb + 15].reshape(3, 3)
     J_B[:, :] = 0.0
-    # From the tip inward: tip pose relative to each body, and the columns of all joints rotated along.
+    # From the tip inward: tip pose relative to each body, and the columns of all joints rotated
+    # along.
     X_BG[:3, :3] = R_tip
     X_BG[:3, 3] = p_tip
     X_BG[3, :3] = 0.0
@@ -377,7 +411,8 @@ def tip_kinematics(arm, work, X_BG, J_B):
         b = layout[0, b]
 
 
-# Entries from Python take records as plain tuples: numba finds the type of a NamedTuple ten times as slowly.
+# Entries from Python take records as plain tuples: numba finds the type of a NamedTuple ten times
+# as slowly.
 
 
 @kernel
@@ -403,30 +438,37 @@ def inverse_dynamics(arm, joints, hull, wrench_tip):
 def _tip(arm, q):
     arm, n = ArmParameters(*arm), q.shape[0]
     rest, work, X_BG, J_B = np.zeros(n), workspace(arm.layout), np.empty((4, 4)), np.empty((6, n))
-    newton_euler(arm, JointMotion(q, rest, rest), np.zeros(24), np.zeros(6), work, np.empty(n), np.empty(6))
+    newton_euler(
+        arm, JointMotion(q, rest, rest), np.zeros(24), np.zeros(6), work, np.empty(n), np.empty(6)
+    )
     tip_kinematics(arm, work, X_BG, J_B)
     return X_BG, J_B
 
 
 class ArmDynamics:
-    """Inverse dynamics of a vehicle's arm: joint torques and the arm's wrench on the hull for a given motion of both.
+    """Inverse dynamics of a vehicle's arm: joint torques and the arm's wrench on the hull for a
+    given motion of both.
 
-    `parameters` is the arm as the kernels of this module take it. Nothing here changes after the set-up.
+    `parameters` is the arm as the kernels of this module take it. Nothing here changes after the
+    set-up.
     """
 
-    def __init__(self, model: mujoco.MjModel, *, passive: bool = False, water_error: float = 0.0) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, *, passive: bool = False, water_error: float = 0.0
+    ) -> None:
         """Read the arm of the vehicle in `model` (`uuv.models.vehicle.Vehicle`).
 
         Args:
             model: compiled model of the vehicle.
-            passive: True makes joints without actuator (the sliding pad) coordinates too, in the order of the model. By
-                default they are held at their qpos0, as a controller sees them.
-            water_error: [-] scales every hydrodynamic coefficient by 1 + water_error, for a deliberately wrong model;
-                volumes stay. Above -1.
+            passive: True makes joints without actuator (the sliding pad) coordinates too, in the
+                order of the model. By default they are held at their qpos0, as a controller sees
+                them.
+            water_error: [-] scales every hydrodynamic coefficient by 1 + water_error, for a
+                deliberately wrong model; volumes stay. Above -1.
 
         Raises:
-            ConfigurationError: `water_error` is out of range, the arm has joints other than hinges and slides, or a
-                body with several joints, or the hull carries no other body.
+            ConfigurationError: `water_error` is out of range, the arm has joints other than hinges
+                and slides, or a body with several joints, or the hull carries no other body.
         """
         vehicle = Vehicle.of(model)
         share = 1.0 + finite_number(water_error, "water_error", above=-1.0)
@@ -447,7 +489,8 @@ class ArmDynamics:
         )
 
     def of_bodies(self, numbers: Array, *names: str) -> tuple[Array, ...]:
-        """Views (nb, k) of parameters of each body in a packed block `numbers`, for changes to the believed arm.
+        """Views (nb, k) of parameters of each body in a packed block `numbers`, for changes to the
+        believed arm.
 
         Names and widths k:
 
@@ -490,13 +533,14 @@ class ArmDynamics:
             qdd: (n,) [rad/s^2] joint accelerations.
             R_WB: (3, 3) attitude of the hull.
             nu_B: (6,) [m/s, rad/s] velocity of the hull, (linear; angular), hull axes.
-            a_B: (6,) [m/s^2, rad/s^2] acceleration of the hull's origin and its angular acceleration, hull axes.
+            a_B: (6,) [m/s^2, rad/s^2] acceleration of the hull's origin and its angular
+                acceleration, hull axes.
             v_current_W: (3,) [m/s] steady current.
             wrench_tip_G: (6,) [N, N m] wrench of the world on the tip, tool axes.
 
         Returns:
-            tau (n,) [N m] at the gear outputs, without rotor inertia and gear friction, and the wrench (6,) [N, N m] of
-            the arm on the hull at the hull's origin, hull axes.
+            tau (n,) [N m] at the gear outputs, without rotor inertia and gear friction, and the
+            wrench (6,) [N, N m] of the arm on the hull at the hull's origin, hull axes.
         """
         hull = np.empty(24)
         hull[:9] = R_WB.ravel()
@@ -507,27 +551,49 @@ class ArmDynamics:
         hull[16] -= w2 * v0 - w0 * v2
         hull[17] -= w0 * v1 - w1 * v0
         hull[21:] = v_current_W
-        q, qd, qdd = np.array((q, qd, qdd), dtype=np.float64)  # writable: for others the kernel were compiled again
+        # writable: for others the kernel were compiled again
+        q, qd, qdd = np.array((q, qd, qdd), dtype=np.float64)
         return inverse_dynamics(tuple(self.parameters), (q, qd, qdd), hull, wrench_tip_G)
 
     def tip(self, q: Array) -> tuple[Array, Array]:
-        """Tip pose X_BG (4, 4) in the hull's frame and its Jacobian (6, n), hull axes, at joint angles `q` (n,)."""
-        return _tip(tuple(self.parameters), np.array(q, dtype=np.float64))  # writable, as in `inverse`
+        """Tip pose X_BG (4, 4) in the hull's frame and its Jacobian (6, n), hull axes, at joint
+        angles `q` (n,).
+        """
+        # writable, as in `inverse`
+        return _tip(tuple(self.parameters), np.array(q, dtype=np.float64))
 
     def wrench_at_rest(self, q: Array) -> Array:
-        """Wrench (6,) [N, N m] of the arm on the hull at joint angles `q` (n,), both at rest and level."""
+        """Wrench (6,) [N, N m] of the arm on the hull at joint angles `q` (n,), both at rest and
+        level.
+        """
         rest, none = np.zeros(self.n), np.zeros(6)
         return self.inverse(
-            q, rest, rest, R_WB=np.eye(3), nu_B=none, a_B=none, v_current_W=none[:3], wrench_tip_G=none
+            q,
+            rest,
+            rest,
+            R_WB=np.eye(3),
+            nu_B=none,
+            a_B=none,
+            v_current_W=none[:3],
+            wrench_tip_G=none,
         )[1]
 
     def inertia(self, q: Array) -> Array:
-        """Joint-space inertia (n, n) at `q` (n,) with the hull held; includes added mass, not the rotors."""
+        """Joint-space inertia (n, n) at `q` (n,) with the hull held; includes added mass, not the
+        rotors.
+        """
         rest, none = np.zeros(self.n), np.zeros(6)
 
         def torque(qdd: Array) -> Array:
             return self.inverse(
-                q, rest, qdd, R_WB=np.eye(3), nu_B=none, a_B=none, v_current_W=none[:3], wrench_tip_G=none
+                q,
+                rest,
+                qdd,
+                R_WB=np.eye(3),
+                nu_B=none,
+                a_B=none,
+                v_current_W=none[:3],
+                wrench_tip_G=none,
             )[0]
 
         return np.column_stack([torque(unit) for unit in np.eye(self.n)]) - torque(rest)[:, None]
@@ -536,7 +602,9 @@ class ArmDynamics:
 def _read_tree(
     model: mujoco.MjModel, vehicle: Vehicle, passive: bool, water_scale: float
 ) -> tuple[_Tree, tuple[str, ...], dict[int, int]]:
-    """Bodies carried by the hull as arrays, names of the joints that are coordinates, row of each MuJoCo body."""
+    """Bodies carried by the hull as arrays, names of the joints that are coordinates, row of each
+    MuJoCo body.
+    """
     bodies = [b for b in range(vehicle.hull + 1, model.nbody) if _carried(model, b, vehicle.hull)]
     rows = {body: row for row, body in enumerate(bodies)}
     nb = len(bodies)
@@ -563,13 +631,17 @@ def _read_tree(
     R = np.empty(9)
     for body, row in rows.items():
         if model.body_jntnum[body] > 1:
-            raise ConfigurationError(f"body {model.body(body).name!r} of the arm has more than one joint")
+            raise ConfigurationError(
+                f"body {model.body(body).name!r} of the arm has more than one joint"
+            )
         anchor = np.zeros(3)
         if model.body_jntnum[body]:
             joint = int(model.body_jntadr[body])
             kind = int(model.jnt_type[joint])
             if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                raise ConfigurationError(f"joint {model.joint(joint).name!r} of the arm must be a hinge or a slide")
+                raise ConfigurationError(
+                    f"joint {model.joint(joint).name!r} of the arm must be a hinge or a slide"
+                )
             anchor = np.array(model.jnt_pos[joint])
             if joint in driven or passive:
                 tree.kind[row] = _HINGE if kind == mujoco.mjtJoint.mjJNT_HINGE else _SLIDE
@@ -596,11 +668,13 @@ def _read_tree(
         tree.com[row] = com
         mujoco.mju_quat2Mat(R, model.body_iquat[body])
         principal = R.reshape(3, 3)
-        tree.inertia[row] = principal @ np.diag(model.body_inertia[body]) @ principal.T + model.body_mass[body] * (
-            com @ com * np.eye(3) - np.outer(com, com)
-        )
+        tree.inertia[row] = principal @ np.diag(
+            model.body_inertia[body]
+        ) @ principal.T + model.body_mass[body] * (com @ com * np.eye(3) - np.outer(com, com))
         if hydrodynamics.carries(model.body_user[body]):
-            water = hydrodynamics.without_forms(model.body_user[body], "the controller's model of the arm")
+            water = hydrodynamics.without_forms(
+                model.body_user[body], "the controller's model of the arm"
+            )
             tree.added[row] = water_scale * water.added_mass
             tree.linear[row] = water_scale * water.linear_damping
             tree.quadratic[row] = water_scale * water.quadratic_damping
@@ -617,7 +691,9 @@ def _carried(model: mujoco.MjModel, body: int, hull: int) -> bool:
 
 
 def _stations(model: mujoco.MjModel, rows: dict[int, int], water_scale: float) -> Array:
-    """Gauss-Legendre stations of all drag strips, (ns, 9): row, position (3) [m], axis (3), normal, tangential drag."""
+    """Gauss-Legendre stations of all drag strips, (ns, 9): row, position (3) [m], axis (3), normal,
+    tangential drag.
+    """
     stations: list[list[float]] = []
     for body, row in rows.items():
         if not hydrodynamics.carries(model.body_user[body]):
@@ -628,5 +704,7 @@ def _stations(model: mujoco.MjModel, rows: dict[int, int], water_scale: float) -
             for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
                 share = water_scale * 0.5 * weight * length
                 place = strip.start + 0.5 * (1.0 + node) * along
-                stations.append([row, *place, *(along / length), share * strip.normal, share * strip.tangential])
+                stations.append(
+                    [row, *place, *(along / length), share * strip.normal, share * strip.tangential]
+                )
     return np.array(stations).reshape(-1, 9)

@@ -1,8 +1,9 @@
-"""Joint servo: computed torque at the rate of the drives, tool motion against the drifting hull, gear friction.
+"""Joint servo: computed torque at the rate of the drives, tool motion against the drifting hull,
+gear friction.
 
-The kernels are compiled as a whole, since they run at the rate of the drives. Their dynamics are those of
-`uuv.controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They take records as plain tuples
-of their fields, which numba types faster.
+The kernels are compiled as a whole, since they run at the rate of the drives. Their dynamics are
+those of `uuv.controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They
+take records as plain tuples of their fields, which numba types faster.
 """
 
 from dataclasses import dataclass
@@ -30,7 +31,8 @@ class FrictionTracking(NamedTuple):
 class Drives(NamedTuple):
     """Drives of the arm, and the gains of their servo."""
 
-    gains: Array  # stiffness [1/s^2], damping [1/s], integral gain [1/s^3], limit of the integral [rad s]
+    # stiffness [1/s^2], damping [1/s], integral gain [1/s^3], limit of the integral [rad s]
+    gains: Array
     armature: Array  # (n,) [kg m^2] rotor inertias at the joints
     damping: Array  # (n,) [N m s/rad] viscous friction of the gears
     limits: Array  # (n,) [N m] torque limits
@@ -57,7 +59,9 @@ class JointTarget(NamedTuple):
 class SoftAxis(NamedTuple):
     """Tool axis along which the servo gives up stiffness to force control."""
 
-    yielding: Array  # (2, n) tip motion along the tool axis per joint angle [m/rad]; joint motion that gives it [rad/m]
+    # (2, n) tip motion along the tool axis per joint angle [m/rad]; joint motion that gives it
+    # [rad/m]
+    yielding: Array
     softness: float  # [-] share of the stiffness that the tip loses along the tool axis
 
 
@@ -81,7 +85,8 @@ class ResolvedMotion(NamedTuple):
 
     X_AG: Array  # (4, 4) tool pose in the arm's base
     qd: Array  # (n,) [rad/s] joint speeds
-    qdd: Array  # (n,) [rad/s^2] joint accelerations that cancel the hull's; zero without drift correction
+    # (n,) [rad/s^2] joint accelerations that cancel the hull's; zero without drift correction
+    qdd: Array
     yielding: Array  # (2, n) as in `SoftAxis`
 
 
@@ -117,9 +122,15 @@ class JointServo:
         return JointServoState(integral=np.zeros(self._n), tau=np.zeros(self._n))
 
     def step(
-        self, state: JointServoState, arm: ArmParameters, seen: SeenArm, wanted: JointTarget, borne: BorneLoad
+        self,
+        state: JointServoState,
+        arm: ArmParameters,
+        seen: SeenArm,
+        wanted: JointTarget,
+        borne: BorneLoad,
     ) -> Array:
-        """Torques (n,) [N m] of the drives for one period, as stiff along the tool axis as across it.
+        """Torques (n,) [N m] of the drives for one period, as stiff along the tool axis as across
+        it.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -133,7 +144,13 @@ class JointServo:
         """
         soft = (np.zeros((2, self._n)), 0.0)
         state.tau = servo_joints(
-            tuple(arm), self._drive_fields, tuple(seen), tuple(wanted), soft, tuple(borne), state.integral
+            tuple(arm),
+            self._drive_fields,
+            tuple(seen),
+            tuple(wanted),
+            soft,
+            tuple(borne),
+            state.integral,
         )
         return state.tau
 
@@ -142,9 +159,10 @@ class JointServo:
 def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
     """Track the dry friction torque of the gears, as the torque sensors show it.
 
-    It is the motor torque less rotor inertia, viscous friction and the sensor's reading. Added to the motor commands,
-    it turns the drives into torque sources at the gear output, also at rest. There friction takes any value that keeps
-    the joint, and the motors' torque grows until the joint breaks away.
+    It is the motor torque less rotor inertia, viscous friction and the sensor's reading. Added to
+    the motor commands, it turns the drives into torque sources at the gear output, also at rest.
+    There friction takes any value that keeps the joint, and the motors' torque grows until the
+    joint breaks away.
 
     Args:
         tau_motor: (n,) [N m] motor torques.
@@ -163,7 +181,8 @@ def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
 
 @kernel
 def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
-    """Drive torques for the wanted joint motion: computed torque with PID on the joints, and a compliant tool axis.
+    """Drive torques for the wanted joint motion: computed torque with PID on the joints, and a
+    compliant tool axis.
 
     The integral of a drive at its torque limit is frozen.
 
@@ -180,7 +199,12 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
         The drive torques (n,) [N m].
     """
     arm, drives = ArmParameters(*arm), Drives(*drives)
-    seen, wanted, soft, borne = SeenArm(*seen), JointTarget(*wanted), SoftAxis(*soft), BorneLoad(*borne)
+    seen, wanted, soft, borne = (
+        SeenArm(*seen),
+        JointTarget(*wanted),
+        SoftAxis(*soft),
+        BorneLoad(*borne),
+    )
     gains = drives.gains
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     q, qd, yielding, softness = seen.q, seen.qd, soft.yielding, soft.softness
@@ -197,26 +221,38 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
             + damper * (wanted.qd[j] - qd[j])
             + integrator * integral[j]
         )
-    newton_euler(arm, JointMotion(q, qd, qdd), seen.hull, borne.wrench_G, workspace(arm.layout), tau, wrench_B)
+    newton_euler(
+        arm,
+        JointMotion(q, qd, qdd),
+        seen.hull,
+        borne.wrench_G,
+        workspace(arm.layout),
+        tau,
+        wrench_B,
+    )
     for j in range(n):
         tau[j] += drives.armature[j] * qdd[j] + drives.damping[j] * qd[j] + borne.friction[j]
         if abs(tau[j]) > drives.limits[j]:
             tau[j] = np.sign(tau[j]) * drives.limits[j]
         else:
             # Along the tool axis the force loop provides the integral action.
-            grown = integral[j] + drives.period * (error[j] - (along * yielding[1, j] if softness > 0.0 else 0.0))
+            grown = integral[j] + drives.period * (
+                error[j] - (along * yielding[1, j] if softness > 0.0 else 0.0)
+            )
             integral[j] = min(max(grown, -most), most)
     return tau
 
 
 @kernel
 def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
-    """Re-aiming, p*_C = R^T (p*_O - r) in [Konoplin 2022]: tool pose in the arm's base, and its joint rates.
+    """Re-aiming, p*_C = R^T (p*_O - r) in [Konoplin 2022]: tool pose in the arm's base, and its
+    joint rates.
 
-    Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular postures. Of an arm with
-    other than six joints they are by priorities. With `drift` the motion of the hull is compensated: its velocity in
-    `qd`, its acceleration in `qdd`. The tool then stands still on the object. Without it the drives carry the arm along
-    when contact pushes the hull, and their force adds to the contact force.
+    Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular
+    postures. Of an arm with other than six joints they are by priorities. With `drift` the motion
+    of the hull is compensated: its velocity in `qd`, its acceleration in `qdd`. The tool then
+    stands still on the object. Without it the drives carry the arm along when contact pushes the
+    hull, and their force adds to the contact force.
 
     Args:
         X_AB: (4, 4) hull pose in the arm's base.
@@ -232,7 +268,8 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
     tip_B, J_B = tip
     qd, qdd, yielding = out.qd, out.qdd, out.yielding
     X_BW = np.eye(4)
-    wanted = np.zeros((3, 6))  # tool relative to the hull: velocity, acceleration; and 1 m along its axis
+    # tool relative to the hull: velocity, acceleration; and 1 m along its axis
+    wanted = np.zeros((3, 6))
     for i in range(3):
         for j in range(3):
             X_BW[i, j] = X_WB[j, i]
@@ -254,7 +291,8 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
     if n == 6:
         _all_at_once(J_B, wanted, qd, qdd, yielding)
     else:
-        # The axis as it is: a joint that turns the tool about it would else seem to tilt it, and spin.
+        # The axis as it is: a joint that turns the tool about it would else seem to tilt it, and
+        # spin.
         z, rest, held = tip_B[:3, 2].copy(), np.zeros(n), np.zeros(n, dtype=np.bool_)
         prioritised(J_B, z, wanted[0], DAMPING, rest, held, qd)
         prioritised(J_B, z, wanted[1], DAMPING, rest, held, qdd)
@@ -272,7 +310,9 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
 
 @kernel
 def _all_at_once(J_B, wanted, qd, qdd, yielding):
-    """Joint speeds, accelerations and motion along the tool axis for the twists `wanted` (3, 6), damped."""
+    """Joint speeds, accelerations and motion along the tool axis for the twists `wanted` (3, 6),
+    damped.
+    """
     # J^T (J J^T + damping)^-1 by Cholesky in place: a call of LAPACK costs more than these sums.
     A = J_B @ J_B.T.copy()
     for i in range(6):

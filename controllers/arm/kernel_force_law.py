@@ -37,7 +37,8 @@ class KernelForceLaw(ForceDisplacement):
     `ForceDisplacement`; the other gains do not count.
     """
 
-    law: Callable[..., float]  # law(memory, set_force, felt, servo_compliance, dt), see `step`: the displacement [m]
+    # law(memory, set_force, felt, servo_compliance, dt), see `step`: the displacement [m]
+    law: Callable[..., float]
     numbers: int = 1  # length of its memory, which is zero whenever the loop closes
     _compiled: Any = field(init=False, repr=False, compare=False)  # kept alive: `slot` calls it
 
@@ -49,7 +50,9 @@ class KernelForceLaw(ForceDisplacement):
         """
         super(KernelForceLaw, self).__post_init__()
         if self.numbers < 1:
-            raise ConfigurationError(f"numbers of the force law: must be at least 1, got {self.numbers}")
+            raise ConfigurationError(
+                f"numbers of the force law: must be at least 1, got {self.numbers}"
+            )
         name = getattr(self.law, "__name__", repr(self.law))
         limited = _of_pointers(kernel(self.law), self.numbers, self.speed, self.limit)
         compiled = slot_function(limited, f"force law {name}")
@@ -65,7 +68,12 @@ class KernelForceLaw(ForceDisplacement):
         return Slot(self._compiled.address, state.numbers, np.zeros(VALUES))
 
     def step(
-        self, state: ForceDisplacementState, set_force: float, felt: float, servo_compliance: float, dt: float
+        self,
+        state: ForceDisplacementState,
+        set_force: float,
+        felt: float,
+        servo_compliance: float,
+        dt: float,
     ) -> float:
         """Displacement k by the law.
 

@@ -1,19 +1,23 @@
-"""Position-force control: displacement k of the tool from the force error [Konoplin 2022, section 3].
+"""Position-force control: displacement k of the tool from the force error [Konoplin 2022, section
+3].
 
-The original displaces the tool along the error vector G_f = G_F*_imp - G_F_imp by k, from a PID on its length. Friction
-makes the tangential part of that vector non-zero while the tool moves; a displacement against friction would take the
-tool off its path. Therefore the displacement here acts along the tool axis, from the normal part of the error.
+The original displaces the tool along the error vector G_f = G_F*_imp - G_F_imp by k, from a PID on
+its length. Friction makes the tangential part of that vector non-zero while the tool moves; a
+displacement against friction would take the tool off its path. Therefore the displacement here acts
+along the tool axis, from the normal part of the error.
 
     k = I + K T_p (e + T_d de/dt),    dI = K e dt + C_surface dF_set,    K = bandwidth (C_servo + C_surface)
 
-e is the expected less the felt force; the expected one follows the set force F_set with the lag `response`. T_p and T_d
-are `proportional_time` and `derivative_time`. They are zero by default: an integral law, fed forward by the learnt
-compliance. Then k is limited in speed and size. The law as published is `published_force_law`.
+e is the expected less the felt force; the expected one follows the set force F_set with the lag
+`response`. T_p and T_d are `proportional_time` and `derivative_time`. They are zero by default: an
+integral law, fed forward by the learnt compliance. Then k is limited in speed and size. The law as
+published is `published_force_law`.
 
-One tuning covers soft rubber and steel. The gains are stated as a loop bandwidth and multiplied by the displacement per
-newton. This is the compliance of the arm's servo, which is known, plus that of the surface under the pad. The latter is
-identified while the force grows, as the slope of k over the measured force. A change of the set force displaces the
-tool at once by the surface's share; the loop corrects only the unknown rest.
+One tuning covers soft rubber and steel. The gains are stated as a loop bandwidth and multiplied by
+the displacement per newton. This is the compliance of the arm's servo, which is known, plus that of
+the surface under the pad. The latter is identified while the force grows, as the slope of k over
+the measured force. A change of the set force displaces the tool at once by the surface's share; the
+loop corrects only the unknown rest.
 """
 
 from dataclasses import dataclass, field
@@ -29,7 +33,8 @@ from uuv.sim.interfaces.kernels.slots import FINE, Slot, empty_slot, slot_functi
 from uuv.sim.interfaces.spatial import Array
 
 # Entries of `ForceDisplacementState.numbers`
-K, INTEGRAL = 0, 1  # [m] displacement along the tool axis, into the surface; its part from the error
+# [m] displacement along the tool axis, into the surface; its part from the error
+K, INTEGRAL = 0, 1
 ERROR, SET_FORCE, EXPECTED = 2, 3, 4  # [N] at the last step; NaN set force: the loop was open
 FELT, DISPLACED = 5, 6  # measured normal force [N] and displacement [m], smoothed for the slope
 COMPLIANCE = 7  # [m/N] of the surface, as identified
@@ -88,7 +93,9 @@ class ForceLoopGains(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceDisplacement(ForceLoopTuning):
-    """Integral law from the normal force error to the displacement, with anti-windup, limits, and optional P and D."""
+    """Integral law from the normal force error to the displacement, with anti-windup, limits, and
+    optional P and D.
+    """
 
     @property
     def closed_loop(self) -> bool:
@@ -109,7 +116,12 @@ class ForceDisplacement(ForceLoopTuning):
         return empty_slot(state.numbers, VALUES)
 
     def step(
-        self, state: ForceDisplacementState, set_force: float, felt: float, servo_compliance: float, dt: float
+        self,
+        state: ForceDisplacementState,
+        set_force: float,
+        felt: float,
+        servo_compliance: float,
+        dt: float,
     ) -> float:
         """Displacement k for a set and a measured normal force.
 
@@ -155,7 +167,11 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
         The displacement k [m].
     """
     if np.isnan(numbers[SET_FORCE]):
-        numbers[SET_FORCE], numbers[EXPECTED], numbers[ERROR] = set_force, set_force, set_force - felt
+        numbers[SET_FORCE], numbers[EXPECTED], numbers[ERROR] = (
+            set_force,
+            set_force,
+            set_force - felt,
+        )
         numbers[FELT], numbers[DISPLACED] = felt, numbers[K]
     numbers[EXPECTED] += min(1.0, dt / gains.response) * (set_force - numbers[EXPECTED])
     error = numbers[EXPECTED] - felt
@@ -177,10 +193,11 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
 
 @kernel
 def _learn(gains, numbers, felt, change, dt):
-    """Update the surface compliance: least-squares slope of k over the measured force while the set force changes.
+    """Update the surface compliance: least-squares slope of k over the measured force while the set
+    force changes.
 
-    At a constant set force k follows the surface's shape and the drift of the estimated hull pose, which are not
-    informative.
+    At a constant set force k follows the surface's shape and the drift of the estimated hull pose,
+    which are not informative.
     """
     smooth = dt / gains.smoothing
     numbers[FELT] += smooth * (felt - numbers[FELT])
@@ -202,7 +219,9 @@ def _learn(gains, numbers, felt, change, dt):
 
 @kernel
 def let_go(numbers, most, inwards):
-    """Step of `ForceDisplacement.release`, by at most `most` [m]; returns the displacement k [m]."""
+    """Step of `ForceDisplacement.release`, by at most `most` [m]; returns the displacement k
+    [m].
+    """
     numbers[K] -= min(max(numbers[K], -most if inwards else 0.0), most)
     numbers[INTEGRAL], numbers[ERROR], numbers[SET_FORCE] = numbers[K], 0.0, np.nan
     return numbers[K]
@@ -220,7 +239,12 @@ class NominalStiffness(ForceDisplacement):
         return False
 
     def step(
-        self, state: ForceDisplacementState, set_force: float, felt: float, servo_compliance: float, dt: float
+        self,
+        state: ForceDisplacementState,
+        set_force: float,
+        felt: float,
+        servo_compliance: float,
+        dt: float,
     ) -> float:
         """Displacement k for a set normal force.
 

@@ -1,16 +1,20 @@
-"""Force law as published: a PID on the force error displaces the tool along it [Konoplin 2022, section 3].
+"""Force law as published: a PID on the force error displaces the tool along it [Konoplin 2022,
+section 3].
 
     G_f = G_F*_imp - G_F_imp,    displacement = K_p G_f + K_i int G_f dt + K_d dG_f/dt
 
-G_F*_imp is the set force of the tool on the object, G_F_imp the one felt. The paper gives the displacement a size k, by
-a PID on the length of G_f, and the direction of G_f. A PID is linear, so this is one PID for each component. The
-component along the tool axis is `PublishedForceLaw`, the two across it are `TangentialForceLoop`; a controller with the
-published law has both, with the same gains.
+G_F*_imp is the set force of the tool on the object, G_F_imp the one felt. The paper gives the
+displacement a size k, by a PID on the length of G_f, and the direction of G_f. A PID is linear, so
+this is one PID for each component. The component along the tool axis is `PublishedForceLaw`, the
+two across it are `TangentialForceLoop`; a controller with the published law has both, with the same
+gains.
 
-Friction makes the components across the axis differ from zero for as long as the tool moves; the integral then drives
-the tool off its path. The paper also says that the displacement goes "towards the surface or away from it", by the sign
-of the difference of the two forces: read so, the component along the axis is the whole law. `--published force-law` is
-the first reading, `normal-force-law` the second. The paper gives no gains. Those here are fixed, whatever the surface.
+Friction makes the components across the axis differ from zero for as long as the tool moves; the
+integral then drives the tool off its path. The paper also says that the displacement goes "towards
+the surface or away from it", by the sign
+of the difference of the two forces: read so, the component along the axis is the whole law.
+`--published force-law` is the first reading, `normal-force-law` the second. The paper gives no
+gains. Those here are fixed, whatever the surface.
 """
 
 from dataclasses import dataclass, field
@@ -45,7 +49,9 @@ class PublishedForceLaw(PublishedForceTuning):
         """Initial state: no displacement."""
         return PidState()
 
-    def step(self, state: PidState, set_force: float, felt: float, servo_compliance: float, dt: float) -> float:
+    def step(
+        self, state: PidState, set_force: float, felt: float, servo_compliance: float, dt: float
+    ) -> float:
         """Displacement k for a set and a measured normal force.
 
         Args:
@@ -96,7 +102,9 @@ class TangentialState(ComplianceState):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TangentialForceLoop(PublishedForceTuning):
-    """Components across the tool axis, whose set force is zero: a `SideDisplacement` of the tool's control."""
+    """Components across the tool axis, whose set force is zero: a `SideDisplacement` of the tool's
+    control.
+    """
 
     def init(self) -> TangentialState:
         """Initial state: no offset."""
@@ -106,7 +114,15 @@ class TangentialForceLoop(PublishedForceTuning):
         """True while the force is controlled."""
         return reference.force_control
 
-    def step(self, state: TangentialState, f_tip_W: Array, z_WG: Array, dt: float, *, gently: bool = False) -> Array:
+    def step(
+        self,
+        state: TangentialState,
+        f_tip_W: Array,
+        z_WG: Array,
+        dt: float,
+        *,
+        gently: bool = False,
+    ) -> Array:
         """Offset of the tool for the measured contact force.
 
         Args:
@@ -132,7 +148,9 @@ class TangentialForceLoop(PublishedForceTuning):
         return offset
 
     def release(self, state: TangentialState, dt: float) -> Array:
-        """Return the offset (3,) [m] to zero at `speed`, with the loop open; `dt` [s] since the last step."""
+        """Return the offset (3,) [m] to zero at `speed`, with the loop open; `dt` [s] since the
+        last step.
+        """
         state.offset_W = state.offset_W - _shortened(state.offset_W, self.speed * dt)
         state.integral_W, state.error_W = state.offset_W, None
         return state.offset_W

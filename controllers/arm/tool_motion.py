@@ -1,7 +1,9 @@
-"""Joint motion wanted between the planner's steps: tool pose to joint angles, compiled for its rate.
+"""Joint motion wanted between the planner's steps: tool pose to joint angles, compiled for its
+rate.
 
-One step extrapolates the tool pose, displaces it, and resolves it into the arm's base. MKPS solves the inverse
-kinematics on the branch of the last angles. The jump where the arm began to follow a tool pose is blended out.
+One step extrapolates the tool pose, displaces it, and resolves it into the arm's base. MKPS solves
+the inverse kinematics on the branch of the last angles. The jump where the arm began to follow a
+tool pose is blended out.
 """
 
 from typing import NamedTuple
@@ -39,7 +41,13 @@ class ToolMotion(NamedTuple):
         """The arm held at `q` (n,) [rad]; `chain` is an own copy of its kernel memory."""
         n = len(q)
         zeros = (np.zeros(n), np.zeros(n), np.zeros((2, n)), np.zeros(n), np.zeros(n))
-        return cls(np.array(q), *zeros, ik_error=np.full(2, np.nan), holding=np.ones(1, dtype=np.bool_), chain=chain)
+        return cls(
+            np.array(q),
+            *zeros,
+            ik_error=np.full(2, np.nan),
+            holding=np.ones(1, dtype=np.bool_),
+            chain=chain,
+        )
 
 
 class ToolTracking(NamedTuple):
@@ -50,10 +58,14 @@ class ToolTracking(NamedTuple):
     speed_limit: float  # [rad/s] of every joint
     blend_time: float  # [s] see `ArmTuning`
     period: float  # [s]
-    solver: int  # address of the inverse kinematics (`uuv.controllers.ik.tracking_solvers`); 0: the hybrid method
+    # address of the inverse kinematics (`uuv.controllers.ik.tracking_solvers`); 0: the hybrid
+    # method
+    solver: int
 
     @classmethod
-    def of(cls, X_AB: Array, joints: int, tuning: ArmTuning, *, follows_hull: bool) -> "ToolTracking":
+    def of(
+        cls, X_AB: Array, joints: int, tuning: ArmTuning, *, follows_hull: bool
+    ) -> "ToolTracking":
         """Record for an arm.
 
         Args:
@@ -63,7 +75,14 @@ class ToolTracking(NamedTuple):
             follows_hull: as the field.
         """
         solver = solver_address(tracking_method(tuning.inverse_kinematics, joints))
-        return cls(X_AB, follows_hull, tuning.joint_speed_limit, tuning.blend_time, tuning.task_period, solver)
+        return cls(
+            X_AB,
+            follows_hull,
+            tuning.joint_speed_limit,
+            tuning.blend_time,
+            tuning.task_period,
+            solver,
+        )
 
 
 @kernel
@@ -99,7 +118,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         tip: pose X_BG (4, 4) and Jacobian J_B (6, n) of the tip as it is, hull axes.
 
     Returns:
-        False, with the motion unchanged, for a target that is no pose; the tool pose (4, 4) in the arm's base.
+        False, with the motion unchanged, for a target that is no pose; the tool pose (4, 4) in the
+        arm's base.
     """
     track, out, tool = ToolTracking(*tracking), ToolMotion(*motion), ToolTarget(*target)
     n, dt = out.q.shape[0], track.period
@@ -118,19 +138,40 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     trail, q = out.chain[:0].reshape(0, 1), np.empty(n)
     if track.solver:
         errors = np.empty(2)
-        code = solve_at(track.solver, out.chain, resolved.X_AG, out.q, (_POSITION, _ORIENTATION), _STEPS, q, errors)
+        code = solve_at(
+            track.solver,
+            out.chain,
+            resolved.X_AG,
+            out.q,
+            (_POSITION, _ORIENTATION),
+            _STEPS,
+            q,
+            errors,
+        )
         error_p, error_r = errors[0], errors[1]
     else:
-        settings = Settings(HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False)
-        code, _, _, error_p, error_r = solve_keep(out.chain, resolved.X_AG, out.q, settings, None, trail, q)
+        settings = Settings(
+            HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False
+        )
+        code, _, _, error_p, error_r = solve_keep(
+            out.chain, resolved.X_AG, out.q, settings, None, trail, q
+        )
     if code >= BAD_TARGET:
         return False, resolved.X_AG
-    if out.holding[0]:  # the hull stands a little off the place that the held angles were computed for
+    # the hull stands a little off the place that the held angles were computed for
+    if out.holding[0]:
         for j in range(n):
             out.offset[j], out.offset_rate[j] = out.q[j] - q[j], out.qd[j] - resolved.qd[j]
         out.holding[0] = False
     out.q[:], out.qd[:], out.offset[:], out.offset_rate[:] = bumpless(
-        q, resolved.qd, out.q, out.offset, out.offset_rate, track.blend_time, track.speed_limit * dt, dt
+        q,
+        resolved.qd,
+        out.q,
+        out.offset,
+        out.offset_rate,
+        track.blend_time,
+        track.speed_limit * dt,
+        dt,
     )
     out.ik_error[0], out.ik_error[1] = error_p, error_r
     return True, resolved.X_AG
@@ -172,8 +213,8 @@ def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
 def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
     """Bumpless transfer to a new joint reference: a remaining offset decays, critically damped.
 
-    Joints that would move too far are slowed down all alike: a single one that lags takes the tool off its way, into
-    the surface.
+    Joints that would move too far are slowed down all alike: a single one that lags takes the tool
+    off its way, into the surface.
 
     Args:
         q: (n,) [rad] angles of the reference.

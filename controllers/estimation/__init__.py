@@ -1,1 +1,3 @@
-"""Estimation: contact force, disturbances on the hull, load, payload and friction identification."""
+"""Estimation: contact force, disturbances on the hull, load, payload and friction
+identification.
+"""

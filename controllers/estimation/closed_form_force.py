@@ -1,8 +1,9 @@
 """Tip force from the torques of joints 1, 3 and 4 alone, as published [Konoplin 2022, eq. 5].
 
-A pure force on the tip has three unknowns, which three joints determine: three rows of J^T f = tau_e. On the paper's
-arm, a yaw joint and three parallel pitch joints with joints 5 and 6 at zero, this is its closed form
-(`force_from_torques.tip_force_closed_form`). Least squares over all joints (`TorqueSensors`) is more accurate.
+A pure force on the tip has three unknowns, which three joints determine: three rows of J^T f =
+tau_e. On the paper's arm, a yaw joint and three parallel pitch joints with joints 5 and 6 at zero,
+this is its closed form (`force_from_torques.tip_force_closed_form`). Least squares over all joints
+(`TorqueSensors`) is more accurate.
 """
 
 import numpy as np
@@ -14,14 +15,15 @@ from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimat
 from uuv.sim.interfaces.spatial import Array
 
 JOINTS = (0, 2, 3)  # 1, 3 and 4 in the paper's count
-_SINGULAR = 0.02  # [-] least singular value of the three rows over the largest, below which the force is held
+# [-] least singular value of the three rows over the largest, below which the force is held
+_SINGULAR = 0.02
 
 
 class ClosedFormForce(TorqueSensors):
     """Contact force from joints 1, 3 and 4.
 
-    Near a singular posture of the three joints (q4 = 0 on the paper's arm, or the tip over the yaw axis) the force
-    stays as it was.
+    Near a singular posture of the three joints (q4 = 0 on the paper's arm, or the tip over the yaw
+    axis) the force stays as it was.
     """
 
     def init(self, estimate: StateEstimate) -> ContactState:
@@ -31,7 +33,9 @@ class ClosedFormForce(TorqueSensors):
             ConfigurationError: The arm has fewer than four joints.
         """
         if len(estimate.q) <= max(JOINTS):
-            raise ConfigurationError(f"closed form of the tip force: needs joints 1, 3 and 4, got {len(estimate.q)}")
+            raise ConfigurationError(
+                f"closed form of the tip force: needs joints 1, 3 and 4, got {len(estimate.q)}"
+            )
         return super().init(estimate)
 
     def sense(self, state: ContactState, estimate: StateEstimate, drives: DriveState) -> None:
@@ -51,7 +55,9 @@ class ClosedFormForce(TorqueSensors):
         sensed.f_B[:] = before_B + self._force_share * (now_B - before_B)
         sensed.f_G[:] = sensed.X_BG[:3, :3].T @ sensed.f_B
         state.estimate = ContactEstimate(
-            force_W=estimate.X_WB[:3, :3] @ sensed.f_B, normal=float(-sensed.f_G[2]), sigma_G=state.record.sigma_G
+            force_W=estimate.X_WB[:3, :3] @ sensed.f_B,
+            normal=float(-sensed.f_G[2]),
+            sigma_G=state.record.sigma_G,
         )
 
     def follow_up(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:

@@ -1,20 +1,23 @@
-"""Disturbance observer of the hull: current from its drag, error of the thrusters' gain, and a steady force.
+"""Disturbance observer of the hull: current from its drag, error of the thrusters' gain, and a
+steady force.
 
-The hull's momentum is predicted from its inertia, the thrust, and the arm's wrench. The remaining change of momentum is
-split by the signature of each cause. Per hull axis i, with v the velocity of the hull and c that of the water:
+The hull's momentum is predicted from its inertia, the thrust, and the arm's wrench. The remaining
+change of momentum is split by the signature of each cause. Per hull axis i, with v the velocity of
+the hull and c that of the water:
 
     (v - c)' = (F_i (1 + g_i) + f_arm + f_static - l_i u - q_i |u| u + d_i) / M_i,    u = v - c
     c' = noise,   g_i' = small noise,   d_i' = small noise;    v is measured
 
-One extended Kalman filter per axis estimates the states v, c, g, d. An accelerating flow carries a neutrally buoyant
-body along as if the water stood still; therefore the left side is (v - c)'.
+One extended Kalman filter per axis estimates the states v, c, g, d. An accelerating flow carries a
+neutrally buoyant body along as if the water stood still; therefore the left side is (v - c)'.
 
-Observability: c and g differ because F changes with the push of the tool while c does not. The measured contact force
-identifies the gain while it grows, and the current stays observable in contact. c and d cannot be told apart while the
-hull keeps station; only the curvature of the drag tells, in motion. Therefore d is assumed small, and a steady force
-appears as current. On an axis without drag everything is d. The sum, which station keeping must compensate, is always
-observable. The moment is a single disturbance, estimated by a Luenberger observer, since a uniform current gives next
-to none.
+Observability: c and g differ because F changes with the push of the tool while c does not. The
+measured contact force identifies the gain while it grows, and the current stays observable in
+contact. c and d cannot be told apart while the hull keeps station; only the curvature of the drag
+tells, in motion. Therefore d is assumed small, and a steady force appears as current. On an axis
+without drag everything is d. The sum, which station keeping must compensate, is always observable.
+The moment is a single disturbance, estimated by a Luenberger observer, since a uniform current
+gives next to none.
 """
 
 from dataclasses import dataclass
@@ -46,7 +49,11 @@ class DisturbanceObserver:
     """Observer of current, thruster gain, steady force and moment on one hull."""
 
     def __init__(
-        self, inertia: Array, linear: Array, quadratic: Array, beliefs: ObserverDeviations | None = None
+        self,
+        inertia: Array,
+        linear: Array,
+        quadratic: Array,
+        beliefs: ObserverDeviations | None = None,
     ) -> None:
         """Take inertia and drag of the hull, in hull axes at its origin.
 
@@ -79,7 +86,14 @@ class DisturbanceObserver:
         for i in range(3):
             P[i] = np.diag([b.velocity_noise**2, b.current**2, b.gain**2, (b.offset * m[i]) ** 2])
         return DisturbanceObserverState(
-            np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), P, np.zeros(3), np.zeros(3), np.zeros(6)
+            np.zeros(3),
+            np.zeros(3),
+            np.zeros(3),
+            np.zeros(3),
+            P,
+            np.zeros(3),
+            np.zeros(3),
+            np.zeros(6),
         )
 
     def step(
@@ -93,7 +107,8 @@ class DisturbanceObserver:
         static_B: Array,
         dt: float,
     ) -> None:
-        """Update the estimates with the hull's velocity now and the wrenches that acted on it during the last `dt`.
+        """Update the estimates with the hull's velocity now and the wrenches that acted on it
+        during the last `dt`.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -115,17 +130,29 @@ class DisturbanceObserver:
             (R_WB, v_WB_B, w_WB_B),
             (given_B, other_B),
             dt,
-            (state.v_W, state.current_W, state.gain, state.offset_W, state.P, state.w_B, state.moment_B),
+            (
+                state.v_W,
+                state.current_W,
+                state.gain,
+                state.offset_W,
+                state.P,
+                state.w_B,
+                state.moment_B,
+            ),
         )
         state.arm_B[:] = arm_B
 
-    def unknown(self, state: DisturbanceObserverState, R_WB: Array, v_WB_B: Array, given_B: Array) -> Array:
-        """Estimated disturbance wrench (6,) [N, N m] beside thrusters, arm, weight and buoyancy, hull axes.
+    def unknown(
+        self, state: DisturbanceObserverState, R_WB: Array, v_WB_B: Array, given_B: Array
+    ) -> Array:
+        """Estimated disturbance wrench (6,) [N, N m] beside thrusters, arm, weight and buoyancy,
+        hull axes.
 
         Args:
             state: of the observer.
             R_WB: (3, 3) attitude of the hull.
-            v_WB_B: (3,) [m/s] velocity of the hull, hull axes; its angular velocity is taken as zero.
+            v_WB_B: (3,) [m/s] velocity of the hull, hull axes; its angular velocity is taken as
+                zero.
             given_B: (6,) [N, N m] wrench demanded of the thrusters, hull axes.
 
         Returns:
@@ -149,7 +176,8 @@ class _Hull(NamedTuple):
     inverse_turning: Array  # (3, 3)
     linear: Array  # (6,)
     quadratic: Array  # (6,)
-    noise: Array  # (4,) standard deviations of velocity, and of the walks of current, gain and offset
+    # (4,) standard deviations of velocity, and of the walks of current, gain and offset
+    noise: Array
     moment_bandwidth: float  # [rad/s]
 
 
@@ -160,21 +188,27 @@ def _observe(hull, seen, wrenches, dt, state):
     Args:
         hull: fields of `_Hull`, in a tuple.
         seen: attitude R_WB, and velocities v_B [m/s] and w_B [rad/s].
-        wrenches: (6,) [N, N m] mean wrenches over the step, hull axes: of the thrusters, all others known.
+        wrenches: (6,) [N, N m] mean wrenches over the step, hull axes: of the thrusters, all others
+            known.
         dt: [s] of the step.
-        state: v_W, current_W, gain, offset_W, P, w_B and moment_B of `DisturbanceObserverState`; updated.
+        state: v_W, current_W, gain, offset_W, P, w_B and moment_B of `DisturbanceObserverState`;
+            updated.
     """
     hull = _Hull(*hull)
     R_WB, v_B, w_WB_B = seen
     given_B, other_B = wrenches
     v_W, current_W, gain, offset_W, P, w_B, moment_B = state
-    _observe_moving(hull, (R_WB, v_B, w_WB_B - w_B), given_B, other_B, dt, (v_W, current_W, gain, offset_W, P))
+    _observe_moving(
+        hull, (R_WB, v_B, w_WB_B - w_B), given_B, other_B, dt, (v_W, current_W, gain, offset_W, P)
+    )
     _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B)
 
 
 @kernel
 def _observe_moving(hull, seen, given_B, other_B, dt, state):
-    """Step of the three four-state filters; the last of `seen` (3,) [rad/s] is the change of the angular velocity."""
+    """Step of the three four-state filters; the last of `seen` (3,) [rad/s] is the change of the
+    angular velocity.
+    """
     R_WB, v_B, turned = seen
     v_W, current_W, gain, offset_W, P = state
     mass, inverse_mass, lever, numbers = hull.mass, hull.inverse_mass, hull.lever, hull.noise
@@ -193,7 +227,12 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
     F, K = np.eye(4), np.empty(4)
     for i in range(3):
         slope = (linear[i] + 2.0 * quadratic[i] * abs(u[i])) * dt / mass[i, i]
-        F[0, 0], F[0, 1], F[0, 2], F[0, 3] = 1.0 - slope, slope, given_B[i] * dt / mass[i, i], dt / mass[i, i]
+        F[0, 0], F[0, 1], F[0, 2], F[0, 3] = (
+            1.0 - slope,
+            slope,
+            given_B[i] * dt / mass[i, i],
+            dt / mass[i, i],
+        )
         Pi = F @ P[i] @ F.T.copy()
         walk = noise[1] * dt
         Pi[0, 0] += walk
@@ -217,7 +256,9 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
 
 @kernel
 def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
-    """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance that this takes."""
+    """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance
+    that this takes.
+    """
     turning, inverse_turning, pace = hull.turning, hull.inverse_turning, hull.moment_bandwidth * dt
     linear, quadratic = hull.linear[3:], hull.quadratic[3:]
     spin, net, error = np.empty(3), np.empty(3), np.empty(3)
@@ -230,9 +271,15 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
         net[i] = given_B[3 + i] + other_B[3 + i] + moment_B[i] - drag - gyroscopic
     for i in range(3):
         w_B[i] += dt * (
-            inverse_turning[i, 0] * net[0] + inverse_turning[i, 1] * net[1] + inverse_turning[i, 2] * net[2]
+            inverse_turning[i, 0] * net[0]
+            + inverse_turning[i, 1] * net[1]
+            + inverse_turning[i, 2] * net[2]
         )
         error[i] = w_WB_B[i] - w_B[i]
         w_B[i] += min(1.0, 2.0 * pace) * error[i]
     for i in range(3):
-        moment_B[i] += pace**2 / dt * (turning[i, 0] * error[0] + turning[i, 1] * error[1] + turning[i, 2] * error[2])
+        moment_B[i] += (
+            pace**2
+            / dt
+            * (turning[i, 0] * error[0] + turning[i, 1] * error[1] + turning[i, 2] * error[2])
+        )

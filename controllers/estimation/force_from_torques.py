@@ -1,9 +1,10 @@
 """Least-squares contact force at the tool from joint torques, in plain form, with covariance.
 
-The residual of the torques against the arm model is mapped through J^T. The form that runs in the loop is compiled, in
-`uuv.controllers.estimation.tip_force_estimator`.
+The residual of the torques against the arm model is mapped through J^T. The form that runs in the
+loop is compiled, in `uuv.controllers.estimation.tip_force_estimator`.
 
-Signs: `tau_e` is the torque that the contact puts on the joints, J^T f, with f the force of the world on the tip.
+Signs: `tau_e` is the torque that the contact puts on the joints, J^T f, with f the force of the
+world on the tip.
 """
 
 from dataclasses import dataclass
@@ -33,7 +34,8 @@ def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
 
 
 def force_covariance(J: Array, sigma: Array, torque_covariance: Array) -> Array:
-    """Covariance of the force of `tip_force` when the torque errors differ from the `sigma` that weight them.
+    """Covariance of the force of `tip_force` when the torque errors differ from the `sigma` that
+    weight them.
 
     Args:
         J: (3, n) [m/rad] linear Jacobian of the tip.
@@ -56,21 +58,24 @@ class WrenchEstimate:
     wrench: Array  # (6,) [N, N m]
     covariance: Array  # (6, 6), that of the prior in unobservable directions
     seen: Array  # (6,) [-] share of the prior's variance that the torques removed, from 0 to 1
-    blind: Array  # (6,) least observable direction: unit vector in units of the prior's standard deviations
+    # (6,) least observable direction: unit vector in units of the prior's standard deviations
+    blind: Array
 
 
 def tip_wrench(
     tau_e: Array, J: Array, sigma: Array, *, force_prior: float = 1e3, moment_prior: float = 30.0
 ) -> WrenchEstimate:
-    """Force and moment on the tip from the external torques of any number of joints, with a prior of zero mean.
+    """Force and moment on the tip from the external torques of any number of joints, with a prior
+    of zero mean.
 
-    Six joints or more observe all six components outside singular postures. Fewer joints observe as many combinations
-    as there are joints, and the prior decides the rest. A small `moment_prior` explains torques by a force rather than
-    by a moment.
+    Six joints or more observe all six components outside singular postures. Fewer joints observe as
+    many combinations as there are joints, and the prior decides the rest. A small `moment_prior`
+    explains torques by a force rather than by a moment.
 
     Args:
         tau_e: (n,) [N m] external torques.
-        J: (6, n) Jacobian of the tip, linear over angular, in the axes in which the wrench is wanted.
+        J: (6, n) Jacobian of the tip, linear over angular, in the axes in which the wrench is
+            wanted.
         sigma: (n,) [N m] standard deviation of each torque.
         force_prior: [N] prior standard deviation of each force component.
         moment_prior: [N m] prior standard deviation of each moment component.
@@ -92,9 +97,11 @@ def tip_wrench(
 
 
 def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, float]) -> Array:
-    """Closed-form force on the tool from joints 1, 3 and 4 [Konoplin 2022, eq. 5], for comparison only.
+    """Closed-form force on the tool from joints 1, 3 and 4 [Konoplin 2022, eq. 5], for comparison
+    only.
 
-    Holds for a pure force on that arm: yaw joint, then three parallel pitch joints, joints 5 and 6 at zero.
+    Holds for a pure force on that arm: yaw joint, then three parallel pitch joints, joints 5 and 6
+    at zero.
 
     Args:
         tau_e: (n >= 4,) [N m] external torques.
@@ -102,8 +109,8 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
         lengths: [m] l2, l3 and l4, the last up to the tip.
 
     Returns:
-        (Fx, Fy, Fz) [N] in frame G of [Konoplin 2022]: x along link 4, z across it in the arm's plane, y out of the
-        plane.
+        (Fx, Fy, Fz) [N] in frame G of [Konoplin 2022]: x along link 4, z across it in the arm's
+        plane, y out of the plane.
 
     Raises:
         ConfigurationError: at its singularities, sin q4 = 0 or the tip over the yaw axis.
@@ -113,7 +120,9 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
     c4, s4 = np.cos(q[3]), np.sin(q[3])
     radius = l2 * c2 + l3 * c23 + l4 * c234
     if abs(s4) < 1e-6 or abs(radius) < 1e-6:
-        raise ConfigurationError(f"eq. (5) is singular here: sin q4 = {s4:.2e}, tip {radius:.2e} m from the yaw axis")
+        raise ConfigurationError(
+            f"eq. (5) is singular here: sin q4 = {s4:.2e}, tip {radius:.2e} m from the yaw axis"
+        )
     Fz = tau_e[3] / l4
     Fx = (tau_e[2] - (1.0 + l3 * c4 / l4) * tau_e[3]) / (l3 * s4)
     return np.array([Fx, tau_e[0] / radius, Fz])

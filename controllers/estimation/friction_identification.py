@@ -5,15 +5,17 @@
     result = identify_friction(qd, qdd, tau_motor[1:], tau_gear[1:], armature)
     WorkController(model, estimator=TorqueSensors(model, friction=result.dry))
 
-With torque sensors at the gear outputs, the torque lost in a gear is measured: tau_motor - I_rotor qdd - tau_gear.
-Without them tau_gear comes from the arm's inverse dynamics, and model errors enter. Per joint, at the moving samples,
+With torque sensors at the gear outputs, the torque lost in a gear is measured: tau_motor - I_rotor
+qdd - tau_gear. Without them tau_gear comes from the arm's inverse dynamics, and model errors enter.
+Per joint, at the moving samples,
 
     lost = b + viscous qd + sign(qd) (coulomb + (stiction - coulomb) exp(-(qd / stribeck_speed)^2))
 
-is linear except for the Stribeck speed, which is found by a search (variable projection [Golub 1973]). b is the
-sensor's bias. A gear whose stiction would come out below its Coulomb friction is fitted without stiction; the
-variance of its Stribeck speed is then infinite. The covariance is the heteroscedasticity-consistent one [White 1980],
-since the noise of a torque sensor grows with its reading.
+is linear except for the Stribeck speed, which is found by a search (variable projection [Golub
+1973]). b is the sensor's bias. A gear whose stiction would come out below its Coulomb friction is
+fitted without stiction; the variance of its Stribeck speed is then infinite. The covariance is the
+heteroscedasticity-consistent one [White 1980], since the noise of a torque sensor grows with its
+reading.
 """
 
 from dataclasses import dataclass
@@ -48,16 +50,20 @@ class IdentifiedFriction:
             ConfigurationError: `name` is none of these.
         """
         if name not in _NAMES:
-            raise ConfigurationError(f"identified friction: allowed {', '.join(_NAMES)}, got {name!r}")
+            raise ConfigurationError(
+                f"identified friction: allowed {', '.join(_NAMES)}, got {name!r}"
+            )
         at = _NAMES.index(name)
         return np.sqrt(self.covariance[:, at, at])
 
 
 def over_steps(qd: Array, period: float) -> tuple[Array, Array]:
-    """Mean speed and acceleration of the joints over each step, from the speeds at the ends of the steps.
+    """Mean speed and acceleration of the joints over each step, from the speeds at the ends of the
+    steps.
 
-    A motor torque is held over a step, so they belong to it. Speeds at the end of the step, or central differences, are
-    half a step late or early; with a joint that shakes, this biases the friction.
+    A motor torque is held over a step, so they belong to it. Speeds at the end of the step, or
+    central differences, are half a step late or early; with a joint that shakes, this biases the
+    friction.
 
     Args:
         qd: (N + 1, n) [rad/s] joint speeds, one sample per step.
@@ -69,7 +75,9 @@ def over_steps(qd: Array, period: float) -> tuple[Array, Array]:
     return 0.5 * (qd[1:] + qd[:-1]), np.diff(qd, axis=0) / period
 
 
-def identify_friction(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, armature: Array) -> IdentifiedFriction:
+def identify_friction(
+    qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, armature: Array
+) -> IdentifiedFriction:
     """Identify each gear's friction from a recorded motion by least squares.
 
     Args:
@@ -90,7 +98,10 @@ def identify_friction(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, 
     if len(shape) != 2:
         raise ConfigurationError(f"friction qd: must be (N, n), got {shape}")
     qd, qdd = checked(qd, shape, "friction qd"), checked(qdd, shape, "friction qdd")
-    tau_motor, tau_gear = checked(tau_motor, shape, "friction tau_motor"), checked(tau_gear, shape, "friction tau_gear")
+    tau_motor, tau_gear = (
+        checked(tau_motor, shape, "friction tau_motor"),
+        checked(tau_gear, shape, "friction tau_gear"),
+    )
     armature = checked(armature, shape[1:], "friction armature")
     lost = tau_motor - armature * qdd - tau_gear
     fits = [_fit(j, qd[:, j], lost[:, j]) for j in range(shape[1])]
@@ -110,19 +121,24 @@ def identify_friction(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, 
 
 
 def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
-    """The five parameters of one joint, their covariance, and the standard deviation of the residual."""
+    """The five parameters of one joint, their covariance, and the standard deviation of the
+    residual.
+    """
     moving = np.abs(qd) > _LEAST_SPEED
     qd, lost = qd[moving], lost[moving]
     fewest = min(int(np.sum(qd > 0.0)), int(np.sum(qd < 0.0)))
     if len(qd) < _FEWEST or fewest < _FEWEST // 10:
         raise ConfigurationError(
-            f"friction of joint {joint + 1}: {len(qd)} samples faster than {_LEAST_SPEED} rad/s, {fewest} of them the "
+            f"friction of joint {joint + 1}: {len(qd)} samples faster than {_LEAST_SPEED} rad/s, "
+            f"{fewest} of them the "
             f"rarer way; at least {_FEWEST} and {_FEWEST // 10} are needed"
         )
 
     def columns(over: float) -> Array:
         share = np.exp(-((qd / over) ** 2))
-        return np.column_stack([np.ones_like(qd), qd, np.sign(qd) * (1.0 - share), np.sign(qd) * share])
+        return np.column_stack(
+            [np.ones_like(qd), qd, np.sign(qd) * (1.0 - share), np.sign(qd) * share]
+        )
 
     def left(over: float) -> float:
         A = columns(over)
@@ -151,7 +167,9 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
 
 
 def _robust_covariance(A: Array, residual: Array) -> Array:
-    """Heteroscedasticity-consistent covariance (k, k) of least squares, from its columns (N, k) and residual (N,)."""
+    """Heteroscedasticity-consistent covariance (k, k) of least squares, from its columns (N, k) and
+    residual (N,).
+    """
     scale = np.linalg.norm(A, axis=0)
     scale[scale == 0.0] = 1.0
     scaled = A / scale
@@ -162,7 +180,9 @@ def _robust_covariance(A: Array, residual: Array) -> Array:
 
 
 class FrictionMotion:
-    """Excitation planner (`uuv.sim.interfaces.protocols.Planner`): the joints swing while the hull keeps station."""
+    """Excitation planner (`uuv.sim.interfaces.protocols.Planner`): the joints swing while the hull
+    keeps station.
+    """
 
     def __init__(
         self,
@@ -174,7 +194,8 @@ class FrictionMotion:
         fast: float = 5.0,
         period: float = 0.01,
     ) -> None:
-        """Swing each joint about the ready posture: one slow turn, then two fast turns, while the hull pose is held.
+        """Swing each joint about the ready posture: one slow turn, then two fast turns, while the
+        hull pose is held.
 
         The rates differ by 5 % from joint to joint, so that no two joints move alike.
 
@@ -191,7 +212,9 @@ class FrictionMotion:
         """
         for name, value in (("swing", swing), ("slow", slow), ("fast", fast), ("period", period)):
             if not (np.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f"friction motion {name}: must be finite and > 0, got {value}")
+                raise ConfigurationError(
+                    f"friction motion {name}: must be finite and > 0, got {value}"
+                )
         self.period = period
         limits = vehicle.q_limits
         room = np.minimum(vehicle.q_ready - limits[:, 0], limits[:, 1] - vehicle.q_ready)
@@ -223,7 +246,8 @@ class FrictionMotion:
             last: not used.
 
         Returns:
-            The state, unchanged, and the reference; its work state is WORK during the swings, DONE after them.
+            The state, unchanged, and the reference; its work state is WORK during the swings, DONE
+            after them.
         """
         del target, last
         time = estimate.time - state

@@ -1,18 +1,20 @@
-"""Load observer: external joint torques from the arm's generalised momentum, without accelerations or torque sensors.
+"""Load observer: external joint torques from the arm's generalised momentum, without accelerations
+or torque sensors.
 
-The hull moves freely. T is the kinetic energy of rigid bodies and water (added mass included), and p = dT/dqd.
-Lagrange's equation of joint j is
+The hull moves freely. T is the kinetic energy of rigid bodies and water (added mass included), and
+p = dT/dqd. Lagrange's equation of joint j is
 
     dp/dt = tau + dT/dq - g(q) - d(q, qd, nu) - friction + tau_e,
 
-where the hull's velocity nu enters p and T, but none of its accelerations appears. The right side is integrated without
-tau_e and compared with the measured p. The residual r = K (p - integral of (right side + r)) follows tau_e with a
-first-order lag 1/K [DeLuca 2003], here with a moving base. A steady current is a change of frame: the arm's equations
-hold unchanged in a frame that drifts with the water.
+where the hull's velocity nu enters p and T, but none of its accelerations appears. The right side
+is integrated without tau_e and compared with the measured p. The residual r = K (p - integral of
+(right side + r)) follows tau_e with a first-order lag 1/K [DeLuca 2003], here with a moving base. A
+steady current is a change of frame: the arm's equations hold unchanged in a frame that drifts with
+the water.
 
-Let s_j be the axis of the joint, h_j the momentum of all bodies that it carries and v_j the twist of its body,
-six-vectors at the joint. Then p_j = s_j . h_j, and dT/dq_j = h_j . (v_j x s_j): a rotation of a joint rotates the
-twists of all bodies beyond it.
+Let s_j be the axis of the joint, h_j the momentum of all bodies that it carries and v_j the twist
+of its body, six-vectors at the joint. Then p_j = s_j . h_j, and dT/dq_j = h_j . (v_j x s_j): a
+rotation of a joint rotates the twists of all bodies beyond it.
 """
 
 from dataclasses import dataclass
@@ -22,7 +24,13 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.believed_friction import dry_friction, dry_friction_sigma
-from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, newton_euler, workspace
+from uuv.controllers.arm.inverse_dynamics import (
+    ArmDynamics,
+    ArmParameters,
+    JointMotion,
+    newton_euler,
+    workspace,
+)
 from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueResidual
 from uuv.controllers.estimation.tip_force_kernels import force_from_external_torques, force_sigma
 from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
@@ -33,8 +41,10 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array, fitting
 
-SMOOTHING = 1e-3  # [rad/s] width of the sign change of dry friction: five times the noise of the encoders' speed
-_HINGE = 1  # joint kind of hinges in `layout` of uuv.controllers.arm.inverse_dynamics; other joints are slides
+# [rad/s] width of the sign change of dry friction: five times the noise of the encoders' speed
+SMOOTHING = 1e-3
+# joint kind of hinges in `layout` of uuv.controllers.arm.inverse_dynamics; other joints are slides
+_HINGE = 1
 
 
 class GearModel(NamedTuple):
@@ -58,7 +68,9 @@ class LoadObserverState:
 
 
 class LoadObserver:
-    """External torque on every joint of a vehicle's arm from motor torques, joint velocities and hull velocity."""
+    """External torque on every joint of a vehicle's arm from motor torques, joint velocities and
+    hull velocity.
+    """
 
     def __init__(
         self,
@@ -76,15 +88,17 @@ class LoadObserver:
             period: [s] of the observer's steps.
             time_constant: [s] lag of the estimate.
             water_error: [-] share by which the hydrodynamic coefficients are deliberately wrong.
-            friction: believed dry friction of the gears; None takes the model's. At rest it may be anything below
-                stiction, and is taken as zero.
+            friction: believed dry friction of the gears; None takes the model's. At rest it may be
+                anything below stiction, and is taken as zero.
 
         Raises:
             ConfigurationError: a time is not finite or not > 0.
         """
         for name, value in (("period", period), ("time_constant", time_constant)):
             if not (np.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f"load observer {name}: must be finite and > 0 s, got {value}")
+                raise ConfigurationError(
+                    f"load observer {name}: must be finite and > 0 s, got {value}"
+                )
         vehicle = Vehicle.of(model)
         self._arm = arm = ArmDynamics(model, water_error=water_error)
         bare = arm.parameters.numbers.copy()
@@ -102,7 +116,8 @@ class LoadObserver:
             stribeck_speed=dry.stribeck_speed,
         )
         self._period = period
-        self._gain = -np.expm1(-period / time_constant) / period  # [1/s] its pole: exactly exp(-period / time_constant)
+        # [1/s] its pole: exactly exp(-period / time_constant)
+        self._gain = -np.expm1(-period / time_constant) / period
 
     def init(self) -> LoadObserverState:
         """Initial state: no external torque; the first step sets the momentum."""
@@ -120,7 +135,8 @@ class LoadObserver:
         nu_B: Array,
         v_current_W: Array,
     ) -> Array:
-        """External torques (n,) [N m], J^T f of the world on the arm; `state` advances by one period.
+        """External torques (n,) [N m], J^T f of the world on the arm; `state` advances by one
+        period.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -149,7 +165,12 @@ class LoadObserver:
         timing = (self._period, self._gain, not state.started)
         arms = tuple(self._arm.parameters), tuple(self._bare)
         _observe(
-            *arms, tuple(self._gears), hull, (q, qd, tau_motor), timing, (state.integral, state.known, state.tau_e)
+            *arms,
+            tuple(self._gears),
+            hull,
+            (q, qd, tau_motor),
+            timing,
+            (state.integral, state.known, state.tau_e),
         )
         state.started = True
         return state.tau_e.copy()
@@ -177,7 +198,8 @@ def _observe(arm, bare, gears, hull, seen, timing, state):
         if first:
             integral[j], tau_e[j] = p[j], 0.0
         else:
-            # Motor torques are constant over a step. All other terms vary: the trapezoidal rule is second order.
+            # Motor torques are constant over a step. All other terms vary: the trapezoidal rule is
+            # second order.
             integral[j] += dt * (tau_motor[j] + 0.5 * (known[j] + now) + tau_e[j])
             tau_e[j] = gain * (p[j] - integral[j])
         known[j] = now
@@ -251,7 +273,9 @@ def momentum(arm, work, p_joint, turning):
 
 
 class MomentumObserver(TorqueResidual):
-    """Contact force from motor torques by the momentum of arm and hull, without torque sensors [DeLuca 2003]."""
+    """Contact force from motor torques by the momentum of arm and hull, without torque sensors
+    [DeLuca 2003].
+    """
 
     def __init__(
         self,
@@ -277,7 +301,11 @@ class MomentumObserver(TorqueResidual):
         super().__init__(model, arm or ArmDynamics(model, water_error=water_error), tuning, period)
         self._dry = friction or self._vehicle.dry_friction
         self._observer = LoadObserver(
-            model, period=period, time_constant=tuning.observer_lag, water_error=water_error, friction=friction
+            model,
+            period=period,
+            time_constant=tuning.observer_lag,
+            water_error=water_error,
+            friction=friction,
         )
 
     def init(self, estimate: StateEstimate) -> ContactState:
@@ -286,7 +314,9 @@ class MomentumObserver(TorqueResidual):
         state.own = self._observer.init()
         return state
 
-    def step(self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState) -> None:
+    def step(
+        self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState
+    ) -> None:
         """One sample: leaves force, friction, and motion of arm and hull in `state`.
 
         Args:
@@ -297,7 +327,8 @@ class MomentumObserver(TorqueResidual):
         """
         tuning, dry, sensed, f_tip_W = self._tuning, self._dry, state.sensed, np.empty(3)
         load: LoadObserverState = state.own
-        self._sense(state, estimate, drives.current_W, f_tip_W)  # for the motion; the force is overwritten
+        # for the motion; the force is overwritten
+        self._sense(state, estimate, drives.current_W, f_tip_W)
         sensed.tau_e[:] = self._observer.step(
             load,
             estimate.q,
@@ -308,14 +339,20 @@ class MomentumObserver(TorqueResidual):
             v_current_W=drives.current_W,
         )
         errors = (state.bias, state.floor, 0.0)
-        normal = force_from_external_torques(estimate.X_WB, drives.tau, errors, tuple(sensed), f_tip_W)
+        normal = force_from_external_torques(
+            estimate.X_WB, drives.tau, errors, tuple(sensed), f_tip_W
+        )
         reversal, wanted = tuning.gears.reversal, drives.qd_wanted
-        dry_friction(dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction)
+        dry_friction(
+            dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction
+        )
         self._tare(state, reference)
         sigma_G = state.record.sigma_G
         if self._is_slow_tick(state):
             known = tuning.gears.known
-            dry_friction_sigma(dry.coulomb, dry.stiction, SMOOTHING, known, sensed.qd_slow, state.floor)
+            dry_friction_sigma(
+                dry.coulomb, dry.stiction, SMOOTHING, known, sensed.qd_slow, state.floor
+            )
             state.floor[:] = np.hypot(tuning.torques.observer_floor, state.floor)
             sigma_G = force_sigma(sensed.X_BG, sensed.J_B, state.floor, state.floor**2)
         state.record.ticks[0] += 1

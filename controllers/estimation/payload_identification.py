@@ -1,15 +1,18 @@
-"""Payload identification: mass errors of the arm's parts, estimated while the arm unfolds free of contact.
+"""Payload identification: mass errors of the arm's parts, estimated while the arm unfolds free of
+contact.
 
-In a single posture the torque residual of a wrong mass looks like a sensor bias, and the tare removes both. In another
-posture the residual of a part that is heavier than believed is different. An error of 10 % in the weights of a
-PUMA-type arm became 6 N of false force half-way around a barrel. On its way from folded to the work the arm passes many
-postures free of contact, which separate the two:
+In a single posture the torque residual of a wrong mass looks like a sensor bias, and the tare
+removes both. In another posture the residual of a part that is heavier than believed is different.
+An error of 10 % in the weights of a PUMA-type arm became 6 N of false force half-way around a
+barrel. On its way from folded to the work the arm passes many postures free of contact, which
+separate the two:
 
     tau_model - tau_measured = -sum_k G_k(q) d_k - b - H w
 
-G_k (n,) is the torque of weight and inertia of part k, and d_k the excess of its mass, as a share. b is the sensors'
-bias. H is the torque due to moving water, and w the share by which that is larger. This is a least-squares problem with
-priors on d, b and w. A part whose excess is unobservable keeps its believed mass.
+G_k (n,) is the torque of weight and inertia of part k, and d_k the excess of its mass, as a share.
+b is the sensors' bias. H is the torque due to moving water, and w the share by which that is
+larger. This is a least-squares problem with priors on d, b and w. A part whose excess is
+unobservable keeps its believed mass.
 """
 
 from dataclasses import dataclass
@@ -17,7 +20,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, inverse_dynamics
+from uuv.controllers.arm.inverse_dynamics import (
+    ArmDynamics,
+    ArmParameters,
+    JointMotion,
+    inverse_dynamics,
+)
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
@@ -26,7 +34,8 @@ from uuv.sim.interfaces.spatial import Array
 class PayloadIdentificationState:
     """Accumulated normal equations; arrays change in place."""
 
-    information: Array  # (u, u) information matrix of the unknowns: nb excesses, n biases, the water's share
+    # (u, u) information matrix of the unknowns: nb excesses, n biases, the water's share
+    information: Array
     seen: Array  # (u,) right side of the normal equations
     total: Array  # (n, u + 1) sums over the present posture: -G, -I, -H, tau_e
     count: int  # samples in these sums
@@ -57,15 +66,16 @@ class PayloadIdentification:
     ) -> None:
         """Take the believed arm and the prior standard deviations.
 
-        The error of a posture's torque combines `doubt` with once more the share `water` of the moving water's torque:
-        the errors of single parts differ from the common one.
+        The error of a posture's torque combines `doubt` with once more the share `water` of the
+        moving water's torque: the errors of single parts differ from the common one.
 
         Args:
             arm: believed dynamics of the arm.
             spread: [-] prior of a part's mass error, as a share of its mass.
             bias: [N m] prior of a torque sensor's bias.
-            doubt: [N m] standard deviation of all other errors of a torque in a posture; more than in a single one, for
-                neighbouring postures share these errors and are counted as independent.
+            doubt: [N m] standard deviation of all other errors of a torque in a posture; more than
+                in a single one, for neighbouring postures share these errors and are counted as
+                independent.
             water: [-] prior of the common relative error of the arm's drag and added mass.
             step: [rad] change of a joint from which on a posture counts as a new one.
         """
@@ -82,7 +92,9 @@ class PayloadIdentification:
         for heavy in arm.of_bodies(water_alone, "mass", "com", "inertia", "buoyancy"):
             heavy[:] = 0.0
         self._terms = tuple(_Terms(own.layout, parts, water_alone, own.stations))
-        self._prior = np.concatenate([np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]])
+        self._prior = np.concatenate(
+            [np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]]
+        )
 
     def init(self) -> PayloadIdentificationState:
         """Initial state: the priors only."""
@@ -91,7 +103,9 @@ class PayloadIdentification:
             np.diag(self._prior), np.zeros(unknowns), np.zeros((n, unknowns + 1)), 0, np.zeros(n)
         )
 
-    def add(self, state: PayloadIdentificationState, joints: JointMotion, hull: Array, tau_e: Array) -> None:
+    def add(
+        self, state: PayloadIdentificationState, joints: JointMotion, hull: Array, tau_e: Array
+    ) -> None:
         """Add one sample of the torque residual, free of contact.
 
         Args:
@@ -117,7 +131,9 @@ class PayloadIdentification:
         state.count = 0
 
     def excess(self, state: PayloadIdentificationState) -> Array:
-        """Estimated excess mass (nb,) [-] of each part, as a share of its believed mass; includes all samples added."""
+        """Estimated excess mass (nb,) [-] of each part, as a share of its believed mass; includes
+        all samples added.
+        """
         if state.count:
             self._take(state)
         found = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
@@ -133,12 +149,18 @@ class PayloadIdentification:
 
 @kernel
 def _add(terms, joints, hull, tau_e, total):
-    """Add one sample to the sums `total` (n, nb + n + 2): -G, -I, -H, tau_e; `terms` are the fields of `_Terms`."""
+    """Add one sample to the sums `total` (n, nb + n + 2): -G, -I, -H, tau_e; `terms` are the fields
+    of `_Terms`.
+    """
     layout, parts, water, stations = terms
     nb, n, none = parts.shape[0], tau_e.shape[0], np.zeros(6)
     for k in range(nb + 1):
         of_part = k < nb
-        alone = ArmParameters(layout, parts[k], stations[:0]) if of_part else ArmParameters(layout, water, stations)
+        alone = (
+            ArmParameters(layout, parts[k], stations[:0])
+            if of_part
+            else ArmParameters(layout, water, stations)
+        )
         tau, _ = inverse_dynamics(alone, joints, hull, none)
         for j in range(n):
             total[j, k if of_part else nb + n] -= tau[j]

@@ -1,7 +1,8 @@
 """Tip-force estimator that runs in the loop: contact force from the torques of the joints.
 
-`TorqueSensors` reads sensors on the gear outputs, with tare, payload and sigma. Another `ContactEstimator` takes its
-place by `WorkController(model, estimator=...)`, such as `uuv.controllers.estimation.load_observer.MomentumObserver`.
+`TorqueSensors` reads sensors on the gear outputs, with tare, payload and sigma. Another
+`ContactEstimator` takes its place by `WorkController(model, estimator=...)`, such as
+`uuv.controllers.estimation.load_observer.MomentumObserver`.
 """
 
 from dataclasses import dataclass, field
@@ -76,7 +77,9 @@ class ContactState:
     def estimate(self) -> ContactEstimate:
         """Present force; a message with copies."""
         return ContactEstimate(
-            force_W=self.record.f_W.copy(), normal=float(self.record.felt[0]), sigma_G=self.record.sigma_G.copy()
+            force_W=self.record.f_W.copy(),
+            normal=float(self.record.felt[0]),
+            sigma_G=self.record.sigma_G.copy(),
         )
 
     @estimate.setter
@@ -87,7 +90,9 @@ class ContactState:
         self.record.sigma_G[:] = estimate.sigma_G
 
     def wrench_B(self) -> Array:
-        """Contact wrench (6,) [N, N m] on the hull through the arm, at the hull's origin in hull axes."""
+        """Contact wrench (6,) [N, N m] on the hull through the arm, at the hull's origin in hull
+        axes.
+        """
         contact_B = np.zeros(6)
         contact_B[:3] = self.sensed.f_B
         contact_B[3:] = skew(self.sensed.X_BG[:3, 3]) @ self.sensed.f_B
@@ -101,7 +106,9 @@ class ContactEstimator(Protocol):
         """Initial state: free of contact."""
         ...
 
-    def step(self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState) -> None:
+    def step(
+        self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState
+    ) -> None:
         """One sample: leaves force, friction, and motion of arm and hull in `state`.
 
         Args:
@@ -114,9 +121,13 @@ class ContactEstimator(Protocol):
 
 
 class TorqueResidual:
-    """Common part of the estimators: the arm's motion, and its torques less those of the model without contact."""
+    """Common part of the estimators: the arm's motion, and its torques less those of the model
+    without contact.
+    """
 
-    def __init__(self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float
+    ) -> None:
         self._arm, self._tuning, self._vehicle = arm, tuning, Vehicle.of(model)
         self.timing = SenseTiming(period, tuning.acceleration_filter, tuning.force_filter)
         self._slow_ticks = max(1, round(tuning.hover_period / period))
@@ -140,14 +151,20 @@ class TorqueResidual:
             ),
         )
 
-    def _sense(self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array) -> float:
-        """Force from the torque sensors into `f_tip_W`, motion and residual into `state.sensed`; the normal force."""
+    def _sense(
+        self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array
+    ) -> float:
+        """Force from the torque sensors into `f_tip_W`, motion and residual into `state.sensed`;
+        the normal force.
+        """
         e, floor = estimate, state.floor
         if e.tau_doubt is not None:
             floor = np.hypot(floor, e.tau_doubt)
         readings = (e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, current_W, e.q, e.qd, e.tau)
         errors = (state.bias, floor, self._tuning.torques.share)
-        return estimate_tip_force(tuple(state.arm), readings, errors, self.timing, tuple(state.sensed), f_tip_W)
+        return estimate_tip_force(
+            tuple(state.arm), readings, errors, self.timing, tuple(state.sensed), f_tip_W
+        )
 
     def _tare(self, state: ContactState, reference: Reference) -> None:
         if reference.tare:
@@ -159,7 +176,9 @@ class TorqueResidual:
 
 
 class TorqueSensors(TorqueResidual):
-    """Contact force from torque sensors on the gear outputs; the payload is identified while the arm unfolds."""
+    """Contact force from torque sensors on the gear outputs; the payload is identified while the
+    arm unfolds.
+    """
 
     def __init__(
         self,
@@ -178,7 +197,8 @@ class TorqueSensors(TorqueResidual):
             arm: believed dynamics of the arm; None reads them from `model`.
             tuning: filters and noise.
             period: [s] of a step.
-            water_error: [-] share by which added masses and drags are wrong; only where `arm` is None.
+            water_error: [-] share by which added masses and drags are wrong; only where `arm` is
+                None.
             friction: identified friction of the gears; None: the model's.
         """
         tuning = tuning or ArmTuning()
@@ -212,7 +232,9 @@ class TorqueSensors(TorqueResidual):
         """It is contained in the tick, which works on the record of `state`."""
         return empty_slot(state.record.felt)
 
-    def step(self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState) -> None:
+    def step(
+        self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState
+    ) -> None:
         """One sample: leaves force, friction, and motion of arm and hull in `state`.
 
         Args:
@@ -240,7 +262,8 @@ class TorqueSensors(TorqueResidual):
         find_sigma(self.gains, estimate.tau, state.record)
 
     def sense(self, state: ContactState, estimate: StateEstimate, drives: DriveState) -> None:
-        """Force, friction and motion of one sample, without tare and payload; the sigma stays as it is.
+        """Force, friction and motion of one sample, without tare and payload; the sigma stays as it
+        is.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -255,7 +278,8 @@ class TorqueSensors(TorqueResidual):
         feel_by_torques(state.arm, self.gains, readings, doubt, drives.tau, state.record)
 
     def weigh(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
-        """Identify the payload while the arm unfolds; adopt it at the first tool pose, still free of contact.
+        """Identify the payload while the arm unfolds; adopt it at the first tool pose, still free
+        of contact.
 
         Args:
             state: as `sense` left it; changed in place.

@@ -1,4 +1,5 @@
-"""Kernels of the tip-force estimator: from joint torques to the force on the tool, in one compiled call.
+"""Kernels of the tip-force estimator: from joint torques to the force on the tool, in one compiled
+call.
 
 The parts are those of `uuv.controllers.arm.inverse_dynamics` and
 `uuv.controllers.estimation.force_from_torques`. The tests compare the compiled forms here with the
@@ -9,13 +10,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv.controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, tip_kinematics, workspace
+from uuv.controllers.arm.inverse_dynamics import (
+    ArmParameters,
+    JointMotion,
+    newton_euler,
+    tip_kinematics,
+    workspace,
+)
 from uuv.controllers.arm.joint_servo import FrictionTracking, track_gear_friction
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.slots import call
 from uuv.sim.interfaces.spatial import Array
 
-PRIOR = 1e-6  # [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
+# [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
+PRIOR = 1e-6
 
 
 class ArmReadings(NamedTuple):
@@ -63,7 +71,9 @@ class SensedArm(NamedTuple):
 
     @classmethod
     def start(cls, qd: Array, w_B: Array) -> "SensedArm":
-        """Memory at the first estimate: `qd` (n,) [rad/s], `w_B` (3,) [rad/s] of the hull, hull axes."""
+        """Memory at the first estimate: `qd` (n,) [rad/s], `w_B` (3,) [rad/s] of the hull, hull
+        axes.
+        """
         n = len(qd)
         return cls(
             qd_slow=np.array(qd),
@@ -80,7 +90,9 @@ class SensedArm(NamedTuple):
 
 
 class Tare(NamedTuple):
-    """Tare of the torque sensors: mean reading free of contact, which is bias plus model error in this posture."""
+    """Tare of the torque sensors: mean reading free of contact, which is bias plus model error in
+    this posture.
+    """
 
     total: Array  # (n,) [N m] sum of the samples
     samples: Array  # (1,) their number
@@ -109,7 +121,8 @@ def add_to_tare(tare, tau_e, bias):
 
 @kernel
 def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
-    """Filtered force of the world on the tip from torque sensors less the arm model; returns the normal force [N].
+    """Filtered force of the world on the tip from torque sensors less the arm model; returns the
+    normal force [N].
 
     Joint and hull angular accelerations come from the lag of filtered rates.
 
@@ -135,7 +148,8 @@ def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
             hull[3 * i + j] = X_WB[i, j]
         hull[9 + i], hull[12 + i], hull[21 + i] = v_B[i], w_B[i], read.current_W[i]
         j, k = (i + 1) % 3, (i + 2) % 3
-        hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])  # time derivative of the components of v_B
+        # time derivative of the components of v_B
+        hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])
         hull[18 + i] = (w_B[i] - w_slow_B[i]) / acceleration_time
         w_slow_B[i] += lag * (w_B[i] - w_slow_B[i])
     for j in range(read.q.shape[0]):
@@ -151,7 +165,8 @@ def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
 
 @kernel
 def force_from_external_torques(X_WB, tau_scale, errors, sensed, f_W):
-    """Force of the world on the tip from the external torques `sensed.tau_e`, unfiltered; returns the normal force [N].
+    """Force of the world on the tip from the external torques `sensed.tau_e`, unfiltered; returns
+    the normal force [N].
 
     Args:
         X_WB: (4, 4) hull pose.
@@ -183,14 +198,16 @@ def _in_axes(X_WB, out, f_W):
 
 @kernel
 def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
-    """Unfiltered force of the world on the tip (3,) [N], hull axes, from torque sensors less the arm model.
+    """Unfiltered force of the world on the tip (3,) [N], hull axes, from torque sensors less the
+    arm model.
 
     Args:
         arm: `ArmParameters`.
         joints: `JointMotion`.
         tau_measured: (n,) [N m] torques at the gear outputs.
         errors: `TorqueErrors`.
-        sensed: `SensedArm` with the hull's motion; external torques, wrench and tip kinematics are written.
+        sensed: `SensedArm` with the hull's motion; external torques, wrench and tip kinematics are
+            written.
 
     Returns:
         The force (3,) [N].
@@ -205,7 +222,9 @@ def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
 
 @kernel
 def _least_squares(J_B, tau_e, tau_scale, errors):
-    """Force on the tip (3,) [N], hull axes: `uuv.controllers.estimation.force_from_torques.tip_force` by Cholesky."""
+    """Force on the tip (3,) [N], hull axes:
+    `uuv.controllers.estimation.force_from_torques.tip_force` by Cholesky.
+    """
     bias, floor, noise = errors.bias, errors.floor, errors.noise
     a00, a11, a22, a01, a02, a12 = PRIOR, PRIOR, PRIOR, 0.0, 0.0, 0.0
     b0 = b1 = b2 = 0.0
@@ -236,7 +255,8 @@ def _least_squares(J_B, tau_e, tau_scale, errors):
 
 @kernel
 def force_sigma(X_BG, J_B, weighed, variance):
-    """Standard deviation (3,) [N] of the estimated force in tool axes, by `force_from_torques.force_covariance`.
+    """Standard deviation (3,) [N] of the estimated force in tool axes, by
+    `force_from_torques.force_covariance`.
 
     Args:
         X_BG: (4, 4) tip pose in the hull's frame.
@@ -263,7 +283,9 @@ def force_sigma(X_BG, J_B, weighed, variance):
         for k in range(3):
             total += PRIOR * stated[i, k] ** 2
         for j in range(n):
-            gain = (stated[i, 0] * J[0, j] + stated[i, 1] * J[1, j] + stated[i, 2] * J[2, j]) / weighed[j] ** 2
+            gain = (
+                stated[i, 0] * J[0, j] + stated[i, 1] * J[1, j] + stated[i, 2] * J[2, j]
+            ) / weighed[j] ** 2
             total += gain * gain * variance[j]
         out[i] = np.sqrt(total)
     return out
@@ -275,7 +297,8 @@ class ContactRecord(NamedTuple):
     sensed: SensedArm
     tare: Tare
     bias: Array  # (n,) [N m] of the external torques
-    floor: Array  # (n,) [N m] standard deviation of the external torques, beside the noise of the sensors
+    # (n,) [N m] standard deviation of the external torques, beside the noise of the sensors
+    floor: Array
     friction: Array  # (n,) [N m] dry friction in the gears that the drives have to overcome
     f_W: Array  # (3,) [N] force of the world on the tip, W; NaN: not known
     felt: Array  # (1,) [N] normal force, positive when the tool presses; NaN: not known
@@ -297,7 +320,8 @@ class FeelGains(NamedTuple):
 
 @kernel
 def feel_by_torques(arm, gains, readings, doubt, tau_motor, contact):
-    """Contact force by `estimate_tip_force`, and friction of the gears, as `TorqueSensors` feels them.
+    """Contact force by `estimate_tip_force`, and friction of the gears, as `TorqueSensors` feels
+    them.
 
     Args:
         arm: `ArmParameters`.
@@ -317,12 +341,15 @@ def feel_by_torques(arm, gains, readings, doubt, tau_motor, contact):
     # Force, and what the gears lose.
     sensed = contact.sensed
     contact.felt[0] = estimate_tip_force(arm, readings, errors, gains.timing, sensed, contact.f_W)
-    track_gear_friction(tau_motor, readings.tau, readings.qd, sensed.qdd, gains.gears, contact.friction)
+    track_gear_friction(
+        tau_motor, readings.tau, readings.qd, sensed.qdd, gains.gears, contact.friction
+    )
 
 
 @kernel
 def find_sigma(gains, tau, contact):
-    """Standard deviation of the contact force, into `contact`; the tick makes it as often as the hull steps.
+    """Standard deviation of the contact force, into `contact`; the tick makes it as often as the
+    hull steps.
 
     Args:
         gains: `FeelGains`.

@@ -1,23 +1,26 @@
-"""Thrust allocation: hull wrench to thruster commands, within bounds, through the inverse of the static thrust curve.
+"""Thrust allocation: hull wrench to thruster commands, within bounds, through the inverse of the
+static thrust curve.
 
-Six thrusters leave no redundancy. Where they saturate, part of the wrench is given up in the order of `PRIORITIES`:
-strict priority levels (`uuv.controllers.hull.priorities`), no weights. Roll and pitch come first: a tilt of the hull
-tilts the tool and moves the tip by the length of the arm. The force comes next: where it lacks, the hull is pushed away
-slowly and the arm re-aims. Yaw is last. Among thrusts that are equal in all this, the effort is minimal.
+Six thrusters leave no redundancy. Where they saturate, part of the wrench is given up in the order
+of `PRIORITIES`: strict priority levels (`uuv.controllers.hull.priorities`), no weights. Roll and
+pitch come first: a tilt of the hull tilts the tool and moves the tip by the length of the arm. The
+force comes next: where it lacks, the hull is pushed away slowly and the arm re-aims. Yaw is last.
+Among thrusts that are equal in all this, the effort is minimal.
 
-A rotating propeller gives at least a minimal thrust (`uuv.models.water.thrusters`). Thrusts between zero and that
-minimum do not exist (the gap), so the problem is no longer convex. There the wrench that the levels have chosen is
-approached by weighted least squares, |W (B x - w)|^2 + e^2 |D x|^2. Weights spread the small remaining error over all
-axes instead of putting all of it on one:
+A rotating propeller gives at least a minimal thrust (`uuv.models.water.thrusters`). Thrusts between
+zero and that minimum do not exist (the gap), so the problem is no longer convex. There the wrench
+that the levels have chosen is approached by weighted least squares, |W (B x - w)|^2 + e^2 |D x|^2.
+Weights spread the small remaining error over all axes instead of putting all of it on one:
 
-- With more thrusters than directions, some work against each other (preload). All such sign patterns are tried in a
-  fixed order until one gives the wrench as well as without a gap. The fixed order keeps the pattern from changing
-  between steps.
-- Otherwise thrusters in the gap are settled one at a time: the one nearest to an existing thrust first, then all others
-  are solved again. Then each thruster is tried on its other branches while that lowers the cost.
+- With more thrusters than directions, some work against each other (preload). All such sign
+  patterns are tried in a fixed order until one gives the wrench as well as without a gap. The fixed
+  order keeps the pattern from changing between steps.
+- Otherwise thrusters in the gap are settled one at a time: the one nearest to an existing thrust
+  first, then all others are solved again. Then each thruster is tried on its other branches while
+  that lowers the cost.
 
-This is a search by single changes: its wrench error may exceed the least possible one. It has no memory, so a thrust
-near the middle of a gap may chatter.
+This is a search by single changes: its wrench error may exceed the least possible one. It has no
+memory, so a thrust near the middle of a gap may chatter.
 """
 
 import itertools
@@ -36,11 +39,14 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, checked, fitting
 
-AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # order of a wrench on the hull, hull axes
-_ROUNDING = 1e-12  # [-] share of the largest entry of B below which an entry is rounding noise and set to zero
+# order of a wrench on the hull, hull axes
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+# [-] share of the largest entry of B below which an entry is rounding noise and set to zero
+_ROUNDING = 1e-12
 _ROUNDS = 4  # maximal number of passes over all thrusters in search of a better branch
 _EFFORT = 1e-10  # [-] weight of the effort, relative to the mean diagonal of A^T A
-_BEYOND = 1e3  # [-] times the sum of all thrusts: a demand that always saturates, to measure the authority
+# [-] times the sum of all thrusts: a demand that always saturates, to measure the authority
+_BEYOND = 1e3
 
 
 class Allocation:
@@ -57,16 +63,18 @@ class Allocation:
         """Set up the allocation for the thrusters of `vehicle`.
 
         Args:
-            vehicle: the vehicle, with a thruster wrench matrix (6, m) and a table of its m thrusters.
-            priorities: levels of names from `AXES`, the first is kept first once thrusters saturate. Within a level
-                newtons and newton metres count alike. An axis in no level is not driven.
-            effort: (m,) [-] cost weight of each thruster, > 0, equal by default. A larger weight spares that thruster
-                where there is a choice.
+            vehicle: the vehicle, with a thruster wrench matrix (6, m) and a table of its m
+                thrusters.
+            priorities: levels of names from `AXES`, the first is kept first once thrusters
+                saturate. Within a level newtons and newton metres count alike. An axis in no level
+                is not driven.
+            effort: (m,) [-] cost weight of each thruster, > 0, equal by default. A larger weight
+                spares that thruster where there is a choice.
             headroom: [-] share of full thrust that is used, in (0, 1].
 
         Raises:
-            ConfigurationError: priorities, effort or headroom are invalid, or the thrusters do not span all driven
-                directions.
+            ConfigurationError: priorities, effort or headroom are invalid, or the thrusters do not
+                span all driven directions.
         """
         m = vehicle.thruster_wrench.shape[1]
         effort = checked(np.ones(m) if effort is None else effort, (m,), "effort of the thrusters")
@@ -82,7 +90,12 @@ class Allocation:
             raise ConfigurationError(f"the {m} thrusters do not span all {word} of the hull")
 
     def _set_up(
-        self, vehicle: Vehicle, levels: list[list[int]], effort: Array, headroom: float, lost: np.ndarray
+        self,
+        vehicle: Vehicle,
+        levels: list[list[int]],
+        effort: Array,
+        headroom: float,
+        lost: np.ndarray,
     ) -> None:
         self._of = (vehicle, levels, effort, headroom, lost)
         self._B = np.where(lost, 0.0, vehicle.thruster_wrench)
@@ -113,8 +126,11 @@ class Allocation:
         """Thrusters in use: (m,) bool, False for lost thrusters."""
         return ~self._of[4]
 
-    def without(self, *thrusters: int | str, priorities: Sequence[Sequence[str]] | None = None) -> Self:
-        """Allocation with the remaining thrusters, when `thrusters` give no thrust whatever their command.
+    def without(
+        self, *thrusters: int | str, priorities: Sequence[Sequence[str]] | None = None
+    ) -> Self:
+        """Allocation with the remaining thrusters, when `thrusters` give no thrust whatever their
+        command.
 
         It need not span all directions: the priorities decide which part of a wrench is given up.
 
@@ -138,27 +154,32 @@ class Allocation:
                 lost[thruster] = True
             else:
                 raise ConfigurationError(
-                    f"thruster {thruster!r}: expected an index below {len(lost)} or one of {list(names)}"
+                    f"thruster {thruster!r}: expected an index below {len(lost)} or one of "
+                    f"{list(names)}"
                 )
         if lost.all():
             raise ConfigurationError("no thruster is left to allocate to")
         left = object.__new__(type(self))
-        left._set_up(vehicle, levels if priorities is None else _levels(priorities), effort, headroom, lost)
+        left._set_up(
+            vehicle, levels if priorities is None else _levels(priorities), effort, headroom, lost
+        )
         return left
 
     def lost_directions(self) -> Array:
-        """Uncontrollable wrenches (d, 6) [N, N m], hull axes: orthonormal, orthogonal to all that the thrusters give.
+        """Uncontrollable wrenches (d, 6) [N, N m], hull axes: orthonormal, orthogonal to all that
+        the thrusters give.
 
         Force and moment count alike. d = 0 while the thrusters span all six directions.
         """
         return np.linalg.svd(self._B.T)[2][np.linalg.matrix_rank(self._B) :]
 
     def authority(self, *, spoiling: Sequence[str] = ()) -> Array:
-        """Least and greatest wrench along each axis while all others are zero; minimal thrusts are ignored.
+        """Least and greatest wrench along each axis while all others are zero; minimal thrusts are
+        ignored.
 
         Args:
-            spoiling: names of `AXES` that are left free, for instance "yaw": the surge that remains if the heading is
-                given up.
+            spoiling: names of `AXES` that are left free, for instance "yaw": the surge that remains
+                if the heading is given up.
 
         Returns:
             (6, 2) [N, N m]: row i holds the least and the greatest value along axis i of `AXES`.
@@ -179,10 +200,11 @@ class Allocation:
         return most
 
     def thrust(self, wrench_B: Array) -> Array:
-        """Thrusts (m,) [N] for the wrench `wrench_B` (6,) [N, N m], within the bounds of each thruster.
+        """Thrusts (m,) [N] for the wrench `wrench_B` (6,) [N, N m], within the bounds of each
+        thruster.
 
-        Exact, with least effort, while no bound is met. Otherwise the priorities decide which part is kept. Where a
-        thruster has a minimal thrust, its thrust is zero or at least that.
+        Exact, with least effort, while no bound is met. Otherwise the priorities decide which part
+        is kept. Where a thruster has a minimal thrust, its thrust is zero or at least that.
 
         Raises:
             ConfigurationError: another shape, or a number that is not finite.
@@ -191,14 +213,17 @@ class Allocation:
         thrust = self._inverse @ wrench_B
         if not (self._spans and np.all(thrust >= self._low) and np.all(thrust <= self._high)):
             right = wrench_B[self._order]
-            solve_levels(self._rows, right, self._starts, self._effort, self._low, self._high, thrust)
+            solve_levels(
+                self._rows, right, self._starts, self._effort, self._low, self._high, thrust
+            )
         if not (self._gaps and np.any((thrust != 0.0) & (np.abs(thrust) < self._least))):
             return thrust
         right = self._right @ (self._B @ thrust)
         return nearest_thrusts(self._H, right, self._low, self._high, self._least, self._patterns)
 
     def command(self, thrust: Array) -> Array:
-        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water, or the nearest to it.
+        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water,
+        or the nearest to it.
 
         Raises:
             ConfigurationError: another shape, or a number that is not finite.
@@ -206,7 +231,8 @@ class Allocation:
         return _commands(self._curves, fitting(thrust, self._least.shape, "thrusts wanted [N]"))
 
     def lacking(self, wrench_B: Array, thrust: Array) -> Array:
-        """Part (6,) [N, N m] of `wrench_B` (6,) that saturation withholds from its allocation `thrust` (m,) [N].
+        """Part (6,) [N, N m] of `wrench_B` (6,) that saturation withholds from its allocation
+        `thrust` (m,) [N].
 
         Zero while no thruster is saturated.
         """
@@ -224,24 +250,30 @@ def _axis(name: str) -> int:
 
 
 def _levels(priorities: Sequence[Sequence[str]]) -> list[list[int]]:
-    """Axis indices of each priority level; ConfigurationError for an unknown, missing or repeated axis."""
+    """Axis indices of each priority level; ConfigurationError for an unknown, missing or repeated
+    axis.
+    """
     try:
         levels = [[_axis(name) for name in level] for level in priorities]
     except TypeError:
-        raise ConfigurationError(f"priorities: expected levels of {list(AXES)}, got {priorities!r}") from None
+        raise ConfigurationError(
+            f"priorities: expected levels of {list(AXES)}, got {priorities!r}"
+        ) from None
     flat = [axis for level in levels for axis in level]
     if not flat or not all(levels) or len(set(flat)) < len(flat):
         raise ConfigurationError(
-            f"priorities: expected one or more levels, none empty, no axis twice, got {priorities!r}"
+            "priorities: expected one or more levels, none empty, no axis twice, got "
+            f"{priorities!r}"
         )
     return levels
 
 
 def preloads(B: Array) -> np.ndarray:
-    """Sign patterns (p, m), 1 or -1 each, with which thrusters of wrench columns `B` (k, m) work against each other.
+    """Sign patterns (p, m), 1 or -1 each, with which thrusters of wrench columns `B` (k, m) work
+    against each other.
 
-    These are the signs of thrusts in the null space of B, sampled in a few of its directions. p = 0 where B has no null
-    space, or where the null space leaves a thruster out.
+    These are the signs of thrusts in the null space of B, sampled in a few of its directions. p = 0
+    where B has no null space, or where the null space leaves a thruster out.
     """
     null = np.linalg.svd(B)[2][np.linalg.matrix_rank(B) :]
     found: list[tuple[int, ...]] = []
@@ -256,7 +288,8 @@ def preloads(B: Array) -> np.ndarray:
 def normal_equations(A: Array, effort: Array) -> tuple[Array, Array]:
     """Normal equations of min |A x - b|^2 + e^2 |effort x|^2: the matrix (m, m), and A^T (m, k).
 
-    A^T b is the right side. `e` is so small that `effort` (m,) decides only where `A` (k, m) leaves a choice.
+    A^T b is the right side. `e` is so small that `effort` (m,) decides only where `A` (k, m) leaves
+    a choice.
     """
     H = A.T @ A
     return H + _EFFORT * np.trace(H) / len(H) * np.diag(effort**2 / np.mean(effort**2)), A.T.copy()
@@ -272,11 +305,12 @@ def _commands(curve, thrust):
 
 @kernel
 def bounded(H, c, low, high, x):
-    """Minimise x^T H x / 2 - c^T x over low <= x <= high by a primal active-set method; result in `x` (m,).
+    """Minimise x^T H x / 2 - c^T x over low <= x <= high by a primal active-set method; result in
+    `x` (m,).
 
-    Each step solves for the free variables and moves there, or to the first bound on the way. At a minimum of the free
-    variables, the bound variable with the steepest inward descent is set free. The cost falls with every step, so no
-    active set occurs twice.
+    Each step solves for the free variables and moves there, or to the first bound on the way. At a
+    minimum of the free variables, the bound variable with the steepest inward descent is set free.
+    The cost falls with every step, so no active set occurs twice.
 
     Args:
         H: (m, m) positive definite.
@@ -354,7 +388,9 @@ def bounded(H, c, low, high, x):
 
 @kernel
 def _solve_free(H, c, x, free, count, L, z):
-    """Minimise over the `count` variables in `free`, the others held at `x`; result in `z` in the order of `free`."""
+    """Minimise over the `count` variables in `free`, the others held at `x`; result in `z` in the
+    order of `free`.
+    """
     m = c.shape[0]
     for a in range(count):
         i = free[a]
@@ -382,7 +418,8 @@ def _solve_free(H, c, x, free, count, L, z):
 
 @kernel
 def nearest_thrusts(H, c, low, high, least, patterns):
-    """Thrusts of least cost x^T H x / 2 - c^T x within bounds, each zero or at least its minimal thrust in size.
+    """Thrusts of least cost x^T H x / 2 - c^T x within bounds, each zero or at least its minimal
+    thrust in size.
 
     Near the least cost where a gap is met: see the search in the docstring of this module.
 
@@ -391,7 +428,8 @@ def nearest_thrusts(H, c, low, high, least, patterns):
         c: (m,) right side, A^T b.
         low: (m,) [N] lower bounds.
         high: (m,) [N] upper bounds.
-        least: (m,) [N] minimal thrust of each rotating propeller, either way; 0 for a thruster without a gap.
+        least: (m,) [N] minimal thrust of each rotating propeller, either way; 0 for a thruster
+            without a gap.
         patterns: (p, m) sign patterns of `preloads`.
 
     Returns:
@@ -453,7 +491,9 @@ def nearest_thrusts(H, c, low, high, least, patterns):
 
 @kernel
 def _limit(branch, low, high, least, from_, to, i):
-    """Set the bounds `from_` and `to` of thruster `i` on one branch: -1 reverse, 0 off, 1 forward."""
+    """Set the bounds `from_` and `to` of thruster `i` on one branch: -1 reverse, 0 off, 1
+    forward.
+    """
     if least == 0.0:  # it has no gap
         from_[i], to[i] = low, high
         return

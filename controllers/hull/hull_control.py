@@ -1,14 +1,18 @@
-"""Control of the hull: station keeping, allocation to the thrusters and lead compensation of their lag, in one loop.
+"""Control of the hull: station keeping, allocation to the thrusters and lead compensation of their
+lag, in one loop.
 
-**Feedforward.** [Konoplin 2022] feeds C_F = C_D + A f_e forward to the thrusters: the wrench of the arm's motion in
-water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave parts of it out, for a study.
+**Feedforward.** [Konoplin 2022] feeds C_F = C_D + A f_e forward to the thrusters: the wrench of the
+arm's motion in water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave parts
+of it out, for a study.
 
-**Lead.** A propeller follows its command with a first-order lag T (`uuv.models.water.thrusters`). Its present speed n
-is predicted from past commands. The command u that brings it towards the wanted speed c with a lag T_r < T is
+**Lead.** A propeller follows its command with a first-order lag T (`uuv.models.water.thrusters`).
+Its present speed n is predicted from past commands. The command u that brings it towards the wanted
+speed c with a lag T_r < T is
 
     u = n + (c - n) (1 - exp(-dt / T_r)) / (1 - exp(-dt / T)),    within full speed.
 
-This is the inverse of the lag, filtered by `response` T_r. In the steady state u = c, whatever T is. The price of a
+This is the inverse of the lag, filtered by `response` T_r. In the steady state u = c, whatever T
+is. The price of a
 smaller T_r is command activity: noise is amplified by about T / T_r.
 """
 
@@ -35,7 +39,8 @@ from uuv.sim.interfaces.messages import Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array, fitting, number
 
 _TILTS = 0.15  # [m] lever in roll and pitch, from which on a stuck thruster turns the hull over
-_PUSHES = 0.3  # [-] share of full thrust, above which a thruster that is stuck may turn the vehicle over
+# [-] share of full thrust, above which a thruster that is stuck may turn the vehicle over
+_PUSHES = 0.3
 _PARTS = 4  # number of instants in a period over which the thrust is averaged
 
 Term = Literal["hydrodynamic", "dynamic", "contact"]
@@ -47,7 +52,8 @@ class ThrusterLeadState:
 
     passed: Array  # (m,) [-] normalised command after the slew limit of the drives
     speed: Array  # (m,) [-] normalised speed
-    given_B: Array  # (6,) [N, N m] mean wrench on the hull from the last step to the next, hull axes
+    # (6,) [N, N m] mean wrench on the hull from the last step to the next, hull axes
+    given_B: Array
 
 
 class _Propellers(NamedTuple):
@@ -63,27 +69,38 @@ class _Propellers(NamedTuple):
 class ThrusterLead:
     """Thruster model of one vehicle, run in parallel and inverted."""
 
-    def __init__(self, vehicle: Vehicle, *, response: float = HULL.response, lag_error: float = 0.0) -> None:
+    def __init__(
+        self, vehicle: Vehicle, *, response: float = HULL.response, lag_error: float = 0.0
+    ) -> None:
         """Set up the model for the thrusters of `vehicle`.
 
         Args:
             vehicle: the vehicle, with a table of its thrusters.
-            response: [s] lag with compensation. At or above a thruster's own lag its command stays unchanged.
+            response: [s] lag with compensation. At or above a thruster's own lag its command stays
+                unchanged.
             lag_error: [-] share by which the believed lag is deliberately wrong.
 
         Raises:
             ConfigurationError: `response` is not finite or not > 0, or `lag_error` leaves no lag.
         """
         if not 0.0 < number(response, "response of the thrusters [s]") < np.inf:
-            raise ConfigurationError(f"response of the thrusters: must be finite and > 0 s, got {response}")
+            raise ConfigurationError(
+                f"response of the thrusters: must be finite and > 0 s, got {response}"
+            )
         if not -1.0 < number(lag_error, "lag_error") < np.inf:
             raise ConfigurationError(f"lag_error: must be finite and above -1, got {lag_error}")
         table = vehicle.thruster_table
         B = np.array(vehicle.thruster_wrench)
         figures = np.column_stack(
-            [(1.0 + lag_error) * table[:, TIME_CONSTANT], table[:, SLEW_RATE], table[:, INFLOW_LOSS]]
+            [
+                (1.0 + lag_error) * table[:, TIME_CONSTANT],
+                table[:, SLEW_RATE],
+                table[:, INFLOW_LOSS],
+            ]
         )
-        self._model = tuple(_Propellers(curves(table), figures, B, inflow_levers(table, B), float(response)))
+        self._model = tuple(
+            _Propellers(curves(table), figures, B, inflow_levers(table, B), float(response))
+        )
         self._thrusters = len(figures)
 
     def init(self) -> ThrusterLeadState:
@@ -92,7 +109,8 @@ class ThrusterLead:
         return ThrusterLeadState(np.zeros(m), np.zeros(m), np.zeros(6))
 
     def static(self, thrust: Array, nu_r_B: Array) -> Array:
-        """Static commands (m,) [-] that give `thrust` (m,) [N] in the inflow of the hull's motion through the water.
+        """Static commands (m,) [-] that give `thrust` (m,) [N] in the inflow of the hull's motion
+        through the water.
 
         Args:
             thrust: (m,) [N] wanted.
@@ -116,7 +134,8 @@ class ThrusterLead:
         Args:
             state: of `init`, or as the last step left it; changed in place.
             wanted: (m,) [-] static commands, normalised.
-            nu_r_B: (6,) [m/s, rad/s] velocity of the hull relative to the water, hull axes; its inflow reduces thrust.
+            nu_r_B: (6,) [m/s, rad/s] velocity of the hull relative to the water, hull axes; its
+                inflow reduces thrust.
             dt: [s] duration of the commands.
 
         Returns:
@@ -146,13 +165,17 @@ def _static(model, thrust, nu_r_B):
     curve, figures, _, advance, _ = model
     command = np.empty(thrust.shape[0])
     for i in range(thrust.shape[0]):
-        command[i] = command_in_flow(curve[i], figures[i, 2], _inflow(advance, i, nu_r_B), thrust[i])
+        command[i] = command_in_flow(
+            curve[i], figures[i, 2], _inflow(advance, i, nu_r_B), thrust[i]
+        )
     return command
 
 
 @kernel
 def _lead(model, wanted, nu_r_B, dt, state, command):
-    """Commands for the next `dt`; `model` is `_Propellers`, `state` is passed, speed and given_B of the state."""
+    """Commands for the next `dt`; `model` is `_Propellers`, `state` is passed, speed and given_B of
+    the state.
+    """
     curve, figures, B, advance, response = model
     passed, speed, given_B = state
     given_B[:] = 0.0
@@ -170,7 +193,9 @@ def _lead(model, wanted, nu_r_B, dt, state, command):
             if lag > 0.0:
                 n += (speed[i] - n) * np.exp(-(part + 0.5) / _PARTS * dt / lag)
             mean += thrust_in_flow(curve[i], loss, inflow, n) / _PARTS
-        speed[i] = passed[i] + (speed[i] - passed[i]) * np.exp(-dt / lag) if lag > 0.0 else passed[i]
+        speed[i] = (
+            passed[i] + (speed[i] - passed[i]) * np.exp(-dt / lag) if lag > 0.0 else passed[i]
+        )
         for k in range(6):
             given_B[k] += B[k, i] * mean
 
@@ -216,17 +241,21 @@ class HullControl:
         self._full = np.array([thrust_at(curve, 1.0) for curve in curves(vehicle.thruster_table)])
         self._lead = lead or ThrusterLead(vehicle)
         self._sound = allocation or Allocation(vehicle)
-        self._allocations: dict[tuple[tuple[int, ...], bool], Allocation] = {}  # by those lost, and whether they push
+        # by those lost, and whether they push
+        self._allocations: dict[tuple[tuple[int, ...], bool], Allocation] = {}
 
     def init(self) -> HullControlState:
         """Initial state: thrusters off, no current known."""
         off = np.zeros(self._thrusters)
-        return HullControlState(self.station.init(), self._lead.init(), np.zeros(6), np.zeros(3), off)
+        return HullControlState(
+            self.station.init(), self._lead.init(), np.zeros(6), np.zeros(3), off
+        )
 
     def allocation(self, lost: tuple[int, ...], *, pushing: bool = False) -> Allocation:
         """Allocation to the thrusters that are left without those `lost`, by index.
 
-        Where a lost one is still `pushing`, roll and pitch come first as for a sound vehicle: it may turn over.
+        Where a lost one is still `pushing`, roll and pitch come first as for a sound vehicle: it
+        may turn over.
         """
         if not lost:
             return self._sound
@@ -236,7 +265,11 @@ class HullControl:
         return self._allocations[lost, pushing]
 
     def step(
-        self, state: HullControlState, estimate: StateEstimate, reference: Reference, arm_wrench_B: Array
+        self,
+        state: HullControlState,
+        estimate: StateEstimate,
+        reference: Reference,
+        arm_wrench_B: Array,
     ) -> Array:
         """Thruster commands (m,), normalised, for one period.
 
@@ -250,13 +283,21 @@ class HullControl:
             The commands.
         """
         r, dt = reference, self._period
-        state.wanted_B = self.station.step(state.station, estimate, r.X_WB, r.v_WB_W, arm_wrench_B, dt, r.w_WB_W)
+        state.wanted_B = self.station.step(
+            state.station, estimate, r.X_WB, r.v_WB_W, arm_wrench_B, dt, r.w_WB_W
+        )
         state.current_W = self.station.current(state.station)
-        stuck_B = self._columns[:, list(r.lost_thrusters)] @ r.lost_thrust if r.lost_thrust else np.zeros(6)
+        stuck_B = (
+            self._columns[:, list(r.lost_thrusters)] @ r.lost_thrust
+            if r.lost_thrust
+            else np.zeros(6)
+        )
         pushing = bool(np.any(np.abs(r.lost_thrust) > _PUSHES * self._full[list(r.lost_thrusters)]))
-        # Kept level under a thruster that pushes down, the hull sinks onto the object: there depth comes first.
+        # Kept level under a thruster that pushes down, the hull sinks onto the object: there depth
+        # comes first.
         pushing = pushing and stuck_B[2] > -1.0
-        # With another one lost, to keep level may cost the depth: only against one that itself turns the hull over.
+        # With another one lost, to keep level may cost the depth: only against one that itself
+        # turns the hull over.
         pushing = pushing and (len(r.lost_thrusters) == 1 or _tilts(stuck_B))
         allocation = self.allocation(r.lost_thrusters, pushing=pushing)
         through_water = self.station.through_water(state.station, estimate)
@@ -267,7 +308,9 @@ class HullControl:
 
 
 def _tilts(stuck_B: Array) -> bool:
-    """True if the wrench (6,) [N, N m] of stuck thrusters turns the hull over, rather than push it along."""
+    """True if the wrench (6,) [N, N m] of stuck thrusters turns the hull over, rather than push it
+    along.
+    """
     return float(np.hypot(*stuck_B[3:5])) > _TILTS * float(np.linalg.norm(stuck_B[:3]))
 
 
@@ -282,7 +325,9 @@ class ArmLoad:
 class Feedforward(Protocol):
     """Choice of what is fed forward."""
 
-    def left_out(self, load: ArmLoad, contact: ContactState, estimate: StateEstimate) -> Array | None:
+    def left_out(
+        self, load: ArmLoad, contact: ContactState, estimate: StateEstimate
+    ) -> Array | None:
         """Part (6,) [N, N m] of the arm's wrench that is not fed forward, hull axes; None: nothing.
 
         Args:
@@ -314,7 +359,9 @@ class WithoutCompensation:
 class WithoutTerms:
     """Feed the arm's wrench forward without some of its terms."""
 
-    def __init__(self, arm: ArmDynamics, terms: Set[Term], *, acceleration_filter: float, period: float) -> None:
+    def __init__(
+        self, arm: ArmDynamics, terms: Set[Term], *, acceleration_filter: float, period: float
+    ) -> None:
         """Choose the terms.
 
         Args:

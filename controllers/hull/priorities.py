@@ -1,12 +1,14 @@
-"""Hierarchical least squares within bounds: no priority level is degraded for the sake of a lower one.
+"""Hierarchical least squares within bounds: no priority level is degraded for the sake of a lower
+one.
 
-Levels l = 1, 2, ... of rows A_l x = b_l are solved in this order [Escande 2014]. Level l minimises |A_l x - b_l|^2 over
-low <= x <= high, with A_j x = A_j x_j kept for every level j above, where x_j is the solution of level j. Here the
-bounds rank above all levels. A last, diagonal level (the effort) makes the solution unique. The solution is continuous
-in b.
+Levels l = 1, 2, ... of rows A_l x = b_l are solved in this order [Escande 2014]. Level l minimises
+|A_l x - b_l|^2 over low <= x <= high, with A_j x = A_j x_j kept for every level j above, where x_j
+is the solution of level j. Here the bounds rank above all levels. A last, diagonal level (the
+effort) makes the solution unique. The solution is continuous in b.
 
-Each level is a primal active-set method on the bounds. It starts where the level above ended, so every iterate is
-feasible and leaves the levels above unchanged. Steps are found by orthogonal projection, never by normal equations.
+Each level is a primal active-set method on the bounds. It starts where the level above ended, so
+every iterate is feasible and leaves the levels above unchanged. Steps are found by orthogonal
+projection, never by normal equations.
 """
 
 from typing import NamedTuple
@@ -16,12 +18,16 @@ import numpy as np
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-# Axes of a wrench on the hull, hull axes: what comes first is given up last where thrusters saturate.
+# Axes of a wrench on the hull, hull axes: what comes first is given up last where thrusters
+# saturate.
 PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
-# After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss of depth control.
+# After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss
+# of depth control.
 PRIORITIES_AFTER_LOSS = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
-_SAME = 1e-10  # [-] share of a row's norm below which its remainder after projection is rounding noise
-_HELD = 1e-9  # [-] of a unit step: below it the levels above fix a variable, and its bound adds no constraint
+# [-] share of a row's norm below which its remainder after projection is rounding noise
+_SAME = 1e-10
+# [-] of a unit step: below it the levels above fix a variable, and its bound adds no constraint
+_HELD = 1e-9
 
 
 @kernel
@@ -70,7 +76,9 @@ def solve_levels(A, b, starts, effort, low, high, x):
 
 @kernel
 def _keep(row, kept, count):
-    """Append the component of `row` outside the span of the orthonormal rows `kept`; returns their new number."""
+    """Append the component of `row` outside the span of the orthonormal rows `kept`; returns their
+    new number.
+    """
     m = row.shape[0]
     new = row.copy()
     length = _off(new, kept, count)
@@ -83,7 +91,9 @@ def _keep(row, kept, count):
 
 @kernel
 def _off(v, basis, count):
-    """Project `v` in place off the span of the orthonormal rows of `basis`, twice against rounding; its norm then."""
+    """Project `v` in place off the span of the orthonormal rows of `basis`, twice against rounding;
+    its norm then.
+    """
     m = v.shape[0]
     for _ in range(2):
         for j in range(count):
@@ -101,7 +111,8 @@ def _off(v, basis, count):
 class _Factors(NamedTuple):
     """Active bounds, and the factors over the variables that are free of them."""
 
-    at: np.ndarray  # (m,) int8: -1, 0 or 1; active bounds are independent of each other and of the kept rows
+    # (m,) int8: -1, 0 or 1; active bounds are independent of each other and of the kept rows
+    at: np.ndarray
     U: Array  # (m, m) orthonormal rows: kept rows over the free variables = L U
     L: Array  # (m, m)
     V: Array  # (m, m) orthonormal rows: the part of A there outside their span = T V
@@ -110,7 +121,9 @@ class _Factors(NamedTuple):
 
 @kernel
 def _level(A, b, kept, count, low, high, x):
-    """Minimise |A x - b|^2 from `x` within bounds while `kept[:count] @ x` stays unchanged; returns the steps taken."""
+    """Minimise |A x - b|^2 from `x` within bounds while `kept[:count] @ x` stays unchanged; returns
+    the steps taken.
+    """
     k, m = A.shape
     at = np.zeros(m, dtype=np.int8)
     U, L, V, T = np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((k, m))
@@ -159,7 +172,9 @@ def _level(A, b, kept, count, low, high, x):
             x[hit] = high[hit] if at[hit] > 0 else low[hit]
             stuck = stuck + 1 if share == 0.0 else 0
             continue
-        release = _wrong_way(A, residual, s[:rank], kept[:count], factors, 1e-12 * scale, stuck > 2 * m)
+        release = _wrong_way(
+            A, residual, s[:rank], kept[:count], factors, 1e-12 * scale, stuck > 2 * m
+        )
         if release < 0:
             return step + 1
         at[release] = 0
@@ -168,7 +183,9 @@ def _level(A, b, kept, count, low, high, x):
 
 @kernel
 def _split(U, j, L):
-    """Orthonormalise row `j` of U against those before it; row `j` of L receives its coefficients."""
+    """Orthonormalise row `j` of U against those before it; row `j` of L receives its
+    coefficients.
+    """
     m = U.shape[1]
     for c in range(j + 1):
         L[j, c] = 0.0
@@ -189,7 +206,9 @@ def _split(U, j, L):
 
 @kernel
 def _beside(A, low, high, factors, count, longest):
-    """Factorise A over the free variables, outside the span of `count` rows of U, into T V; returns the rank."""
+    """Factorise A over the free variables, outside the span of `count` rows of U, into T V; returns
+    the rank.
+    """
     k, m = A.shape
     at, U, V, T, G = factors.at, factors.U, factors.V, factors.T, np.empty((k, m))
     for r in range(k):
@@ -197,7 +216,8 @@ def _beside(A, low, high, factors, count, longest):
             G[r, i] = A[r, i] if at[i] == 0 and low[i] != high[i] else 0.0
         _off(G[r], U, count)
     rank = 0
-    while rank < min(k, m):  # pivoting: the longest remainder first, so that rank is judged against it
+    # pivoting: the longest remainder first, so that rank is judged against it
+    while rank < min(k, m):
         most, which = 0.0, -1
         for r in range(k):
             length = (G[r] * G[r]).sum()
@@ -232,7 +252,9 @@ def _beside(A, low, high, factors, count, longest):
 
 @kernel
 def _least(T, residual, k, rank, s):
-    """Minimise |T s + residual| over s (rank,), T (k, rank) of full column rank, by modified Gram-Schmidt."""
+    """Minimise |T s + residual| over s (rank,), T (k, rank) of full column rank, by modified
+    Gram-Schmidt.
+    """
     Q, R, right = np.empty((rank, k)), np.empty((rank, rank)), residual.copy()
     for c in range(rank):
         for r in range(k):
@@ -264,7 +286,9 @@ def _least(T, residual, k, rank, s):
 
 @kernel
 def _wrong_way(A, residual, s, kept, factors, enough, in_order):
-    """Active bound whose release lowers the cost most, or the first such one if `in_order` [Bland 1977]; -1 if none."""
+    """Active bound whose release lowers the cost most, or the first such one if `in_order` [Bland
+    1977]; -1 if none.
+    """
     k, m = A.shape
     rank, count = s.shape[0], kept.shape[0]
     at, U, L, T = factors.at, factors.U, factors.L, factors.T

@@ -1,12 +1,15 @@
-"""Station keeping: feedback on the hull's pose beside the fed-forward arm wrench, third stage of [Konoplin 2022].
+"""Station keeping: feedback on the hull's pose beside the fed-forward arm wrench, third stage of
+[Konoplin 2022].
 
     wrench = M (frequency^2 e + 2 damping frequency rate) - static - arm - unknown
     e = (R_WB^T (p_wanted - p), log(R_WB^T R_wanted)),    rate = (R_WB^T v_wanted - v_B, R_WB^T w_wanted - w_B)
 
-All are in hull axes, wrenches at the hull's origin. M is the inertia of hull and arm with added mass, the arm at home.
-Proportional and rate feedback act on the pose. Weight, buoyancy and the arm's wrench are fed forward. A disturbance
-observer (`uuv.controllers.estimation.disturbance_observer`) estimates the remaining wrench, mainly current drag, and
-cancels it. The observer replaces an integral term. It uses the thrust actually given, so saturation causes no windup.
+All are in hull axes, wrenches at the hull's origin. M is the inertia of hull and arm with added
+mass, the arm at home. Proportional and rate feedback act on the pose. Weight, buoyancy and the
+arm's wrench are fed forward. A disturbance observer
+(`uuv.controllers.estimation.disturbance_observer`) estimates the remaining wrench, mainly current
+drag, and cancels it. The observer replaces an integral term. It uses the thrust actually given, so
+saturation causes no windup.
 """
 
 from dataclasses import dataclass
@@ -15,7 +18,10 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverState
+from uuv.controllers.estimation.disturbance_observer import (
+    DisturbanceObserver,
+    DisturbanceObserverState,
+)
 from uuv.controllers.tuning import HULL, ObserverDeviations
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
@@ -31,7 +37,8 @@ class StationKeepingState:
     """State of station keeping."""
 
     observer: DisturbanceObserverState
-    given_B: Array  # (6,) [N, N m] mean wrench of the thrusters since the last step; the demand, unless overwritten
+    # (6,) [N, N m] mean wrench of the thrusters since the last step; the demand, unless overwritten
+    given_B: Array
 
 
 class StationKeeping:
@@ -51,9 +58,10 @@ class StationKeeping:
 
         Args:
             model: compiled model of the vehicle, with hydrodynamics on its hull.
-            arm: believed dynamics of the arm; None reads them from `model`, where a vehicle may have no arm.
-            frequency: [rad/s] natural frequency of the closed loop; None: that of the tuning, by Froude's law higher
-                for a vehicle smaller than the one it was tuned on.
+            arm: believed dynamics of the arm; None reads them from `model`, where a vehicle may
+                have no arm.
+            frequency: [rad/s] natural frequency of the closed loop; None: that of the tuning, by
+                Froude's law higher for a vehicle smaller than the one it was tuned on.
             damping: [-] damping ratio of the closed loop.
             water_error: [-] share by which added mass and drag of the hull are deliberately wrong.
             beliefs: standard deviations assumed by the disturbance observer.
@@ -69,10 +77,15 @@ class StationKeeping:
         checked([water_error], (1,), "hover water_error")
         vehicle = Vehicle.of(model)
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
-            raise ConfigurationError("the hull has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec")
+            raise ConfigurationError(
+                "the hull has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec"
+            )
         own = hull_inertia(model, vehicle.hull, 1.0 + water_error)
-        self.inertia = own.copy()  # (6, 6) [kg, kg m, kg m^2] with the arm's, hull axes at the hull's origin
-        if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(model.body_mass[vehicle.hull]):
+        # (6, 6) [kg, kg m, kg m^2] with the arm's, hull axes at the hull's origin
+        self.inertia = own.copy()
+        if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(
+            model.body_mass[vehicle.hull]
+        ):
             arm = ArmDynamics(model, water_error=water_error)
         if arm is not None:
             self.inertia += _arm_inertia(arm, vehicle.q_home)
@@ -80,7 +93,9 @@ class StationKeeping:
         self._damping = 2.0 * damping * frequency  # [1/s]
         gravity = -float(model.opt.gravity[2])
         mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
-        water = hydrodynamics.without_forms(model.body_user[vehicle.hull], "station keeping's model of the hull")
+        water = hydrodynamics.without_forms(
+            model.body_user[vehicle.hull], "station keeping's model of the hull"
+        )
         self._observer = DisturbanceObserver(
             own,
             (1.0 + water_error) * water.linear_damping.diagonal(),
@@ -90,7 +105,8 @@ class StationKeeping:
         net = gravity * (density * water.volume - mass)  # [N] up
         # Moment of weight and buoyancy = righting x (unit vector up, hull axes).
         righting = gravity * (
-            density * water.volume * water.center_of_buoyancy - mass * np.array(model.body_ipos[vehicle.hull])
+            density * water.volume * water.center_of_buoyancy
+            - mass * np.array(model.body_ipos[vehicle.hull])
         )
         self._static = np.vstack([net * np.eye(3), skew(righting)])  # (6, 3), times up in hull axes
 
@@ -99,15 +115,17 @@ class StationKeeping:
         return StationKeepingState(self._observer.init(), np.zeros(6))
 
     def static_wrench(self, R_WB: Array) -> Array:
-        """Weight and buoyancy of the hull alone at attitude `R_WB` (3, 3): wrench (6,) [N, N m], hull axes."""
+        """Weight and buoyancy of the hull alone at attitude `R_WB` (3, 3): wrench (6,) [N, N m],
+        hull axes.
+        """
         return self._static @ R_WB[2]
 
     def current(self, state: StationKeepingState) -> Array:
         """Estimated current (3,) [m/s] in W, also during contact.
 
-        See `uuv.controllers.estimation.disturbance_observer` for the assumptions. A steady force that no sensor
-        measures (a tether, a wrong weight) appears as current. A direction without drag gives no information on the
-        current.
+        See `uuv.controllers.estimation.disturbance_observer` for the assumptions. A steady force
+        that no sensor measures (a tether, a wrong weight) appears as current. A direction without
+        drag gives no information on the current.
         """
         return state.observer.current_W.copy()
 
@@ -128,16 +146,16 @@ class StationKeeping:
     ) -> Array:
         """Wrench (6,) [N, N m] that the thrusters should put on the hull, hull axes.
 
-        Sets `state.given_B` to this same array. A caller that knows better what the thrusters will give until the next
-        step assigns another.
+        Sets `state.given_B` to this same array. A caller that knows better what the thrusters will
+        give until the next step assigns another.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
             estimate: the vehicle's state now.
             X_WB_wanted: (4, 4) hull pose wanted.
             v_WB_W_wanted: (3,) [m/s] velocity of the pose wanted, W.
-            arm_wrench_B: (6,) [N, N m] wrench of the arm on the hull, hull axes, to be cancelled: C_F_M, C_M_M of
-                [Konoplin 2022].
+            arm_wrench_B: (6,) [N, N m] wrench of the arm on the hull, hull axes, to be cancelled:
+                C_F_M, C_M_M of [Konoplin 2022].
             dt: [s] since the last step.
             w_WB_W_wanted: (3,) [rad/s] angular velocity of the pose wanted, W.
 
@@ -151,22 +169,31 @@ class StationKeeping:
         turn_error = log_so3(R_WB.T @ X_WB_wanted[:3, :3])
         acceleration = np.concatenate(
             [
-                self._stiffness * (R_WB.T @ p_error) + self._damping * (R_WB.T @ v_WB_W_wanted - v_B),
+                self._stiffness * (R_WB.T @ p_error)
+                + self._damping * (R_WB.T @ v_WB_W_wanted - v_B),
                 self._stiffness * turn_error + self._damping * (R_WB.T @ w_WB_W_wanted - w_B),
             ]
         )
-        unknown = self._observer.unknown(state.observer, R_WB, R_WB.T @ v_WB_W_wanted, state.given_B)
+        unknown = self._observer.unknown(
+            state.observer, R_WB, R_WB.T @ v_WB_W_wanted, state.given_B
+        )
         wrench = self.inertia @ acceleration - static - arm_wrench_B - unknown
         state.given_B = wrench
         return wrench
 
 
 def quickness(model: mujoco.MjModel) -> float:
-    """Frequencies [-] of the vehicle in `model` against those of the one that `HULL` was tuned on; at least 1.
+    """Frequencies [-] of the vehicle in `model` against those of the one that `HULL` was tuned on;
+    at least 1.
 
-    By Froude's law: the square root of the lengths, which are the cube roots of the displaced volumes.
+    By Froude's law: the square root of the lengths, which are the cube roots of the displaced
+    volumes.
     """
-    wet = [hydrodynamics.unpack(row).volume for row in model.body_user[1:] if hydrodynamics.carries(row)]
+    wet = [
+        hydrodynamics.unpack(row).volume
+        for row in model.body_user[1:]
+        if hydrodynamics.carries(row)
+    ]
     length = sum(wet) ** (1.0 / 3.0)
     return max(1.0, float(np.sqrt(HULL.length / length))) if length > 0.0 else 1.0
 
@@ -196,12 +223,21 @@ def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
 
 
 def _arm_inertia(arm: ArmDynamics, q: Array) -> Array:
-    """Inertia (6, 6) that the arm, held at `q` (n,) [rad], adds to the hull: wrenches of unit accelerations."""
+    """Inertia (6, 6) that the arm, held at `q` (n,) [rad], adds to the hull: wrenches of unit
+    accelerations.
+    """
     rest = np.zeros(arm.n)
 
     def wrench(a_B: Array) -> Array:
         return arm.inverse(
-            q, rest, rest, R_WB=np.eye(3), nu_B=np.zeros(6), a_B=a_B, v_current_W=np.zeros(3), wrench_tip_G=np.zeros(6)
+            q,
+            rest,
+            rest,
+            R_WB=np.eye(3),
+            nu_B=np.zeros(6),
+            a_B=a_B,
+            v_current_W=np.zeros(3),
+            wrench_tip_G=np.zeros(6),
         )[1]
 
     still = wrench(np.zeros(6))

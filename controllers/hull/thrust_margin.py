@@ -1,8 +1,10 @@
-"""Thrust margin: the largest share of thrust used by a level, stationary hull while its arm pushes on a surface.
+"""Thrust margin: the largest share of thrust used by a level, stationary hull while its arm pushes
+on a surface.
 
-Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction; in a current also
-its drag on hull and arm, the hull's Munk moment, and the inflow of the thrusters. Hull placement
-(`uuv.controllers.planning.hull_placement`) counts the share that remains as one of its margins.
+Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction;
+in a current also its drag on hull and arm, the hull's Munk moment, and the inflow of the thrusters.
+Hull placement (`uuv.controllers.planning.hull_placement`) counts the share that remains as one of
+its margins.
 """
 
 from copy import copy
@@ -53,9 +55,14 @@ class ThrustMargin:
         self.drag = drag
         self._static = checked(static_B, (6,), "static_B").copy()
         table = vehicle.thruster_table
-        self._forward, self._reverse, self._loss = table[:, FORWARD], table[:, REVERSE], table[:, INFLOW_LOSS]
+        self._forward, self._reverse, self._loss = (
+            table[:, FORWARD],
+            table[:, REVERSE],
+            table[:, INFLOW_LOSS],
+        )
         most = np.maximum(self._forward, self._reverse)
-        # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a single solution.
+        # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a
+        # single solution.
         self._thrust = most[:, None] * np.linalg.pinv(vehicle.thruster_wrench * most)
         self._advance = np.array(vehicle.thruster_wrench[:3])
         self._parameters, self._still = tuple(arm.parameters), np.zeros(arm.n)
@@ -67,10 +74,18 @@ class ThrustMargin:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, *, drag: float = 0.6) -> Self:
-        """Thrust margin of the vehicle in `model`, from which weights and drags are read; `drag` as above."""
+        """Thrust margin of the vehicle in `model`, from which weights and drags are read; `drag` as
+        above.
+        """
         arm, vehicle = ArmDynamics(model), Vehicle.of(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
-        return cls(vehicle, arm, StationKeeping(model, arm).static_wrench(np.eye(3)), drag=drag, water=water)
+        return cls(
+            vehicle,
+            arm,
+            StationKeeping(model, arm).static_wrench(np.eye(3)),
+            drag=drag,
+            water=water,
+        )
 
     def without_friction(self) -> Self:
         """Copy of this margin without surface friction."""
@@ -99,7 +114,8 @@ class ThrustMargin:
         hull[:9], hull[21:], wrench[:3] = R_WB.ravel(), self._current_W, f_tip_G
         joints = (np.array(q, dtype=np.float64), self._still, self._still)
         arm_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1]
-        past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])  # of the hull through the water
+        # of the hull through the water
+        past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])
         drag_B = -(self._linear @ past_B + self._quadratic * np.abs(past_B) * past_B)
         drag_B[3:] -= cross(past_B[:3], (self._added @ past_B)[:3])  # Munk moment
         for form in self._forms:

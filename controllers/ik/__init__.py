@@ -1,1 +1,3 @@
-"""Parts of the inverse kinematics `uuv.controllers.mkps`: chains, and one compiled solver per file."""
+"""Parts of the inverse kinematics `uuv.controllers.mkps`: chains, and one compiled solver per
+file.
+"""

@@ -1,7 +1,9 @@
-"""Serial chains for the inverse kinematics of `uuv.controllers.mkps`, built from DH rows, vectors, MJCF or URDF.
+"""Serial chains for the inverse kinematics of `uuv.controllers.mkps`, built from DH rows, vectors,
+MJCF or URDF.
 
-Joints are hinges [rad], slides [m] and pantograph links [rad]. A pantograph link swings while the body that it carries
-keeps its orientation. The base frame is the one that the chain was given in; the tip frame is the tool frame G.
+Joints are hinges [rad], slides [m] and pantograph links [rad]. A pantograph link swings while the
+body that it carries keeps its orientation. The base frame is the one that the chain was given in;
+the tip frame is the tool frame G.
 """
 
 from collections.abc import Iterable, Sequence
@@ -40,10 +42,11 @@ _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
-    """A serial chain from a base frame to a tip frame, described where all its joint values are zero.
+    """A serial chain from a base frame to a tip frame, described where all its joint values are
+    zero.
 
-    Build it by `from_dh`, `from_arm`, `from_vectors`, `from_mjcf` or `from_urdf`. All arrays are read-only, in base
-    axes.
+    Build it by `from_dh`, `from_arm`, `from_vectors`, `from_mjcf` or `from_urdf`. All arrays are
+    read-only, in base axes.
     """
 
     joint_types: str  # one letter a joint: r hinge [rad], p slide [m], o pantograph link [rad]
@@ -55,19 +58,26 @@ class Chain:
     names: tuple[str, ...]  # of the joints
     n: int = field(init=False)  # number of joint values
     _scale: float = field(init=False, repr=False)
-    _memory: Array = field(init=False, repr=False)  # kernel memory; only calls that hold the GIL may use it
-    _single: list[NDArray[np.float32]] = field(init=False, repr=False)  # the same in single precision, once needed
+    # kernel memory; only calls that hold the GIL may use it
+    _memory: Array = field(init=False, repr=False)
+    # the same in single precision, once needed
+    _single: list[NDArray[np.float32]] = field(init=False, repr=False)
     _no_trail: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         set_field = partial(object.__setattr__, self)
         if not (np.isfinite(self.axes).all() and np.isfinite(self.X_base_tip0).all()):
             raise ConfigurationError(
-                "a chain's axes and its tip at zero must be finite: a length or angle is beyond reason"
+                "a chain's axes and its tip at zero must be finite: a length or angle is beyond "
+                "reason"
             )
-        largest = float(max(np.abs(self.points).max(initial=0.0), np.abs(self.X_base_tip0[:3, 3]).max()))
+        largest = float(
+            max(np.abs(self.points).max(initial=0.0), np.abs(self.X_base_tip0[:3, 3]).max())
+        )
         if not largest <= FARTHEST:
-            raise ConfigurationError(f"a chain must lie within {FARTHEST:g} m of its base, got {largest:g} m")
+            raise ConfigurationError(
+                f"a chain must lie within {FARTHEST:g} m of its base, got {largest:g} m"
+            )
         set_field("n", len(self.joint_types))
         set_field("_scale", _scale(self))
         set_field("_memory", memory_of(self, self._scale))
@@ -82,14 +92,16 @@ class Chain:
         limits: ArrayLike | None = None,
         tool: ArrayLike | None = None,
     ) -> Self:
-        """Build a chain from standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha [rad]).
+        """Build a chain from standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha
+        [rad]).
 
-        A hinge row moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha). A slide has Tz(d + q) instead. A pantograph link
-        moves by Rz(theta0 + q) Tz(d) Tx(a) Rz(-q) Rx(alpha).
+        A hinge row moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha). A slide has Tz(d + q) instead. A
+        pantograph link moves by Rz(theta0 + q) Tz(d) Tx(a) Rz(-q) Rx(alpha).
 
         Args:
             dh: (n, 4) rows, base to tip.
-            joint_types: one letter per row: r (hinge), p (slide) or o (pantograph link); default all r.
+            joint_types: one letter per row: r (hinge), p (slide) or o (pantograph link); default
+                all r.
             limits: (n, 2) [rad] or [m] lower and upper limits, infinite for none; default none.
             tool: (4, 4) pose of the tip in the last frame; default that frame.
 
@@ -97,11 +109,14 @@ class Chain:
             The chain, its joints named joint1 to jointn.
 
         Raises:
-            ConfigurationError: for wrong shapes, numbers that are not finite, unknown letters, or crossed limits.
+            ConfigurationError: for wrong shapes, numbers that are not finite, unknown letters, or
+                crossed limits.
         """
         rows = checked_rows(dh, 4, "dh")
         if np.abs(rows).max() > FARTHEST:
-            raise ConfigurationError(f"dh: numbers must lie within {FARTHEST:g}, got {np.abs(rows).max():g}")
+            raise ConfigurationError(
+                f"dh: numbers must lie within {FARTHEST:g}, got {np.abs(rows).max():g}"
+            )
         return cls._along_rows(
             np.column_stack([rows, np.zeros(len(rows))]),
             _letters(joint_types, len(rows)),
@@ -113,7 +128,8 @@ class Chain:
 
     @classmethod
     def from_arm(cls, arm: SerialArm) -> Self:
-        """Build the chain of a serial arm, from its base to its flange, with its limits and joint names.
+        """Build the chain of a serial arm, from its base to its flange, with its limits and joint
+        names.
 
         Args:
             arm: kinematics, as read from a file or a model, or published (`uuv.models.arms`).
@@ -127,13 +143,23 @@ class Chain:
         if not isinstance(arm, SerialArm):
             raise ConfigurationError(f"arm: expected a SerialArm, got {shown(arm)}")
         limits = _checked_limits(arm.limits, arm.n)
-        return cls._along_rows(arm.table, arm.joint_types, arm.X_base_0, arm.X_n_flange, limits, arm.joint_names)
+        return cls._along_rows(
+            arm.table, arm.joint_types, arm.X_base_0, arm.X_n_flange, limits, arm.joint_names
+        )
 
     @classmethod
     def _along_rows(
-        cls, table: Array, types: str, X_base_0: Array, X_n_tip: Array, limits: Array, names: tuple[str, ...]
+        cls,
+        table: Array,
+        types: str,
+        X_base_0: Array,
+        X_n_tip: Array,
+        limits: Array,
+        names: tuple[str, ...],
     ) -> Self:
-        """Build the chain of validated table rows (n, 5) of `uuv.models.arms.serial_arm`, with pantograph links."""
+        """Build the chain of validated table rows (n, 5) of `uuv.models.arms.serial_arm`, with
+        pantograph links.
+        """
         axes, points, links = np.empty((3, len(table), 3))
         X = X_base_0
         for i, row in enumerate(table):
@@ -153,13 +179,20 @@ class Chain:
 
     @classmethod
     def from_vectors(
-        cls, M: ArrayLike, e: ArrayLike, p: ArrayLike, L: ArrayLike | None = None, tool: ArrayLike | None = None
+        cls,
+        M: ArrayLike,
+        e: ArrayLike,
+        p: ArrayLike,
+        L: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
     ) -> Self:
-        """Build a chain from the vector model of [Danilov 2021, chapter 2, fig. 1], in its initial position.
+        """Build a chain from the vector model of [Danilov 2021, chapter 2, fig. 1], in its initial
+        position.
 
-        Joint 1 is at the base origin. A slide moves its link by +q e. The tip's z is along the last link (E_x of
-        [Danilov 2021]). Its x is along the part of e_n perpendicular to z (E_z of [Danilov 2021]). If the two are
-        parallel, x is derived from the base axis most perpendicular to z.
+        Joint 1 is at the base origin. A slide moves its link by +q e. The tip's z is along the last
+        link (E_x of [Danilov 2021]). Its x is along the part of e_n perpendicular to z (E_z of
+        [Danilov 2021]). If the two are parallel, x is derived from the base axis most perpendicular
+        to z.
 
         Args:
             M: (n, 3) [m] link vector from each joint to the next, the last one to the tip.
@@ -172,8 +205,8 @@ class Chain:
             The chain, its joints named joint1 to jointn.
 
         Raises:
-            ConfigurationError: for wrong shapes, zero axes, a last link without length, unknown kinds, or crossed
-                limits.
+            ConfigurationError: for wrong shapes, zero axes, a last link without length, unknown
+                kinds, or crossed limits.
         """
         vectors = checked_rows(M, 3, "M")
         n = len(vectors)
@@ -182,9 +215,13 @@ class Chain:
         kinds = checked(p, (n,), "p")
         lengths = np.linalg.norm(directions, axis=1)
         if not np.all(lengths > 1e-9):
-            raise ConfigurationError(f"e: every joint axis needs a length, row {int(np.argmin(lengths))} has none")
+            raise ConfigurationError(
+                f"e: every joint axis needs a length, row {int(np.argmin(lengths))} has none"
+            )
         if not np.all(np.isin(kinds, (0.0, 1.0, 2.0))):
-            raise ConfigurationError(f"p: allowed 1 (hinge), 0 (slide), 2 (pantograph link), got {kinds.tolist()}")
+            raise ConfigurationError(
+                f"p: allowed 1 (hinge), 0 (slide), 2 (pantograph link), got {kinds.tolist()}"
+            )
         last = float(np.linalg.norm(vectors[-1]))
         if not last > 1e-12:
             raise ConfigurationError("M: the last link needs a length, for it is the tool's axis")
@@ -203,40 +240,51 @@ class Chain:
             axes=readonly(axes),
             points=readonly(points[:-1]),
             links=readonly(np.where(kinds[:, None] == 2.0, vectors, 0.0)),
-            X_base_tip0=readonly(X_base_tip0 @ checked_pose(np.eye(4) if tool is None else tool, "tool")),
+            X_base_tip0=readonly(
+                X_base_tip0 @ checked_pose(np.eye(4) if tool is None else tool, "tool")
+            ),
             limits=_checked_limits(limits, n),
             names=tuple(f"joint{i + 1}" for i in range(n)),
         )
 
     @classmethod
-    def from_mjcf(cls, model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()) -> Self:
-        """Build the chain of joints between a body and a site of a compiled model, in the frame of that body.
+    def from_mjcf(
+        cls, model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()
+    ) -> Self:
+        """Build the chain of joints between a body and a site of a compiled model, in the frame of
+        that body.
 
-        The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges where limited. Two
-        consecutive hinges that an active joint equality turns against each other are one pantograph link. It has the
-        name and the joint value of the first hinge.
+        The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges
+        where limited. Two consecutive hinges that an active joint equality turns against each other
+        are one pantograph link. It has the name and the joint value of the first hinge.
 
         Args:
             model: compiled model.
             base_body: name of the body whose frame is the base.
             tip_site: name of the site that is the tip.
-            exclude: names of joints (springs, compliant tools) that stay at their `qpos0` and take no part.
+            exclude: names of joints (springs, compliant tools) that stay at their `qpos0` and take
+                no part.
 
         Returns:
             The chain, its joints named as in the model.
 
         Raises:
-            ConfigurationError: for an unknown body, site or joint, a site that is not beyond the body, ball and free
-                joints or other couplings of two joints between them, or a chain without joints.
+            ConfigurationError: for an unknown body, site or joint, a site that is not beyond the
+                body, ball and free joints or other couplings of two joints between them, or a chain
+                without joints.
         """
         return cls(**_mjcf_fields(model, base_body, tip_site, exclude))
 
     @classmethod
-    def from_urdf(cls, urdf: str | Path, base_link: str, tip_link: str, exclude: Sequence[str] = ()) -> Self:
-        """Build the chain of joints between two links of a URDF, from link frame to link frame, by `from_mjcf`.
+    def from_urdf(
+        cls, urdf: str | Path, base_link: str, tip_link: str, exclude: Sequence[str] = ()
+    ) -> Self:
+        """Build the chain of joints between two links of a URDF, from link frame to link frame, by
+        `from_mjcf`.
 
-        Fixed joints take no part, `continuous` ones have no limits. Two consecutive hinges are one pantograph link
-        where the second mimics the first, turning the other way about the same direction.
+        Fixed joints take no part, `continuous` ones have no limits. Two consecutive hinges are one
+        pantograph link where the second mimics the first, turning the other way about the same
+        direction.
 
         Args:
             urdf: path of a file, or its text.
@@ -255,11 +303,15 @@ class Chain:
         return cls.from_mjcf(model, "world" if base_link == root else base_link, CHAIN_TIP, exclude)
 
     def forward(self, q: ArrayLike) -> Array:
-        """Tip pose X_base_tip (4, 4) at joint values `q` (n,) [rad] or [m]; ConfigurationError for a bad `q`."""
+        """Tip pose X_base_tip (4, 4) at joint values `q` (n,) [rad] or [m]; ConfigurationError for
+        a bad `q`.
+        """
         return self.kinematics(q)[0]
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Jacobian (6, n) of the tip (linear; angular), in base axes at the tip; ConfigurationError for a bad `q`."""
+        """Jacobian (6, n) of the tip (linear; angular), in base axes at the tip; ConfigurationError
+        for a bad `q`.
+        """
         return self.kinematics(q)[1]
 
     def kinematics(self, q: ArrayLike) -> tuple[Array, Array]:
@@ -288,7 +340,9 @@ class Chain:
         return self._single[0]
 
 
-def _mjcf_fields(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str]) -> dict[str, Any]:
+def _mjcf_fields(
+    model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str]
+) -> dict[str, Any]:
     """Fields of the chain of `Chain.from_mjcf`."""
     base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
     site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
@@ -301,7 +355,9 @@ def _mjcf_fields(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: 
         bodies.append(body)
         body = int(model.body_parentid[body])
     if body != base:
-        raise ConfigurationError(f"tip_site: {tip_site!r} must be carried by body {base_body!r} or a body beyond it")
+        raise ConfigurationError(
+            f"tip_site: {tip_site!r} must be carried by body {base_body!r} or a body beyond it"
+        )
     joints = [
         j
         for body in reversed(bodies)
@@ -313,7 +369,9 @@ def _mjcf_fields(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: 
     letters = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
     for name, kind in zip(names, kinds, strict=True):
         if kind not in letters:
-            raise ConfigurationError(f"joint {name!r}: only hinges and slides can be solved for, not ball or free")
+            raise ConfigurationError(
+                f"joint {name!r}: only hinges and slides can be solved for, not ball or free"
+            )
     if not joints:
         raise ConfigurationError(f"no joint between body {base_body!r} and site {tip_site!r}")
     data = mujoco.MjData(model)
@@ -323,14 +381,17 @@ def _mjcf_fields(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: 
     for follower, (_, constant, _) in followers.items():
         data.qpos[model.jnt_qposadr[follower]] = constant
     mujoco.mj_kinematics(model, data)
-    limits = np.where(model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf])
+    limits = np.where(
+        model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf]
+    )
     links = np.zeros((len(joints), 3))
     types = [letters[kind] for kind in kinds]
     for follower, (leader, constant, ratio) in followers.items():
         i = joints.index(leader)
         if np.abs(data.xaxis[leader] + ratio * data.xaxis[follower]).max() > 1e-6:
             raise ConfigurationError(
-                f"joints {names[i]!r} and {names[i + 1]!r} are coupled, but do not keep what they carry parallel"
+                f"joints {names[i]!r} and {names[i + 1]!r} are coupled, but do not keep what they "
+                "carry parallel"
             )
         types[i] = "o"
         links[i] = data.xanchor[follower] - data.xanchor[leader]
@@ -364,7 +425,9 @@ def _length(chain: Chain) -> float:
     return float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
 
 
-def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArray[np.float32]) -> None:
+def set_limits(
+    memory: NDArray[np.floating], column: int, bounds: Array | NDArray[np.float32]
+) -> None:
     """Write joint limits into kernel memory.
 
     Args:
@@ -373,11 +436,15 @@ def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArra
         bounds: (n,) [rad] or [m] the limits.
     """
     n = len(bounds)
-    memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)[kernels.HEAD :, column] = bounds
+    memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)[
+        kernels.HEAD :, column
+    ] = bounds
 
 
 def memory_of(chain: Chain, scale: float) -> Array:
-    """Build kernel memory (see `uuv.controllers.ik.chain_kernels`) for a chain, its lengths multiplied by `scale`."""
+    """Build kernel memory (see `uuv.controllers.ik.chain_kernels`) for a chain, its lengths
+    multiplied by `scale`.
+    """
     n = chain.n
     memory = np.zeros(kernels.memory_size(n))
     table = memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)
@@ -390,7 +457,8 @@ def memory_of(chain: Chain, scale: float) -> Array:
         following = chain.axes[i + 1] if i + 1 < n else axis
         across = np.cross(axis, following)
         sine = float(np.linalg.norm(across))
-        # Parallel axes have no unique common normal: keep x. A small cross product still gives an exact normal.
+        # Parallel axes have no unique common normal: keep x. A small cross product still gives an
+        # exact normal.
         x_after = across / sine if sine > 1e-15 else x
         x_after = x_after - (x_after @ axis) * axis
         x_after /= np.linalg.norm(x_after)
@@ -404,7 +472,10 @@ def memory_of(chain: Chain, scale: float) -> Array:
             link, after = swinging, link - swinging
         joints[i, kernels.KIND] = _KINDS[chain.joint_types[i]]
         joints[i, kernels.OFFSET] = offset
-        joints[i, kernels.COS_OFFSET], joints[i, kernels.SIN_OFFSET] = np.cos(offset), np.sin(offset)
+        joints[i, kernels.COS_OFFSET], joints[i, kernels.SIN_OFFSET] = (
+            np.cos(offset),
+            np.sin(offset),
+        )
         joints[i, kernels.COS_ALPHA], joints[i, kernels.SIN_ALPHA] = np.cos(alpha), np.sin(alpha)
         joints[i, kernels.LINK : kernels.LINK + 3] = scale * link
         joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
@@ -414,9 +485,12 @@ def memory_of(chain: Chain, scale: float) -> Array:
     strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
     table[0, kernels.SCALE] = scale
     table[0, kernels.REACH] = scale * (_length(chain) + sum(strokes)) * (1.0 + 1e-9)
-    # Measured: full sweeps curl the tip of chains of more than 8 joints, and drive joints onto narrow limits.
+    # Measured: full sweeps curl the tip of chains of more than 8 joints, and drive joints onto
+    # narrow limits.
     turns = chain.limits[:, 1] - chain.limits[:, 0] >= 2.0 * np.pi - 1e-9
-    table[1, kernels.SWEEPS] = n <= 8 and all(turns[i] for i in range(n) if chain.joint_types[i] != "p")
+    table[1, kernels.SWEEPS] = n <= 8 and all(
+        turns[i] for i in range(n) if chain.joint_types[i] != "p"
+    )
     return memory
 
 
@@ -431,8 +505,14 @@ def _letters(joint_types: str | None, n: int) -> str:
     """Validated joint letters, one per joint; all hinges where none are given."""
     if joint_types is None:
         return "r" * n
-    if not isinstance(joint_types, str) or len(joint_types) != n or not set(joint_types) <= set(_KINDS):
-        raise ConfigurationError(f"joint_types: expected {n} letters out of {_JOINT_LETTERS}, got {shown(joint_types)}")
+    if (
+        not isinstance(joint_types, str)
+        or len(joint_types) != n
+        or not set(joint_types) <= set(_KINDS)
+    ):
+        raise ConfigurationError(
+            f"joint_types: expected {n} letters out of {_JOINT_LETTERS}, got {shown(joint_types)}"
+        )
     return joint_types
 
 
@@ -457,7 +537,9 @@ def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
 
 
 def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int, float, float]]:
-    """Hinges coupled to the one before: {follower: (leader, constant, ratio)}, q = constant + ratio * q_leader."""
+    """Hinges coupled to the one before: {follower: (leader, constant, ratio)}, q = constant + ratio
+    * q_leader.
+    """
     followers = {}
     for e in range(model.neq):
         pair = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
@@ -475,8 +557,10 @@ def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int,
             or np.any(model.eq_data[e, 2:5])
         ):
             raise ConfigurationError(
-                f"joints {model.joint(first).name!r} and {model.joint(second).name!r}: the only coupling known is a"
-                f" pantograph link (two hinges in a row, polycoef c 1 or c -1), got {model.eq_data[e, :5].tolist()}"
+                f"joints {model.joint(first).name!r} and {model.joint(second).name!r}: the only "
+                "coupling known is a"
+                " pantograph link (two hinges in a row, polycoef c 1 or c -1), got "
+                f"{model.eq_data[e, :5].tolist()}"
             )
         at_rest = {j: float(model.qpos0[model.jnt_qposadr[j]]) for j in pair}
         shift = c0 if pair[0] == second else -c0 * c1
@@ -485,7 +569,9 @@ def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int,
 
 
 def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:
-    """Index of the named element of a model; ConfigurationError with the known names if there is none."""
+    """Index of the named element of a model; ConfigurationError with the known names if there is
+    none.
+    """
     if not isinstance(model, mujoco.MjModel):
         raise ConfigurationError(f"model: expected a mujoco.MjModel, got {shown(model)}")
     if not isinstance(name, str) or not name.isprintable():  # None would crash MuJoCo
@@ -498,5 +584,7 @@ def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) 
             mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
         }[kind]
         known = [mujoco.mj_id2name(model, kind, i) or "" for i in range(count)]
-        raise ConfigurationError(f"{argument}: the model has {', '.join(filter(None, known))}, got {shown(name)}")
+        raise ConfigurationError(
+            f"{argument}: the model has {', '.join(filter(None, known))}, got {shown(name)}"
+        )
     return found

@@ -1,23 +1,26 @@
-"""Compiled kinematics of a serial chain, shared by the solvers of `uuv.controllers.ik`; allocation-free.
+"""Compiled kinematics of a serial chain, shared by the solvers of `uuv.controllers.ik`;
+allocation-free.
 
-A chain and its solver's working memory are one array, `memory`, of `memory_size(n)` numbers, for one thread at a time.
-Its type, float64 or float32, is the precision of all arithmetic. `partition` cuts it into views:
+A chain and its solver's working memory are one array, `memory`, of `memory_size(n)` numbers, for
+one thread at a time. Its type, float64 or float32, is the precision of all arithmetic. `partition`
+cuts it into views:
 
-- `table` (HEAD + n, COLUMNS): the chain. Row 0 is the pose of the first joint frame in the base (3 rows of 4), row 1
-  the rotation of the tip in the last joint frame (3 rows of 3). Both end with the scalars named below. Then one row per
-  joint, its columns named below.
+- `table` (HEAD + n, COLUMNS): the chain. Row 0 is the pose of the first joint frame in the base (3
+  rows of 4), row 1 the rotation of the tip in the last joint frame (3 rows of 3). Both end with the
+  scalars named below. Then one row per joint, its columns named below.
 - `goal` (4, 3): the scaled tip position, then the wanted axes of the last joint frame, one per row.
 - `normal` (6, 8): normal equations.
 - `work` (n, WORK): scratch values per joint, columns named below.
 - `past` (n, PAST): values of earlier iterations, kept by a solver.
 - `q` (n,): the joint values.
 
-The frame of a joint turns about its z axis by offset + q, moves by the link vector, then turns about its x axis by
-alpha to reach the next joint axis. With a free link vector this form describes any two axes, also parallel ones, and
-costs two plane rotations per joint.
+The frame of a joint turns about its z axis by offset + q, moves by the link vector, then turns
+about its x axis by alpha to reach the next joint axis. With a free link vector this form describes
+any two axes, also parallel ones, and costs two plane rotations per joint.
 
-Lengths are multiplied by `table[0, SCALE]`, a power of two that makes the arm about one unit long. Metres and radians
-can then share one norm. A `trail` takes the joint values of every iteration that it has a row for. A `tip` is the pose
+Lengths are multiplied by `table[0, SCALE]`, a power of two that makes the arm about one unit long.
+Metres and radians can then share one norm. A `trail` takes the joint values of every iteration that
+it has a row for. A `tip` is the pose
 that `trace` returns: position [scaled] and axes x, y, z, each by its three components in base axes.
 """
 
@@ -44,22 +47,26 @@ KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, 
     14,
 )
 HEAD = 2  # rows of `table` before those of the joints
-SCALE, REACH = 12, 13  # columns of row 0; REACH: largest distance [scaled] of the tip from the first joint
+# columns of row 0; REACH: largest distance [scaled] of the tip from the first joint
+SCALE, REACH = 12, 13
 SWEEPS = 9  # column of row 1: 1 where a sweep from a far start pays off
 HINGE, SLIDE, PANTOGRAPH = 0.0, 1.0, 2.0  # values of column KIND
 
-COLUMN, AXIS, POINT, STEP, BEST, START, WORK = 0, 6, 9, 12, 13, 14, 15  # columns of `work`, and their number
+# columns of `work`, and their number
+COLUMN, AXIS, POINT, STEP, BEST, START, WORK = 0, 6, 9, 12, 13, 14, 15
 PAST = 15  # columns of `past`
 
 CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH = 0, 1, 2, 3, 4  # why a solver ended
 BAD_TARGET, BAD_START, BAD_OPTION = 5, 6, 7  # input that a solver refuses
 HYBRID, JACOBIAN_FREE, PLAIN, PRIORITY = 0, 1, 2, 3  # methods, in `Settings`
-ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `uuv.controllers.ik.damped_descent.descend`
+# treatment of the limits, see `uuv.controllers.ik.damped_descent.descend`
+ALONG, WITHIN, THROUGH = 0, 1, 2
 
 TWO_PI = 2.0 * math.pi  # [rad]
 _WALK = 0.1  # [rad] longest step of a joint between two Jacobians that `branch_left` compares
 jit = kernel(nogil=True, error_model="numpy", fastmath={"contract"})
-inlined = kernel(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")  # into the caller's loop
+# into the caller's loop
+inlined = kernel(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
 
 
 class Memory(NamedTuple):
@@ -78,7 +85,9 @@ class Settings(NamedTuple):
 
     method: int  # HYBRID, JACOBIAN_FREE, PLAIN or PRIORITY
     tol_p: float  # [m] position tolerance
-    tol_r: float  # [rad] orientation tolerance; of PLAIN the rotation error that suffices in place of the next two
+    # [rad] orientation tolerance; of PLAIN the rotation error that suffices in place of the next
+    # two
+    tol_r: float
     tol_1: float  # [rad] tolerance of F_alpha1; PLAIN only
     tol_2: float  # [rad] tolerance of F_alpha2; PLAIN only
     limit: int  # largest number of steps or sweeps, restarts included
@@ -106,8 +115,9 @@ def _compiled_cosine_and_sine(angle):
         return lambda angle: (math.cos(angle), math.sin(angle))
 
     def both(angle):
-        # A third of the time of the two library functions: reduction by quarter turns [Cody 1980] and the minimax
-        # polynomials of Cephes, sin.c [Moshier 1989]. Measured: within 1.1e-16 of the library's values.
+        # A third of the time of the two library functions: reduction by quarter turns [Cody 1980]
+        # and the minimax polynomials of Cephes, sin.c [Moshier 1989]. Measured: within 1.1e-16 of
+        # the library's values.
         if not abs(angle) < 1e5:
             return math.cos(angle), math.sin(angle)
         quarter = math.floor(angle * 0.6366197723675814 + 0.5)
@@ -268,16 +278,28 @@ def skew_left(goal, tip):
     wx = half * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
     wy = half * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
     wz = half * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
-    cosine = half * (xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - one)
+    cosine = half * (
+        xx * tx
+        + xy * ty
+        + xz * tz
+        + yx * ux
+        + yy * uy
+        + yz * uz
+        + zx * vx
+        + zy * vy
+        + zz * vz
+        - one
+    )
     return wx, wy, wz, cosine
 
 
 @jit
 def turn_left(goal, tip):
-    """Orientation error from the axes of `tip` to those of the goal: rotation axis times chord, and chord^2.
+    """Orientation error from the axes of `tip` to those of the goal: rotation axis times chord, and
+    chord^2.
 
-    The chord is 2 sin(angle/2). Near the goal this is the rotation vector; farther away it is shorter, and cheaper to
-    compute.
+    The chord is 2 sin(angle/2). Near the goal this is the rotation vector; farther away it is
+    shorter, and cheaper to compute.
 
     Returns:
         The three components of the error in base axes, and the squared chord.
@@ -294,7 +316,8 @@ def turn_left(goal, tip):
         factor2 = real(2.0) / (one + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
         return wx * factor, wy * factor, wz * factor, sine2 * factor2
-    # Near half a turn the skew part vanishes, and R + 1 is nearly 2 a a^T: take its longest column as the axis.
+    # Near half a turn the skew part vanishes, and R + 1 is nearly 2 a a^T: take its longest column
+    # as the axis.
     rx = one + xx * tx + yx * ux + zx * vx
     ry = one + xy * ty + yy * uy + zy * vy
     rz = one + xz * tz + yz * uz + zz * vz
@@ -316,8 +339,8 @@ def pose_error(goal, tip):
     """Error from `tip` to the goal.
 
     Returns:
-        Six numbers in base axes: position error [scaled] and orientation error (see `turn_left`); the squared position
-        error and the squared chord.
+        Six numbers in base axes: position error [scaled] and orientation error (see `turn_left`);
+            the squared position error and the squared chord.
     """
     ex, ey, ez = goal[0, 0] - tip[0], goal[0, 1] - tip[1], goal[0, 2] - tip[2]
     wx, wy, wz, chord2 = turn_left(goal, tip)
@@ -339,7 +362,9 @@ def chord_squared(angle):
 
 @jit
 def squared_tolerances(table, settings):
-    """Position and orientation tolerance of `settings`, to compare with the errors of `pose_error`."""
+    """Position and orientation tolerance of `settings`, to compare with the errors of
+    `pose_error`.
+    """
     real = table.dtype.type
     return Near((real(settings.tol_p) * table[0, SCALE]) ** 2, real(chord_squared(settings.tol_r)))
 
@@ -356,7 +381,8 @@ def set_goal(table, X, goal):
     Returns:
         False if `X` is not a finite pose.
     """
-    # Axes orthonormal to 1e-6 and right-handed. A NaN fails every comparison, so it is rejected too.
+    # Axes orthonormal to 1e-6 and right-handed. A NaN fails every comparison, so it is rejected
+    # too.
     xx, xy, xz = X[0, 0], X[1, 0], X[2, 0]
     yx, yy, yz = X[0, 1], X[1, 1], X[2, 1]
     zx, zy, zz = X[0, 2], X[1, 2], X[2, 2]
@@ -407,14 +433,18 @@ def begin(table, X, q0, options_good, leaps, goal, work, q):
             return BAD_START
         row = table[HEAD + i]
         q[i] = q0[i]
-        q[i] = admit(q[i], row[LOWER], row[UPPER], leaps and row[KIND] != SLIDE, q.dtype.type(TWO_PI))
+        q[i] = admit(
+            q[i], row[LOWER], row[UPPER], leaps and row[KIND] != SLIDE, q.dtype.type(TWO_PI)
+        )
         work[i, START] = q[i]
     return reach_fault(table, goal, 0.0)
 
 
 @inlined
 def reach_fault(table, goal, slack):
-    """OUT_OF_REACH if the goal is farther off than the chain is long, by more than `slack` [m]; else CONVERGED."""
+    """OUT_OF_REACH if the goal is farther off than the chain is long, by more than `slack` [m];
+    else CONVERGED.
+    """
     x, y, z = goal[0, 0] - table[0, 3], goal[0, 1] - table[0, 7], goal[0, 2] - table[0, 11]
     most = table[0, REACH] + slack * table[0, SCALE]
     return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > most else CONVERGED
@@ -432,7 +462,8 @@ def admit(value, lower, upper, hinge, full_turn):
         full_turn: 2 pi in the precision of the chain.
 
     Returns:
-        `value` if the limits allow it, else the same hinge angle a `full_turn` away, else the nearer limit.
+        `value` if the limits allow it, else the same hinge angle a `full_turn` away, else the
+        nearer limit.
     """
     if lower <= value <= upper:
         return value
@@ -445,7 +476,9 @@ def admit(value, lower, upper, hinge, full_turn):
 
 @jit
 def fold(table, q):
-    """Bring wound-up hinges of `q` within their limits by whole turns; False if that fails for a joint."""
+    """Bring wound-up hinges of `q` within their limits by whole turns; False if that fails for a
+    joint.
+    """
     turn = q.dtype.type(TWO_PI)
     for i in range(q.shape[0]):
         lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
@@ -463,7 +496,9 @@ def fold(table, q):
 
 @jit
 def drawn_in(table, q, most):
-    """Bring joint values of `q` that are at most `most` beyond their limits onto these; False if one is farther out."""
+    """Bring joint values of `q` that are at most `most` beyond their limits onto these; False if
+    one is farther out.
+    """
     turn = q.dtype.type(TWO_PI)
     for i in range(q.shape[0]):
         lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
@@ -481,7 +516,9 @@ def drawn_in(table, q, most):
 
 @jit
 def restart_angle(restart, joint):
-    """Pseudorandom number in [0, 1) that depends on its two arguments only (splitmix64 [Steele 2014])."""
+    """Pseudorandom number in [0, 1) that depends on its two arguments only (splitmix64 [Steele
+    2014]).
+    """
     z = (np.uint64(restart) << np.uint64(20)) + np.uint64(joint) + np.uint64(1)
     z *= np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -494,7 +531,8 @@ def restart_angle(restart, joint):
 def scatter(table, restart, work, q):
     """Write the start of a restart into `q`, spread evenly over the limits.
 
-    The range is at most one turn about the first start (for a slide: one unit of length to either side).
+    The range is at most one turn about the first start (for a slide: one unit of length to either
+    side).
 
     Args:
         table: the chain.
@@ -512,7 +550,9 @@ def scatter(table, restart, work, q):
 
 @jit
 def at_corner(table, corner, q):
-    """Joint values `q` (n,) on their limits: bit i of `corner` tells which of the two for joint i."""
+    """Joint values `q` (n,) on their limits: bit i of `corner` tells which of the two for joint
+    i.
+    """
     for i in range(q.shape[0]):
         q[i] = table[HEAD + i, UPPER] if (corner >> i) & 1 else table[HEAD + i, LOWER]
 
@@ -568,11 +608,12 @@ def recall(table, goal, work, q):
 
 @jit
 def turned_over(work, past, normal, n):
-    """Test for a change of orientation between two Jacobians, that is, for a singular configuration between them.
+    """Test for a change of orientation between two Jacobians, that is, for a singular configuration
+    between them.
 
-    The test is the sign of det(J_past J^T), for n < 6 of det(J_past^T J). By Cauchy and Binet it is the product of the
-    two determinants for n = 6. Otherwise it is the inner product of their minors, which changes sign only across a
-    singular configuration if the two are close together.
+    The test is the sign of det(J_past J^T), for n < 6 of det(J_past^T J). By Cauchy and Binet it is
+    the product of the two determinants for n = 6. Otherwise it is the inner product of their
+    minors, which changes sign only across a singular configuration if the two are close together.
 
     Args:
         work: (n, WORK) the new Jacobian in its first six columns, transposed.
@@ -581,7 +622,8 @@ def turned_over(work, past, normal, n):
         n: number of joints.
 
     Returns:
-        True if the sign is negative; False if it is positive or cannot be told (a pivot under 1e-12).
+        True if the sign is negative; False if it is positive or cannot be told (a pivot under
+        1e-12).
     """
     m = min(n, 6)
     for a in range(m):
@@ -630,15 +672,22 @@ def hand_over(table, q, p2, chord2, code, iterations, restarts, out):
     """
     for i in range(q.shape[0]):
         out[i] = q[i]
-    return code, iterations, restarts, math.sqrt(p2) / float(table[0, SCALE]), angle_of(float(chord2))
+    return (
+        code,
+        iterations,
+        restarts,
+        math.sqrt(p2) / float(table[0, SCALE]),
+        angle_of(float(chord2)),
+    )
 
 
 @jit
 def branch_left(table, q, near, work, past, normal):
-    """Test for a singular configuration on the straight line in joint space from the start in `work` to `q`.
+    """Test for a singular configuration on the straight line in joint space from the start in
+    `work` to `q`.
 
-    A line on which no joint moves more than `near` counts as clear without this test. Where the Jacobian is singular
-    everywhere (a planar arm of four joints) no crossing can be detected.
+    A line on which no joint moves more than `near` counts as clear without this test. Where the
+    Jacobian is singular everywhere (a planar arm of four joints) no crossing can be detected.
 
     Args:
         table: the chain.
@@ -670,7 +719,9 @@ def branch_left(table, q, near, work, past, normal):
             q[i] = work[i, START] + (work[i, BEST] - work[i, START]) * (piece / pieces)
         px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
         for i in range(n):
-            work[i, 0], work[i, 1], work[i, 2], work[i, 3], work[i, 4], work[i, 5] = column(table, work, i, px, py, pz)
+            work[i, 0], work[i, 1], work[i, 2], work[i, 3], work[i, 4], work[i, 5] = column(
+                table, work, i, px, py, pz
+            )
         if piece > 0 and turned_over(work, past, normal, n):
             left = True
             break

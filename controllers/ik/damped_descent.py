@@ -1,4 +1,5 @@
-"""Compiled loops of the hybrid method: Levenberg-Marquardt on J J^T (6, 6), after a combined sweep where that pays off.
+"""Compiled loops of the hybrid method: Levenberg-Marquardt on J J^T (6, 6), after a combined sweep
+where that pays off.
 
 Arrays are those of `uuv.controllers.ik.chain_kernels`.
 """
@@ -60,16 +61,21 @@ from uuv.controllers.ik.sweeps import sweep
 # Tuned on several arms; success rates and times change little within a factor of two of each value.
 DAMPING = 0.1  # share of the squared error that is the damping
 LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and while keeping the branch
-CORNERS, CORNERED = 4, 10  # corners of the limits tried as last starts, and the largest number of joints for that
-BEYOND = 1.0  # [rad] or [m] beyond the limits, from where a solution that ignored them is drawn onto them
+# corners of the limits tried as last starts, and the largest number of joints for that
+CORNERS, CORNERED = 4, 10
+# [rad] or [m] beyond the limits, from where a solution that ignored them is drawn onto them
+BEYOND = 1.0
 FAR = 0.1  # squared error of a start, above which a sweep before the descent pays off
 FAR_WEIGHT = 0.1  # [1/rad^2] weight of the tool axes against the scaled position in that sweep
-STALL_WINDOW, STALL_FACTOR = 4, 0.5  # [steps], [1] a descent stalls if its error does not halve in four steps
+# [steps], [1] a descent stalls if its error does not halve in four steps
+STALL_WINDOW, STALL_FACTOR = 4, 0.5
 SETTLE_STEPS = 200  # largest number of steps of `settle`
 SETTLE_GAIN = 1e-7  # relative gain in squared error, under which a step of `settle` counts as quiet
 TRADES = 12  # largest number of times that `trade` changes the weights
 LEAST_RATIO = 1e-2  # least factor of the square of a weight in one trade
-ALLOWED = 1.2  # times the weighted tolerances, that a sum of squares may be which `settle` left near its least value
+# times the weighted tolerances, that a sum of squares may be which `settle` left near its least
+# value
+ALLOWED = 1.2
 MOST_AFTER = (1 + TRADES) * SETTLE_STEPS  # largest number of steps after the iterations have ended
 KEPT = 0  # column of `past` in which `trade` keeps joint values
 
@@ -79,8 +85,8 @@ class Pace(NamedTuple):
 
     limit: int  # largest number
     cap: float  # [rad] or [m] longest step of a joint
-    # ALONG moves within the limits without jumps. WITHIN also jumps by whole turns. THROUGH lets hinges pass their
-    # limits on the way; only the solution must lie within them.
+    # ALONG moves within the limits without jumps. WITHIN also jumps by whole turns. THROUGH lets
+    # hinges pass their limits on the way; only the solution must lie within them.
     mode: int
 
 
@@ -88,10 +94,12 @@ class Pace(NamedTuple):
 def damped_step(views, limited, damping, tip, error, weights):
     """Levenberg-Marquardt step dq = J^T (J J^T + damping)^-1 e into `work[:, STEP]`.
 
-    A joint that stands on a limit and would leave its range is removed from the problem: its column is set to zero.
+    A joint that stands on a limit and would leave its range is removed from the problem: its column
+    is set to zero.
 
     Args:
-        views: memory of the chain, its work as `trace` left it; columns 0 to 5 and STEP are overwritten.
+        views: memory of the chain, its work as `trace` left it; columns 0 to 5 and STEP are
+            overwritten.
         limited: the limits of hinges count; those of slides always do.
         damping: added to the diagonal of J J^T.
         tip: the tip at the joint values of `views`.
@@ -118,9 +126,18 @@ def damped_step(views, limited, damping, tip, error, weights):
             c0, c1, c2, c3, c4, c5 = weighted_column((c0, c1, c2, c3, c4, c5), z, weights)
         if limited or table[HEAD + i, KIND] == SLIDE:
             slope = c0 * ex + c1 * ey + c2 * ez + c3 * wx + c4 * wy + c5 * wz
-            if (slope < none and q[i] <= table[HEAD + i, LOWER]) or (slope > none and q[i] >= table[HEAD + i, UPPER]):
+            if (slope < none and q[i] <= table[HEAD + i, LOWER]) or (
+                slope > none and q[i] >= table[HEAD + i, UPPER]
+            ):
                 c0 = c1 = c2 = c3 = c4 = c5 = none
-        work[i, 0], work[i, 1], work[i, 2], work[i, 3], work[i, 4], work[i, 5] = c0, c1, c2, c3, c4, c5
+        work[i, 0], work[i, 1], work[i, 2], work[i, 3], work[i, 4], work[i, 5] = (
+            c0,
+            c1,
+            c2,
+            c3,
+            c4,
+            c5,
+        )
         a00 += c0 * c0
         a10 += c1 * c0
         a11 += c1 * c1
@@ -142,7 +159,8 @@ def damped_step(views, limited, damping, tip, error, weights):
         a53 += c5 * c3
         a54 += c5 * c4
         a55 += c5 * c5
-    # L D L^T factorisation by columns, l = a / d; forward substitution of the right-hand side in the same pass.
+    # L D L^T factorisation by columns, l = a / d; forward substitution of the right-hand side in
+    # the same pass.
     one = table.dtype.type(1.0)
     d = one / a00
     l1, l2, l3, l4, l5 = a10 * d, a20 * d, a30 * d, a40 * d, a50 * d
@@ -161,7 +179,14 @@ def damped_step(views, limited, damping, tip, error, weights):
     a53 -= l5 * a30
     a54 -= l5 * a40
     a55 -= l5 * a50
-    y0, y1, y2, y3, y4, y5 = ex, ey - l1 * ex, ez - l2 * ex, wx - l3 * ex, wy - l4 * ex, wz - l5 * ex
+    y0, y1, y2, y3, y4, y5 = (
+        ex,
+        ey - l1 * ex,
+        ez - l2 * ex,
+        wx - l3 * ex,
+        wy - l4 * ex,
+        wz - l5 * ex,
+    )
     y0 *= d
     d = one / a11
     m2, m3, m4, m5 = a21 * d, a31 * d, a41 * d, a51 * d
@@ -213,7 +238,14 @@ def damped_step(views, limited, damping, tip, error, weights):
     y0 -= l1 * y1 + l2 * y2 + l3 * y3 + l4 * y4 + l5 * y5
     largest = none
     for i in range(n):
-        step = work[i, 0] * y0 + work[i, 1] * y1 + work[i, 2] * y2 + work[i, 3] * y3 + work[i, 4] * y4 + work[i, 5] * y5
+        step = (
+            work[i, 0] * y0
+            + work[i, 1] * y1
+            + work[i, 2] * y2
+            + work[i, 3] * y3
+            + work[i, 4] * y4
+            + work[i, 5] * y5
+        )
         work[i, STEP] = step
         largest = max(largest, abs(step))
     return largest
@@ -221,7 +253,8 @@ def damped_step(views, limited, damping, tip, error, weights):
 
 @jit
 def take_step(table, cap, largest, mode, work, q):
-    """Move `q` by `work[:, STEP]`, scaled down to a longest joint step, with the limits treated as `mode` says.
+    """Move `q` by `work[:, STEP]`, scaled down to a longest joint step, with the limits treated as
+    `mode` says.
 
     Args:
         table: the chain.
@@ -245,13 +278,16 @@ def take_step(table, cap, largest, mode, work, q):
 
 @jit
 def descend(views, near, weights, pace, best2, trail, row):
-    """Levenberg-Marquardt steps from `views.q` until the pose is met, the error stalls, or the steps are spent.
+    """Levenberg-Marquardt steps from `views.q` until the pose is met, the error stalls, or the
+    steps are spent.
 
-    A stall is a squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW steps.
+    A stall is a squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW
+    steps.
 
     Args:
-        views: memory of the chain. Its `q` is the start, on return the joint values of the last result. Column BEST of
-            its work takes joint values whose error is under `best2` and which are within the limits.
+        views: memory of the chain. Its `q` is the start, on return the joint values of the last
+            result. Column BEST of its work takes joint values whose error is under `best2` and
+            which are within the limits.
         near: errors within which the pose is met, `Near` or `PartsNear`.
         weights: of the parts of the error; None where `near` is `Near`.
         pace: most steps, their length, and the treatment of the limits.
@@ -265,7 +301,8 @@ def descend(views, near, weights, pace, best2, trail, row):
     table, goal, work, q = views.table, views.goal, views.work, views.q
     real = q.dtype.type
     limited = pace.mode != THROUGH
-    # The damping must exceed the rounding of J J^T, or a singular J J^T is no longer positive definite.
+    # The damping must exceed the rounding of J J^T, or a singular J J^T is no longer positive
+    # definite.
     floor = real(4.0) * np.finfo(q.dtype).eps
     mark = real(np.inf)
     steps = 0
@@ -294,10 +331,12 @@ def descend(views, near, weights, pace, best2, trail, row):
 
 @jit
 def settle(views, near, weights, trail, row):
-    """Descend from the best joint values so far to the nearest local minimum within the limits; the error never grows.
+    """Descend from the best joint values so far to the nearest local minimum within the limits; the
+    error never grows.
 
     Args:
-        views: memory of the chain; column BEST of its work holds the best joint values, `q` takes the result.
+        views: memory of the chain; column BEST of its work holds the best joint values, `q` takes
+            the result.
         near: errors within which the pose is met, `Near` or `PartsNear`.
         weights: of the parts of the error; None where `near` is `Near`.
         trail: (rows, n) takes the joint values of every step that it has a row for.
@@ -343,16 +382,17 @@ def settle(views, near, weights, trail, row):
 
 @jit
 def trade(views, near, weights, trail, row):
-    """Trade one part of the error against another at the edge of reach, until each is within its tolerance.
+    """Trade one part of the error against another at the edge of reach, until each is within its
+    tolerance.
 
-    The least sum of squares may exceed one tolerance where another is not used up. Lawson's rule for a least largest
-    error [Lawson 1961] is to multiply the square of a weight by the error over its tolerance and to minimise again. A
-    weighted sum of squares whose least value exceeds that of the tolerances themselves proves that no pose nearby is
-    within all of them.
+    The least sum of squares may exceed one tolerance where another is not used up. Lawson's rule
+    for a least largest error [Lawson 1961] is to multiply the square of a weight by the error over
+    its tolerance and to minimise again. A weighted sum of squares whose least value exceeds that of
+    the tolerances themselves proves that no pose nearby is within all of them.
 
     Args:
-        views: memory of the chain. Column BEST of its work holds joint values of the least sum of squares; `q` takes
-            the result, which without success are the same joint values.
+        views: memory of the chain. Column BEST of its work holds joint values of the least sum of
+            squares; `q` takes the result, which without success are the same joint values.
         near: `PartsNear`.
         weights: of the sum of squares that is the least at BEST.
         trail: (rows, n) takes the joint values of every step that it has a row for.
@@ -370,9 +410,17 @@ def trade(views, near, weights, trail, row):
 
     # Squares of tolerances and weights: position, tool axis (or the whole rotation), turn.
     whole = near.chord2 < real(np.inf)
-    near_p, near_a, near_t = near.p2, near.chord2 if whole else near.axis2, one if whole else near.turn2
+    near_p, near_a, near_t = (
+        near.p2,
+        near.chord2 if whole else near.axis2,
+        one if whole else near.turn2,
+    )
     p, a, t = weights.position**2, weights.axis**2, none if whole else weights.turn**2
-    near_p, near_a, near_t = near_p if p > none else one, near_a if a > none else one, near_t if t > none else one
+    near_p, near_a, near_t = (
+        near_p if p > none else one,
+        near_a if a > none else one,
+        near_t if t > none else one,
+    )
 
     steps = 0
     for _ in range(TRADES):
@@ -395,10 +443,12 @@ def trade(views, near, weights, trail, row):
 
 @jit
 def finish(views, near, weights, trail, row):
-    """End a search without success: at the nearest pose, or within the tolerances at the edge of reach.
+    """End a search without success: at the nearest pose, or within the tolerances at the edge of
+    reach.
 
     Args:
-        views: memory of the chain; column BEST of its work holds the best joint values, `q` takes the result.
+        views: memory of the chain; column BEST of its work holds the best joint values, `q` takes
+            the result.
         near: errors within which the pose is met, `Near` or `PartsNear`.
         weights: of the parts of the error; None where `near` is `Near`.
         trail: (rows, n) takes the joint values of every step that it has a row for.
@@ -415,7 +465,11 @@ def finish(views, near, weights, trail, row):
     if weights is None:
         one, any_ = real(1.0), real(np.inf)
         code, spent, left = trade(
-            views, PartsNear(near.p2, near.chord2, any_, any_), Weights(one, one, one), trail, row + steps
+            views,
+            PartsNear(near.p2, near.chord2, any_, any_),
+            Weights(one, one, one),
+            trail,
+            row + steps,
         )
     else:
         code, spent, left = trade(views, near, weights, trail, row + steps)
@@ -426,8 +480,9 @@ def finish(views, near, weights, trail, row):
 def solve_hybrid(memory, X, q0, settings, parts, trail, out):
     """Hybrid method: a combined sweep from a far start, Levenberg-Marquardt, then restarts.
 
-    Every second restart lets hinges pass their limits on the way (THROUGH). A solution not far beyond the limits is
-    drawn onto them and followed along them. The last starts are corners of the limits.
+    Every second restart lets hinges pass their limits on the way (THROUGH). A solution not far
+    beyond the limits is drawn onto them and followed along them. The last starts are corners of the
+    limits.
 
     Args:
         memory: kernel memory of the chain.
@@ -465,7 +520,8 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
         pace = Pace(limit - steps, LONG_STEP, mode)
         code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
         steps += spent
-        if code == STALLED and within(left, near) and drawn_in(table, q, real(BEYOND)):  # met, but beyond limits
+        # met, but beyond limits
+        if code == STALLED and within(left, near) and drawn_in(table, q, real(BEYOND)):
             pace = Pace(limit - steps, SHORT_STEP, ALONG)
             code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
             steps += spent
@@ -486,14 +542,17 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
     if code != CONVERGED:
         code, spent, p2, chord2 = finish(views, near, weights, trail, steps)
         if code != CONVERGED:
-            code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
+            code = (
+                OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
+            )
         steps += spent
     return hand_over(table, q, p2, chord2, code, steps, restart + corner, out)
 
 
 @jit
 def solve_keep(memory, X, q0, settings, parts, trail, out):
-    """Branch-keeping method: Levenberg-Marquardt by short steps from `q0`, without jumps or restarts.
+    """Branch-keeping method: Levenberg-Marquardt by short steps from `q0`, without jumps or
+    restarts.
 
     Args:
         memory: kernel memory of the chain.

@@ -1,8 +1,9 @@
-"""Compiled, cached entry points of the inverse kinematics, called from Python by `uuv.controllers.mkps`.
+"""Compiled, cached entry points of the inverse kinematics, called from Python by
+`uuv.controllers.mkps`.
 
-The entries for one target hold the GIL on purpose. They may then share the memory of their chain, and one solution
-takes far less time than a switch to another thread. The entry for many targets releases the GIL and needs memory of its
-own.
+The entries for one target hold the GIL on purpose. They may then share the memory of their chain,
+and one solution takes far less time than a switch to another thread. The entry for many targets
+releases the GIL and needs memory of its own.
 """
 
 import math
@@ -33,7 +34,8 @@ from uuv.controllers.ik.sweeps import solve_jacobian_free
 from uuv.sim.interfaces.kernels import kernel
 
 _VECTOR, _TABLE = types.float64[::1], types.float64[:, ::1]
-_GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}  # writable arrays are accepted too
+# writable arrays are accepted too
+_GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}
 _REAL, _COUNT, _FLAG = types.float64, types.int64, types.boolean
 _SETTINGS = types.NamedTuple((_COUNT, *(_REAL,) * 4, _COUNT, _COUNT, _FLAG, _FLAG), Settings)
 _holding = kernel(error_model="numpy")
@@ -48,7 +50,8 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
         table, _, _, work, _, _ = partition(memory, q.shape[0])
         forward(table, q, work, X, J)
 
-    # The usual calls of `solve` take plain numbers: numba would have to take a record of settings apart at each call.
+    # The usual calls of `solve` take plain numbers: numba would have to take a record of settings
+    # apart at each call.
     @_holding
     def hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, out):
         if not alike(memory[SCALE], tol_p, tol_r):
@@ -112,7 +115,8 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     def many(memory, X, q0, settings, first, last, q, out):
         """Solve for the targets `first` to `last` of `X` (N, 4, 4) from `q0` (N, n).
 
-        Joint values go to `q` (N, n), the five numbers that the solver of one target returns to `out` (N, 5).
+        Joint values go to `q` (N, n), the five numbers that the solver of one target returns to
+        `out` (N, 5).
         """
         trail = memory[:0].reshape(0, 1)
         for i in range(first, last):
@@ -130,7 +134,9 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
 
     @_releasing
     def many_parts(memory, X, q0, settings, axis, turn, first, last, q, out):
-        """As `many` for poses by parts; the angles of `split` are two more numbers in `out` (N, 7)."""
+        """As `many` for poses by parts; the angles of `split` are two more numbers in `out` (N,
+        7).
+        """
         trail = memory[:0].reshape(0, 1)
         for i in range(first, last):
             tolerances = PartTolerances(axis, turn)
@@ -157,7 +163,10 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
         "priority": (priority, traced),
         "goals": (goals, (_GIVEN[2], _FLAG, _TABLE, _TABLE)),
         "many": (many, (_GIVEN[3], _GIVEN[2], _SETTINGS, _COUNT, _COUNT, _TABLE, _TABLE)),
-        "many_parts": (many_parts, (_GIVEN[3], _GIVEN[2], _SETTINGS, _REAL, _REAL, _COUNT, _COUNT, _TABLE, _TABLE)),
+        "many_parts": (
+            many_parts,
+            (_GIVEN[3], _GIVEN[2], _SETTINGS, _REAL, _REAL, _COUNT, _COUNT, _TABLE, _TABLE),
+        ),
     }
 
 
@@ -168,8 +177,8 @@ _ENTRIES = _make_entries()
 def entry(name: str, precision: DTypeLike = np.float64) -> Any:
     """Return the entry `name`, compiled for memory of `precision` or loaded from the store.
 
-    Compilation for other argument types is disabled: the entry raises TypeError for them. Numba would otherwise compile
-    another copy of the solver for each new combination of types.
+    Compilation for other argument types is disabled: the entry raises TypeError for them. Numba
+    would otherwise compile another copy of the solver for each new combination of types.
     """
     function, rest = _ENTRIES[name]
     memory = types.float32[::1] if np.dtype(precision) == np.float32 else _VECTOR

@@ -1,13 +1,15 @@
-"""Compiled loops of plain MKPS: the three stages of [Danilov 2021, chapter 3], the signs of its formulas corrected.
+"""Compiled loops of plain MKPS: the three stages of [Danilov 2021, chapter 3], the signs of its
+formulas corrected.
 
-In formula (2) of [Danilov 2021] the modulus loses the sign of the step, which is atan2(e.(S x K), S.K - (e.S)(e.K)).
-Here e is the joint's unit axis, S what it turns and K where S should point. In an axis stage these are the two axes. In
-the position stage they lead from the joint to the tip and to the target; for a pantograph link, S is the link and K the
-link plus the error. The arguments of atan2 are `across` and `near` below. Test (1) of [Danilov 2021] mistakes the
-farthest position of a joint for the nearest.
+In formula (2) of [Danilov 2021] the modulus loses the sign of the step, which is atan2(e.(S x K),
+S.K - (e.S)(e.K)). Here e is the joint's unit axis, S what it turns and K where S should point. In
+an axis stage these are the two axes. In the position stage they lead from the joint to the tip and
+to the target; for a pantograph link, S is the link and K the link plus the error. The arguments of
+atan2 are `across` and `near` below. Test (1) of [Danilov 2021] mistakes the farthest position of a
+joint for the nearest.
 
-Rotating all links beyond a joint costs O(n) per step. Carrying only the tip point and the tool axes gives the same
-iterates in O(n) per sweep. Arrays are those of `uuv.controllers.ik.chain_kernels`.
+Rotating all links beyond a joint costs O(n) per step. Carrying only the tip point and the tool axes
+gives the same iterates in O(n) per sweep. Arrays are those of `uuv.controllers.ik.chain_kernels`.
 """
 
 import math
@@ -51,7 +53,8 @@ STAGE_SWEEPS = 10  # largest number of sweeps of one stage before the next one b
 def place(table, goal, near_p, q, work):
     """One sweep of the position stage, base to tip: [Danilov 2021, eq. 2 to 4].
 
-    The target is moved instead of the links: turning everything beyond a joint by d equals turning the target by -d.
+    The target is moved instead of the links: turning everything beyond a joint by d equals turning
+    the target by -d.
 
     Args:
         table: the chain.
@@ -63,7 +66,8 @@ def place(table, goal, near_p, q, work):
     Returns:
         F_R^2 [scaled] after the sweep.
     """
-    # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle means nothing.
+    # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle
+    # means nothing.
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
     px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
     rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
@@ -83,7 +87,12 @@ def place(table, goal, near_p, q, work):
         if kind == HINGE:
             sx, sy, sz = px - sx, py - sy, pz - sz
         kx, ky, kz = sx + rx, sy + ry, sz + rz
-        near = sx * kx + sy * ky + sz * kz - (ex * sx + ey * sy + ez * sz) * (ex * kx + ey * ky + ez * kz)
+        near = (
+            sx * kx
+            + sy * ky
+            + sz * kz
+            - (ex * sx + ey * sy + ez * sz) * (ex * kx + ey * ky + ez * kz)
+        )
         across = ex * (sy * kz - sz * ky) + ey * (sz * kx - sx * kz) + ez * (sx * ky - sy * kx)
         if near * near + across * across < nothing:
             continue
@@ -101,7 +110,8 @@ def place(table, goal, near_p, q, work):
 
 @jit
 def align(table, u, t, tolerance, q, work):
-    """One sweep of an axis stage, tip to base: turn an axis of the last joint frame towards a target axis.
+    """One sweep of an axis stage, tip to base: turn an axis of the last joint frame towards a
+    target axis.
 
     Args:
         table: the chain.
@@ -114,12 +124,17 @@ def align(table, u, t, tolerance, q, work):
     Returns:
         Angle [rad] between the two axes after the sweep.
     """
-    # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle means nothing.
+    # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle
+    # means nothing.
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
     tx, ty, tz = t
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ux, uy, uz = u
-    ax, ay, az = xx * ux + yx * uy + zx * uz, xy * ux + yy * uy + zy * uz, xz * ux + yz * uy + zz * uz
+    ax, ay, az = (
+        xx * ux + yx * uy + zx * uz,
+        xy * ux + yy * uy + zy * uz,
+        xz * ux + yz * uy + zz * uz,
+    )
     angle = angle_between(ax, ay, az, tx, ty, tz)
     for i in range(q.shape[0] - 1, -1, -1):
         if angle <= tolerance:
@@ -127,11 +142,18 @@ def align(table, u, t, tolerance, q, work):
         if table[HEAD + i, KIND] != HINGE:
             continue
         ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
-        near = ax * tx + ay * ty + az * tz - (ex * ax + ey * ay + ez * az) * (ex * tx + ey * ty + ez * tz)
+        near = (
+            ax * tx
+            + ay * ty
+            + az * tz
+            - (ex * ax + ey * ay + ez * az) * (ex * tx + ey * ty + ez * tz)
+        )
         across = ex * (ay * tz - az * ty) + ey * (az * tx - ax * tz) + ez * (ax * ty - ay * tx)
         if near * near + across * across < nothing:
             continue
-        moved = min(max(q[i] + math.atan2(across, near), table[HEAD + i, LOWER]), table[HEAD + i, UPPER])
+        moved = min(
+            max(q[i] + math.atan2(across, near), table[HEAD + i, LOWER]), table[HEAD + i, UPPER]
+        )
         ax, ay, az = turn(ax, ay, az, ex, ey, ez, math.cos(moved - q[i]), math.sin(moved - q[i]))
         q[i] = moved
         angle = angle_between(ax, ay, az, tx, ty, tz)
@@ -182,9 +204,10 @@ def goal_axis(goal, u):
 def stage_axes(table, tip_axes, q, work):
     """Axes E_x and E_z of the two axis stages, in the last joint frame.
 
-    By default the tool's own axes, as published. Else E_z is the axis of the last hinge and E_x an axis perpendicular
-    to it: the last hinge then turns E_x without moving E_z, while the stages of the tool's own axes undo each other in
-    part, unless one of them is parallel to that hinge's axis.
+    By default the tool's own axes, as published. Else E_z is the axis of the last hinge and E_x an
+    axis perpendicular
+    to it: the last hinge then turns E_x without moving E_z, while the stages of the tool's own axes
+    undo each other in part, unless one of them is parallel to that hinge's axis.
 
     Args:
         table: the chain.
@@ -203,7 +226,11 @@ def stage_axes(table, tip_axes, q, work):
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ex, ey, ez = work[last, AXIS], work[last, AXIS + 1], work[last, AXIS + 2]
     # This is the z axis, unless slides or pantograph links lie beyond the hinge.
-    ux, uy, uz = ex * xx + ey * xy + ez * xz, ex * yx + ey * yy + ez * yz, ex * zx + ey * zy + ez * zz
+    ux, uy, uz = (
+        ex * xx + ey * xy + ez * xz,
+        ex * yx + ey * yy + ez * yz,
+        ex * zx + ey * zy + ez * zz,
+    )
     zero = ux - ux  # in the precision of the chain
     if abs(ux) < abs(uy):
         length = math.sqrt(uy * uy + uz * uz)
@@ -243,7 +270,8 @@ def three_goals(table, goal, along, across, q, work):
 
 @jit
 def solve_plain(memory, X, q0, settings, trail, out):
-    """Plain MKPS: the stages of [Danilov 2021, chapter 3] in turn, until its three inequalities (6) hold.
+    """Plain MKPS: the stages of [Danilov 2021, chapter 3] in turn, until its three inequalities (6)
+    hold.
 
     Args:
         memory: kernel memory of the chain.
@@ -273,7 +301,11 @@ def solve_plain(memory, X, q0, settings, trail, out):
         note(q, trail, sweeps)
         p2, angle_1, angle_2, chord2 = three_goals(table, goal, along, across, q, work)
         if p2 <= near.p2 and (chord2 <= near.chord2 or (angle_1 <= near_1 and angle_2 <= near_2)):
-            code = BRANCH_LOST if keep and branch_left(table, q, SHORT_WAY, work, past, normal) else CONVERGED
+            code = (
+                BRANCH_LOST
+                if keep and branch_left(table, q, SHORT_WAY, work, past, normal)
+                else CONVERGED
+            )
             break
         error2 = p2 + chord2
         if error2 < best2:

@@ -1,8 +1,9 @@
-"""Parts of a pose error, each with its own tolerance: position, tool axis, and turn about the tool axis.
+"""Parts of a pose error, each with its own tolerance: position, tool axis, and turn about the tool
+axis.
 
-The tool axis is the z axis of the tip. A part whose tolerance is infinite does not count: its weight is zero, and the
-steps of a descent are free in it. Where every part counts alike, `weights` is None; the code for weights is then left
-out when a kernel is compiled.
+The tool axis is the z axis of the tip. A part whose tolerance is infinite does not count: its
+weight is zero, and the steps of a descent are free in it. Where every part counts alike, `weights`
+is None; the code for weights is then left out when a kernel is compiled.
 """
 
 import math
@@ -28,8 +29,10 @@ from uuv.controllers.ik.chain_kernels import (
     trace,
 )
 
-LIGHTEST = 1e-3  # least share of a weight in the largest one: the squares of both must fit into one matrix
-LOPSIDED = 300.0  # [scaled m/rad], [rad/scaled m] ratio of tolerances from which the parts of a pose have weights
+# least share of a weight in the largest one: the squares of both must fit into one matrix
+LIGHTEST = 1e-3
+# [scaled m/rad], [rad/scaled m] ratio of tolerances from which the parts of a pose have weights
+LOPSIDED = 300.0
 OPPOSITE = -0.99  # cosine under which two axes count as nearly opposite
 
 
@@ -59,7 +62,9 @@ class Weights(NamedTuple):
 
 @jit
 def counts(angle):
-    """True if an orientation tolerance [rad] excludes some rotation: none is longer than half a turn."""
+    """True if an orientation tolerance [rad] excludes some rotation: none is longer than half a
+    turn.
+    """
     return angle < math.pi
 
 
@@ -83,8 +88,15 @@ alike = jit(count_alike)  # the same, compiled
 
 @inlined
 def options_good(settings, parts):
-    """True if the options are within their ranges; without `parts`, position and rotation must both count."""
-    good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and settings.limit >= 1 and settings.restarts >= 0
+    """True if the options are within their ranges; without `parts`, position and rotation must both
+    count.
+    """
+    good = (
+        settings.tol_p > 0.0
+        and settings.tol_r > 0.0
+        and settings.limit >= 1
+        and settings.restarts >= 0
+    )
     if parts is None:
         return good and settings.tol_p < np.inf and counts(settings.tol_r)
     return good and parts.axis > 0.0 and parts.turn > 0.0
@@ -147,7 +159,9 @@ def weights_of(table, near):
         `Weights`; a part counts as the tighter of its own tolerance and that of the whole rotation.
     """
     one = table.dtype.type(1.0)
-    return scaled_weights(table, one / near.p2, one / min(near.axis2, near.chord2), one / min(near.turn2, near.chord2))
+    return scaled_weights(
+        table, one / near.p2, one / min(near.axis2, near.chord2), one / min(near.turn2, near.chord2)
+    )
 
 
 def judged_by(table, settings, parts):
@@ -230,8 +244,8 @@ def tilt_left(table, goal, z):
 def turn_about(goal, tip, z, axis2):
     """Turn about the tool axis that precedes the shortest rotation to the tool axis wanted.
 
-    In tip axes its sine and cosine are as R10 - R01 to R00 + R11, of the rotation R from the tip to the goal. Both
-    vanish where the axes are opposite and the turn is open; it is then 0.
+    In tip axes its sine and cosine are as R10 - R01 to R00 + R11, of the rotation R from the tip to
+    the goal. Both vanish where the axes are opposite and the turn is open; it is then 0.
 
     Args:
         goal: (4, 3) the goal.
@@ -251,14 +265,19 @@ def turn_about(goal, tip, z, axis2):
     if length < real(4.0) * np.finfo(goal.dtype).eps:
         return s - s, s - s
     s, c = s / length, c / length
-    turn = s * math.sqrt(two / (one + c)) if c > real(OPPOSITE) else math.copysign(math.sqrt(two - two * c), s)
+    turn = (
+        s * math.sqrt(two / (one + c))
+        if c > real(OPPOSITE)
+        else math.copysign(math.sqrt(two - two * c), s)
+    )
     return turn, turn * turn
 
 
 def measured(table, goal, tip, weights):
     """Error from `tip` to the goal as a descent sees it, and as tolerances judge it.
 
-    With weights, the rotation is split into the turn about the tool axis and the tilt of that axis after it.
+    With weights, the rotation is split into the turn about the tool axis and the tilt of that axis
+    after it.
 
     Args:
         table: the chain.
@@ -267,8 +286,9 @@ def measured(table, goal, tip, weights):
         weights: `Weights`, or None: position and whole rotation, each by 1.
 
     Returns:
-        Six numbers in base axes, position and rotation error times their weights; the sum of their squares; and the
-        squared errors without weights, as in `Near`, or with weights as in `PartsNear`.
+        Six numbers in base axes, position and rotation error times their weights; the sum of their
+        squares; and the squared errors without weights, as in `Near`, or with weights as in
+        `PartsNear`.
     """
     return whole_error(goal, tip) if weights is None else parts_error(table, goal, tip, weights)
 
@@ -324,7 +344,12 @@ def whole_within(left, near):
 @jit
 def parts_within(left, near):
     """`within` for `PartsNear`."""
-    return left[0] <= near.p2 and left[1] <= near.chord2 and left[2] <= near.axis2 and left[3] <= near.turn2
+    return (
+        left[0] <= near.p2
+        and left[1] <= near.chord2
+        and left[2] <= near.axis2
+        and left[3] <= near.turn2
+    )
 
 
 @jit
@@ -380,7 +405,8 @@ def nearest_corner(table, goal, weights, above, work, q):
 
 @jit
 def split(memory, code, q):
-    """Angle between the tool axes, and turn about the tool axis [rad], after a solver; zeros for a refused input.
+    """Angle between the tool axes, and turn about the tool axis [rad], after a solver; zeros for a
+    refused input.
 
     Args:
         memory: kernel memory of the chain, which holds the goal.

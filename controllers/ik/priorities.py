@@ -1,7 +1,9 @@
-"""Tool motion by priorities, for chains of any number of joints: position, tool axis, turn about it, posture.
+"""Tool motion by priorities, for chains of any number of joints: position, tool axis, turn about
+it, posture.
 
-Each task is solved in the motions that the tasks before it leave free [Siciliano 1991]. An arm of four joints then puts
-its tool where it is wanted exactly, and turns the tool's axis as far as is left; one of seven keeps off its limits.
+Each task is solved in the motions that the tasks before it leave free [Siciliano 1991]. An arm of
+four joints then puts its tool where it is wanted exactly, and turns the tool's axis as far as is
+left; one of seven keeps off its limits.
 """
 
 import math
@@ -29,8 +31,11 @@ from uuv.controllers.ik.chain_kernels import (
     trace,
 )
 
-DAMPING = 1e-6  # [m^2/rad^2], [1] added to the squares of a task's Jacobian: bounds the joints near singular postures
-FAR = 0.05  # [1/rad^2] share of the squared position error that is added to the damping of a descent
+# [m^2/rad^2], [1] added to the squares of a task's Jacobian: bounds the joints near singular
+# postures
+DAMPING = 1e-6
+# [1/rad^2] share of the squared position error that is added to the damping of a descent
+FAR = 0.05
 LONGEST = 0.3  # [rad] or [scaled m] longest step of a joint; shortened where the error grows
 QUIET = 1e-7  # [rad] or [scaled m] largest step at which the descent has come to its end
 LEAN = 0.01  # [1/rad^2] weight of the tool axis against the scaled position, where a step is judged
@@ -44,7 +49,8 @@ FULL = 6  # joints from which on the turn about the tool axis is a task: fewer w
 def prioritised(J, z, twist, damping, posture, held, rates):
     """Joint rates that give a tool its twist, task by task in order of priority.
 
-    With fewer than six joints the tool is taken to be round: the turn about its axis is left to the posture.
+    With fewer than six joints the tool is taken to be round: the turn about its axis is left to the
+    posture.
 
     Args:
         J: (6, n) Jacobian (linear; angular) of the tip.
@@ -60,7 +66,13 @@ def prioritised(J, z, twist, damping, posture, held, rates):
     for i in range(n):
         rates[i] = 0.0
         free[i, i] = 0.0 if held[i] else 1.0
-    A, B, G, gain, left = np.empty((3, n)), np.empty((3, n)), np.empty((3, 3)), np.empty((3, n)), np.empty(3)
+    A, B, G, gain, left = (
+        np.empty((3, n)),
+        np.empty((3, n)),
+        np.empty((3, 3)),
+        np.empty((3, n)),
+        np.empty(3),
+    )
     for task in range(TASKS if n >= FULL else TASKS - 1):
         rows = 1 if task == 2 else 3
         for j in range(n):
@@ -113,10 +125,11 @@ def prioritised(J, z, twist, damping, posture, held, rates):
 
 @jit
 def _take(free, B, rows):
-    """Take the motions in the first `rows` rows of `B` (3, n) out of the projector `free`; `B` is overwritten.
+    """Take the motions in the first `rows` rows of `B` (3, n) out of the projector `free`; `B` is
+    overwritten.
 
-    Gram and Schmidt's way, the longest row first. The damped inverse would leave a little of each motion free, and a
-    later task that can do nothing else would use it at any speed.
+    Gram and Schmidt's way, the longest row first. The damped inverse would leave a little of each
+    motion free, and a later task that can do nothing else would use it at any speed.
     """
     n = free.shape[0]
     done = np.zeros(rows, dtype=np.bool_)
@@ -147,7 +160,9 @@ def _take(free, B, rows):
 
 @jit
 def out_of_the_zone(q, low, high):
-    """Way of a joint out of the zone by its limits, in the unit of its value; 0 elsewhere and without limits."""
+    """Way of a joint out of the zone by its limits, in the unit of its value; 0 elsewhere and
+    without limits.
+    """
     zone = ZONE * (high - low)
     if not math.isfinite(zone):
         return 0.0
@@ -156,10 +171,13 @@ def out_of_the_zone(q, low, high):
 
 @jit
 def solve_priority(memory, X, q0, settings, trail, out):
-    """Descend to a tool pose task by task from `q0`, by short steps within the limits, without restarts.
+    """Descend to a tool pose task by task from `q0`, by short steps within the limits, without
+    restarts.
 
-    Ends where the steps do: the position is then met or as near as the limits allow, and the tool axis as near as is
-    left. Converged: the position within its tolerance, and the tool axis within that of the orientation.
+    Ends where the steps do: the position is then met or as near as the limits allow, and the tool
+    axis as near as is
+    left. Converged: the position within its tolerance, and the tool axis within that of the
+    orientation.
 
     Args:
         memory: kernel memory of the chain, in double precision.
@@ -175,11 +193,22 @@ def solve_priority(memory, X, q0, settings, trail, out):
     n = out.shape[0]
     views = partition(memory, n)
     table, goal, work, q = views.table, views.goal, views.work, views.q
-    options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and settings.limit >= 1 and settings.restarts >= 0
+    options_good = (
+        settings.tol_p > 0.0
+        and settings.tol_r > 0.0
+        and settings.limit >= 1
+        and settings.restarts >= 0
+    )
     fault = begin(table, X, q0, options_good, False, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
-    J, z, twist, rates, posture = np.empty((6, n)), np.empty(3), np.empty(6), np.empty(n), np.empty(n)
+    J, z, twist, rates, posture = (
+        np.empty((6, n)),
+        np.empty(3),
+        np.empty(6),
+        np.empty(n),
+        np.empty(n),
+    )
     held = np.zeros(n, dtype=np.bool_)
     scale, steps, tilt, p2 = table[0, SCALE], 0, 0.0, 0.0
     before, p2_before, tilt_before, longest, largest = np.inf, np.inf, 0.0, LONGEST, 1.0
@@ -190,7 +219,11 @@ def solve_priority(memory, X, q0, settings, trail, out):
         error, p2, _ = pose_error(goal, tip)
         px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
         wx, wy, wz = table[1, 2], table[1, 5], table[1, 8]
-        z[0], z[1], z[2] = xx * wx + yx * wy + zx * wz, xy * wx + yy * wy + zy * wz, xz * wx + yz * wy + zz * wz
+        z[0], z[1], z[2] = (
+            xx * wx + yx * wy + zx * wz,
+            xy * wx + yy * wy + zy * wz,
+            xz * wx + yz * wy + zz * wz,
+        )
         a, b, c = X[0, 2], X[1, 2], X[2, 2]
         tx, ty, tz = z[1] * c - z[2] * b, z[2] * a - z[0] * c, z[0] * b - z[1] * a
         sine, cosine = math.sqrt(tx * tx + ty * ty + tz * tz), z[0] * a + z[1] * b + z[2] * c
@@ -198,11 +231,16 @@ def solve_priority(memory, X, q0, settings, trail, out):
         turn = error[3] * z[0] + error[4] * z[1] + error[5] * z[2]
         scaled = tilt / sine if sine > 1e-12 else 1.0
         twist[0], twist[1], twist[2] = error[0], error[1], error[2]
-        twist[3], twist[4], twist[5] = scaled * tx + turn * z[0], scaled * ty + turn * z[1], scaled * tz + turn * z[2]
+        twist[3], twist[4], twist[5] = (
+            scaled * tx + turn * z[0],
+            scaled * ty + turn * z[1],
+            scaled * tz + turn * z[2],
+        )
         if steps >= settings.limit:
             break
         merit = p2 + LEAN * tilt * tilt
-        if merit > before and p2 > p2_before and p2 > near2:  # the step was too long: go back and take a shorter one
+        # the step was too long: go back and take a shorter one
+        if merit > before and p2 > p2_before and p2 > near2:
             steps, longest = steps + 1, 0.3 * longest
             if longest < QUIET:
                 p2, tilt = p2_before, tilt_before
@@ -213,14 +251,20 @@ def solve_priority(memory, X, q0, settings, trail, out):
                 q[j] = work[j, BEST] + longest / largest * rates[j]
                 q[j] = min(max(q[j], table[HEAD + j, LOWER]), table[HEAD + j, UPPER])
             continue
-        # A turn of the axis may cost position for a step. Shorter steps then keep it from going to and fro for ever.
+        # A turn of the axis may cost position for a step. Shorter steps then keep it from going to
+        # and fro for ever.
         longest = 0.5 * longest if p2 > p2_before and p2 > near2 else min(1.2 * longest, LONGEST)
         before, p2_before, tilt_before = merit, p2, tilt
         for j in range(n):
-            J[0, j], J[1, j], J[2, j], J[3, j], J[4, j], J[5, j] = column(table, work, j, px, py, pz)
-            posture[j] = PUSH * out_of_the_zone(q[j], table[HEAD + j, LOWER], table[HEAD + j, UPPER])
+            J[0, j], J[1, j], J[2, j], J[3, j], J[4, j], J[5, j] = column(
+                table, work, j, px, py, pz
+            )
+            posture[j] = PUSH * out_of_the_zone(
+                q[j], table[HEAD + j, LOWER], table[HEAD + j, UPPER]
+            )
             held[j] = False
-        for _ in range(n):  # joints on their limits that would leave them are held, one set after another
+        # joints on their limits that would leave them are held, one set after another
+        for _ in range(n):
             prioritised(J, z, twist, DAMPING + FAR * p2, posture, held, rates)
             more = False
             for j in range(n):
@@ -233,14 +277,18 @@ def solve_priority(memory, X, q0, settings, trail, out):
                 break
         largest = 0.0
         for j in range(n):
-            largest = max(largest, abs(rates[j]) * (scale if table[HEAD + j, KIND] == SLIDE else 1.0))
+            largest = max(
+                largest, abs(rates[j]) * (scale if table[HEAD + j, KIND] == SLIDE else 1.0)
+            )
         if largest <= QUIET:
             break
         factor = 1.0 if largest <= longest else longest / largest
         longest = min(longest, largest)
         for j in range(n):
             work[j, BEST] = q[j]
-            q[j] = min(max(q[j] + factor * rates[j], table[HEAD + j, LOWER]), table[HEAD + j, UPPER])
+            q[j] = min(
+                max(q[j] + factor * rates[j], table[HEAD + j, LOWER]), table[HEAD + j, UPPER]
+            )
         steps += 1
     for j in range(n):
         out[j] = q[j]

@@ -1,4 +1,5 @@
-"""Compiled loops of the Jacobian-free method: combined MKPS sweeps [Danilov 2021] with Anderson acceleration.
+"""Compiled loops of the Jacobian-free method: combined MKPS sweeps [Danilov 2021] with Anderson
+acceleration.
 
 Arrays are those of `uuv.controllers.ik.chain_kernels`.
 """
@@ -44,14 +45,17 @@ from uuv.controllers.ik.chain_kernels import (
     turn_left,
 )
 
-AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 9  # columns of `past`; the last two are DEPTH columns wide
+# columns of `past`; the last two are DEPTH columns wide
+AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 9
 DEPTH = 6  # sweeps that the Anderson acceleration remembers
-# [1/rad^2] weight of the tool axes against the scaled position, which must dominate. Each restart takes the next
-# weight, for a pose that converges slowly with one often converges fast with another.
+# [1/rad^2] weight of the tool axes against the scaled position, which must dominate. Each restart
+# takes the next weight, for a pose that converges slowly with one often converges fast with
+# another.
 SWEEP_WEIGHT, LIGHTER, HEAVIER = 0.01, 0.003, 0.03
-SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8  # a stall: in 10 sweeps the objective does not fall to 0.8 times itself
-# Near singular configurations the objective falls slowly. Below CLOSE the stall factor is therefore CLOSE_FACTOR, and
-# an accelerated step may raise the objective by up to the factor LENIENT.
+# a stall: in 10 sweeps the objective does not fall to 0.8 times itself
+SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8
+# Near singular configurations the objective falls slowly. Below CLOSE the stall factor is therefore
+# CLOSE_FACTOR, and an accelerated step may raise the objective by up to the factor LENIENT.
 CLOSE, CLOSE_FACTOR, LENIENT = 1e-5, 0.95, 20.0
 SHORT_WAY = 0.5  # [rad] joint motion up to which the branch counts as kept without a test
 
@@ -84,10 +88,12 @@ def turn(vx, vy, vz, ex, ey, ez, c, s):
 
 @jit
 def sweep(table, goal, weight, mode, q, work):
-    """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + weight sum |a_k - t_k|^2.
+    """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + weight sum
+    |a_k - t_k|^2.
 
-    This joins the three stages of [Danilov 2021, eq. 2, 4 and 5] into one. Joints between the moving one and the base
-    keep their axes and points. Only the tip point and the tool axes are carried along, so a sweep costs O(n).
+    This joins the three stages of [Danilov 2021, eq. 2, 4 and 5] into one. Joints between the
+    moving one and the base keep their axes and points. Only the tip point and the tool axes are
+    carried along, so a sweep costs O(n).
 
     Args:
         table: the chain.
@@ -137,7 +143,16 @@ def sweep(table, goal, weight, mode, q, work):
                 + (ex * zx + ey * zy + ez * zz) * (ex * vx + ey * vy + ez * vz)
             )
             near += weight * (
-                xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - ea_et
+                xx * tx
+                + xy * ty
+                + xz * tz
+                + yx * ux
+                + yy * uy
+                + yz * uz
+                + zx * vx
+                + zy * vy
+                + zz * vz
+                - ea_et
             )
             across += weight * (
                 ex * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
@@ -149,7 +164,9 @@ def sweep(table, goal, weight, mode, q, work):
             continue
         c, s = near / length, across / length
         wanted = q[i] + math.atan2(across, near)
-        moved = wanted if mode == THROUGH else admit(wanted, lower, upper, mode == WITHIN, full_turn)
+        moved = (
+            wanted if mode == THROUGH else admit(wanted, lower, upper, mode == WITHIN, full_turn)
+        )
         if moved != wanted:
             c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
         q[i] = moved
@@ -219,12 +236,13 @@ def mix(count, past, normal, q):
 def accelerate(views, weight, near, limit, mode, best2, trail, row):
     """Combined sweeps as a fixed-point map g(q) with Anderson acceleration.
 
-    An accelerated step that raises the objective too far, which plain sweeps never do, is undone and the memory of the
-    acceleration is cleared.
+    An accelerated step that raises the objective too far, which plain sweeps never do, is undone
+    and the memory of the acceleration is cleared.
 
     Args:
-        views: memory of the chain. Its `q` is the start, after convergence the solution. Column BEST of its work takes
-            joint values whose error is under `best2` and which are within the limits.
+        views: memory of the chain. Its `q` is the start, after convergence the solution. Column
+            BEST of its work takes joint values whose error is under `best2` and which are within
+            the limits.
         weight: [1/rad^2] as in `sweep`.
         near: errors within which the pose is met.
         limit: largest number of sweeps.
@@ -262,7 +280,11 @@ def accelerate(views, weight, near, limit, mode, best2, trail, row):
             return EXHAUSTED, sweeps, best2, p2, chord2
         sweeps += 1
         objective = p2 + real(2.0) * weight * chord2
-        if objective > reference * (real(LENIENT) if objective < real(CLOSE) else rounding) + np.finfo(q.dtype).tiny:
+        if (
+            objective
+            > reference * (real(LENIENT) if objective < real(CLOSE) else rounding)
+            + np.finfo(q.dtype).tiny
+        ):
             for i in range(n):
                 q[i] = past[i, SWEPT]
             known, count, slot, reference = False, 0, 0, real(np.inf)

@@ -1,20 +1,23 @@
-"""Tracking of a sequence of tool poses, also through singular configurations [Danilov 2021, chapter 4, figs. 6 and 7].
+"""Tracking of a sequence of tool poses, also through singular configurations [Danilov 2021, chapter
+4, figs. 6 and 7].
 
     path = track(chain, X_base_tip, q0, period=0.01)                   # a whole sequence of poses
     tracker = Tracker(chain, period=0.01); state = tracker.init(q0)    # or one pose at a time
     state, step = tracker.step(state, X_base_tip)
 
-Each pose is solved for from the last joint values, by short steps on their branch. Near a singular configuration this
-may spin some joints ("looping" in [Danilov 2021]). There the arm passes in one of its two ways. `limit` clamps the
-joints to their travel in one period at the speed limits. `hold` keeps the joint that would spin constant. The tool then
-leaves its path by the least amount that this allows, in position less than in orientation. It returns at the same speed
-limits.
+Each pose is solved for from the last joint values, by short steps on their branch. Near a singular
+configuration this may spin some joints ("looping" in [Danilov 2021]). There the arm passes in one
+of its two ways. `limit` clamps the joints to their travel in one period at the speed limits. `hold`
+keeps the joint that would spin constant. The tool then leaves its path by the least amount that
+this allows, in position less than in orientation. It returns at the same speed limits.
 
-Nearness is the smallest singular value of the Jacobian, lengths divided by the scale of the chain. Lengths thus count
-in arm lengths, comparable to radians. Nearness 0 is singular, and 1/nearness bounds the joint speed [rad/s] for a tool
-speed of 1. Passing begins where nearness is under `near` and the plain solution exceeds `speed_limits`. It ends where
-the plain solution is within `speed_limits` again. By default it is `limit`, which leaves the path least
-(scripts/experiments/papers/singular_crossings.py). With `auto` it is `hold` under a quarter of `near`, else `limit`.
+Nearness is the smallest singular value of the Jacobian, lengths divided by the scale of the chain.
+Lengths thus count in arm lengths, comparable to radians. Nearness 0 is singular, and 1/nearness
+bounds the joint speed [rad/s] for a tool speed of 1. Passing begins where nearness is under `near`
+and the plain solution exceeds `speed_limits`. It ends where the plain solution is within
+`speed_limits` again. By default it is `limit`, which leaves the path least
+(scripts/experiments/papers/singular_crossings.py). With `auto` it is `hold` under a quarter of
+`near`, else `limit`.
 """
 
 from dataclasses import dataclass
@@ -29,13 +32,23 @@ from uuv.controllers.ik.entries import entry
 from uuv.controllers.ik.method import Method
 from uuv.controllers.ik.pose_parts import count_alike
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, not_a_pose, number, one_of, readonly, real_array, whole_number
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    not_a_pose,
+    number,
+    one_of,
+    readonly,
+    real_array,
+    whole_number,
+)
 
 Passing = Literal["auto", "limit", "hold", "off"]
 Way = Literal["none", "limit", "hold"]
 
 _HOLD_SHARE = 0.25  # share of `near` under which a joint is held
-_LONGEST_HOLD = 2.0  # [s] after which a joint is let go: while it stands still the arm may stay singular
+# [s] after which a joint is let go: while it stands still the arm may stay singular
+_LONGEST_HOLD = 2.0
 _STEPS = 400  # largest number of solver steps per pose
 _LEAD = 8.0  # factor of position against orientation errors where the tool must leave its path
 
@@ -103,18 +116,22 @@ class Tracker:
         Args:
             chain: the serial chain.
             period: [s] between poses.
-            speed_limits: [rad/s] or [m/s], one or (n,), kept while a singular configuration is passed.
-            passing: "limit" never holds a joint. "hold" holds one while the arm is near a singular configuration, for
-                2 s at most. "auto" holds one only very near. "off" tracks the pose at any joint speed.
-            near: nearness (see the module) under which passing may begin; infinite to keep the speed limits everywhere.
+            speed_limits: [rad/s] or [m/s], one or (n,), kept while a singular configuration is
+                passed.
+            passing: "limit" never holds a joint. "hold" holds one while the arm is near a singular
+                configuration, for 2 s at most. "auto" holds one only very near. "off" tracks the
+                pose at any joint speed.
+            near: nearness (see the module) under which passing may begin; infinite to keep the
+                speed limits everywhere.
             position_tolerance: [m] of each pose.
             orientation_tolerance: [rad] of each pose.
             method: solver, as in `uuv.controllers.mkps.solve`.
-            hold_joint: index of the joint that is held, theta_1 in [Danilov 2021]; default: the one that would spin.
+            hold_joint: index of the joint that is held, theta_1 in [Danilov 2021]; default: the one
+                that would spin.
 
         Raises:
-            ConfigurationError: for a period, speed limit, nearness or tolerance that is not positive and finite, or for
-                an unknown passing, method or joint.
+            ConfigurationError: for a period, speed limit, nearness or tolerance that is not
+                positive and finite, or for an unknown passing, method or joint.
         """
         given = {
             "period": period,
@@ -127,43 +144,66 @@ class Tracker:
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
         if not orientation_tolerance < np.pi:
             raise ConfigurationError(
-                f"orientation_tolerance: must be under pi, for the whole pose is tracked, got {orientation_tolerance:g}"
+                "orientation_tolerance: must be under pi, for the whole pose is tracked, got "
+                f"{orientation_tolerance:g}"
             )
         speeds = real_array(speed_limits, "speed_limits")
         speeds = checked(
-            np.broadcast_to(speeds, (chain.n,)) if speeds.ndim == 0 else speeds, (chain.n,), "speed_limits"
+            np.broadcast_to(speeds, (chain.n,)) if speeds.ndim == 0 else speeds,
+            (chain.n,),
+            "speed_limits",
         )
         if not np.all(speeds > 0.0):
-            raise ConfigurationError(f"speed_limits: every one must be positive, got {speeds.tolist()}")
+            raise ConfigurationError(
+                f"speed_limits: every one must be positive, got {speeds.tolist()}"
+            )
         one_of(passing, get_args(Passing), "passing")
         one_of(method, get_args(Method), "method")
         if hold_joint is not None:
             whole_number(hold_joint, "hold_joint", most=chain.n - 1)
         self.hold_joint = hold_joint
-        self.chain, self.period, self.near, self.passing, self.method = chain, period, near, passing, method
+        self.chain, self.period, self.near, self.passing, self.method = (
+            chain,
+            period,
+            near,
+            passing,
+            method,
+        )
         self._travel = speeds * period
         tol_p, tol_r = self._tolerances = float(position_tolerance), float(orientation_tolerance)
         axis = tol_r * 0.5**0.5
-        kinds = {"plain": kernels.PLAIN, "jacobian_free": kernels.JACOBIAN_FREE, "priority": kernels.PRIORITY}
+        kinds = {
+            "plain": kernels.PLAIN,
+            "jacobian_free": kernels.JACOBIAN_FREE,
+            "priority": kernels.PRIORITY,
+        }
         self._settings = kernels.Settings(
             kinds.get(method, kernels.HYBRID), tol_p, tol_r, axis, axis, _STEPS, 0, True, False
         )
         self._memory = memory_of(chain, _LEAD * chain._scale)
         # The entry of usual calls leaves tolerances that differ very much to another one.
         self._usual = method == "hybrid" and count_alike(_LEAD * chain._scale, tol_p, tol_r)
-        self._entry = entry("keep" if self._usual else "traced_keep" if method == "hybrid" else method)
+        self._entry = entry(
+            "keep" if self._usual else "traced_keep" if method == "hybrid" else method
+        )
         self._rank = _generic_rank(chain)
 
     def init(self, q0: ArrayLike) -> TrackState:
-        """State at joint values `q0` (n,) [rad] or [m]; ConfigurationError if they are bad or beyond the limits."""
+        """State at joint values `q0` (n,) [rad] or [m]; ConfigurationError if they are bad or
+        beyond the limits.
+        """
         q = checked(q0, (self.chain.n,), "q0")
         lower, upper = self.chain.limits.T
         for i in np.flatnonzero((q < lower - 1e-9) | (q > upper + 1e-9)):
-            raise ConfigurationError(f"q0: {self.chain.names[i]} must be within {lower[i]} and {upper[i]}, got {q[i]}")
+            raise ConfigurationError(
+                f"q0: {self.chain.names[i]} must be within {lower[i]} and {upper[i]}, got {q[i]}"
+            )
         return TrackState(q=readonly(np.clip(q, lower, upper)))
 
     def step(self, state: TrackState, X_base_tip: ArrayLike) -> tuple[TrackState, TrackStep]:
-        """Joint values for the next pose; ConfigurationError if `X_base_tip` (4, 4) is not a pose."""
+        """Joint values for the next pose; ConfigurationError if `X_base_tip` (4, 4) is not a
+        pose.
+        """
         target = checked(X_base_tip, (4, 4), "X_base_tip")
         nearness, motion = self._weakest(state.q)
         q, errors, converged = self._solve(target, state.q, self.chain.limits)
@@ -195,7 +235,9 @@ class Tracker:
         return TrackState(q=q, way=way, held=held, held_for=held_for), step
 
     def _choose(self, state: TrackState, nearness: float, motion: Array) -> tuple[Way, int | None]:
-        """The way of passing, and the joint to hold: the one that moves most in the weakest motion."""
+        """The way of passing, and the joint to hold: the one that moves most in the weakest
+        motion.
+        """
         near = self.near if self.passing == "hold" else _HOLD_SHARE * self.near
         if self.passing == "limit" or not nearness < near or state.held_for >= _LONGEST_HOLD:
             return "limit", None  # also on the way back after a joint was held
@@ -204,7 +246,9 @@ class Tracker:
         return "hold", int(np.argmax(np.abs(motion))) if state.held is None else state.held
 
     def _weakest(self, q: Array) -> tuple[float, Array]:
-        """Nearness at `q`, and the unit joint motion (n,) that moves the tool least: the singular vector."""
+        """Nearness at `q`, and the unit joint motion (n,) that moves the tool least: the singular
+        vector.
+        """
         J = self.chain.jacobian(q)
         J[:3] *= self.chain._scale
         slides = np.array([letter == "p" for letter in self.chain.joint_types])
@@ -212,8 +256,12 @@ class Tracker:
         _, values, motions = np.linalg.svd(J, full_matrices=False)
         return float(values[self._rank - 1]), motions[self._rank - 1]
 
-    def _solve(self, target: Array, q0: Array, limits: Array) -> tuple[Array, tuple[float, float], bool]:
-        """Nearest pose within `limits`, by short steps from `q0`: (q, errors [m] [rad], converged)."""
+    def _solve(
+        self, target: Array, q0: Array, limits: Array
+    ) -> tuple[Array, tuple[float, float], bool]:
+        """Nearest pose within `limits`, by short steps from `q0`: (q, errors [m] [rad],
+        converged).
+        """
         chain, memory = self.chain, self._memory.copy()
         set_limits(memory, kernels.LOWER, limits[:, 0])
         set_limits(memory, kernels.UPPER, limits[:, 1])
@@ -277,7 +325,9 @@ def track(
     )
     targets = np.asarray(X_base_tip, dtype=np.float64)
     if targets.ndim != 3 or targets.shape[1:] != (4, 4) or len(targets) == 0:
-        raise ConfigurationError(f"X_base_tip: expected shape (N, 4, 4) with N > 0, got {targets.shape}")
+        raise ConfigurationError(
+            f"X_base_tip: expected shape (N, 4, 4) with N > 0, got {targets.shape}"
+        )
     state, steps = tracker.init(q0), []
     for target in targets:
         state, step = tracker.step(state, target)
@@ -299,4 +349,7 @@ def _generic_rank(chain: Chain) -> int:
     """Rank of the chain's Jacobian almost everywhere (3 for a planar arm)."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(-3.0, 3.0, (8, chain.n))
-    return max(int(np.linalg.matrix_rank(chain.jacobian(q), tol=1e-9 * max(1.0, 1.0 / chain._scale))) for q in samples)
+    return max(
+        int(np.linalg.matrix_rank(chain.jacobian(q), tol=1e-9 * max(1.0, 1.0 / chain._scale)))
+        for q in samples
+    )

@@ -1,4 +1,5 @@
-"""Solvers that the compiled loop calls by address, to track a tool pose by another method than the hybrid one.
+"""Solvers that the compiled loop calls by address, to track a tool pose by another method than the
+hybrid one.
 
 A method is compiled only where it is chosen; the loop then need not contain all three.
 """
@@ -27,7 +28,8 @@ _size = kernel(memory_size)
 @cache
 def _compiled(method: Method) -> Any:
     """C function of a method; it must stay alive, since its address is in use."""
-    plain, priority = method == "plain", method == "priority"  # closed over: each method is compiled for itself
+    # closed over: each method is compiled for itself
+    plain, priority = method == "plain", method == "priority"
 
     def of_pointers(n, tol_p, tol_r, limit, memory, X, q0, q, errors):
         chain, trail = carray(memory, _size(n)), carray(memory, (0, 1))
@@ -38,10 +40,14 @@ def _compiled(method: Method) -> Any:
             code, _, _, said[0], said[1] = solve_plain(chain, target, start, settings, trail, out)
         elif priority:
             settings = Settings(PRIORITY, tol_p, tol_r, axis, axis, limit, 0, True, False)
-            code, _, _, said[0], said[1] = solve_priority(chain, target, start, settings, trail, out)
+            code, _, _, said[0], said[1] = solve_priority(
+                chain, target, start, settings, trail, out
+            )
         else:
             settings = Settings(JACOBIAN_FREE, tol_p, tol_r, axis, axis, limit, 0, True, False)
-            code, _, _, said[0], said[1] = solve_jacobian_free(chain, target, start, settings, trail, out)
+            code, _, _, said[0], said[1] = solve_jacobian_free(
+                chain, target, start, settings, trail, out
+            )
         return code
 
     return c_function(_SOLVER, error_model="numpy")(of_pointers)
@@ -70,7 +76,9 @@ def _call(
     def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
         number, count = ir.DoubleType(), ir.IntType(64)
         arrays = [builder.inttoptr(each, number.as_pointer()) for each in args[5:]]
-        kind = ir.FunctionType(count, [count, number, number, count, *(each.type for each in arrays)])
+        kind = ir.FunctionType(
+            count, [count, number, number, count, *(each.type for each in arrays)]
+        )
         return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [*args[1:5], *arrays])
 
     numbers = (types.intp, types.float64, types.float64, types.int64)
@@ -99,5 +107,14 @@ def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
     """
     places = chain.ctypes.data, X.ctypes.data, q0.ctypes.data, q.ctypes.data, errors.ctypes.data
     return _call_solver(
-        address, q0.shape[0], tolerances[0], tolerances[1], limit, places[0], places[1], places[2], places[3], places[4]
+        address,
+        q0.shape[0],
+        tolerances[0],
+        tolerances[1],
+        limit,
+        places[0],
+        places[1],
+        places[2],
+        places[3],
+        places[4],
     )

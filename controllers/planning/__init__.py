@@ -1,1 +1,3 @@
-"""Motion planning of the hull: placement, paths past the object, trajectories, height above the seabed."""
+"""Motion planning of the hull: placement, paths past the object, trajectories, height above the
+seabed.
+"""

@@ -1,4 +1,6 @@
-"""Margins of the arm along a tool path: limits of joints and torques, singular postures, distance, thrust."""
+"""Margins of the arm along a tool path: limits of joints and torques, singular postures, distance,
+thrust.
+"""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -9,25 +11,35 @@ import numpy as np
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.mkps import Chain, IkOptions, IkResult, solve
 from uuv.controllers.planning.arm_size import FULL, reach
-from uuv.controllers.planning.hull_path import ROUNDING, arm_gap, joint_centres_kernel, joint_gap_kernel
+from uuv.controllers.planning.hull_path import (
+    ROUNDING,
+    arm_gap,
+    joint_centres_kernel,
+    joint_gap_kernel,
+)
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, inverse
 
 FEW_STEPS = IkOptions(max_iterations=60)
-TILT = 0.35  # [rad] by which the tool axis of an arm of fewer joints may be off while the tool presses
+# [rad] by which the tool axis of an arm of fewer joints may be off while the tool presses
+TILT = 0.35
 _ROOMY_TILT = 0.15  # [rad] off, that gives a margin of 1
-BENT = 0.3  # share of a shorter arm's length: least singular value of its position that gives a margin of 1
+# share of a shorter arm's length: least singular value of its position that gives a margin of 1
+BENT = 0.3
 _LARGEST_STEP = 0.8  # [rad] of a joint between two poses of a path
 _AT_LIMIT = 0.02  # [rad] from its limit a joint counts as at it, in a message
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
-_SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights rotation against translation
+# [m/rad] weights rotation against translation
+_SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]
 _SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives a margin of 1
 
 
 @kernel
 def _step_and_room(before, q, low, high):
-    """Largest change of a joint from `before` to `q`, and the smallest distance of `q` to the limits; (n,) each."""
+    """Largest change of a joint from `before` to `q`, and the smallest distance of `q` to the
+    limits; (n,) each.
+    """
     jump, room = 0.0, np.inf
     for j in range(q.shape[0]):
         jump = max(jump, abs(q[j] - before[j]))
@@ -37,7 +49,8 @@ def _step_and_room(before, q, low, high):
 
 @kernel
 def _are_above(margin, J, push, torque_limits):
-    """True if the margins of torque and of singular postures are above `margin` by more than rounding.
+    """True if the margins of torque and of singular postures are above `margin` by more than
+    rounding.
 
     Args:
         margin: [-]
@@ -50,7 +63,8 @@ def _are_above(margin, J, push, torque_limits):
         load = abs(J[0, j] * push[0] + J[1, j] * push[1] + J[2, j] * push[2]) / torque_limits[j]
         if 3.0 * (1.0 - load) < margin + 1e-9:
             return False
-    # The smallest singular value is above t where the Gram matrix less t^2 has a Cholesky factorisation.
+    # The smallest singular value is above t where the Gram matrix less t^2 has a Cholesky
+    # factorisation.
     k, t = min(6, n), _SINGULAR * margin * (1.0 + 1e-6)
     L, trace = np.empty((k, k)), 0.0
     for a in range(k):
@@ -80,11 +94,13 @@ class ToolTrack:
 
     poses: list[Array]  # k poses (4, 4) in W, relative to the travelling hull
     gone: Array  # (k, 3) [m] displacement of the hull at each since mid-path, W
-    loads: Array | None = None  # (k, 3) [N] force of the world on the tip at each, tool axes; None: thrust is left out
-    # k poses (4, 4) of a hull that carries its arm; the tool poses are then in W itself, and `gone` is zero. None: the
-    # hull that is tried.
+    # (k, 3) [N] force of the world on the tip at each, tool axes; None: thrust is left out
+    loads: Array | None = None
+    # k poses (4, 4) of a hull that carries its arm; the tool poses are then in W itself, and `gone`
+    # is zero. None: the hull that is tried.
     hulls: list[Array] | None = None
-    q: Array | None = None  # (n,) [rad] from which the inverse kinematics starts; None: the ready posture
+    # (n,) [rad] from which the inverse kinematics starts; None: the ready posture
+    q: Array | None = None
 
 
 class Limit(Enum):
@@ -113,7 +129,9 @@ class Dropped(NamedTuple):
     at: int  # its index
     reached: float  # share of the poses before it
     limit: Limit
-    q: Array  # (n,) joint angles there [rad]; for TURN the steps to them [rad], for TORQUE those per newton [m]
+    # (n,) joint angles there [rad]; for TURN the steps to them [rad], for TORQUE those per newton
+    # [m]
+    q: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,7 +151,8 @@ class ArmMargins:
         Args:
             track: the tool poses.
             X_WB: (4, 4) hull pose.
-            to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is dropped.
+            to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is
+                dropped.
 
         Returns:
             The margin with the first joint angles; or the first pose that fails, and why.
@@ -165,9 +184,17 @@ class ArmMargins:
                 margin = min(margin, (TILT - result.orientation_error) / (TILT - _ROOMY_TILT))
                 if margin <= floor:
                     return Dropped(i, share, Limit.TILT, np.array([result.orientation_error]))
-            # These two, and the gap, seldom are the smallest margin: kernels, equal but for rounding, tell where.
-            if not (full and _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits)):
-                torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
+            # These two, and the gap, seldom are the smallest margin: kernels, equal but for
+            # rounding, tell where.
+            if not (
+                full and _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits)
+            ):
+                torque = (
+                    1.0
+                    - np.abs(
+                        J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits
+                    ).max()
+                )
                 margin = min(margin, 3.0 * torque)
                 if margin <= floor:
                     return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
@@ -175,13 +202,24 @@ class ArmMargins:
                 margin = min(margin, weakest / (_SINGULAR if full else BENT * long))
                 if margin <= floor:
                     return Dropped(i, share, Limit.SINGULAR, q)
-            centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
-            if joint_gap_kernel(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + ROUNDING:
-                margin = min(margin, arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
+            centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[
+                2 : self.chain.n - 2
+            ]
+            if (
+                joint_gap_kernel(centres, X_AW, self.planes, track.gone[i])
+                < margin * self.clearance + ROUNDING
+            ):
+                margin = min(
+                    margin,
+                    arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance,
+                )
                 if margin <= floor:
                     return Dropped(i, share, Limit.OBJECT, q)
             if self.holding is not None and track.loads is not None:
-                margin = min(margin, (1.0 - self.holding.used(q, X_WB[:3, :3], track.loads[i])) / _ROOMY_THRUST)
+                margin = min(
+                    margin,
+                    (1.0 - self.holding.used(q, X_WB[:3, :3], track.loads[i])) / _ROOMY_THRUST,
+                )
                 if margin <= floor:
                     return Dropped(i, share, Limit.THRUST, q)
             if i == 0:
@@ -202,10 +240,15 @@ class ArmMargins:
                 at_limit = np.flatnonzero(np.minimum(dropped.q - low, high - dropped.q) < _AT_LIMIT)
                 names = ", ".join(vehicle.joint_names[j] for j in at_limit)
                 return (
-                    f"{names} {'is' if len(at_limit) == 1 else 'are'} at the limit" if names else "the arm is too short"
+                    f"{names} {'is' if len(at_limit) == 1 else 'are'} at the limit"
+                    if names
+                    else "the arm is too short"
                 )
             case Limit.TURN:
-                return f"{joint(np.abs(dropped.q))} would turn by {np.degrees(np.abs(dropped.q).max()):.0f} deg at once"
+                return (
+                    f"{joint(np.abs(dropped.q))} would turn by "
+                    f"{np.degrees(np.abs(dropped.q).max()):.0f} deg at once"
+                )
             case Limit.JOINT:
                 low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
                 return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} comes to its limit"

@@ -1,11 +1,14 @@
-"""Hull placement for arms of fewer than six joints: the hull carries the arm along the path, and turns with it.
+"""Hull placement for arms of fewer than six joints: the hull carries the arm along the path, and
+turns with it.
 
-Such an arm cannot give its tool any direction. Hull and arm are therefore one chain: three slides and the yaw of the
-level hull, then the arm's joints. Its inverse kinematics by priorities gives the hull's place at every point of the
-path: the tool's position first, then its axis. Of many working postures of the arm the roomiest is taken.
+Such an arm cannot give its tool any direction. Hull and arm are therefore one chain: three slides
+and the yaw of the level hull, then the arm's joints. Its inverse kinematics by priorities gives the
+hull's place at every point of the
+path: the tool's position first, then its axis. Of many working postures of the arm the roomiest is
+taken.
 
-The arm alone holds the tool's position while the hull drifts. The tool's axis then leans, which a round pad
-bears.
+The arm alone holds the tool's position while the hull drifts. The tool's axis then leans, which a
+round pad bears.
 """
 
 from collections.abc import Iterator
@@ -21,8 +24,18 @@ from uuv.controllers.mkps import IkOptions, solve
 from uuv.controllers.planning.arm_margins import BENT, ArmMargins, Dropped, ToolTrack
 from uuv.controllers.planning.arm_size import reach
 from uuv.controllers.planning.hull_path import hull_keeps, skin_of
-from uuv.controllers.planning.path_poses import STANDOFF_STEPS, samples_along, tool_loads, tool_poses
-from uuv.controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
+from uuv.controllers.planning.path_poses import (
+    STANDOFF_STEPS,
+    samples_along,
+    tool_loads,
+    tool_poses,
+)
+from uuv.controllers.planning.placement import (
+    Placement,
+    PlacementSearch,
+    Surroundings,
+    out_of_reach,
+)
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ReachError
 from uuv.sim.interfaces.messages import ToolPath
@@ -137,7 +150,8 @@ class CarriedArm:
             )
         if best is None and not met:
             raise ReachError(
-                "the tool path is out of reach: within the limits of its joints the arm turns the tool nowhere so; the "
+                "the tool path is out of reach: within the limits of its joints the arm turns the "
+                "tool nowhere so; the "
                 "hull stays level"
             )
         if best is None:
@@ -145,7 +159,8 @@ class CarriedArm:
         return best
 
     def _starts(self, whole: Chain, X_WG: Array, skin: Array, met: list[Array]) -> Iterator[Array]:
-        """Joint values (4 + n,) of hull and arm for the middle of the path, the roomiest postures of the arm first.
+        """Joint values (4 + n,) of hull and arm for the middle of the path, the roomiest postures
+        of the arm first.
 
         `met` collects those that meet it, with room for the hull or without.
         """
@@ -165,7 +180,11 @@ class CarriedArm:
             if abs(z_B[2] - z_W[2]) > 0.5:  # the hull stays level: only the arm tilts the tool
                 continue
             room = float(np.minimum(q - low, high - q).min())
-            push = np.abs(J[:3].T @ self.chain.forward(q)[:3, 2]) * self.force / self.vehicle.torque_limits
+            push = (
+                np.abs(J[:3].T @ self.chain.forward(q)[:3, 2])
+                * self.force
+                / self.vehicle.torque_limits
+            )
             bent = float(np.linalg.svd(J[:3], compute_uv=False)[-1])
             margin = min(room, 1.0 - float(push.max()), bent / (BENT * reach(self.chain)))
             found.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
@@ -177,7 +196,13 @@ class CarriedArm:
                 R_WB = exp_so3([0.0, 0.0, yaw])
                 near = np.concatenate([X_WG[:3, 3] - R_WB @ X_BG[:3, 3], [yaw], q])
                 result = solve(
-                    whole, self._round(whole, near, X_WG), near, _POSITION, _TILT, "priority", options=_STEPS
+                    whole,
+                    self._round(whole, near, X_WG),
+                    near,
+                    _POSITION,
+                    _TILT,
+                    "priority",
+                    options=_STEPS,
                 )
                 if not result.converged:
                     continue
@@ -190,19 +215,25 @@ class CarriedArm:
                 return
 
     def _side(self, q: Array) -> float:
-        """Share of the arm's length by which the tool is aside of the hull at `q` (n,): a push there rolls it."""
+        """Share of the arm's length by which the tool is aside of the hull at `q` (n,): a push
+        there rolls it.
+        """
         return abs(float((self.vehicle.X_BA @ self.chain.forward(q))[1, 3])) / reach(self.chain)
 
     @staticmethod
     def _yaws(z_B: Array, z_W: Array) -> Array:
-        """Headings [rad] of the hull that turn the tool axis of a posture towards the wanted one."""
+        """Headings [rad] of the hull that turn the tool axis of a posture towards the wanted
+        one.
+        """
         if np.hypot(z_W[0], z_W[1]) < _UPRIGHT:
             return np.linspace(0.0, 2.0 * np.pi, _YAWS, endpoint=False, dtype=np.float64)
         return np.array([np.arctan2(z_W[1], z_W[0]) - np.arctan2(z_B[1], z_B[0])], dtype=np.float64)
 
     @staticmethod
     def _round(whole: Chain, joints: Array, X_WG: Array) -> Array:
-        """Tool pose (4, 4) at the place and with the axis of `X_WG`, turned about it as the tool is at `joints`."""
+        """Tool pose (4, 4) at the place and with the axis of `X_WG`, turned about it as the tool is
+        at `joints`.
+        """
         z, x = X_WG[:3, 2], whole.forward(joints)[:3, 0]
         x = x - (x @ z) * z
         if np.linalg.norm(x) < 1e-3:
@@ -213,7 +244,9 @@ class CarriedArm:
     def _along(
         self, whole: Chain, poses: list[Array], middle: int, start: Array, *, keeps_x: bool
     ) -> list[Array] | None:
-        """Hull poses (4, 4) along the path, from the middle to both ends; None where hull and arm do not get there."""
+        """Hull poses (4, 4) along the path, from the middle to both ends; None where hull and arm
+        do not get there.
+        """
         hulls: dict[int, Array] = {}
         for way in (range(middle, len(poses)), range(middle, -1, -1)):
             joints = start
@@ -240,7 +273,9 @@ class CarriedArm:
 
 
 def _way(shares: Array, hulls: list[Array]) -> "CubicSpline":
-    """Displacement [m] in W and turn [rad] of the hull from its first pose, over the share of the path."""
+    """Displacement [m] in W and turn [rad] of the hull from its first pose, over the share of the
+    path.
+    """
     from scipy.interpolate import CubicSpline
 
     p = np.array([X[:3, 3] for X in hulls]) - hulls[0][:3, 3]

@@ -1,7 +1,8 @@
-"""Coarse approach to an unknown seabed: descent to the scanning height above the plane of the Doppler log's ranges.
+"""Coarse approach to an unknown seabed: descent to the scanning height above the plane of the
+Doppler log's ranges.
 
-[Konoplin 2019], after its reference 11: until finer data are known, the seabed is the plane through the ranges of the
-log's beams. The plane decides if the vehicle may approach at all, and how far.
+[Konoplin 2019], after its reference 11: until finer data are known, the seabed is the plane through
+the ranges of the log's beams. The plane decides if the vehicle may approach at all, and how far.
 """
 
 import math
@@ -22,30 +23,37 @@ class GroundApproach:
 
     height: float  # [m] of the hull above the plane, vertical
     hull_box: Array  # (2, 3) [m] corners of the hull in B
-    clearance: float = 1.2  # [m] of the whole hull to the plane: obstacles above it are not known yet
+    # [m] of the whole hull to the plane: obstacles above it are not known yet
+    clearance: float = 1.2
     slope: float = float(np.radians(35.0))  # [rad] largest slope that is accepted
     oldest: float = 1.0  # [s] largest age of the plane
 
     def __post_init__(self) -> None:
         for name in ("height", "clearance", "slope", "oldest"):
             if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"ground approach {name}: must be > 0, got {getattr(self, name)}")
+                raise ConfigurationError(
+                    f"ground approach {name}: must be > 0, got {getattr(self, name)}"
+                )
 
     def pose(self, estimate: StateEstimate, X_WB: Array) -> Array:
-        """Hull pose (4, 4) to scan from, above the position of the level pose `X_WB` (4, 4), with its heading.
+        """Hull pose (4, 4) to scan from, above the position of the level pose `X_WB` (4, 4), with
+        its heading.
 
         Raises:
-            ReachError: too few beams have measured the ground, the plane is too old, or it is too steep.
+            ReachError: too few beams have measured the ground, the plane is too old, or it is too
+                steep.
         """
         ground = estimate.ground
         if ground is None or not estimate.time - ground.time <= self.oldest:
             raise ReachError(
-                f"the Doppler log has given no ranges for {self.oldest:g} s: how far the ground is, is unknown"
+                f"the Doppler log has given no ranges for {self.oldest:g} s: how far the ground "
+                "is, is unknown"
             )
         if not math.isfinite(ground.p_W[0]):
             silent = f", silent: {', '.join(map(str, ground.silent))}" if ground.silent else ""
             raise ReachError(
-                f"the plane of the ground is unknown: {ground.beams} of the Doppler log's beams see it, {BEAMS} not in "
+                f"the plane of the ground is unknown: {ground.beams} of the Doppler log's beams "
+                f"see it, {BEAMS} not in "
                 f"a line are needed{silent}"
             )
         slope = math.acos(min(1.0, float(ground.normal_W[2])))

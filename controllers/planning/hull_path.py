@@ -1,4 +1,6 @@
-"""Clearance of hull and arm beside an object, and hull paths with folded arm that keep clear of it."""
+"""Clearance of hull and arm beside an object, and hull paths with folded arm that keep clear of
+it.
+"""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -13,11 +15,13 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
-CLEARANCE = 0.2  # [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
+# [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
+CLEARANCE = 0.2
 ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _CHECKED = 40  # number of poses along a move at which its clearance is computed
 _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
-_BACK = (0.4, 0.8, 1.2)  # [m] detours away from the object, tried in this order where a straight path is too near
+# [m] detours away from the object, tried in this order where a straight path is too near
+_BACK = (0.4, 0.8, 1.2)
 
 
 class HullPath:
@@ -37,10 +41,16 @@ class HullPath:
         self._arm_B, self._hull_box = transform_points(np.array(vehicle.X_BA), arm_A), hull_box
         shell = ConvexHull(obstacle)
         self._clearance = size(chain) * CLEARANCE
-        self._skin, self._planes, self._middle = skin_of(obstacle, shell), shell.equations, obstacle.mean(axis=0)
+        self._skin, self._planes, self._middle = (
+            skin_of(obstacle, shell),
+            shell.equations,
+            obstacle.mean(axis=0),
+        )
 
     def gap(self, X_WB: Array) -> float:
-        """Distance [m] of the hull's box, the arm's joints and its tip to the object; negative inside."""
+        """Distance [m] of the hull's box, the arm's joints and its tip to the object; negative
+        inside.
+        """
         return min(hull_gap(X_WB, self._hull_box, self._skin), self._arm_gap(X_WB))
 
     def keeps(self, X_WB: Array, clearance: float) -> bool:
@@ -50,17 +60,23 @@ class HullPath:
         return hull_keeps(X_WB, self._hull_box, self._skin, clearance)
 
     def _arm_gap(self, X_WB: Array) -> float:
-        """Distance [m] of the arm's joints and its tip to the object's convex hull; negative inside."""
+        """Distance [m] of the arm's joints and its tip to the object's convex hull; negative
+        inside.
+        """
         arm_W = transform_points(X_WB, self._arm_B)
         return convex_gap(arm_W, self._planes)
 
     def lowest(self, X_WB: Array) -> float:
-        """Height [m] in W of the lowest point of arm joints, tip and underside of a level hull at `X_WB` (4, 4)."""
+        """Height [m] in W of the lowest point of arm joints, tip and underside of a level hull at
+        `X_WB` (4, 4).
+        """
         arm_W = transform_points(X_WB, self._arm_B)
         return min(float(arm_W[:, 2].min()), float(X_WB[2, 3] + self._hull_box[0, 2]))
 
     def least_gap(self, poses: Sequence[Array]) -> float:
-        """Least distance [m] to the object on straight moves through `poses` (4, 4), each with uniform rotation."""
+        """Least distance [m] to the object on straight moves through `poses` (4, 4), each with
+        uniform rotation.
+        """
         return min(
             self.gap(PoseMove(0.0, 1.0, start, end).at(share)[0])
             for start, end in pairwise(poses)
@@ -70,8 +86,9 @@ class HullPath:
     def way(self, X_from: Array, X_to: Array) -> list[Array]:
         """Poses (4, 4) of a path from `X_from` (4, 4), excluded, to `X_to` (4, 4), included.
 
-        A straight path if it keeps CLEARANCE, scaled to the arm's size, or as much as either end has. Otherwise the
-        first detour that does, the shortest detours first. If none does, the path with the largest clearance.
+        A straight path if it keeps CLEARANCE, scaled to the arm's size, or as much as either end
+        has. Otherwise the first detour that does, the shortest detours first. If none does, the
+        path with the largest clearance.
         """
         wanted = min(self._clearance, self.gap(X_from), self.gap(X_to))
         best, widest = [X_to], -np.inf
@@ -86,12 +103,15 @@ class HullPath:
     def _ways(self, X_from: Array, X_to: Array) -> Iterator[list[Array]]:
         yield [X_to]
         R_from, R_to = X_from[:3, :3], X_to[:3, :3]
-        yield [pose(R_to, X_from[:3, 3]), X_to]  # rotation first, then a straight move: the arm is on the other side
+        # rotation first, then a straight move: the arm is on the other side
+        yield [pose(R_to, X_from[:3, 3]), X_to]
         for back in _BACK:
             yield [pose(R_from, self._off(X_from, back)), pose(R_to, self._off(X_to, back)), X_to]
 
     def _off(self, X_WB: Array, back: float) -> Array:
-        """Position (3,) [m] of a pose, moved horizontally away from the middle of the object by `back` [m]."""
+        """Position (3,) [m] of a pose, moved horizontally away from the middle of the object by
+        `back` [m].
+        """
         away = (X_WB[:3, 3] - self._middle) * [1.0, 1.0, 0.0]
         return X_WB[:3, 3] + back * away / max(float(np.linalg.norm(away)), 1e-9)
 
@@ -131,8 +151,12 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
 
 
 @kernel
-def hull_gap_kernel(X_WB: Array, hull_box: Array, obstacle: Array, away: Array, enough: float) -> float:
-    """As `hull_gap` of an obstacle displaced by -`away` (3,) [m], to the rounding; any value below `enough` ends it."""
+def hull_gap_kernel(
+    X_WB: Array, hull_box: Array, obstacle: Array, away: Array, enough: float
+) -> float:
+    """As `hull_gap` of an obstacle displaced by -`away` (3,) [m], to the rounding; any value below
+    `enough` ends it.
+    """
     nearest = np.inf
     for x, y, z in obstacle:
         x, y, z = x - away[0] - X_WB[0, 3], y - away[1] - X_WB[1, 3], z - away[2] - X_WB[2, 3]
@@ -148,8 +172,12 @@ def hull_gap_kernel(X_WB: Array, hull_box: Array, obstacle: Array, away: Array, 
     return nearest
 
 
-def hull_keeps(X_WB: Array, hull_box: Array, obstacle: Array, clearance: float, away: Array | None = None) -> bool:
-    """True if the hull's box is no nearer than `clearance` [m] to the object, displaced by -`away` (3,) [m]."""
+def hull_keeps(
+    X_WB: Array, hull_box: Array, obstacle: Array, clearance: float, away: Array | None = None
+) -> bool:
+    """True if the hull's box is no nearer than `clearance` [m] to the object, displaced by -`away`
+    (3,) [m].
+    """
     away = np.zeros(3) if away is None else away
     gap = hull_gap_kernel(X_WB, hull_box, obstacle, away, clearance - ROUNDING)
     if abs(gap - clearance) <= ROUNDING:  # the kernel cannot tell
@@ -158,9 +186,11 @@ def hull_keeps(X_WB: Array, hull_box: Array, obstacle: Array, clearance: float, 
 
 
 def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
-    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf without joints.
+    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf
+    without joints.
 
-    Left out are the first two joints, which hardly move, and the last two, which go with the tool to the contact.
+    Left out are the first two joints, which hardly move, and the last two, which go with the tool
+    to the contact.
     """
     moved = joint_centres(chain, q)[2 : chain.n - 2]
     if not len(moved):
@@ -170,7 +200,9 @@ def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> 
 
 
 def convex_gap(points: Array, planes: Array) -> float:
-    """Distance [m] from the nearest of `points` (k, 3) [m] to a convex hull of `planes` (m, 4); negative inside."""
+    """Distance [m] from the nearest of `points` (k, 3) [m] to a convex hull of `planes` (m, 4);
+    negative inside.
+    """
     outside = planes[:, :3] @ points.T + planes[:, 3:]
     # Along rows that lie side by side: NumPy reduces the few columns several times slower.
     return float(np.ascontiguousarray(outside.T).max(axis=1).min())
@@ -180,7 +212,9 @@ def joint_centres(chain: Chain, q: Array) -> Array:
     """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
     centres = np.empty((chain.n, 3))  # each moved by the joints before it
     X = np.eye(4)
-    for i, (kind, axis, point) in enumerate(zip(chain.joint_types, chain.axes, chain.points, strict=True)):
+    for i, (kind, axis, point) in enumerate(
+        zip(chain.joint_types, chain.axes, chain.points, strict=True)
+    ):
         centres[i] = X[:3, :3] @ point + X[:3, 3]
         if kind == "p":
             X = X @ pose(p=axis * q[i])
@@ -210,16 +244,20 @@ def joint_gap_kernel(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -
 def joint_centres_kernel(slides: np.ndarray, axes: Array, points: Array, q: Array) -> Array:
     """As `joint_centres`, to the rounding; `slides` (n,) tells which joints do."""
     centres = np.empty((len(q), 3))
-    R, turned, p = np.eye(3), np.empty((3, 3)), np.zeros(3)  # each joint is moved by those before it
+    # each joint is moved by those before it
+    R, turned, p = np.eye(3), np.empty((3, 3)), np.zeros(3)
     for i in range(len(q)):
         for a in range(3):
-            centres[i, a] = R[a, 0] * points[i, 0] + R[a, 1] * points[i, 1] + R[a, 2] * points[i, 2] + p[a]
+            centres[i, a] = (
+                R[a, 0] * points[i, 0] + R[a, 1] * points[i, 1] + R[a, 2] * points[i, 2] + p[a]
+            )
         if slides[i]:
             for a in range(3):
                 p[a] += (R[a, 0] * axes[i, 0] + R[a, 1] * axes[i, 1] + R[a, 2] * axes[i, 2]) * q[i]
             continue
         s, c = np.sin(q[i]), np.cos(q[i])
-        for a in range(3):  # Rodrigues' formula on the rows of R: r + sin (r x k) + (1 - cos) ((r . k) k - r)
+        # Rodrigues' formula on the rows of R: r + sin (r x k) + (1 - cos) ((r . k) k - r)
+        for a in range(3):
             x, y, z = R[a]
             u, v, w = axes[i]
             along = (1.0 - c) * (x * u + y * v + z * w)
@@ -227,7 +265,9 @@ def joint_centres_kernel(slides: np.ndarray, axes: Array, points: Array, q: Arra
             turned[a, 1] = c * y + s * (z * u - x * w) + along * v
             turned[a, 2] = c * z + s * (x * v - y * u) + along * w
             p[a] = centres[i, a] - (
-                turned[a, 0] * points[i, 0] + turned[a, 1] * points[i, 1] + turned[a, 2] * points[i, 2]
+                turned[a, 0] * points[i, 0]
+                + turned[a, 1] * points[i, 1]
+                + turned[a, 2] * points[i, 2]
             )
         R[:] = turned
     return centres

@@ -1,17 +1,21 @@
-"""Hull placement: the level hull pose from which the arm reaches the whole tool path, and the arm's first posture.
+"""Hull placement: the level hull pose from which the arm reaches the whole tool path, and the arm's
+first posture.
 
-Candidate positions of the arm's base around the path are tried, each with the hull level. If the base's axis points
-down (or up), the hull is turned so that the arm reaches forward, or at right angles to that. If the axis is horizontal,
-it faces the surface. Along the path the inverse kinematics (MKPS [Danilov 2021]) keeps to one branch.
+Candidate positions of the arm's base around the path are tried, each with the hull level. If the
+base's axis points down (or up), the hull is turned so that the arm reaches forward, or at right
+angles to that. If the axis is horizontal, it faces the surface. Along the path the inverse
+kinematics (MKPS [Danilov 2021]) keeps to one branch.
 
-The best candidate maximises the smallest margin. Margins: joint limits, singular postures, torque limits under the set
-force, distance to the object, and thrust under that force and its friction. The thrust margin decides the heading. A
-force applied a metre below a hull tilts it, and its thrusters have shorter levers against roll.
+The best candidate maximises the smallest margin. Margins: joint limits, singular postures, torque
+limits under the set force, distance to the object, and thrust under that force and its friction.
+The thrust margin decides the heading. A force applied a metre below a hull tilts it, and its
+thrusters have shorter levers against roll.
 
-Where this margin is small the hull may travel while the tool works [Konoplin 2019, section 6]. It moves straight, by a
-share of the way between the ends of the path, at the pace of the tool. The arm then meets every point in nearly the
-posture of the middle, drives stay away from their limits, and the path may be longer than the arm. `PathStanding`
-chooses this share, and how much of a path is worked.
+Where this margin is small the hull may travel while the tool works [Konoplin 2019, section 6]. It
+moves straight, by a share of the way between the ends of the path, at the pace of the tool. The arm
+then meets every point in nearly the posture of the middle, drives stay away from their limits, and
+the path may be longer than the arm. `PathStanding` chooses this share, and how much of a path is
+worked.
 """
 
 import itertools
@@ -37,7 +41,12 @@ from uuv.controllers.planning.path_poses import (
     tool_loads,
     tool_poses,
 )
-from uuv.controllers.planning.placement import Placement, PlacementSearch, Surroundings, out_of_reach
+from uuv.controllers.planning.placement import (
+    Placement,
+    PlacementSearch,
+    Surroundings,
+    out_of_reach,
+)
 from uuv.controllers.planning.promise import MOST_THRUST
 from uuv.models.objects.targets import TargetModel
 from uuv.models.vehicle import Vehicle
@@ -45,10 +54,12 @@ from uuv.sim.interfaces.errors import ReachError, StrongCurrentError
 from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
-_TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares of the line between the path's ends
+# travels of the hull that are tried, as shares of the line between the path's ends
+_TRAVELS = (0.0, 0.5, 1.0, 1.4)
 _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
 _STILL = readonly(np.zeros(3))
-_BETTER = 1e-4  # share by which a margin must be larger to count: a round tool turned by half has the same one
+# share by which a margin must be larger to count: a round tool turned by half has the same one
+_BETTER = 1e-4
 
 
 def place_hull(
@@ -72,22 +83,31 @@ def place_hull(
         around: what the hull and arm keep clear of.
         force: [N] largest set force.
         standoff: [m] from which the tool approaches.
-        travel: [-] share of the way between the path's ends that the hull travels while the tool works.
+        travel: [-] share of the way between the path's ends that the hull travels while the tool
+            works.
         search: grid and clearances; None takes the defaults.
         holding: thrust margin of the vehicle; None leaves thrust out.
 
     Returns:
         The placement, its pose at the start of the path.
 
-    An arm of fewer than six joints is carried along by the hull, see `uuv.controllers.planning.carried_arm`.
+    An arm of fewer than six joints is carried along by the hull, see
+    `uuv.controllers.planning.carried_arm`.
 
     Raises:
-        ReachError: no candidate reaches all of the path; the message gives the largest share reached.
+        ReachError: no candidate reaches all of the path; the message gives the largest share
+            reached.
     """
     search = search or PlacementSearch.of_size(size(chain))
     if chain.n < FULL:
         carried = CarriedArm(
-            vehicle=vehicle, chain=chain, around=around, force=force, standoff=standoff, search=search, holding=holding
+            vehicle=vehicle,
+            chain=chain,
+            around=around,
+            force=force,
+            standoff=standoff,
+            search=search,
+            holding=holding,
         )
         return carried.place(path)
     shares = samples_along(path, search.samples)
@@ -124,15 +144,22 @@ def place_hull(
     best_yaw, furthest = 0.0, cast("Dropped | None", None)
 
     def too_close(X_WB: Array, away_W: Array) -> bool:
-        """True if the hull, displaced by `away_W` (3,) [m], is nearer to the object than its clearance."""
+        """True if the hull, displaced by `away_W` (3,) [m], is nearer to the object than its
+        clearance.
+        """
         return not hull_keeps(X_WB, around.hull_box, skin, search.clearance, away_W)
 
     def consider(base: Array, yaw: float) -> bool:
-        """Try all tool rolls from this position of the arm's base (3,) [m] with this hull yaw [rad]; True if better."""
+        """Try all tool rolls from this position of the arm's base (3,) [m] with this hull yaw
+        [rad]; True if better.
+        """
         nonlocal best, best_yaw, furthest
         R_WB = exp_so3([0.0, 0.0, yaw])
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
-        if X_WB[2, 3] - 0.5 * abs(travel_W[2]) + around.hull_box[0, 2] < around.floor + search.clearance:
+        if (
+            X_WB[2, 3] - 0.5 * abs(travel_W[2]) + around.hull_box[0, 2]
+            < around.floor + search.clearance
+        ):
             return False
         if any(too_close(X_WB, way * travel_W) for way in ways):
             return False
@@ -145,7 +172,12 @@ def place_hull(
                     furthest = found
             elif found.margin > to_beat:
                 best = Placement(
-                    X_WB=X_WB, travel_W=travel_W, roll=roll, q_start=found.q_start, margin=found.margin, reached=1.0
+                    X_WB=X_WB,
+                    travel_W=travel_W,
+                    roll=roll,
+                    q_start=found.q_start,
+                    margin=found.margin,
+                    reached=1.0,
                 )
                 best_yaw, better = yaw, True
         return better
@@ -172,8 +204,10 @@ class _Mounting:
     axis_B: Array  # (3,) the base's own axis, z_A, towards the work
     sign: float  # 1 if that is z_A itself, else -1
     R_BA: Array  # (3, 3)
-    upright: bool  # the axis is closer to vertical than to horizontal: hull yaw then rotates about it
-    forward: float  # [rad] heading on the hull of the arm's forward direction, or of a horizontal axis
+    # the axis is closer to vertical than to horizontal: hull yaw then rotates about it
+    upright: bool
+    # [rad] heading on the hull of the arm's forward direction, or of a horizontal axis
+    forward: float
 
     @classmethod
     def of(cls, X_BA: Array, sign: float) -> "_Mounting":
@@ -181,7 +215,11 @@ class _Mounting:
         upright = bool(abs(axis[2]) > np.sqrt(0.5))
         ahead = reach if upright else axis
         return cls(
-            axis_B=axis, sign=sign, R_BA=X_BA[:3, :3], upright=upright, forward=float(np.arctan2(ahead[1], ahead[0]))
+            axis_B=axis,
+            sign=sign,
+            R_BA=X_BA[:3, :3],
+            upright=upright,
+            forward=float(np.arctan2(ahead[1], ahead[0])),
         )
 
     def candidates(
@@ -189,27 +227,37 @@ class _Mounting:
     ) -> Iterator[tuple[Array, float]]:
         """Positions (3,) [m] of the arm's base in W, each with the hull's yaw [rad]."""
         if self.upright:
-            # Bearings are counted from the path's own direction, so that the search turns with the object.
+            # Bearings are counted from the path's own direction, so that the search turns with the
+            # object.
             chord = path.p[-1] - path.p[0]
             start = np.arctan2(chord[1], chord[0])
             bearings = start + np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
             up = -np.sign(self.axis_B[2])
             aside = itertools.product(search.turns, search.heights, search.radii, bearings)
             for turn, height, radius, bearing in aside:
-                base = middle + reach * np.array([radius * np.cos(bearing), radius * np.sin(bearing), up * height])
+                base = middle + reach * np.array(
+                    [radius * np.cos(bearing), radius * np.sin(bearing), up * height]
+                )
                 yield base, self._facing(base, middle) + turn
             return
         into = path.z.mean(axis=0)  # mean direction of the tool axis
         facing = float(np.arctan2(into[1], into[0])) - self.forward
         asides = np.arange(search.asides) * (2.0 * np.pi / search.asides)
-        for turn, height, radius, aside in itertools.product(search.headings, search.heights, search.radii, asides):
+        for turn, height, radius, aside in itertools.product(
+            search.headings, search.heights, search.radii, asides
+        ):
             R_WA = exp_so3([0.0, 0.0, facing + turn]) @ self.R_BA
             yield (
-                middle + reach * R_WA @ [radius * np.cos(aside), radius * np.sin(aside), -self.sign * height],
+                middle
+                + reach
+                * R_WA
+                @ [radius * np.cos(aside), radius * np.sin(aside), -self.sign * height],
                 facing + turn,
             )
 
-    def neighbours(self, base: Array, yaw: float, middle: Array, step: float) -> list[tuple[Array, float]]:
+    def neighbours(
+        self, base: Array, yaw: float, middle: Array, step: float
+    ) -> list[tuple[Array, float]]:
         """Candidates `step` [m] away from a good one, and with yaw changed by 2 `step` [rad]."""
         moved = [base + step * way for way in np.vstack([np.eye(3), -np.eye(3)])]
         turned = [(base, yaw + turn) for turn in (-2.0 * step, 2.0 * step)]  # [rad]
@@ -230,10 +278,12 @@ class StandingLimits:
 
     force: float  # [N] largest set force
     standoff: float  # [m] distance to the surface from which the tool approaches
-    least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
+    # share of the path that must be reached; the rest is cut off equally at both ends
+    least_share: float = 1.0
     roomy: float = 0.8  # placement margin under which the hull travels with the tool
     cramped: float = 0.6  # placement margin under which part of the path is left out
-    spared: float = 0.7  # share of full thrust for push and steady current up to which the hull is not turned
+    # share of full thrust for push and steady current up to which the hull is not turned
+    spared: float = 0.7
     thrust: float = MOST_THRUST  # share that they may take at most
 
 
@@ -244,18 +294,22 @@ class PathStanding:
     vehicle: Vehicle
     chain: Chain  # its arm, base to tool
     model: TargetModel  # of the object
-    hull_box: Array  # (2, 3) [m] corners of the hull in B, kept clear of the object and of the seabed
+    # (2, 3) [m] corners of the hull in B, kept clear of the object and of the seabed
+    hull_box: Array
     limits: StandingLimits
     floor: float = -np.inf  # [m] height of the seabed in W
     search: PlacementSearch | None = None  # hull placements that are tried
-    holding: ThrustMargin | None = None  # thrust margin of the hull beside the object; None: not tested
+    # thrust margin of the hull beside the object; None: not tested
+    holding: ThrustMargin | None = None
 
-    def __call__(self, target: Target, whole: ToolPath, current_W: Array = _STILL) -> tuple[Placement, ToolPath, float]:
+    def __call__(
+        self, target: Target, whole: ToolPath, current_W: Array = _STILL
+    ) -> tuple[Placement, ToolPath, float]:
         """Best placement, the part of the path worked from it, and its share.
 
-        A placement without thrust margin against the worst friction is accepted as a second choice, marked
-        `held=False`. The place is first chosen in still water. Where push and current would ask for much of a thruster
-        there, it is chosen anew in the current, which turns the hull.
+        A placement without thrust margin against the worst friction is accepted as a second choice,
+        marked `held=False`. The place is first chosen in still water. Where push and current would
+        ask for much of a thruster there, it is chosen anew in the current, which turns the hull.
 
         Args:
             target: the object.
@@ -272,7 +326,8 @@ class PathStanding:
         except ReachError:
             if self.holding is None:
                 raise
-            # Friction may be less than the worst case, and a hull that is pushed off its place retreats.
+            # Friction may be less than the worst case, and a hull that is pushed off its place
+            # retreats.
             placement, path, worked = self._best(obstacle, whole, self.holding.without_friction())
             chosen = replace(placement, held=False), path, worked
         if self.holding is None or not np.any(current_W):
@@ -291,12 +346,14 @@ class PathStanding:
         if used <= self.limits.thrust:
             return chosen
         raise StrongCurrentError(
-            f"the current of {np.linalg.norm(current_W):.2f} m/s is too strong: the tool's push and it ask for "
+            f"the current of {np.linalg.norm(current_W):.2f} m/s is too strong: the tool's push "
+            "and it ask for "
             f"{used:.0%} of a thruster, {self.limits.thrust:.0%} may be used"
         )
 
     def used(self, placement: Placement, path: ToolPath, holding: ThrustMargin) -> float:
-        """Largest share of thrust that any thruster uses along a path from a placement; 1 is full thrust.
+        """Largest share of thrust that any thruster uses along a path from a placement; 1 is full
+        thrust.
 
         Args:
             placement: the hull's place for the path.
@@ -310,7 +367,9 @@ class PathStanding:
         shares = samples_along(path, count)
         poses = tool_poses(path, shares, placement.roll, self.limits.standoff)
         loads = tool_loads(path, shares, placement.roll, self.limits.force, holding.drag)
-        done = np.interp(shares, np.linspace(0.0, float(path.s[-1]), count), np.linspace(0.0, 1.0, count))
+        done = np.interp(
+            shares, np.linspace(0.0, float(path.s[-1]), count), np.linspace(0.0, 1.0, count)
+        )
         done = np.pad(done, STANDOFF_STEPS, mode="edge")
         q, most = placement.q_start, 0.0
         for X_WG, load, share in zip(poses, loads, done, strict=True):
@@ -323,7 +382,9 @@ class PathStanding:
     def _best(
         self, obstacle: Array, whole: ToolPath, holding: ThrustMargin | None
     ) -> tuple[Placement, ToolPath, float]:
-        """Best placement over shares of the path and travels of the hull; raises ReachError if none exists."""
+        """Best placement over shares of the path and travels of the hull; raises ReachError if none
+        exists.
+        """
         limits = self.limits
         around = Surroundings(obstacle=obstacle, hull_box=self.hull_box, floor=self.floor)
         best: tuple[Placement, ToolPath, float] | None = None
@@ -356,7 +417,9 @@ class PathStanding:
         return best
 
     def _candidates(self) -> Iterator[tuple[float, float]]:
-        """Candidates (share of the path to work, travel of the hull as a share of it), the best first."""
+        """Candidates (share of the path to work, travel of the hull as a share of it), the best
+        first.
+        """
         yield from ((1.0, travel) for travel in (_TRAVELS if self.chain.n >= FULL else (1.0,)))
         share = 1.0 - _SHORTER
         while share >= self.limits.least_share - 1e-9:

@@ -23,7 +23,8 @@ def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Arra
         roll: [rad] rotation of the tool about its own axis from the path's x.
 
     Returns:
-        The pose X_WG (4, 4), the derivative of its origin (3,) [-], and that of its axes (3,) [rad/m], W.
+        The pose X_WG (4, 4), the derivative of its origin (3,) [-], and that of its axes (3,)
+        [rad/m], W.
     """
     X, tangent, turn = np.eye(4), np.empty(3), np.empty(3)
     _tool_pose(_Samples(path.s, path.p, path.z, path.x), s, roll, X, tangent, turn)
@@ -40,7 +41,8 @@ def middle_part(path: ToolPath, share: float) -> ToolPath:
 
 
 def part_of(path: ToolPath, keep: np.ndarray) -> ToolPath:
-    """The samples of a path where `keep` (N,) is True, from the first to the last one on which the tool can press.
+    """The samples of a path where `keep` (N,) is True, from the first to the last one on which the
+    tool can press.
 
     The arc length is counted anew from 0.
     """
@@ -57,7 +59,9 @@ def stretches(path: ToolPath) -> tuple[tuple[float, float], ...]:
     if path.fits is None:
         return ((0.0, float(path.s[-1])),)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], path.fits, [False]]).astype(np.int8)))
-    return tuple((float(path.s[first]), float(path.s[last - 1])) for first, last in edges.reshape(-1, 2))
+    return tuple(
+        (float(path.s[first]), float(path.s[last - 1])) for first, last in edges.reshape(-1, 2)
+    )
 
 
 class _Samples(NamedTuple):
@@ -103,22 +107,29 @@ def _frame(path, s, roll):
 
 
 def samples_along(path: ToolPath, count: int) -> Array:
-    """Arc lengths [m] at which a path is tested: `count` even ones, and more where the tool turns over an edge."""
+    """Arc lengths [m] at which a path is tested: `count` even ones, and more where the tool turns
+    over an edge.
+    """
     even = np.linspace(0.0, float(path.s[-1]), count)
     frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
-    turned = np.concatenate([[0.0], np.cumsum(np.sqrt(0.5 * np.sum(np.diff(frame, axis=0) ** 2, axis=1)))])  # [rad]
+    # [rad]
+    turned = np.concatenate(
+        [[0.0], np.cumsum(np.sqrt(0.5 * np.sum(np.diff(frame, axis=0) ** 2, axis=1)))]
+    )
     at = np.interp(even, path.s, turned)
     more = np.maximum(np.ceil(np.diff(at) / _MOST_TURN) - 1, 0).astype(np.int64)
     if not more.any():
         return even
     between = [
-        np.interp(np.linspace(a, b, k + 2)[1:-1], turned, path.s) for a, b, k in zip(at, at[1:], more, strict=False)
+        np.interp(np.linspace(a, b, k + 2)[1:-1], turned, path.s)
+        for a, b, k in zip(at, at[1:], more, strict=False)
     ]
     return np.sort(np.concatenate([even, *between]))
 
 
 def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
-    """Tool poses (4, 4) from the stand-off to the surface, along the path, and back off the surface.
+    """Tool poses (4, 4) from the stand-off to the surface, along the path, and back off the
+    surface.
 
     Args:
         path: tool path in W.
@@ -131,12 +142,17 @@ def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> l
     """
     along = [tool_pose(path, s, roll)[0] for s in shares]
     steps = standoff * np.arange(1, STANDOFF_STEPS + 1) / STANDOFF_STEPS
-    down, up = ([pose(X[:3, :3], X[:3, 3] - X[:3, 2] * step) for step in steps] for X in (along[0], along[-1]))
+    down, up = (
+        [pose(X[:3, :3], X[:3, 3] - X[:3, 2] * step) for step in steps]
+        for X in (along[0], along[-1])
+    )
     return down[::-1] + along + up
 
 
 def tool_loads(path: ToolPath, shares: Array, roll: float, force: float, drag: float) -> Array:
-    """Force of the surface on the tip (k, 3) [N], tool axes, at each of `tool_poses`; zero off the surface."""
+    """Force of the surface on the tip (k, 3) [N], tool axes, at each of `tool_poses`; zero off the
+    surface.
+    """
     loads = np.zeros((len(shares) + 2 * STANDOFF_STEPS, 3))
     for load, s in zip(loads[STANDOFF_STEPS:], shares, strict=False):
         X, tangent, _ = tool_pose(path, s, roll)

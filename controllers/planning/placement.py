@@ -24,9 +24,10 @@ class Placement:
     q_start: Array  # (n,) [rad] at the stand-off before the path's first point
     margin: float  # [-] smallest margin along the path: 1 is roomy, 0 is at a limit
     reached: float  # [-] share of the path within reach
-    held: bool = True  # the thrusters bear push and friction along the whole path, or are not considered
-    # Displacement (3) [m] in W and turn [rad] of a hull that carries its arm, over the share of the path done; None: a
-    # straight way without turning, by `travel_W`.
+    # the thrusters bear push and friction along the whole path, or are not considered
+    held: bool = True
+    # Displacement (3) [m] in W and turn [rad] of a hull that carries its arm, over the share of the
+    # path done; None: a straight way without turning, by `travel_W`.
     way: "CubicSpline | None" = None
 
     def hull_at(self, share: float) -> Array:
@@ -41,24 +42,33 @@ class Placement:
         return X_WB
 
     def hull_rate(self, share: float) -> Array:
-        """Displacement (3,) [m] of the hull in W per share [-] of the path, when `share` of it is done."""
+        """Displacement (3,) [m] of the hull in W per share [-] of the path, when `share` of it is
+        done.
+        """
         return self.travel_W if self.way is None else self.way(min(max(share, 0.0), 1.0), 1)[:3]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacementSearch:
-    """Search grid and clearances of the placement; heights and radii in lengths of the stretched arm."""
+    """Search grid and clearances of the placement; heights and radii in lengths of the stretched
+    arm.
+    """
 
-    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # of the base off the middle, against its own axis
-    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # of the base off the middle, across that axis
+    # of the base off the middle, against its own axis
+    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)
+    # of the base off the middle, across that axis
+    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)
     bearings: int = 12  # number of directions around the middle
     asides: int = 6  # number of directions across the axis of a base with a horizontal axis
-    turns: tuple[float, ...] = (0.0, -0.5 * np.pi, 0.5 * np.pi)  # [rad] hull yaw, from forward reach
-    headings: tuple[float, ...] = (-0.6, 0.0, 0.6)  # [rad] hull yaw from facing the surface, horizontal axis
+    # [rad] hull yaw, from forward reach
+    turns: tuple[float, ...] = (0.0, -0.5 * np.pi, 0.5 * np.pi)
+    # [rad] hull yaw from facing the surface, horizontal axis
+    headings: tuple[float, ...] = (-0.6, 0.0, 0.6)
     refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps of the final local search
     rolls: int = 4  # number of rotations of the tool about its axis
     clearance: float = 0.25  # [m] least distance of the hull to the object
-    arm_clearance: float = 0.06  # [m] distance of joint centres to the object that gives a margin of 1
+    # [m] distance of joint centres to the object that gives a margin of 1
+    arm_clearance: float = 0.06
     samples: int = 15  # number of poses tried along the path
 
     @classmethod
@@ -76,13 +86,18 @@ class PlacementSearch:
 class Surroundings:
     """The hull's box, and what it keeps clear of."""
 
-    obstacle: Array  # (k, 3) [m] points of the object in W; hull and arm keep clear of its convex hull
+    # (k, 3) [m] points of the object in W; hull and arm keep clear of its convex hull
+    obstacle: Array
     hull_box: Array  # (2, 3) [m] corners of the hull's box in B
-    floor: float = -np.inf  # [m] height in W of the seabed, above which the hull keeps its clearance
+    # [m] height in W of the seabed, above which the hull keeps its clearance
+    floor: float = -np.inf
 
 
-def out_of_reach(shares: Array, furthest: Dropped | None, arm: ArmMargins, *, held: bool) -> ReachError:
-    """The refusal of a path that no place of the hull lets the arm take; it tells how far the best one came.
+def out_of_reach(
+    shares: Array, furthest: Dropped | None, arm: ArmMargins, *, held: bool
+) -> ReachError:
+    """The refusal of a path that no place of the hull lets the arm take; it tells how far the best
+    one came.
 
     Args:
         shares: [m] arc lengths of the poses tried on the path.
@@ -96,5 +111,6 @@ def out_of_reach(shares: Array, furthest: Dropped | None, arm: ArmMargins, *, he
         at = float(shares[min(max(furthest.at - STANDOFF_STEPS, 0), len(shares) - 1)])
         where = f"{furthest.reached:.0%}, up to {at:.2f} m, where {arm.said(furthest)}"
     return ReachError(
-        f"the tool path is out of reach: no place of the hull lets the arm take all of it{while_held}, at best {where}"
+        "the tool path is out of reach: no place of the hull lets the arm take all of "
+        f"it{while_held}, at best {where}"
     )

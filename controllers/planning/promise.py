@@ -1,8 +1,10 @@
-"""Promise before contact: the chance that the tool stays within a tolerance of its path on the true object.
+"""Promise before contact: the chance that the tool stays within a tolerance of its path on the true
+object.
 
-The tool's error across its axis has two parts. One is constant over the work: where the object was found. The other
-changes during it: where navigation believes the hull to be. The arm's own part is an order of magnitude smaller. Both
-are stated as covariances, so that the chance follows from them alone.
+The tool's error across its axis has two parts. One is constant over the work: where the object was
+found. The other
+changes during it: where navigation believes the hull to be. The arm's own part is an order of
+magnitude smaller. Both are stated as covariances, so that the chance follows from them alone.
 """
 
 from dataclasses import dataclass
@@ -15,7 +17,8 @@ from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.spatial import Array, finite_number
 
 WANTED = 0.98  # chance from which on there is nothing to wait for
-NAVIGATION_TIME = 2.4  # [s] correlation time of the error of the estimated position; measured 1.1 to 3.5 s
+# [s] correlation time of the error of the estimated position; measured 1.1 to 3.5 s
+NAVIGATION_TIME = 2.4
 _PEAKS = 2.0  # independent values in that time, as far as the largest one is concerned
 MOST_THRUST = 0.95  # share of full thrust that push and steady current may take
 _QUANTILES = 512  # of the normal distribution, at which the constant part is summed
@@ -23,7 +26,9 @@ _QUANTILES = 512  # of the normal distribution, at which the constant part is su
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopLimits:
-    """When a pressed tool stops on its path, and how well it then stands (`uuv.controllers.tasks.stops`)."""
+    """When a pressed tool stops on its path, and how well it then stands
+    (`uuv.controllers.tasks.stops`).
+    """
 
     every: float = option(
         3.0,
@@ -35,17 +40,22 @@ class StopLimits:
     )
     lasting: float = 0.5  # [s] that the tool stands
     settle: float = 0.3  # [s] from the end of the motion, after which it may count as standing
-    hold: float = 0.15  # force across the tool, as a share of that along it, up to which friction holds it still
-    patience: float = 1.5  # [s] from the end of the motion, after which a stop without that is given up
+    # force across the tool, as a share of that along it, up to which friction holds it still
+    hold: float = 0.15
+    # [s] from the end of the motion, after which a stop without that is given up
+    patience: float = 1.5
     creep: float = 1.5e-4  # [m/s] standard deviation of the speed at which it creeps all the same
-    below: float = 0.98  # chance promised before contact, below which the tool stops; without a promise it does
+    # chance promised before contact, below which the tool stops; without a promise it does
+    below: float = 0.98
 
     def __post_init__(self) -> None:
         finite_number(self.every, "task.promise.stops.every [s]", least=0.5)
         finite_number(self.lasting, "task.promise.stops.lasting [s]", above=0.0, most=10.0)
         finite_number(self.settle, "task.promise.stops.settle [s]", least=0.0, most=10.0)
         finite_number(self.hold, "task.promise.stops.hold, a share", above=0.0, most=1.0)
-        finite_number(self.patience, "task.promise.stops.patience [s]", least=self.settle, most=60.0)
+        finite_number(
+            self.patience, "task.promise.stops.patience [s]", least=self.settle, most=60.0
+        )
         finite_number(self.creep, "task.promise.stops.creep [m/s]", above=0.0)
         finite_number(self.below, "task.promise.stops.below, a chance", above=0.0, most=1.0)
 
@@ -69,8 +79,10 @@ class PromiseLimits:
     patience: float = 15.0  # [s] of waiting for a better estimate, at most
     interval: float = 1.0  # [s] between two looks at the chance
     gain: float = 0.01  # rise of the chance in that time, from which on it is worthwhile to wait on
-    stops: StopLimits | None = None  # of the pressed tool on its path, for navigation; None: it does not stop
-    most_thrust: float = MOST_THRUST  # share of full thrust that push and steady current may take; beyond it: refused
+    # of the pressed tool on its path, for navigation; None: it does not stop
+    stops: StopLimits | None = None
+    # share of full thrust that push and steady current may take; beyond it: refused
+    most_thrust: float = MOST_THRUST
 
     def __post_init__(self) -> None:
         finite_number(self.tolerance, "task.promise.tolerance [m]", above=0.0)
@@ -84,10 +96,13 @@ class PromiseLimits:
             raise ConfigurationError(text)
 
 
-def promise(estimate: StateEstimate, target: Target, tolerance: float, duration: float) -> Promise | None:
+def promise(
+    estimate: StateEstimate, target: Target, tolerance: float, duration: float
+) -> Promise | None:
     """Chance that the tool stays within a tolerance of its path, along it and across it.
 
-    A direction in which the object can slide or turn unseen is left out: nothing can be promised there.
+    A direction in which the object can slide or turn unseen is left out: nothing can be promised
+    there.
 
     Args:
         estimate: State of the vehicle; its stated position error is taken to stay as it is.
@@ -107,12 +122,16 @@ def promise(estimate: StateEstimate, target: Target, tolerance: float, duration:
     looks = max(1.0, _PEAKS * duration / NAVIGATION_TIME)
     chance = float(np.prod([_chance(sigma, moving, tolerance, looks) for sigma in held]))
     return Promise(
-        chance=chance, tolerance=tolerance, navigation_sigma=moving, object_sigma=float(held.max(initial=0.0))
+        chance=chance,
+        tolerance=tolerance,
+        navigation_sigma=moving,
+        object_sigma=float(held.max(initial=0.0)),
     )
 
 
 def _chance(held: float, moving: float, tolerance: float, looks: float) -> float:
-    """Probability that a constant error plus each of `looks` independent ones stays within the tolerance [m].
+    """Probability that a constant error plus each of `looks` independent ones stays within the
+    tolerance [m].
 
     Args:
         held: [m] standard deviation of the constant error.

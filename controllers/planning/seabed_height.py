@@ -1,8 +1,9 @@
 """Height of the vehicle above the seabed for work on it [Konoplin 2019, section 1].
 
-With constant heading the vehicle descends until the arm reaches every point of the path with a margin. The hull keeps
-clear of the ground, and the jets of its thrusters do not stir it up. Where no height above the place is feasible,
-places beside it are tried. Where none is feasible, the work is refused with the reason.
+With constant heading the vehicle descends until the arm reaches every point of the path with a
+margin. The hull keeps clear of the ground, and the jets of its thrusters do not stir it up. Where
+no height above the place is feasible, places beside it are tried. Where none is feasible, the work
+is refused with the reason.
 """
 
 from dataclasses import dataclass
@@ -21,19 +22,24 @@ from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, checked, inverse, readonly
 
-# Largest shear under a round turbulent jet that strikes a wall perpendicularly from height H [Beltaos 1974]:
-# 0.16 rho U0^2 (d / H)^2. Expressed by its thrust rho U0^2 pi d^2 / 4, the diameter d cancels.
+# Largest shear under a round turbulent jet that strikes a wall perpendicularly from height H
+# [Beltaos 1974]: 0.16 rho U0^2 (d / H)^2. Expressed by its thrust rho U0^2 pi d^2 / 4, the diameter
+# d cancels.
 _FEW_STEPS = IkOptions(max_iterations=60)
 _SHEAR = 0.16 * 4.0 / np.pi  # [-] largest shear stress times H^2 over thrust
 
 
 def jet_shear(thrust: float, height: float) -> float:
-    """Largest shear stress [Pa] on the ground under a jet of `thrust` [N] straight down from `height` [m]."""
+    """Largest shear stress [Pa] on the ground under a jet of `thrust` [N] straight down from
+    `height` [m].
+    """
     return _SHEAR * thrust / height**2
 
 
 def silt_height(thrust: float, critical_shear: float) -> float:
-    """Least height [m] at which a downward jet of `thrust` [N] does not move ground of `critical_shear` [Pa]."""
+    """Least height [m] at which a downward jet of `thrust` [N] does not move ground of
+    `critical_shear` [Pa].
+    """
     return float(np.sqrt(_SHEAR * thrust / critical_shear))
 
 
@@ -44,26 +50,34 @@ class HeightSearch:
     clearance: float = 0.3  # [m] least distance of the hull to the ground
     arm_clearance: float = 0.06  # [m] least distance of joint centres to the ground
     margin: float = (
-        0.1  # [-] least margin of the placement (`uuv.controllers.planning.hull_placement`): else too near a limit
+        # [-] least margin of the placement (`uuv.controllers.planning.hull_placement`): else too
+        # near a limit
+        0.1
     )
     roomy: float = 0.5  # [-] margin at which the search ends
     step: float = 0.04  # [m] of the descent
-    asides: tuple[float, ...] = (0.0, 0.2, 0.4, 0.6, 0.8)  # [m] horizontal offsets from the place, the nearest first
+    # [m] horizontal offsets from the place, the nearest first
+    asides: tuple[float, ...] = (0.0, 0.2, 0.4, 0.6, 0.8)
     directions: int = 8  # number of directions of these offsets
     rolls: int = 4  # number of rotations of the tool about its axis
     samples: int = 15  # number of poses tried along the path
     jet: float = 1.0  # [N] thrust of the strongest downward jet while the hull keeps station
     jets_above: float = 0.0  # [m] height of that thruster above the hull's underside
-    critical_shear: float = 0.2  # [Pa] at which the ground moves: fine sand of 0.2 mm [Soulsby 1997, ch. 6.4]
+    # [Pa] at which the ground moves: fine sand of 0.2 mm [Soulsby 1997, ch. 6.4]
+    critical_shear: float = 0.2
 
     def __post_init__(self) -> None:
         for name in ("clearance", "arm_clearance", "margin", "step", "critical_shear"):
             if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"height search: {name} must be > 0, got {getattr(self, name)}")
+                raise ConfigurationError(
+                    f"height search: {name} must be > 0, got {getattr(self, name)}"
+                )
         if not self.jet >= 0.0:
             raise ConfigurationError(f"height search: jet must be >= 0 N, got {self.jet}")
         if min(self.directions, self.rolls, self.samples, len(self.asides)) < 1:
-            raise ConfigurationError("height search: directions, rolls, samples and asides must be at least one each")
+            raise ConfigurationError(
+                "height search: directions, rolls, samples and asides must be at least one each"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,11 +101,13 @@ def choose_height(
     standoff: float,
     search: HeightSearch | None = None,
 ) -> WorkHeight:
-    """Highest feasible hull pose above `path` with a roomy margin, or the one with the largest margin.
+    """Highest feasible hull pose above `path` with a roomy margin, or the one with the largest
+    margin.
 
     Args:
         own: the vehicle.
-        path: tool path in W; from the surface into the ground for a core sampler, along it for a box.
+        path: tool path in W; from the surface into the ground for a core sampler, along it for a
+            box.
         ground: (V, 3) [m] points of the seabed in W, dense enough to show obstacles on it.
         X_WB: (4, 4) level hull pose above the work site: its position and heading are kept.
         force: [N] largest push.
@@ -108,16 +124,26 @@ def choose_height(
     search, vehicle, chain = search or HeightSearch(), own.vehicle, own.chain
     start = np.array(checked(X_WB, (4, 4), "X_WB"))
     points = np.asarray(ground, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.all(np.isfinite(points)):
-        raise ConfigurationError(f"ground: expected finite points (V, 3), V > 0, got shape {points.shape}")
+    if (
+        points.ndim != 2
+        or points.shape[1] != 3
+        or not len(points)
+        or not np.all(np.isfinite(points))
+    ):
+        raise ConfigurationError(
+            f"ground: expected finite points (V, 3), V > 0, got shape {points.shape}"
+        )
     if start[2, 2] < np.cos(np.radians(5.0)):
         raise ConfigurationError("X_WB: the hull must be level to go down")
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     poses = [tool_poses(path, shares, roll, standoff) for roll in rolls]
     still = np.zeros((len(poses[0]), 3))
-    tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])  # `arm_gap` tests the arm, below
-    arm = ArmMargins(vehicle=vehicle, chain=chain, planes=nowhere, force=force, clearance=search.arm_clearance)
+    # `arm_gap` tests the arm, below
+    tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])
+    arm = ArmMargins(
+        vehicle=vehicle, chain=chain, planes=nowhere, force=force, clearance=search.arm_clearance
+    )
     highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
     calm = silt_height(search.jet, search.critical_shear)
     best: WorkHeight | None = None
@@ -135,7 +161,10 @@ def choose_height(
             known = True
             over += search.jets_above
             if min(gap - search.clearance, over - calm) > room:
-                room, silt = min(gap - search.clearance, over - calm), over - calm < gap - search.clearance
+                room, silt = (
+                    min(gap - search.clearance, over - calm),
+                    over - calm < gap - search.clearance,
+                )
             while gap >= search.clearance and over >= calm:
                 for roll, tool in zip(rolls, poses, strict=True):
                     to_beat = best.placement.margin if best else search.margin
@@ -143,7 +172,10 @@ def choose_height(
                     furthest = max(furthest, worked.reached if isinstance(worked, Dropped) else 1.0)
                     if isinstance(worked, Dropped) or worked.margin < search.margin:
                         continue
-                    if arm_gap(chain, X @ vehicle.X_BA, tool, worked.q_start, tree) < search.arm_clearance:
+                    if (
+                        arm_gap(chain, X @ vehicle.X_BA, tool, worked.q_start, tree)
+                        < search.arm_clearance
+                    ):
                         hit = True
                         continue
                     found = Placement(
@@ -155,7 +187,11 @@ def choose_height(
                         reached=1.0,
                     )
                     best = WorkHeight(
-                        placement=found, aside=aside, hull_gap=gap, jet_height=over, shear=jet_shear(search.jet, over)
+                        placement=found,
+                        aside=aside,
+                        hull_gap=gap,
+                        jet_height=over,
+                        shear=jet_shear(search.jet, over),
                     )
                 if best is not None and best.placement.margin >= search.roomy:
                     return best
@@ -164,9 +200,12 @@ def choose_height(
         if best is not None:
             return best
     if not known:
-        raise ReachError("no height to work at: of the ground under the hull, there and aside, no point is known")
+        raise ReachError(
+            "no height to work at: of the ground under the hull, there and aside, no point is known"
+        )
     why = (
-        f"its thrusters must stay {calm:.2f} m over the ground, or a jet of {search.jet:g} N would stir it up"
+        f"its thrusters must stay {calm:.2f} m over the ground, or a jet of {search.jet:g} N "
+        "would stir it up"
         if silt
         else f"the hull must stay {search.clearance:.2f} m clear of the ground"
     )
@@ -178,27 +217,37 @@ def choose_height(
             f"{search.arm_clearance:.2f} m of the ground"
         )
     raise ReachError(
-        f"no height to work at: {why}; from there and higher the arm takes at best {furthest:.0%} of the path, up to "
+        f"no height to work at: {why}; from there and higher the arm takes at best {furthest:.0%} "
+        "of the path, up to "
         f"{max(search.asides):.1f} m aside"
     )
 
 
 def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tuple[float, float]:
-    """Heights [m] of the hull's underside above the highest and above the median ground; inf without ground points.
+    """Heights [m] of the hull's underside above the highest and above the median ground; inf
+    without ground points.
 
     Counts ground within `beside` [m] of the hull's outline.
     """
     p_B = (ground - X_WB[:3, 3]) @ X_WB[:3, :3]
-    near = np.all((p_B[:, :2] > hull_box[0, :2] - beside) & (p_B[:, :2] < hull_box[1, :2] + beside), axis=1)
+    near = np.all(
+        (p_B[:, :2] > hull_box[0, :2] - beside) & (p_B[:, :2] < hull_box[1, :2] + beside), axis=1
+    )
     if not near.any():
         return np.inf, np.inf
-    return float(hull_box[0, 2] - p_B[near, 2].max()), float(hull_box[0, 2] - np.median(p_B[near, 2]))
+    return float(hull_box[0, 2] - p_B[near, 2].max()), float(
+        hull_box[0, 2] - np.median(p_B[near, 2])
+    )
 
 
-def arm_gap(chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, ground: cKDTree) -> float:
-    """Least distance [m] of the ground to the arm's joints and their midpoints, over all tool poses.
+def arm_gap(
+    chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, ground: cKDTree
+) -> float:
+    """Least distance [m] of the ground to the arm's joints and their midpoints, over all tool
+    poses.
 
-    Left out are the first joint, at the hull, and the last two, which go into the ground with the tool.
+    Left out are the first joint, at the hull, and the last two, which go into the ground with the
+    tool.
 
     Args:
         chain: kinematics of the arm.

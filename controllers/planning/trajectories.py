@@ -1,4 +1,6 @@
-"""Time-parametrised motions with bounded speed and acceleration: poses, joints, and progress along a path."""
+"""Time-parametrised motions with bounded speed and acceleration: poses, joints, and progress along
+a path.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +12,8 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, log_so3, r
 
 SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of a tool along its path
 BEND = 0.05  # [m/s^2] of a tool across its path, where nothing else is said
-TURN = 0.35  # [rad/s] of a tool on its path: faster, joints near the wrist come to their speed limit
+# [rad/s] of a tool on its path: faster, joints near the wrist come to their speed limit
+TURN = 0.35
 
 # Peak speed and acceleration of the quintic 10 t^3 - 15 t^4 + 6 t^5 for a unit move in unit time.
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / np.sqrt(3.0)
@@ -24,7 +27,9 @@ def _quintic(u: float) -> tuple[float, float]:
 
 def _duration(distance: float, speed: float, acceleration: float) -> float:
     """Shortest duration [s] of a quintic move over `distance` within speed and acceleration."""
-    return max(_PEAK_SPEED * distance / speed, np.sqrt(_PEAK_ACCELERATION * distance / acceleration), 1e-3)
+    return max(
+        _PEAK_SPEED * distance / speed, np.sqrt(_PEAK_ACCELERATION * distance / acceleration), 1e-3
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +43,14 @@ class PoseMove:
 
     @classmethod
     def between(
-        cls, start: float, X_from: Array, X_to: Array, *, speed: float, acceleration: float, turn_rate: float
+        cls,
+        start: float,
+        X_from: Array,
+        X_to: Array,
+        *,
+        speed: float,
+        acceleration: float,
+        turn_rate: float,
     ) -> "PoseMove":
         """Shortest such move within the limits.
 
@@ -62,7 +74,9 @@ class PoseMove:
         """Pose (4, 4) and velocity of its origin (3,) [m/s], W, at `time` [s]."""
         share, rate = _quintic((time - self.start) / self.duration)
         X = np.eye(4)
-        X[:3, :3] = self.X_from[:3, :3] @ exp_so3(share * log_so3(self.X_from[:3, :3].T @ self.X_to[:3, :3]))
+        X[:3, :3] = self.X_from[:3, :3] @ exp_so3(
+            share * log_so3(self.X_from[:3, :3].T @ self.X_to[:3, :3])
+        )
         travel = self.X_to[:3, 3] - self.X_from[:3, 3]
         X[:3, 3] = self.X_from[:3, 3] + share * travel
         return X, travel * (rate / self.duration)
@@ -123,7 +137,8 @@ class Progress:
     def __post_init__(self) -> None:
         if not (self.length > 0.0 and self.speed > 0.0 and self.ramp > 0.0):
             raise ConfigurationError(
-                f"path progress: length {self.length} m, speed {self.speed} m/s and ramp {self.ramp} s must be > 0"
+                f"path progress: length {self.length} m, speed {self.speed} m/s and ramp "
+                f"{self.ramp} s must be > 0"
             )
 
     @property
@@ -164,7 +179,9 @@ class Progress:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpeedLaw:
-    """Arc length and speed over time along a path, from rest to rest, slower in bends [Konoplin 2019]."""
+    """Arc length and speed over time along a path, from rest to rest, slower in bends [Konoplin
+    2019].
+    """
 
     time: Array  # (n,) [s] at the path's samples, from 0
     s: Array  # (n,) [m], from 0
@@ -176,19 +193,25 @@ class SpeedLaw:
         return float(self.time[-1])
 
     def at(self, time: float) -> tuple[float, float]:
-        """Arc length [m] and speed [m/s] at `time` [s]; at rest before the start and after the end."""
+        """Arc length [m] and speed [m/s] at `time` [s]; at rest before the start and after the
+        end.
+        """
         if not self.time[0] < time < self.time[-1]:
             return float(self.s[0] if time <= self.time[0] else self.s[-1]), 0.0
         i = int(np.searchsorted(self.time, time)) - 1
         h = time - self.time[i]
-        a = (self.speed[i + 1] - self.speed[i]) / (self.time[i + 1] - self.time[i])  # constant between two samples
+        # constant between two samples
+        a = (self.speed[i + 1] - self.speed[i]) / (self.time[i + 1] - self.time[i])
         return float(self.s[i] + self.speed[i] * h + 0.5 * a * h * h), float(self.speed[i] + a * h)
 
 
-def speed_law(path: ToolPath, speed: float, bend: float = BEND, along: float | None = None) -> SpeedLaw:
+def speed_law(
+    path: ToolPath, speed: float, bend: float = BEND, along: float | None = None
+) -> SpeedLaw:
     """Fastest motion along a path within limits of speed and of tangential and normal acceleration.
 
-    The normal limit v^2 kappa <= `bend` slows the tool down in bends, and TURN where its axes turn: over edges.
+    The normal limit v^2 kappa <= `bend` slows the tool down in bends, and TURN where its axes turn:
+    over edges.
 
     Args:
         path: The tool path.
@@ -203,15 +226,20 @@ def speed_law(path: ToolPath, speed: float, bend: float = BEND, along: float | N
         ConfigurationError: A limit is out of range.
     """
     speed = finite_number(speed, "speed law: speed [m/s]", least=SLOWEST, most=FASTEST)
-    bend = finite_number(bend, "speed law: acceleration across the path [m/s^2]", above=0.0, most=1e3)
-    along = finite_number(bend if along is None else along, "speed law: acceleration [m/s^2]", above=0.0, most=1e3)
+    bend = finite_number(
+        bend, "speed law: acceleration across the path [m/s^2]", above=0.0, most=1e3
+    )
+    along = finite_number(
+        bend if along is None else along, "speed law: acceleration [m/s^2]", above=0.0, most=1e3
+    )
     return _law(path.s - path.s[0], np.minimum(speed, _limit(path, bend)), along)
 
 
 def progress_along(
     path: ToolPath, begin: float, end: float, *, speed: float, ramp: float, bend: float = BEND
 ) -> Progress | SpeedLaw:
-    """Motion along the stretch of a path from `begin` to `end` [m]: trapezoidal, unless a bend must be taken slower.
+    """Motion along the stretch of a path from `begin` to `end` [m]: trapezoidal, unless a bend must
+    be taken slower.
 
     Args:
         path: The tool path.
@@ -233,10 +261,14 @@ def progress_along(
 
 
 def _limit(path: ToolPath, bend: float) -> Array:
-    """Largest speed (n,) [m/s] at the samples of a path: of `bend` [m/s^2] across it, and of TURN."""
+    """Largest speed (n,) [m/s] at the samples of a path: of `bend` [m/s^2] across it, and of
+    TURN.
+    """
     frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
     turning = np.sqrt(0.5 * np.sum(np.gradient(frame, path.s, axis=0) ** 2, axis=1))  # [rad/m]
-    return np.minimum(np.sqrt(bend / np.maximum(_curvature(path), 1e-9)), TURN / np.maximum(turning, 1e-9))
+    return np.minimum(
+        np.sqrt(bend / np.maximum(_curvature(path), 1e-9)), TURN / np.maximum(turning, 1e-9)
+    )
 
 
 def _curvature(path: ToolPath) -> Array:
@@ -246,7 +278,9 @@ def _curvature(path: ToolPath) -> Array:
 
 
 def _law(s: Array, limit: Array, along: float) -> SpeedLaw:
-    """Fastest law from rest to rest at `s` (n,) [m] under speeds `limit` (n,) [m/s]; v^2 changes by 2 `along` ds."""
+    """Fastest law from rest to rest at `s` (n,) [m] under speeds `limit` (n,) [m/s]; v^2 changes by
+    2 `along` ds.
+    """
     v = np.array(limit)
     v[0] = v[-1] = 0.0
     step = np.diff(s)

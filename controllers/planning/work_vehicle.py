@@ -10,7 +10,9 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import StateEstimate
 from uuv.sim.interfaces.spatial import Array, readonly
 
-_AHEAD = readonly([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+_AHEAD = readonly(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,18 +22,27 @@ class WorkVehicle:
     vehicle: Vehicle
     chain: Chain  # its arm, base to tool
     hull_box: Array  # (2, 3) [m] corners of the hull in B, kept clear of objects and seabed
-    X_BC: Array = field(default_factory=lambda: _AHEAD)  # (4, 4) pose of the camera on the hull, z its axis
+    # (4, 4) pose of the camera on the hull, z its axis
+    X_BC: Array = field(default_factory=lambda: _AHEAD)
 
     @property
     def size(self) -> float:
-        """Scale [-] of the distances that it keeps beside an object, see `uuv.controllers.planning.arm_size`."""
+        """Scale [-] of the distances that it keeps beside an object, see
+        `uuv.controllers.planning.arm_size`.
+        """
         return size(self.chain)
 
     @property
     def level_view_B(self) -> Array:
-        """Horizontal direction (3,) of the camera's view; ahead for one that looks straight down."""
+        """Horizontal direction (3,) of the camera's view; ahead for one that looks straight
+        down.
+        """
         ahead = self.X_BC[:3, 2] * [1.0, 1.0, 0.0]
-        return ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
+        return (
+            ahead / np.linalg.norm(ahead)
+            if np.linalg.norm(ahead) > 1e-6
+            else np.array([1.0, 0.0, 0.0])
+        )
 
     def tip(self, estimate: StateEstimate) -> Array:
         """Place (3,) [m] of the tool's tip in W, by the estimated hull pose and joint angles."""

@@ -1,10 +1,11 @@
 """Blind departure: thrusts that take a vehicle without an estimate off the surface, and then up.
 
-Nothing is known any more of how the hull moves, so the thrusts are set beforehand. Those that have held the hull in its
-current, on average, go on, less their part against the contact. On top comes a force off the surface along the tool
-axis, then one up; off an overhang there is no second one. With the arm folded nobody knows where the object is, and the
-hull rises at once. Its last velocity is braked first. Roll and pitch are left to weight and buoyancy. With thrusters
-that merely stop, the current would carry the vehicle onto the object.
+Nothing is known any more of how the hull moves, so the thrusts are set beforehand. Those that have
+held the hull in its current, on average, go on, less their part against the contact. On top comes a
+force off the surface along the tool axis, then one up; off an overhang there is no second one. With
+the arm folded nobody knows where the object is, and the hull rises at once. Its last velocity is
+braked first. Roll and pitch are left to weight and buoyancy. With thrusters that merely stop, the
+current would carry the vehicle onto the object.
 """
 
 import math
@@ -23,7 +24,8 @@ from uuv.models.water.thrusters import curves
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
-_FOLDED = 0.2  # [rad], slides [m], from the folded arm's joint angles, up to which the tool is near nothing
+# [rad], slides [m], from the folded arm's joint angles, up to which the tool is near nothing
+_FOLDED = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +42,8 @@ class HullBalance:
 
     time: float = -math.inf  # [s] of the newest command
     step: object = None  # what tells that command of the hull from the next
-    thrust: Array = field(default_factory=lambda: np.zeros(0))  # (m,) [N] steady, in still water; empty: none yet
+    # (m,) [N] steady, in still water; empty: none yet
+    thrust: Array = field(default_factory=lambda: np.zeros(0))
     force_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [N] of the contact
 
 
@@ -63,20 +66,24 @@ class BlindDeparture:
         self._q_home = np.array(vehicle.q_home)
         self._mass = float(model.body_subtreemass[vehicle.hull])
 
-    def follow(self, balance: HullBalance, command: Command, reference: Reference, time: float) -> None:
+    def follow(
+        self, balance: HullBalance, command: Command, reference: Reference, time: float
+    ) -> None:
         """Take each new command of the hull into its balance.
 
         Args:
             balance: changed in place.
-            command: finite. Its estimate of the contact counts while the tool is to touch something; where it is
-                unknown, the set force does.
+            command: finite. Its estimate of the contact counts while the tool is to touch
+                something; where it is unknown, the set force does.
             reference: set points that it follows.
             time: [s] of it.
         """
         step = time if command.hull_load is None else command.hull_load
         if step == balance.step:
             return
-        thrust = np.array([thrust_at(*one) for one in zip(self._curves, command.thrusters, strict=True)])
+        thrust = np.array(
+            [thrust_at(*one) for one in zip(self._curves, command.thrusters, strict=True)]
+        )
         force_W = _contact_force(command, reference)
         if balance.thrust.size:
             share = 1.0 - math.exp(-max(time - balance.time, 0.0) / SAFETY.balance_time)
@@ -84,7 +91,9 @@ class BlindDeparture:
             force_W = balance.force_W + share * (force_W - balance.force_W)
         balance.time, balance.step, balance.thrust, balance.force_W = time, step, thrust, force_W
 
-    def stages(self, balance: HullBalance, sound: StateEstimate, lost: tuple[int, ...]) -> tuple[DepartureStage, ...]:
+    def stages(
+        self, balance: HullBalance, sound: StateEstimate, lost: tuple[int, ...]
+    ) -> tuple[DepartureStage, ...]:
         """Stages of the departure in their order, at most two; none before the first sound command.
 
         Args:
@@ -94,7 +103,11 @@ class BlindDeparture:
         """
         if not balance.thrust.size:
             return ()
-        R_BW, up_W, held_B = sound.X_WB[:3, :3].T, np.array([0.0, 0.0, 1.0]), self._B @ balance.thrust
+        R_BW, up_W, held_B = (
+            sound.X_WB[:3, :3].T,
+            np.array([0.0, 0.0, 1.0]),
+            self._B @ balance.thrust,
+        )
         legs = [(SAFETY.leave_time, up_W), (SAFETY.leave_time + SAFETY.rise_time, up_W)]
         if self._arm is not None and np.abs(sound.q - self._q_home).max() > _FOLDED:
             X_BG, force_B = self._arm.tip(sound.q)[0], R_BW @ balance.force_W
@@ -104,7 +117,11 @@ class BlindDeparture:
             legs = [(SAFETY.leave_time, off_W)]
             if up_W[2] > 0.0:
                 legs.append((SAFETY.leave_time + SAFETY.rise_time, up_W / np.linalg.norm(up_W)))
-        allocation = self._allocation.without(*lost, priorities=PRIORITIES_AFTER_LOSS) if lost else self._allocation
+        allocation = (
+            self._allocation.without(*lost, priorities=PRIORITIES_AFTER_LOSS)
+            if lost
+            else self._allocation
+        )
         found: list[DepartureStage] = []
         braking_B = -self._mass * sound.v_WB_B / SAFETY.leave_time  # of the first stage
         for until, along_W in legs:
@@ -115,7 +132,9 @@ class BlindDeparture:
 
 
 def _contact_force(command: Command, reference: Reference) -> Array:
-    """Contact force (3,) [N], W, that the thrusts are to balance; zero where none is meant to be."""
+    """Contact force (3,) [N], W, that the thrusts are to balance; zero where none is meant to
+    be.
+    """
     if reference.set_force > 0.0 or reference.force_control:
         X_WG = reference.X_WG
         set_force_W = np.zeros(3) if X_WG is None else -reference.set_force * X_WG[:3, 2]
@@ -126,9 +145,10 @@ def _contact_force(command: Command, reference: Reference) -> Array:
 
 
 def ascent_direction(normal_W: Array) -> Array:
-    """Direction (3,) of an ascent off a surface with normal `normal_W` (3,): up, and half as much along the normal.
+    """Direction (3,) of an ascent off a surface with normal `normal_W` (3,): up, and half as much
+    along the normal.
 
-    Straight up a steep flank the tool would strike parts of the object that bulge above it. More along the normal keeps
-    it off an overhang, down from one that is level.
+    Straight up a steep flank the tool would strike parts of the object that bulge above it. More
+    along the normal keeps it off an overhang, down from one that is level.
     """
     return np.array([0.0, 0.0, 1.0]) + max(0.0, 0.5 - normal_W[2]) * normal_W

@@ -3,22 +3,26 @@
 The plant is not used. A fault is a disagreement of two sources that should agree:
 
 - Frozen reading: bitwise equal for much longer than ever while sound, since sensors have noise.
-- Torque sensor against its motor: the gear passes the motor's torque less rotor inertia and gear friction.
-- Age of the newest picture, where the estimator reports it. Only this fault is cleared, when pictures come again.
+- Torque sensor against its motor: the gear passes the motor's torque less rotor inertia and gear
+  friction.
+- Age of the newest picture, where the estimator reports it. Only this fault is cleared, when
+  pictures come again.
 - Encoder: its angle against the integral of its speed.
-- Gyro, attitude reference, accelerometer: the estimator finds that one is off (`uuv.controllers.safety.sensor_checks`).
-  The
-  work goes on but for the attitude.
-- Hull momentum, the residual of [DeLuca 2003] for the hull as one body. It is what the hull gains beyond the commanded
-  thrust, the arm's wrench, weight and drag.
+- Gyro, attitude reference, accelerometer: the estimator finds that one is off
+  (`uuv.controllers.safety.sensor_checks`). The work goes on but for the attitude.
+- Hull momentum, the residual of [DeLuca 2003] for the hull as one body. It is what the hull gains
+  beyond the commanded thrust, the arm's wrench, weight and drag.
 
-A missing wrench that persists along the column of one thruster is attributed to that thruster, if it could give the
-thrust that is left: it is lost, or stuck. Any other is a gust or a snag, and counts only by its effect on station
-keeping. Where the column is almost a pure force (one sway thruster amidships) a wave, or a current that has just risen,
-looks like the thruster's loss. Such a thruster is probed by a small doublet (`uuv.controllers.safety.thruster_probe`).
+A missing wrench that persists along the column of one thruster is attributed to that thruster, if
+it could give the
+thrust that is left: it is lost, or stuck. Any other is a gust or a snag, and counts only by its
+effect on station keeping. Where the column is almost a pure force (one sway thruster amidships) a
+wave, or a current that has just risen, looks like the thruster's loss. Such a thruster is probed by
+a small doublet (`uuv.controllers.safety.thruster_probe`).
 
-Each residual is compared with its own average (`learning_time`), so that constant biases and model errors are no fault.
-Thresholds are in `FaultLimits`; the tests measure the distance of sound runs from them.
+Each residual is compared with its own average (`learning_time`), so that constant biases and model
+errors are no fault. Thresholds are in `FaultLimits`; the tests measure the distance of sound runs
+from them.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,7 +32,11 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.hull.station_keeping import hull_inertia
-from uuv.controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
+from uuv.controllers.safety.joint_residuals import (
+    JointResidualModel,
+    JointResiduals,
+    update_residuals,
+)
 from uuv.controllers.safety.sensor_checks import sensor_faults
 from uuv.controllers.safety.thruster_probe import ProbeState, ThrusterProbe, is_lost
 from uuv.controllers.tuning import FaultLimits
@@ -42,7 +50,8 @@ from uuv.sim.interfaces.spatial import Array
 
 _SLACK = 1.2  # [-] by which a thruster that is stuck may seem to give more than it can
 _FOLLOWED = 1.0  # [s] after a stuck thruster was found, for which what it gives is followed
-_DEAD = 0.2  # [-] share of the thrust asked for, below which a failed thruster counts as giving none
+# [-] share of the thrust asked for, below which a failed thruster counts as giving none
+_DEAD = 0.2
 
 
 class HullResiduals(NamedTuple):
@@ -55,7 +64,8 @@ class HullResiduals(NamedTuple):
     rest: Array  # (6,) [N, N m] drag and gyroscopic terms less thrust and arm wrench, filtered
     missing: Array  # (6,) [N, N m] unexplained wrench on the hull
     missing_usual: Array  # (6,) [N, N m] its average
-    current_W: Array  # (3,) [m/s] average of the estimated current; that of now also holds part of what a fault does
+    # (3,) [m/s] average of the estimated current; that of now also holds part of what a fault does
+    current_W: Array
     inflow: Array  # (m,) [m/s] speed of advance through that current along the thrust
     thrust: Array  # (m,) [N] predicted, in the inflow
     thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
@@ -87,7 +97,8 @@ class FaultDetectionState:
     asked: Array  # (m,) last thruster commands of the controller
     load_seen: HullLoad | None = None  # of the last momentum balance, to recognise a new one
     probe: ProbeState | None = None  # of a thruster under suspicion
-    cleared: list[float] = field(default_factory=list)  # [s] for each thruster, when a probe last found it sound
+    # [s] for each thruster, when a probe last found it sound
+    cleared: list[float] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)  # found so far
 
     def has(self, kind: FaultKind, index: int = -1) -> bool:
@@ -103,7 +114,9 @@ class FaultDetectionState:
 class FaultDetection:
     """Fault detection for one vehicle; explicit state, one step per controller period."""
 
-    def __init__(self, model: mujoco.MjModel, *, period: float, limits: FaultLimits | None = None) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, *, period: float, limits: FaultLimits | None = None
+    ) -> None:
         """Take the believed model of the vehicle.
 
         Args:
@@ -117,7 +130,8 @@ class FaultDetection:
         self.joints = JointResidualModel(
             armature=np.array(vehicle.armature),
             damping=np.array(vehicle.joint_damping),
-            floor=limits.torque_floor * vehicle.torque_limits + limits.friction * vehicle.dry_friction.stiction,
+            floor=limits.torque_floor * vehicle.torque_limits
+            + limits.friction * vehicle.dry_friction.stiction,
             share=limits.torque_share,
             period=period,
             torque_time=limits.torque_time,
@@ -125,7 +139,9 @@ class FaultDetection:
             learning_time=limits.learning_time,
         )
         table = vehicle.thruster_table
-        water = hydrodynamics.without_forms(model.body_user[vehicle.hull], "fault detection's model of the hull")
+        water = hydrodynamics.without_forms(
+            model.body_user[vehicle.hull], "fault detection's model of the hull"
+        )
         self._hull = hull = _HullModel(
             inertia=hull_inertia(model, vehicle.hull, 1.0),
             added=np.array(water.added_mass),
@@ -136,10 +152,14 @@ class FaultDetection:
             loss=np.array(table[:, INFLOW_LOSS]),
             advance=inflow_levers(table, vehicle.thruster_wrench),
             B=np.array(vehicle.thruster_wrench),
-            ends=np.array([[thrust_at(curve, end) for end in (-1.0, 1.0)] for curve in curves(table)]),
+            ends=np.array(
+                [[thrust_at(curve, end) for end in (-1.0, 1.0)] for curve in curves(table)]
+            ),
             scale=np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3]),
         )
-        force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(hull.scale[:, None] * hull.B, 2))
+        force, moment = (
+            np.linalg.norm(part, axis=0) for part in np.vsplit(hull.scale[:, None] * hull.B, 2)
+        )
         telling = moment > limits.thruster_moment * force
         self._telling = telling
         self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
@@ -171,7 +191,9 @@ class FaultDetection:
             ),
         )
 
-    def step(self, state: FaultDetectionState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
+    def step(
+        self, state: FaultDetectionState, estimate: StateEstimate, command: Command
+    ) -> tuple[Fault, ...]:
         """Update the residuals with one sample and return all faults found so far.
 
         The hull is examined whenever the controller reports a new `Command.hull_load`.
@@ -192,7 +214,12 @@ class FaultDetection:
         return self.judge(state, estimate, command, suspect=warm and suspect)
 
     def judge(
-        self, state: FaultDetectionState, estimate: StateEstimate, command: Command, *, suspect: bool
+        self,
+        state: FaultDetectionState,
+        estimate: StateEstimate,
+        command: Command,
+        *,
+        suspect: bool,
     ) -> tuple[Fault, ...]:
         """All faults after a sample; `suspect`: the residuals of the joints need evaluation."""
         if suspect:
@@ -204,8 +231,11 @@ class FaultDetection:
         self.judge_hull(state, estimate, command)
         return tuple(state.faults)
 
-    def judge_hull(self, state: FaultDetectionState, estimate: StateEstimate, command: Command) -> None:
-        """Balance the hull's momentum, and register a thruster as lost that explains what is missing.
+    def judge_hull(
+        self, state: FaultDetectionState, estimate: StateEstimate, command: Command
+    ) -> None:
+        """Balance the hull's momentum, and register a thruster as lost that explains what is
+        missing.
 
         Args:
             state: of the detection; changed in place.
@@ -216,17 +246,29 @@ class FaultDetection:
         if load is None or load is state.load_seen:
             return
         state.load_seen = load
-        state.faults.extend(found for found in sensor_faults(estimate) if not state.has(found.kind, found.index))
+        state.faults.extend(
+            found for found in sensor_faults(estimate) if not state.has(found.kind, found.index)
+        )
         dt = estimate.time - state.hull_time
         state.hull_time = estimate.time
         if dt <= 0.0:
             return
-        state.hull.current_W[:] += self._learning(state, estimate.time, dt) * (load.current_W - state.hull.current_W)
-        seen = (estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B, load.current_W, load.arm_wrench_B)
+        state.hull.current_W[:] += self._learning(state, estimate.time, dt) * (
+            load.current_W - state.hull.current_W
+        )
+        seen = (
+            estimate.X_WB[:3, :3],
+            estimate.v_WB_B,
+            estimate.w_WB_B,
+            load.current_W,
+            load.arm_wrench_B,
+        )
         _hull(self._hull, seen, dt, self.limits.hull_time, state.hull)
         warm = estimate.time - state.began > self.limits.warm_up
         probe = state.probe
-        self._learn_or_suspect(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
+        self._learn_or_suspect(
+            state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm
+        )
         if probe is not None:
             self._go_on_probing(state, probe, estimate.time, dt)
         self._refine(state, estimate.time)
@@ -234,14 +276,22 @@ class FaultDetection:
         state.hull.thrusters[:] = self.sent(state, command.thrusters)
 
     def sent(self, state: FaultDetectionState, thrusters: Array) -> Array:
-        """Commands (m,) to the thrusters, `thrusters` (m,) of the controller with the doublet of a probe."""
+        """Commands (m,) to the thrusters, `thrusters` (m,) of the controller with the doublet of a
+        probe.
+        """
         return thrusters if state.probe is None else self._probe.sent(state.probe, thrusters)
 
     def _refine(self, state: FaultDetectionState, time: float) -> None:
-        """Follow what a stuck thruster gives for some time: when it is found, lags still hide half of it."""
+        """Follow what a stuck thruster gives for some time: when it is found, lags still hide half
+        of it.
+        """
         hull = state.hull
         for k, fault in enumerate(state.faults):
-            if fault.kind is FaultKind.THRUSTER and fault.thrust != 0.0 and time - fault.time < _FOLLOWED:
+            if (
+                fault.kind is FaultKind.THRUSTER
+                and fault.thrust != 0.0
+                and time - fault.time < _FOLLOWED
+            ):
                 gives = float(hull.thrust[fault.index]) + self._along(hull, fault.index)
                 ends = self._hull.ends[fault.index]
                 state.faults[k] = replace(fault, thrust=float(np.clip(gives, *ends)))
@@ -251,13 +301,19 @@ class FaultDetection:
         column, scale = self._hull.scale * self._hull.B[:, thruster], self._hull.scale
         return float(column @ (scale * (hull.missing - hull.missing_usual)) / (column @ column))
 
-    def _go_on_probing(self, state: FaultDetectionState, probe: ProbeState, time: float, dt: float) -> None:
-        """Take the balance into the probe, and register its thruster as lost if it does not answer."""
+    def _go_on_probing(
+        self, state: FaultDetectionState, probe: ProbeState, time: float, dt: float
+    ) -> None:
+        """Take the balance into the probe, and register its thruster as lost if it does not
+        answer.
+        """
         i = probe.thruster
         hull = state.hull
         missing = self._along(hull, i)
         thrust = float(hull.thrust[i])
-        share = self._probe.step(probe, time, dt, float(state.asked[i]), float(hull.inflow[i]), thrust, missing)
+        share = self._probe.step(
+            probe, time, dt, float(state.asked[i]), float(hull.inflow[i]), thrust, missing
+        )
         if share is None:
             return
         state.probe = None
@@ -277,7 +333,9 @@ class FaultDetection:
         """
         limits = self.limits
         joints = state.joints
-        least = np.round(np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period)
+        least = np.round(
+            np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period
+        )
         frozen = joints.same > np.maximum(least, limits.frozen_factor * joints.longest)
         torque = frozen[0] | (joints.beyond > limits.torque_confirm)
         encoder = frozen[1] | (np.abs(joints.slip) > limits.encoder_slip)
@@ -286,7 +344,9 @@ class FaultDetection:
             name, still = self._vehicle.joint_names[j], 1e3 * self._period * joints.same[:, j]
             if torque[j]:
                 said = (
-                    f"stood still for {still[0]:.0f} ms" if frozen[0, j] else f"{torque_off[j]:+.3g} N m off its motor"
+                    f"stood still for {still[0]:.0f} ms"
+                    if frozen[0, j]
+                    else f"{torque_off[j]:+.3g} N m off its motor"
                 )
                 kind = FaultKind.TORQUE_SENSOR
                 state.add(Fault(kind=kind, part=name, index=j, time=time, figures=said))
@@ -300,7 +360,9 @@ class FaultDetection:
                 kind = FaultKind.ENCODER
                 state.add(Fault(kind=kind, part=name, index=j, time=time, figures=said))
 
-    def blame_torque_sensors(self, state: FaultDetectionState, wrong: np.ndarray, time: float) -> None:
+    def blame_torque_sensors(
+        self, state: FaultDetectionState, wrong: np.ndarray, time: float
+    ) -> None:
         """Register torque sensors with readings that are not finite as faulty.
 
         Args:
@@ -313,27 +375,53 @@ class FaultDetection:
             state.add(Fault(kind=kind, part=name, index=j, time=time, figures="reading not finite"))
 
     def _fail(
-        self, state: FaultDetectionState, thruster: int, time: float, figures: str, thrust: float, missed: float
+        self,
+        state: FaultDetectionState,
+        thruster: int,
+        time: float,
+        figures: str,
+        thrust: float,
+        missed: float,
     ) -> None:
-        """Register a thruster that was to give `thrust` [N] and of which `missed` [N] are missing."""
+        """Register a thruster that was to give `thrust` [N] and of which `missed` [N] are
+        missing.
+        """
         gives = thrust - missed
-        gives = 0.0 if abs(gives) < _DEAD * abs(thrust) else float(np.clip(gives, *self._hull.ends[thruster]))
+        gives = (
+            0.0
+            if abs(gives) < _DEAD * abs(thrust)
+            else float(np.clip(gives, *self._hull.ends[thruster]))
+        )
         kind, name = FaultKind.THRUSTER, self._vehicle.thruster_names[thruster]
-        state.add(Fault(kind=kind, part=name, index=thruster, time=time, figures=figures, thrust=gives))
+        state.add(
+            Fault(kind=kind, part=name, index=thruster, time=time, figures=figures, thrust=gives)
+        )
 
     def _learning(self, state: FaultDetectionState, time: float, dt: float) -> float:
-        """Weight of a sample of `dt` [s] in the averages: a plain mean at first, then of the learning time."""
+        """Weight of a sample of `dt` [s] in the averages: a plain mean at first, then of the
+        learning time.
+        """
         return min(1.0, dt / min(self.limits.hull_learning_time, max(time - state.began, dt)))
 
-    def _learn_or_suspect(self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool) -> None:
+    def _learn_or_suspect(
+        self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool
+    ) -> None:
         limits, hull = self.limits, state.hull
         size, asked, changed, best, missed = _explain(self._hull, hull, limits.thruster_leftover)
-        bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed
+        bound = (
+            limits.hull_force
+            + limits.hull_share * asked
+            + limits.hull_change * changed
+            + limits.hull_speed * speed
+        )
         low, high = limits.thruster_loss
         thrust = float(hull.thrust[best])
         # Lost, or stuck at another thrust than is asked for.
-        suspect = best >= 0 and (low * abs(thrust) < missed * np.sign(thrust) < high * abs(thrust) or size > bound)
-        # A residual that no thruster loss explains, however large, is model drift and enters the average.
+        suspect = best >= 0 and (
+            low * abs(thrust) < missed * np.sign(thrust) < high * abs(thrust) or size > bound
+        )
+        # A residual that no thruster loss explains, however large, is model drift and enters the
+        # average.
         if not warm or size < 0.7 * bound or not suspect:
             learn = self._learning(state, time, dt)
             hull.missing_usual[:] += learn * (hull.missing - hull.missing_usual)
@@ -354,13 +442,15 @@ class FaultDetection:
 
 @kernel
 def _hull(model, seen, dt, time, residuals):
-    """Unexplained wrench on the hull, `residuals.missing` (6,) [N, N m], after thrusts commanded for `dt` [s].
+    """Unexplained wrench on the hull, `residuals.missing` (6,) [N, N m], after thrusts commanded
+    for `dt` [s].
 
     Weight and righting moment of the hull change slowly and are left to the average.
 
     Args:
         model: `_HullModel`.
-        seen: attitude R_WB, velocities v_B and w_B, current in W, and wrench of the arm on the hull.
+        seen: attitude R_WB, velocities v_B and w_B, current in W, and wrench of the arm on the
+            hull.
         dt: [s] since the last balance.
         time: [s] of the filter.
         residuals: `HullResiduals`; updated.
@@ -379,7 +469,9 @@ def _hull(model, seen, dt, time, residuals):
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         force[i] = w_B[j] * p[k] - w_B[k] * p[j]
-        force[3 + i] = w_B[j] * p[3 + k] - w_B[k] * p[3 + j] + relative[j] * p[k] - relative[k] * p[j]
+        force[3 + i] = (
+            w_B[j] * p[3 + k] - w_B[k] * p[3 + j] + relative[j] * p[k] - relative[k] * p[j]
+        )
     for i in range(6):
         force[i] += model.quadratic[i] * abs(relative[i]) * relative[i] - arm_wrench_B[i]
         for j in range(6):
@@ -412,9 +504,9 @@ def _hull(model, seen, dt, time, residuals):
 def _explain(model, residuals, leftover):
     """Attribute the unusual part of the missing wrench to the thruster that explains it best.
 
-    Returns the size [N] of the unusual part, moments scaled; the sum of all thrusts [N], and how much of it differs
-    from the usual [N]; then the thruster, -1 if each leaves more than the share `leftover` or would have to give more
-    than it can, and the missing part of its thrust [N].
+    Returns the size [N] of the unusual part, moments scaled; the sum of all thrusts [N], and how
+    much of it differs from the usual [N]; then the thruster, -1 if each leaves more than the share
+    `leftover` or would have to give more than it can, and the missing part of its thrust [N].
     """
     scale, B, missing, usual = model.scale, model.B, residuals.missing, residuals.missing_usual
     thrust = residuals.thrust

@@ -9,7 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv.controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
+from uuv.controllers.safety.joint_residuals import (
+    JointResidualModel,
+    JointResiduals,
+    update_residuals,
+)
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import BROKEN, STOPPED, UNSOUND, Commanded, call_control
 from uuv.sim.interfaces.kernels.record_box import new_box

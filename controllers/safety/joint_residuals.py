@@ -1,4 +1,6 @@
-"""Residuals of torque sensors and encoders against their redundant sources, compiled for the rate of the drives."""
+"""Residuals of torque sensors and encoders against their redundant sources, compiled for the rate
+of the drives.
+"""
 
 from typing import NamedTuple
 
@@ -28,7 +30,10 @@ class JointResiduals(NamedTuple):
     def start(cls, q: Array, qd: Array, tau: Array) -> "JointResiduals":
         """Residuals at the first readings (n,) [rad], [rad/s], [N m]: none."""
         n = len(q)
-        counts, zeros = [np.zeros((2, n), dtype=np.int64) for _ in range(2)], [np.zeros(n) for _ in range(6)]
+        counts, zeros = (
+            [np.zeros((2, n), dtype=np.int64) for _ in range(2)],
+            [np.zeros(n) for _ in range(6)],
+        )
         return cls(
             q=np.array(q),
             qd=np.array(qd),
@@ -60,7 +65,8 @@ class JointResidualModel(NamedTuple):
 
 @kernel
 def update_residuals(model, seen, age, warm, residuals):
-    """Update the residuals of torque sensors and encoders by one sample; True if any needs evaluation.
+    """Update the residuals of torque sensors and encoders by one sample; True if any needs
+    evaluation.
 
     Records come as plain tuples of their fields, which numba types faster.
 
@@ -77,7 +83,11 @@ def update_residuals(model, seen, age, warm, residuals):
     learning_time = model.learning_time
     q_last, qd_last, tau_last, same, longest, slip = r.q, r.qd, r.tau, r.same, r.longest, r.slip
     gear, excess, usual, qd_slow = r.gear, r.excess, r.usual, r.qd_slow
-    lag, leak, learn = min(1.0, dt / torque_time), dt / encoder_time, dt / min(learning_time, max(age, dt))
+    lag, leak, learn = (
+        min(1.0, dt / torque_time),
+        dt / encoder_time,
+        dt / min(learning_time, max(age, dt)),
+    )
     look = False
     for j in range(q.shape[0]):
         for k in range(2):

@@ -1,18 +1,21 @@
-"""Safety wrapper for any controller: rejects invalid estimates, replaces failed sensors, commands finite numbers.
+"""Safety wrapper for any controller: rejects invalid estimates, replaces failed sensors, commands
+finite numbers.
 
 Wraps any `uuv.sim.interfaces.protocols.Controller`:
 
-- Fault detection (`uuv.controllers.safety.fault_detection`) runs every step; its faults are sent with the command.
-- A torque sensor that is faulty or not finite is replaced by its motor: commanded torque less rotor inertia and
-  friction, plus the sensor's offset while it was sound.
-- Once the work is broken off the arm gives way: beyond its weight it bears only a small force at its tip.
-- A drive with a faulty encoder cannot be servoed. It only bears the arm's weight: it yields to contact, and the
-  friction of its gear holds it.
-- An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
-  with a time that stands still reaches it for `patience` only.
-- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked. The hull
-  departs blindly (`uuv.controllers.safety.blind_departure`). Then the thrusters are stopped for good. The same holds
-  for a controller with commands that are not finite.
+- Fault detection (`uuv.controllers.safety.fault_detection`) runs every step; its faults are sent
+  with the command.
+- A torque sensor that is faulty or not finite is replaced by its motor: commanded torque less rotor
+  inertia and friction, plus the sensor's offset while it was sound.
+- Once the work is broken off the arm gives way: beyond its weight it bears only a small force at
+  its tip.
+- A drive with a faulty encoder cannot be servoed. It only bears the arm's weight: it yields to
+  contact, and the friction of its gear holds it.
+- An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the
+  controller. One with a time that stands still reaches it for `patience` only.
+- Without a valid estimate the last command is repeated for `patience`. After that the arm is
+  braked. The hull departs blindly (`uuv.controllers.safety.blind_departure`). Then the thrusters
+  are stopped for good. The same holds for a controller with commands that are not finite.
 """
 
 import math
@@ -57,13 +60,22 @@ from uuv.sim.interfaces.kernels.control import (
 )
 from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.kernels.slots import FINE, address_of_box, address_of_kernel, empty_slot
-from uuv.sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate
+from uuv.sim.interfaces.messages import (
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    Reference,
+    StateEstimate,
+)
 from uuv.sim.interfaces.protocols import Controller
 from uuv.sim.interfaces.records import estimate_record
 from uuv.sim.interfaces.spatial import Array
 
-_LEAST_LEVER = 0.1  # [m] of a joint about which the tip does not move: the wrist's torque turns the tool
-_LEFT_OUT = 1e3  # [N m] sigma of a replaced torque sensor: excludes its joint from the force estimate
+# [m] of a joint about which the tip does not move: the wrist's torque turns the tool
+_LEAST_LEVER = 0.1
+# [N m] sigma of a replaced torque sensor: excludes its joint from the force estimate
+_LEFT_OUT = 1e3
 
 
 @dataclass(slots=True, eq=False)
@@ -87,7 +99,9 @@ class SafetyWrapperState:
 
 
 class SafetyWrapper:
-    """Controller with fault handling around another one (`uuv.sim.interfaces.protocols.Controller`)."""
+    """Controller with fault handling around another one
+    (`uuv.sim.interfaces.protocols.Controller`).
+    """
 
     def __init__(
         self,
@@ -102,7 +116,8 @@ class SafetyWrapper:
         Args:
             controller: the controller to be wrapped.
             model: compiled model that it uses, the believed one.
-            patience: [s] for which the last command is repeated without a sound estimate or command.
+            patience: [s] for which the last command is repeated without a sound estimate or
+                command.
             limits: thresholds of fault detection; None takes the defaults.
         """
         self.period = controller.period
@@ -120,7 +135,9 @@ class SafetyWrapper:
 
     @property
     def tunings(self) -> tuple[Any, ...]:
-        """The gains in use, those of the wrapped controller first, for `uuv.controllers.tuning.table`."""
+        """The gains in use, those of the wrapped controller first, for
+        `uuv.controllers.tuning.table`.
+        """
         return *getattr(self.controller, "tunings", ()), self.health.limits, SAFETY
 
     def init(self, estimate: StateEstimate) -> SafetyWrapperState:
@@ -146,7 +163,8 @@ class SafetyWrapper:
     def step(
         self, state: SafetyWrapperState, estimate: StateEstimate, reference: Reference
     ) -> tuple[SafetyWrapperState, Command]:
-        """Step of the wrapped controller; input that is not finite neither raises nor reaches the command.
+        """Step of the wrapped controller; input that is not finite neither raises nor reaches the
+        command.
 
         Args:
             state: of `init`, or as the last step left it.
@@ -157,7 +175,9 @@ class SafetyWrapper:
             The state and a command with finite numbers, and with all faults found so far.
         """
         e = estimate
-        if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
+        if state.stopped is not None or not finite(
+            e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time
+        ):
             return state, self.without(state, estimate, FaultKind.ESTIMATE)
         if e.imu_age > SAFETY.old_imu:
             return state, self.without(state, estimate, FaultKind.ESTIMATE)
@@ -166,7 +186,9 @@ class SafetyWrapper:
             return state, self.without(state, estimate, FaultKind.ESTIMATE)
         state.time = e.time
         if state.health is None:
-            state.health = self.health.init(replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0)))
+            state.health = self.health.init(
+                replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0))
+            )
         estimate = self._replaced(state.health, estimate)
         state.numbers[FAULTY] = bool(state.health.faults)
 
@@ -182,7 +204,9 @@ class SafetyWrapper:
         """The tick of `state`, which sees `inputs`; None before the first sound estimate."""
         return None if state.health is None else GuardTick(self, state, inputs)
 
-    def follow(self, state: SafetyWrapperState, command: Command, reference: Reference, time: float) -> None:
+    def follow(
+        self, state: SafetyWrapperState, command: Command, reference: Reference, time: float
+    ) -> None:
         """Keep what a blind departure would need.
 
         Args:
@@ -196,7 +220,11 @@ class SafetyWrapper:
             state.lost = reference.lost_thrusters
 
     def passed(
-        self, state: SafetyWrapperState, estimate: StateEstimate, command: Command, reference: Reference
+        self,
+        state: SafetyWrapperState,
+        estimate: StateEstimate,
+        command: Command,
+        reference: Reference,
     ) -> Command:
         """Command of the wrapped controller as it goes on, where estimate and command are sound.
 
@@ -219,17 +247,26 @@ class SafetyWrapper:
         self.follow(state, command, reference, estimate.time)
         if health.probe is not None:
             command = replace(command, thrusters=self.health.sent(health, command.thrusters))
-        state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
+        state.sound, state.command, state.blind_for = (
+            estimate,
+            command,
+            0.0 if fresh else state.blind_for + self.period,
+        )
         faults = tuple(health.faults)
         if not faults:
             return command
-        return replace(command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults)
+        return replace(
+            command,
+            joint_torque=self._servoed(command.joint_torque, estimate, faults),
+            faults=faults,
+        )
 
     def _replaced(self, health: FaultDetectionState, estimate: StateEstimate) -> StateEstimate:
-        """Estimate with motor torques in place of faulty torque sensors, and a large doubt for them.
+        """Estimate with motor torques in place of faulty torque sensors, and a large doubt for
+        them.
 
-        Motor torque and gear output differ by the gear's stiction, tens of newtons at the tool. Therefore the force is
-        estimated from the other joints only.
+        Motor torque and gear output differ by the gear's stiction, tens of newtons at the tool.
+        Therefore the force is estimated from the other joints only.
         """
         missing = not _numbers(estimate.tau)
         if not missing and not health.faults:
@@ -242,8 +279,14 @@ class SafetyWrapper:
         tau, doubt = np.array(estimate.tau), np.zeros(len(estimate.tau))
         for j in wrong:
             doubt[j] = _LEFT_OUT
-            acceleration = (estimate.qd[j] - health.joints.qd_slow[j]) / self.health.limits.torque_time
-            motor = health.joints.tau_motor[j] - self._armature[j] * acceleration - self._damping[j] * estimate.qd[j]
+            acceleration = (
+                estimate.qd[j] - health.joints.qd_slow[j]
+            ) / self.health.limits.torque_time
+            motor = (
+                health.joints.tau_motor[j]
+                - self._armature[j] * acceleration
+                - self._damping[j] * estimate.qd[j]
+            )
             tau[j] = motor + health.joints.usual[j]
         return replace(estimate, tau=tau, tau_doubt=doubt)
 
@@ -257,7 +300,8 @@ class SafetyWrapper:
         return torque
 
     def _gentle(self, torque: Array, estimate: StateEstimate) -> Array:
-        """`torque` (n,) [N m], with no more on top of the arm's weight than SAFETY.gentle_force at the tip needs.
+        """`torque` (n,) [N m], with no more on top of the arm's weight than SAFETY.gentle_force at
+        the tip needs.
 
         A hull that is out of control then pushes the arm aside, and not the arm into the object.
         """
@@ -268,8 +312,11 @@ class SafetyWrapper:
         most = SAFETY.gentle_force * np.maximum(lever, _LEAST_LEVER)
         return borne + np.clip(torque - borne, -most, most)
 
-    def without(self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind) -> Command:
-        """Command without a controller: the last one repeated, after `patience` brakes and a blind departure.
+    def without(
+        self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind
+    ) -> Command:
+        """Command without a controller: the last one repeated, after `patience` brakes and a blind
+        departure.
 
         Args:
             state: of the wrapper; changed in place.
@@ -282,7 +329,9 @@ class SafetyWrapper:
         state.blind_for += self.period
         faults = tuple(state.health.faults) if state.health is not None else ()
         if state.stopped is None and state.blind_for > self._patience:
-            state.stopped = Fault(kind=kind, part="", index=-1, time=state.sound.time + state.blind_for)
+            state.stopped = Fault(
+                kind=kind, part="", index=-1, time=state.sound.time + state.blind_for
+            )
             if self._departure is not None:
                 state.departure = self._departure.stages(state.balance, state.sound, state.lost)
         if state.stopped is None:
@@ -299,16 +348,23 @@ class SafetyWrapper:
     def _departing(self, state: SafetyWrapperState) -> Array:
         """Commands (m,) of the departure's present stage, zero after the last one."""
         since = state.blind_for - self._patience
-        return next((stage.thrusters for stage in state.departure if since <= stage.until), np.zeros(self._thrusters))
+        return next(
+            (stage.thrusters for stage in state.departure if since <= stage.until),
+            np.zeros(self._thrusters),
+        )
 
     def _brake(self, state: SafetyWrapperState, estimate: StateEstimate) -> Array:
-        """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake its motion."""
+        """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake its
+        motion.
+        """
         q, qd = estimate.q, estimate.qd
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             q, qd = state.sound.q, np.zeros(len(self._limits))
         borne = self._borne(q, state.sound.X_WB[:3, :3])
         braked = borne - self._limits * np.clip(
-            SAFETY.braking_share * qd / SAFETY.braking_speed, -SAFETY.braking_share, SAFETY.braking_share
+            SAFETY.braking_share * qd / SAFETY.braking_speed,
+            -SAFETY.braking_share,
+            SAFETY.braking_share,
         )
         return np.clip(braked, -self._limits, self._limits)
 
@@ -427,8 +483,12 @@ class GuardTick:
         return STOPPED if faults else FINE
 
 
-def _departure(model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None) -> BlindDeparture | None:
-    """Departure of a vehicle whose thrusters can hold it; None for another, a torpedo for instance."""
+def _departure(
+    model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None
+) -> BlindDeparture | None:
+    """Departure of a vehicle whose thrusters can hold it; None for another, a torpedo for
+    instance.
+    """
     try:
         return BlindDeparture(model, vehicle, arm)
     except ConfigurationError:
@@ -436,5 +496,7 @@ def _departure(model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None)
 
 
 def _numbers(values: Array) -> bool:
-    """True if all of `values` (n,) are finite; called three times a step, hence without numpy in the usual case."""
+    """True if all of `values` (n,) are finite; called three times a step, hence without numpy in
+    the usual case.
+    """
     return math.isfinite(sum(values.tolist())) or bool(np.isfinite(values).all())

@@ -1,8 +1,9 @@
 """Faults of sensors that navigation finds, where two of its measurements must tell the same.
 
-Each row of `SENSOR_CHECKS` is one check. Navigation has every sample, so it makes the statistic, applies the limit, and
-goes on without the sensor. The estimate says by how much the sensor is off; here that becomes a fault with its figures.
-A new check is a field of the estimate, zero while its sensor is sound, and a row.
+Each row of `SENSOR_CHECKS` is one check. Navigation has every sample, so it makes the statistic,
+applies the limit, and goes on without the sensor. The estimate says by how much the sensor is off;
+here that becomes a fault with its figures. A new check is a field of the estimate, zero while its
+sensor is sound, and a row.
 
 | sensor | field | statistic | limit |
 |---|---|---|---|
@@ -66,14 +67,18 @@ def _attitude(estimate: StateEstimate) -> Iterator[SensorFinding]:
     if axes:
         turned = ", ".join(f"{math.degrees(off[i]):+.2f} deg about {_AXES[i]}" for i in axes)
         either = ", unless the gyro does" if estimate.gyro_off_B[axes].any() else ""
-        yield SensorFinding("", -1, estimate.time, f"leaves the integral of the rate by {turned}{either}")
+        yield SensorFinding(
+            "", -1, estimate.time, f"leaves the integral of the rate by {turned}{either}"
+        )
 
 
 def _accelerometer(estimate: StateEstimate) -> Iterator[SensorFinding]:
     """A jump of the accelerometer's bias."""
     if math.isfinite(estimate.imu_jump_age):
         time = estimate.time - estimate.imu_jump_age
-        yield SensorFinding("accelerometer", -1, time, "the bias of the accelerometer jumped and is estimated anew")
+        yield SensorFinding(
+            "accelerometer", -1, time, "the bias of the accelerometer jumped and is estimated anew"
+        )
 
 
 SENSOR_CHECKS = (

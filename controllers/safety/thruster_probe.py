@@ -1,12 +1,12 @@
 """Probe of a thruster: a small doublet that tells its loss from a disturbance that looks like it.
 
-A wave along a single sway thruster, and that thruster's loss, leave the same wrench unexplained: the wave moves the
-hull as the thrust that is missing would have. What tells them apart is how the hull answers to thrust that is added on
-purpose. If the thruster turns, the answer is in its predicted thrust and nothing more is missing. If it is lost, just
-the added thrust is missing.
+A wave along a single sway thruster, and that thruster's loss, leave the same wrench unexplained:
+the wave moves the hull as the thrust that is missing would have. What tells them apart is how the
+hull answers to thrust that is added on purpose. If the thruster turns, the answer is in its
+predicted thrust and nothing more is missing. If it is lost, just the added thrust is missing.
 
-The missing thrust is fitted by a polynomial of time, for the disturbance, and by the added thrust after the lags of
-propeller and filter. The factor of the latter is the share that is lost.
+The missing thrust is fitted by a polynomial of time, for the disturbance, and by the added thrust
+after the lags of propeller and filter. The factor of the latter is the share that is lost.
 """
 
 from dataclasses import dataclass, field
@@ -30,10 +30,12 @@ class ProbeState:
     thruster: int
     began: float  # [s]
     added: float = 0.0  # [N] now asked for on top
-    passed: float = 0.0  # [-] command that the propeller would have without it, after the slew limit
+    # [-] command that the propeller would have without it, after the slew limit
+    passed: float = 0.0
     speed: float = 0.0  # [-] speed of the propeller without it
     answer: float = 0.0  # [N] thrust that was added, filtered as the missing thrust is
-    rows: list[tuple[float, float, float]] = field(default_factory=list)  # time [s], missing and added thrust [N]
+    # time [s], missing and added thrust [N]
+    rows: list[tuple[float, float, float]] = field(default_factory=list)
 
 
 class ThrusterProbe:
@@ -49,11 +51,15 @@ class ThrusterProbe:
             limits: size and time of the doublet.
         """
         self._curves, self._lags, self._loss, self._limits = curves, lags, loss, limits
-        self._least, self._most = (np.array([thrust_at(curve, end) for curve in curves]) for end in (-1.0, 1.0))
+        self._least, self._most = (
+            np.array([thrust_at(curve, end) for curve in curves]) for end in (-1.0, 1.0)
+        )
 
     def begin(self, thruster: int, time: float, passed: Array, speed: Array) -> ProbeState:
         """Probe of one `thruster` from `time` [s] on; its propellers as predicted, (m,) each."""
-        return ProbeState(thruster, time, passed=float(passed[thruster]), speed=float(speed[thruster]))
+        return ProbeState(
+            thruster, time, passed=float(passed[thruster]), speed=float(speed[thruster])
+        )
 
     def sent(self, state: ProbeState, thrusters: Array) -> Array:
         """Commands (m,) with the doublet, for `thrusters` (m,) of the controller."""
@@ -63,7 +69,14 @@ class ThrusterProbe:
         return sent
 
     def step(
-        self, state: ProbeState, time: float, dt: float, wanted: float, inflow: float, thrust: float, missing: float
+        self,
+        state: ProbeState,
+        time: float,
+        dt: float,
+        wanted: float,
+        inflow: float,
+        thrust: float,
+        missing: float,
     ) -> float | None:
         """Take one balance of the hull's momentum, and choose what is added next.
 
@@ -77,14 +90,16 @@ class ThrusterProbe:
             missing: [N] unexplained force along the thruster.
 
         Returns:
-            The share of the added thrust that is missing, once it is known well enough; NaN where it is not to be
-            known, None to go on.
+            The share of the added thrust that is missing, once it is known well enough; NaN where
+            it is not to be known, None to go on.
         """
         limits, i = self._limits, state.thruster
         lag, slew = self._lags[i]
         most = slew * dt if slew > 0.0 else np.inf
         state.passed += min(max(wanted - state.passed, -most), most)
-        state.speed = state.passed + (state.speed - state.passed) * (np.exp(-dt / lag) if lag > 0.0 else 0.0)
+        state.speed = state.passed + (state.speed - state.passed) * (
+            np.exp(-dt / lag) if lag > 0.0 else 0.0
+        )
         added = thrust - thrust_in_flow(self._curves[i], self._loss[i], inflow, state.speed)
         state.answer += min(1.0, dt / limits.hull_time) * (added - state.answer)
         state.rows.append((time, missing, state.answer))
@@ -113,7 +128,9 @@ class ThrusterProbe:
         alike = 2.0 * self._limits.hull_time / dt  # samples that the filter makes one reading
         variance = float(left @ left) / max(1.0, len(rows) / alike - A.shape[1]) / alike
         across = A[:, -1] - A[:, :-1] @ np.linalg.lstsq(A[:, :-1], A[:, -1], rcond=None)[0]
-        return float(found[-1]), float(np.sqrt(variance * alike / max(float(across @ across), 1e-12)))
+        return float(found[-1]), float(
+            np.sqrt(variance * alike / max(float(across @ across), 1e-12))
+        )
 
 
 def is_lost(share: float) -> bool:

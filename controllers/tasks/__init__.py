@@ -1,1 +1,3 @@
-"""Planners of an intervention: contact work, insertion, inspection, seabed work, touching, as tables of phases."""
+"""Planners of an intervention: contact work, insertion, inspection, seabed work, touching, as
+tables of phases.
+"""

@@ -12,10 +12,12 @@ class ApproachLimits:
     """Guarded approach to a surface."""
 
     standoff: float = 0.1  # [m] distance to the surface from which the tool approaches
-    speed: float = 0.03  # [m/s] of the depth, farther than `guard` from the expected surface; also of the retreat
+    # [m/s] of the depth, farther than `guard` from the expected surface; also of the retreat
+    speed: float = 0.03
     touch_speed: float = 0.004  # [m/s] nearer than `guard`; gives 30 N at once on 3.6e5 N/m
     acceleration: float = 0.03  # [m/s^2] of the tool
-    guard: float = 0.03  # [m] before the expected surface; longer than (speed^2 - touch_speed^2) / (2 acceleration)
+    # [m] before the expected surface; longer than (speed^2 - touch_speed^2) / (2 acceleration)
+    guard: float = 0.03
     touch: float = 6.0  # [N] estimated normal force that counts as contact
     touch_time: float = 0.04  # [s] for which it must last
     search: float = 0.06  # [m] by which the approach goes beyond the expected surface
@@ -36,5 +38,6 @@ class ApproachLimits:
         braking = (self.speed**2 - self.touch_speed**2) / (2.0 * self.acceleration)
         if not self.guard > braking:
             raise ConfigurationError(
-                f"task.approach.guard: must exceed the {braking:.3g} m in which the tool brakes, got {self.guard:g} m"
+                f"task.approach.guard: must exceed the {braking:.3g} m in which the tool brakes, "
+                f"got {self.guard:g} m"
             )

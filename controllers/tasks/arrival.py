@@ -12,9 +12,26 @@ from uuv.controllers.planning.hull_path import HullPath
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
 from uuv.controllers.planning.work_vehicle import WorkVehicle
-from uuv.controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold, heading
+from uuv.controllers.tasks.hull_phases import (
+    HullMotion,
+    MoveHull,
+    RestLimits,
+    Settle,
+    Unfold,
+    heading,
+)
 from uuv.controllers.tasks.monitors import Reaction
-from uuv.controllers.tasks.phase import Abort, Context, Decide, Held, Outcome, Phase, PhaseEvent, Setpoint, ToolLine
+from uuv.controllers.tasks.phase import (
+    Abort,
+    Context,
+    Decide,
+    Held,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+    ToolLine,
+)
 from uuv.controllers.tasks.task import TaskRow, at_once
 from uuv.models.objects.targets import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -22,13 +39,16 @@ from uuv.sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPa
 from uuv.sim.interfaces.pose_covariance import PoseCovariance, mean_pose
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, transform_points
 
-# Chooses the hull placement for a path on a target in a current (3,) [m/s], W: (placement, part of the path, its
-# share); raises ReachError.
+# Chooses the hull placement for a path on a target in a current (3,) [m/s], W: (placement, part of
+# the path, its share); raises ReachError.
 Standing = Callable[[Target, ToolPath, Array], tuple[Placement, ToolPath, float]]
-# Chooses a nearer hull pose (4, 4) to scan from, given the estimate and the present one; raises ReachError.
+# Chooses a nearer hull pose (4, 4) to scan from, given the estimate and the present one; raises
+# ReachError.
 ComingNear = Callable[[StateEstimate, Array], Array]
-_AGREE = (0.05, 0.1)  # [m], [rad] between finds without a covariance; one farther off is of another object, or wrong
-_SAME = 3.0  # [-] standard deviations, RMS over the twists that are held, up to which two finds are of one pose
+# [m], [rad] between finds without a covariance; one farther off is of another object, or wrong
+_AGREE = (0.05, 0.1)
+# [-] standard deviations, RMS over the twists that are held, up to which two finds are of one pose
+_SAME = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +59,10 @@ class ScanLimits:
     finds: int = 6  # identifications of a known object per view, of which the mean is used
     interval: float = 4.0  # [s] between them
     frame_within: float = 5.0  # [s] in which a requested frame must arrive
-    agree: float = 0.7  # share of the finds from one view that must be of one pose, or else the object moves
-    lost: int = 3  # looks without a find at the end of a view, from which on its earlier finds do not count
+    # share of the finds from one view that must be of one pose, or else the object moves
+    agree: float = 0.7
+    # looks without a find at the end of a view, from which on its earlier finds do not count
+    lost: int = 3
 
     def __post_init__(self) -> None:
         if isinstance(self.finds, bool) or self.finds < 1:
@@ -72,11 +94,15 @@ class ScanTarget(Phase):
         return ScanState(now.time)
 
     def step(self, state: ScanState, held: Held, now: Context) -> Outcome:
-        """Done with `held.target`; refused if this view shows too little and another may be taken."""
+        """Done with `held.target`; refused if this view shows too little and another may be
+        taken.
+        """
         limits, target = self._limits, now.target
         if target is None or target.time < state.look_from:
             if now.time - state.look_from > limits.frame_within:
-                return Abort(AbortCode.NO_FRAME, f"no depth frame arrived within {limits.frame_within:g} s")
+                return Abort(
+                    AbortCode.NO_FRAME, f"no depth frame arrived within {limits.frame_within:g} s"
+                )
             return None
         state.looks += 1
         state.in_vain += 1
@@ -92,7 +118,10 @@ class ScanTarget(Phase):
         if state.finds and state.in_vain >= limits.lost:
             if again:
                 return PhaseEvent.REFUSED
-            reason = f"the object was found, but in none of {state.in_vain} looks after that: it moves, or was another"
+            reason = (
+                f"the object was found, but in none of {state.in_vain} looks after that: it "
+                "moves, or was another"
+            )
             return Abort(AbortCode.OBJECT_MOVES, reason)
         if state.finds and not (again and target.accepted and target.next_X_WB is not None):
             held.target = fuse_poses((*held.finds, *state.finds))
@@ -107,13 +136,20 @@ class ScanTarget(Phase):
         return Abort(AbortCode.NOT_IDENTIFIED, f"not identified{views}: {target.reason}")
 
     def _moving(self, finds: Sequence[Target]) -> str:
-        """Sentence if too few of the finds from one view are of one pose; empty if the object rests."""
+        """Sentence if too few of the finds from one view are of one pose; empty if the object
+        rests.
+        """
         same = _agreeing(finds)
         if len(same) >= self._limits.agree * len(finds):
             return ""
-        way = max(float(np.linalg.norm(one.X_WT[:3, 3] - other.X_WT[:3, 3])) for one in finds for other in finds)
+        way = max(
+            float(np.linalg.norm(one.X_WT[:3, 3] - other.X_WT[:3, 3]))
+            for one in finds
+            for other in finds
+        )
         return (
-            f"the object moves: {len(finds)} finds within {finds[-1].time - finds[0].time:.0f} s lie up to "
+            f"the object moves: {len(finds)} finds within {finds[-1].time - finds[0].time:.0f} s "
+            "lie up to "
             f"{1e3 * way:.0f} mm apart, {len(same)} of them agree"
         )
 
@@ -124,15 +160,18 @@ class ScanTarget(Phase):
 
 
 def fuse_poses(finds: Sequence[Target]) -> Target:
-    """Mean of the identifications that agree, each weighted by its information; the newest of them gives the path.
+    """Mean of the identifications that agree, each weighted by its information; the newest of them
+    gives the path.
 
-    An identification in W has three errors. That of the registration is independent in every frame. That of the
-    believed hull position is correlated over some seconds, and that of its attitude is constant. The path inherits all,
-    while the tool is later aimed with a position estimate whose error has become another. Averaging identifications
-    that lie apart in time reduces the first two, and so does the stated covariance of the mean.
+    An identification in W has three errors. That of the registration is independent in every frame.
+    That of the believed hull position is correlated over some seconds, and that of its attitude is
+    constant. The path inherits all, while the tool is later aimed with a position estimate whose
+    error has become another. Averaging identifications that lie apart in time reduces the first
+    two, and so does the stated covariance of the mean.
 
-    Finds agree if their distance is small against its covariance; the largest group around one of them is used. Finds
-    without a covariance are weighted equally, and used only where none has one; they agree within fixed bounds.
+    Finds agree if their distance is small against its covariance; the largest group around one of
+    them is used. Finds without a covariance are weighted equally, and used only where none has one;
+    they agree within fixed bounds.
     """
     stated = [find for find in finds if find.covariance is not None]
     finds = _agreeing(stated or finds)
@@ -143,15 +182,23 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
     path, moved = last.path, X_WT @ inverse(last.X_WT)
     if path is not None:
         R = moved[:3, :3]
-        path = replace(path, p=readonly(transform_points(moved, path.p)), z=_turned(R, path.z), x=_turned(R, path.x))
+        path = replace(
+            path,
+            p=readonly(transform_points(moved, path.p)),
+            z=_turned(R, path.z),
+            x=_turned(R, path.x),
+        )
     doubt = mean if stated else None
-    return replace(last, X_WT=readonly(X_WT), path=path, covariance=doubt, hull_covariance=readonly(of_hull))
+    return replace(
+        last, X_WT=readonly(X_WT), path=path, covariance=doubt, hull_covariance=readonly(of_hull)
+    )
 
 
 def _common(finds: Sequence[Target]) -> Array:
     """Covariance (6, 6) [m^2] of the twist by which the hull's pose puts all finds wrong alike.
 
-    The hull's attitude is wrong by the same angle in all; of the error of its position a share is common to two finds.
+    The hull's attitude is wrong by the same angle in all; of the error of its position a share is
+    common to two finds.
     """
     of_hull = np.mean([find.hull_covariance for find in finds], axis=0)
     if len(finds) == 1:
@@ -180,12 +227,17 @@ def _agree(one: Target, other: Target) -> bool:
     if a is None or b is None:
         a = _alike(one)
         twist = a.twist(one.X_WT, other.X_WT)
-        return bool(np.linalg.norm(twist[:3]) <= _AGREE[0] and np.linalg.norm(twist[3:]) <= _AGREE[1] * a.radius)
+        return bool(
+            np.linalg.norm(twist[:3]) <= _AGREE[0]
+            and np.linalg.norm(twist[3:]) <= _AGREE[1] * a.radius
+        )
     return a.distance(one.X_WT, b, other.X_WT) <= _SAME
 
 
 def _alike(find: Target) -> PoseCovariance:
-    """Covariance of a find that states none, for weights that are equal: about the middle of the path."""
+    """Covariance of a find that states none, for weights that are equal: about the middle of the
+    path.
+    """
     middle = find.X_WT[:3, 3] if find.path is None else find.path.p.mean(axis=0)
     none = np.zeros((0, 6))
     return PoseCovariance(matrix=np.eye(6), free=none, center=middle, radius=1.0, size_sigma=np.inf)
@@ -207,7 +259,9 @@ class TareSensors(Phase):
     """Average the bias of the joint torques, free of contact; the tool is at the stand-off."""
 
     def __init__(self, after: float = 1.5, seconds: float = 2.0) -> None:
-        """Set up the phase: `after` [s] the arm has come to rest, and the bias is averaged over `seconds` [s]."""
+        """Set up the phase: `after` [s] the arm has come to rest, and the bias is averaged over
+        `seconds` [s].
+        """
         self._after, self._seconds = after, seconds
 
     def enter(self, held: Held, now: Context) -> Since:
@@ -238,8 +292,8 @@ class CertainState:
 class CertainPlace(Phase):
     """The tare, and after it a wait as long as the chance to keep the path's tolerance rises.
 
-    Waiting helps where the estimate still becomes better: a camera on the arm that holds the place while vision adds
-    its mean. Else the work begins, or is refused, after one more look.
+    Waiting helps where the estimate still becomes better: a camera on the arm that holds the place
+    while vision adds its mean. Else the work begins, or is refused, after one more look.
     """
 
     def __init__(self, tare: TareSensors, limits: PromiseLimits, speed: float) -> None:
@@ -259,17 +313,26 @@ class CertainPlace(Phase):
         state.tared = min(state.tared, now.time)
         duration = float(held.line.path.s[-1]) / (self._speed * held.line.path.pace)
         target = held.target
-        held.promise = None if target is None else promise(now.estimate, target, limits.tolerance, duration)
+        held.promise = (
+            None if target is None else promise(now.estimate, target, limits.tolerance, duration)
+        )
         if held.promise is None:
             return PhaseEvent.DONE
         chance, first = held.promise.chance, not np.isfinite(state.asked)
         rising = first or chance > state.chance + limits.gain
         state.asked, state.chance = now.time, chance
-        if chance < max(limits.wanted, limits.least) and rising and now.time - state.tared < limits.patience:
+        if (
+            chance < max(limits.wanted, limits.least)
+            and rising
+            and now.time - state.tared < limits.patience
+        ):
             return None
         held.note = f"{held.note}; {held.promise}" if held.note else str(held.promise)
         if chance < limits.least:
-            return Abort(AbortCode.PLACE_UNCERTAIN, f"{held.promise}; at least {limits.least:.1%} is asked for")
+            return Abort(
+                AbortCode.PLACE_UNCERTAIN,
+                f"{held.promise}; at least {limits.least:.1%} is asked for",
+            )
         return PhaseEvent.DONE
 
     def setpoint(self, state: CertainState, held: Held, now: Context) -> Setpoint:
@@ -285,7 +348,8 @@ class ArrivalLimits:
     motion: HullMotion = field(default_factory=HullMotion)
     scan: ScanLimits = field(default_factory=ScanLimits)
     joint_speed: float = 0.5  # [rad/s] of the unfolding arm
-    lift: float = 0.45  # [m] distance before the work pose, along the axis of the arm's base, at which the arm unfolds
+    # [m] distance before the work pose, along the axis of the arm's base, at which the arm unfolds
+    lift: float = 0.45
     lost_place: float = 0.6  # [m] position error of the hull above which the work ends
     blind_time: float = 5.0  # [s] without vision after which the work ends
 
@@ -297,22 +361,29 @@ class ArrivalLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorkSite:
-    """What is known before the work: the vehicle, where it scans from, and how it chooses its place."""
+    """What is known before the work: the vehicle, where it scans from, and how it chooses its
+    place.
+    """
 
     own: WorkVehicle
     X_WB_scan: Array  # (4, 4) hull pose in W from which the target is scanned
     stand: Standing
-    around: Callable[[Target], HullPath] | None = None  # collision check of the hull's way; None: the way is clear
-    come_near: ComingNear | None = None  # chooses a nearer hull pose to scan from, once the hull is at rest
+    # collision check of the hull's way; None: the way is clear
+    around: Callable[[Target], HullPath] | None = None
+    # chooses a nearer hull pose to scan from, once the hull is at rest
+    come_near: ComingNear | None = None
 
 
 def around(own: WorkVehicle, model: TargetModel) -> Callable[[Target], HullPath]:
     """Collision check of hull moves around a known object, given the identified object."""
-    return lambda target: HullPath(own.vehicle, own.chain, own.hull_box, transform_points(target.X_WT, model.vertices))
+    return lambda target: HullPath(
+        own.vehicle, own.chain, own.hull_box, transform_points(target.X_WT, model.vertices)
+    )
 
 
 def lifted(own: WorkVehicle, X_WB_work: Array, X_WB: Array, lift: float) -> Array:
-    """Hull pose (4, 4) before the work pose, along the axis of the arm's base, at which the arm unfolds.
+    """Hull pose (4, 4) before the work pose, along the axis of the arm's base, at which the arm
+    unfolds.
 
     Args:
         own: the vehicle.
@@ -336,7 +407,8 @@ def arrival(
     broken: Mapping[Reaction, str],
     tare: Phase | None = None,
 ) -> Iterable[tuple[str, TaskRow]]:
-    """Rows from the begin of a task to the tare; if they are broken off before it, the vehicle stays where it is.
+    """Rows from the begin of a task to the tare; if they are broken off before it, the vehicle
+    stays where it is.
 
     Args:
         site: what is known before the work.
@@ -387,18 +459,42 @@ def arrival(
     again = "settle" if site.come_near is None else "settled"
     yield (
         "settle",
-        row(settle, WorkState.SETTLE, {PhaseEvent.DONE: "scan" if site.come_near is None else at_once("near")}),
+        row(
+            settle,
+            WorkState.SETTLE,
+            {PhaseEvent.DONE: "scan" if site.come_near is None else at_once("near")},
+        ),
     )
     if site.come_near is not None:
-        yield "near", row(Decide(come_near, AbortCode.NO_GROUND), WorkState.SETTLE, {PhaseEvent.DONE: "descend"})
-        yield "descend", row(move(lambda held: held.X_WB_scan), WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
+        yield (
+            "near",
+            row(
+                Decide(come_near, AbortCode.NO_GROUND),
+                WorkState.SETTLE,
+                {PhaseEvent.DONE: "descend"},
+            ),
+        )
+        yield (
+            "descend",
+            row(
+                move(lambda held: held.X_WB_scan),
+                WorkState.SETTLE,
+                {PhaseEvent.DONE: at_once(again)},
+            ),
+        )
         yield again, row(settle, WorkState.SETTLE, {PhaseEvent.DONE: "scan"})
     scanned = {PhaseEvent.DONE: at_once("stand"), PhaseEvent.REFUSED: "other view"}
     yield "scan", row(ScanTarget(limits.scan), WorkState.SCAN, scanned)
     yield "other view", row(move(other_view), WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
-    yield "stand", row(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SCAN, {PhaseEvent.DONE: "travel"})
+    yield (
+        "stand",
+        row(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SCAN, {PhaseEvent.DONE: "travel"}),
+    )
     yield "travel", row(move(), WorkState.CLOSE_IN, {PhaseEvent.DONE: "unfold"})
-    yield "unfold", row(Unfold(limits.joint_speed), WorkState.CLOSE_IN, {PhaseEvent.DONE: "close in"})
+    yield (
+        "unfold",
+        row(Unfold(limits.joint_speed), WorkState.CLOSE_IN, {PhaseEvent.DONE: "close in"}),
+    )
     close_in = move(lambda held: held.start_of_line().X_WB)
     yield "close in", row(close_in, WorkState.CLOSE_IN, {PhaseEvent.DONE: "rest"})
     yield "rest", row(settle, WorkState.CLOSE_IN, {PhaseEvent.DONE: "tare"})

@@ -1,8 +1,9 @@
 """Phases that move a tool in along its axis under admittance control: into holes, into soil.
 
-The advance is a damping law. At zero force the tool has the wanted speed; the speed falls as the opposing force grows,
-is zero at the set force and negative above it. A tool that is stopped is thus pressed with the set force. Depths are of
-the tip below the surface as identified, negative before it.
+The advance is a damping law. At zero force the tool has the wanted speed; the speed falls as the
+opposing force grows, is zero at the set force and negative above it. A tool that is stopped is thus
+pressed with the set force. Depths are of the tip below the surface as identified, negative before
+it.
 """
 
 import math
@@ -37,7 +38,9 @@ from uuv.controllers.tasks.phase import (
 from uuv.controllers.tasks.task import TaskRow
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 
-_AT_WORK = frozenset({WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.PRESS, WorkState.WORK})
+_AT_WORK = frozenset(
+    {WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.PRESS, WorkState.WORK}
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +54,8 @@ class AxialLimits:
     yielding: float = 0.3  # [m/s^2] limit while a force opposes the motion
     longest: float  # [s] limit from the stand-off to the work, and of the way out
     force_limit: float  # [N] contact force, in any direction, above which the work ends
-    lost_place: float = 0.08  # [m] position error of the hull above which the work ends; up to it the arm compensates
+    # [m] position error of the hull above which the work ends; up to it the arm compensates
+    lost_place: float = 0.08
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +64,8 @@ class Push:
 
     force: float  # [N] axial force at which the tool stands still
     beyond: float  # [m] depth beyond which it is given to the controller
-    compliant_beyond: float = math.inf  # [m] depth beyond which the tool yields to forces across its axis
+    # [m] depth beyond which the tool yields to forces across its axis
+    compliant_beyond: float = math.inf
     force_control: bool = False  # the force loop is closed
 
 
@@ -75,10 +80,17 @@ class AxialPhase(Phase):
         return now.contact_force(held.tool()[0][:3, 2])
 
     def _advance(self, held: Held, now: Context, wanted: float, resisted: float = 0.0) -> None:
-        """Move the depth by one period at `wanted` [m/s], reduced by the force share `resisted` (see `next_speed`)."""
+        """Move the depth by one period at `wanted` [m/s], reduced by the force share `resisted`
+        (see `next_speed`).
+        """
         limits = self._limits
         held.speed = next_speed(
-            held.speed, wanted, resisted, acceleration=limits.acceleration, yielding=limits.yielding, period=now.period
+            held.speed,
+            wanted,
+            resisted,
+            acceleration=limits.acceleration,
+            yielding=limits.yielding,
+            period=now.period,
         )
         held.depth += held.speed * now.period
 
@@ -114,10 +126,18 @@ class AxialContact:
 
 
 class AxialApproach(AxialPhase):
-    """Advance from the stand-off to a depth before the surface; contact on the way is an obstacle, or the rim."""
+    """Advance from the stand-off to a depth before the surface; contact on the way is an obstacle,
+    or the rim.
+    """
 
     def __init__(
-        self, limits: AxialLimits, push: Push, contact: AxialContact, *, slow: tuple[float, float], to: float
+        self,
+        limits: AxialLimits,
+        push: Push,
+        contact: AxialContact,
+        *,
+        slow: tuple[float, float],
+        to: float,
     ) -> None:
         """Set up the phase.
 
@@ -141,11 +161,15 @@ class AxialApproach(AxialPhase):
         contact, (slow_from, slow) = self._contact, self._slow
         axial, _ = self._forces(held, now)
         wanted = self._limits.approach_speed if held.depth < slow_from else slow
-        self._advance(held, now, wanted, max(0.0, axial) / self._push.force if contact.yields else 0.0)
+        self._advance(
+            held, now, wanted, max(0.0, axial) / self._push.force if contact.yields else 0.0
+        )
         state.seconds = state.seconds + now.period if axial > contact.touch else 0.0
         if state.seconds and state.seconds >= contact.touch_time:
             if held.depth < -contact.early:
-                return Abort(AbortCode.OBSTACLE, contact.obstacle.format(f"{-held.depth * 1e3:.0f}"))
+                return Abort(
+                    AbortCode.OBSTACLE, contact.obstacle.format(f"{-held.depth * 1e3:.0f}")
+                )
             return PhaseEvent.TOUCHED
         return PhaseEvent.DONE if held.depth >= self._to else None
 
@@ -186,7 +210,9 @@ class Withdraw(AxialPhase):
         limits = self._limits
         axial, _ = self._forces(held, now)
         inside = held.depth > self._mouth
-        wanted, resisted = (-limits.speed, -axial / self._push.force) if inside else (-limits.approach_speed, 0.0)
+        wanted, resisted = (
+            (-limits.speed, -axial / self._push.force) if inside else (-limits.approach_speed, 0.0)
+        )
         self._advance(held, now, wanted, resisted)
         stuck = now.time - state.since > limits.longest
         if not stuck and held.depth > -limits.standoff:
@@ -197,19 +223,28 @@ class Withdraw(AxialPhase):
 
 
 _ANY = (Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW)
-WITHDRAW: Mapping[Reaction, str] = dict.fromkeys(_ANY, "withdraw")  # how work is left from the approach on
-PARK: Mapping[Reaction, str] = {**dict.fromkeys(_ANY, "parked"), Reaction.STOP: "halt"}  # and a tare
+# how work is left from the approach on
+WITHDRAW: Mapping[Reaction, str] = dict.fromkeys(_ANY, "withdraw")
+# and a tare
+PARK: Mapping[Reaction, str] = {**dict.fromkeys(_ANY, "parked"), Reaction.STOP: "halt"}
 
 
 def axial_end(withdraw: Withdraw) -> Iterable[tuple[str, TaskRow]]:
     """Rows that end axial work."""
-    yield "withdraw", TaskRow(withdraw, WorkState.WITHDRAW, {PhaseEvent.DONE: "parked"}, {Reaction.RETREAT: "parked"})
+    yield (
+        "withdraw",
+        TaskRow(
+            withdraw, WorkState.WITHDRAW, {PhaseEvent.DONE: "parked"}, {Reaction.RETREAT: "parked"}
+        ),
+    )
     yield "parked", TaskRow(HoldTool(), WorkState.DONE)
     yield "held", TaskRow(Hold(), WorkState.DONE)
     yield "halt", TaskRow(Halt(), WorkState.RETREAT, {PhaseEvent.DONE: "held"})
 
 
-def axial_monitors(limits: AxialLimits, *, lost_place: float, blind_time: float, too_long: str) -> tuple[Monitor, ...]:
+def axial_monitors(
+    limits: AxialLimits, *, lost_place: float, blind_time: float, too_long: str
+) -> tuple[Monitor, ...]:
     """Monitors of axial work; faults are watched up to the stand-off.
 
     Args:
@@ -231,7 +266,10 @@ def axial_monitors(limits: AxialLimits, *, lost_place: float, blind_time: float,
     return (
         *fault_monitors(blind_time, BEFORE_CONTACT),
         Monitor(
-            condition=adrift(lost_place), reaction=Reaction.RISE, code=AbortCode.HULL_ADRIFT, during=BEFORE_CONTACT
+            condition=adrift(lost_place),
+            reaction=Reaction.RISE,
+            code=AbortCode.HULL_ADRIFT,
+            during=BEFORE_CONTACT,
         ),
         at_work(condition=adrift(limits.lost_place), code=AbortCode.HULL_ADRIFT),
         at_work(condition=force, code=AbortCode.FORCE_LIMIT),
@@ -246,15 +284,21 @@ def axial_monitors(limits: AxialLimits, *, lost_place: float, blind_time: float,
 
 
 def next_speed(
-    speed: float, wanted: float, resisted: float, *, acceleration: float, yielding: float, period: float
+    speed: float,
+    wanted: float,
+    resisted: float,
+    *,
+    acceleration: float,
+    yielding: float,
+    period: float,
 ) -> float:
     """Damping law of the advance: speed one period later.
 
     Args:
         speed: [m/s] now.
         wanted: [m/s] speed at zero force.
-        resisted: force against the motion as a share of the force at which the tool stands still. Above 1 the tool
-            moves back, at most at the speed `wanted`.
+        resisted: force against the motion as a share of the force at which the tool stands still.
+            Above 1 the tool moves back, at most at the speed `wanted`.
         acceleration: [m/s^2] limit of the change of speed.
         yielding: [m/s^2] the same limit while a force opposes the motion.
         period: [s].

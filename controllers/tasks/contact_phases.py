@@ -1,4 +1,7 @@
-"""Phases of work on a surface: approach, press, follow the path, release, retreat. Depths count from the stand-off."""
+"""Phases of work on a surface: approach, press, follow the path, release, retreat.
+
+Depths count from the stand-off.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -34,7 +37,9 @@ class ApproachState:
 
 
 class GuardedApproach(Phase):
-    """Guarded move along the tool axis until contact, or to a distance from the surface without contact."""
+    """Guarded move along the tool axis until contact, or to a distance from the surface without
+    contact.
+    """
 
     def __init__(self, limits: ApproachLimits, distance: float | None = None) -> None:
         """Set up the phase; `distance` [m] to keep from the surface, None: contact is sought."""
@@ -66,14 +71,19 @@ class GuardedApproach(Phase):
             return PhaseEvent.DONE
         self._advance(held, now, limits.standoff)
         if held.depth > limits.standoff + limits.search:
-            return Abort(AbortCode.NO_CONTACT, f"no contact within {limits.search} m beyond the expected surface")
+            return Abort(
+                AbortCode.NO_CONTACT,
+                f"no contact within {limits.search} m beyond the expected surface",
+            )
         return None
 
     def _advance(self, held: Held, now: Context, depth: float) -> None:
         """One period, at `touch_speed` from `guard` before `depth` [m] on."""
         limits = self._limits
         wanted = limits.speed if held.depth < depth - limits.guard else limits.touch_speed
-        held.speed = towards(held.speed, 0.0 if now.paused else wanted, limits.acceleration * now.period)
+        held.speed = towards(
+            held.speed, 0.0 if now.paused else wanted, limits.acceleration * now.period
+        )
         held.depth += held.speed * now.period
 
     def setpoint(self, state: ApproachState, held: Held, now: Context) -> Setpoint:
@@ -91,7 +101,8 @@ class PressLimits:
     noise: float = 3.0  # standard deviations of the estimate, where they are more than that
     held: float = 0.5  # [s] for which the force must be within it
     within: float = 6.0  # [s] limit for that
-    gives_way: float = 0.03  # [m] by which the surface may yield; 136 N on the softest one allowed, 5e3 N/m, are 27 mm
+    # [m] by which the surface may yield; 136 N on the softest one allowed, 5e3 N/m, are 27 mm
+    gives_way: float = 0.03
 
 
 @dataclass(slots=True)
@@ -104,7 +115,9 @@ class PressState:
 
 
 class Press(Phase):
-    """Ramp the force to its set value, and wait until it is reached; no motion along the path yet."""
+    """Ramp the force to its set value, and wait until it is reached; no motion along the path
+    yet.
+    """
 
     def __init__(
         self,
@@ -122,8 +135,8 @@ class Press(Phase):
             set_force: [N] to press with.
             rate: [N/s] of its change.
             insist: False: done at any force when the time is over (ablation).
-            tip: place (3,) [m] of the tip in W, by the estimate; None: a surface that gives way is pressed on all the
-                same.
+            tip: place (3,) [m] of the tip in W, by the estimate; None: a surface that gives way is
+                pressed on all the same.
         """
         self._limits, self._rate, self._insist, self._tip = limits, rate, insist, tip
         self._set_force = set_force
@@ -157,7 +170,10 @@ class Press(Phase):
         if now.time - state.set_since > limits.held or (late and not self._insist):
             return PhaseEvent.DONE
         if late:
-            said = f"the force did not settle at {set_force:g} N within {limits.within:g} s: {felt:.1f} N"
+            said = (
+                f"the force did not settle at {set_force:g} N within {limits.within:g} s: "
+                f"{felt:.1f} N"
+            )
             return Abort(AbortCode.FORCE_NOT_REACHED, said)
         return None
 
@@ -197,14 +213,17 @@ class FollowState:
     since: float  # [s] start of the motion, later by every pause and stop
     begin: float = 0.0  # [m] arc length where it starts
     pace: float = 1.0  # speed along the path as a share of that planned
-    v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s] of the hull, which travels with the tool
+    # (3,) [m/s] of the hull, which travels with the tool
+    v_WB_W: Array = field(default_factory=lambda: ZERO)
     stops: Stops | None = None
 
 
 class FollowPath(Phase):
-    """Move along the path, with set forces on consecutive, equally long parts of it; the hull travels along.
+    """Move along the path, with set forces on consecutive, equally long parts of it; the hull
+    travels along.
 
-    Where the tool cannot press on all of the path, this is one stretch of it, and there may be more.
+    Where the tool cannot press on all of the path, this is one stretch of it, and there may be
+    more.
     """
 
     def __init__(self, limits: FollowLimits, forces: Sequence[float], rate: float) -> None:
@@ -224,8 +243,14 @@ class FollowPath(Phase):
         end = float(path.s[-1])
         if self._forces:
             end = min(last for _, last in stretches(path) if last > held.s)
-        progress = progress_along(path, held.s, end, speed=path.pace * limits.speed, ramp=limits.ramp, bend=limits.bend)
-        stops = Stops(limits.stops) if limits.stops and self._forces and limits.stops.help(held.promise) else None
+        progress = progress_along(
+            path, held.s, end, speed=path.pace * limits.speed, ramp=limits.ramp, bend=limits.bend
+        )
+        stops = (
+            Stops(limits.stops)
+            if limits.stops and self._forces and limits.stops.help(held.promise)
+            else None
+        )
         return FollowState(progress, now.time, held.s, stops=stops)
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
@@ -233,7 +258,9 @@ class FollowPath(Phase):
         assert held.line is not None
         limits, progress, length = self._limits, state.progress, float(held.line.path.s[-1])
         stopping = self._stops(state, held, now)
-        state.pace = towards(state.pace, 0.0 if now.paused or stopping else 1.0, now.period / limits.pace_time)
+        state.pace = towards(
+            state.pace, 0.0 if now.paused or stopping else 1.0, now.period / limits.pace_time
+        )
         state.since += (1.0 - state.pace) * now.period
         done, rate = progress.at(now.time - state.since)
         held.s = state.begin + done
@@ -241,7 +268,11 @@ class FollowPath(Phase):
             change = self._rate * now.period
             held.set_force = towards(held.set_force, self._set_force(held, now), change)
         if now.time - state.since > progress.duration + limits.linger:
-            return PhaseEvent.DONE if next_stretch(held) is None or not self._forces else PhaseEvent.MORE
+            return (
+                PhaseEvent.DONE
+                if next_stretch(held) is None or not self._forces
+                else PhaseEvent.MORE
+            )
         placement = held.start_of_line()
         held.X_WB = placement.hull_at(held.s / length)
         state.v_WB_W = rate * state.pace / length * placement.hull_rate(held.s / length)
@@ -289,10 +320,16 @@ def next_stretch(held: Held) -> float | None:
 
 
 def travel(state: FollowState, held: Held, now: Context) -> None:
-    """Bring the tool's place on the path, off the surface, and the hull that travels along, to the present time."""
+    """Bring the tool's place on the path, off the surface, and the hull that travels along, to the
+    present time.
+    """
     assert held.line is not None
     done, rate = state.progress.at(now.time - state.since)
-    held.s, length, placement = state.begin + done, float(held.line.path.s[-1]), held.start_of_line()
+    held.s, length, placement = (
+        state.begin + done,
+        float(held.line.path.s[-1]),
+        held.start_of_line(),
+    )
     held.X_WB = placement.hull_at(held.s / length)
     state.v_WB_W = rate / length * placement.hull_rate(held.s / length)
 
@@ -305,7 +342,9 @@ def travelling(state: FollowState, held: Held, now: Context) -> Setpoint:
 
 
 class NextStretch(Phase):
-    """Move the tool at the stand-off to the next stretch of the path on which it can press; the hull travels along."""
+    """Move the tool at the stand-off to the next stretch of the path on which it can press; the
+    hull travels along.
+    """
 
     def __init__(self, limits: FollowLimits, standoff: float) -> None:
         """Set up the phase: limits of the motion, and distance [m] from the surface."""
@@ -322,7 +361,11 @@ class NextStretch(Phase):
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at rest before the next stretch."""
         travel(state, held, now)
-        return PhaseEvent.DONE if now.time - state.since > state.progress.duration + self._limits.linger else None
+        return (
+            PhaseEvent.DONE
+            if now.time - state.since > state.progress.duration + self._limits.linger
+            else None
+        )
 
     def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
         """The tool at the stand-off."""
@@ -330,7 +373,9 @@ class NextStretch(Phase):
 
 
 class Unload(Phase):
-    """Ramp the force down before the tool leaves: one that is released at 90 N rebounds from a hard surface."""
+    """Ramp the force down before the tool leaves: one that is released at 90 N rebounds from a hard
+    surface.
+    """
 
     def __init__(self, rate: float, until: float) -> None:
         """Set up the phase: `rate` [N/s] of the force, down to `until` [N]."""
@@ -349,7 +394,9 @@ class Unload(Phase):
 
 
 class Retreat(Phase):
-    """Withdraw the tool along its axis by the arm, by the whole approach or at least by the stand-off."""
+    """Withdraw the tool along its axis by the arm, by the whole approach or at least by the
+    stand-off.
+    """
 
     def __init__(self, speed: float, clearance: float) -> None:
         """Set up the phase: `speed` [m/s] of the tool, `clearance` [m] least length of the way."""
@@ -362,7 +409,11 @@ class Retreat(Phase):
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
         """Done when the tool is clear."""
-        return PhaseEvent.DONE if (now.time - state.since) * self._speed > way_back(held, self._clearance) else None
+        return (
+            PhaseEvent.DONE
+            if (now.time - state.since) * self._speed > way_back(held, self._clearance)
+            else None
+        )
 
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
         """The tool on its way off."""
@@ -372,7 +423,8 @@ class Retreat(Phase):
 
 
 class NextPoint(Phase):
-    """Move the tool at the stand-off to the next of several points; more at the point, done after the last one.
+    """Move the tool at the stand-off to the next of several points; more at the point, done after
+    the last one.
 
     The hull travels along.
     """
@@ -394,7 +446,9 @@ class NextPoint(Phase):
             return None
         held.depth = min(0.0, held.depth - self._standoff)
         limits, before = self._limits, self._points[k - 1]
-        return FollowState(Progress(self._points[k] - before, limits.speed, limits.ramp), now.time, before)
+        return FollowState(
+            Progress(self._points[k] - before, limits.speed, limits.ramp), now.time, before
+        )
 
     def step(self, state: FollowState | None, held: Held, now: Context) -> Outcome:
         """More at the point."""

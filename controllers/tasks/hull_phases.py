@@ -9,12 +9,23 @@ import numpy as np
 
 from uuv.controllers.planning.trajectories import JointMove, PoseMove
 from uuv.controllers.safety.blind_departure import ascent_direction
-from uuv.controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, way_back
+from uuv.controllers.tasks.phase import (
+    ZERO,
+    Abort,
+    Context,
+    Held,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+    way_back,
+)
 from uuv.controllers.tuning import SAFETY
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
-_STEEP = 0.3  # [-] vertical part of a direction from which on depth alone tells how far a hull has come along it
+# [-] vertical part of a direction from which on depth alone tells how far a hull has come along it
+_STEEP = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +62,10 @@ class Settle(Phase):
         """Done once the hull has been at rest for long enough."""
         limits, estimate = self._limits, now.estimate
         if now.time - state.since > limits.within:
-            return Abort(AbortCode.HULL_NOT_AT_REST, f"the hull did not become quiet within {limits.within:.0f} s")
+            return Abort(
+                AbortCode.HULL_NOT_AT_REST,
+                f"the hull did not become quiet within {limits.within:.0f} s",
+            )
         moving = math.hypot(*estimate.v_WB_B.tolist()) > limits.speed
         turning = math.hypot(*estimate.w_WB_B.tolist()) > limits.turn
         if moving or turning or held.off(estimate) > limits.error:
@@ -86,13 +100,19 @@ class HullMotion:
     speed: float = 0.25  # [m/s]
     acceleration: float = 0.08  # [m/s^2]
     turn_rate: float = 0.15  # [rad/s]
-    behind: tuple[float, float] | None = (0.18, 0.42)  # [m] lag of the hull at which the move slows down, and stops
+    # [m] lag of the hull at which the move slows down, and stops
+    behind: tuple[float, float] | None = (0.18, 0.42)
     late: float = 60.0  # [s] by which it may be delayed in all
 
     def to(self, X_WB: Array, held: Held, now: Context) -> PoseMove:
         """Move from the present reference to `X_WB` (4, 4), beginning now."""
         return PoseMove.between(
-            now.time, held.X_WB, X_WB, speed=self.speed, acceleration=self.acceleration, turn_rate=self.turn_rate
+            now.time,
+            held.X_WB,
+            X_WB,
+            speed=self.speed,
+            acceleration=self.acceleration,
+            turn_rate=self.turn_rate,
         )
 
     def pace(self, behind: float) -> float:
@@ -114,7 +134,9 @@ class MoveState:
 
 
 class MoveHull(Phase):
-    """Move the hull through the poses of `Held.way`, or to one that is given; it waits for a hull that lags behind."""
+    """Move the hull through the poses of `Held.way`, or to one that is given; it waits for a hull
+    that lags behind.
+    """
 
     def __init__(self, motion: HullMotion, to: Callable[[Held], Array] | None = None) -> None:
         self._motion, self._to = motion, to
@@ -127,7 +149,9 @@ class MoveHull(Phase):
     def step(self, state: MoveState, held: Held, now: Context) -> Outcome:
         """Move on; done at the exact end of the last move."""
         if state.waited > self._motion.late:
-            return Abort(AbortCode.HULL_LATE, f"the hull came {self._motion.late:.0f} s late on its way")
+            return Abort(
+                AbortCode.HULL_LATE, f"the hull came {self._motion.late:.0f} s late on its way"
+            )
         pace = self._motion.pace(held.off(now.estimate))
         if pace < 1.0:
             late = (1.0 - pace) * now.period
@@ -166,7 +190,9 @@ class Unfold(Phase):
     def enter(self, held: Held, now: Context) -> UnfoldState:
         """Begin the joint motion."""
         q_to = held.start_of_line().q_start
-        return UnfoldState(JointMove.between(now.time, held.q, q_to, speed=self._speed), np.zeros(len(q_to)))
+        return UnfoldState(
+            JointMove.between(now.time, held.q, q_to, speed=self._speed), np.zeros(len(q_to))
+        )
 
     def step(self, state: UnfoldState, held: Held, now: Context) -> Outcome:
         """Done at the exact posture."""
@@ -219,9 +245,10 @@ class PullBack(Phase):
 class Leash:
     """How far the hull's reference may be from a hull that is pushed off it.
 
-    A thruster that is stuck at full thrust, or a current that is too strong, carries the hull away whatever is asked
-    for. Against a far reference the others would saturate and tilt the hull: what is asked for is therefore bounded.
-    Only a hull that sinks is asked to return to its depth from any distance.
+    A thruster that is stuck at full thrust, or a current that is too strong, carries the hull away
+    whatever is asked for. Against a far reference the others would saturate and tilt the hull: what
+    is asked for is therefore bounded. Only a hull that sinks is asked to return to its depth from
+    any distance.
     """
 
     place: float = 0.05  # [m] across the vertical, and downwards
@@ -229,7 +256,9 @@ class Leash:
     heading: float = 0.2  # [rad]
     turn: float = 0.1  # [rad/s] about the vertical
 
-    def pull(self, X_WB: Array, v_WB_W: Array, estimate: StateEstimate) -> tuple[Array, Array, Array]:
+    def pull(
+        self, X_WB: Array, v_WB_W: Array, estimate: StateEstimate
+    ) -> tuple[Array, Array, Array]:
         """The reference within the leash.
 
         Args:
@@ -271,9 +300,12 @@ class EscapeLimits:
     draw: float = 0.35  # [m] by which the tool is drawn up beyond that, from the clearance on
     draw_speed: float = 0.4  # [m/s] at which that is done
     free: float = 0.45  # [m] ascent after which the arm folds
-    patience: float = 20.0  # [s] after which a hull that cannot ascend is given up, the arm held as it is
+    # [s] after which a hull that cannot ascend is given up, the arm held as it is
+    patience: float = 20.0
     fold_speed: float = 0.8  # [rad/s] of the joints
-    motion: HullMotion = field(default_factory=lambda: HullMotion(speed=0.4, acceleration=0.2, behind=None))
+    motion: HullMotion = field(
+        default_factory=lambda: HullMotion(speed=0.4, acceleration=0.2, behind=None)
+    )
     leash: Leash = field(default_factory=Leash)
 
     @classmethod
@@ -300,9 +332,9 @@ class EscapeState:
 class Escape(Phase):
     """The hull ascends off the object from where it is, while the arm draws the tool off and folds.
 
-    A hull that has lost a thruster tilts, turns and drifts. The tool is taken off along its axis at once and drawn up,
-    both in W. It goes along with the ascent but not with the drift: a tool fixed to the hull would swing into the
-    object.
+    A hull that has lost a thruster tilts, turns and drifts. The tool is taken off along its axis at
+    once and drawn up, both in W. It goes along with the ascent but not with the drift: a tool fixed
+    to the hull would swing into the object.
     """
 
     def __init__(self, limits: EscapeLimits, clearance: float, q_fold: Array) -> None:
@@ -328,7 +360,9 @@ class Escape(Phase):
     def step(self, state: EscapeState, held: Held, now: Context) -> Outcome:
         """Done at the end of the ascent with the arm folded, or when it is given up."""
         limits, estimate = self._limits, now.estimate
-        held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(*state.move.at(now.time), estimate)
+        held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(
+            *state.move.at(now.time), estimate
+        )
         drawn = limits.draw_speed * (now.time - state.since)
         if state.fold is None:
             risen = _ascent(estimate.X_WB[:3, 3] - state.p_WB_from, state.up_W)
@@ -340,7 +374,9 @@ class Escape(Phase):
                 return PhaseEvent.DONE
             if risen < limits.free:
                 return None
-            state.fold = JointMove.between(now.time, np.array(estimate.q), self._q_fold, speed=limits.fold_speed)
+            state.fold = JointMove.between(
+                now.time, np.array(estimate.q), self._q_fold, speed=limits.fold_speed
+            )
         held.q, state.qd = state.fold.at(now.time)
         return PhaseEvent.DONE if state.move.done(now.time) and state.fold.done(now.time) else None
 
@@ -361,7 +397,9 @@ class AwayState:
 
 
 class HoldAway(Phase):
-    """Hold hull and joint angles away from the object, as far as the hull can: the end of a task broken off."""
+    """Hold hull and joint angles away from the object, as far as the hull can: the end of a task
+    broken off.
+    """
 
     def __init__(self, leash: Leash) -> None:
         self._leash = leash
@@ -408,6 +446,8 @@ class Halt(Phase):
 
 
 def _ascent(gone_W: Array, up_W: Array) -> float:
-    """Length [m] of the ascent along `up_W` (3,) of a hull displaced by `gone_W` (3,), whatever its drift."""
+    """Length [m] of the ascent along `up_W` (3,) of a hull displaced by `gone_W` (3,), whatever its
+    drift.
+    """
     steep = abs(up_W[2]) > _STEEP
     return max(0.0, float(gone_W[2] / up_W[2] if steep else gone_W @ up_W))

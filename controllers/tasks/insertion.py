@@ -1,11 +1,12 @@
-r"""Insertion: puts a sampler into a hole of a known object and withdraws it (the sampling holes of [Konoplin 2022]).
+r"""Insertion: puts a sampler into a hole of a known object and withdraws it (the sampling holes of
+[Konoplin 2022]).
 
 settle -> scan -> close-in -> tare -> approach -> insert -> work (stays in the hole) -> withdraw -> done
                                          \-> search -/       any of these -> withdraw -> abort
 
 From the stand-off the tool moves along the axis of the hole as identified, by the damping law of
-`uuv.controllers.tasks.axial_phases`. While a side force acts, the advance waits until the lateral compliance of the
-controller has centred the tool.
+`uuv.controllers.tasks.axial_phases`. While a side force acts, the advance waits until the lateral
+compliance of the controller has centred the tool.
 """
 
 import math
@@ -39,7 +40,15 @@ from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
 from uuv.models.objects.manifold import Hole
 from uuv.models.objects.targets import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    Reference,
+    StateEstimate,
+    Target,
+    ToolPath,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, readonly
 
 
@@ -49,7 +58,8 @@ class EntryLimits:
 
     side_easy: float = 5.0  # [N] side force up to which the advance has full speed,
     side_full: float = 10.0  # [N] and from which it waits
-    nose: float = 0.018  # [m] length of the tool's nose: a stop at less depth is the rim, at more the wall
+    # [m] length of the tool's nose: a stop at less depth is the rim, at more the wall
+    nose: float = 0.018
     stall: float = 2.0  # [s] in which the tool must advance by `gain`, else it counts as stopped
     gain: float = 0.0015  # [m]
     back: float = 0.01  # [m] by which a jammed tool backs off before the next try
@@ -69,7 +79,9 @@ class SearchLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InsertionJob(InsertionSettings):
-    """Settings, forces and limits of an insertion; depths are of the tip below the mouth as identified."""
+    """Settings, forces and limits of an insertion; depths are of the tip below the mouth as
+    identified.
+    """
 
     stay: float = 2.0  # [s] time at that depth
     force: float = 15.0  # [N] axial force at which the advance stops
@@ -81,7 +93,12 @@ class InsertionJob(InsertionSettings):
     touch_time: float = 0.04  # [s] for which it must last
     axial: AxialLimits = field(
         default_factory=partial(
-            AxialLimits, standoff=0.06, approach_speed=0.02, speed=0.006, longest=90.0, force_limit=60.0
+            AxialLimits,
+            standoff=0.06,
+            approach_speed=0.02,
+            speed=0.006,
+            longest=90.0,
+            force_limit=60.0,
         )
     )
     inside: EntryLimits = field(default_factory=EntryLimits)
@@ -102,12 +119,14 @@ class InsertionJob(InsertionSettings):
                 raise ConfigurationError(f"insertion {name}: must be > 0, got {value}")
         if self.force > 0.5 * axial.force_limit:
             raise ConfigurationError(
-                f"insertion force: {self.force} N leaves no room: at most half the limit of {axial.force_limit} N"
+                f"insertion force: {self.force} N leaves no room: at most half the limit of "
+                f"{axial.force_limit} N"
             )
         inside = self.inside
         if not inside.side_full > inside.side_easy > 0.0:
             raise ConfigurationError(
-                f"insertion side_full: must exceed side_easy of {inside.side_easy} N > 0, got {inside.side_full}"
+                f"insertion side_full: must exceed side_easy of {inside.side_easy} N > 0, got "
+                f"{inside.side_full}"
             )
         if not axial.standoff > self.guard > self.entry:
             raise ConfigurationError("insertion: standoff > guard > entry [m] must hold")
@@ -148,7 +167,9 @@ class EntryState:
 
 
 class EnterHole(AxialPhase):
-    """Advance with axial and side force below their set values; a stopped tool searches or tries again."""
+    """Advance with axial and side force below their set values; a stopped tool searches or tries
+    again.
+    """
 
     def __init__(self, job: InsertionJob, push: Push) -> None:
         super().__init__(job.axial, push)
@@ -183,7 +204,9 @@ class EnterHole(AxialPhase):
         limits = self._job.inside
         held.tries += 1
         if held.tries > limits.tries:
-            return Abort(AbortCode.JAMMED, f"stopped at {held.depth * 1e3:.0f} mm, {limits.tries} times over")
+            return Abort(
+                AbortCode.JAMMED, f"stopped at {held.depth * 1e3:.0f} mm, {limits.tries} times over"
+            )
         if state.deepest < limits.nose:
             return PhaseEvent.TOUCHED
         state.backing_to = max(held.depth - limits.back, -self._job.entry)
@@ -201,7 +224,8 @@ class SpiralState:
 class SpiralSearch(AxialPhase):
     """Spiral around the hole as identified, with a light force on the rim, until the tool drops.
 
-    A loss of contact may mean that the tool is over the hole. The spiral then waits while the tool moves down.
+    A loss of contact may mean that the tool is over the hole. The spiral then waits while the tool
+    moves down.
     """
 
     def __init__(self, job: InsertionJob, push: Push) -> None:
@@ -221,7 +245,9 @@ class SpiralSearch(AxialPhase):
         radius = search.pitch * state.angle / (2.0 * np.pi)
         if axial > 0.5 * search.force:
             # Equal speed along the spiral r = c angle: d angle = v dt / sqrt(r^2 + c^2).
-            state.angle += search.speed * now.period / math.hypot(radius, search.pitch / (2.0 * np.pi))
+            state.angle += (
+                search.speed * now.period / math.hypot(radius, search.pitch / (2.0 * np.pi))
+            )
             held.aside = (radius * math.cos(state.angle), radius * math.sin(state.angle))
         if held.depth > state.touched_at + search.dip:
             return PhaseEvent.DONE
@@ -232,7 +258,9 @@ class SpiralSearch(AxialPhase):
 
 
 class HoleInsertion(TaskPlanner):
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) that inserts the tool into one hole of one known object."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) that inserts the tool into one hole of one
+    known object.
+    """
 
     def __init__(
         self,
@@ -245,7 +273,8 @@ class HoleInsertion(TaskPlanner):
         period: float = 0.01,
         search: PlacementSearch | None = None,
     ) -> None:
-        """Set up the planner; arguments as `uuv.controllers.tasks.surface_work`, with a hole instead of a path.
+        """Set up the planner; arguments as `uuv.controllers.tasks.surface_work`, with a hole
+        instead of a path.
 
         Args:
             own: the vehicle.
@@ -257,25 +286,39 @@ class HoleInsertion(TaskPlanner):
             search: hull placements that are tried.
 
         Raises:
-            ConfigurationError: if the hole is not deeper than the job's depth, or the arm has fewer than six joints.
+            ConfigurationError: if the hole is not deeper than the job's depth, or the arm has fewer
+                than six joints.
         """
         if own.chain.n < FULL:
             raise ConfigurationError(
-                f"insertion: a hole asks for the tool's axis, which an arm of {own.chain.n} joints cannot hold against "
+                f"insertion: a hole asks for the tool's axis, which an arm of {own.chain.n} "
+                "joints cannot hold against "
                 f"the hull's drift; at least {FULL} are needed"
             )
         if not job.depth < hole.depth:
-            raise ConfigurationError(f"insertion depth: must be below the hole's {hole.depth} m, got {job.depth}")
+            raise ConfigurationError(
+                f"insertion depth: must be below the hole's {hole.depth} m, got {job.depth}"
+            )
         self._hole, self._depth = hole, job.depth
         standing = StandingLimits(force=job.force, standoff=job.axial.standoff)
         stand = PathStanding(
-            vehicle=own.vehicle, chain=own.chain, model=target, hull_box=own.hull_box, limits=standing, search=search
+            vehicle=own.vehicle,
+            chain=own.chain,
+            model=target,
+            hull_box=own.hull_box,
+            limits=standing,
+            search=search,
         )
         self.stand = stand
-        site = WorkSite(own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target))
+        site = WorkSite(
+            own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target)
+        )
         limits = ArrivalLimits()
         monitors = axial_monitors(
-            job.axial, lost_place=limits.lost_place, blind_time=limits.blind_time, too_long="the depth was not reached"
+            job.axial,
+            lost_place=limits.lost_place,
+            blind_time=limits.blind_time,
+            too_long="the depth was not reached",
         )
         rows = insertion_rows(site, limits, job)
         super().__init__(rows, monitors, X_WB=X_WB_scan, q=own.vehicle.q_home, period=period)
@@ -295,7 +338,8 @@ class HoleInsertion(TaskPlanner):
             The state and the reference for the controller.
 
         Raises:
-            ConfigurationError: if the controller does not estimate the contact force in a phase that needs it.
+            ConfigurationError: if the controller does not estimate the contact force in a phase
+                that needs it.
         """
         if target is not None and target.accepted:
             target = replace(target, path=axis_path(target.X_WT, self._hole, self._depth))
@@ -306,7 +350,9 @@ class HoleInsertion(TaskPlanner):
         return max(0.0, held.depth)
 
 
-def insertion_rows(site: WorkSite, limits: ArrivalLimits, job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
+def insertion_rows(
+    site: WorkSite, limits: ArrivalLimits, job: InsertionJob
+) -> Iterable[tuple[str, TaskRow]]:
     """Table of the insertion.
 
     Args:
@@ -317,7 +363,9 @@ def insertion_rows(site: WorkSite, limits: ArrivalLimits, job: InsertionJob) -> 
     Returns:
         Names and rows.
     """
-    yield from arrival(site, limits, then=at_once("approach"), depth=-job.axial.standoff, offset=0.0, broken=PARK)
+    yield from arrival(
+        site, limits, then=at_once("approach"), depth=-job.axial.standoff, offset=0.0, broken=PARK
+    )
     yield from rows_at_hole(job)
 
 
@@ -337,7 +385,15 @@ def rows_at_hole(job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
     searched = {PhaseEvent.DONE: "insert", PhaseEvent.TOUCHED: "search"}
     inserted = {PhaseEvent.DONE: "work", PhaseEvent.TOUCHED: "search"}
     yield "approach", TaskRow(approach, states.APPROACH, searched, WITHDRAW)
-    yield "search", TaskRow(SpiralSearch(job, outside), states.SEARCH, {PhaseEvent.DONE: "insert"}, WITHDRAW)
+    yield (
+        "search",
+        TaskRow(SpiralSearch(job, outside), states.SEARCH, {PhaseEvent.DONE: "insert"}, WITHDRAW),
+    )
     yield "insert", TaskRow(EnterHole(job, inside), states.INSERT, inserted, WITHDRAW)
-    yield "work", TaskRow(Stay(axial, inside, job.stay), states.WORK, {PhaseEvent.DONE: "withdraw"}, WITHDRAW)
+    yield (
+        "work",
+        TaskRow(
+            Stay(axial, inside, job.stay), states.WORK, {PhaseEvent.DONE: "withdraw"}, WITHDRAW
+        ),
+    )
     yield from axial_end(Withdraw(axial, inside, -job.entry))

@@ -1,11 +1,14 @@
-"""Inspection flight: the hull orbits a found object at a set distance, and at further levels if it is to cover it.
+"""Inspection flight: the hull orbits a found object at a set distance, and at further levels if it
+is to cover it.
 
-The trajectory is laid on the model and carried to the real object by the identified pose [Konoplin 2019, section 2].
-Its eq. 6, x'(t) = H + M_r (x(t) + p_1 - H) + p_2, is R x + p with the pose X_WT of the model frame.
+The trajectory is laid on the model and carried to the real object by the identified pose [Konoplin
+2019, section 2]. Its eq. 6, x'(t) = H + M_r (x(t) + p_1 - H) + p_2, is R x + p with the pose X_WT
+of the model frame.
 
-On the model the line has a set horizontal distance from the object's outline, as seen from above. It is straight along
-the sides of the outline and circular around its corners. The camera moves along it. The hull is level and has the
-heading at which the camera faces the outline. A periodic cubic B-spline removes the jumps of curvature.
+On the model the line has a set horizontal distance from the object's outline, as seen from above.
+It is straight along the sides of the outline and circular around its corners. The camera moves
+along it. The hull is level and has the heading at which the camera faces the outline. A periodic
+cubic B-spline removes the jumps of curvature.
 
 settle -> scan -> close-in -> work -> done
                      ^---------'  next level
@@ -27,18 +30,37 @@ from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ScanLimits, ScanTarget
 from uuv.controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle
 from uuv.controllers.tasks.monitors import Monitor, Reaction, adrift
-from uuv.controllers.tasks.phase import ZERO, Context, Decide, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
+from uuv.controllers.tasks.phase import (
+    ZERO,
+    Context,
+    Decide,
+    Held,
+    Hold,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+)
 from uuv.controllers.tasks.settings import InspectionSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects.targets import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import AbortCode, WorkState
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, rotation_from_z, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    inverse,
+    pose,
+    readonly,
+    rotation_from_z,
+    transform_points,
+)
 
 _STEP = 0.02  # [m] distance between samples of the line
 _SMOOTH = 0.002  # [m] RMS distance of the spline from the line
-_LEVEL_VIEW = 0.2  # least horizontal part of the camera's unit axis: facing straight down it sees no side
+# least horizontal part of the camera's unit axis: facing straight down it sees no side
+_LEVEL_VIEW = 0.2
 _CHECKED = 0.1  # [m] distance between the poses whose clearance is tested
 _OUT = (0.2, 0.5, 0.8, 1.2, 1.6)  # [m] further levels: from the outline
 _UP = (0.2, 0.5, 0.8, 1.2, 1.6, 2.0)  # [m] above the object's top
@@ -55,8 +77,11 @@ class InspectionJob(InspectionSettings):
 
     acceleration: float = 0.05  # [m/s^2] of the hull
     turn_rate: float = 0.1  # [rad/s] of the hull
-    rest: RestLimits = field(default_factory=partial(RestLimits, speed=0.03, error=math.inf, time=3.0))
-    behind: tuple[float, float] = (0.1, 0.25)  # [m] lag of the hull at which progress slows down, and stops
+    rest: RestLimits = field(
+        default_factory=partial(RestLimits, speed=0.03, error=math.inf, time=3.0)
+    )
+    # [m] lag of the hull at which progress slows down, and stops
+    behind: tuple[float, float] = (0.1, 0.25)
     lost_place: float = 0.8  # [m] position error of the hull above which the inspection ends
 
     def __post_init__(self) -> None:
@@ -65,12 +90,16 @@ class InspectionJob(InspectionSettings):
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigurationError(f"inspection {name}: must be > 0, got {value}")
         if not 0.0 < self.behind[0] < self.behind[1] < self.lost_place:
-            raise ConfigurationError("inspection: 0 < behind[0] < behind[1] < lost_place [m] must hold")
+            raise ConfigurationError(
+                "inspection: 0 < behind[0] < behind[1] < lost_place [m] must hold"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Orbit:
-    """Closed line around an object, travelled once, of camera and hull; the last sample equals the first."""
+    """Closed line around an object, travelled once, of camera and hull; the last sample equals the
+    first.
+    """
 
     s: Array  # (N,) [m] arc length of the camera's line
     p_WC: Array  # (N, 3) [m] positions of the camera
@@ -91,12 +120,19 @@ class Orbit:
         return pose(exp_so3([0.0, 0.0, yaw]), p), (self.p_WB[i + 1] - self.p_WB[i]) / h, turn
 
     def pace(self, job: InspectionJob) -> Progress:
-        """Progress from rest to rest along the orbit, within the job's speed, acceleration and turn rate."""
+        """Progress from rest to rest along the orbit, within the job's speed, acceleration and turn
+        rate.
+        """
         way, yaw = (np.gradient(values, self.s, axis=0) for values in (self.p_WB, self.yaw))
         longest = float(np.linalg.norm(way, axis=1).max())
         bend = float(np.linalg.norm(np.gradient(way, self.s, axis=0), axis=1).max())
-        half = job.acceleration / np.sqrt(2.0)  # the components along and across the line add up to the limit
-        rate = min(job.speed / longest, job.turn_rate / max(float(np.abs(yaw).max()), 1e-9), np.sqrt(half / bend))
+        # the components along and across the line add up to the limit
+        half = job.acceleration / np.sqrt(2.0)
+        rate = min(
+            job.speed / longest,
+            job.turn_rate / max(float(np.abs(yaw).max()), 1e-9),
+            np.sqrt(half / bend),
+        )
         return Progress(float(self.s[-1]), rate, rate * longest / half)
 
 
@@ -125,9 +161,14 @@ class Keep:
     clearance: float  # [m]
 
     def short(self, poses: Iterable[Array]) -> tuple[float, str] | None:
-        """First gap [m] along hull `poses` (4, 4) that is below the clearance, and to what; None if it is kept."""
+        """First gap [m] along hull `poses` (4, 4) that is below the clearance, and to what; None if
+        it is kept.
+        """
         for X_WB in poses:
-            for gap, what in ((self.passing.gap(X_WB), "object"), (self.passing.lowest(X_WB) - self.floor, "seabed")):
+            for gap, what in (
+                (self.passing.gap(X_WB), "object"),
+                (self.passing.lowest(X_WB) - self.floor, "seabed"),
+            ):
                 if gap < self.clearance:
                     return gap, what
         return None
@@ -139,7 +180,8 @@ class Keep:
 
 
 def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Array]:
-    """Closed horizontal line at a set distance around an object, at half its height, counter-clockwise from above.
+    """Closed horizontal line at a set distance around an object, at half its height,
+    counter-clockwise from above.
 
     Args:
         vertices_T: (V, 3) [m] vertices of the object in T.
@@ -147,7 +189,8 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
         distance: [m] horizontal distance from the outline.
 
     Returns:
-        The line (N, 3) [m] in T, its last point its first, and the horizontal unit directions (N, 3) to the outline.
+        The line (N, 3) [m] in T, its last point its first, and the horizontal unit directions (N,
+        3) to the outline.
     """
     axes = rotation_from_z(up_T, np.eye(3)[int(np.argmin(np.abs(up_T)))]).T
     seen = vertices_T @ axes.T
@@ -159,7 +202,11 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
         turn = (after - before) % (2.0 * np.pi)
         angles = before + np.linspace(0.0, turn, 1 + math.ceil(turn * distance / _STEP))
         points.append(corner + distance * np.column_stack([np.cos(angles), np.sin(angles)]))
-        shares = np.arange(1, math.ceil(np.linalg.norm(side) / _STEP))[:, None] * _STEP / np.linalg.norm(side)
+        shares = (
+            np.arange(1, math.ceil(np.linalg.norm(side) / _STEP))[:, None]
+            * _STEP
+            / np.linalg.norm(side)
+        )
         points.append(points[-1][-1] + shares * side)
     raw = np.vstack(points)
     raw = np.vstack([raw[np.linalg.norm(raw - np.roll(raw, 1, axis=0), axis=1) > 1e-6], raw[:1]])
@@ -175,7 +222,13 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
 
 
 def orbit(
-    target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, near_W: Array, level: Level | None = None
+    target: TargetModel,
+    X_WT: Array,
+    job: InspectionJob,
+    *,
+    X_BC: Array,
+    near_W: Array,
+    level: Level | None = None,
 ) -> Orbit:
     """Orbit of a camera on the hull around an object.
 
@@ -196,13 +249,19 @@ def orbit(
     view = X_BC[:3, 2]
     ahead = float(np.hypot(view[0], view[1]))
     if ahead < _LEVEL_VIEW:
-        raise ConfigurationError("inspection: the camera looks straight down or up, it does not see an object's sides")
+        raise ConfigurationError(
+            "inspection: the camera looks straight down or up, it does not see an object's sides"
+        )
     level = level or Level(ahead * job.distance, -view[2] * job.distance)
-    line_T, inward_T = offset_outline(target.vertices, X_WT[:3, :3].T @ np.array([0.0, 0.0, 1.0]), level.out)
+    line_T, inward_T = offset_outline(
+        target.vertices, X_WT[:3, :3].T @ np.array([0.0, 0.0, 1.0]), level.out
+    )
     p_WC = transform_points(X_WT, line_T) + np.array([0.0, 0.0, level.up])  # [Konoplin 2019, eq. 6]
     inward_W = inward_T @ X_WT[:3, :3].T
     first = int(np.argmin(np.linalg.norm(p_WC[:-1] - near_W, axis=1)))
-    p_WC, inward_W = (np.vstack([np.roll(each[:-1], -first, axis=0), each[first]]) for each in (p_WC, inward_W))
+    p_WC, inward_W = (
+        np.vstack([np.roll(each[:-1], -first, axis=0), each[first]]) for each in (p_WC, inward_W)
+    )
     yaw = np.unwrap(np.arctan2(inward_W[:, 1], inward_W[:, 0]) - np.arctan2(view[1], view[0]))
     lever = X_BC[:3, 3]
     turned = np.column_stack(
@@ -213,7 +272,9 @@ def orbit(
         ]
     )
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p_WC, axis=0), axis=1))])
-    return Orbit(s=readonly(s), p_WC=readonly(p_WC), p_WB=readonly(p_WC - turned), yaw=readonly(yaw))
+    return Orbit(
+        s=readonly(s), p_WC=readonly(p_WC), p_WB=readonly(p_WC - turned), yaw=readonly(yaw)
+    )
 
 
 @dataclass(slots=True, eq=False)
@@ -228,7 +289,9 @@ class OrbitState:
 
 
 class FlyOrbit(Phase):
-    """Move the hull along the next orbit of `Held.plan`, taken off that list, no faster than the hull follows."""
+    """Move the hull along the next orbit of `Held.plan`, taken off that list, no faster than the
+    hull follows.
+    """
 
     def __init__(self, job: InspectionJob) -> None:
         self._job = job
@@ -261,7 +324,9 @@ class FlyOrbit(Phase):
 
 
 class Inspection(TaskPlanner):
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) that views one known object from all sides, its arm folded."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) that views one known object from all sides,
+    its arm folded.
+    """
 
     def __init__(
         self,
@@ -282,10 +347,13 @@ class Inspection(TaskPlanner):
             job: distances, speeds and limits.
             X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
             floor: [m] height of the seabed in W.
-            view: of the camera: further orbits are flown until all that can be seen is seen; None flies one.
+            view: of the camera: further orbits are flown until all that can be seen is seen; None
+                flies one.
             period: [s] of the planner.
         """
-        motion = HullMotion(speed=job.speed, acceleration=job.acceleration, turn_rate=job.turn_rate, behind=None)
+        motion = HullMotion(
+            speed=job.speed, acceleration=job.acceleration, turn_rate=job.turn_rate, behind=None
+        )
 
         def plan(held: Held, now: Context) -> None:
             assert held.target is not None
@@ -293,19 +361,27 @@ class Inspection(TaskPlanner):
             near_W = transform_points(held.X_WB, own.X_BC[None, :3, 3])[0]
             found = orbit(target, X_WT, job, X_BC=own.X_BC, near_W=near_W)
             X_WB = found.at(0.0)[0]
-            passing = HullPath(own.vehicle, own.chain, own.hull_box, transform_points(X_WT, target.vertices))
+            passing = HullPath(
+                own.vehicle, own.chain, own.hull_box, transform_points(X_WT, target.vertices)
+            )
             keep = Keep(passing, floor, job.clearance)
             check_clear(found, motion.to(X_WB, held, now), keep)
             held.plan, held.way = [found], [X_WB]
             if view is not None:
-                held.plan = covering(found, target, X_WT, job, camera=HullCamera(own.X_BC, view), keep=keep)
+                held.plan = covering(
+                    found, target, X_WT, job, camera=HullCamera(own.X_BC, view), keep=keep
+                )
 
-        monitor = Monitor(condition=adrift(job.lost_place), reaction=Reaction.RETREAT, code=AbortCode.HULL_ADRIFT)
+        monitor = Monitor(
+            condition=adrift(job.lost_place), reaction=Reaction.RETREAT, code=AbortCode.HULL_ADRIFT
+        )
         rows = inspection_rows(job, motion, Decide(plan, AbortCode.NO_CLEAR_WAY))
         super().__init__(rows, [monitor], X_WB=X_WB_scan, q=own.vehicle.q_home, period=period)
 
 
-def inspection_rows(job: InspectionJob, motion: HullMotion, plan: Decide) -> Iterable[tuple[str, TaskRow]]:
+def inspection_rows(
+    job: InspectionJob, motion: HullMotion, plan: Decide
+) -> Iterable[tuple[str, TaskRow]]:
     """Table of the inspection.
 
     Args:
@@ -324,7 +400,10 @@ def inspection_rows(job: InspectionJob, motion: HullMotion, plan: Decide) -> Ite
     yield "plan", row(plan, states.SCAN, {PhaseEvent.DONE: "travel"})
     yield "travel", row(MoveHull(motion), states.CLOSE_IN, {PhaseEvent.DONE: at_once("rest")})
     yield "rest", row(settle, states.CLOSE_IN, {PhaseEvent.DONE: "orbit"})
-    yield "orbit", row(FlyOrbit(job), states.WORK, {PhaseEvent.DONE: "held", PhaseEvent.MORE: "travel"})
+    yield (
+        "orbit",
+        row(FlyOrbit(job), states.WORK, {PhaseEvent.DONE: "held", PhaseEvent.MORE: "travel"}),
+    )
     yield "held", TaskRow(Hold(), states.DONE)
 
 
@@ -354,12 +433,19 @@ def _during(move: PoseMove) -> Iterator[Array]:
 
 
 def covering(
-    first: Orbit, target: TargetModel, X_WT: Array, job: InspectionJob, *, camera: HullCamera, keep: Keep
+    first: Orbit,
+    target: TargetModel,
+    X_WT: Array,
+    job: InspectionJob,
+    *,
+    camera: HullCamera,
+    keep: Keep,
 ) -> list[Orbit]:
     """Orbits that together see what can be seen of an object from orbits, the clearest gain first.
 
-    Levels are taken from a grid of distances and heights; those that come too near to the object or the seabed are left
-    out, as are those with an unclear straight move from the orbit before. It ends once _ENOUGH is seen.
+    Levels are taken from a grid of distances and heights; those that come too near to the object or
+    the seabed are left out, as are those with an unclear straight move from the orbit before. It
+    ends once _ENOUGH is seen.
 
     Args:
         first: the orbit that is flown first.
@@ -375,12 +461,18 @@ def covering(
     samples, X_TW = SurfaceSamples(target.vertices, target.triangles), inverse(X_WT)
 
     def sees(found: Orbit) -> np.ndarray:
-        return samples.seen(np.array([X_TW @ X @ camera.X_BC for X in _along(found, _VIEWED)]), camera.view)
+        return samples.seen(
+            np.array([X_TW @ X @ camera.X_BC for X in _along(found, _VIEWED)]), camera.view
+        )
 
     half = 0.5 * float(np.ptp(transform_points(X_WT, target.vertices)[:, 2]))
     levels = [Level(out, half + up) for out in _OUT for up in _UP]
     make = partial(orbit, target, X_WT, job, X_BC=camera.X_BC, near_W=first.p_WC[0])
-    clear = [found for found in (make(level=level) for level in levels) if keep.short(_along(found)) is None]
+    clear = [
+        found
+        for found in (make(level=level) for level in levels)
+        if keep.short(_along(found)) is None
+    ]
     views = [(found, sees(found)) for found in clear]
     orbits, seen = [first], sees(first)
     visible = np.any([seen, *(each for _, each in views)], axis=0)
@@ -404,7 +496,8 @@ def covering(
 
 
 def allowed_cameras(vertices_W: Array, X_BC: Array, keep: Keep) -> Array:
-    """Camera poses X_WC (n, 4, 4) of a level hull that keeps its clearance, on a grid of places and headings.
+    """Camera poses X_WC (n, 4, 4) of a level hull that keeps its clearance, on a grid of places and
+    headings.
 
     Args:
         vertices_W: (V, 3) [m] of the object in W.

@@ -13,8 +13,8 @@
 | force above its limit, long above the set one, or not felt; contact lost | retreat along the tool axis |
 | estimate or command not finite | arm braked; hull off the surface, then up, blindly (`safety_wrapper`); abort |
 
-What a reaction means in a phase is in the table of the task: up to CLOSE_IN there is no contact to retreat from, and
-the work ends where the vehicle is.
+What a reaction means in a phase is in the table of the task: up to CLOSE_IN there is no contact to
+retreat from, and the work ends where the vehicle is.
 """
 
 import math
@@ -85,12 +85,24 @@ def watch(
     return hardest
 
 
-def fault_monitors(blind_time: float, during: frozenset[WorkState] = frozenset(WorkState)) -> tuple[Monitor, ...]:
-    """Monitors of the faults that the controller reports; `blind_time` [s] without vision ends the work."""
+def fault_monitors(
+    blind_time: float, during: frozenset[WorkState] = frozenset(WorkState)
+) -> tuple[Monitor, ...]:
+    """Monitors of the faults that the controller reports; `blind_time` [s] without vision ends the
+    work.
+    """
     rows = (
         (no_time, Reaction.STOP, AbortCode.ESTIMATE),
-        (faulty(FaultKind.ESTIMATE, "the state estimate is lost"), Reaction.STOP, AbortCode.ESTIMATE),
-        (faulty(FaultKind.CONTROLLER, "the controller's commands are not finite"), Reaction.STOP, AbortCode.CONTROLLER),
+        (
+            faulty(FaultKind.ESTIMATE, "the state estimate is lost"),
+            Reaction.STOP,
+            AbortCode.ESTIMATE,
+        ),
+        (
+            faulty(FaultKind.CONTROLLER, "the controller's commands are not finite"),
+            Reaction.STOP,
+            AbortCode.CONTROLLER,
+        ),
         (faulty(FaultKind.ENCODER, "encoder of {} is wrong"), Reaction.WITHDRAW, AbortCode.ENCODER),
         (faulty(FaultKind.THRUSTER, "thruster {} is lost"), Reaction.RISE, AbortCode.THRUSTER),
         (
@@ -98,11 +110,21 @@ def fault_monitors(blind_time: float, during: frozenset[WorkState] = frozenset(W
             Reaction.RETREAT,
             AbortCode.TORQUE_SENSORS,
         ),
-        (faulty(FaultKind.ATTITUDE, "the attitude reference is wrong"), Reaction.RETREAT, AbortCode.ATTITUDE),
-        (faulty(FaultKind.VISION, "vision is lost", age=blind_time), Reaction.RETREAT, AbortCode.VISION),
+        (
+            faulty(FaultKind.ATTITUDE, "the attitude reference is wrong"),
+            Reaction.RETREAT,
+            AbortCode.ATTITUDE,
+        ),
+        (
+            faulty(FaultKind.VISION, "vision is lost", age=blind_time),
+            Reaction.RETREAT,
+            AbortCode.VISION,
+        ),
         (faulty(FaultKind.VISION, "vision is lost"), Reaction.PAUSE, AbortCode.VISION),
     )
-    return tuple(Monitor(condition=what, reaction=how, code=code, during=during) for what, how, code in rows)
+    return tuple(
+        Monitor(condition=what, reaction=how, code=code, during=during) for what, how, code in rows
+    )
 
 
 def no_time(held: Held, now: Context) -> str:
@@ -144,13 +166,18 @@ def adrift(limit: float) -> Condition:
 
     def found(held: Held, now: Context) -> str:
         off = held.off(now.estimate)
-        return f"the hull cannot hold its place: {off:.3f} m off, above the limit of {limit:g} m" if off > limit else ""
+        return (
+            f"the hull cannot hold its place: {off:.3f} m off, above the limit of {limit:g} m"
+            if off > limit
+            else ""
+        )
 
     return found
 
 
 def object_moves(limit: float) -> Condition:
-    """Condition: the object moves by more than `limit` [m] across the tool axis, as the camera on the arm sees it.
+    """Condition: the object moves by more than `limit` [m] across the tool axis, as the camera on
+    the arm sees it.
 
     Along the axis the force says so.
     """
@@ -161,7 +188,10 @@ def object_moves(limit: float) -> Condition:
             return ""
         axis = held.tool()[0][:3, 2]
         across = float(np.linalg.norm(moved - (moved @ axis) * axis))
-        said = f"the object moves, or the arm is not as believed: by {1e3 * across:.0f} mm, as the camera on it sees"
+        said = (
+            f"the object moves, or the arm is not as believed: by {1e3 * across:.0f} mm, as "
+            "the camera on it sees"
+        )
         return said if across > limit else ""
 
     return found
@@ -172,7 +202,9 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
 
     def found(held: Held, now: Context) -> str:
         force = felt(held, now)
-        return f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
+        return (
+            f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
+        )
 
     return found
 
@@ -184,7 +216,10 @@ def uncertain_force(limit: float) -> Condition:
         del held
         if not limit < now.normal_sigma < math.inf:
             return ""
-        return f"the normal force cannot be felt in this posture: standard deviation {now.normal_sigma:.0f} N"
+        return (
+            "the normal force cannot be felt in this posture: standard deviation "
+            f"{now.normal_sigma:.0f} N"
+        )
 
     return found
 
@@ -196,7 +231,9 @@ def normal_force(held: Held, now: Context) -> float:
 
 
 def contact_force(held: Held, now: Context) -> float:
-    """Magnitude [N] of the estimated contact force, in any direction as far as it is known; 0 if none is."""
+    """Magnitude [N] of the estimated contact force, in any direction as far as it is known; 0 if
+    none is.
+    """
     if now.last is None or not now.last.contact.known or held.line is None:
         return 0.0
     normal, across = now.contact_force(held.tool()[0][:3, 2])

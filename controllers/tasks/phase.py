@@ -1,7 +1,9 @@
-"""Phases of a task: the protocol, what phases share, what they see and what they ask of the controller.
+"""Phases of a task: the protocol, what phases share, what they see and what they ask of the
+controller.
 
-A phase is a small object with its own limits. It is entered, stepped once a period, and gives the set points of that
-period. `uuv.controllers.tasks.task` runs the phases of a table; `uuv.controllers.tasks.monitors` watches over them.
+A phase is a small object with its own limits. It is entered, stepped once a period, and gives the
+set points of that period. `uuv.controllers.tasks.task` runs the phases of a table;
+`uuv.controllers.tasks.monitors` watches over them.
 """
 
 import math
@@ -15,7 +17,15 @@ import numpy as np
 from uuv.controllers.planning.path_poses import tool_pose
 from uuv.controllers.planning.placement import Placement
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
-from uuv.sim.interfaces.messages import AbortCode, Command, Promise, StateEstimate, Target, ToolAtRest, ToolPath
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    Promise,
+    StateEstimate,
+    Target,
+    ToolAtRest,
+    ToolPath,
+)
 from uuv.sim.interfaces.spatial import Array, readonly
 
 Plan = TypeVar("Plan")
@@ -46,18 +56,24 @@ class Abort:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolLine:
-    """Tool path in W, worked from a chosen hull pose, with the straight way to it along the tool axis.
+    """Tool path in W, worked from a chosen hull pose, with the straight way to it along the tool
+    axis.
 
-    Another way than the straight one changes three places alike: `Held.aside`, set before the tare, the velocity of
-    the phase's set point, and `uuv.controllers.planning.hull_placement.tool_poses`, by which reach is tested.
+    Another way than the straight one changes three places alike: `Held.aside`, set before the tare,
+    the velocity of the phase's set point, and `uuv.controllers.planning.hull_placement.tool_poses`,
+    by which reach is tested.
     """
 
     path: ToolPath
     placement: Placement
-    offset: float  # [m] added to `Held.depth`: minus the stand-off where depths are counted from there
+    # [m] added to `Held.depth`: minus the stand-off where depths are counted from there
+    offset: float
 
-    def at(self, s: float, depth: float, aside: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array, Array]:
-        """Tool pose X_WG (4, 4) at a point of the path, and the derivatives of the path's pose there.
+    def at(
+        self, s: float, depth: float, aside: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[Array, Array, Array]:
+        """Tool pose X_WG (4, 4) at a point of the path, and the derivatives of the path's pose
+        there.
 
         Args:
             s: [m] arc length.
@@ -65,7 +81,8 @@ class ToolLine:
             aside: [m] along the tool's x and y.
 
         Returns:
-            The pose, and the derivatives of position (3,) and orientation (3,) [rad/m] with respect to s.
+            The pose, and the derivatives of position (3,) and orientation (3,) [rad/m] with respect
+            to s.
         """
         X, tangent, turn = tool_pose(self.path, s, self.placement.roll)
         X[:3, 3] += X[:3, :3] @ [*aside, depth]
@@ -82,7 +99,8 @@ class Held:
     way: list[Array] = field(default_factory=list)  # (4, 4) hull poses to move through next
     views: int = 0  # views so far
     finds: tuple[Target, ...] = ()  # accepted identifications of earlier views
-    next_X_WB: Array | None = None  # (4, 4) hull pose proposed for the next view; None: in the fixed order
+    # (4, 4) hull pose proposed for the next view; None: in the fixed order
+    next_X_WB: Array | None = None
     target: Target | None = None  # the accepted identification, the mean of several
     plan: object = None  # of a task's own kind
     line: ToolLine | None = None  # where the tool works
@@ -97,7 +115,9 @@ class Held:
     note: str = ""  # message for the user
 
     def tool(self, back: float = 0.0) -> tuple[Array, Array, Array]:
-        """Tool pose at the present depth, less `back` [m], with the derivatives of `ToolLine.at`."""
+        """Tool pose at the present depth, less `back` [m], with the derivatives of
+        `ToolLine.at`.
+        """
         assert self.line is not None
         return self.line.at(self.s, self.depth + self.line.offset - back, self.aside)
 
@@ -147,7 +167,9 @@ class Context:
     @property
     def normal(self) -> float:
         """Estimated normal force [N]; 0 if unknown."""
-        return self.last.contact.normal if self.last is not None and self.last.contact.known else 0.0
+        return (
+            self.last.contact.normal if self.last is not None and self.last.contact.known else 0.0
+        )
 
     def contact_force(self, axis_W: Array) -> tuple[float, float]:
         """Estimated contact force along and across the tool axis.
@@ -164,12 +186,16 @@ class Context:
         if self.last is None or not self.last.contact.known:
             raise ConfigurationError(NO_ESTIMATE)
         f_tip_W = self.last.contact.force_W
-        return self.last.contact.normal, float(np.linalg.norm(f_tip_W - (f_tip_W @ axis_W) * axis_W))
+        return self.last.contact.normal, float(
+            np.linalg.norm(f_tip_W - (f_tip_W @ axis_W) * axis_W)
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setpoint:
-    """What a phase asks of the controller beside `Held`; fields as those of `uuv.sim.interfaces.messages.Reference`."""
+    """What a phase asks of the controller beside `Held`; fields as those of
+    `uuv.sim.interfaces.messages.Reference`.
+    """
 
     X_WG: Array | None = None
     v_WG_W: Array = field(default_factory=lambda: ZERO)
@@ -267,7 +293,9 @@ class Decide(Phase):
 
 
 def way_back(held: Held, clearance: float) -> float:
-    """Length [m] of the way off the surface: `clearance`, or the whole approach if that is longer; 0 without one."""
+    """Length [m] of the way off the surface: `clearance`, or the whole approach if that is longer;
+    0 without one.
+    """
     return max(held.depth, clearance) if clearance else 0.0
 
 

@@ -1,14 +1,17 @@
-"""Seabed work: takes a core with a set push, or drags a tool along a path at a set depth [Konoplin 2019].
+"""Seabed work: takes a core with a set push, or drags a tool along a path at a set depth [Konoplin
+2019].
 
-settle (-> settle, nearer) -> scan -> close-in -> tare -> approach -> insert (-> press) -> work -> withdraw -> done
+settle (-> settle, nearer) -> scan -> close-in -> tare -> approach -> insert (-> press) -> work ->
+withdraw -> done
                                              any of these -> withdraw -> abort
 
 The hull pose is chosen by `uuv.controllers.planning.seabed_height`.
 
-A core enters by the damping law of `uuv.controllers.tasks.axial_phases` until the soil bears nearly the set push. Then
-the force loop closes, and the tool stays for some time under that push. A dragged tool descends to its depth, slower as
-the soil resists, and then follows the path at that depth. The controller estimates the soil's force from the joint
-torques and feeds its push forward to the thrusters.
+A core enters by the damping law of `uuv.controllers.tasks.axial_phases` until the soil bears nearly
+the set push. Then the force loop closes, and the tool stays for some time under that push. A
+dragged tool descends to its depth, slower as the soil resists, and then follows the path at that
+depth. The controller estimates the soil's force from the joint torques and feeds its push forward
+to the thrusters.
 """
 
 import math
@@ -59,7 +62,12 @@ class SeabedJob(SeabedSettings):
     touch: float = 8.0  # [N] axial force above `guard` that counts as an obstacle
     axial: AxialLimits = field(
         default_factory=partial(
-            AxialLimits, standoff=0.1, approach_speed=0.03, speed=0.015, longest=60.0, force_limit=160.0
+            AxialLimits,
+            standoff=0.1,
+            approach_speed=0.03,
+            speed=0.015,
+            longest=60.0,
+            force_limit=160.0,
         )
     )
     scans: int = 3  # views taken before giving up
@@ -78,14 +86,17 @@ class SeabedJob(SeabedSettings):
         limit = self.axial.force_limit
         if self.push > 0.5 * limit:
             raise ConfigurationError(
-                f"seabed job push: {self.push} N leaves no room: at most half the limit of {limit} N"
+                f"seabed job push: {self.push} N leaves no room: at most half the limit of "
+                f"{limit} N"
             )
         if not self.axial.standoff > self.guard:
             raise ConfigurationError("seabed job: standoff > guard [m] must hold")
 
 
 class Penetrate(AxialPhase):
-    """Penetrate the soil to the depth (dragged tool), or until the soil bears nearly the push (core)."""
+    """Penetrate the soil to the depth (dragged tool), or until the soil bears nearly the push
+    (core).
+    """
 
     def __init__(self, job: SeabedJob, push: Push) -> None:
         super().__init__(job.axial, push)
@@ -132,7 +143,9 @@ class Drag(AxialPhase):
 
 
 class SeabedWork(TaskPlanner):
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) of one operation in the seabed: a core, or a dragged tool."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) of one operation in the seabed: a core, or a
+    dragged tool.
+    """
 
     def __init__(
         self,
@@ -151,16 +164,21 @@ class SeabedWork(TaskPlanner):
             job: depths, push, speeds and limits.
             X_WB_scan: (4, 4) level hull pose in W over the site, from which it is scanned.
             search: heights that are tried, and clearances and margins to keep there.
-            coarse: if given, the vehicle first descends over the plane that the Doppler log sees, and scans from there.
+            coarse: if given, the vehicle first descends over the plane that the Doppler log sees,
+                and scans from there.
             period: [s] of the planner.
         """
         X_WB = np.array(X_WB_scan)
 
-        def stand(target: Target, path: ToolPath, current_W: Array) -> tuple[Placement, ToolPath, float]:
+        def stand(
+            target: Target, path: ToolPath, current_W: Array
+        ) -> tuple[Placement, ToolPath, float]:
             """Hull placement over the seabed from which the tool reaches its depth."""
             del current_W
             if target.ground is None:
-                raise ReachError("no place to stand: nothing is known of the ground around the target")
+                raise ReachError(
+                    "no place to stand: nothing is known of the ground around the target"
+                )
             sunk = replace(path, p=readonly(path.p + job.depth * path.z)) if job.drag else path
             found = choose_height(
                 own,
@@ -175,15 +193,22 @@ class SeabedWork(TaskPlanner):
 
         self.stand = stand
         limits = ArrivalLimits(scan=ScanLimits(views=job.scans, finds=1))
-        site = WorkSite(own=own, X_WB_scan=X_WB, stand=stand, come_near=None if coarse is None else coarse.pose)
+        site = WorkSite(
+            own=own, X_WB_scan=X_WB, stand=stand, come_near=None if coarse is None else coarse.pose
+        )
         monitors = axial_monitors(
-            job.axial, lost_place=limits.lost_place, blind_time=limits.blind_time, too_long="it was not in the soil"
+            job.axial,
+            lost_place=limits.lost_place,
+            blind_time=limits.blind_time,
+            too_long="it was not in the soil",
         )
         rows = seabed_rows(site, limits, job, period)
         super().__init__(rows, monitors, X_WB=X_WB, q=own.vehicle.q_home, period=period)
 
 
-def seabed_rows(site: WorkSite, limits: ArrivalLimits, job: SeabedJob, period: float) -> Iterable[tuple[str, TaskRow]]:
+def seabed_rows(
+    site: WorkSite, limits: ArrivalLimits, job: SeabedJob, period: float
+) -> Iterable[tuple[str, TaskRow]]:
     """Table of seabed work.
 
     Args:
@@ -197,16 +222,21 @@ def seabed_rows(site: WorkSite, limits: ArrivalLimits, job: SeabedJob, period: f
     """
     axial, states = job.axial, WorkState
     soil = Push(force=job.push, beyond=-job.guard)
-    stone = AxialContact(touch=job.touch, obstacle="something stands {} mm over the ground as scanned")
+    stone = AxialContact(
+        touch=job.touch, obstacle="something stands {} mm over the ground as scanned"
+    )
     approach = AxialApproach(axial, soil, stone, slow=(math.inf, 0.0), to=-job.guard)
-    yield from arrival(site, limits, then=at_once("approach"), depth=-axial.standoff, offset=0.0, broken=PARK)
+    yield from arrival(
+        site, limits, then=at_once("approach"), depth=-axial.standoff, offset=0.0, broken=PARK
+    )
     yield "approach", TaskRow(approach, states.APPROACH, {PhaseEvent.DONE: "insert"}, WITHDRAW)
     after = {PhaseEvent.DONE: "work" if job.drag else "press"}
     yield "insert", TaskRow(Penetrate(job, soil), states.INSERT, after, WITHDRAW)
     if job.drag:
         yield "work", TaskRow(Drag(job, soil), states.WORK, {PhaseEvent.DONE: "withdraw"}, WITHDRAW)
     else:
-        held = replace(job.press, held=job.press.held - 1.5 * period)  # the first period counts, and rounding does not
+        # the first period counts, and rounding does not
+        held = replace(job.press, held=job.press.held - 1.5 * period)
         press = Press(held, job.push, math.inf)
         stay = Stay(axial, replace(soil, force_control=True), job.stay)
         yield "press", TaskRow(press, states.PRESS, {PhaseEvent.DONE: "work"}, WITHDRAW)

@@ -35,7 +35,8 @@ class SurfaceSettings:
     )
     least: float = option(
         1.0,
-        "Least share of the path that must be within reach; the rest is dropped at both of its ends, and reported.",
+        "Least share of the path that must be within reach; the rest is dropped at both of its "
+        "ends, and reported.",
         group="object",
     )
     approach: ApproachLimits = field(default_factory=ApproachLimits)

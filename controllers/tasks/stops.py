@@ -1,7 +1,8 @@
-"""Short stops of a pressed tool on its path: while friction holds it, its joints tell how the hull moves.
+"""Short stops of a pressed tool on its path: while friction holds it, its joints tell how the hull
+moves.
 
-A zero-velocity update [Foxlin 2005] by the tool in place of a foot. It needs a tool that does not slip at rest. The
-force across it, left from sliding, is therefore let go first.
+A zero-velocity update [Foxlin 2005] by the tool in place of a foot. It needs a tool that does not
+slip at rest. The force across it, left from sliding, is therefore let go first.
 """
 
 import math
@@ -25,7 +26,9 @@ class Stops:
 
     @property
     def standing(self) -> bool:
-        """True while the tool does not move along its path: it yields to what would push it over the surface."""
+        """True while the tool does not move along its path: it yields to what would push it over
+        the surface.
+        """
         return self.still > 0.0
 
     def end(self) -> None:

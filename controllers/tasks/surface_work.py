@@ -3,9 +3,10 @@ r"""Surface work: presses the tool along a path on a known object with set force
 settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
              \-> other view -> scan ...          any state with contact -> retreat -> abort
 
-Where the end of the tool does not fit the surface on part of the path (`ToolPath.fits`), the tool is lifted there: work
--> retreat -> close-in -> approach, once for each further stretch.
-Work without contact [Konoplin 2019] goes from approach directly to work: there is no surface to press on.
+Where the end of the tool does not fit the surface on part of the path (`ToolPath.fits`), the tool
+is lifted there: work -> retreat -> close-in -> approach, once for each further stretch. Work
+without contact [Konoplin 2019] goes from approach directly to work: there is no surface to press
+on.
 """
 
 from collections.abc import Iterable
@@ -17,7 +18,14 @@ from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import PlacementSearch
 from uuv.controllers.planning.work_vehicle import WorkVehicle
-from uuv.controllers.tasks.arrival import ArrivalLimits, CertainPlace, TareSensors, WorkSite, around, arrival
+from uuv.controllers.tasks.arrival import (
+    ArrivalLimits,
+    CertainPlace,
+    TareSensors,
+    WorkSite,
+    around,
+    arrival,
+)
 from uuv.controllers.tasks.contact_phases import (
     FollowPath,
     GuardedApproach,
@@ -59,12 +67,17 @@ class ContactLimits:
     """Limits of force and place from the approach on."""
 
     force: float = 160.0  # [N] estimated normal force above which the work ends at any set force
-    above: tuple[float, float] = (0.25, 20.0)  # share of the largest set force, and [N], by which it ends it at once
-    sigma: float = 20.0  # [N] standard deviation of the normal force above which it does not count as felt
-    lost_time: float = 0.5  # [s] without contact, or without a force that is felt, after which the work ends
-    excess: float = 0.3  # share of the set force, `touch` added, by which the estimated force may exceed it
+    # share of the largest set force, and [N], by which it ends it at once
+    above: tuple[float, float] = (0.25, 20.0)
+    # [N] standard deviation of the normal force above which it does not count as felt
+    sigma: float = 20.0
+    # [s] without contact, or without a force that is felt, after which the work ends
+    lost_time: float = 0.5
+    # share of the set force, `touch` added, by which the estimated force may exceed it
+    excess: float = 0.3
     excess_time: float = 0.3  # [s] after which a larger excess ends the work
-    lost_place: float = 0.04  # [m] position error of the hull; in normal station-keeping it stays in 0.025
+    # [m] position error of the hull; in normal station-keeping it stays in 0.025
+    lost_place: float = 0.04
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,14 +95,17 @@ class SurfaceTaskConfig(SurfaceSettings):
         for force in self.forces:
             if force > _HEADROOM * self.contact.force:
                 raise ConfigurationError(
-                    f"forces: {force:g} N leaves no room for overshoot: at most {_HEADROOM * self.contact.force:g} N, "
-                    f"{_HEADROOM:.0%} of the {self.contact.force:g} N at which the tool leaves the surface whatever is "
+                    f"forces: {force:g} N leaves no room for overshoot: at most "
+                    f"{_HEADROOM * self.contact.force:g} N, "
+                    f"{_HEADROOM:.0%} of the {self.contact.force:g} N at which the tool leaves "
+                    "the surface whatever is "
                     "set (where less is set, it leaves sooner)"
                 )
         standoff = self.approach.standoff
         if self.contactless is not None and not 0.0 < self.contactless <= standoff:
             raise ConfigurationError(
-                f"contactless: the distance must be > 0 and at most the stand-off of {standoff} m, got "
+                f"contactless: the distance must be > 0 and at most the stand-off of {standoff} "
+                "m, got "
                 f"{self.contactless}"
             )
 
@@ -106,7 +122,9 @@ class SurfaceTaskConfig(SurfaceSettings):
 
 
 class SurfaceWork(TaskPlanner):
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) that works along one tool path on one known object."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) that works along one tool path on one known
+    object.
+    """
 
     def __init__(
         self,
@@ -130,7 +148,8 @@ class SurfaceWork(TaskPlanner):
             floor: [m] height of the seabed in W.
             period: [s] of the planner.
             search: hull placements that are tried.
-            holding: thrust margin of the hull beside the object; without it placements are not tested for it.
+            holding: thrust margin of the hull beside the object; without it placements are not
+                tested for it.
         """
         stand = PathStanding(
             vehicle=own.vehicle,
@@ -147,14 +166,25 @@ class SurfaceWork(TaskPlanner):
             search=search,
             holding=holding if job.contactless is None else None,
         )
-        site = WorkSite(own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target))
+        site = WorkSite(
+            own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target)
+        )
         self.job, self.stand = job, stand
         super().__init__(
-            surface_rows(site, job), surface_monitors(job), X_WB=X_WB_scan, q=own.vehicle.q_home, period=period
+            surface_rows(site, job),
+            surface_monitors(job),
+            X_WB=X_WB_scan,
+            q=own.vehicle.q_home,
+            period=period,
         )
 
 
-BREAK_OFF = {Reaction.RETREAT: "retreat", Reaction.RISE: "rise", Reaction.WITHDRAW: "pull back", Reaction.STOP: "halt"}
+BREAK_OFF = {
+    Reaction.RETREAT: "retreat",
+    Reaction.RISE: "rise",
+    Reaction.WITHDRAW: "pull back",
+    Reaction.STOP: "halt",
+}
 
 
 def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
@@ -168,12 +198,16 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
         Names and rows.
     """
     approach, states = job.approach, WorkState
-    press = Press(job.press, job.forces[0], job.force_rate, insist=job.force_control, tip=site.own.tip)
+    press = Press(
+        job.press, job.forces[0], job.force_rate, insist=job.force_control, tip=site.own.tip
+    )
     along = FollowLimits(speed=job.speed, stops=job.promise.stops)
     follow = FollowPath(along, job.forces if job.contactless is None else (), job.force_rate)
     tare = CertainPlace(TareSensors(), job.promise, job.speed)
     stand_off = -approach.standoff
-    yield from arrival(site, job.arrival, then="approach", depth=0.0, offset=stand_off, broken=BREAK_OFF, tare=tare)
+    yield from arrival(
+        site, job.arrival, then="approach", depth=0.0, offset=stand_off, broken=BREAK_OFF, tare=tare
+    )
     meet = TaskRow(
         GuardedApproach(approach, job.contactless),
         states.APPROACH,
@@ -188,7 +222,10 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
         PhaseEvent.MORE: "let go" if job.presses else "lift",
     }
     yield "work", TaskRow(follow, states.WORK, ends, BREAK_OFF, feels=True)
-    let_go, lift = Unload(job.force_rate, approach.touch), Retreat(approach.speed, approach.standoff)
+    let_go, lift = (
+        Unload(job.force_rate, approach.touch),
+        Retreat(approach.speed, approach.standoff),
+    )
     onward = NextStretch(FollowLimits(speed=job.speed), approach.standoff)
     yield "let go", TaskRow(let_go, states.RETREAT, {PhaseEvent.DONE: "lift"}, BREAK_OFF)
     yield "lift", TaskRow(lift, states.RETREAT, {PhaseEvent.DONE: "onward"}, BREAK_OFF)
@@ -209,11 +246,25 @@ def retreat_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     approach, motion, states = job.approach, job.arrival.motion, WorkState
     clear, stop = approach.standoff, {Reaction.STOP: "halt"}
     off = {**stop, Reaction.RISE: "rise"}
-    retreat, escape = Retreat(approach.speed, clear), Escape(job.escape, clear, site.own.vehicle.q_home)
-    yield "unload", TaskRow(Unload(job.force_rate, approach.touch), states.RETREAT, {PhaseEvent.DONE: "retreat"}, off)
+    retreat, escape = (
+        Retreat(approach.speed, clear),
+        Escape(job.escape, clear, site.own.vehicle.q_home),
+    )
+    yield (
+        "unload",
+        TaskRow(
+            Unload(job.force_rate, approach.touch),
+            states.RETREAT,
+            {PhaseEvent.DONE: "retreat"},
+            off,
+        ),
+    )
     yield "retreat", TaskRow(retreat, states.RETREAT, {PhaseEvent.DONE: "parked"}, off)
     yield "rise", TaskRow(escape, states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
-    yield "pull back", TaskRow(PullBack(motion, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
+    yield (
+        "pull back",
+        TaskRow(PullBack(motion, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop),
+    )
     yield "parked", TaskRow(HoldTool(clear), states.DONE, leave=off)
     yield "held", TaskRow(HoldAway(job.escape.leash), states.DONE, leave=stop)
     yield "halt", TaskRow(Halt(), states.RETREAT, {PhaseEvent.DONE: "halted"})
@@ -235,7 +286,9 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         return "" if now.normal > 0.5 * touch else f"contact lost for {limits.lost_time} s"
 
     def leaving_force(held: Held, now: Context) -> float:
-        """In any direction once the tool is released; until then the surface's friction may act across it."""
+        """In any direction once the tool is released; until then the surface's friction may act
+        across it.
+        """
         return normal_force(held, now) if held.set_force > touch else contact_force(held, now)
 
     return (
@@ -247,7 +300,10 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=BEFORE_CONTACT,
         ),
         Monitor(
-            condition=adrift(limits.lost_place), reaction=Reaction.RISE, code=AbortCode.HULL_ADRIFT, during=IN_CONTACT
+            condition=adrift(limits.lost_place),
+            reaction=Reaction.RISE,
+            code=AbortCode.HULL_ADRIFT,
+            during=IN_CONTACT,
         ),
         Monitor(
             condition=adrift(2.0 * limits.lost_place),

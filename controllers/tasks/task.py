@@ -1,4 +1,6 @@
-"""A task: a table of phases with what follows each, and monitors that watch over them; run by `TaskPlanner`."""
+"""A task: a table of phases with what follows each, and monitors that watch over them; run by
+`TaskPlanner`.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,7 +12,15 @@ import numpy as np
 from uuv.controllers.tasks.monitors import Monitor, Reaction, watch
 from uuv.controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, Target, WorkState
+from uuv.sim.interfaces.messages import (
+    Command,
+    Fault,
+    FaultKind,
+    Reference,
+    StateEstimate,
+    Target,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array
 
 
@@ -29,8 +39,10 @@ class TaskRow:
 
     phase: Phase
     work: WorkState  # as reported; DONE is reported as ABORT if the work was broken off
-    then: Mapping[PhaseEvent, str] = field(default_factory=dict)  # next row, by the event that ends the phase
-    leave: Mapping[Reaction, str] = field(default_factory=dict)  # next row, by the reaction; RETREAT also for an Abort
+    # next row, by the event that ends the phase
+    then: Mapping[PhaseEvent, str] = field(default_factory=dict)
+    # next row, by the reaction; RETREAT also for an Abort
+    leave: Mapping[Reaction, str] = field(default_factory=dict)
     feels: bool = False  # an estimate of the contact force is needed
 
 
@@ -77,7 +89,9 @@ class TaskPlanner:
         for name, row in self._rows.items():
             for after in (*row.then.values(), *row.leave.values()):
                 if after not in self._rows:
-                    raise ConfigurationError(f"task row {name!r}: there is no row {after!r} to follow it")
+                    raise ConfigurationError(
+                        f"task row {name!r}: there is no row {after!r} to follow it"
+                    )
 
     @property
     def works(self) -> tuple[WorkState, ...]:
@@ -88,7 +102,9 @@ class TaskPlanner:
         """State at the start: the first row."""
         held = Held(X_WB=self._X_WB, X_WB_scan=self._X_WB, q=self._q)
         state = TaskState("", estimate.time, None, held, [0.0] * len(self._monitors))
-        self._enter(state, next(iter(self._rows)), Context(estimate.time, self.period, estimate, None, None))
+        self._enter(
+            state, next(iter(self._rows)), Context(estimate.time, self.period, estimate, None, None)
+        )
         return state
 
     def step(
@@ -100,13 +116,15 @@ class TaskPlanner:
             state: state of the task, changed in place.
             estimate: estimated state of the vehicle.
             target: newest identification, if any.
-            last: the controller's last command, with its estimate of the contact force and its faults.
+            last: the controller's last command, with its estimate of the contact force and its
+                faults.
 
         Returns:
             The state and the reference for the controller.
 
         Raises:
-            ConfigurationError: if the controller does not estimate the contact force in a phase that needs it.
+            ConfigurationError: if the controller does not estimate the contact force in a phase
+                that needs it.
         """
         time = estimate.time if math.isfinite(estimate.time) else state.since
         now = Context(time, self.period, estimate, target, last)
@@ -117,7 +135,9 @@ class TaskPlanner:
         return state, self._reference(state, now)
 
     def _advance(self, state: TaskState, now: Context) -> str | None:
-        """Watch, and step the present phase; the name of the row that was entered after it, if any."""
+        """Watch, and step the present phase; the name of the row that was entered after it, if
+        any.
+        """
         row = self._rows[state.row]
         if row.feels and now.last is not None and not now.last.contact.known:
             raise ConfigurationError(NO_ESTIMATE)

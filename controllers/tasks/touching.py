@@ -1,8 +1,9 @@
-"""Point touching for kinematic calibration: the arm presses its ball tip into fixed nests under joint-torque control.
+"""Point touching for kinematic calibration: the arm presses its ball tip into fixed nests under
+joint-torque control.
 
-Free motion follows joint angles. Over the nest the tip is held by a soft spring. In the nest the spring's end then
-follows the tip, so that no side force remains, and a small constant force presses the ball home. The joint torques bear
-the arm's weight in water.
+Free motion follows joint angles. Over the nest the tip is held by a soft spring. In the nest the
+spring's end then follows the tip, so that no side force remains, and a small constant force presses
+the ball home. The joint torques bear the arm's weight in water.
 """
 
 from collections.abc import Sequence
@@ -49,8 +50,8 @@ def draw_touches(
 ) -> list[Touch]:
     """Draw random, reachable tool directions for each nest.
 
-    Every direction lies within `cone` of the nest's axis and is reachable at the nest and above it. Consecutive touches
-    of a nest are ordered by nearest joint angles.
+    Every direction lies within `cone` of the nest's axis and is reachable at the nest and above it.
+    Consecutive touches of a nest are ordered by nearest joint angles.
 
     Args:
         chain: the arm, base to tool.
@@ -76,12 +77,15 @@ def draw_touches(
                 break
             R_WG = _direction(nest.z_WN, cone, rng)
             above = pose(R_WG, nest.p_WN + TOUCH.lift * nest.z_WN)
-            over, seated = (solve(chain, X_AW @ X, q_start, 1e-4, 1e-3) for X in (above, pose(R_WG, nest.p_WN)))
+            over, seated = (
+                solve(chain, X_AW @ X, q_start, 1e-4, 1e-3) for X in (above, pose(R_WG, nest.p_WN))
+            )
             if over.converged and seated.converged:
                 found.append((over.q, Touch(nest=k, R_WG=R_WG)))
         if len(found) < count:
             raise ReachError(
-                f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(found)} of {count} directions within reach"
+                f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(found)} of {count} directions "
+                "within reach"
             )
         at = q_start
         while found:  # next the one nearest in joint angles
@@ -92,7 +96,9 @@ def draw_touches(
 
 
 def _direction(z: Array, cone: float, rng: np.random.Generator) -> Array:
-    """Random tool frame, its z against `z` within `cone`, uniform over the cap, with a uniform angle about itself."""
+    """Random tool frame, its z against `z` within `cone`, uniform over the cap, with a uniform
+    angle about itself.
+    """
     height = rng.uniform(np.cos(cone), 1.0)
     turn, spin = rng.uniform(0.0, 2.0 * np.pi, 2)
     side = np.sqrt(1.0 - height**2)
@@ -108,7 +114,8 @@ class TouchProgress:
     """Progress of the touches, in `Held.plan`."""
 
     at: int = 0  # index of the touch
-    offsets: dict[int, list[Array]] = field(default_factory=dict)  # (3,) [m] per nest: found minus known position, W
+    # (3,) [m] per nest: found minus known position, W
+    offsets: dict[int, list[Array]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -128,13 +135,16 @@ class TouchJob:
         return self.X_WB @ np.array(self.vehicle.X_BA)
 
     def aim(self, plan: TouchProgress) -> tuple[Touch, Nest, Array]:
-        """Present touch, its nest, and p_WN (3,) by the vehicle's own arm model: corrected by its last touches."""
+        """Present touch, its nest, and p_WN (3,) by the vehicle's own arm model: corrected by its
+        last touches.
+        """
         touch = self.touches[plan.at]
         nest, found = self.nests[touch.nest], plan.offsets.get(touch.nest)
         return touch, nest, nest.p_WN if not found else nest.p_WN + np.mean(found[-5:], axis=0)
 
     def way(self, plan: TouchProgress, q: Array) -> list[Array]:
-        """Joint angles (n,) to pass to over the next nest, or back to the ready posture after the last touch.
+        """Joint angles (n,) to pass to over the next nest, or back to the ready posture after the
+        last touch.
 
         The way passes through the ready posture if the straight motion would strike a nest.
         """
@@ -152,7 +162,10 @@ class TouchJob:
             X_WG = self.X_WA @ self.chain.forward(q_from + share * (q_to - q_from))
             for nest in self.nests:
                 apart = X_WG[:3, 3] - nest.p_WN
-                if float(np.linalg.norm(apart)) < 0.12 and float(apart @ nest.z_WN) < 0.7 * self.tuning.lift:
+                if (
+                    float(np.linalg.norm(apart)) < 0.12
+                    and float(apart @ nest.z_WN) < 0.7 * self.tuning.lift
+                ):
                     return False
         return True
 
@@ -169,7 +182,9 @@ class WayState:
 
 
 class MoveOver(Phase):
-    """Move the joints to over the next nest; more if there is one, done in the ready posture after the last."""
+    """Move the joints to over the next nest; more if there is one, done in the ready posture after
+    the last.
+    """
 
     def __init__(self, job: TouchJob) -> None:
         self._job = job
@@ -185,7 +200,9 @@ class MoveOver(Phase):
         """Begin the motion to the first joint angles of the way."""
         held.q = np.array(now.estimate.q)
         # A quintic's peak speed is 15/8 of its mean.
-        duration = max(0.5, 1.875 * float(np.abs(way[0] - held.q).max()) / self._job.tuning.move_speed)
+        duration = max(
+            0.5, 1.875 * float(np.abs(way[0] - held.q).max()) / self._job.tuning.move_speed
+        )
         return WayState(way, now.time, held.q, duration, np.zeros(len(held.q)))
 
     def step(self, state: WayState, held: Held, now: Context) -> Outcome:
@@ -199,10 +216,18 @@ class MoveOver(Phase):
             if len(state.way) == 1:
                 return PhaseEvent.MORE
             begun = self._depart(state.way[1:], held, now)
-            state.way, state.since, state.q_from, state.duration = begun.way, begun.since, begun.q_from, begun.duration
+            state.way, state.since, state.q_from, state.duration = (
+                begun.way,
+                begun.since,
+                begun.q_from,
+                begun.duration,
+            )
             t = 0.0
         s = min(1.0, t / state.duration)
-        blend, rate = s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2 / state.duration
+        blend, rate = (
+            s**3 * (10.0 - 15.0 * s + 6.0 * s * s),
+            30.0 * s * s * (1.0 - s) ** 2 / state.duration,
+        )
         way = state.way[0] - state.q_from
         held.q, state.qd = state.q_from + blend * way, rate * way
         return None
@@ -218,13 +243,16 @@ class NestState:
     """State of `OverNest`."""
 
     since: float  # [s]
-    offset: Array | None = None  # (3,) [m] found minus known position of the seated pin, W, not yet taken over
+    # (3,) [m] found minus known position of the seated pin, W, not yet taken over
+    offset: Array | None = None
 
 
 class OverNest(Phase):
     """Motion of the spring's end along a nest's axis."""
 
-    def __init__(self, job: TouchJob, seconds: float, start: float, speed: float, *, reads: bool = False) -> None:
+    def __init__(
+        self, job: TouchJob, seconds: float, start: float, speed: float, *, reads: bool = False
+    ) -> None:
         """Set up the phase.
 
         Args:
@@ -234,7 +262,13 @@ class OverNest(Phase):
             speed: [m/s] upwards.
             reads: the pin is pressed home and the encoders are read.
         """
-        self._job, self._seconds, self._start, self._speed, self._reads = job, seconds, start, speed, reads
+        self._job, self._seconds, self._start, self._speed, self._reads = (
+            job,
+            seconds,
+            start,
+            speed,
+            reads,
+        )
 
     def enter(self, held: Held, now: Context) -> NestState:
         """Begin at the first height."""
@@ -260,7 +294,9 @@ class OverNest(Phase):
 
 
 class LeaveNest(OverNest):
-    """Motion out of the nest; the place at which the pin was seated corrects the next touches of it."""
+    """Motion out of the nest; the place at which the pin was seated corrects the next touches of
+    it.
+    """
 
     def enter(self, held: Held, now: Context) -> NestState:
         """Compute where the pin is."""
@@ -307,9 +343,19 @@ class TouchSequence(TaskPlanner):
         """
         tuning = tuning or TouchTuning()
         job = TouchJob(
-            vehicle=vehicle, chain=chain, nests=tuple(nests), touches=tuple(touches), X_WB=X_WB, tuning=tuning
+            vehicle=vehicle,
+            chain=chain,
+            nests=tuple(nests),
+            touches=tuple(touches),
+            X_WB=X_WB,
+            tuning=tuning,
         )
-        way, fast, ends, states = tuning.lift + tuning.beyond, 2.0 * tuning.descent, PhaseEvent, WorkState
+        way, fast, ends, states = (
+            tuning.lift + tuning.beyond,
+            2.0 * tuning.descent,
+            PhaseEvent,
+            WorkState,
+        )
         down = OverNest(job, way / tuning.descent, tuning.lift, -tuning.descent)
         press = OverNest(job, tuning.settle + tuning.reading, -tuning.beyond, 0.0, reads=True)
         up = LeaveNest(job, way / fast, -tuning.beyond, fast)

@@ -10,7 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmParameters
-from uuv.controllers.arm.joint_servo import BorneLoad, Drives, JointTarget, SeenArm, SoftAxis, servo_joints
+from uuv.controllers.arm.joint_servo import (
+    BorneLoad,
+    Drives,
+    JointTarget,
+    SeenArm,
+    SoftAxis,
+    servo_joints,
+)
 from uuv.controllers.estimation.tip_force_kernels import (
     ArmReadings,
     ContactRecord,

@@ -2,10 +2,11 @@
 
     tau = g(q) + Kp (q_d - q) + Kd (qd_d - qd) - J^T f_G + friction,    f_G = [0, 0, F + F_I],  dF_I/dt = w (F - F_e)
 
-g bears the arm's weight in still water. Kp and Kd are diagonal, from the inertia in the home posture and one bandwidth.
-The force F is set, F_e estimated from the joint torques. Inverse kinematics, force estimate and
-station keeping are those of `uuv.controllers.whole_body.work_controller`; inverse dynamics of the motion, identified
-compliance and displacement of the tool are not used.
+g bears the arm's weight in still water. Kp and Kd are diagonal, from the inertia in the home
+posture and one bandwidth. The force F is set, F_e estimated from the joint torques. Inverse
+kinematics, force estimate and station keeping are those of
+`uuv.controllers.whole_body.work_controller`; inverse dynamics of the motion, identified compliance
+and displacement of the tool are not used.
 """
 
 from dataclasses import dataclass
@@ -29,14 +30,18 @@ FORCE_LIMIT = 60.0  # [N] of that integral, each way
 
 
 class NoDisplacement:
-    """Force law that leaves the tool's reference where it is (`uuv.controllers.whole_body.tool_control.ForceLaw`)."""
+    """Force law that leaves the tool's reference where it is
+    (`uuv.controllers.whole_body.tool_control.ForceLaw`).
+    """
 
     closed_loop = True
 
     def init(self) -> None:
         """No state."""
 
-    def step(self, state: None, set_force: float, felt: float, servo_compliance: float, dt: float) -> float:
+    def step(
+        self, state: None, set_force: float, felt: float, servo_compliance: float, dt: float
+    ) -> float:
         """No displacement [m]."""
         return 0.0
 
@@ -64,14 +69,18 @@ class JointForceController:
     period = DRIVE_PERIOD
 
     def __init__(self, model: mujoco.MjModel, *, water_error: float = 0.0) -> None:
-        """Set up for the believed, compiled `model`; its coefficients are wrong by the share `water_error` [-]."""
+        """Set up for the believed, compiled `model`; its coefficients are wrong by the share
+        `water_error` [-].
+        """
         tuning, vehicle = ArmTuning(), Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=water_error)
         self._contact = TorqueSensors(model, arm=self._arm, tuning=tuning)
         self._tool = ToolControl(model, self._arm, tuning, force_law=NoDisplacement())
         self._task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
         self._hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
-        self._hull = HullControl(model, self._arm, period=self._hull_ticks * DRIVE_PERIOD, water_error=water_error)
+        self._hull = HullControl(
+            model, self._arm, period=self._hull_ticks * DRIVE_PERIOD, water_error=water_error
+        )
         inertia = np.diag(self._arm.inertia(np.array(vehicle.q_home))) + vehicle.armature
         self._stiffness = BANDWIDTH**2 * inertia  # [N m/rad]
         self._damping = 2.0 * BANDWIDTH * inertia  # [N m s/rad]
@@ -107,7 +116,9 @@ class JointForceController:
         tau += self._stiffness * error + self._damping * (motion.qd - estimate.qd)
         state.tau = np.clip(tau, -self._limits, self._limits)
         if state.tick % self._hull_ticks == 0:
-            wrench_B = contact.sensed.wrench_B + (contact.wrench_B() if in_contact(reference) else np.zeros(6))
+            wrench_B = contact.sensed.wrench_B + (
+                contact.wrench_B() if in_contact(reference) else np.zeros(6)
+            )
             self._hull.step(state.hull, estimate, reference, wrench_B)
             state.load = HullLoad(arm_wrench_B=wrench_B, current_W=state.hull.current_W)
         state.tick += 1
@@ -120,8 +131,12 @@ class JointForceController:
             hull_load=state.load,
         )
 
-    def _borne(self, state: JointForceState, estimate: StateEstimate, reference: Reference) -> Array:
-        """Torques (n,) [N m] that bear the arm's weight and press the tool with the set force and its integral."""
+    def _borne(
+        self, state: JointForceState, estimate: StateEstimate, reference: Reference
+    ) -> Array:
+        """Torques (n,) [N m] that bear the arm's weight and press the tool with the set force and
+        its integral.
+        """
         press = 0.0
         if reference.force_control:
             lacking = reference.set_force - state.contact.estimate.normal

@@ -1,4 +1,5 @@
-"""Tool control: force loop, lateral compliance, drift correction and inverse kinematics give the joints' motion.
+"""Tool control: force loop, lateral compliance, drift correction and inverse kinematics give the
+joints' motion.
 
 Two corrections of the tool's reference [Konoplin 2022, section 3]: a displacement k along the tool
 axis from the force error, and the drift of the hull, p*_C = R^T (p*_O - r). MKPS gives the joint
@@ -39,25 +40,43 @@ from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels.control import NO_POSE, Inputs, Unsaved
 from uuv.sim.interfaces.kernels.record_box import as_annotated
-from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, Slot, empty_slot, has_slot, slot_function
+from uuv.sim.interfaces.kernels.slots import (
+    FINE,
+    PythonSlots,
+    Slot,
+    empty_slot,
+    has_slot,
+    slot_function,
+)
 from uuv.sim.interfaces.messages import Reference, StateEstimate
-from uuv.sim.interfaces.records import EstimateRecord, estimate_record, reference_record, take_reference
+from uuv.sim.interfaces.records import (
+    EstimateRecord,
+    estimate_record,
+    reference_record,
+    take_reference,
+)
 from uuv.sim.interfaces.spatial import Array, inverse
 
 
 class ForceLaw(Protocol):
-    """Displacement k [m] of the tool along its axis, positive into the surface, for a set and an estimated force."""
+    """Displacement k [m] of the tool along its axis, positive into the surface, for a set and an
+    estimated force.
+    """
 
     @property
     def closed_loop(self) -> bool:
-        """True if the estimated force is controlled; the servo is then softer along the tool axis."""
+        """True if the estimated force is controlled; the servo is then softer along the tool
+        axis.
+        """
         ...
 
     def init(self) -> Any:
         """Initial state: no displacement."""
         ...
 
-    def step(self, state: Any, set_force: float, felt: float, servo_compliance: float, dt: float) -> float:
+    def step(
+        self, state: Any, set_force: float, felt: float, servo_compliance: float, dt: float
+    ) -> float:
         """Displacement [m] while the force is controlled.
 
         Args:
@@ -85,7 +104,9 @@ class SideDisplacement(Protocol):
         """True while the loop is closed under `reference`."""
         ...
 
-    def step(self, state: Any, f_tip_W: Array, z_WG: Array, dt: float, *, gently: bool = False) -> Array:
+    def step(
+        self, state: Any, f_tip_W: Array, z_WG: Array, dt: float, *, gently: bool = False
+    ) -> Array:
         """Displacement (3,) [m], W, with the loop closed.
 
         Args:
@@ -200,10 +221,16 @@ class ToolControl:
         self.compliance: SideDisplacement = compliance or LateralCompliance()
         self.drift: DriftCorrection = drift or FromEstimate()
         self._arm, self._tuning = arm, tuning
-        passive = [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
+        passive = [
+            model.joint(j).name
+            for j in range(model.njnt)
+            if j not in vehicle.joints and model.jnt_type[j] != 0
+        ]
         self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
         X_AB = inverse(np.array(vehicle.X_BA))
-        self.tracking = ToolTracking.of(X_AB, vehicle.joints.size, tuning, follows_hull=self.drift.follows_hull)
+        self.tracking = ToolTracking.of(
+            X_AB, vehicle.joints.size, tuning, follows_hull=self.drift.follows_hull
+        )
         self._armature = np.array(vehicle.armature)
         self.compliance_ticks = max(1, round(tuning.compliance_period / tuning.task_period))
 
@@ -221,7 +248,9 @@ class ToolControl:
         parts = self.force_law, self.compliance, self.drift
         return tuple(type(part).__name__ for part in parts if not has_slot(part))
 
-    def record(self, state: ToolControlState, inputs: Inputs, slots: PythonSlots, sensed: SensedArm) -> ToolRecord:
+    def record(
+        self, state: ToolControlState, inputs: Inputs, slots: PythonSlots, sensed: SensedArm
+    ) -> ToolRecord:
         """The state as the kernel takes it.
 
         Args:
@@ -252,7 +281,11 @@ class ToolControl:
         )
 
     def step(
-        self, state: ToolControlState, estimate: StateEstimate, reference: Reference, contact: ContactState
+        self,
+        state: ToolControlState,
+        estimate: StateEstimate,
+        reference: Reference,
+        contact: ContactState,
     ) -> None:
         """Leave the joint angles and speeds wanted in `state`, once in a task period.
 
@@ -321,7 +354,9 @@ class ToolControl:
 
         return Slot(slots.add(place), np.zeros(0), values)
 
-    def _find_servo_compliance(self, state: ToolControlState, seen: EstimateRecord, sensed: SensedArm) -> None:
+    def _find_servo_compliance(
+        self, state: ToolControlState, seen: EstimateRecord, sensed: SensedArm
+    ) -> None:
         """Leave the compliance [m/N] of the servoed tip along the tool axis in `state`."""
         inertia = self._arm.inertia(seen.q) + np.diag(self._armature)
         along = sensed.J_B[:3].T @ sensed.X_BG[:3, 2]
@@ -333,7 +368,9 @@ class ToolControl:
 class ToolTick:
     """Tick of tool control by itself, bound to the arrays of a state."""
 
-    def __init__(self, control: ToolControl, state: ToolControlState, contact: ContactState) -> None:
+    def __init__(
+        self, control: ToolControl, state: ToolControlState, contact: ContactState
+    ) -> None:
         n = len(state.motion.q)
         self.inputs, self.slots = Inputs(estimate_record(n)), PythonSlots()
         self.reference = reference_record(n)

@@ -11,7 +11,14 @@ import numpy as np
 from uuv.controllers.arm import compliance, position_force
 from uuv.controllers.arm.compliance import OFFSET, ComplianceGains, come_back, give_way
 from uuv.controllers.arm.joint_servo import ToolTarget
-from uuv.controllers.arm.position_force import CLOSED, INWARDS, OUTWARDS, ForceLoopGains, displace, let_go
+from uuv.controllers.arm.position_force import (
+    CLOSED,
+    INWARDS,
+    OUTWARDS,
+    ForceLoopGains,
+    displace,
+    let_go,
+)
 from uuv.controllers.arm.tool_motion import ToolMotion, ToolTracking, hold_joints, track_tool
 from uuv.controllers.estimation.tip_force_kernels import ContactRecord
 from uuv.sim.interfaces.kernels import kernel
@@ -93,7 +100,9 @@ def move_tool(tool, contact, e, reference):
     target = ToolTarget(reference.X_WG, reference.v_WG_W, reference.w_WG_W)
     displaced = tool.numbers[K], tool.side.values[OFFSET : OFFSET + 3]
     tip = sensed.X_BG, sensed.J_B
-    solved, tool.X_AG[:, :] = track_tool(gains.tracking, motion, target, age, displaced, X_WB, sensed.hull, tip)
+    solved, tool.X_AG[:, :] = track_tool(
+        gains.tracking, motion, target, age, displaced, X_WB, sensed.hull, tip
+    )
     if not solved:
         return NO_POSE
     tool.ticks[0] += 1

@@ -1,4 +1,6 @@
-"""Controller of touches for calibration: joint servo in free motion, a soft spring at the tip over and in the nest."""
+"""Controller of touches for calibration: joint servo in free motion, a soft spring at the tip over
+and in the nest.
+"""
 
 from dataclasses import dataclass
 
@@ -6,7 +8,13 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
+from uuv.controllers.arm.joint_servo import (
+    BorneLoad,
+    JointServo,
+    JointServoState,
+    JointTarget,
+    SeenArm,
+)
 from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
 from uuv.controllers.hull.hull_control import HullControl, HullControlState
 from uuv.controllers.tuning import DRIVE_PERIOD, TouchTuning
@@ -30,7 +38,9 @@ class CompliantState:
 
 
 class CompliantTouch:
-    """Controller (`uuv.sim.interfaces.protocols.Controller`) for `TouchSequence`: joint torques and thrusters."""
+    """Controller (`uuv.sim.interfaces.protocols.Controller`) for `TouchSequence`: joint torques and
+    thrusters.
+    """
 
     def __init__(
         self,
@@ -59,12 +69,16 @@ class CompliantTouch:
         self._contact = TorqueSensors(model, arm=arm, tuning=drives, period=period)
         self._servo = JointServo(self._vehicle, drives, period)
         self._hull_ticks = max(1, round(drives.hover_period / period))
-        self._hull = HullControl(model, arm, period=self._hull_ticks * period, water_error=water_error)
+        self._hull = HullControl(
+            model, arm, period=self._hull_ticks * period, water_error=water_error
+        )
         self._push_W = np.array([0.0, 0.0, -1.0]) if push_W is None else push_W
 
     def init(self, estimate: StateEstimate) -> CompliantState:
         """State at the start: no contact force, no friction estimate, thrusters off."""
-        return CompliantState(contact=self._contact.init(estimate), servo=self._servo.init(), hull=self._hull.init())
+        return CompliantState(
+            contact=self._contact.init(estimate), servo=self._servo.init(), hull=self._hull.init()
+        )
 
     def step(
         self, state: CompliantState, estimate: StateEstimate, reference: Reference
@@ -80,7 +94,9 @@ class CompliantTouch:
             The state and the command, with the estimated force at the tip.
         """
         contact, servo, rest = state.contact, state.servo, np.zeros(len(estimate.q))
-        self._contact.sense(contact, estimate, DriveState(tau=servo.tau, qd_wanted=rest, current_W=_STILL_WATER))
+        self._contact.sense(
+            contact, estimate, DriveState(tau=servo.tau, qd_wanted=rest, current_W=_STILL_WATER)
+        )
         if reference.X_WG is None:
             age = estimate.time - reference.time
             self._servo.step(
@@ -106,8 +122,12 @@ class CompliantTouch:
             contact=contact.estimate,
         )
 
-    def _give_way(self, state: CompliantState, estimate: StateEstimate, reference: Reference) -> Array:
-        """Joint torques (n,) [N m] of compliant motion: weight, tip spring, push, gear friction and damping."""
+    def _give_way(
+        self, state: CompliantState, estimate: StateEstimate, reference: Reference
+    ) -> Array:
+        """Joint torques (n,) [N m] of compliant motion: weight, tip spring, push, gear friction and
+        damping.
+        """
         tuning, vehicle, dt = self._tuning, self._vehicle, self.period
         assert reference.X_WG is not None
         X_WG = estimate.X_WB @ state.contact.sensed.X_BG
@@ -120,7 +140,10 @@ class CompliantTouch:
             end = state.p_WG_held
         else:
             state.p_WG_held, state.push = None, 0.0
-        f_W = _at_most(tuning.stiffness * (end - X_WG[:3, 3]), tuning.most) + state.push * self._push_W
+        f_W = (
+            _at_most(tuning.stiffness * (end - X_WG[:3, 3]), tuning.most)
+            + state.push * self._push_W
+        )
         turn_G = log_so3(X_WG[:3, :3].T @ reference.X_WG[:3, :3])
         m_W = _at_most(tuning.turn_stiffness * (X_WG[:3, :3] @ turn_G), tuning.turn_most)
         R_BW = estimate.X_WB[:3, :3].T

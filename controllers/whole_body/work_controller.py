@@ -1,4 +1,5 @@
-"""Position-force controller of contact work: composes contact estimator, tool control, joint servo and hull control.
+"""Position-force controller of contact work: composes contact estimator, tool control, joint servo
+and hull control.
 
 One step at the rate of the drives [Konoplin 2022, section 3]:
   1. Inverse dynamics give the joint torques without contact. The residual of the measured torques
@@ -21,8 +22,19 @@ import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.joint_servo import JointServo
-from uuv.controllers.estimation.tip_force_estimator import ContactEstimator, ContactState, DriveState, TorqueSensors
-from uuv.controllers.hull.hull_control import ArmLoad, ArmWrench, Feedforward, HullControl, HullControlState
+from uuv.controllers.estimation.tip_force_estimator import (
+    ContactEstimator,
+    ContactState,
+    DriveState,
+    TorqueSensors,
+)
+from uuv.controllers.hull.hull_control import (
+    ArmLoad,
+    ArmWrench,
+    Feedforward,
+    HullControl,
+    HullControlState,
+)
 from uuv.controllers.tuning import DRIVE_PERIOD, HULL, ArmTuning, ObserverDeviations
 from uuv.controllers.whole_body.drive_tick import DriveGains, DriveRecord, drive_box, drive_tick
 from uuv.controllers.whole_body.tool_control import (
@@ -35,9 +47,20 @@ from uuv.controllers.whole_body.tool_control import (
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels.control import Commanded, Inputs, Unsaved, commanded
 from uuv.sim.interfaces.kernels.record_box import as_annotated
-from uuv.sim.interfaces.kernels.slots import PythonSlots, address_of_box, address_of_kernel, empty_slot, has_slot
+from uuv.sim.interfaces.kernels.slots import (
+    PythonSlots,
+    address_of_box,
+    address_of_kernel,
+    empty_slot,
+    has_slot,
+)
 from uuv.sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
-from uuv.sim.interfaces.records import ReferenceRecord, estimate_record, reference_record, take_reference
+from uuv.sim.interfaces.records import (
+    ReferenceRecord,
+    estimate_record,
+    reference_record,
+    take_reference,
+)
 from uuv.sim.interfaces.spatial import Array
 
 
@@ -55,12 +78,14 @@ class WorkControllerState:
     softness: Array  # (1,) [-] share of the stiffness that is given up now along the tool axis
     ticks: np.ndarray  # (1,) so far
     hull_load: HullLoad | None = None
-    log: Mapping[str, Array] = field(default_factory=dict)  # of the last step of the hull: what nobody decides on
+    # of the last step of the hull: what nobody decides on
+    log: Mapping[str, Array] = field(default_factory=dict)
     alone: Unsaved["WorkTick"] = field(default_factory=Unsaved)  # tick of `WorkController.step`
 
 
 class WorkController:
-    """Position-force controller of a hovering vehicle with an arm (`uuv.sim.interfaces.protocols.Controller`).
+    """Position-force controller of a hovering vehicle with an arm
+    (`uuv.sim.interfaces.protocols.Controller`).
 
     It has no state of its own: one controller may step any number of states, also in several
     threads.
@@ -96,12 +121,16 @@ class WorkController:
         arm = ArmDynamics(model, water_error=water_error)
         self._torque_sensors = TorqueSensors(model, arm=arm, tuning=tuning)
         self.contact: ContactEstimator = estimator or self._torque_sensors
-        self.tool = ToolControl(model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift)
+        self.tool = ToolControl(
+            model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift
+        )
         self._vehicle = Vehicle.of(model)
         self.servo = JointServo(self._vehicle, tuning, DRIVE_PERIOD)
         self.task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
         self.hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
-        self._hull = HullControl(model, arm, period=self.hull_ticks * DRIVE_PERIOD, water_error=water_error)
+        self._hull = HullControl(
+            model, arm, period=self.hull_ticks * DRIVE_PERIOD, water_error=water_error
+        )
         self._feedforward: Feedforward = feedforward or ArmWrench()
 
     @property
@@ -138,7 +167,8 @@ class WorkController:
     def step(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
     ) -> tuple[WorkControllerState, Command]:
-        """One control step: contact force, tool motion, joint torques, and on its tick the thrusters.
+        """One control step: contact force, tool motion, joint torques, and on its tick the
+        thrusters.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -155,8 +185,11 @@ class WorkController:
         answer = tick.slots.check(drive_tick(tick.box, tick.inputs.box))
         return state, tick.done(estimate, reference, answer)
 
-    def step_hull(self, state: WorkControllerState, estimate: StateEstimate, reference: Reference) -> None:
-        """Thrusters: the arm's wrench C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e of [Konoplin 2022] is cancelled.
+    def step_hull(
+        self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
+    ) -> None:
+        """Thrusters: the arm's wrench C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e of [Konoplin
+        2022] is cancelled.
 
         Args:
             state: after the joints' part of a step; changed in place.
@@ -232,7 +265,9 @@ class WorkController:
 class WorkTick:
     """Tick of a `WorkController`, bound to the arrays of a state (`ControlTick`)."""
 
-    def __init__(self, controller: WorkController, state: WorkControllerState, inputs: Inputs) -> None:
+    def __init__(
+        self, controller: WorkController, state: WorkControllerState, inputs: Inputs
+    ) -> None:
         self._controller, self._state, self.inputs = controller, state, inputs
         self.slots, self.command = PythonSlots(), state.command
         record = controller.record(state, inputs, self.slots)

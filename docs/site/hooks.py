@@ -1,7 +1,7 @@
 """Hooks of the documentation site: pages of the API, and equations as MathML, which browsers draw.
 
-The API shows the promised names first, a page for each group of docs/api.md, then all other names as internals, a page
-for each package.
+The API shows the promised names first, a page for each group of docs/api.md, then all other names
+as internals, a page for each package.
 """
 
 import ast
@@ -34,7 +34,9 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Adds api/GROUP.md for each group of promised names, and api/internals/PACKAGE.md for each package."""
+    """Adds api/GROUP.md for each group of promised names, and api/internals/PACKAGE.md for each
+    package.
+    """
     for group in _GROUPS:
         entries = "\n".join(map(_entry, group.lines))
         text = f"# {group.title}\n\n[Example, and all names in a list](../api.md).\n\n{entries}"
@@ -42,7 +44,10 @@ def on_files(files: Files, config: Any) -> Files:
 
     for package, modules in _packages().items():
         entries = "\n".join(map(_module_entry, modules))
-        text = f"# {package}\n\nInternals: they may change at any time. [What is promised](../../api.md).\n\n{entries}"
+        text = (
+            f"# {package}\n\nInternals: they may change at any time. [What is "
+            f"promised](../../api.md).\n\n{entries}"
+        )
         files.append(File.generated(config, f"api/internals/{package}.md", content=text))
     return files
 
@@ -65,16 +70,21 @@ def on_post_build(config: Any) -> None:
     """
     for page in Path(config.site_dir, "api").rglob("*.html"):
         if page.stat().st_size > _LARGEST:
-            raise PluginError(f"{page}: {page.stat().st_size} bytes, at most {_LARGEST} are allowed")
+            raise PluginError(
+                f"{page}: {page.stat().st_size} bytes, at most {_LARGEST} are allowed"
+            )
 
 
 def _packages() -> dict[str, list[str]]:
     """Modules by package, both dotted; of a package its `__init__` first."""
     found: dict[str, list[str]] = {}
     for room in ("uuv", *sorted(_ROOMS)):
-        for file in sorted((_ROOT / room).rglob("*.py"), key=lambda path: path.as_posix().replace("__init__", "")):
+        for file in sorted(
+            (_ROOT / room).rglob("*.py"), key=lambda path: path.as_posix().replace("__init__", "")
+        ):
             parts = list(file.relative_to(_ROOT).with_suffix("").parts)
-            if parts[0] == "uuv" and parts[1] in _ROOMS:  # a link of the checkout; the room comes by itself
+            # a link of the checkout; the room comes by itself
+            if parts[0] == "uuv" and parts[1] in _ROOMS:
                 continue
             parts = parts if room == "uuv" else ["uuv", *parts]
             is_package = parts[-1] == "__init__"
@@ -86,7 +96,9 @@ def _packages() -> dict[str, list[str]]:
 
 
 def _entry(name: str) -> str:
-    """Directive of a promised name, and the fields of a dataclass with the remarks that hold their units."""
+    """Directive of a promised name, and the fields of a dataclass with the remarks that hold their
+    units.
+    """
     module, _, word = _home(name).rpartition(".")
     fields = [
         line
@@ -96,14 +108,24 @@ def _entry(name: str) -> str:
         if isinstance(field, ast.AnnAssign)
         for line in _texts(module)[0].splitlines()[field.lineno - 1 : field.end_lineno]
     ]
-    block = "\n```python\n" + "\n".join(line.removeprefix("    ") for line in fields) + "\n```\n" if fields else ""
+    block = (
+        "\n```python\n" + "\n".join(line.removeprefix("    ") for line in fields) + "\n```\n"
+        if fields
+        else ""
+    )
     return f"::: {name}\n    options: {{heading_level: 2}}\n{block}"
 
 
 def _module_entry(module: str) -> str:
-    """Directive of a module that shows its public functions and classes, without those that are promised."""
-    names = [node.name for node in _body(module) if isinstance(node, ast.ClassDef | ast.FunctionDef)]
-    shown = [name for name in names if not name.startswith("_") and f"{module}.{name}" not in _promised()]
+    """Directive of a module that shows its public functions and classes, without those that are
+    promised.
+    """
+    names = [
+        node.name for node in _body(module) if isinstance(node, ast.ClassDef | ast.FunctionDef)
+    ]
+    shown = [
+        name for name in names if not name.startswith("_") and f"{module}.{name}" not in _promised()
+    ]
     return f"::: {module}\n    options: {{heading_level: 2, members: [{', '.join(shown)}]}}\n"
 
 
@@ -114,7 +136,9 @@ def _promised() -> frozenset[str]:
 
 
 def _home(name: str) -> str:
-    """Dotted name of a thing in the module that defines it, by the imports of the module that hands it out."""
+    """Dotted name of a thing in the module that defines it, by the imports of the module that hands
+    it out.
+    """
     module, _, word = name.rpartition(".")
     for node in _body(module):
         if isinstance(node, ast.ImportFrom):

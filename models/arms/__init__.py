@@ -1,1 +1,3 @@
-"""Serial arms: kinematics by Denavit-Hartenberg rows, from tables, URDF or MJCF; published arms; gear friction."""
+"""Serial arms: kinematics by Denavit-Hartenberg rows, from tables, URDF or MJCF; published arms;
+gear friction.
+"""

@@ -1,8 +1,9 @@
-"""Denavit-Hartenberg rows of an arm in an MJCF: read from it, disturbed as by a workshop, and written back.
+"""Denavit-Hartenberg rows of an arm in an MJCF: read from it, disturbed as by a workshop, and
+written back.
 
-Rows are those of `uuv.models.arms.serial_arm`: standard ones, and Hayati's where the next axis is nearly parallel.
-There d is 0 and beta tilts the axis [Hayati 1985]. The last frame is that of the last joint (a zero row), and the tip
-site is fixed in it. Frame 0 stands on the first axis.
+Rows are those of `uuv.models.arms.serial_arm`: standard ones, and Hayati's where the next axis is
+nearly parallel. There d is 0 and beta tilts the axis [Hayati 1985]. The last frame is that of the
+last joint (a zero row), and the tip site is fixed in it. Frame 0 stands on the first axis.
 """
 
 from collections.abc import Sequence
@@ -15,16 +16,26 @@ from uuv.models.arms.kinematics import BETA, ROW, THETA, A, D
 from uuv.models.arms.serial_arm import NEAR_PARALLEL, SerialArm, tilt_of
 from uuv.models.naming import find
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, readonly
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    inverse,
+    pose,
+    quat_wxyz_from_rotation,
+    readonly,
+)
 
 _INTERSECTING = 1e-9  # [m] common normal, below which axes are taken to meet
 
 
-def read(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()) -> SerialArm:
+def read(
+    model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()
+) -> SerialArm:
     """Read the arm of hinges between a body and a site of a compiled model.
 
-    Frame i stands where the common normal of axes i and i + 1 meets axis i + 1, x along it. Meeting axes take x across
-    both; parallel axes continue at d = 0. theta0 is taken where MuJoCo's joint values are zero.
+    Frame i stands where the common normal of axes i and i + 1 meets axis i + 1, x along it. Meeting
+    axes take x across both; parallel axes continue at d = 0. theta0 is taken where MuJoCo's joint
+    values are zero.
 
     Args:
         model: compiled model.
@@ -36,8 +47,8 @@ def read(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence
         The arm, with the limits and names of the joints.
 
     Raises:
-        ConfigurationError: unknown names, a site that is not beyond the body, joints that are no hinges, no joint, or a
-            link of more than 50 m.
+        ConfigurationError: unknown names, a site that is not beyond the body, joints that are no
+            hinges, no joint, or a link of more than 50 m.
     """
     base = find(model, mujoco.mjtObj.mjOBJ_BODY, base_body)
     site = find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site)
@@ -56,7 +67,9 @@ def read(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence
         table[k] = _row(X, axis, point)
         X = X @ _step(table[k])
     arm = SerialArm.from_dh(
-        table[:, :BETA], beta=table[:, BETA], name=f"arm between body {base_body!r} and site {tip_site!r}"
+        table[:, :BETA],
+        beta=table[:, BETA],
+        name=f"arm between body {base_body!r} and site {tip_site!r}",
     )
     limited = model.jnt_limited[joints].astype(bool)[:, None]
     return replace(
@@ -69,10 +82,12 @@ def read(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence
 
 
 def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) -> None:
-    """Move the links of a spec so that its arm becomes another; zeros and local axes of the joints stay.
+    """Move the links of a spec so that its arm becomes another; zeros and local axes of the joints
+    stay.
 
-    Each link is moved with the axis of its own joint, and inertia, shapes and hydrodynamics with the link. Bodies and
-    sites that the last link carries are moved by the change of the tip in frame n.
+    Each link is moved with the axis of its own joint, and inertia, shapes and hydrodynamics with
+    the link. Bodies and sites that the last link carries are moved by the change of the tip in
+    frame n.
 
     Args:
         spec: vehicle or arm, changed in place.
@@ -84,18 +99,25 @@ def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) ->
         ConfigurationError: the two arms have different joints, or two joints share a body.
     """
     if old.joint_names != new.joint_names:
-        raise ConfigurationError(f"an arm of joints {old.joint_names} cannot be moved to one of {new.joint_names}")
+        raise ConfigurationError(
+            f"an arm of joints {old.joint_names} cannot be moved to one of {new.joint_names}"
+        )
     model = spec.compile()
     joints = [find(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in old.joint_names]
     links = [int(model.jnt_bodyid[j]) for j in joints]
     if len(set(links)) < len(links):
-        raise ConfigurationError(f"to move an arm, each of the joints {old.joint_names} needs a body of its own")
+        raise ConfigurationError(
+            f"to move an arm, each of the joints {old.joint_names} needs a body of its own"
+        )
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)  # at qpos0, where pos and quat of the bodies apply
     rest = model.qpos0[model.jnt_qposadr[joints]]
     X_AW = inverse(_world(data, find(model, mujoco.mjtObj.mjOBJ_BODY, base_body)))
     # Displacement of everything that link i carries, in base axes; the base stays.
-    carried = [np.eye(4), *(b @ inverse(a) for a, b in zip(_links(old, rest), _links(new, rest), strict=True))]
+    carried = [
+        np.eye(4),
+        *(b @ inverse(a) for a, b in zip(_links(old, rest), _links(new, rest), strict=True)),
+    ]
     bodies = {body.id: body for body in spec.bodies}
     for i, link in enumerate(links):
         X_AP, X_AL = X_AW @ _world(data, int(model.body_parentid[link])), X_AW @ _world(data, link)
@@ -112,13 +134,18 @@ def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) ->
 
 
 def with_errors(
-    arm: SerialArm, rng: np.random.Generator, *, length: float = 2e-3, angle: float = np.deg2rad(0.3)
+    arm: SerialArm,
+    rng: np.random.Generator,
+    *,
+    length: float = 2e-3,
+    angle: float = np.deg2rad(0.3),
 ) -> SerialArm:
-    """Draw an arm as a workshop might have built it: every number of every joint has a normally distributed error.
+    """Draw an arm as a workshop might have built it: every number of every joint has a normally
+    distributed error.
 
-    What touching with the tip cannot observe is kept: how the arm stands on its base along and about the first axis,
-    and the row of the last joint, since the tip itself is drawn. Rows with a near-parallel next axis get beta instead
-    of d.
+    What touching with the tip cannot observe is kept: how the arm stands on its base along and
+    about the first axis, and the row of the last joint, since the tip itself is drawn. Rows with a
+    near-parallel next axis get beta instead of d.
 
     Args:
         arm: nominal arm, as of `read`.
@@ -155,10 +182,14 @@ def _hinges(model: mujoco.MjModel, base: int, site: int, exclude: Sequence[str])
             f"site {model.site(site).name!r} must be carried beyond body {model.body(base).name!r}"
         )
     if not joints:
-        raise ConfigurationError(f"no joint between body {model.body(base).name!r} and site {model.site(site).name!r}")
+        raise ConfigurationError(
+            f"no joint between body {model.body(base).name!r} and site {model.site(site).name!r}"
+        )
     for j in joints:
         if int(model.jnt_type[j]) != mujoco.mjtJoint.mjJNT_HINGE:
-            raise ConfigurationError(f"joint {model.joint(j).name!r}: DH rows here are of hinges only")
+            raise ConfigurationError(
+                f"joint {model.joint(j).name!r}: DH rows here are of hinges only"
+            )
     return joints
 
 
@@ -172,7 +203,9 @@ def _first_frame(axis: Array, point: Array) -> Array:
 
 
 def _row(X: Array, axis_A: Array, point_A: Array) -> Array:
-    """Table row (5,) that takes frame `X` (4, 4) to one whose z is the line through `point_A` along `axis_A`."""
+    """Table row (5,) that takes frame `X` (4, 4) to one whose z is the line through `point_A` along
+    `axis_A`.
+    """
     z, p = X[:3, :3].T @ axis_A, X[:3, :3].T @ (point_A - X[:3, 3])
     across = float(np.hypot(z[0], z[1]))
     if across < np.sin(NEAR_PARALLEL):
@@ -216,7 +249,9 @@ def _tip(arm: SerialArm, q: Array) -> Array:
 
 
 def _links(arm: SerialArm, q: Array) -> Array:
-    """Frames (n, 4, 4) in the base that are fixed to the links: each on its joint's axis, turned with it."""
+    """Frames (n, 4, 4) in the base that are fixed to the links: each on its joint's axis, turned
+    with it.
+    """
     shift = np.array(
         [
             pose(exp_so3([0.0, 0.0, row[THETA] + angle]), [0.0, 0.0, row[D]])

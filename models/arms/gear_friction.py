@@ -4,14 +4,14 @@ At speed v a gear resists with
 
     f(v) = viscous v + sign(v) (coulomb + (stiction - coulomb) exp(-(v / stribeck_speed)^2)),
 
-and at rest with any friction up to `stiction` [Olsson 1998, eq. 2.5]. All of it acts on the motor's side of a torque
-sensor on the gear output.
+and at rest with any friction up to `stiction` [Olsson 1998, eq. 2.5]. All of it acts on the motor's
+side of a torque sensor on the gear output.
 
-MuJoCo treats the dry part as a constraint (`frictionloss`), solved with the contacts, so a joint at rest stays there.
-The constraint is soft, so a held joint creeps. `_HARD` and a time constant of two steps keep that
-below 1e-4 rad/s. The bound in the model is one number a joint, that of sliding. The curve is stored
-in `joint.userdata`, and the callback of `uuv.sim.hydrodynamics` moves the bound along it in every
-step. In a process without it the gears have Coulomb friction alone.
+MuJoCo treats the dry part as a constraint (`frictionloss`), solved with the contacts, so a joint at
+rest stays there. The constraint is soft, so a held joint creeps. `_HARD` and a time constant of two
+steps keep that below 1e-4 rad/s. The bound in the model is one number a joint, that of sliding. The
+curve is stored in `joint.userdata`, and the callback of `uuv.sim.hydrodynamics` moves the bound
+along it in every step. In a process without it the gears have Coulomb friction alone.
 """
 
 from collections.abc import Mapping
@@ -33,11 +33,12 @@ _HARD = 0.9999  # impedance of the constraint
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GearFriction:
-    """Dry friction of one gear, at the joint; of a slide in N and m/s. The viscous part is the joint's `damping`.
+    """Dry friction of one gear, at the joint; of a slide in N and m/s. The viscous part is the
+    joint's `damping`.
 
     Raises:
-        ConfigurationError: a figure is not finite or negative, stiction is below `coulomb`, or stiction is above it
-            while `stribeck_speed` or `coulomb` is zero.
+        ConfigurationError: a figure is not finite or negative, stiction is below `coulomb`, or
+            stiction is above it while `stribeck_speed` or `coulomb` is zero.
     """
 
     coulomb: float  # [N m] sliding
@@ -48,15 +49,19 @@ class GearFriction:
         for item in fields(self):
             value = number(getattr(self, item.name), f"gear friction {item.name}")
             if not (np.isfinite(value) and value >= 0.0):
-                raise ConfigurationError(f"gear friction {item.name}: must be finite and >= 0, got {value}")
+                raise ConfigurationError(
+                    f"gear friction {item.name}: must be finite and >= 0, got {value}"
+                )
             object.__setattr__(self, item.name, value)
         if self.stiction < self.coulomb:
             raise ConfigurationError(
-                f"gear friction stiction: must be at least coulomb, {self.coulomb} N m, got {self.stiction}"
+                f"gear friction stiction: must be at least coulomb, {self.coulomb} N m, got "
+                f"{self.stiction}"
             )
         if self.stiction > self.coulomb and not (self.stribeck_speed > 0.0 and self.coulomb > 0.0):
             raise ConfigurationError(
-                "gear friction: stiction above coulomb wants stribeck_speed > 0 and coulomb > 0, got "
+                "gear friction: stiction above coulomb wants stribeck_speed > 0 and coulomb > 0, "
+                "got "
                 f"{self.stribeck_speed} and {self.coulomb}"
             )
 
@@ -71,7 +76,9 @@ class DryFriction:
 
     def bound(self, qd: ArrayLike) -> Array:
         """Greatest dry friction (n,) [N m] at the joint speeds `qd` (n,) [rad/s]."""
-        return self.coulomb + (self.stiction - self.coulomb) * np.exp(-((np.asarray(qd) / self.stribeck_speed) ** 2))
+        return self.coulomb + (self.stiction - self.coulomb) * np.exp(
+            -((np.asarray(qd) / self.stribeck_speed) ** 2)
+        )
 
 
 def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
@@ -82,15 +89,20 @@ def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
         gears: friction by name of the joint.
 
     Raises:
-        ConfigurationError: a name is no joint of `spec`, or the user data of a joint is taken by something else.
+        ConfigurationError: a name is no joint of `spec`, or the user data of a joint is taken by
+            something else.
     """
     joints = {joint.name: joint for joint in spec.joints}
     for name, gear in gears.items():
         if name not in joints:
-            raise ConfigurationError(f"gear friction {name!r}: no such joint; there are {sorted(joints)}")
+            raise ConfigurationError(
+                f"gear friction {name!r}: no such joint; there are {sorted(joints)}"
+            )
         joint = joints[name]
         if np.any(joint.userdata) and not _carries(joint.userdata):
-            raise ConfigurationError(f"gear friction {name!r}: the user data of its joint is taken by something else")
+            raise ConfigurationError(
+                f"gear friction {name!r}: the user data of its joint is taken by something else"
+            )
 
         # In a process without the callback the gears would slide without stiction.
         mark(spec)
@@ -120,7 +132,9 @@ def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
         _, sliding, breakaway, over = model.jnt_user[joint, :ROW]
         if breakaway > sliding and abs(coulomb[row] - sliding) <= ROUNDED * sliding:
             coulomb[row], stiction[row], speed[row] = sliding, breakaway, over
-    return DryFriction(coulomb=readonly(coulomb), stiction=readonly(stiction), stribeck_speed=readonly(speed))
+    return DryFriction(
+        coulomb=readonly(coulomb), stiction=readonly(stiction), stribeck_speed=readonly(speed)
+    )
 
 
 def has_curves(model: mujoco.MjModel) -> bool:

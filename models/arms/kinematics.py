@@ -1,8 +1,10 @@
-"""Compiled forward kinematics of serial arms: link frames; `uuv.models.arms.tip_places` has the tips and derivatives.
+"""Compiled forward kinematics of serial arms: link frames; `uuv.models.arms.tip_places` has the
+tips and derivatives.
 
-A joint's row in `table` is (theta0, d, a, alpha, beta). Its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha)
-Ry(beta); for a slide by Rz(theta0) Tz(d + q) instead of the first two. beta is the angle of [Hayati 1985], zero except
-between near-parallel axes. Angles in rad, lengths in m, all vectors in base axes.
+A joint's row in `table` is (theta0, d, a, alpha, beta). Its frame moves by Rz(theta0 + q) Tz(d)
+Tx(a) Rx(alpha) Ry(beta); for a slide by Rz(theta0) Tz(d + q) instead of the first two. beta is the
+angle of [Hayati 1985], zero except between near-parallel axes. Angles in rad, lengths in m, all
+vectors in base axes.
 """
 
 import math
@@ -21,7 +23,9 @@ _FLAGS = types.Array(boolean, 1, "C", readonly=True)
 
 @kernel
 def frame_step(R, o, row, q, slide, axes):
-    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) receives z and o before it, x and y after."""
+    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) receives z and o before it, x
+    and y after.
+    """
     theta = row[THETA] + (0.0 if slide else q)
     d = row[D] + (q if slide else 0.0)
     c, s = math.cos(theta), math.sin(theta)
@@ -39,7 +43,8 @@ def frame_step(R, o, row, q, slide, axes):
 
 @kernel(signature=float64[:, :, :, ::1](_M, _FLAGS, _M, _M))
 def frames(table, slides, X_base, q):
-    """Link frames 0..n in the base at each pose, X (M, n + 1, 4, 4); frame k has the axis of joint k + 1 as its z.
+    """Link frames 0..n in the base at each pose, X (M, n + 1, 4, 4); frame k has the axis of joint
+    k + 1 as its z.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).

@@ -1,11 +1,12 @@
-"""Published arms as Denavit-Hartenberg tables, for benchmarks and tests of inverse kinematics and calibration.
+"""Published arms as Denavit-Hartenberg tables, for benchmarks and tests of inverse kinematics and
+calibration.
 
     arm = published_arms.load("panda")
     chain = Chain.from_arm(arm)
 
-Rows are standard: theta0 [rad], d [m], a [m], alpha [rad] (`uuv.models.arms.serial_arm`, beta zero). Tables that were
-published in Craig's convention are converted. The tip is then turned about its own axis, or the base, by a quarter or
-half turn.
+Rows are standard: theta0 [rad], d [m], a [m], alpha [rad] (`uuv.models.arms.serial_arm`, beta
+zero). Tables that were published in Craig's convention are converted. The tip is then turned about
+its own axis, or the base, by a quarter or half turn.
 """
 
 import math
@@ -33,7 +34,9 @@ class PublishedArm(SerialArm):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorArm:
-    """A serial arm as the vector model of [Danilov 2021, chapter 2, fig. 1], in its initial position; read-only."""
+    """A serial arm as the vector model of [Danilov 2021, chapter 2, fig. 1], in its initial
+    position; read-only.
+    """
 
     title: str
     M: Array  # (n, 3) [m] link vectors
@@ -66,7 +69,9 @@ def _arm(
     joint_types: str | None = None,
     p_tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> PublishedArm:
-    """Arm of DH rows; `limits` of hinges in degrees, of slides in m; `p_tool` [m] is the tip in the last frame."""
+    """Arm of DH rows; `limits` of hinges in degrees, of slides in m; `p_tool` [m] is the tip in the
+    last frame.
+    """
     arm = PublishedArm.from_dh(rows, joint_types)
     return replace(
         arm,
@@ -86,7 +91,14 @@ _PUMA: _Rows = [
     (0, 0, 0, -H),
     (0, 0, 0, 0),
 ]
-_PUMA_LIMITS = [(-160.0, 160.0), (-45.0, 225.0), (-225.0, 45.0), (-110.0, 170.0), (-100.0, 100.0), (-266.0, 266.0)]
+_PUMA_LIMITS = [
+    (-160.0, 160.0),
+    (-45.0, 225.0),
+    (-225.0, 45.0),
+    (-110.0, 170.0),
+    (-100.0, 100.0),
+    (-266.0, 266.0),
+]
 _FREE = (-math.inf, math.inf)
 
 _ARMS = {
@@ -100,7 +112,14 @@ _ARMS = {
     ),
     "stanford": _arm(
         "Stanford",
-        [(0, 0.412, 0, -H), (0, 0.154, 0, H), (-H, 0, 0.0203, 0), (0, 0, 0, -H), (0, 0, 0, H), (0, 0, 0, 0)],
+        [
+            (0, 0.412, 0, -H),
+            (0, 0.154, 0, H),
+            (-H, 0, 0.0203, 0),
+            (0, 0, 0, -H),
+            (0, 0, 0, H),
+            (0, 0, 0, 0),
+        ],
         [*[(-170.0, 170.0)] * 2, (0.3048, 1.27), (-170.0, 170.0), (-90.0, 90.0), (-170.0, 170.0)],
         f"{_CORKE}.Stanford",
         joint_types="rrprrr",
@@ -133,8 +152,22 @@ _ARMS = {
     ),
     "irb140": _arm(
         "IRB 140",
-        [(0, 0.352, 0.07, -H), (0, 0, 0.36, 0), (0, 0, 0, -H), (0, 0.38, 0, H), (0, 0, 0, -H), (0, 0.065, 0, 0)],
-        [(-180.0, 180.0), (-100.0, 100.0), (-220.0, 60.0), (-200.0, 200.0), (-120.0, 120.0), (-400.0, 400.0)],
+        [
+            (0, 0.352, 0.07, -H),
+            (0, 0, 0.36, 0),
+            (0, 0, 0, -H),
+            (0, 0.38, 0, H),
+            (0, 0, 0, -H),
+            (0, 0.065, 0, 0),
+        ],
+        [
+            (-180.0, 180.0),
+            (-100.0, 100.0),
+            (-220.0, 60.0),
+            (-200.0, 200.0),
+            (-120.0, 120.0),
+            (-400.0, 400.0),
+        ],
         f"{_CORKE}.IRB140",
     ),
     "general6r": _arm(
@@ -206,7 +239,8 @@ _ARMS = {
             (math.pi, -0.1674, 0, math.pi),
         ],
         [_FREE, (-128.9, 128.9), _FREE, (-147.8, 147.8), _FREE, (-120.3, 120.3), _FREE],
-        "Kinova, Gen3 user guide, classical DH parameters of the 7 DOF spherical arm, after the fixed first row",
+        "Kinova, Gen3 user guide, classical DH parameters of the 7 DOF spherical arm, after the "
+        "fixed first row",
     ),
     "xarm7": _arm(
         "xArm 7",
@@ -264,14 +298,17 @@ _ARMS = {
             (0, 1.228, 0, 0),
         ],
         [(-180.0, 180.0), *[(-135.0, 135.0)] * 5, (-180.0, 180.0)],
-        "link lengths and limits: S. M. Persson, ReaK, manip_ERA_arm.hpp; joints as ESA tells: roll, yaw, pitch at the"
-        " shoulder, pitch at the elbow, pitch, yaw, roll at the wrist; straight at zero, 11.28 m (ESA: 11.3 m)",
+        "link lengths and limits: S. M. Persson, ReaK, manip_ERA_arm.hpp; joints as ESA tells: "
+        "roll, yaw, pitch at the"
+        " shoulder, pitch at the elbow, pitch, yaw, roll at the wrist; straight at zero, 11.28 m "
+        "(ESA: 11.3 m)",
     ),
 }
 
 # The maker's own angles: its joints 2 and 3 stand at 180 deg when the arm is straight up.
 _JACO_D = (0.2755, 0.41, 0.2073, 0.0743, 0.0743, 0.1687)  # [m] D1 to D6
-_JACO_BEND = math.sin(H / 3.0) / math.sin(2.0 * H / 3.0)  # of the wrist, whose axes lie 60 deg apart
+# of the wrist, whose axes lie 60 deg apart
+_JACO_BEND = math.sin(H / 3.0) / math.sin(2.0 * H / 3.0)
 _ARMS["jaco"] = _arm(
     "Kinova Jaco",
     [
@@ -283,7 +320,8 @@ _ARMS["jaco"] = _arm(
         (math.radians(100.0), -_JACO_BEND * _JACO_D[4] - _JACO_D[5], 0, math.pi),
     ],
     [_FREE, (47.0, 313.0), (19.0, 341.0), *[_FREE] * 3],
-    "P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: Kinova, Jaco user guide,"
+    "P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: "
+    "Kinova, Jaco user guide,"
     " far from even about zero",
 )
 
@@ -294,8 +332,12 @@ SERVO_ARM = VectorArm(
     e=readonly([_TURN, _TILT_Z, _TILT_X, _TILT_Z, _TURN, _TILT_X, _TURN, _TILT_Z]),
     p=readonly(np.ones(8)),
     L=readonly(np.radians(np.outer([-120.0, 120.0], np.ones(8)))),
-    source="a stand-in for the arm of [Danilov 2021, fig. 8], whose dimensions are not public: hangs straight down (y"
-    " up) at zero, 0.53 m long, for the poses of its table 1 to be within reach; links, axes and limits made up",
+    source="a stand-in for the arm of [Danilov 2021, fig. 8], whose dimensions are not public: "
+    "hangs straight down (y"
+    " up) at zero, 0.53 m long, for the poses of its table 1 to be within reach; links, axes and "
+    "limits made up",
 )
 
-ARMS: Registry[PublishedArm] = Registry("arm", {name: partial(_ARMS.__getitem__, name) for name in _ARMS})
+ARMS: Registry[PublishedArm] = Registry(
+    "arm", {name: partial(_ARMS.__getitem__, name) for name in _ARMS}
+)

@@ -3,10 +3,11 @@
     arm = SerialArm.from_dh(dh)                                 # (n, 4): theta0, d, a, alpha
     arm = SerialArm.from_axes(axes, points, X_base_flange0)     # any serial chain, at zero
 
-Row k takes frame k - 1, whose z is the axis of joint k, to frame k by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha) Ry(beta). A
-slide has Rz(theta0) Tz(d + q) instead of the first two. Four numbers a joint describe every serial chain, but not every
-small change: to tilt one of two parallel axes about y, standard rows need links of hundreds of metres. beta takes that
-tilt [Hayati 1985].
+Row k takes frame k - 1, whose z is the axis of joint k, to frame k by Rz(theta0 + q) Tz(d) Tx(a)
+Rx(alpha) Ry(beta). A slide has Rz(theta0) Tz(d + q) instead of the first two. Four numbers a joint
+describe every serial chain, but not every
+small change: to tilt one of two parallel axes about y, standard rows need links of hundreds of
+metres. beta takes that tilt [Hayati 1985].
 """
 
 from collections.abc import Sequence
@@ -32,7 +33,8 @@ from uuv.sim.interfaces.spatial import (
     shown,
 )
 
-NEAR_PARALLEL = np.deg2rad(5.0)  # [rad] between neighbouring axes; below this, d and theta0 of common normals run away
+# [rad] between neighbouring axes; below this, d and theta0 of common normals run away
+NEAR_PARALLEL = np.deg2rad(5.0)
 _EXACTLY_PARALLEL = 1e-9  # [rad] below this the common normal is taken where it was
 _LARGEST = 50.0  # [m] a link longer than this was given in millimetres
 
@@ -43,17 +45,22 @@ def _identity() -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SerialArm:
-    """Kinematics of a serial arm of n joints, from its base frame to its flange frame. Arrays are read-only.
+    """Kinematics of a serial arm of n joints, from its base frame to its flange frame. Arrays are
+    read-only.
 
     Raises:
-        ConfigurationError: joint types, limits or names for another number of joints than the table has rows.
+        ConfigurationError: joint types, limits or names for another number of joints than the table
+            has rows.
     """
 
     table: Array  # (n, 5) theta0 [rad], d [m], a [m], alpha [rad], beta [rad]
     joint_types: str  # a letter a joint: r hinge, p slide
-    X_base_0: Array = field(default_factory=_identity)  # (4, 4) frame 0, whose z is the first joint's axis, in the base
-    X_n_flange: Array = field(default_factory=_identity)  # (4, 4) the flange, or the tip of a fixed tool, in frame n
-    limits: Array = field(default_factory=lambda: np.empty((0, 2)))  # (n, 2) [rad], slides [m]; default infinite
+    # (4, 4) frame 0, whose z is the first joint's axis, in the base
+    X_base_0: Array = field(default_factory=_identity)
+    # (4, 4) the flange, or the tip of a fixed tool, in frame n
+    X_n_flange: Array = field(default_factory=_identity)
+    # (n, 2) [rad], slides [m]; default infinite
+    limits: Array = field(default_factory=lambda: np.empty((0, 2)))
     joint_names: tuple[str, ...] = ()  # default joint1 to jointn
 
     def __post_init__(self) -> None:
@@ -66,11 +73,18 @@ class SerialArm:
         if self.limits.shape != (n, 2):
             raise ConfigurationError(f"limits: expected shape {(n, 2)}, got {self.limits.shape}")
         if len(self.joint_names) != n:
-            raise ConfigurationError(f"joint_names: expected {n} names, got {shown(self.joint_names)}")
+            raise ConfigurationError(
+                f"joint_names: expected {n} names, got {shown(self.joint_names)}"
+            )
 
     @classmethod
     def from_dh(
-        cls, dh: ArrayLike, joint_types: str | None = None, beta: ArrayLike | None = None, *, name: str = "dh"
+        cls,
+        dh: ArrayLike,
+        joint_types: str | None = None,
+        beta: ArrayLike | None = None,
+        *,
+        name: str = "dh",
     ) -> Self:
         """Build an arm from Denavit-Hartenberg rows; its base is frame 0, its flange frame n.
 
@@ -84,8 +98,8 @@ class SerialArm:
             The arm, without limits.
 
         Raises:
-            ConfigurationError: wrong shapes, numbers that are not finite, unknown joint letters, and tables that are in
-                degrees or millimetres by their size.
+            ConfigurationError: wrong shapes, numbers that are not finite, unknown joint letters,
+                and tables that are in degrees or millimetres by their size.
         """
         rows = checked_rows(dh, 4, name)
         for columns, most, unit, looks, needed in (
@@ -97,15 +111,24 @@ class SerialArm:
                 k, i = np.unravel_index(int(sizes.argmax()), sizes.shape)
                 column = columns[i]
                 raise ConfigurationError(
-                    f"{name}: {('theta0', 'd', 'a', 'alpha')[column]} of joint {k + 1} is {rows[k, column]:g} {unit}; "
-                    f"the table looks like {looks}, {needed} are needed (columns theta0, d, a, alpha)"
+                    f"{name}: {('theta0', 'd', 'a', 'alpha')[column]} of joint {k + 1} is "
+                    f"{rows[k, column]:g} {unit}; "
+                    f"the table looks like {looks}, {needed} are needed (columns theta0, d, a, "
+                    "alpha)"
                 )
         tilt = np.zeros(len(rows)) if beta is None else checked(beta, (len(rows),), "beta")
-        return cls(table=readonly(np.column_stack([rows, tilt])), joint_types=_checked_letters(joint_types, len(rows)))
+        return cls(
+            table=readonly(np.column_stack([rows, tilt])),
+            joint_types=_checked_letters(joint_types, len(rows)),
+        )
 
     @classmethod
     def from_axes(
-        cls, axes: ArrayLike, points: ArrayLike, X_base_flange0: ArrayLike, joint_types: str | None = None
+        cls,
+        axes: ArrayLike,
+        points: ArrayLike,
+        X_base_flange0: ArrayLike,
+        joint_types: str | None = None,
     ) -> Self:
         """Build an arm from its joint axes and its flange at zero, all in base coordinates.
 
@@ -121,8 +144,8 @@ class SerialArm:
             The arm, without limits.
 
         Raises:
-            ConfigurationError: wrong shapes, zero directions, unknown joint letters, or points farther away than the
-                arm can be long.
+            ConfigurationError: wrong shapes, zero directions, unknown joint letters, or points
+                farther away than the arm can be long.
         """
         z = checked_rows(axes, 3, "axes")
         n = len(z)
@@ -134,11 +157,14 @@ class SerialArm:
         )  # scaled first: the square of a huge axis overflows
         norms = np.linalg.norm(z, axis=1)
         if not np.all(norms > 1e-9):
-            raise ConfigurationError(f"axes: every joint axis needs a length, row {int(np.argmin(norms))} has none")
+            raise ConfigurationError(
+                f"axes: every joint axis needs a length, row {int(np.argmin(norms))} has none"
+            )
         farthest = float(max(np.abs(o).max(), np.abs(X_flange[:3, 3]).max()))
         if farthest > n * _LARGEST:
             raise ConfigurationError(
-                f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got {farthest:g} m; millimetres?"
+                f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got "
+                f"{farthest:g} m; millimetres?"
             )
         z = z / norms[:, None]
         X_base_0 = np.eye(4)
@@ -171,7 +197,10 @@ class SerialArm:
     @property
     def reach(self) -> float:
         """Length of the arm from its first joint to the flange [m], links laid end to end."""
-        return float(np.hypot(self.table[:, D], self.table[:, A]).sum() + np.linalg.norm(self.X_n_flange[:3, 3]))
+        return float(
+            np.hypot(self.table[:, D], self.table[:, A]).sum()
+            + np.linalg.norm(self.X_n_flange[:3, 3])
+        )
 
     @property
     def near_parallel(self) -> tuple[int, ...]:
@@ -179,13 +208,18 @@ class SerialArm:
         alpha, beta = self.table[:, ALPHA], self.table[:, BETA]
         tilt = np.hypot(np.sin(alpha), np.sin(beta))
         hinges = ~self.slides
-        return tuple(k for k in range(self.n - 1) if tilt[k] < np.sin(NEAR_PARALLEL) and hinges[k] and hinges[k + 1])
+        return tuple(
+            k
+            for k in range(self.n - 1)
+            if tilt[k] < np.sin(NEAR_PARALLEL) and hinges[k] and hinges[k + 1]
+        )
 
     @property
     def dh(self) -> Array:
         """Standard DH rows (n, 4) of exactly this arm, beta worked in.
 
-        Rows without beta stay as they are. Where beta is not zero, the common normal of two almost parallel axes is far
+        Rows without beta stay as they are. Where beta is not zero, the common normal of two almost
+        parallel axes is far
         away, so d of that joint and the next may be many metres: right, but fit for machines only.
         """
         table = np.array(self.table)
@@ -206,7 +240,9 @@ class SerialArm:
         return readonly(table[:, :4])
 
     def axes(self) -> tuple[Array, Array, Array]:
-        """Joint axes (n, 3), points on them (n, 3) [m] and the flange (4, 4) where all joints are zero, base frame."""
+        """Joint axes (n, 3), points on them (n, 3) [m] and the flange (4, 4) where all joints are
+        zero, base frame.
+        """
         X = kinematics.frames(self.table, self.slides, self.X_base_0, np.zeros((1, self.n)))[0]
         return readonly(X[:-1, :3, 2]), readonly(X[:-1, :3, 3]), readonly(X[-1] @ self.X_n_flange)
 
@@ -223,7 +259,8 @@ class SerialArm:
         return found
 
     def joint_frames(self, q: ArrayLike) -> Array:
-        """Poses (n + 1, 4, 4) in the base of each joint's frame of `origins`, moved by that joint, and of the flange.
+        """Poses (n + 1, 4, 4) in the base of each joint's frame of `origins`, moved by that joint,
+        and of the flange.
 
         Args:
             q: (n,) joint values [rad], slides [m].
@@ -238,7 +275,11 @@ class SerialArm:
         *joints, flange = self.origins()
         X, found = np.eye(4), []
         for origin, kind, value in zip(joints, self.joint_types, values, strict=True):
-            X = X @ origin @ (pose(p=[0.0, 0.0, value]) if kind == "p" else pose(exp_so3([0.0, 0.0, value])))
+            X = (
+                X
+                @ origin
+                @ (pose(p=[0.0, 0.0, value]) if kind == "p" else pose(exp_so3([0.0, 0.0, value])))
+            )
             found.append(X)
         return np.array([*found, X @ flange])
 
@@ -249,18 +290,27 @@ class SerialArm:
             ConfigurationError: `q` is not (M, n) finite numbers.
         """
         values = np.ascontiguousarray(checked_rows(q, self.n, "q"))
-        return kinematics.frames(self.table, self.slides, self.X_base_0, values)[:, -1] @ self.X_n_flange
+        return (
+            kinematics.frames(self.table, self.slides, self.X_base_0, values)[:, -1]
+            @ self.X_n_flange
+        )
 
     def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:
-        """Tips (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m] in the flange."""
+        """Tips (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m]
+        in the flange.
+        """
         from uuv.models.arms.tip_places import NO_JACOBIAN, tips
 
         values = np.ascontiguousarray(q, dtype=np.float64)
         point = np.ascontiguousarray(tcp, dtype=np.float64)
-        return tips(self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, NO_JACOBIAN)
+        return tips(
+            self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, NO_JACOBIAN
+        )
 
     def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:
-        """Tips (M, 3) [m] and their derivatives (M, 5 n + 3, 3) by the table, row by row, then by the tool point."""
+        """Tips (M, 3) [m] and their derivatives (M, 5 n + 3, 3) by the table, row by row, then by
+        the tool point.
+        """
         from uuv.models.arms.tip_places import tips
 
         J = np.empty((len(q), ROW * self.n + 3, 3))
@@ -271,7 +321,9 @@ class SerialArm:
         return replace(self, table=readonly(table))
 
     def with_tip(self, tcp: Array) -> Self:
-        """Copy of the arm whose flange has its origin at the tool point `tcp` (3,) [m] of this one's flange."""
+        """Copy of the arm whose flange has its origin at the tool point `tcp` (3,) [m] of this
+        one's flange.
+        """
         X = np.array(self.X_n_flange)
         X[:3, 3] += X[:3, :3] @ tcp
         return replace(self, X_n_flange=readonly(X))
@@ -288,7 +340,8 @@ def _checked_letters(joint_types: str | None, n: int) -> str:
         return "r" * n
     if not isinstance(joint_types, str) or len(joint_types) != n or set(joint_types) - {"r", "p"}:
         raise ConfigurationError(
-            f"joint_types: expected {n} letters out of r (hinge), p (slide), got {shown(joint_types)}"
+            f"joint_types: expected {n} letters out of r (hinge), p (slide), got "
+            f"{shown(joint_types)}"
         )
     return joint_types
 
@@ -305,17 +358,22 @@ def _rotation_with_z(z: Array, hint: Array) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def _row_between(z: Array, o: Array, parallel: float = NEAR_PARALLEL, hint: Array | None = None) -> Array:
-    """The row whose next frame has its z along `z` on the line through `o` (3,), given in the frame before.
+def _row_between(
+    z: Array, o: Array, parallel: float = NEAR_PARALLEL, hint: Array | None = None
+) -> Array:
+    """The row whose next frame has its z along `z` on the line through `o` (3,), given in the frame
+    before.
 
-    Below a tilt of `parallel` [rad] the next origin is `o` itself and beta takes part of the tilt; above, it is the
-    foot of the common normal. `hint` is a row that the sense of the common normal shall follow.
+    Below a tilt of `parallel` [rad] the next origin is `o` itself and beta takes part of the tilt;
+    above, it is the foot of the common normal. `hint` is a row that the sense of the common normal
+    shall follow.
     """
     sine = float(np.hypot(z[0], z[1]))
     if sine < np.sin(parallel):
         theta = float(np.arctan2(o[1], o[0])) if np.hypot(o[0], o[1]) > 1e-9 else 0.0
         c, s = np.cos(theta), np.sin(theta)
-        across = np.array([c * z[0] + s * z[1], c * z[1] - s * z[0]])  # z seen along x and y of the turned frame
+        # z seen along x and y of the turned frame
+        across = np.array([c * z[0] + s * z[1], c * z[1] - s * z[0]])
         # Rx(alpha) Ry(beta) e_z = (sin beta, -sin alpha cos beta, cos alpha cos beta)
         beta = float(np.arcsin(across[0]))
         alpha = float(np.arctan2(-across[1], z[2]))

@@ -1,7 +1,8 @@
-"""MuJoCo model of a serial arm in air whose joints are held by proportional drives, as small servos are.
+"""MuJoCo model of a serial arm in air whose joints are held by proportional drives, as small servos
+are.
 
-A proportional drive holds a load only with an error: torque = stiffness (wanted - actual). Under its own weight the arm
-therefore rests beside the joint values that were asked for.
+A proportional drive holds a load only with an error: torque = stiffness (wanted - actual). Under
+its own weight the arm therefore rests beside the joint values that were asked for.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,10 @@ _LONGEST = 30.0  # [s] within which it must come to rest
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Servo:
-    """A hobby servo and the link that it carries. The defaults are those of the common 55 g class, rated 0.94 N m."""
+    """A hobby servo and the link that it carries.
+
+    The defaults are those of the common 55 g class, rated 0.94 N m.
+    """
 
     mass: float = 0.075  # [kg] of servo and link, at the middle of the link
     stiffness: float = 10.8  # [N m/rad] the rated torque at an error of 5 deg
@@ -27,7 +31,8 @@ class Servo:
 
 
 def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) -> mujoco.MjModel:
-    """The arm with a position actuator for each hinge and a site "tip" whose frame is that of the base at zero.
+    """The arm with a position actuator for each hinge and a site "tip" whose frame is that of the
+    base at zero.
 
     Args:
         arm: Links and hinge axes.
@@ -38,14 +43,18 @@ def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) ->
         ConfigurationError: If a joint of the arm is no hinge.
     """
     if not np.all(np.asarray(arm.p) == 1.0):
-        raise ConfigurationError(f"{arm.title}: proportional drives need hinges, got the kinds {arm.p.tolist()}")
+        raise ConfigurationError(
+            f"{arm.title}: proportional drives need hinges, got the kinds {arm.p.tolist()}"
+        )
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.option.gravity = -9.81 * np.asarray(up) / np.linalg.norm(up)
     body, at = spec.worldbody, np.zeros(3)
     for i, (link, axis) in enumerate(zip(arm.M, arm.e, strict=True)):
         body = body.add_body(name=f"link{i + 1}", pos=at)
-        body.add_joint(name=f"joint{i + 1}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, damping=servo.damping)
+        body.add_joint(
+            name=f"joint{i + 1}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, damping=servo.damping
+        )
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             fromto=[*np.zeros(3), *link],
@@ -54,7 +63,9 @@ def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) ->
             contype=0,
             conaffinity=0,
         )
-        actuator = spec.add_actuator(name=f"servo{i + 1}", target=f"joint{i + 1}", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator = spec.add_actuator(
+            name=f"servo{i + 1}", target=f"joint{i + 1}", trntype=mujoco.mjtTrn.mjTRN_JOINT
+        )
         actuator.set_to_position(kp=servo.stiffness)
         at = np.asarray(link)
     body.add_site(name="tip", pos=at)
@@ -62,7 +73,8 @@ def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) ->
 
 
 def rest(model: mujoco.MjModel, q_wanted: Array) -> Array:
-    """Joint angles (n,) [rad] at which the arm comes to rest with its drives set to `q_wanted` (n,) [rad].
+    """Joint angles (n,) [rad] at which the arm comes to rest with its drives set to `q_wanted` (n,)
+    [rad].
 
     Raises:
         ConfigurationError: If it does not come to rest.

@@ -1,7 +1,9 @@
 """Compiled tip positions of serial arms, with first derivatives by the numbers of their table.
 
-Apart from `uuv.models.arms.kinematics`, because its signature lets it compile on import: only calibration needs it.
-Derivatives are analytic: a turn about an axis through o moves the tip p by axis x (p - o), a shift by its direction.
+Apart from `uuv.models.arms.kinematics`, because its signature lets it compile on import: only
+calibration needs it.
+Derivatives are analytic: a turn about an axis through o moves the tip p by axis x (p - o), a shift
+by its direction.
 """
 
 import numpy as np
@@ -37,7 +39,8 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
         X_flange: (4, 4) flange in the last frame.
         tcp: (3,) [m] tool point in the flange.
         q: (M, n) joint values [rad], slides [m].
-        J: (M, 5 n + 3, 3), written: derivatives by the table row by row, then by the tool point. (0, 0, 0) skips them.
+        J: (M, 5 n + 3, 3), written: derivatives by the table row by row, then by the tool point.
+            (0, 0, 0) skips them.
 
     Returns:
         Tip positions in the base.
@@ -48,7 +51,12 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
     o = np.empty(3)
     axes = np.empty((n, 4, 3))
     after = np.empty((n, 3))
-    offset = X_flange[:3, 3] + tcp[0] * X_flange[:3, 0] + tcp[1] * X_flange[:3, 1] + tcp[2] * X_flange[:3, 2]
+    offset = (
+        X_flange[:3, 3]
+        + tcp[0] * X_flange[:3, 0]
+        + tcp[1] * X_flange[:3, 1]
+        + tcp[2] * X_flange[:3, 2]
+    )
     for m in range(touches):
         R[:, :] = X_base[:3, :3]
         o[:] = X_base[:3, 3]
@@ -67,5 +75,7 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
             cross_into(J[m, ROW * k + BETA], axes[k, 3], p[m], after[k])
         for j in range(3):
             for i in range(3):
-                J[m, ROW * n + j, i] = R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
+                J[m, ROW * n + j, i] = (
+                    R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
+                )
     return p

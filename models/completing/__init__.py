@@ -1,1 +1,3 @@
-"""What a user's vehicle lacks and can be given: names, postures, camera, hull box, mounting of an arm."""
+"""What a user's vehicle lacks and can be given: names, postures, camera, hull box, mounting of an
+arm.
+"""

@@ -12,7 +12,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import quat_wxyz_from_rotation
 
 COMPUTABLE = (CAMERA_SITE, HOME_KEY, READY_KEY)  # of a vehicle with an arm
-_LOOK_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # OpenCV axes in hull axes
+# OpenCV axes in hull axes
+_LOOK_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _TRIMMED = 2.0  # largest factor by which ballast changes the hull's volume
 _BEFORE = 0.02  # [m] of the default camera before the hull's bow
 
@@ -55,9 +56,15 @@ def _add_missing(spec: mujoco.MjSpec) -> dict[str, str]:
     if CAMERA_SITE not in {site.name for site in spec.sites}:
         bow = _bow(spec)
         spec.body(HULL_BODY).add_site(
-            name=CAMERA_SITE, pos=bow, quat=quat_wxyz_from_rotation(_LOOK_AHEAD), group=4, size=[0.01, 0.01, 0.01]
+            name=CAMERA_SITE,
+            pos=bow,
+            quat=quat_wxyz_from_rotation(_LOOK_AHEAD),
+            group=4,
+            size=[0.01, 0.01, 0.01],
         )
-        lines[CAMERA_SITE] = f"site camera: none given; {bow[0]:.2f} m ahead of the hull's origin, looking ahead"
+        lines[CAMERA_SITE] = (
+            f"site camera: none given; {bow[0]:.2f} m ahead of the hull's origin, looking ahead"
+        )
 
     keys = {key.name for key in spec.keys}
     if not {HOME_KEY, READY_KEY} <= keys and (search := _search(spec)) is not None:
@@ -77,7 +84,9 @@ def is_armed(spec: mujoco.MjSpec) -> bool:
 
 
 def _search(spec: mujoco.MjSpec) -> PostureSearch | None:
-    """Search of postures; None for an arm that cannot be read, for instance because a joint has no range."""
+    """Search of postures; None for an arm that cannot be read, for instance because a joint has no
+    range.
+    """
     try:
         return PostureSearch(spec.compile())
     except ConfigurationError:
@@ -102,16 +111,22 @@ def _ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
     """Trim the hull in the posture `home`; returns a line about what that changed.
 
     Raises:
-        ConfigurationError: The hull has no coefficients, or a volume that is not near to one that floats the vehicle.
+        ConfigurationError: The hull has no coefficients, or a volume that is not near to one that
+            floats the vehicle.
     """
     if HULL_BODY not in hydrodynamics.attached(spec):
-        raise ConfigurationError(f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed")
+        raise ConfigurationError(
+            f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed"
+        )
     home = next((key.qpos for key in spec.keys if key.name == HOME_KEY), None)
     before = hydrodynamics.attached(spec)[HULL_BODY].volume
-    after = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home).volume
+    after = hydrodynamics.trim(
+        spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home
+    ).volume
     if before > 0.0 and not 1.0 / _TRIMMED < after / before < _TRIMMED:
         raise ConfigurationError(
-            f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make the vehicle "
+            f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make "
+            "the vehicle "
             f"weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes are in m^3"
         )
     return f"trim: the hull's volume from {1e3 * before:.4g} to {1e3 * after:.4g} litres"

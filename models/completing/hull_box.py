@@ -8,7 +8,8 @@ from uuv.sim.interfaces.spatial import Array, pose
 
 
 def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
-    """Corners (2, 3) [m] in B of the box around the shapes of the hull, and of what is fixed to it but the arm's base.
+    """Corners (2, 3) [m] in B of the box around the shapes of the hull, and of what is fixed to it
+    but the arm's base.
 
     Args:
         model: Compiled model.
@@ -21,7 +22,9 @@ def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
     corners = []
     for g in range(model.ngeom):
         body = int(model.geom_bodyid[g])
-        if model.body_weldid[body] != hull or (arm_base != hull and _carries(model, arm_base, body)):
+        if model.body_weldid[body] != hull or (
+            arm_base != hull and _carries(model, arm_base, body)
+        ):
             continue
         R = np.empty(9)
         mujoco.mju_quat2Mat(R, model.geom_quat[g])
@@ -29,7 +32,11 @@ def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
         box = model.geom_aabb[g]
         centre, reach = X_BG[:3, 3] + X_BG[:3, :3] @ box[:3], np.abs(X_BG[:3, :3]) @ box[3:]
         corners += [centre - reach, centre + reach]
-    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)]) if corners else np.zeros((2, 3))
+    return (
+        np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
+        if corners
+        else np.zeros((2, 3))
+    )
 
 
 def _carries(model: mujoco.MjModel, carrier: int, body: int) -> bool:

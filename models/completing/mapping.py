@@ -1,4 +1,5 @@
-"""Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and thrusters.
+"""Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and
+thrusters.
 
 spec = mapped(read("rov.urdf"))  # a VehicleFile, under its own names, becomes a vehicle by the contract
 """
@@ -68,7 +69,8 @@ def _apply(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
         _name_parts(spec, parts, name)
     except ConfigurationError:
         raise
-    except (ValueError, mujoco.FatalError) as error:  # of MuJoCo, such as a name that is there already
+    except (ValueError, mujoco.FatalError) as error:
+        # of MuJoCo, such as a name that is there already
         raise ConfigurationError(f"{name}: {' '.join(str(error).split())}") from error
 
 
@@ -98,9 +100,13 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
 
 
 def _name_hull(spec: mujoco.MjSpec) -> str:
-    """Take the only body on the world for the hull, if it floats and no other is called so; returns a line about it."""
+    """Take the only body on the world for the hull, if it floats and no other is called so; returns
+    a line about it.
+    """
     roots = list(spec.worldbody.bodies)
-    free = len(roots) == 1 and any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints)
+    free = len(roots) == 1 and any(
+        joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints
+    )
     if not free or any(body.name == HULL_BODY for body in spec.bodies):
         return ""
     before = roots[0].name
@@ -115,7 +121,9 @@ def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
         return usual
     roots = list(spec.worldbody.bodies)
     if len(roots) != 1:
-        raise ConfigurationError(f"{name}: hull: which body is it? there are {', '.join(b.name for b in roots)}")
+        raise ConfigurationError(
+            f"{name}: hull: which body is it? there are {', '.join(b.name for b in roots)}"
+        )
     return roots[0]
 
 
@@ -124,13 +132,15 @@ def _check_root(spec: mujoco.MjSpec, hull: mujoco.MjsBody, before: str | None, n
     roots = [body.name for body in spec.worldbody.bodies]
     if hull.name not in roots:
         raise ConfigurationError(
-            f"{name}: hull: {before!r} is carried by another body, and only one on the world floats: {', '.join(roots)}"
+            f"{name}: hull: {before!r} is carried by another body, and only one on the world "
+            f"floats: {', '.join(roots)}"
         )
 
 
 def _missing(name: str, kind: str, wanted: str, there: list[str]) -> ConfigurationError:
     return ConfigurationError(
-        f"{name}: the model has no {kind} {wanted!r}; it has {', '.join(filter(None, there)) or 'none with a name'}"
+        f"{name}: the model has no {kind} {wanted!r}; it has "
+        f"{', '.join(filter(None, there)) or 'none with a name'}"
         f"{did_you_mean(wanted, there)}"
     )
 
@@ -138,7 +148,9 @@ def _missing(name: str, kind: str, wanted: str, there: list[str]) -> Configurati
 def _body(spec: mujoco.MjSpec, wanted: str, name: str, hull: str | None = None) -> mujoco.MjsBody:
     bodies = [body for body in spec.bodies if body.name != "world"]
     if hull is not None and wanted == hull:
-        raise ConfigurationError(f"{name}: arm_base: must be a body of its own, fixed to the hull, got {wanted!r}")
+        raise ConfigurationError(
+            f"{name}: arm_base: must be a body of its own, fixed to the hull, got {wanted!r}"
+        )
     for body in bodies:
         if body.name == wanted:
             return body
@@ -159,8 +171,12 @@ def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
             equality.name2 = to if equality.name2 == before else equality.name2
     bodies = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
     for sensor in spec.sensors:
-        sensor.objname = to if sensor.objtype in bodies and sensor.objname == before else sensor.objname
-        sensor.refname = to if sensor.reftype in bodies and sensor.refname == before else sensor.refname
+        sensor.objname = (
+            to if sensor.objtype in bodies and sensor.objname == before else sensor.objname
+        )
+        sensor.refname = (
+            to if sensor.reftype in bodies and sensor.refname == before else sensor.refname
+        )
     for camera in [*spec.cameras, *spec.lights]:
         camera.targetbody = to if camera.targetbody == before else camera.targetbody
     for actuator in spec.actuators:
@@ -179,9 +195,15 @@ def _rename_geom(spec: mujoco.MjSpec, wanted: str, name: str) -> None:
 
 
 def _add_site(
-    spec: mujoco.MjSpec, usual: str, where: str | PartPlace | None, renamed: dict[str | None, str], name: str
+    spec: mujoco.MjSpec,
+    usual: str,
+    where: str | PartPlace | None,
+    renamed: dict[str | None, str],
+    name: str,
 ) -> None:
-    """A site of the contract's name, at the place of another or on a body; the model's own of that name gives way."""
+    """A site of the contract's name, at the place of another or on a body; the model's own of that
+    name gives way.
+    """
     if where is None or where == usual:
         return
     sites = {site.name: site for site in spec.sites}
@@ -193,7 +215,10 @@ def _add_site(
             if any(body.name == where for body in spec.bodies):
                 hint = f"; a body is called so: {usual}: {{body: {where}}}"
             elif any(camera.name == where for camera in spec.cameras):
-                hint = f"; a <camera> is called so: give its place, {usual}: {{body: NAME, pos: [x, y, z]}}"
+                hint = (
+                    f"; a <camera> is called so: give its place, {usual}: {{body: NAME, pos: "
+                    f"[x, y, z]}}"
+                )
             raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
         own = sites[where]
         added = own.parent.add_site(name=usual, pos=own.pos, quat=own.quat, group=4)
@@ -210,9 +235,11 @@ def _add_site(
 
 
 def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -> None:
-    """Give each joint of the arm one motor, gear 1, with its torque limit; those not named are locked at zero.
+    """Give each joint of the arm one motor, gear 1, with its torque limit; those not named are
+    locked at zero.
 
-    That holds for all joints that the hull carries but those on springs: of a second arm, a gripper, a camera's pan.
+    That holds for all joints that the hull carries but those on springs: of a second arm, a
+    gripper, a camera's pan.
     """
     there = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
     for wanted in joints:
@@ -222,11 +249,23 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
     listed = [joint for joint in chain if joint in joints]
     if listed != list(joints):
         raise ConfigurationError(
-            f"{name}: joints: must be those from {ARM_BASE_BODY} to {TIP_SITE} in this order, {', '.join(chain)}; got "
+            f"{name}: joints: must be those from {ARM_BASE_BODY} to {TIP_SITE} in this order, "
+            f"{', '.join(chain)}; got "
             f"{', '.join(joints)}"
         )
-    carried = next((body.find_all(mujoco.mjtObj.mjOBJ_JOINT) for body in spec.bodies if body.name == HULL_BODY), [])
-    locked = [each for each in carried if each.type in _TURNING and each.name not in joints and not each.stiffness[0]]
+    carried = next(
+        (
+            body.find_all(mujoco.mjtObj.mjOBJ_JOINT)
+            for body in spec.bodies
+            if body.name == HULL_BODY
+        ),
+        [],
+    )
+    locked = [
+        each
+        for each in carried
+        if each.type in _TURNING and each.name not in joints and not each.stiffness[0]
+    ]
     if locked:
         # A keyframe keeps the values of the joints that stay.
         with keyframes_kept(spec):
@@ -245,7 +284,10 @@ def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
         if actuator.target == joint.name and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
             spec.delete(actuator)
     for equality in list(spec.equalities):
-        if equality.type == mujoco.mjtEq.mjEQ_JOINT and joint.name in (equality.name1, equality.name2):
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and joint.name in (
+            equality.name1,
+            equality.name2,
+        ):
             spec.delete(equality)
     for sensor in list(spec.sensors):
         if sensor.objtype == mujoco.mjtObj.mjOBJ_JOINT and sensor.objname == joint.name:
@@ -262,20 +304,26 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
     Args:
         spec: model.
         joint: of the arm.
-        limit: [N m] of the motor; None: that of its actuator, or of its `actuatorfrcrange`, a URDF's effort.
+        limit: [N m] of the motor; None: that of its actuator, or of its `actuatorfrcrange`, a
+            URDF's effort.
         name: with which errors begin.
 
     Raises:
         ConfigurationError: no limit is known.
     """
-    own = [a for a in spec.actuators if a.target == joint.name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
+    own = [
+        a
+        for a in spec.actuators
+        if a.target == joint.name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT
+    ]
     known = [np.abs(a.ctrlrange).min() for a in own if _is_motor(a) and np.ptp(a.ctrlrange) > 0.0]
     known += [np.abs(a.forcerange).min() for a in own if np.ptp(a.forcerange) > 0.0]
     known += [np.abs(joint.actfrcrange).min()] if np.ptp(joint.actfrcrange) > 0.0 else []
     if limit is None:
         if not known or not known[0] > 0.0:
             raise ConfigurationError(
-                f"{name}: joint {joint.name!r} has no torque limit (URDF: <limit effort>); give it, "
+                f"{name}: joint {joint.name!r} has no torque limit (URDF: <limit effort>); give "
+                "it, "
                 f"joints: {{{joint.name}: 10}} [N m]"
             )
         limit = float(known[0])
@@ -316,12 +364,16 @@ def joints_between(spec: mujoco.MjSpec) -> list[str]:
     names: list[str] = []
     body = tip.parent if tip is not None else None
     while body is not None and body.name not in (ARM_BASE_BODY, HULL_BODY, "world"):
-        names[:0] = [joint.name for joint in body.joints if joint.type in _TURNING and not joint.stiffness[0]]
+        names[:0] = [
+            joint.name for joint in body.joints if joint.type in _TURNING and not joint.stiffness[0]
+        ]
         body = body.parent
     return names
 
 
-def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | None, str], name: str) -> None:
+def _thruster(
+    spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | None, str], name: str
+) -> None:
     """Add a thruster, or give an actuator of the model its table."""
     actuators = {actuator.name: actuator for actuator in spec.actuators}
     if mapped.actuator is not None:
@@ -339,7 +391,9 @@ def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | N
         body.add_site(name=site, pos=mapped.place.pos, quat=_along_x(mapped.place.z), group=4)
     elif site not in {each.name for each in spec.sites}:
         raise _missing(name, "site", str(site), [each.name for each in spec.sites])
-    actuator = spec.add_actuator(name=f"thruster_{mapped.name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site)
+    actuator = spec.add_actuator(
+        name=f"thruster_{mapped.name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site
+    )
 
     along = np.array(_AHEAD)
     if mapped.place is None and mapped.axis is not None:
@@ -349,7 +403,9 @@ def _thruster(spec: mujoco.MjSpec, mapped: MappedThruster, renamed: dict[str | N
 
 
 def _make_plain(actuator: mujoco.MjsActuator) -> None:
-    """Make an actuator on a site one whose control is its thrust [N]: its kind in the mapping has limits and curve."""
+    """Make an actuator on a site one whose control is its thrust [N]: its kind in the mapping has
+    limits and curve.
+    """
     length = float(np.linalg.norm(actuator.gear[:3]))
     if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.refsite or not length > 0.0:
         return  # refused, with the reason, where its table is attached

@@ -12,7 +12,13 @@ from uuv.models.files.urdf import rotation_from_rpy
 from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z, shown
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    quat_wxyz_from_rotation,
+    rotation_from_z,
+    shown,
+)
 
 _PREFIX = "arm_"
 
@@ -27,12 +33,13 @@ def mount_arm(
     tip_p: ArrayLike = (0.0, 0.0, 0.0),
     tip_z: ArrayLike = (0.0, 0.0, 1.0),
 ) -> list[str]:
-    """Mount the arm of a URDF on the hull of `spec`, in place; its root link becomes the body `arm_base`.
+    """Mount the arm of a URDF on the hull of `spec`, in place; its root link becomes the body
+    `arm_base`.
 
     Names of its other links, and of its joints, get the prefix `arm_`.
 
-    The arm is dry: attach coefficients to its links, then trim the hull. Keyframes `home` and `ready` of the hull alone
-    are dropped.
+    The arm is dry: attach coefficients to its links, then trim the hull. Keyframes `home` and
+    `ready` of the hull alone are dropped.
 
     Args:
         spec: vehicle without an arm.
@@ -47,17 +54,22 @@ def mount_arm(
         Names of the arm's bodies, base first.
 
     Raises:
-        ConfigurationError: the vehicle has an arm or no hull, the file is no URDF, or a link or an effort is missing.
+        ConfigurationError: the vehicle has an arm or no hull, the file is no URDF, or a link or an
+            effort is missing.
     """
     bodies = {body.name: body for body in spec.bodies}
     if HULL_BODY not in bodies or ARM_BASE_BODY in bodies:
-        raise ConfigurationError(f"an arm is mounted on a vehicle with a body {HULL_BODY!r} and no {ARM_BASE_BODY!r}")
+        raise ConfigurationError(
+            f"an arm is mounted on a vehicle with a body {HULL_BODY!r} and no {ARM_BASE_BODY!r}"
+        )
     name = f"arm {shown(str(file))}"
     arm, _ = spec_of_urdf(urdf.parse(file, name), Path(file).resolve().parent)
     root = arm.worldbody.bodies[0].name
     links = {body.name: body for body in arm.bodies if body.name != "world"}
     if tip not in links:
-        raise ConfigurationError(f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}")
+        raise ConfigurationError(
+            f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}"
+        )
     z: Array = checked(tip_z, (3,), "tip_z")
     R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     links[root].name = ARM_BASE_BODY.removeprefix(_PREFIX)

@@ -1,12 +1,14 @@
-"""Folded and ready postures of an arm, found by search where a model has no keyframes `home` and `ready`.
+"""Folded and ready postures of an arm, found by search where a model has no keyframes `home` and
+`ready`.
 
-Joint angles are drawn from a fixed seed within the limits, so that a model has the same postures every time. Parts that
-touch in nearly every posture are neighbours whose shapes overlap, and do not count as touching.
+Joint angles are drawn from a fixed seed within the limits, so that a model has the same postures
+every time. Parts that touch in nearly every posture are neighbours whose shapes overlap, and do not
+count as touching.
 
-- `home` is compact, and clear of the hull, of the arm itself and of the camera's view; a vehicle that is wet lists
-  little in it.
-- `ready` has the largest margin from singular postures and joint limits, the tool ahead of the camera, at 40 to 75 % of
-  the arm's reach.
+- `home` is compact, and clear of the hull, of the arm itself and of the camera's view; a vehicle
+  that is wet lists little in it.
+- `ready` has the largest margin from singular postures and joint limits, the tool ahead of the
+  camera, at 40 to 75 % of the arm's reach.
 """
 
 from collections.abc import Iterator
@@ -28,7 +30,8 @@ _RINGS, _SPOKES = 3, 8  # of the rays within that angle
 _FARTHEST = 3.0  # [m] to which the view is to be clear
 _ALWAYS = 0.9  # share of postures from which on two touching parts are taken for neighbours
 _TRIED = 400  # postures from which neighbours are told
-_LOCAL, _ROUNDS = 60, 6  # changes that are tried around the best posture, and rounds of them, each half as wide
+# changes that are tried around the best posture, and rounds of them, each half as wide
+_LOCAL, _ROUNDS = 60, 6
 _LEVER = 0.4  # of the reach [m/rad]: weighs rotation against translation
 _INSIDE = 0.4, 0.75  # share of the reach at which a ready tool is
 _ROOMY = 0.5  # [rad] or [m] distance from a joint limit that counts as free
@@ -51,7 +54,8 @@ class PostureSearch:
         """Take a copy of a vehicle's model in which all its parts may touch each other.
 
         Args:
-            model: compiled, without a scene. Shapes that do not collide count only where the vehicle has no others.
+            model: compiled, without a scene. Shapes that do not collide count only where the
+                vehicle has no others.
 
         Raises:
             ConfigurationError: it has no vehicle with an arm.
@@ -68,7 +72,9 @@ class PostureSearch:
         self._camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE)
         first = int(model.jnt_bodyid[vehicle.joints[0]])
         moved = [b for b in range(model.nbody) if _carried(model, b, first)]
-        self._arm_geoms = np.array([g for g in range(model.ngeom) if model.geom_bodyid[g] in moved], dtype=np.int64)
+        self._arm_geoms = np.array(
+            [g for g in range(model.ngeom) if model.geom_bodyid[g] in moved], dtype=np.int64
+        )
         own = [g for g in range(model.ngeom) if model.geom_bodyid[g] == vehicle.hull]
         self._at(np.clip(np.zeros(len(self._low)), self._low, self._high))
         self._box = _box(model, self.data, own, vehicle.hull)
@@ -94,7 +100,8 @@ class PostureSearch:
 
     @cached_property
     def _masses(self) -> tuple[np.ndarray, Array, Array]:
-        """Bodies (b,), their masses less those of their water (b,) [kg], and moments of both in the body (b, 3) [kg m].
+        """Bodies (b,), their masses less those of their water (b,) [kg], and moments of both in the
+        body (b, 3) [kg m].
 
         Empty arrays where the hull has no water.
         """
@@ -103,7 +110,10 @@ class PostureSearch:
             return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 3))
         density = hydrodynamics.water_density(model)
         bodies = np.flatnonzero(model.body_rootid == model.body_rootid[self.vehicle.hull])
-        net, local = np.array(model.body_mass[bodies]), model.body_mass[bodies, None] * model.body_ipos[bodies]
+        net, local = (
+            np.array(model.body_mass[bodies]),
+            model.body_mass[bodies, None] * model.body_ipos[bodies],
+        )
         for i, body in enumerate(bodies):
             if hydrodynamics.carries(model.body_user[body]):
                 water = hydrodynamics.unpack(model.body_user[body])
@@ -124,9 +134,15 @@ class PostureSearch:
         if best is None:  # no posture leaves the view free: the least in the way
             clear = [q for q in inside if self.is_clear(q)] or [inside[int(np.argmin(costs))]]
             best = min(clear[:200], key=lambda q: (self.view_blocked(q), self._spread(q)))
-            return FoundPosture(q=best, said=f"{self.view_blocked(best):.0%} of the camera's view is behind the arm")
+            return FoundPosture(
+                q=best, said=f"{self.view_blocked(best):.0%} of the camera's view is behind the arm"
+            )
         for q in self._around(best, spare):
-            if (spread := self._spread(q)) < cost and self.is_clear(q) and self.view_blocked(q) == 0.0:
+            if (
+                (spread := self._spread(q)) < cost
+                and self.is_clear(q)
+                and self.view_blocked(q) == 0.0
+            ):
                 best, cost = q, spread
         return FoundPosture(q=best, said="clear of the hull, of itself and of the camera's view")
 
@@ -150,7 +166,9 @@ class PostureSearch:
 
     def drawn_tips(self) -> Array:
         """Places (DRAWN, 3) [m] of the tip in the drawn postures, hull axes."""
-        return self._tips @ self.data.xmat[self.vehicle.hull].reshape(3, 3) + self.vehicle.X_BA[:3, 3]
+        return (
+            self._tips @ self.data.xmat[self.vehicle.hull].reshape(3, 3) + self.vehicle.X_BA[:3, 3]
+        )
 
     def share_touching(self, turned: int | None = None, count: int = _TRIED) -> float:
         """Share of the first `count` drawn postures in which the arm touches the hull or itself.
@@ -175,11 +193,14 @@ class PostureSearch:
         return self._pairs() - self._neighbours
 
     def view_blocked(self, q: Array) -> float:
-        """Share of the rays within VIEW of the camera's axis that hit the arm or the hull at `q` (n,)."""
+        """Share of the rays within VIEW of the camera's axis that hit the arm or the hull at `q`
+        (n,).
+        """
         return self.view_hits(q)[0]
 
     def view_hits(self, q: Array, half_angle: float = VIEW) -> tuple[float, str]:
-        """Share of the camera's rays that hit the vehicle itself, and the body that they hit most; "" without a camera.
+        """Share of the camera's rays that hit the vehicle itself, and the body that they hit most;
+        "" without a camera.
 
         Args:
             q: (n,) joint angles.
@@ -195,13 +216,19 @@ class PostureSearch:
         rays = list(_fan(half_angle))
         for ray in rays:
             distance = mujoco.mj_ray(model, data, p, R @ ray, None, 1, -1, hit)
-            if 0.0 <= distance < _FARTHEST and int(hit[0]) >= 0 and not self._behind_lens(int(hit[0]), distance):
+            if (
+                0.0 <= distance < _FARTHEST
+                and int(hit[0]) >= 0
+                and not self._behind_lens(int(hit[0]), distance)
+            ):
                 hits.append(int(model.geom_bodyid[hit[0]]))
         most = max(set(hits), key=hits.count) if hits else -1
         return len(hits) / len(rays), model.body(most).name if most >= 0 else ""
 
     def singular_value(self, q: Array) -> float:
-        """Smallest singular value [-] of the tip's Jacobian, lengths in shares of the reach, rotation weighted."""
+        """Smallest singular value [-] of the tip's Jacobian, lengths in shares of the reach,
+        rotation weighted.
+        """
         self._at(q)
         return self._singular_value()
 
@@ -226,14 +253,22 @@ class PostureSearch:
         """`tip_axis` at the present posture."""
         vehicle, data = self.vehicle, self.data
         R_WB, p = data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]
-        return R_WB.T @ (data.site_xpos[vehicle.tip] - p), R_WB.T @ data.site_xmat[vehicle.tip].reshape(3, 3)[:, 2]
+        return R_WB.T @ (data.site_xpos[vehicle.tip] - p), R_WB.T @ data.site_xmat[
+            vehicle.tip
+        ].reshape(3, 3)[:, 2]
 
     def _behind_lens(self, geom: int, distance: float) -> bool:
-        """A housing of the hull around the camera's own place does not count: its window is not modelled."""
-        return distance < 1e-3 or (self._within(geom) and int(self.model.geom_bodyid[geom]) == self.vehicle.hull)
+        """A housing of the hull around the camera's own place does not count: its window is not
+        modelled.
+        """
+        return distance < 1e-3 or (
+            self._within(geom) and int(self.model.geom_bodyid[geom]) == self.vehicle.hull
+        )
 
     def _within(self, geom: int) -> bool:
-        """Whether the camera's place is inside the bounding sphere of a small geom, such as its housing."""
+        """Whether the camera's place is inside the bounding sphere of a small geom, such as its
+        housing.
+        """
         model, data = self.model, self.data
         away = float(np.linalg.norm(data.geom_xpos[geom] - data.site_xpos[self._camera]))
         return away < float(model.geom_rbound[geom]) < 0.15
@@ -252,7 +287,9 @@ class PostureSearch:
             p_BC = R_WB.T @ (data.site_xpos[self._camera] - data.xpos[self.vehicle.hull])
             z_BC = R_WB.T @ data.site_xmat[self._camera].reshape(3, 3)[:, 2]
             seen = (p_BG - p_BC) / max(float(np.linalg.norm(p_BG - p_BC)), 1e-9)
-            score *= (0.5 + 0.5 * max(0.0, float(z_BG @ z_BC))) * (0.5 + 0.5 * max(0.0, float(seen @ z_BC)))
+            score *= (0.5 + 0.5 * max(0.0, float(z_BG @ z_BC))) * (
+                0.5 + 0.5 * max(0.0, float(seen @ z_BC))
+            )
         return score
 
     def _around(self, q: Array, spare: Array) -> Iterator[Array]:
@@ -261,7 +298,9 @@ class PostureSearch:
         wide = 0.1 * (self._high - self._low)
         for _ in range(_ROUNDS):
             for _ in range(_LOCAL):
-                yield np.clip(q + wide * rng.standard_normal(len(q)), self._low + spare, self._high - spare)
+                yield np.clip(
+                    q + wide * rng.standard_normal(len(q)), self._low + spare, self._high - spare
+                )
             wide = 0.5 * wide
 
     def _at(self, q: Array) -> None:
@@ -274,22 +313,29 @@ class PostureSearch:
         return self.data.site_xpos[self.vehicle.tip] - self.data.xpos[self.vehicle.arm_base]
 
     def _spread(self, q: Array) -> float:
-        """How far [m] the arm reaches out of the hull's box at `q` (n,), and the list that it causes, weighted."""
+        """How far [m] the arm reaches out of the hull's box at `q` (n,), and the list that it
+        causes, weighted.
+        """
         self._at(q)
         model, data, hull = self.model, self.data, self.vehicle.hull
         places = [data.geom_xpos[self._arm_geoms], data.site_xpos[[self.vehicle.tip]]]
         p_B = (np.vstack(places) - data.xpos[hull]) @ data.xmat[hull].reshape(3, 3)
         radius = np.append(model.geom_rbound[self._arm_geoms], 0.0)
         out = np.maximum(np.maximum(self._box[0] - p_B, p_B - self._box[1]), 0.0)
-        return float((np.linalg.norm(out, axis=1) + radius).max()) + _LISTS * min(self._lists(), 1.0)
+        return float((np.linalg.norm(out, axis=1) + radius).max()) + _LISTS * min(
+            self._lists(), 1.0
+        )
 
     def _lists(self) -> float:
-        """Angle [rad] by which the vehicle lists at the present posture; 0 for one without water, or unstable."""
+        """Angle [rad] by which the vehicle lists at the present posture; 0 for one without water,
+        or unstable.
+        """
         data, hull = self.data, self.vehicle.hull
         bodies, net, local = self._masses
         if not bodies.size:
             return 0.0
-        moment = net @ (data.xpos[bodies] - data.xpos[hull])  # [kg m] of masses less their water, world axes
+        # [kg m] of masses less their water, world axes
+        moment = net @ (data.xpos[bodies] - data.xpos[hull])
         moment += np.einsum("bij,bj->i", data.xmat[bodies].reshape(-1, 3, 3), local)
         moment = moment @ data.xmat[hull].reshape(3, 3)
         return float(np.hypot(*moment[:2]) / -moment[2]) if moment[2] < 0.0 else 0.0
@@ -331,7 +377,9 @@ def _carried(model: mujoco.MjModel, body: int, by: int) -> bool:
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], hull: int) -> Array:
-    """Corners (2, 3) [m], in hull axes, of the box around spheres about `geoms`' boxes; a point without any."""
+    """Corners (2, 3) [m], in hull axes, of the box around spheres about `geoms`' boxes; a point
+    without any.
+    """
     if not geoms:
         return np.zeros((2, 3))
     R, p = data.xmat[hull].reshape(3, 3), data.xpos[hull]

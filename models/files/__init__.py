@@ -1,1 +1,3 @@
-"""Readers and writers of what describes a vehicle: MJCF, URDF, SDF, map of parts, water file, keyframes."""
+"""Readers and writers of what describes a vehicle: MJCF, URDF, SDF, map of parts, water file,
+keyframes.
+"""

@@ -20,14 +20,18 @@ _KNOWN = (
 
 
 def body_hydrodynamics(
-    parameters: Mapping[str, float], *, volume: float, center_of_buoyancy: ArrayLike = (0.0, 0.0, 0.0)
+    parameters: Mapping[str, float],
+    *,
+    volume: float,
+    center_of_buoyancy: ArrayLike = (0.0, 0.0, 0.0),
 ) -> BodyHydrodynamics:
     """Coefficients of a link by the parameters of gz-sim's plugin Hydrodynamics, from version 7 on.
 
-    xDotU are added masses, xU linear, xUabsV and xUV quadratic terms, all with the signs of stability derivatives:
-    damping is negative. Products of two components that no diagonal quadratic damping holds become `CrossTerms`. The
-    plugin acts at the link's origin, as here, and its axes are ours. Of the added mass's velocity terms it has those of
-    the diagonal alone, here all act.
+    xDotU are added masses, xU linear, xUabsV and xUV quadratic terms, all with the signs of
+    stability derivatives: damping is negative. Products of two components that no diagonal
+    quadratic damping holds become `CrossTerms`. The plugin acts at the link's origin, as here, and
+    its axes are ours. Of the added mass's velocity terms it has those of the diagonal alone, here
+    all act.
 
     Args:
         parameters: values by name; missing ones are zero.
@@ -38,15 +42,16 @@ def body_hydrodynamics(
         The coefficients.
 
     Raises:
-        ConfigurationError: an unknown name, or numbers that `BodyHydrodynamics` refuses, such as a linear damping that
-            feeds energy in.
+        ConfigurationError: an unknown name, or numbers that `BodyHydrodynamics` refuses, such as a
+            linear damping that feeds energy in.
     """
     added, linear, quadratic = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
     others: dict[str, float] = {}
     for name, value in parameters.items():
         if name not in _KNOWN:
             raise ConfigurationError(
-                f"gz-sim Hydrodynamics: unknown parameter {shown(name)}{did_you_mean(name, _KNOWN)}; it has xDotU, xU, "
+                "gz-sim Hydrodynamics: unknown parameter "
+                f"{shown(name)}{did_you_mean(name, _KNOWN)}; it has xDotU, xU, "
                 "xUU, xUabsU and the like"
             )
         value = finite_number(value, f"gz-sim Hydrodynamics {name}")

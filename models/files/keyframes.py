@@ -8,22 +8,27 @@ import numpy as np
 
 from uuv.sim.interfaces.spatial import Array
 
-_WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}  # numbers in qpos; of other joints one
+# numbers in qpos; of other joints one
+_WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 
 @contextmanager
 def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
-    """Context in which joints of `spec` may be added and deleted: at its end keyframes have their size again.
+    """Context in which joints of `spec` may be added and deleted: at its end keyframes have their
+    size again.
 
-    Each joint that was there before keeps its position in every keyframe. A new joint gets that of the model's
-    reference configuration. Joints are told apart by their names, those without a name by their bodies'.
+    Each joint that was there before keeps its position in every keyframe. A new joint gets that of
+    the model's reference configuration. Joints are told apart by their names, those without a name
+    by their bodies'.
     """
     if not spec.keys:
         yield
         return
 
     before = spec.copy().compile()
-    kept = {key.name: dict(_positions(before, before.key_qpos[i])) for i, key in enumerate(spec.keys)}
+    kept = {
+        key.name: dict(_positions(before, before.key_qpos[i])) for i, key in enumerate(spec.keys)
+    }
     yield
     for key in spec.keys:
         key.qpos = np.zeros(0)

@@ -1,4 +1,6 @@
-"""Reader of users' MJCF files: each is read, compiled and validated once, with one clear error where it is wrong."""
+"""Reader of users' MJCF files: each is read, compiled and validated once, with one clear error
+where it is wrong.
+"""
 
 import re
 from pathlib import Path
@@ -11,7 +13,16 @@ from uuv.sim.interfaces.files import bytes_of, existing_file, text_of
 from uuv.sim.interfaces.spatial import shown
 
 _LARGEST = 1e6  # [SI] magnitude beyond which a number is taken as an input error
-_JUDGED = ("qpos0", "body_pos", "body_mass", "body_inertia", "geom_size", "geom_pos", "site_pos", "actuator_gear")
+_JUDGED = (
+    "qpos0",
+    "body_pos",
+    "body_mass",
+    "body_inertia",
+    "geom_size",
+    "geom_pos",
+    "site_pos",
+    "actuator_gear",
+)
 
 
 def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
@@ -25,14 +36,19 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
         Spec and compiled model.
 
     Raises:
-        ConfigurationError: MuJoCo cannot read or compile it, or a number is not finite or beyond 1e6.
+        ConfigurationError: MuJoCo cannot read or compile it, or a number is not finite or beyond
+            1e6.
     """
     path = existing_file(file, what)
     name = f"{what} {shown(str(path))}"
-    root = re.search(rb"<([A-Za-z][\w.-]*)", re.sub(rb"<!--.*?-->", b"", bytes_of(path, what), flags=re.DOTALL))
+    root = re.search(
+        rb"<([A-Za-z][\w.-]*)", re.sub(rb"<!--.*?-->", b"", bytes_of(path, what), flags=re.DOTALL)
+    )
     if root is None or not root[1].startswith(b"mujoco"):
         found = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
-        raise ConfigurationError(f"{name}: {found}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>")
+        raise ConfigurationError(
+            f"{name}: {found}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>"
+        )
     try:
         if path.suffix.lower() == ".xml":
             spec = mujoco.MjSpec.from_file(str(path))
@@ -61,6 +77,10 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
     for field in _JUDGED:
         values = np.asarray(getattr(model, field))
         if not np.all(np.abs(values) <= _LARGEST):  # this form also catches NaN
-            worst = values.flat[int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf)))]
-            raise ConfigurationError(f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}")
+            worst = values.flat[
+                int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf)))
+            ]
+            raise ConfigurationError(
+                f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}"
+            )
     return model

@@ -1,4 +1,5 @@
-"""Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside the model.
+"""Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside the
+model.
 
     hull: base_link                    # body, or link of a URDF; default: the only body on the world
     arm_base: arm_mount                # body fixed to the hull that carries the arm
@@ -48,8 +49,10 @@ class PartPlace:
     """
 
     body: str = field(metadata=_NAME)
-    pos: Array = field(default_factory=lambda: _ORIGIN, metadata=_LENGTH)  # (3,) in the body's frame
-    z: Array = field(default_factory=lambda: _UP, metadata=_DIRECTION)  # (3,), kept as a unit vector
+    # (3,) in the body's frame
+    pos: Array = field(default_factory=lambda: _ORIGIN, metadata=_LENGTH)
+    # (3,), kept as a unit vector
+    z: Array = field(default_factory=lambda: _UP, metadata=_DIRECTION)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pos", checked_place(self.pos, (3,), "pos [m]", LONGEST))
@@ -78,7 +81,9 @@ class MappedThruster:
         if (self.actuator is not None) + (self.site is not None) + placed != 1:
             places = ("actuator", "site", "body", "pos")
             stated = " and ".join(name for name in places if getattr(self, name) is not None)
-            raise ConfigurationError(f"needs one of actuator, site, and pos with direction, got {stated or 'none'}")
+            raise ConfigurationError(
+                f"needs one of actuator, site, and pos with direction, got {stated or 'none'}"
+            )
         lacking = [name for name in ("pos", "direction") if placed and getattr(self, name) is None]
         if lacking:
             raise ConfigurationError(f"{' and '.join(lacking)}: three numbers are missing")
@@ -100,7 +105,9 @@ class MappedThruster:
 
     @property
     def place(self) -> PartPlace | None:
-        """Place of a site to be added, z along the positive thrust; None: it is at one of the model's."""
+        """Place of a site to be added, z along the positive thrust; None: it is at one of the
+        model's.
+        """
         if self.pos is None or self.direction is None:
             return None
         return PartPlace(body=self.body or "", pos=self.pos, z=self.direction)
@@ -150,7 +157,8 @@ def read_parts(file: str | Path) -> PartsMap:
     """Read a mapping of parts.
 
     Raises:
-        ConfigurationError: it cannot be read, or a key or value is none of those that the module's docstring lists.
+        ConfigurationError: it cannot be read, or a key or value is none of those that the module's
+            docstring lists.
     """
     document = yaml_of(file, "parts", _MOST_BYTES)
     try:

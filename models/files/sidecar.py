@@ -1,10 +1,12 @@
-"""Water of a vehicle without Python: a YAML file beside its MJCF, or custom elements within it, read and written.
+"""Water of a vehicle without Python: a YAML file beside its MJCF, or custom elements within it,
+read and written.
 
     attach_beside(spec, "rov.xml")  # its rov.water.yaml, and its elements <numeric name="water/hull/volume" ...>
     write_sidecar(spec, "rov.water.yaml")
     text = xml_with_elements(spec)
 
-Both hold one tree. Its names are those of the Python API, which reads the numbers, so that nothing is rounded:
+Both hold one tree. Its names are those of the Python API, which reads the numbers, so that nothing
+is rounded:
 
     water_density: 1025.0
     bodies:
@@ -14,8 +16,9 @@ Both hold one tree. Its names are those of the Python API, which reads the numbe
       bow: {forward: 50.0, reverse: 40.0, time_constant: 0.1}
       stern: {t200: {handedness: -1}}
 
-A custom element has the path of one number, or row of numbers: `water/hull/volume`, `water/link1/cylinder/radius`,
-`water/hull/strips/0/start`, `water/water_density`, `thruster/bow/forward`.
+A custom element has the path of one number, or row of numbers: `water/hull/volume`,
+`water/link1/cylinder/radius`, `water/hull/strips/0/start`, `water/water_density`,
+`thruster/bow/forward`.
 """
 
 import math
@@ -33,7 +36,14 @@ from uuv.models.files.exact_mjcf import exact_xml
 from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.models.water import thrusters
 from uuv.models.water.bounds import LARGEST
-from uuv.models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
+from uuv.models.water.forms import (
+    CrossTerms,
+    FadingDamping,
+    Form,
+    LiftDrag,
+    MunkFactor,
+    PlanarStrip,
+)
 from uuv.models.water.native_mark import without_mark
 from uuv.models.water.thrusters import Thruster
 from uuv.sim.interfaces.documents import checked, inside, named, yaml_of, yaml_text
@@ -83,7 +93,8 @@ def beside(mjcf: str | Path) -> Path:
 
 
 def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | None = None) -> None:
-    """Attach what custom elements of `spec` and its sidecar say; the elements are removed from the spec.
+    """Attach what custom elements of `spec` and its sidecar say; the elements are removed from the
+    spec.
 
     Args:
         spec: as read from `mjcf`, changed in place.
@@ -91,7 +102,8 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
         sidecar: YAML file; by default the one `beside` the MJCF, if there is one.
 
     Raises:
-        ConfigurationError: a file that cannot be read, an unknown name, a wrong number, or water stated twice.
+        ConfigurationError: a file that cannot be read, an unknown name, a wrong number, or water
+            stated twice.
     """
     in_file = elements_of(spec)
     file = beside(mjcf) if sidecar is None else Path(sidecar)
@@ -136,7 +148,8 @@ def checked_tree(document: Any, what: str) -> dict[str, Any]:
 
 
 def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
-    """Tree of a spec's custom numeric elements `water/...` and `thruster/...`, as that of a sidecar.
+    """Tree of a spec's custom numeric elements `water/...` and `thruster/...`, as that of a
+    sidecar.
 
     Raises:
         ConfigurationError: a name that leads to no body or actuator, or contradicts another name.
@@ -147,18 +160,26 @@ def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
     for element in spec.numerics:
         name = str(element.name)
         numbers = [float(x) for x in element.data]
-        value: Any = checked(numbers[0] if len(numbers) == 1 else numbers, f"custom element {name!r}")
+        value: Any = checked(
+            numbers[0] if len(numbers) == 1 else numbers, f"custom element {name!r}"
+        )
         if name == _WATER + _DENSITY:
             tree[_DENSITY] = value
         elif name.startswith(_WATER):
             _put(tree, ["bodies", *_path(name, _WATER, bodies, "body")], value, name)
         elif name.startswith(_THRUSTER):
             _put(tree, ["thrusters", *_path(name, _THRUSTER, actuators, "actuator")], value, name)
-    return {section: _of_owners(branch) if isinstance(branch, dict) else branch for section, branch in tree.items()}
+    return {
+        section: _of_owners(branch) if isinstance(branch, dict) else branch
+        for section, branch in tree.items()
+    }
 
 
 def attach_tree(
-    spec: mujoco.MjSpec, tree: Mapping[str, Any], what: str, names: tuple[str, str] = ("bodies", "thrusters")
+    spec: mujoco.MjSpec,
+    tree: Mapping[str, Any],
+    what: str,
+    names: tuple[str, str] = ("bodies", "thrusters"),
 ) -> None:
     """Attach the water and thrusters of a tree to `spec`.
 
@@ -169,7 +190,8 @@ def attach_tree(
         names: of its two sections in messages.
 
     Raises:
-        ConfigurationError: an unknown body, actuator or field; a wrong number; water that the user data holds already.
+        ConfigurationError: an unknown body, actuator or field; a wrong number; water that the user
+            data holds already.
     """
     try:
         sections = _READER.made(_Sections, tree)
@@ -197,14 +219,17 @@ def attach_tree(
 
 
 def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
-    """Tree of the water and thrusters that are attached to `spec`; reading it gives the same numbers to the last bit.
+    """Tree of the water and thrusters that are attached to `spec`; reading it gives the same
+    numbers to the last bit.
 
     Raises:
         ConfigurationError: the spec has no hydrodynamics, or a wet body or thruster has no name.
     """
     wet = hydrodynamics.attached(spec)
     if not wet:
-        raise ConfigurationError("this spec has no hydrodynamics; call uuv.models.hydrodynamics.attach first")
+        raise ConfigurationError(
+            "this spec has no hydrodynamics; call uuv.models.hydrodynamics.attach first"
+        )
     driven = {
         actuator.name: thrusters.unpack(np.array(actuator.userdata))
         for actuator in spec.actuators
@@ -222,7 +247,8 @@ def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
 
 
 def write_sidecar(spec: mujoco.MjSpec, file: str | Path) -> Path:
-    """Write the water and thrusters of `spec` as YAML; `xml_without_water` is the MJCF that belongs to it.
+    """Write the water and thrusters of `spec` as YAML; `xml_without_water` is the MJCF that belongs
+    to it.
 
     Returns:
         The file.
@@ -234,7 +260,9 @@ def write_sidecar(spec: mujoco.MjSpec, file: str | Path) -> Path:
     try:
         path.write_text(yaml_text(tree_of(spec), width=120), encoding="utf-8")
     except OSError as error:
-        raise ConfigurationError(f"water file {shown(str(path))}: cannot be written ({error.strerror})") from error
+        raise ConfigurationError(
+            f"water file {shown(str(path))}: cannot be written ({error.strerror})"
+        ) from error
     return path
 
 
@@ -247,13 +275,18 @@ def xml_with_elements(spec: mujoco.MjSpec) -> str:
     tree = tree_of(spec)
     lines = [_numeric(_WATER + _DENSITY, [tree[_DENSITY]])]
     for section, prefix in (("bodies", _WATER), ("thrusters", _THRUSTER)):
-        lines += [_numeric(prefix + name, numbers) for name, numbers in _leaves(tree.get(section, {}))]
+        lines += [
+            _numeric(prefix + name, numbers) for name, numbers in _leaves(tree.get(section, {}))
+        ]
     head, end, _ = _bare_xml(spec).rpartition("</mujoco>")
-    return f"{head}  <custom>\n" + "".join(f"    {line}\n" for line in lines) + f"  </custom>\n{end}\n"
+    return (
+        f"{head}  <custom>\n" + "".join(f"    {line}\n" for line in lines) + f"  </custom>\n{end}\n"
+    )
 
 
 def xml_without_water(spec: mujoco.MjSpec) -> str:
-    """MJCF of `spec` without the user data of its water and thrusters, for a sidecar to stand beside.
+    """MJCF of `spec` without the user data of its water and thrusters, for a sidecar to stand
+    beside.
 
     Their reaction torques are taken out of the gears, where reading the thrusters puts them again.
     MuJoCo alone reads it: it is the vehicle in air.
@@ -275,7 +308,8 @@ def _bare_xml(spec: mujoco.MjSpec) -> str:
     return exact_xml(bare)
 
 
-# ------------------------------------------------------------------------------------------------------------- reading
+# -------------------------------------------------------------------------------------------------------------
+# reading
 
 
 def _with_density_of(other: Mapping[str, Any], tree: Mapping[str, Any]) -> dict[str, Any]:
@@ -284,13 +318,16 @@ def _with_density_of(other: Mapping[str, Any], tree: Mapping[str, Any]) -> dict[
 
 
 def _path(name: str, prefix: str, known: list[str], what: str) -> list[str]:
-    """Body or actuator, and the names behind it, of an element; names of bodies may contain a slash themselves."""
+    """Body or actuator, and the names behind it, of an element; names of bodies may contain a slash
+    themselves.
+    """
     rest = name.removeprefix(prefix)
     owners = [each for each in known if each and rest.startswith(each + "/")]
     if not owners:
         first = rest.partition("/")[0]
         raise ConfigurationError(
-            f"custom element {name!r}: no {what} {first!r} with a field behind it{did_you_mean(first, known)}"
+            f"custom element {name!r}: no {what} {first!r} with a field behind "
+            f"it{did_you_mean(first, known)}"
         )
     owner = max(owners, key=len)
     return [owner, *rest[len(owner) + 1 :].split("/")]
@@ -302,12 +339,16 @@ def _put(tree: dict[str, Any], path: list[str], value: Any, name: str) -> None:
         if not isinstance(tree, dict):
             raise ConfigurationError(f"custom element {name!r}: {step!r} is a number already")
     if path[-1] in tree:
-        raise ConfigurationError(f"custom element {name!r}: stated twice, as a number and as a part of its own")
+        raise ConfigurationError(
+            f"custom element {name!r}: stated twice, as a number and as a part of its own"
+        )
     tree[path[-1]] = value
 
 
 def _of_owners(branch: dict[str, Any]) -> dict[str, Any]:
-    """`_with_lists` of what stands below each body or actuator, which may itself be called 0 or 1."""
+    """`_with_lists` of what stands below each body or actuator, which may itself be called 0 or
+    1.
+    """
     return {owner: _with_lists(entry) for owner, entry in branch.items()}
 
 
@@ -325,7 +366,9 @@ _OF_DENSITY: Final = {"schema": {"unit": "kg/m^3", "exclusiveMinimum": 0, "maxim
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sections:
-    """A tree; the entries of bodies and actuators are read once the model is known to have these."""
+    """A tree; the entries of bodies and actuators are read once the model is known to have
+    these.
+    """
 
     water_density: float | None = field(default=None, metadata=_OF_DENSITY)
     bodies: Mapping[str, Any] = field(default_factory=dict)
@@ -340,7 +383,8 @@ def _check_names(given: Mapping[str, Any], known: Mapping[str, Any], kind: str) 
 
 
 def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrodynamics:
-    """Coefficients of a body's entry: fields of BodyHydrodynamics, which may replace those of a shape.
+    """Coefficients of a body's entry: fields of BodyHydrodynamics, which may replace those of a
+    shape.
 
     Args:
         entry: table of names with their numbers.
@@ -398,7 +442,9 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
     makers = [name for name in table if name in _THRUSTER_MAKERS]
     if makers and len(table) > 1:
         got = ", ".join(table)
-        raise ConfigurationError(f"{where}: {makers[0]} takes the other fields as its own, got {got}")
+        raise ConfigurationError(
+            f"{where}: {makers[0]} takes the other fields as its own, got {got}"
+        )
     if makers:
         entry = {} if table[makers[0]] is None else table[makers[0]]  # `t200:` alone
         return _THRUSTER_MAKERS[makers[0]], _spelt_out(entry, where), inside(where, makers[0])
@@ -434,7 +480,9 @@ def _row(value: Any) -> Any:
 
 
 def _square(numbers: Array, triangle: bool, where: str) -> Array:
-    """Matrix (6, 6) of its diagonal, all its numbers or, if `triangle`, its upper triangle by rows."""
+    """Matrix (6, 6) of its diagonal, all its numbers or, if `triangle`, its upper triangle by
+    rows.
+    """
     if numbers.shape == (6,):
         return np.diag(numbers) if triangle else numbers
     if triangle and numbers.shape == (21,):
@@ -447,11 +495,14 @@ def _square(numbers: Array, triangle: bool, where: str) -> Array:
     raise ConfigurationError(f"{where}: must be {count} numbers, got {shown(numbers)}")
 
 
-# ------------------------------------------------------------------------------------------------------------- writing
+# -------------------------------------------------------------------------------------------------------------
+# writing
 
 
 def _written(thing: Any) -> dict[str, Any]:
-    """Fields of a dataclass that differ from their defaults, as plain numbers, rows and mappings."""
+    """Fields of a dataclass that differ from their defaults, as plain numbers, rows and
+    mappings.
+    """
     tree = {}
     for entry in fields(thing):
         value = getattr(thing, entry.name)
@@ -465,7 +516,8 @@ def _written(thing: Any) -> dict[str, Any]:
 
 def _same(value: Any, default: Any) -> bool:
     if isinstance(value, np.ndarray):
-        return np.shape(default) == value.shape and value.tobytes() == np.asarray(default).tobytes()  # of zeros too
+        # of zeros too
+        return np.shape(default) == value.shape and value.tobytes() == np.asarray(default).tobytes()
     return value == default
 
 

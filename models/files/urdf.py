@@ -1,11 +1,12 @@
-"""URDF files: the tree of links and joints, the serial arm between two links, and the robot as a MuJoCo model.
+"""URDF files: the tree of links and joints, the serial arm between two links, and the robot as a
+MuJoCo model.
 
     robot = urdf.parse("arm.urdf")
     arm = robot.chain(tip="flange").arm()                       # SerialArm, from the root link
     model, root = urdf.model_from_urdf("arm.urdf", "base_link", "flange")
 
-MuJoCo reads URDF, but for chains three things are missing: it asks for mesh files, merges links that do not move, and
-drops `mimic`, by which URDF couples joints.
+MuJoCo reads URDF, but for chains three things are missing: it asks for mesh files, merges links
+that do not move, and drops `mimic`, by which URDF couples joints.
 """
 
 import os
@@ -21,7 +22,15 @@ import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of
-from uuv.sim.interfaces.spatial import Array, checked_place, exp_so3, finite_number, pose, readonly, shown
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked_place,
+    exp_so3,
+    finite_number,
+    pose,
+    readonly,
+    shown,
+)
 
 if TYPE_CHECKING:
     from uuv.models.arms.serial_arm import SerialArm
@@ -32,7 +41,12 @@ LONGEST = 1e4  # [m] or [rad] largest number accepted: more is a slip, or millim
 _DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
 _UNSOLVED = ("floating", "planar")
 _JOINTS = (*_DRIVEN, "fixed", *_UNSOLVED)
-_XACRO = "{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}"  # tags
+# tags
+_XACRO = (
+    "{http://www.ros.org/wiki/xacro}",
+    "{http://ros.org/wiki/xacro}",
+    "{http://wiki.ros.org/xacro}",
+)
 _HEAD = 20_000  # [bytes] within which a URDF under another name has its root element
 
 
@@ -65,8 +79,8 @@ def robot_of(file: str | os.PathLike[str], name: str) -> "UrdfRobot | None":
 def mesh_file(name: str, folder: Path) -> Path | None:
     """File of a mesh that a URDF names, whatever its format; None: there is none.
 
-    A plain path counts from the URDF's folder. A package is looked for above it, and where it is not found, the end of
-    the path below the URDF's folder or the one above.
+    A plain path counts from the URDF's folder. A package is looked for above it, and where it is
+    not found, the end of the path below the URDF's folder or the one above.
 
     Args:
         name: path, file:// or package://.
@@ -78,9 +92,13 @@ def mesh_file(name: str, folder: Path) -> Path | None:
         plain = plain.partition("://")[2]
         package, _, rest = plain.partition("/")
         above = [folder, *folder.parents]
-        tried = [base / package / rest for base in above] + [base / rest for base in above if base.name == package]
+        tried = [base / package / rest for base in above] + [
+            base / rest for base in above if base.name == package
+        ]
     parts = Path(plain).parts
-    tried += [base.joinpath(*parts[k:]) for k in range(len(parts)) for base in (folder, folder.parent)]
+    tried += [
+        base.joinpath(*parts[k:]) for k in range(len(parts)) for base in (folder, folder.parent)
+    ]
     return next((path.resolve() for path in tried if path.is_file()), None)
 
 
@@ -114,7 +132,8 @@ class UrdfChain:
         Joints without limits, and continuous ones, have infinite limits.
 
         Raises:
-            ConfigurationError: numbers that cannot be read or lie beyond 1e4, or an axis without length.
+            ConfigurationError: numbers that cannot be read or lie beyond 1e4, or an axis without
+                length.
         """
         from uuv.models.arms.serial_arm import SerialArm  # its kernels compile on import
 
@@ -123,9 +142,16 @@ class UrdfChain:
         for i in self.driven:
             joint = self.joints[i]
             element = joint.find("axis")
-            axis = _numbers(element.get("xyz") if element is not None else None, (1.0, 0.0, 0.0), self.name, joint)
+            axis = _numbers(
+                element.get("xyz") if element is not None else None,
+                (1.0, 0.0, 0.0),
+                self.name,
+                joint,
+            )
             if not np.linalg.norm(axis) > 0.0:
-                raise ConfigurationError(f"{self.name}: joint {joint.get('name')!r}: its axis has no length")
+                raise ConfigurationError(
+                    f"{self.name}: joint {joint.get('name')!r}: its axis has no length"
+                )
             axes.append(X[i][:3, :3] @ axis)
             limits.append(_limits(joint, self.name))
         driven = [self.joints[i] for i in self.driven]
@@ -145,9 +171,12 @@ class UrdfRobot:
     xml: Element
     links: tuple[str, ...]
     root: str  # link
-    carriers: Mapping[str, tuple[str, Element]]  # of each link but the root: its parent link and the joint between
+    # of each link but the root: its parent link and the joint between
+    carriers: Mapping[str, tuple[str, Element]]
 
-    def path(self, base: str, tip: str, arguments: tuple[str, str] = ("base_link", "tip_link")) -> list[Element]:
+    def path(
+        self, base: str, tip: str, arguments: tuple[str, str] = ("base_link", "tip_link")
+    ) -> list[Element]:
         """Find the joints from one link to another, base to tip.
 
         Args:
@@ -159,29 +188,37 @@ class UrdfRobot:
             The joint elements, fixed ones and mimics too.
 
         Raises:
-            ConfigurationError: unknown links, a tip that the base does not carry, or a floating or planar joint between
-                the two.
+            ConfigurationError: unknown links, a tip that the base does not carry, or a floating or
+                planar joint between the two.
         """
         for argument, link in zip(arguments, (base, tip), strict=True):
             if not isinstance(link, str) or link not in self.links:
-                raise ConfigurationError(f"{argument}: the robot has {', '.join(self.links)}, got {shown(link)}")
+                raise ConfigurationError(
+                    f"{argument}: the robot has {', '.join(self.links)}, got {shown(link)}"
+                )
         joints: list[Element] = []
         link = tip
         while link != base and link in self.carriers:
             link, joint = self.carriers[link]
             joints.insert(0, joint)
         if link != base:
-            raise ConfigurationError(f"{arguments[1]}: {tip!r} must be link {base!r} or a link beyond it")
+            raise ConfigurationError(
+                f"{arguments[1]}: {tip!r} must be link {base!r} or a link beyond it"
+            )
         for joint in joints:
             if joint.get("type") in _UNSOLVED:
                 raise ConfigurationError(
-                    f"{self.name}: joint {joint.get('name')!r} between base and tip: allowed {', '.join(_DRIVEN)}, "
+                    f"{self.name}: joint {joint.get('name')!r} between base and tip: allowed "
+                    f"{', '.join(_DRIVEN)}, "
                     f"fixed, not {joint.get('type')}"
                 )
         return joints
 
     def chain(
-        self, base: str | None = None, tip: str | None = None, arguments: tuple[str, str] = ("base_link", "tip_link")
+        self,
+        base: str | None = None,
+        tip: str | None = None,
+        arguments: tuple[str, str] = ("base_link", "tip_link"),
     ) -> UrdfChain:
         """Find the chain of joints between two links that a serial arm can be.
 
@@ -194,15 +231,16 @@ class UrdfRobot:
             The chain, with at least one driven joint.
 
         Raises:
-            ConfigurationError: as `path`; several leaves to choose from, a mimic or no driven joint between the two
-                links, or origins that cannot be read or lie beyond 1e4.
+            ConfigurationError: as `path`; several leaves to choose from, a mimic or no driven joint
+                between the two links, or origins that cannot be read or lie beyond 1e4.
         """
         if tip is None:
             parents = {parent for parent, _ in self.carriers.values()}
             leaves = [link for link in self.links if link not in parents]
             if len(leaves) != 1:
                 raise ConfigurationError(
-                    f"{self.name}: {arguments[1]}: which link is the tip? the leaves are {', '.join(leaves)}"
+                    f"{self.name}: {arguments[1]}: which link is the tip? the leaves are "
+                    f"{', '.join(leaves)}"
                 )
             tip = leaves[0]
         start = self.root if base is None else base
@@ -210,7 +248,8 @@ class UrdfRobot:
         for joint in joints:
             if joint.find("mimic") is not None:
                 raise ConfigurationError(
-                    f"{self.name}: joint {joint.get('name')!r} between base and tip must not be a mimic"
+                    f"{self.name}: joint {joint.get('name')!r} between base and tip must not be a "
+                    "mimic"
                 )
         chain = UrdfChain(
             name=self.name,
@@ -220,7 +259,9 @@ class UrdfRobot:
             X_parent_child=tuple(origin_of(joint, self.name) for joint in joints),
         )
         if not chain.driven:
-            raise ConfigurationError(f"{self.name}: no driven joint between links {start!r} and {tip!r}")
+            raise ConfigurationError(
+                f"{self.name}: no driven joint between links {start!r} and {tip!r}"
+            )
         return chain
 
 
@@ -235,8 +276,8 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
         The robot.
 
     Raises:
-        ConfigurationError: a file that cannot be read, text that is not XML or not URDF, an unknown type of joint, or
-            links that do not form one tree.
+        ConfigurationError: a file that cannot be read, text that is not XML or not URDF, an unknown
+            type of joint, or links that do not form one tree.
     """
     xml = _parsed(urdf, name)
     links = tuple(link.get("name", "") for link in xml.findall("link"))
@@ -245,15 +286,23 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
         said, kind = f"{name}: joint {joint.get('name', '')!r}", joint.get("type", "")
         if kind not in _JOINTS:
             raise ConfigurationError(f"{said}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
-        ends = [end.get("link", "") for end in (joint.find("parent"), joint.find("child")) if end is not None]
+        ends = [
+            end.get("link", "")
+            for end in (joint.find("parent"), joint.find("child"))
+            if end is not None
+        ]
         if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
-            raise ConfigurationError(f"{said}: must join a parent link to a child of no other, got {ends}")
+            raise ConfigurationError(
+                f"{said}: must join a parent link to a child of no other, got {ends}"
+            )
         carriers[ends[1]] = ends[0], joint
 
     # From each link up to the one root, without a loop.
     roots = [link for link in links if link not in carriers]
     if len(roots) != 1:
-        raise ConfigurationError(f"{name}: the links of a URDF must form one tree, found the roots {roots}")
+        raise ConfigurationError(
+            f"{name}: the links of a URDF must form one tree, found the roots {roots}"
+        )
 
     carried = {roots[0]}
     for link in links:
@@ -262,15 +311,20 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
             way.append(at)
             at = carriers[at][0]
         if at not in carried:
-            raise ConfigurationError(f"{name}: the links of a URDF must form one tree, found the loop {way}")
+            raise ConfigurationError(
+                f"{name}: the links of a URDF must form one tree, found the loop {way}"
+            )
         carried.update(way)
     return UrdfRobot(name=name, xml=xml, links=links, root=roots[0], carriers=carriers)
 
 
-def model_from_urdf(urdf: str | os.PathLike[str] | bytes, base_link: str, tip_link: str) -> tuple[mujoco.MjModel, str]:
+def model_from_urdf(
+    urdf: str | os.PathLike[str] | bytes, base_link: str, tip_link: str
+) -> tuple[mujoco.MjModel, str]:
     """Compile the kinematics of a URDF, with the site CHAIN_TIP in the frame of a link.
 
-    The root link is MuJoCo's world body. Shapes, masses and efforts are left out. `mimic` becomes a joint equality.
+    The root link is MuJoCo's world body. Shapes, masses and efforts are left out. `mimic` becomes a
+    joint equality.
 
     Args:
         urdf: path of a file, or content as of `parse`.
@@ -295,7 +349,9 @@ def model_from_urdf(urdf: str | os.PathLike[str] | bytes, base_link: str, tip_li
         # MuJoCo wants mass in whatever moves
         inertial = ElementTree.SubElement(link, "inertial")
         ElementTree.SubElement(inertial, "mass", value="1")
-        ElementTree.SubElement(inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0")
+        ElementTree.SubElement(
+            inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0"
+        )
     extension = ElementTree.SubElement(robot.xml, "mujoco")
     ElementTree.SubElement(extension, "compiler", fusestatic="false")
     try:
@@ -311,7 +367,9 @@ def model_from_urdf(urdf: str | os.PathLike[str] | bytes, base_link: str, tip_li
 
 
 def take_mimics(robot: UrdfRobot) -> list[tuple[str, Element]]:
-    """Remove the `mimic` elements, which MuJoCo does not know, from a robot's XML: joint and element of each."""
+    """Remove the `mimic` elements, which MuJoCo does not know, from a robot's XML: joint and
+    element of each.
+    """
     mimics = []
     for _, joint in robot.carriers.values():
         mimic = joint.find("mimic")
@@ -328,7 +386,9 @@ def couple(spec: mujoco.MjSpec, mimics: Sequence[tuple[str, Element]]) -> None:
         ConfigurationError: a multiplier or an offset that is no number.
     """
     for follower, mimic in mimics:
-        multiplier = _figure(mimic.get("multiplier", "1"), f"joint {follower!r}: mimic's multiplier")
+        multiplier = _figure(
+            mimic.get("multiplier", "1"), f"joint {follower!r}: mimic's multiplier"
+        )
         offset = _figure(mimic.get("offset", "0"), f"joint {follower!r}: mimic's offset")
         spec.add_equality(
             type=mujoco.mjtEq.mjEQ_JOINT,
@@ -357,12 +417,15 @@ def _parsed(urdf: Any, name: str) -> Element:
         raise ConfigurationError(f"{name}: expected a file or its text, got {shown(urdf)}")
     try:
         xml = ElementTree.fromstring(content)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the latter two of encodings it does not know
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        # the latter two of encodings it does not know
         raise ConfigurationError(f"{name}: no XML ({error})") from error
     if xml.tag != "robot":
         raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
     if any(str(element.tag).startswith(_XACRO) for element in xml.iter()):
-        raise ConfigurationError(f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf")
+        raise ConfigurationError(
+            f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf"
+        )
     return xml
 
 
@@ -383,11 +446,15 @@ def _limits(joint: Element, name: str) -> tuple[float, float]:
     try:
         lower, upper = float(limit.get("lower", "-inf")), float(limit.get("upper", "inf"))
     except ValueError as error:
-        raise ConfigurationError(f"{name}: joint {joint.get('name')!r}: limits must be numbers") from error
+        raise ConfigurationError(
+            f"{name}: joint {joint.get('name')!r}: limits must be numbers"
+        ) from error
     return (lower, upper) if lower < upper else (-np.inf, np.inf)
 
 
-def _numbers(text: str | None, default: tuple[float, float, float], name: str, joint: Element) -> Array:
+def _numbers(
+    text: str | None, default: tuple[float, float, float], name: str, joint: Element
+) -> Array:
     """Three numbers of an attribute, or `default` where it is missing."""
     if text is None:
         return np.array(default)

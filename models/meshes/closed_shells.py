@@ -1,4 +1,5 @@
-"""Closed triangle meshes of simple shapes, and operations on meshes: welding, closedness, volume, normals, subdivision.
+"""Closed triangle meshes of simple shapes, and operations on meshes: welding, closedness, volume,
+normals, subdivision.
 
 Triangles wind counter-clockwise seen from outside.
 """
@@ -15,10 +16,12 @@ _WELD = 1e-7  # [m] distance below which two vertices are merged
 
 
 def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
-    """Closed surface of revolution of `profile` (P, 2) [m], rows (x, radius), about x in `sides` steps.
+    """Closed surface of revolution of `profile` (P, 2) [m], rows (x, radius), about x in `sides`
+    steps.
 
     Returns:
-        Vertices (V, 3) [m] and triangles (T, 3), counter-clockwise from outside for a profile from -x to +x.
+        Vertices (V, 3) [m] and triangles (T, 3), counter-clockwise from outside for a profile from
+        -x to +x.
 
     Raises:
         ConfigurationError: the first or last radius is not 0.
@@ -29,7 +32,11 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     ring_x, ring_r = x[1:-1], radius[1:-1]
     rings = np.stack(
-        [np.repeat(ring_x[:, None], sides, axis=1), -ring_r[:, None] * np.sin(angle), ring_r[:, None] * np.cos(angle)],
+        [
+            np.repeat(ring_x[:, None], sides, axis=1),
+            -ring_r[:, None] * np.sin(angle),
+            ring_r[:, None] * np.cos(angle),
+        ],
         axis=-1,
     ).reshape(-1, 3)
     vertices = np.vstack([[x[0], 0.0, 0.0], rings, [x[-1], 0.0, 0.0]])
@@ -46,7 +53,9 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
 
 
 def prism(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, np.ndarray]:
-    """Closed surface between two convex polygons (N, 3) [m] with equally many corners, both counter-clockwise."""
+    """Closed surface between two convex polygons (N, 3) [m] with equally many corners, both
+    counter-clockwise.
+    """
     low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
     n = len(low)
     i = np.arange(n)
@@ -74,8 +83,19 @@ def box(size: ArrayLike, middle: ArrayLike) -> tuple[Array, np.ndarray]:
 def sphere(level: int) -> tuple[Array, np.ndarray]:
     """Unit sphere: an icosahedron whose triangles are divided in four `level` times."""
     g = 0.5 * (1.0 + np.sqrt(5.0))
-    corners = [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g], [0, -1, -g], [0, 1, -g]]
-    vertices = np.array([*corners, [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]], dtype=np.float64)
+    corners = [
+        [-1, g, 0],
+        [1, g, 0],
+        [-1, -g, 0],
+        [1, -g, 0],
+        [0, -1, g],
+        [0, 1, g],
+        [0, -1, -g],
+        [0, 1, -g],
+    ]
+    vertices = np.array(
+        [*corners, [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]], dtype=np.float64
+    )
     faces = "0 11 5 0 5 1 0 1 7 0 7 10 0 10 11 1 5 9 5 11 4 11 10 2 10 7 6 7 1 8"
     faces += " 3 9 4 3 4 2 3 2 6 3 6 8 3 8 9 4 9 5 2 4 11 6 2 10 8 6 7 9 8 1"
     triangles = np.array(faces.split(), dtype=np.int64).reshape(-1, 3)
@@ -94,7 +114,9 @@ def joined(parts: Iterable[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray
     return np.vstack(vertices), np.vstack(triangles)
 
 
-def welded(vertices: ArrayLike, triangles: np.ndarray, distance: float = _WELD) -> tuple[Array, np.ndarray]:
+def welded(
+    vertices: ArrayLike, triangles: np.ndarray, distance: float = _WELD
+) -> tuple[Array, np.ndarray]:
     """Merge vertices that are nearer than about `distance`, and drop triangles that collapse by it.
 
     Args:
@@ -106,18 +128,26 @@ def welded(vertices: ArrayLike, triangles: np.ndarray, distance: float = _WELD) 
         The remaining vertices and triangles.
     """
     points = np.asarray(vertices, dtype=np.float64)
-    _, first, index = np.unique(np.round(points / distance), axis=0, return_index=True, return_inverse=True)
+    _, first, index = np.unique(
+        np.round(points / distance), axis=0, return_index=True, return_inverse=True
+    )
     order = np.argsort(first)  # keeps the order of the vertices
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     faces = place[index.ravel()][triangles]
-    keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    keep = (
+        (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    )
     return points[first[order]], faces[keep]
 
 
 def open_edges(triangles: np.ndarray) -> int:
-    """Number of directed edges of `triangles` (T, 3) without exactly one opposite: 0 for closed, manifold shells."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
+    """Number of directed edges of `triangles` (T, 3) without exactly one opposite: 0 for closed,
+    manifold shells.
+    """
+    edges = np.concatenate(
+        [triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]
+    ).astype(np.int64)
     count = int(triangles.max()) + 1
     key, times = np.unique(edges[:, 0] * count + edges[:, 1], return_counts=True)
     opposite = np.isin((key % count) * count + key // count, key)
@@ -125,13 +155,17 @@ def open_edges(triangles: np.ndarray) -> int:
 
 
 def volume(vertices: Array, triangles: np.ndarray) -> float:
-    """Enclosed volume [m^3] of closed triangles; overlapping shells add up, inverted ones count negative."""
+    """Enclosed volume [m^3] of closed triangles; overlapping shells add up, inverted ones count
+    negative.
+    """
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
 def vertex_normals(vertices: Array, triangles: np.ndarray) -> Array:
-    """Unit normals (V, 3) at the vertices, area-weighted over their triangles; zero at vertices without triangle."""
+    """Unit normals (V, 3) at the vertices, area-weighted over their triangles; zero at vertices
+    without triangle.
+    """
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     normals = np.zeros_like(vertices)
@@ -141,7 +175,9 @@ def vertex_normals(vertices: Array, triangles: np.ndarray) -> Array:
     return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)
 
 
-def split(vertices: Array, triangles: np.ndarray, chosen: np.ndarray, longest: float) -> tuple[Array, np.ndarray]:
+def split(
+    vertices: Array, triangles: np.ndarray, chosen: np.ndarray, longest: float
+) -> tuple[Array, np.ndarray]:
     """Bisect every edge of the `chosen` triangles that is longer than `longest`.
 
     Neighbouring triangles are divided along, so that a closed mesh stays closed.
@@ -155,7 +191,8 @@ def split(vertices: Array, triangles: np.ndarray, chosen: np.ndarray, longest: f
     Returns:
         Vertices and triangles of the finer mesh.
     """
-    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)  # (T, 3, 2)
+    # (T, 3, 2)
+    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
     key = ends[..., 0] * len(vertices) + ends[..., 1]
     length = np.linalg.norm(vertices[ends[..., 0]] - vertices[ends[..., 1]], axis=-1)
     cut_keys = np.unique(key[chosen[:, None] & (length > longest)])
@@ -164,11 +201,16 @@ def split(vertices: Array, triangles: np.ndarray, chosen: np.ndarray, longest: f
     middles = 0.5 * (vertices[cut_keys // len(vertices)] + vertices[cut_keys % len(vertices)])
     place = np.searchsorted(cut_keys, key)
     cut = cut_keys[np.minimum(place, len(cut_keys) - 1)] == key
-    middle = np.where(cut, len(vertices) + place, -1)  # (T, 3): the vertex on the edge from corner i to i + 1
+    # (T, 3): the vertex on the edge from corner i to i + 1
+    middle = np.where(cut, len(vertices) + place, -1)
     count = cut.sum(axis=1)
     parts = [triangles[count == 0]]
     # Turned so that one cut lies on edge 0, and of two cuts the uncut edge is edge 2.
-    for n, first in ((1, cut.argmax(axis=1)), (2, (~cut).argmax(axis=1) + 1), (3, np.zeros(len(cut), dtype=np.int64))):
+    for n, first in (
+        (1, cut.argmax(axis=1)),
+        (2, (~cut).argmax(axis=1) + 1),
+        (3, np.zeros(len(cut), dtype=np.int64)),
+    ):
         rows = np.flatnonzero(count == n)
         turn = (first[rows, None] + np.arange(3)) % 3
         (a, b, c), (x, y, z) = triangles[rows[:, None], turn].T, middle[rows[:, None], turn].T

@@ -1,9 +1,11 @@
-"""Triangle mesh of a point cloud: the faces of its Delaunay tetrahedra that are as small as the points are dense.
+"""Triangle mesh of a point cloud: the faces of its Delaunay tetrahedra that are as small as the
+points are dense.
 
-The tetrahedra are entered from outside through every face that is larger than the spacing of the points, or that runs
-across the surface from one wall to another. The faces where this ends are the mesh [Edelsbrunner 1994]. Its vertices
-are the points, and others on the edges that the points leave out. Nothing is closed: a hole wider than a few spacings,
-and the side that was not scanned, stay open.
+The tetrahedra are entered from outside through every face that is larger than the spacing of the
+points, or that runs across the surface from one wall to another. The faces where this ends are the
+mesh [Edelsbrunner 1994]. Its vertices are the points, and others on the edges that the points leave
+out. Nothing is closed: a hole wider than a few spacings, and the side that was not scanned, stay
+open.
 """
 
 from dataclasses import dataclass
@@ -23,18 +25,23 @@ FEWEST = 100  # points of a model, at least: fewer show no shape
 _MOST = 60_000  # points that are meshed, about; more add time
 _NEIGHBOURS = 12  # points that a normal is made of, its own included
 _COUNTED = 6  # neighbours within whose distance the density is counted
-_HOLE = 2.2  # [spacings] radius of the largest empty ball under a face that lies in the surface; random points reach 2
+# [spacings] radius of the largest empty ball under a face that lies in the surface; random points
+# reach 2
+_HOLE = 2.2
 _FLAT = 0.2  # [-] thickness over width of a neighbourhood, up to which its normal counts
-_CREASE = np.cos(np.deg2rad(30.0))  # cosine of the angle between normals from which on an edge lies between two points
+# cosine of the angle between normals from which on an edge lies between two points
+_CREASE = np.cos(np.deg2rad(30.0))
 _BEYOND = 1.0  # [-] of their distance, within which this edge must lie
 _IN_PLANE = 0.1  # [-] of their distance, by which two points of one plane may lie off it
 _PARALLEL = 0.9  # [-] cosine between normals, above which they are parallel
 _MIXED = 0.1  # [-] share of opposite ones among them, above which normals do not tell the sides
-_ROUGH = 0.5  # [spacings] standard deviation of the points off their surface, above which they are averaged
+# [spacings] standard deviation of the points off their surface, above which they are averaged
+_ROUGH = 0.5
 _SMOOTHED = 40  # neighbours to whose plane such points are moved first
 _SMOOTH = 0.25  # [spacings] and what is left of it
 _RING = 20  # neighbours among which the end of the surface is sought
-_GAP = np.deg2rad(150.0)  # [rad] around a point without any of them, from which on the surface ends there
+# [rad] around a point without any of them, from which on the surface ends there
+_GAP = np.deg2rad(150.0)
 _GRAZING = 0.1  # [-] cosine of incidence below which a triangle is not looked at
 _SKIN = 0.05  # [spacings] of a second layer, which is the same surface
 _SIDES = 400  # points from whose two sides the sky is sought, about
@@ -42,7 +49,8 @@ _WAYS = 24  # directions tried from each
 _LIFT = 0.5  # [spacings] off the surface, where they start
 _SKY = 0.25  # [-] share of them that meets nothing, from which on that side is outside
 _OPEN = 0.5  # [-] share of the surface with outside on both sides, from which on it is open
-_APART = 1e-4  # [spacings] by which points are moved, so that no four lie on one plane and no five on one sphere
+# [spacings] by which points are moved, so that no four lie on one plane and no five on one sphere
+_APART = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,7 +61,9 @@ class CloudMesh:
     triangles: np.ndarray  # (T, 3)
     spacing: float  # [m] between neighbouring points, median
     is_open: bool  # a scan from some sides: what lies behind it is not known
-    border: Array  # (k, 3) [m] points where an open surface ends, though the object may go on; none if it is not open
+    # (k, 3) [m] points where an open surface ends, though the object may go on; none if it is not
+    # open
+    border: Array
     note: str  # how it was made, a sentence
 
 
@@ -62,8 +72,8 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
 
     Args:
         points: (n, 3) [m], finite, on the surface of an object or of a part of it.
-        normals: (n, 3) outward, of any length but 0; None: found from the points. Where they do not tell the sides they
-            are turned, those of an open surface so that it bulges outward.
+        normals: (n, 3) outward, of any length but 0; None: found from the points. Where they do not
+            tell the sides they are turned, those of an open surface so that it bulges outward.
 
     Raises:
         ConfigurationError: for fewer than FEWEST distinct points, or points that form no surface.
@@ -72,37 +82,54 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
     given, points = len(points), points - middle
     points, first = np.unique(points, axis=0, return_index=True)
     if len(points) < FEWEST:
-        raise ConfigurationError(f"cloud: a model needs at least {FEWEST} distinct points, got {len(points)}")
-    outward = None if normals is None else normals[first] / np.linalg.norm(normals[first], axis=1, keepdims=True)
+        raise ConfigurationError(
+            f"cloud: a model needs at least {FEWEST} distinct points, got {len(points)}"
+        )
+    outward = (
+        None
+        if normals is None
+        else normals[first] / np.linalg.norm(normals[first], axis=1, keepdims=True)
+    )
     how = "found from the points" if outward is None else "given"
     if outward is not None and not _one_sided(points, outward):
         outward = _turned(points, outward, cKDTree(points).query(points, k=_NEIGHBOURS)[1])
         how = "given, but of either sign: turned to one side"
     points, outward = _averaged(points, outward)
     local, spacing = _spacing(points)
-    axes, flat = _normals(points) if outward is None else (outward, np.ones(len(points), dtype=bool))
+    axes, flat = (
+        _normals(points) if outward is None else (outward, np.ones(len(points), dtype=bool))
+    )
     triangles = _surface(points, local, axes, flat)
     if not len(triangles):
-        raise ConfigurationError(f"cloud: its {len(points)} points form no surface; a model needs one")
+        raise ConfigurationError(
+            f"cloud: its {len(points)} points form no surface; a model needs one"
+        )
     vertices, triangles = _sharpened(points, triangles, axes, flat)
     is_open = _share_open(vertices, triangles, spacing) > _OPEN
     triangles = _met(vertices, triangles, 0.0 if is_open else spacing)
     if is_open and np.einsum("ni,ni->", axes, points - points.mean(axis=0)) < 0.0:
         triangles, axes, how = triangles[:, ::-1], -axes, f"{how}, turned over: it bulged inward"
     fewer = f", averaged to {len(points)}" if len(points) < len(first) else ""
-    ends = "open: what lies behind it, and beyond its borders, counts as unknown" if is_open else "all around"
+    ends = (
+        "open: what lies behind it, and beyond its borders, counts as unknown"
+        if is_open
+        else "all around"
+    )
     return CloudMesh(
         vertices=vertices + middle,
         triangles=triangles,
         spacing=spacing,
         is_open=is_open,
         border=_ends(points, axes, spacing) + middle if is_open else np.zeros((0, 3)),
-        note=f"meshed from a cloud of {given} points{fewer}, {1e3 * spacing:.1f} mm apart, normals {how}; {ends}",
+        note=f"meshed from a cloud of {given} points{fewer}, {1e3 * spacing:.1f} mm apart, "
+        f"normals {how}; {ends}",
     )
 
 
 def _spacing(points: Array) -> tuple[Array, float]:
-    """Spacing (n,) [m] around each point, and its median: as many points lie in a disc as on a square lattice."""
+    """Spacing (n,) [m] around each point, and its median: as many points lie in a disc as on a
+    square lattice.
+    """
     distance, near = cKDTree(points).query(points, k=_COUNTED + 1)
     spacing = distance[:, -1] * np.sqrt(np.pi / _COUNTED)
     local = np.maximum(spacing, np.median(spacing[near], axis=1))
@@ -112,7 +139,8 @@ def _spacing(points: Array) -> tuple[Array, float]:
 def _normals(points: Array) -> tuple[Array, np.ndarray]:
     """Unit normals (n, 3), and the mask (n,) of those that a flat neighbourhood gave.
 
-    Of the planes through the neighbourhoods that hold a point it gets the one that fits best: none across an edge.
+    Of the planes through the neighbourhoods that hold a point it gets the one that fits best: none
+    across an edge.
     """
     near = cKDTree(points).query(points, k=_NEIGHBOURS)[1]
     middle = points[near].mean(axis=1)
@@ -125,7 +153,9 @@ def _normals(points: Array) -> tuple[Array, np.ndarray]:
 
 
 def _one_sided(points: Array, normals: Array) -> bool:
-    """Whether the normals (n, 3) tell the sides: those of neighbours on one plane point the same way."""
+    """Whether the normals (n, 3) tell the sides: those of neighbours on one plane point the same
+    way.
+    """
     near = cKDTree(points).query(points, k=_NEIGHBOURS)[1][:, 1:]
     away = points[near] - points[:, None]
     along = np.einsum("nki,ni->nk", normals[near], normals)
@@ -135,11 +165,15 @@ def _one_sided(points: Array, normals: Array) -> bool:
 
 
 def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
-    """The normals (n, 3) turned to one side: each as its most parallel neighbour's, all outward where it bulges."""
+    """The normals (n, 3) turned to one side: each as its most parallel neighbour's, all outward
+    where it bulges.
+    """
     one = np.repeat(np.arange(len(points)), near.shape[1] - 1)
     two = near[:, 1:].ravel()
     along = np.einsum("ni,ni->n", normals[one], normals[two])
-    tree = minimum_spanning_tree(coo_matrix((1.0001 - np.abs(along), (one, two)), shape=(len(points),) * 2).tocsr())
+    tree = minimum_spanning_tree(
+        coo_matrix((1.0001 - np.abs(along), (one, two)), shape=(len(points),) * 2).tocsr()
+    )
     label = connected_components(tree, directed=False)[1]
     sign = np.ones(len(points))
     for part in range(label.max() + 1):
@@ -148,7 +182,9 @@ def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
         for k in order[1:]:
             sign[k] = sign[parent[k]] * (1.0 if normals[k] @ normals[parent[k]] >= 0.0 else -1.0)
         out = np.einsum(
-            "ni,ni->n", sign[members, None] * normals[members], points[members] - points[members].mean(axis=0)
+            "ni,ni->n",
+            sign[members, None] * normals[members],
+            points[members] - points[members].mean(axis=0),
         )
         sign[members] *= 1.0 if out.sum() >= 0.0 else -1.0
     return sign[:, None] * normals
@@ -178,7 +214,9 @@ def _averaged(points: Array, normals: Array | None) -> tuple[Array, Array | None
 
 
 def _means(points: Array, normals: Array | None, edge: float) -> tuple[Array, Array | None]:
-    """Mean points (m, 3) and unit normals over cubes of an `edge` [m]; the two sides of a plate stay apart."""
+    """Mean points (m, 3) and unit normals over cubes of an `edge` [m]; the two sides of a plate
+    stay apart.
+    """
     key = np.floor(points / edge).astype(np.int64)
     if normals is not None:
         main = np.abs(normals).argmax(axis=1)
@@ -186,7 +224,10 @@ def _means(points: Array, normals: Array | None, edge: float) -> tuple[Array, Ar
     _, index, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
 
     def mean(values: Array) -> Array:
-        return np.column_stack([np.bincount(index.ravel(), values[:, i]) for i in range(3)]) / count[:, None]
+        return (
+            np.column_stack([np.bincount(index.ravel(), values[:, i]) for i in range(3)])
+            / count[:, None]
+        )
 
     if normals is None:
         return mean(points), None
@@ -219,7 +260,10 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
     # The ball around the face is empty unless the fourth corner of a cell beside it lies within.
     empty = np.ones(len(faces), dtype=bool)
     least = radius_of_cell[rows].copy()
-    for cell, known in ((rows, np.ones(len(rows), dtype=bool)), (np.where(other < 0, rows, other), other >= 0)):
+    for cell, known in (
+        (rows, np.ones(len(rows), dtype=bool)),
+        (np.where(other < 0, rows, other), other >= 0),
+    ):
         fourth = cells[cell].sum(axis=1) - faces.sum(axis=1)
         with np.errstate(invalid="ignore"):
             empty &= ~(known & (np.linalg.norm(moved[fourth] - middle, axis=1) < radius))
@@ -234,7 +278,9 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
     # Cells that are reached from outside without crossing a face that is kept.
     count = len(cells)
     far = np.where(other < 0, count, other)
-    graph = coo_matrix((np.ones(int((~kept).sum())), (rows[~kept], far[~kept])), shape=(count + 1, count + 1))
+    graph = coo_matrix(
+        (np.ones(int((~kept).sum())), (rows[~kept], far[~kept])), shape=(count + 1, count + 1)
+    )
     label = connected_components(graph, directed=False)[1]
     outside = label == label[count]
     inward = np.einsum("fi,fci->f", cross, normals[faces]) < 0.0
@@ -242,25 +288,37 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
 
 
 def _circumradius(corners: Array) -> Array:
-    """Radius (n,) [m] of the sphere through four corners (n, 4, 3); inf where they lie on a plane."""
+    """Radius (n,) [m] of the sphere through four corners (n, 4, 3); inf where they lie on a
+    plane.
+    """
     edges = corners[:, 1:] - corners[:, :1]
     squares = np.einsum("nij,nij->ni", edges, edges)
     u, v, w = edges.transpose(1, 0, 2)
     volume = np.einsum("ni,ni->n", u, np.cross(v, w))
-    top = squares[:, :1] * np.cross(v, w) + squares[:, 1:2] * np.cross(w, u) + squares[:, 2:] * np.cross(u, v)
+    top = (
+        squares[:, :1] * np.cross(v, w)
+        + squares[:, 1:2] * np.cross(w, u)
+        + squares[:, 2:] * np.cross(u, v)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = np.linalg.norm(top, axis=1) / (2.0 * np.abs(volume))
     return np.where(np.isfinite(radius), radius, np.inf)
 
 
 def _to_circumcenter(u: Array, v: Array, cross: Array, double: Array) -> Array:
-    """Vectors (n, 3) from the first corner of triangles with sides `u`, `v` (n, 3) to their circumcentres."""
+    """Vectors (n, 3) from the first corner of triangles with sides `u`, `v` (n, 3) to their
+    circumcentres.
+    """
     uu, vv = (np.einsum("ni,ni->n", each, each)[:, None] for each in (u, v))
     return (uu * np.cross(v, cross) + vv * np.cross(cross, u)) / (2.0 * double[:, None] ** 2)
 
 
-def _sharpened(points: Array, triangles: np.ndarray, normals: Array, flat: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Insert vertices on the edges that the triangles cut off: where the planes of two corners meet [Attene 2005]."""
+def _sharpened(
+    points: Array, triangles: np.ndarray, normals: Array, flat: np.ndarray
+) -> tuple[Array, np.ndarray]:
+    """Insert vertices on the edges that the triangles cut off: where the planes of two corners meet
+    [Attene 2005].
+    """
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
     keys, place = np.unique(ends[..., 0] * len(points) + ends[..., 1], return_inverse=True)
     place = place.reshape(-1, 3)
@@ -268,7 +326,9 @@ def _sharpened(points: Array, triangles: np.ndarray, normals: Array, flat: np.nd
     cosine = np.einsum("ni,ni->n", normals[a], normals[b])
     middle, apart = 0.5 * (points[a] + points[b]), points[b] - points[a]
     # The point of both planes nearest to the middle: middle + u n_a + v n_b.
-    at_a, at_b = (0.5 * np.einsum("ni,ni->n", apart, sign * normals[k]) for k, sign in ((a, -1.0), (b, 1.0)))
+    at_a, at_b = (
+        0.5 * np.einsum("ni,ni->n", apart, sign * normals[k]) for k, sign in ((a, -1.0), (b, 1.0))
+    )
     square = np.maximum(1.0 - cosine**2, 1e-9)
     u, v = (at_a - cosine * at_b) / square, (at_b - cosine * at_a) / square
     to = u[:, None] * normals[a] + v[:, None] * normals[b]
@@ -280,7 +340,11 @@ def _sharpened(points: Array, triangles: np.ndarray, normals: Array, flat: np.nd
     parts = [triangles[count == 0]]
     inner = np.zeros((0, 3))
     made = len(points) + int(creased.sum())
-    for many, first in ((1, cut.argmax(axis=1)), (2, (cut < 0).argmax(axis=1) + 1), (3, np.zeros(len(cut), dtype=int))):
+    for many, first in (
+        (1, cut.argmax(axis=1)),
+        (2, (cut < 0).argmax(axis=1) + 1),
+        (3, np.zeros(len(cut), dtype=int)),
+    ):
         rows = np.flatnonzero(count == many)
         turn = (first[rows, None] + np.arange(3)) % 3
         (p, q, r), (x, y, z) = triangles[rows[:, None], turn].T, cut[rows[:, None], turn].T
@@ -295,7 +359,11 @@ def _sharpened(points: Array, triangles: np.ndarray, normals: Array, flat: np.nd
             off = np.einsum("nki,nki->nk", N, P - center[:, None])
             step = np.einsum("nij,nj->ni", np.linalg.pinv(N, rcond=0.2), off)
             size = np.linalg.norm(P - center[:, None], axis=2).max(axis=1)
-            inner = center + step * np.minimum(1.0, size / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
+            inner = (
+                center
+                + step
+                * np.minimum(1.0, size / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
+            )
             c = made + np.arange(len(rows))
             pieces = [(p, x, c), (x, q, c), (q, y, c), (y, r, c), (r, z, c), (z, p, c)]
         parts += [np.column_stack(piece) for piece in pieces]
@@ -303,7 +371,9 @@ def _sharpened(points: Array, triangles: np.ndarray, normals: Array, flat: np.nd
 
 
 def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float:
-    """Share (0..1) of the surface that has open sky on both sides: all of a sheet, nothing of a closed mesh."""
+    """Share (0..1) of the surface that has open sky on both sides: all of a sheet, nothing of a
+    closed mesh.
+    """
     rng = np.random.default_rng(0)
     corners = vertices[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -321,15 +391,20 @@ def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float
 
 
 def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
-    """Triangles (t, 3) that are seen from afar, turned to where they are seen from if `spacing` [m] is above 0.
+    """Triangles (t, 3) that are seen from afar, turned to where they are seen from if `spacing` [m]
+    is above 0.
 
-    Where the points lie so far apart that a crack is left, both sides of the surface behind it were outside.
+    Where the points lie so far apart that a crack is left, both sides of the surface behind it were
+    outside.
     """
     corners = vertices[triangles]
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    scene, far = RayScene(vertices, triangles), 3.0 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    scene, far = (
+        RayScene(vertices, triangles),
+        3.0 * float(np.linalg.norm(np.ptp(vertices, axis=0))),
+    )
     seen = np.zeros((2, len(triangles)), dtype=np.int64)  # from ahead and from behind
     for way in sphere(1)[0]:
         cosine = normal @ way
@@ -342,15 +417,24 @@ def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _ends(points: Array, normals: Array, spacing: float) -> Array:
-    """Points (k, 3) around which, in their plane, a wide angle is empty, in rows: there the surface ends."""
+    """Points (k, 3) around which, in their plane, a wide angle is empty, in rows: there the surface
+    ends.
+    """
     near = cKDTree(points).query(points, k=min(_RING + 1, len(points)))[1][:, 1:]
     u = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     away = points[near] - points[:, None]
     angle = np.sort(
-        np.arctan2(np.einsum("nki,ni->nk", away, np.cross(normals, u)), np.einsum("nki,ni->nk", away, u)), axis=1
+        np.arctan2(
+            np.einsum("nki,ni->nk", away, np.cross(normals, u)), np.einsum("nki,ni->nk", away, u)
+        ),
+        axis=1,
     )
     gap = np.diff(np.column_stack([angle, angle[:, 0] + 2.0 * np.pi]), axis=1).max(axis=1)
     ends = points[gap > _GAP]
-    beside = cKDTree(ends).query_ball_point(ends, 3.0 * spacing, return_length=True) if len(ends) else np.zeros(0)
+    beside = (
+        cKDTree(ends).query_ball_point(ends, 3.0 * spacing, return_length=True)
+        if len(ends)
+        else np.zeros(0)
+    )
     return ends[beside > 2]  # one alone is a gap between random points

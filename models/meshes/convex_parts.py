@@ -1,8 +1,10 @@
 """Convex decomposition of a surface for collision, since MuJoCo collides a mesh as its convex hull.
 
-Each part is the hull of a patch of triangles and of the same patch shrunk and sunk into the solid. All triangles belong
-to some part, so the collision surface has no holes. A patch is halved until its hull nowhere protrudes from the surface
-by more than a tolerance. Parts follow the shape: long where it is flat or convex, small where it is concave.
+Each part is the hull of a patch of triangles and of the same patch shrunk and sunk into the solid.
+All triangles belong to some part, so the collision surface has no holes. A patch is halved until
+its hull nowhere protrudes from the surface
+by more than a tolerance. Parts follow the shape: long where it is flat or convex, small where it is
+concave.
 """
 
 from dataclasses import dataclass
@@ -23,12 +25,15 @@ _UNDER = 1e-5  # [m] depth below the surface at which rays out of a part begin
 _MANY = 400_000  # largest number of samples; larger objects get a coarser spacing
 
 
-def parts(vertices: Array, triangles: np.ndarray, tolerance: float = TOLERANCE) -> tuple[Array, ...]:
+def parts(
+    vertices: Array, triangles: np.ndarray, tolerance: float = TOLERANCE
+) -> tuple[Array, ...]:
     """Corners (n, 3) [m] of convex parts whose union reproduces the surface of a mesh.
 
     Args:
         vertices: (V, 3) [m].
-        triangles: (T, 3), counter-clockwise from outside; need not be closed. Those without area are left out.
+        triangles: (T, 3), counter-clockwise from outside; need not be closed. Those without area
+            are left out.
         tolerance: [m] largest protrusion of a part from the surface.
 
     Returns:
@@ -48,7 +53,9 @@ def parts(vertices: Array, triangles: np.ndarray, tolerance: float = TOLERANCE) 
 
 @lru_cache(maxsize=8)  # studies build the same scene many times
 def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, ...]:
-    points, faces = welded(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(triangles, np.int64).reshape(-1, 3))
+    points, faces = welded(
+        np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(triangles, np.int64).reshape(-1, 3)
+    )
     faces = _with_area(points, faces)
     judged = _Judged.of(points, faces)
     middles = points[faces].mean(axis=1)
@@ -80,7 +87,9 @@ def _with_area(points: Array, faces: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judged:
-    """A mesh with sample points on its surface, at which the protrusion of convex parts is measured."""
+    """A mesh with sample points on its surface, at which the protrusion of convex parts is
+    measured.
+    """
 
     points: Array  # (V, 3) [m]
     faces: np.ndarray  # (T, 3)
@@ -98,13 +107,19 @@ class _Judged:
         step = max(_SAMPLE, float(np.sqrt(0.5 * double_area.sum() / _MANY)))
         samples, owners = [points], [vertex_normals(points, faces)]
         # Even barycentric grids, finer for larger triangles.
-        longest = np.sqrt(np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0))
+        longest = np.sqrt(
+            np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
+        )
         level = np.clip(np.ceil(longest / step), 1, 60).astype(int)
         for n in np.unique(level):
             rows = np.flatnonzero(level == n)
             i, j = np.nonzero(np.add.outer(np.arange(n), np.arange(n)) < n)
             u, v = (i + 1.0 / 3.0) / n, (j + 1.0 / 3.0) / n
-            grid = a[rows, None] + u[None, :, None] * (b - a)[rows, None] + v[None, :, None] * (c - a)[rows, None]
+            grid = (
+                a[rows, None]
+                + u[None, :, None] * (b - a)[rows, None]
+                + v[None, :, None] * (c - a)[rows, None]
+            )
             samples.append(grid.reshape(-1, 3))
             owners.append(np.repeat(normals[rows], len(u), axis=0))
         spread, facing = np.vstack(samples), np.vstack(owners)
@@ -114,7 +129,9 @@ class _Judged:
         return cls(points, faces, normals, spread[order], facing[order])
 
     def hull(self, patch: np.ndarray, tolerance: float) -> Array | None:
-        """Corners of the sunk hull of triangles `patch` (K,), or None if it protrudes from the surface."""
+        """Corners of the sunk hull of triangles `patch` (K,), or None if it protrudes from the
+        surface.
+        """
         faces = self.faces[patch]
         corners = self.points[np.unique(faces)]
         normal = self.normals[patch].mean(axis=0)
@@ -122,7 +139,9 @@ class _Judged:
         if len(patch) > 200:
             # Quick rejection: some corner lies far outside the plane of some triangle.
             some = patch[:: len(patch) // 100]
-            over = (corners - self.points[self.faces[some, 0]][:, None]) @ self.normals[some][:, :, None]
+            over = (corners - self.points[self.faces[some, 0]][:, None]) @ self.normals[some][
+                :, :, None
+            ]
             if float(over.max()) > 20.0 * tolerance:
                 return None
         normal = normal / length if length > 0.1 else np.zeros(3)
@@ -142,13 +161,16 @@ class _Judged:
         return None if len(patch) > 1 else _wedge(corners, self.normals[patch[0]], tolerance)
 
     def _stands_out(self, shape: ConvexHull, solid: Array, enough: float) -> float:
-        """Largest protrusion [m] of the hull from the surface, along the surface's normal at the samples inside it.
+        """Largest protrusion [m] of the hull from the surface, along the surface's normal at the
+        samples inside it.
 
         The search ends once it exceeds `enough` [m].
         """
         low, high = solid.min(axis=0), solid.max(axis=0)
         start, end = np.searchsorted(self.samples[:, 0], [low[0], high[0]], side="left")
-        inside = ((self.samples[start:end, 1:] > low[1:]) & (self.samples[start:end, 1:] < high[1:])).all(axis=1)
+        inside = (
+            (self.samples[start:end, 1:] > low[1:]) & (self.samples[start:end, 1:] < high[1:])
+        ).all(axis=1)
         rows = start + np.flatnonzero(inside)
         if not len(rows):
             return 0.0
@@ -163,9 +185,12 @@ class _Judged:
             facing = self.sample_normals[some]
             start = self.samples[some] - solid[0] - _UNDER * facing
             first = scene.cast(start, facing)
-            leaves = np.isfinite(first["t"]) & (np.einsum("ij,ij->i", first["normal"], facing) > 1e-6)
+            leaves = np.isfinite(first["t"]) & (
+                np.einsum("ij,ij->i", first["normal"], facing) > 1e-6
+            )
             worst = float(first["t"][leaves].max(initial=_UNDER)) - _UNDER
-            # Over a concavity the hull bridges the surface from outside: such a ray enters it first.
+            # Over a concavity the hull bridges the surface from outside: such a ray enters it
+            # first.
             enters = np.flatnonzero(~leaves & (first["t"] < _UNDER + enough))
             if len(enters):
                 way = first["t"][enters] + _UNDER

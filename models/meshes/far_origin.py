@@ -1,4 +1,6 @@
-"""Meshes whose origin lies far off: where to move it, so that single precision and squared lengths stay exact."""
+"""Meshes whose origin lies far off: where to move it, so that single precision and squared lengths
+stay exact.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,10 +11,12 @@ _FAR = 8.0  # [sizes] of the middle from the origin, from which on rounding is f
 
 
 def middle_if_far(points: ArrayLike) -> Array:
-    """Middle (3,) [m] of the bounding box of points (n, 3) that lie many times their size from the origin; else zero.
+    """Middle (3,) [m] of the bounding box of points (n, 3) that lie many times their size from the
+    origin; else zero.
 
-    Such coordinates lose digits in single precision: 0.5 mm at 10 km. Work on the points less this middle. Points near
-    the origin stay as they are, to the last bit. Those that are not finite do not count.
+    Such coordinates lose digits in single precision: 0.5 mm at 10 km. Work on the points less this
+    middle. Points near the origin stay as they are, to the last bit. Those that are not finite do
+    not count.
     """
     given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     finite = given if np.isfinite(given).all() else given[np.isfinite(given).all(axis=1)]

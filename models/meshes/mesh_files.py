@@ -1,7 +1,9 @@
-"""Reader of mesh files: PLY and OFF natively, STL, OBJ and glTF by trimesh, with one error for unreadable files.
+"""Reader of mesh files: PLY and OFF natively, STL, OBJ and glTF by trimesh, with one error for
+unreadable files.
 
-Trimesh is used for corners and faces only, without textures, merging or repair. It accepts PLY and OFF files that are
-cut short, and does not read binary PLY with triangles beside larger faces; therefore these two are read here.
+Trimesh is used for corners and faces only, without textures, merging or repair. It accepts PLY and
+OFF files that are cut short, and does not read binary PLY with triangles beside larger faces;
+therefore these two are read here.
 """
 
 import logging
@@ -18,15 +20,17 @@ from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.files import bytes_of
 from uuv.sim.interfaces.spatial import Array
 
-FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}  # by ending
+# by ending
+FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}
 _SILENT = logging.NullHandler()
 
 
 def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
-    """Read vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file, in its own unit; all parts are joined in place.
+    """Read vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file, in its own unit; all parts
+    are joined in place.
 
-    Faces with more corners are triangulated. Duplicate vertices are merged; degenerate faces and unused vertices are
-    left out.
+    Faces with more corners are triangulated. Duplicate vertices are merged; degenerate faces and
+    unused vertices are left out.
 
     Raises:
         ConfigurationError: another format, no triangles, cut short or otherwise malformed.
@@ -34,7 +38,8 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
     kind = file.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
         raise ConfigurationError(
-            f"target mesh {str(file)!r}: the formats are {', '.join(FORMATS.values())}, and for clouds PCD and "
+            f"target mesh {str(file)!r}: the formats are {', '.join(FORMATS.values())}, and for "
+            "clouds PCD and "
             f"{', '.join(TEXT)}"
         )
     own = {"ply": read_ply, "off": _read_off}.get(kind)
@@ -43,17 +48,21 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
         need_corners(vertices, triangles)
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")
-    except (MemoryError, MissingLibraryError, ConfigurationError):  # these do not mean a malformed file
+    except (MemoryError, MissingLibraryError, ConfigurationError):
+        # these do not mean a malformed file
         raise
     except Exception as error:  # a malformed file can raise anything in trimesh
         said = " ".join(str(error).split())[:200] or type(error).__name__
         if kind == "obj" and isinstance(error, IndexError):
             said = NO_SUCH_VERTEX
-        raise ConfigurationError(f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {said}") from error
+        raise ConfigurationError(
+            f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {said}"
+        ) from error
     vertices, triangles = _tidied(vertices, triangles)
     if not len(triangles):
         raise ConfigurationError(
-            f"target mesh {str(file)!r}: no triangles could be read (formats: {', '.join(FORMATS.values())})"
+            f"target mesh {str(file)!r}: no triangles could be read (formats: "
+            f"{', '.join(FORMATS.values())})"
         )
     return vertices, triangles
 
@@ -62,21 +71,31 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
     with wanted():
         import trimesh
 
-    logging.getLogger("trimesh").addHandler(_SILENT)  # otherwise it prints tracebacks of recovered errors
+    # otherwise it prints tracebacks of recovered errors
+    logging.getLogger("trimesh").addHandler(_SILENT)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene: Any = trimesh.load_scene(
             str(file), file_type=file.suffix[1:].lower(), process=False, skip_materials=True
         )
-        parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+        parts = [
+            part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)
+        ]
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     vertices = [np.asarray(part.vertices, dtype=np.float64) for part in parts]
-    triangles = [np.asarray(part.faces, dtype=np.int64) + start for part, start in zip(parts, first, strict=False)]
-    return np.vstack([np.zeros((0, 3)), *vertices]), np.vstack([np.zeros((0, 3), dtype=np.int64), *triangles])
+    triangles = [
+        np.asarray(part.faces, dtype=np.int64) + start
+        for part, start in zip(parts, first, strict=False)
+    ]
+    return np.vstack([np.zeros((0, 3)), *vertices]), np.vstack(
+        [np.zeros((0, 3), dtype=np.int64), *triangles]
+    )
 
 
 def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
-    """Read OFF in text form; its variants have normals or colours after the coordinates, which are ignored."""
+    """Read OFF in text form; its variants have normals or colours after the coordinates, which are
+    ignored.
+    """
     lines = [line.partition("#")[0].split() for line in content.decode("ascii").splitlines()]
     lines = [words for words in lines if words]
     if not lines or not lines[0][0].upper().endswith("OFF"):
@@ -87,9 +106,16 @@ def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
     if min(points, faces) < 0:
         raise ValueError("its header tells of no vertices and faces")
     if len(body) < points + faces:
-        raise ValueError(f"it is cut short, its header tells of {points} vertices and {faces} faces")
-    vertices = np.array([[float(word) for word in words[:3]] for words in body[:points]]).reshape(-1, 3)
-    corners = [[int(word) for word in words] for words in (row[: int(row[0]) + 1] for row in body[points:][:faces])]
+        raise ValueError(
+            f"it is cut short, its header tells of {points} vertices and {faces} faces"
+        )
+    vertices = np.array([[float(word) for word in words[:3]] for words in body[:points]]).reshape(
+        -1, 3
+    )
+    corners = [
+        [int(word) for word in words]
+        for words in (row[: int(row[0]) + 1] for row in body[points:][:faces])
+    ]
     if any(len(face) <= face[0] for face in corners):
         raise ValueError("a face has fewer corners than it says")
     fans = [(face[1], face[k], face[k + 1]) for face in corners for k in range(2, face[0])]
@@ -102,6 +128,8 @@ def _tidied(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
         return vertices, triangles
     _, first, index = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     faces = first[index.ravel()][triangles]
-    keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    keep = (
+        (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    )
     used, faces = np.unique(faces[keep], return_inverse=True)
     return vertices[used], faces.reshape(-1, 3)

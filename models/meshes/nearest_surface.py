@@ -32,13 +32,17 @@ class NearestSurface:
 
     @classmethod
     def of(cls, vertices: ArrayLike, triangles: ArrayLike) -> "NearestSurface":
-        """Build the tree from vertices (V, 3) [m], finite, and triangles (T, 3), T >= 1; some may be without area."""
+        """Build the tree from vertices (V, 3) [m], finite, and triangles (T, 3), T >= 1; some may
+        be without area.
+        """
         corners = np.asarray(vertices, dtype=np.float64)[np.asarray(triangles)]
         order, boxes, spans = _tree(corners)
         return cls(corners[order], order, boxes, spans)
 
     def query(self, points: ArrayLike) -> Nearest:
-        """Nearest point on the mesh to each of `points` (N, 3) [m], which are finite, as are their squares."""
+        """Nearest point on the mesh to each of `points` (N, 3) [m], which are finite, as are their
+        squares.
+        """
         asked = np.ascontiguousarray(points, dtype=np.float64)
         at, weights = np.zeros(len(asked), dtype=np.int64), np.zeros((len(asked), 3))
         _search(asked, self.corners, self.boxes, self.spans, at, weights)
@@ -49,7 +53,9 @@ class NearestSurface:
 
 @kernel
 def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
-    """Build the tree by halving each box across its longest side: order (T,), boxes (B, 6), spans (B, 3)."""
+    """Build the tree by halving each box across its longest side: order (T,), boxes (B, 6), spans
+    (B, 3).
+    """
     count = len(corners)
     order = np.arange(count)
     middles = np.empty((count, 3))
@@ -86,8 +92,12 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
 
 
 @kernel
-def _search(asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array) -> None:
-    """Write the index `at` (N,) of the triangle nearest to each point, and the barycentric weights (N, 3) there."""
+def _search(
+    asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array
+) -> None:
+    """Write the index `at` (N,) of the triangle nearest to each point, and the barycentric weights
+    (N, 3) there.
+    """
     waiting, away = np.empty(128, dtype=np.int64), np.empty(128)
     for n in range(len(asked)):
         x, y, z = asked[n, 0], asked[n, 1], asked[n, 2]
@@ -125,11 +135,25 @@ def _from_box(x: float, y: float, z: float, box: Array) -> float:
 
 @kernel
 def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, float, float, float]:
-    """Barycentric weights of the nearest point on a triangle with corners (3, 3), and its squared distance."""
-    ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
-    bx, by, bz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
+    """Barycentric weights of the nearest point on a triangle with corners (3, 3), and its squared
+    distance.
+    """
+    ax, ay, az = (
+        corner[1, 0] - corner[0, 0],
+        corner[1, 1] - corner[0, 1],
+        corner[1, 2] - corner[0, 2],
+    )
+    bx, by, bz = (
+        corner[2, 0] - corner[0, 0],
+        corner[2, 1] - corner[0, 1],
+        corner[2, 2] - corner[0, 2],
+    )
     px, py, pz = x - corner[0, 0], y - corner[0, 1], z - corner[0, 2]
-    aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+    aa, ab, bb = (
+        ax * ax + ay * ay + az * az,
+        ax * bx + ay * by + az * bz,
+        bx * bx + by * by + bz * bz,
+    )
     pa, pb = px * ax + py * ay + pz * az, px * bx + py * by + pz * bz
     area = aa * bb - ab * ab
     if area > 1e-14 * aa * bb:
@@ -141,7 +165,11 @@ def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, fl
     u, v, w, best = 1.0, 0.0, 0.0, np.inf
     for side in range(3):
         i, j = side, (side + 1) % 3
-        sx, sy, sz = corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1], corner[j, 2] - corner[i, 2]
+        sx, sy, sz = (
+            corner[j, 0] - corner[i, 0],
+            corner[j, 1] - corner[i, 1],
+            corner[j, 2] - corner[i, 2],
+        )
         qx, qy, qz = x - corner[i, 0], y - corner[i, 1], z - corner[i, 2]
         length = sx * sx + sy * sy + sz * sz
         along = 0.0 if length == 0.0 else min(max((qx * sx + qy * sy + qz * sz) / length, 0.0), 1.0)

@@ -1,6 +1,8 @@
-"""Lazy import of Open3D, the only one in the project: preloads libusb, and reports missing libraries clearly.
+"""Lazy import of Open3D, the only one in the project: preloads libusb, and reports missing
+libraries clearly.
 
-No job needs Open3D, except for rays on Linux on ARM. It serves as the reference that our own methods are compared with.
+No job needs Open3D, except for rays on Linux on ARM. It serves as the reference that our own
+methods are compared with.
 """
 
 import ctypes
@@ -18,12 +20,14 @@ def load() -> Any:
     """Import the `open3d` module on the first call (about 1-2 s).
 
     Raises:
-        MissingLibraryError: Open3D or a system library that it needs is missing; the message says what to install.
+        MissingLibraryError: Open3D or a system library that it needs is missing; the message says
+            what to install.
     """
     try:
         import libusb_package  # pyright: ignore[reportMissingImports]
 
-        # Open3D's extension requires libusb-1.0.so.0 even without a camera; minimal systems lack it.
+        # Open3D's extension requires libusb-1.0.so.0 even without a camera; minimal systems lack
+        # it.
         ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -35,7 +39,8 @@ def load() -> Any:
         ) from error
     except (ImportError, OSError) as error:
         raise MissingLibraryError(
-            f"Open3D cannot be imported ({error}). On Debian or Ubuntu: apt install {DEBIAN_PACKAGES}"
+            f"Open3D cannot be imported ({error}). On Debian or Ubuntu: apt install "
+            f"{DEBIAN_PACKAGES}"
         ) from error
     # Its warnings go to stdout; relevant failures reach the callers as errors.
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)

@@ -1,4 +1,6 @@
-"""Reader of PCD files, the point clouds of PCL: text, binary and compressed, in the order of the file."""
+"""Reader of PCD files, the point clouds of PCL: text, binary and compressed, in the order of the
+file.
+"""
 
 from pathlib import Path
 
@@ -22,18 +24,27 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         file: Path of the file.
 
     Returns:
-        Points (n, 3), n > 0, in the unit of the file, NaN kept in place. Normals (n, 3) as they are in the file, None
-        without any. And rows and columns if the cloud is organised, else None.
+        Points (n, 3), n > 0, in the unit of the file, NaN kept in place. Normals (n, 3) as they are
+        in the file, None without any. And rows and columns if the cloud is organised, else None.
 
     Raises:
-        ConfigurationError: For a file that cannot be read, is not PCD, has no x, y, z, or is cut short.
+        ConfigurationError: For a file that cannot be read, is not PCD, has no x, y, z, or is cut
+            short.
     """
     header, data = _header(bytes_of(file, "cloud"), file)
     try:
         names = header["FIELDS"]
-        sizes, counts = ([int(word) for word in header.get(key, ["1"] * len(names))] for key in ("SIZE", "COUNT"))
-        types = [_TYPES[kind.upper(), size] for kind, size in zip(header["TYPE"], sizes, strict=True)]
-        count = int(header["POINTS"][0]) if "POINTS" in header else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+        sizes, counts = (
+            [int(word) for word in header.get(key, ["1"] * len(names))] for key in ("SIZE", "COUNT")
+        )
+        types = [
+            _TYPES[kind.upper(), size] for kind, size in zip(header["TYPE"], sizes, strict=True)
+        ]
+        count = (
+            int(header["POINTS"][0])
+            if "POINTS" in header
+            else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+        )
         height, width = (int(header.get(key, ["1"])[0]) for key in ("HEIGHT", "WIDTH"))
         columns = [names.index(axis) for axis in "xyz"]
         if all(f"normal_{axis}" in names for axis in "xyz"):
@@ -48,11 +59,15 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
             f"cloud {file}: no points can be read from this PCD file: bad header ({error})"
         ) from error
     if not count:
-        raise ConfigurationError(f"cloud {file}: no points can be read from this PCD file, it says that it has none")
+        raise ConfigurationError(
+            f"cloud {file}: no points can be read from this PCD file, it says that it has none"
+        )
     shape = (height, width) if min(height, width) > 1 and height * width == count else None
     widths = [np.dtype(type_).itemsize * many for type_, many in zip(types, counts, strict=True)]
     if kind == "ascii":
-        return *_parted(_from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file)), shape
+        return *_parted(
+            _from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file)
+        ), shape
     if kind == "binary":
         if len(data) < count * sum(widths):
             raise _cut_short(file, count)
@@ -69,9 +84,13 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         ends = count * np.cumsum([0, *widths])
         parts = [flat[ends[k] : ends[k + 1]].reshape(count, -1) for k in range(len(names))]
     else:
-        raise ConfigurationError(f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}")
+        raise ConfigurationError(
+            f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}"
+        )
     with np.errstate(invalid="ignore"):  # for a signalling NaN
-        values = [np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns]
+        values = [
+            np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns
+        ]
     return *_parted(np.column_stack(values)), shape
 
 
@@ -94,7 +113,9 @@ def _header(content: bytes, file: Path) -> tuple[dict[str, list[str]], bytes]:
             header[words[0].upper()] = words[1:]
             if words[0].upper() == "DATA":
                 return header, content[at:]
-    raise ConfigurationError(f"cloud {file}: no points can be read from this PCD file, it has no header")
+    raise ConfigurationError(
+        f"cloud {file}: no points can be read from this PCD file, it has no header"
+    )
 
 
 def _from_text(data: bytes, count: int, columns: list[int], width: int, file: Path) -> Array:
@@ -109,18 +130,23 @@ def _from_text(data: bytes, count: int, columns: list[int], width: int, file: Pa
             points[i] = [float(words[k]) for k in columns]
         except ValueError:
             raise ConfigurationError(
-                f"cloud {file}, point {i + 1}: expected {width} numbers, got {' '.join(words)[:60]!r}"
+                f"cloud {file}, point {i + 1}: expected {width} numbers, got "
+                f"{' '.join(words)[:60]!r}"
             ) from None
     return points
 
 
 def _cut_short(file: Path, count: int) -> ConfigurationError:
-    return ConfigurationError(f"cloud {file}: the file is cut short, there are {count} points in its header")
+    return ConfigurationError(
+        f"cloud {file}: the file is cut short, there are {count} points in its header"
+    )
 
 
 @kernel
 def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
-    """Decompress LZF into `whole`; returns the number of bytes written, or -1 for malformed data [Lehmann 2000]."""
+    """Decompress LZF into `whole`; returns the number of bytes written, or -1 for malformed data
+    [Lehmann 2000].
+    """
     i, o = 0, 0
     while i < len(packed):
         head = np.int64(packed[i])

@@ -35,7 +35,8 @@ NO_SUCH_VERTEX = "a face points at a vertex that is not there"
 
 
 def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
-    """Read points (N, 3) and triangles (T, 3) from PLY `content`, in its own unit and order; T is 0 for a cloud.
+    """Read points (N, 3) and triangles (T, 3) from PLY `content`, in its own unit and order; T is 0
+    for a cloud.
 
     Faces with more corners are triangulated around their first. NaN stays NaN.
 
@@ -47,7 +48,8 @@ def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
 
 
 def read_ply_normals(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
-    """As `read_ply`, with the normals (N, 3) between points and triangles; None for a file without nx, ny and nz.
+    """As `read_ply`, with the normals (N, 3) between points and triangles; None for a file without
+    nx, ny and nz.
 
     Raises:
         ValueError: as `read_ply` does.
@@ -74,9 +76,13 @@ def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
             if not {"x", "y", "z"} <= columns.keys():
                 raise ValueError("its vertices have no x, y and z")
             with np.errstate(invalid="ignore"):  # a signalling NaN raises a flag
-                points = np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
+                points = np.column_stack(
+                    [np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"]
+                )
                 if {"nx", "ny", "nz"} <= columns.keys():
-                    normals = np.column_stack([np.asarray(columns[f"n{axis}"], dtype=np.float64) for axis in "xyz"])
+                    normals = np.column_stack(
+                        [np.asarray(columns[f"n{axis}"], dtype=np.float64) for axis in "xyz"]
+                    )
         elif element.name == "face":
             corners = next((columns[name] for name in _FACES if name in columns), None)
             if corners is None:
@@ -88,7 +94,10 @@ def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
 
 
 def write_ply(
-    file: Path, points: ArrayLike, triangles: ArrayLike | None = None, colours: ArrayLike | None = None
+    file: Path,
+    points: ArrayLike,
+    triangles: ArrayLike | None = None,
+    colours: ArrayLike | None = None,
 ) -> None:
     """Write points and optional triangles and colours as a binary PLY file.
 
@@ -115,14 +124,17 @@ def write_ply(
         faces = np.zeros(len(index), dtype=faces.dtype)
         faces["corners"], faces["index"] = 3, index
         header += [f"element face {len(index)}", "property list uchar int vertex_indices"]
-    file.write_bytes("\n".join([*header, "end_header", ""]).encode() + rows.tobytes() + faces.tobytes())
+    file.write_bytes(
+        "\n".join([*header, "end_header", ""]).encode() + rows.tobytes() + faces.tobytes()
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Element:
     name: str
     count: int
-    properties: list[tuple[str, str, str | None]] = field(default_factory=list)  # name, type, type of a list's length
+    # name, type, type of a list's length
+    properties: list[tuple[str, str, str | None]] = field(default_factory=list)
 
     @property
     def has_lists(self) -> bool:
@@ -148,7 +160,9 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
                 order = _FORMATS[name]
             case ["element", name, count] if count.isdecimal() and int(count) < _MOST:
                 elements.append(_Element(name, int(count)))
-            case ["property", "list", length, kind, name] if elements and length in _TYPES and kind in _TYPES:
+            case ["property", "list", length, kind, name] if (
+                elements and length in _TYPES and kind in _TYPES
+            ):
                 elements[-1].properties.append((name, _TYPES[kind], _TYPES[length]))
             case ["property", kind, name] if elements and kind in _TYPES:
                 elements[-1].properties.append((name, _TYPES[kind], None))
@@ -197,7 +211,9 @@ class _Binary:
         self._content, self._at, self._order = content, at, order
 
     def read(self, element: _Element) -> dict[str, Any]:
-        """Columns as `_Text.read`; an array (count, length) where all lists of a property have one length."""
+        """Columns as `_Text.read`; an array (count, length) where all lists of a property have one
+        length.
+        """
         rows = self._rows(element, self._lengths(element))
         if rows is not None:
             return {name: rows[name] for name, _, _ in element.properties}
@@ -223,7 +239,11 @@ class _Binary:
         for (name, kind, length), many in zip(element.properties, lengths, strict=True):
             if length is not None:
                 fields.append((f"length of {name}", self._order + length))
-            fields.append((name, self._order + kind) if length is None else (name, self._order + kind, (many,)))
+            fields.append(
+                (name, self._order + kind)
+                if length is None
+                else (name, self._order + kind, (many,))
+            )
         row = np.dtype(fields)
         if len(self._content) - self._at < element.count * row.itemsize:
             if element.has_lists:

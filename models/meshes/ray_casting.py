@@ -1,8 +1,8 @@
 """Ray casting on a triangle mesh by Embree: exact first hits, without screen, GL or system library.
 
-Embree is used through `embreex`. That has no wheel for Linux on ARM, where Open3D's binding of the same library serves.
-The module is in `models` because `sim` (depth camera, sonar) and `perception` both need it and do not import each
-other.
+Embree is used through `embreex`. That has no wheel for Linux on ARM, where Open3D's binding of the
+same library serves. The module is in `models` because `sim` (depth camera, sonar) and `perception`
+both need it and do not import each other.
 """
 
 from functools import cache
@@ -26,11 +26,15 @@ class RayScene:
 
     __slots__ = ("_engine", "_middle", "_scene")
 
-    def __init__(self, vertices: ArrayLike, triangles: ArrayLike, engine: Engine | None = None) -> None:
-        """Build the scene; triangles without area, or with a vertex that is not finite, are never hit.
+    def __init__(
+        self, vertices: ArrayLike, triangles: ArrayLike, engine: Engine | None = None
+    ) -> None:
+        """Build the scene; triangles without area, or with a vertex that is not finite, are never
+        hit.
 
         Args:
-            vertices: (V, 3) [m], stored in single precision about their middle if that lies far from the origin.
+            vertices: (V, 3) [m], stored in single precision about their middle if that lies far
+                from the origin.
             triangles: (T, 3) indices.
             engine: None takes the installed one.
 
@@ -41,7 +45,9 @@ class RayScene:
         vertices = np.asarray(vertices)
         middle = middle_if_far(vertices)
         self._middle = middle if middle.any() else None
-        corners = np.ascontiguousarray(vertices if self._middle is None else vertices - middle, dtype=np.float32)
+        corners = np.ascontiguousarray(
+            vertices if self._middle is None else vertices - middle, dtype=np.float32
+        )
         if self._engine == "open3d":
             self._scene = open3d_loader.load().t.geometry.RaycastingScene()
             self._scene.add_triangles(corners, np.ascontiguousarray(triangles, dtype=np.uint32))
@@ -50,8 +56,11 @@ class RayScene:
         from embreex.rtcore_scene import EmbreeScene
 
         faces = np.ascontiguousarray(triangles, dtype=np.int32)
-        if faces.size and not 0 <= faces.min() <= faces.max() < len(corners):  # otherwise Embree reads beyond the array
-            raise IndexError(f"triangles point at vertices {faces.min()} to {faces.max()} of {len(corners)}")
+        # otherwise Embree reads beyond the array
+        if faces.size and not 0 <= faces.min() <= faces.max() < len(corners):
+            raise IndexError(
+                f"triangles point at vertices {faces.min()} to {faces.max()} of {len(corners)}"
+            )
         # Without robust, 13 % of the rays aimed at an edge are lost.
         self._scene = EmbreeScene(_device(), robust=True)
         if len(faces):
@@ -65,8 +74,9 @@ class RayScene:
             directions: (N, 3), of any length.
 
         Returns:
-            `t` (N,) in units of the direction's length (inf without a hit), `triangle` (N,) index, and `normal` (N, 3)
-            unit normal of the triangle by its winding. Without a hit the latter two are undefined.
+            `t` (N,) in units of the direction's length (inf without a hit), `triangle` (N,) index,
+            and `normal` (N, 3) unit normal of the triangle by its winding. Without a hit the latter
+            two are undefined.
         """
         starts, ways = self._rays(origins, directions)
         if self._engine == "open3d":
@@ -117,7 +127,9 @@ class RayScene:
 
 
 class OneSidedScene(RayScene):
-    """A surface that is known from outside only: rays that meet it from behind count as having met nothing."""
+    """A surface that is known from outside only: rays that meet it from behind count as having met
+    nothing.
+    """
 
     __slots__ = ()
 
@@ -144,7 +156,9 @@ def installed() -> Engine:
         return "embree"
     if find_spec("open3d"):
         return "open3d"
-    raise MissingLibraryError("cameras and sonars need the package embreex: pip install 'uuv-arm[perception]'")
+    raise MissingLibraryError(
+        "cameras and sonars need the package embreex: pip install 'uuv-arm[perception]'"
+    )
 
 
 @cache

@@ -1,4 +1,6 @@
-"""The one reader of point cloud files, of models and of scans: points, and normals where the file has them."""
+"""The one reader of point cloud files, of models and of scans: points, and normals where the file
+has them.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +29,8 @@ class Surfels:
 
     points: Array  # (n, 3), n > 0, NaN kept
     normals: Array | None  # (n, 3) as they are in the file
-    shape: tuple[int, int] | None  # rows and columns of an organised cloud, which only PCD files can hold
+    # rows and columns of an organised cloud, which only PCD files can hold
+    shape: tuple[int, int] | None
     notes: tuple[str, ...]  # what was made of its columns, in words
 
 
@@ -35,7 +38,8 @@ def is_cloud_file(file: Path) -> bool:
     """Whether a file holds a cloud: PCD or text by its ending, PLY if it has no faces.
 
     Raises:
-        ConfigurationError: the file cannot be read, or is a cloud of a format that is not read here.
+        ConfigurationError: the file cannot be read, or is a cloud of a format that is not read
+            here.
     """
     kind = file.suffix.lower().removeprefix(".")
     if kind != "ply":
@@ -69,13 +73,17 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
             try:
                 points, normals, _ = read_ply_normals(bytes_of(path, what))
             except ValueError as error:
-                raise ConfigurationError(f"{what} {path}: no points can be read from this PLY file: {error}") from error
+                raise ConfigurationError(
+                    f"{what} {path}: no points can be read from this PLY file: {error}"
+                ) from error
             if not len(points):
                 raise ConfigurationError(f"{what} {path}: there are no points in this PLY file")
             return Surfels(points=points, normals=normals, shape=None, notes=())
         case _:
             found = read_text_cloud(_text(path, what), f"{what} {path}")
-            return Surfels(points=found.points, normals=found.normals, shape=None, notes=found.notes)
+            return Surfels(
+                points=found.points, normals=found.normals, shape=None, notes=found.notes
+            )
 
 
 def check_surfels(file: str | Path, what: str = "cloud") -> None:
@@ -109,7 +117,9 @@ def _text(path: Path, what: str) -> str:
 
 
 def _refuse_foreign(path: Path, what: str) -> None:
-    """Refuse a cloud of another program by its ending or its first bytes, and say how to convert it."""
+    """Refuse a cloud of another program by its ending or its first bytes, and say how to convert
+    it.
+    """
     ending = path.suffix.lower().removeprefix(".")
     for name, (start, endings, way) in _FOREIGN.items():
         if ending in endings or bytes_of(path, what).startswith(start):

@@ -1,7 +1,7 @@
 """Reader of point clouds as text: one point a line, with or without a line that names the columns.
 
-Without names, the columns after x, y and z tell by their values what they are: three of unit length are a normal;
-colours, intensities and whatever else a scanner writes are left out.
+Without names, the columns after x, y and z tell by their values what they are: three of unit length
+are a normal; colours, intensities and whatever else a scanner writes are left out.
 """
 
 import re
@@ -15,7 +15,11 @@ from uuv.sim.interfaces.spatial import Array
 _BLANKS = str.maketrans({",": " ", ";": " ", "\t": " "})
 _COMMENTS = ("#", "//", "%")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
-_POINT = (("x", "y", "z"), ("points:0", "points:1", "points:2"), ("points_0", "points_1", "points_2"))
+_POINT = (
+    ("x", "y", "z"),
+    ("points:0", "points:1", "points:2"),
+    ("points_0", "points_1", "points_2"),
+)
 _NORMAL = (
     ("nx", "ny", "nz"),
     ("n_x", "n_y", "n_z"),
@@ -41,8 +45,8 @@ class TextCloud:
 def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> TextCloud:
     """Read the points of a text.
 
-    Columns are separated by blanks, commas or semicolons; `#`, `//` and `%` begin a comment. A comma may be the decimal
-    sign where something else separates the columns.
+    Columns are separated by blanks, commas or semicolons; `#`, `//` and `%` begin a comment. A
+    comma may be the decimal sign where something else separates the columns.
 
     Args:
         text: Content of the file, not empty.
@@ -64,7 +68,8 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
     width = values.shape[1]
     if names and len(names) != width:
         raise ConfigurationError(
-            f"{where}: {len(names)} columns are named ({' '.join(names)[:_SHOWN]}), line {first + 1} holds {width}"
+            f"{where}: {len(names)} columns are named ({' '.join(names)[:_SHOWN]}), line "
+            f"{first + 1} holds {width}"
         )
     if width < 3:
         raise ConfigurationError(
@@ -75,13 +80,23 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
     point, normal = _named(names) if names else ([0, 1, 2], _normal_columns(values))
     others = [k for k in range(width) if k not in (*point, *(normal or ()))]
     if others:
-        what = " ".join(names[k] for k in others) if names else ", ".join(str(k + 1) for k in others)
-        notes.append(f"columns left out: {what}" + ("" if names or normal else " (no unit normals)"))
-    return TextCloud(points=values[:, point], normals=None if normal is None else values[:, normal], notes=tuple(notes))
+        what = (
+            " ".join(names[k] for k in others) if names else ", ".join(str(k + 1) for k in others)
+        )
+        notes.append(
+            f"columns left out: {what}" + ("" if names or normal else " (no unit normals)")
+        )
+    return TextCloud(
+        points=values[:, point],
+        normals=None if normal is None else values[:, normal],
+        notes=tuple(notes),
+    )
 
 
 def _head(lines: list[str], where: str) -> tuple[list[str], int]:
-    """Names of the columns, none without a line of names, and the index of the first line with numbers."""
+    """Names of the columns, none without a line of names, and the index of the first line with
+    numbers.
+    """
     names: list[str] = []
     for i, line in enumerate(lines):
         content = line.strip()
@@ -92,11 +107,13 @@ def _head(lines: list[str], where: str) -> tuple[list[str], int]:
         if comment or not _are_numbers(_numbers_of(line)):
             if names or not _is_head(words):
                 raise ConfigurationError(
-                    f"{where}, line {i + 1}: expected 3 numbers (x y z), or a line that names the columns, x, y and z "
+                    f"{where}, line {i + 1}: expected 3 numbers (x y z), or a line that names the "
+                    "columns, x, y and z "
                     f"among them, got {content[:_SHOWN]!r}"
                 )
             names = words
-        elif len(words) > 1 or not words[0].isdigit():  # one whole number: the count of points, as PTS files begin
+        elif len(words) > 1 or not words[0].isdigit():
+            # one whole number: the count of points, as PTS files begin
             return names, i
     return names, len(lines)
 
@@ -121,7 +138,9 @@ def _numbers_of(line: str) -> list[str]:
     """Words of a line with numbers, without a comment at its end."""
     for mark in _COMMENTS:
         line = line.partition(mark)[0]
-    return (line.replace(",", ".") if _has_decimal_commas(line) else line).translate(_BLANKS).split()
+    return (
+        (line.replace(",", ".") if _has_decimal_commas(line) else line).translate(_BLANKS).split()
+    )
 
 
 def _are_numbers(words: list[str]) -> bool:
@@ -133,10 +152,16 @@ def _are_numbers(words: list[str]) -> bool:
 
 
 def _has_decimal_commas(line: str) -> bool:
-    """Whether commas are decimal signs in a line: each column between blanks or semicolons has one within."""
+    """Whether commas are decimal signs in a line: each column between blanks or semicolons has one
+    within.
+    """
     words = line.replace(";", " ").split()
     with_comma = [word for word in words if "," in word]
-    return len(words) >= 3 and bool(with_comma) and all(_DECIMAL_COMMA.fullmatch(word) for word in with_comma)
+    return (
+        len(words) >= 3
+        and bool(with_comma)
+        and all(_DECIMAL_COMMA.fullmatch(word) for word in with_comma)
+    )
 
 
 def _values(lines: list[str], first: int, where: str) -> Array:
@@ -152,7 +177,9 @@ def _values(lines: list[str], first: int, where: str) -> Array:
     for i, row in enumerate(rows, start=first + 1):
         words = row.split()
         if words and (len(words) != width or not _are_numbers(words)):
-            raise ConfigurationError(f"{where}, line {i}: expected {width} numbers, got {row[:_SHOWN].strip()!r}")
+            raise ConfigurationError(
+                f"{where}, line {i}: expected {width} numbers, got {row[:_SHOWN].strip()!r}"
+            )
     return np.array([[float(word) for word in row.split()] for row in rows if row.split()])
 
 
@@ -166,7 +193,8 @@ def _numbers_only(line: str) -> str:
 def _normal_columns(values: Array) -> list[int] | None:
     """Three columns beyond the first three that hold normals; None without any.
 
-    Normals are of unit length, in all rows but a few, or have negative components. Colours have neither.
+    Normals are of unit length, in all rows but a few, or have negative components. Colours have
+    neither.
     """
     for start in range(3, values.shape[1] - 2):
         trio = values[:, start : start + 3]
@@ -179,5 +207,6 @@ def _normal_columns(values: Array) -> list[int] | None:
         return None
     trio = values[:, 3:]
     finite = trio[np.isfinite(trio).all(axis=1)]
-    zero = not finite.any()  # that a normal is there, though unknown, is said where the model is made
+    # that a normal is there, though unknown, is said where the model is made
+    zero = not finite.any()
     return [3, 4, 5] if zero or (finite < 0.0).any() else None

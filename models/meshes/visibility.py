@@ -1,4 +1,6 @@
-"""Which part of a mesh's surface cameras see: in the image, facing the camera, and not occluded by the mesh itself."""
+"""Which part of a mesh's surface cameras see: in the image, facing the camera, and not occluded by
+the mesh itself.
+"""
 
 from dataclasses import dataclass
 
@@ -8,7 +10,8 @@ from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 _PIECES = 4000  # number of surface samples
-_TURNED = np.cos(np.radians(75.0))  # cosine of the largest incidence at which a surface counts as seen
+# cosine of the largest incidence at which a surface counts as seen
+_TURNED = np.cos(np.radians(75.0))
 _SKIN = 2e-3  # [m] tolerance within which a ray's hit is the sample itself and no occluder
 
 
@@ -38,7 +41,9 @@ class SurfaceSamples:
         self._scene = RayScene(vertices, triangles)
 
     def seen(self, X_TC: Array, view: View) -> np.ndarray:
-        """Samples (N,) that at least one of the cameras at `X_TC` (n, 4, 4) in the mesh's frame sees."""
+        """Samples (N,) that at least one of the cameras at `X_TC` (n, 4, 4) in the mesh's frame
+        sees.
+        """
         seen = np.zeros(len(self.points), dtype=bool)
         for X in X_TC:
             left = np.flatnonzero(~seen)

@@ -1,4 +1,5 @@
-"""Stand-off anode as welded to jackets: a cast bar of trapezoidal section on a steel pipe with two legs.
+"""Stand-off anode as welded to jackets: a cast bar of trapezoidal section on a steel pipe with two
+legs.
 
 Sizes are ours, at the small end of those that are cast (0.8 m, about 40 kg of aluminium).
 """
@@ -27,26 +28,35 @@ def top(length: float = 0.5) -> ModelPath:
 def side(length: float = 0.5) -> ModelPath:
     """Line of `length` [m] along the middle of the slanting face on the +y_T side, towards +x_T."""
     normal = np.array([0.0, HEIGHT, 0.5 * (BOTTOM - TOP)])
-    return _line("side", length, np.array([0.0, 0.25 * (TOP + BOTTOM), 0.0]), normal / np.linalg.norm(normal))
+    return _line(
+        "side", length, np.array([0.0, 0.25 * (TOP + BOTTOM), 0.0]), normal / np.linalg.norm(normal)
+    )
 
 
 def _line(name: str, length: float, middle: Array, normal: Array) -> ModelPath:
     if not 0.0 < length <= LENGTH - 0.1:
-        raise ConfigurationError(f"{name} path: length must lie between 0 and {LENGTH - 0.1:.2f} m, got {length}")
+        raise ConfigurationError(
+            f"{name} path: length must lie between 0 and {LENGTH - 0.1:.2f} m, got {length}"
+        )
     x = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
     ones = np.ones((len(x), 1))
-    return ModelPath(p=middle + x[:, None] * [1.0, 0.0, 0.0], a=-ones * normal, b=ones * [1.0, 0.0, 0.0])
+    return ModelPath(
+        p=middle + x[:, None] * [1.0, 0.0, 0.0], a=-ones * normal, b=ones * [1.0, 0.0, 0.0]
+    )
 
 
 def anode() -> TargetModel:
     """Anode as a target: x_T along the bar, z_T out of its narrow face, origin in the bar's middle.
 
-    Bar, core and legs are closed shells that intersect. Paths "top" and "side". Symmetric under half a turn about z_T.
+    Bar, core and legs are closed shells that intersect. Paths "top" and "side". Symmetric under
+    half a turn about z_T.
     """
     x = 0.5 * LENGTH
 
     def face(width: float, z: float) -> Array:
-        return np.array([[-x, -0.5 * width, z], [x, -0.5 * width, z], [x, 0.5 * width, z], [-x, 0.5 * width, z]])
+        return np.array(
+            [[-x, -0.5 * width, z], [x, -0.5 * width, z], [x, 0.5 * width, z], [-x, 0.5 * width, z]]
+        )
 
     low, high = face(BOTTOM, -0.5 * HEIGHT), face(TOP, 0.5 * HEIGHT)
     r, half = PIPE[0], 0.5 * PIPE[1]

@@ -1,7 +1,7 @@
 """Steps of the second axis along a path: corners in which a tool that is not round stops and turns.
 
-Between points such an axis cannot be interpolated, and splines swing beyond a step. So the axis is interpolated without
-its steps, and they are put back at their places.
+Between points such an axis cannot be interpolated, and splines swing beyond a step. So the axis is
+interpolated without its steps, and they are put back at their places.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,8 @@ import numpy as np
 
 from uuv.sim.interfaces.spatial import Array
 
-STEP = 0.35  # [rad] by which the axis turns between two points, from which on the tool turns at rest
+# [rad] by which the axis turns between two points, from which on the tool turns at rest
+STEP = 0.35
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,9 +23,14 @@ class Steps:
 
     @classmethod
     def of(cls, z: Array, x: Array) -> "Steps":
-        """Steps between neighbours of `x` (n, 3), unit and across the unit axes `z` (n, 3), beyond STEP."""
-        moved = x[:-1] - np.sum(x[:-1] * z[1:], axis=1, keepdims=True) * z[1:]  # as it would be without a turn
-        angle = np.arctan2(np.sum(np.cross(moved, x[1:]) * z[1:], axis=1), np.sum(moved * x[1:], axis=1))
+        """Steps between neighbours of `x` (n, 3), unit and across the unit axes `z` (n, 3), beyond
+        STEP.
+        """
+        # as it would be without a turn
+        moved = x[:-1] - np.sum(x[:-1] * z[1:], axis=1, keepdims=True) * z[1:]
+        angle = np.arctan2(
+            np.sum(np.cross(moved, x[1:]) * z[1:], axis=1), np.sum(moved * x[1:], axis=1)
+        )
         after = np.flatnonzero(np.abs(angle) > STEP)
         return cls(after, angle[after])
 
@@ -33,11 +39,15 @@ class Steps:
         return self._turned(z, x, -1.0, np.arange(len(x)))
 
     def put_back(self, z: Array, x: Array, at: np.ndarray) -> Array:
-        """`x` (m, 3) with the steps, `at` (m,) being the index of each of its points among those of the path."""
+        """`x` (m, 3) with the steps, `at` (m,) being the index of each of its points among those of
+        the path.
+        """
         return self._turned(z, x, 1.0, at)
 
     def _turned(self, z: Array, x: Array, sign: float, at: np.ndarray) -> Array:
-        return rotated(z, x, sign * np.sum(np.where(at[:, None] > self.after, self.angle, 0.0), axis=1))
+        return rotated(
+            z, x, sign * np.sum(np.where(at[:, None] > self.after, self.angle, 0.0), axis=1)
+        )
 
 
 NO_STEPS = Steps(np.zeros(0, dtype=np.int64), np.zeros(0))

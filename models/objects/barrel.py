@@ -4,17 +4,31 @@ import numpy as np
 
 from uuv.models.meshes.closed_shells import joined, revolve
 from uuv.models.objects.solid import Solid
-from uuv.models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Symmetry, TargetModel
+from uuv.models.objects.target_model import (
+    PATH_STEP,
+    SHARPEST_CORNER,
+    ModelPath,
+    Symmetry,
+    TargetModel,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import exp_so3, finite_number, pose, rotation_from_z, transform_points
+from uuv.sim.interfaces.spatial import (
+    exp_so3,
+    finite_number,
+    pose,
+    rotation_from_z,
+    transform_points,
+)
 
 BARREL_DIAMETER = 0.6  # [m] of the shell; our choice
 BARREL_LENGTH = 0.9  # [m] our choice
 RIM_WIDTH = 0.03  # [m], along the axis, at each end
-RIM_MARGIN = 0.05  # [m] from a rim to the end of an axial path: half a pad plus the identification error
+# [m] from a rim to the end of an axial path: half a pad plus the identification error
+RIM_MARGIN = 0.05
 RIM_HEIGHT = 0.01  # [m], above the shell
 BUNG = (0.035, 0.025, 0.15)  # [m] radius, height above the shell, and x_T of a bung
-BARREL_SIDES = 256  # sagitta of a side 0.02 mm, negligible for a camera; contact uses an exact cylinder
+# sagitta of a side 0.02 mm, negligible for a camera; contact uses an exact cylinder
+BARREL_SIDES = 256
 
 
 def longitudinal(length: float = 0.6, azimuth: float = 0.0) -> ModelPath:
@@ -27,12 +41,15 @@ def longitudinal(length: float = 0.6, azimuth: float = 0.0) -> ModelPath:
     """
     limit = BARREL_LENGTH - 2.0 * (RIM_WIDTH + RIM_MARGIN)
     if not 0.0 < length < limit:
-        raise ConfigurationError(f"longitudinal path: length must lie between 0 and {limit:.2f} m, got {length}")
+        raise ConfigurationError(
+            f"longitudinal path: length must lie between 0 and {limit:.2f} m, got {length}"
+        )
     x = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
     outward = np.array([0.0, -np.sin(azimuth), np.cos(azimuth)])
     ones = np.ones((len(x), 1))
     return ModelPath(
-        p=np.column_stack([x, np.zeros_like(x), np.zeros_like(x)]) + 0.5 * BARREL_DIAMETER * outward,
+        p=np.column_stack([x, np.zeros_like(x), np.zeros_like(x)])
+        + 0.5 * BARREL_DIAMETER * outward,
         a=-ones * outward,
         b=ones * [1.0, 0.0, 0.0],
     )
@@ -56,18 +73,25 @@ def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> Mode
         raise ConfigurationError(f"transverse path: arc must lie in (0, pi] rad, got {arc}")
     limit = 0.5 * BARREL_LENGTH - RIM_WIDTH
     if not abs(x) < limit:
-        raise ConfigurationError(f"transverse path: |x| must be below {limit:.2f} m (the rims), got {x}")
+        raise ConfigurationError(
+            f"transverse path: |x| must be below {limit:.2f} m (the rims), got {x}"
+        )
     radius = 0.5 * BARREL_DIAMETER
-    angle = azimuth + np.linspace(-0.5 * arc, 0.5 * arc, max(4, 1 + round(radius * arc / PATH_STEP)))
+    angle = azimuth + np.linspace(
+        -0.5 * arc, 0.5 * arc, max(4, 1 + round(radius * arc / PATH_STEP))
+    )
     zero = np.zeros_like(angle)
     outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
     return ModelPath(
-        p=radius * outward + [x, 0.0, 0.0], a=-outward, b=np.column_stack([zero, -np.cos(angle), -np.sin(angle)])
+        p=radius * outward + [x, 0.0, 0.0],
+        a=-outward,
+        b=np.column_stack([zero, -np.cos(angle), -np.sin(angle)]),
     )
 
 
 def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath:
-    """Along the top generator for `length` [m], then on around the shell: the way turns by `corner` [rad] on the top.
+    """Along the top generator for `length` [m], then on around the shell: the way turns by `corner`
+    [rad] on the top.
 
     Both parts are straight on the unrolled shell, and as long.
 
@@ -77,9 +101,14 @@ def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath
     finite_number(corner, "barrel corner [rad]", least=-SHARPEST_CORNER, most=SHARPEST_CORNER)
     limit = 0.5 * BARREL_LENGTH - RIM_WIDTH - RIM_MARGIN
     if not 0.0 < length <= limit:
-        raise ConfigurationError(f"corner path: length must lie between 0 and {limit:.2f} m, got {length}")
+        raise ConfigurationError(
+            f"corner path: length must lie between 0 and {limit:.2f} m, got {length}"
+        )
     s = np.linspace(-length, length, 2 * max(4, round(length / PATH_STEP)) + 1)
-    ahead, around = np.minimum(s, 0.0) + np.maximum(s, 0.0) * np.cos(corner), np.maximum(s, 0.0) * np.sin(corner)
+    ahead, around = (
+        np.minimum(s, 0.0) + np.maximum(s, 0.0) * np.cos(corner),
+        np.maximum(s, 0.0) * np.sin(corner),
+    )
     radius, zero = 0.5 * BARREL_DIAMETER, np.zeros_like(s)
     angle = -around / radius
     outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
@@ -101,10 +130,11 @@ def barrel(
     bung_azimuth: float | None = None,
     corner: float = 0.5 * np.pi,
 ) -> TargetModel:
-    """Barrel as a target, after [Konoplin 2022, fig. 3]: 0.6 m in diameter, 0.9 m long, with a rim at each end.
+    """Barrel as a target, after [Konoplin 2022, fig. 3]: 0.6 m in diameter, 0.9 m long, with a rim
+    at each end.
 
-    The sizes are ours. x_T is the axis and the origin the centre. The paths are "longitudinal", "transverse" and
-    "corner". The declared symmetry is that of the body, with or without a bung.
+    The sizes are ours. x_T is the axis and the origin the centre. The paths are "longitudinal",
+    "transverse" and "corner". The declared symmetry is that of the body, with or without a bung.
 
     Args:
         line_length: [m] of the longitudinal path.
@@ -127,7 +157,8 @@ def barrel(
     profile += [(-x, radius) for x, radius in reversed(profile)]
     vertices, triangles = revolve(np.array(profile), BARREL_SIDES)
 
-    R_axis = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])  # MuJoCo's cylinders have their axis along z
+    # MuJoCo's cylinders have their axis along z
+    R_axis = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     x_rim = h - 0.5 * RIM_WIDTH
     size = (rim, 0.5 * RIM_WIDTH)
     solids = (
@@ -137,9 +168,12 @@ def barrel(
     )
     if bung_azimuth is not None:
         radius, height, x = BUNG
-        X_bung = pose(exp_so3([bung_azimuth, 0.0, 0.0])) @ pose(p=[x, 0.0, r])  # z out of the shell, origin on it
+        # z out of the shell, origin on it
+        X_bung = pose(exp_so3([bung_azimuth, 0.0, 0.0])) @ pose(p=[x, 0.0, r])
         inside = -0.5 * RIM_HEIGHT
-        disc, faces = revolve(np.array([(inside, 0.0), (inside, radius), (height, radius), (height, 0.0)]), 64)
+        disc, faces = revolve(
+            np.array([(inside, 0.0), (inside, radius), (height, radius), (height, 0.0)]), 64
+        )
         disc = transform_points(X_bung, disc[:, [1, 2, 0]])
         vertices, triangles = joined([(vertices, triangles), (disc, faces)])
         half = 0.5 * (height - inside)
@@ -148,17 +182,27 @@ def barrel(
     half_width = 0.18
     top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
     if not stand_height > r + RIM_HEIGHT:
-        raise ConfigurationError(f"barrel: stand_height must exceed {r + RIM_HEIGHT} m, got {stand_height}")
+        raise ConfigurationError(
+            f"barrel: stand_height must exceed {r + RIM_HEIGHT} m, got {stand_height}"
+        )
     beam = (0.03, half_width, 0.5 * (stand_height - top))
     stand = tuple(
-        Solid(name=f"target_stand_{end}", kind="box", size=beam, X_TS=pose(p=[x, 0.0, -0.5 * (stand_height + top)]))
+        Solid(
+            name=f"target_stand_{end}",
+            kind="box",
+            size=beam,
+            X_TS=pose(p=[x, 0.0, -0.5 * (stand_height + top)]),
+        )
         for end, x in (("aft", -0.28), ("fore", 0.28))
     )
     return TargetModel(
         name="barrel",
         vertices=vertices,
         triangles=triangles,
-        symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0]), rotations=np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])),
+        symmetry=Symmetry(
+            axis=np.array([1.0, 0.0, 0.0]),
+            rotations=np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])]),
+        ),
         paths={
             "longitudinal": longitudinal(line_length, line_azimuth),
             "transverse": transverse(arc, arc_azimuth),

@@ -4,7 +4,13 @@ from itertools import product
 
 import numpy as np
 
-from uuv.models.objects.target_model import PATH_STEP, SHARPEST_CORNER, ModelPath, Symmetry, TargetModel
+from uuv.models.objects.target_model import (
+    PATH_STEP,
+    SHARPEST_CORNER,
+    ModelPath,
+    Symmetry,
+    TargetModel,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number
 
 SIZE = (0.7, 0.5, 0.4)  # [m] along x_T, y_T, z_T
@@ -13,30 +19,43 @@ _ARCS = 24  # steps of a quarter circle; the facets deviate from it by r / 900
 
 
 def over_edge(radius: float, length: float = 0.2) -> ModelPath:
-    """Path along y_T over the top, around its edge towards +y_T, and down the side; `length` [m] on each face."""
+    """Path along y_T over the top, around its edge towards +y_T, and down the side; `length` [m] on
+    each face.
+    """
     flat, down = 0.5 * SIZE[1] - radius, 0.5 * SIZE[2] - radius
     arc, total = 0.5 * np.pi * radius, 2.0 * length + 0.5 * np.pi * radius
     s = np.linspace(0.0, total, max(4, 1 + round(total / PATH_STEP)))
     angle = np.clip((s - length) / radius, 0.0, 0.5 * np.pi)
-    along, outward = _in_plane(np.cos(angle), -np.sin(angle)), _in_plane(np.sin(angle), np.cos(angle))
+    along, outward = (
+        _in_plane(np.cos(angle), -np.sin(angle)),
+        _in_plane(np.sin(angle), np.cos(angle)),
+    )
     before, after = np.minimum(s - length, 0.0), np.maximum(s - length - arc, 0.0)
     p = _in_plane(np.full_like(s, flat) + before, np.full_like(s, down) - after) + radius * outward
     return ModelPath(p=p, a=-outward, b=along)
 
 
 def around_corner(corner: float, length: float = 0.15) -> ModelPath:
-    """Two straight lines of `length` [m] on the top that meet in its middle; the way turns by `corner` [rad]."""
+    """Two straight lines of `length` [m] on the top that meet in its middle; the way turns by
+    `corner` [rad].
+    """
     finite_number(corner, "block corner [rad]", least=0.0, most=SHARPEST_CORNER)
     n = max(4, 1 + round(length / PATH_STEP))
     before = np.linspace(-length, 0.0, n)[:, None] * [1.0, 0.0, 0.0]
     after = np.linspace(0.0, length, n)[1:, None] * [np.cos(corner), np.sin(corner), 0.0]
     p = np.vstack([before, after]) + np.array([0.0, 0.0, 0.5 * SIZE[2]])
-    b = np.vstack([np.tile([1.0, 0.0, 0.0], (n, 1)), np.tile([np.cos(corner), np.sin(corner), 0.0], (n - 1, 1))])
+    b = np.vstack(
+        [
+            np.tile([1.0, 0.0, 0.0], (n, 1)),
+            np.tile([np.cos(corner), np.sin(corner), 0.0], (n - 1, 1)),
+        ]
+    )
     return ModelPath(p=p, a=np.tile([0.0, 0.0, -1.0], (len(p), 1)), b=b)
 
 
 def block(radius: float = RADIUS, corner: float = 0.5 * np.pi) -> TargetModel:
-    """Block as a target: origin in its middle, z_T up. Paths "edge" (`over_edge`) and "corner" (`around_corner`).
+    """Block as a target: origin in its middle, z_T up. Paths "edge" (`over_edge`) and "corner"
+    (`around_corner`).
 
     Symmetric under half a turn about each axis.
 
@@ -65,14 +84,20 @@ def _in_plane(y: Array, z: Array) -> Array:
 
 
 def _rounded_box(radius: float) -> tuple[Array, np.ndarray]:
-    """Convex hull of an eighth of a sphere at each corner: vertices (V, 3) [m] and triangles (T, 3)."""
+    """Convex hull of an eighth of a sphere at each corner: vertices (V, 3) [m] and triangles (T,
+    3).
+    """
     from scipy.spatial import ConvexHull
 
     angle = np.linspace(0.0, 0.5 * np.pi, _ARCS + 1)
     polar, around = (each.ravel() for each in np.meshgrid(angle, angle, indexing="ij"))
-    eighth = np.column_stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)])
+    eighth = np.column_stack(
+        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
+    )
     core = 0.5 * np.array(SIZE) - radius
-    points = np.vstack([np.array(signs) * (core + radius * eighth) for signs in product((-1.0, 1.0), repeat=3)])
+    points = np.vstack(
+        [np.array(signs) * (core + radius * eighth) for signs in product((-1.0, 1.0), repeat=3)]
+    )
     points = np.unique(np.round(points, 9), axis=0)
     hull = ConvexHull(points)
     outward = np.einsum("ij,ij->i", _cross(points, hull.simplices), hull.equations[:, :3]) > 0.0

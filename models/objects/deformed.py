@@ -1,8 +1,9 @@
 """Growth and dents on any mesh, with the ground truth of the displacement.
 
-Growth raises surface that faces its middle; a dent pushes in everything near, both faces of a plate. The height of
-either falls from the middle to a lobed edge as a half cosine. Points move along one direction by less than the width
-allows, so the surface never folds into itself. The mesh is refined where needed, and stays closed if it was.
+Growth raises surface that faces its middle; a dent pushes in everything near, both faces of a
+plate. The height of either falls from the middle to a lobed edge as a half cosine. Points move
+along one direction by less than the width allows, so the surface never folds into itself. The mesh
+is refined where needed, and stays closed if it was.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,15 @@ from uuv.models.meshes.closed_shells import split, vertex_normals, welded
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.objects.target_model import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked, checked_place, readonly, real_array, shown, whole_number
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    readonly,
+    real_array,
+    shown,
+    whole_number,
+)
 
 HEIGHT = (0.01, 0.04)  # [m] default range of the height of growth and depth of dents
 PATCHES = 5  # default number of patches
@@ -47,17 +56,22 @@ class Patch:
         if not length > 1e-9:
             raise ConfigurationError("patch: its normal must not be zero")
         if not (np.isfinite(self.height) and self.height > 0.0 and np.isfinite(self.radius)):
-            raise ConfigurationError(f"patch: radius and height must be > 0 m, got {self.radius}, {self.height}")
+            raise ConfigurationError(
+                f"patch: radius and height must be > 0 m, got {self.radius}, {self.height}"
+            )
         if self.radius < _STEEPEST * self.height * (1.0 - 1e-9):
             raise ConfigurationError(
-                f"patch: radius must be at least {_STEEPEST} times the height, got {self.radius} and {self.height} m"
+                f"patch: radius must be at least {_STEEPEST} times the height, got {self.radius} "
+                f"and {self.height} m"
             )
         object.__setattr__(self, "p_T", readonly(checked(self.p_T, (3,), "patch middle")))
         object.__setattr__(self, "n_T", readonly(normal / length))
         object.__setattr__(self, "lobes", readonly(checked(self.lobes, (2,), "patch lobes")))
 
     def displacement(self, points_T: Array, normals_T: Array) -> Array:
-        """Displacement (N, 3) [m] of points (N, 3) of the clean surface with their outward normals (N, 3)."""
+        """Displacement (N, 3) [m] of points (N, 3) of the clean surface with their outward normals
+        (N, 3).
+        """
         offset = points_T - self.p_T
         x = np.cross(self.n_T, [0.0, 0.0, 1.0] if abs(self.n_T[2]) < 0.9 else [1.0, 0.0, 0.0])
         x /= np.linalg.norm(x)
@@ -69,13 +83,16 @@ class Patch:
         amount = self.height * 0.5 * (1.0 + np.cos(np.pi * np.clip(share, 0.0, 1.0)))
         if self.kind == "dent":
             return -amount[:, None] * self.n_T
-        faces = np.clip((normals_T @ self.n_T - 0.05) / 0.35, 0.0, 1.0)  # surface that faces aside or away stays
+        # surface that faces aside or away stays
+        faces = np.clip((normals_T @ self.n_T - 0.05) / 0.35, 0.0, 1.0)
         return (amount * faces**2 * (3.0 - 2.0 * faces))[:, None] * self.n_T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deformed:
-    """A deformed object with its ground truth: `target.vertices` equals `clean_T` plus the displacement."""
+    """A deformed object with its ground truth: `target.vertices` equals `clean_T` plus the
+    displacement.
+    """
 
     target: TargetModel  # the true shape; name, symmetry and paths are those of the clean one
     clean: TargetModel  # the believed shape
@@ -84,7 +101,8 @@ class Deformed:
     offset: Array  # (V,) [m] of each vertex along the clean surface's normal: growth positive
 
     def offset_at(self, points_T: ArrayLike) -> Array:
-        """Offset (N,) [m] from the clean surface at the points of the true surface nearest to (N, 3) [m].
+        """Offset (N,) [m] from the clean surface at the points of the true surface nearest to (N,
+        3) [m].
 
         Growth is positive.
 
@@ -93,10 +111,14 @@ class Deformed:
         """
         points = real_array(points_T, "offset_at", "points (N, 3) [m]")
         if points.ndim != 2:
-            raise ConfigurationError(f"offset_at: expected points (N, 3) [m], got shape {points.shape}")
+            raise ConfigurationError(
+                f"offset_at: expected points (N, 3) [m], got shape {points.shape}"
+            )
         points = checked_place(points, (len(points), 3), "offset_at: points [m]")
         nearest = NearestSurface.of(self.target.vertices, self.target.triangles).query(points)
-        return np.einsum("nk,nk->n", nearest.weights, self.offset[self.target.triangles[nearest.triangle]])
+        return np.einsum(
+            "nk,nk->n", nearest.weights, self.offset[self.target.triangles[nearest.triangle]]
+        )
 
 
 def fouled(
@@ -113,7 +135,8 @@ def fouled(
         rng: source of randomness.
         patches: number of patches.
         height: [m] range of their heights.
-        near: (N, 3) [m] in T, points such as those of a path that the patches lie close to; None: anywhere.
+        near: (N, 3) [m] in T, points such as those of a path that the patches lie close to; None:
+            anywhere.
 
     Returns:
         The deformed object with its ground truth.
@@ -138,7 +161,8 @@ def dented(
         rng: source of randomness.
         patches: number of dents.
         height: [m] range of their depths.
-        near: (N, 3) [m] in T, points such as those of a path that the dents lie close to; None: anywhere.
+        near: (N, 3) [m] in T, points such as those of a path that the dents lie close to; None:
+            anywhere.
 
     Returns:
         The deformed object with its ground truth.
@@ -157,13 +181,17 @@ def deformed(target: TargetModel, patches: Sequence[Patch]) -> Deformed:
         reach = (1.0 + 1.5 * _LOBES) * patch.radius
         for _ in range(30):
             low, high = points[faces].min(axis=1), points[faces].max(axis=1)
-            away = np.linalg.norm(np.maximum(np.maximum(low - patch.p_T, patch.p_T - high), 0.0), axis=1)
+            away = np.linalg.norm(
+                np.maximum(np.maximum(low - patch.p_T, patch.p_T - high), 0.0), axis=1
+            )
             finer = split(points, faces, away < reach, edge)
             if len(finer[0]) == len(points):
                 break
             points, faces = finer
     normals = vertex_normals(points, faces)
-    moved = points + sum((patch.displacement(points, normals) for patch in patches), np.zeros_like(points))
+    moved = points + sum(
+        (patch.displacement(points, normals) for patch in patches), np.zeros_like(points)
+    )
     return Deformed(
         target=replace(target, vertices=moved, triangles=faces, solids=(), hulls=()),
         clean=target,
@@ -183,28 +211,36 @@ def _drawn(
 ) -> list[Patch]:
     least, most = checked(height, (2,), f"{kind}: height [m]").tolist()
     if not 0.0 < least <= most:
-        raise ConfigurationError(f"{kind}: height must be 0 < least <= most [m], got {shown(height)}")
+        raise ConfigurationError(
+            f"{kind}: height must be 0 < least <= most [m], got {shown(height)}"
+        )
     count = whole_number(count, f"{kind}: patches", least=1, most=_MOST_PATCHES)
     widest = _MOST_OF_SIZE * target.radius
     if least * _STEEPEST > widest:
         raise ConfigurationError(
-            f"{kind}: {target.name!r} of radius {target.radius:.3g} m is too small for a height of {least:.3g} m; "
+            f"{kind}: {target.name!r} of radius {target.radius:.3g} m is too small for a height "
+            f"of {least:.3g} m; "
             f"at most {widest / _STEEPEST:.3g} m"
         )
     places = None if near is None else np.asarray(near, dtype=np.float64)
     if places is not None and (places.ndim != 2 or places.shape[1:] != (3,) or not len(places)):
-        raise ConfigurationError(f"{kind}: near must be points (N, 3), N > 0, got shape {places.shape}")
+        raise ConfigurationError(
+            f"{kind}: near must be points (N, 3), N > 0, got shape {places.shape}"
+        )
     if places is not None and not np.isfinite(places).all():
         raise ConfigurationError(f"{kind}: every point of near must be finite")
     a, b, c = target.vertices[target.triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)
     if places is not None:
-        away = float(NearestSurface.of(target.vertices, target.triangles).query(places).distance.min())
+        away = float(
+            NearestSurface.of(target.vertices, target.triangles).query(places).distance.min()
+        )
         close = 0.5 * min(4.5 * most, widest)
         if away >= close:
             raise ConfigurationError(
-                f"{kind}: near lies {away:.3g} m from {target.name!r}, farther than its patches reach, {close:.3g} m"
+                f"{kind}: near lies {away:.3g} m from {target.name!r}, farther than its patches "
+                f"reach, {close:.3g} m"
             )
     drawn: list[Patch] = []
     crowded = 0
@@ -217,8 +253,19 @@ def _drawn(
         lobes = rng.uniform(-np.pi, np.pi, 2)
         if places is not None and np.linalg.norm(places - p, axis=1).min() > 0.5 * radius:
             continue
-        if crowded < _CROWDED and any(np.linalg.norm(p - q.p_T) < 0.7 * (radius + q.radius) for q in drawn):
+        if crowded < _CROWDED and any(
+            np.linalg.norm(p - q.p_T) < 0.7 * (radius + q.radius) for q in drawn
+        ):
             crowded += 1  # overlapping patches exceed `height`; allowed only where there is no room
             continue
-        drawn.append(Patch(kind=kind, p_T=p, n_T=cross[face] / area[face], radius=radius, height=tall, lobes=lobes))
+        drawn.append(
+            Patch(
+                kind=kind,
+                p_T=p,
+                n_T=cross[face] / area[face],
+                radius=radius,
+                height=tall,
+                lobes=lobes,
+            )
+        )
     return drawn

@@ -1,8 +1,10 @@
-"""Subsea manifold block with sampling holes: mesh for identification, and collision shapes with real holes.
+"""Subsea manifold block with sampling holes: mesh for identification, and collision shapes with
+real holes.
 
-Frame T has its origin in the middle of the block's face and z out of it. A hole is a blind bore with a chamfered mouth.
-Each is walled by a ring of boxes whose inner faces touch the bore's circle from outside. The free bore is at least that
-circle, and at the corners wider by r (1 / cos(pi / SIDES) - 1). Boxes are never cut, so contact with them is exact.
+Frame T has its origin in the middle of the block's face and z out of it. A hole is a blind bore
+with a chamfered mouth. Each is walled by a ring of boxes whose inner faces touch the bore's circle
+from outside. The free bore is at least that circle, and at the corners wider by r (1 / cos(pi /
+SIDES) - 1). Boxes are never cut, so contact with them is exact.
 """
 
 from collections.abc import Mapping
@@ -38,7 +40,9 @@ class Hole:
     chamfer: float  # [m] width and depth of the 45 deg chamfer at the mouth
 
     def pose(self, X_WT: Array) -> Array:
-        """Pose X_WH (4, 4) of the bore for a target at `X_WT`: origin in the mouth, z inwards, x close to x_T."""
+        """Pose X_WH (4, 4) of the bore for a target at `X_WT`: origin in the mouth, z inwards, x
+        close to x_T.
+        """
         R_TH = rotation_from_z(-self.z_T, [1.0, 0.0, 0.0])
         return np.asarray(X_WT) @ pose(R_TH, self.p_T)
 
@@ -57,15 +61,17 @@ class Manifold:
             ConfigurationError: an unknown name; the message lists the known ones.
         """
         if name not in self.holes:
-            raise ConfigurationError(f"the manifold has no hole {name!r}; it has {sorted(self.holes)}")
+            raise ConfigurationError(
+                f"the manifold has no hole {name!r}; it has {sorted(self.holes)}"
+            )
         return self.holes[name]
 
 
 def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) -> Manifold:
     """Manifold block with pipes in three directions and two holes, "a" and "b".
 
-    The pipes are closed shells that intersect the block, and remove every symmetry. The target's paths "beside_a" and
-    "beside_b" are short lines on the face next to the holes.
+    The pipes are closed shells that intersect the block, and remove every symmetry. The target's
+    paths "beside_a" and "beside_b" are short lines on the face next to the holes.
 
     Args:
         radius: [m] of the bores.
@@ -81,14 +87,22 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
     length, width, height = SIZE
     if not (radius > 0.0 and chamfer >= 0.0 and radius + chamfer < 0.9 * _CELL):
         raise ConfigurationError(
-            f"manifold: radius must be > 0 and chamfer >= 0 m, together below {0.9 * _CELL} m; got {radius}, {chamfer}"
+            f"manifold: radius must be > 0 and chamfer >= 0 m, together below {0.9 * _CELL} m; "
+            f"got {radius}, {chamfer}"
         )
     if not chamfer < depth < height - 0.01:
         raise ConfigurationError(
-            f"manifold: depth must lie between the chamfer's {chamfer} m and {height - 0.01:.2f} m, got {depth}"
+            f"manifold: depth must lie between the chamfer's {chamfer} m and {height - 0.01:.2f} "
+            f"m, got {depth}"
         )
     holes = {
-        name: Hole(p_T=readonly([x, -0.07, 0.0]), z_T=readonly(_Z), radius=radius, depth=depth, chamfer=chamfer)
+        name: Hole(
+            p_T=readonly([x, -0.07, 0.0]),
+            z_T=readonly(_Z),
+            radius=radius,
+            depth=depth,
+            chamfer=chamfer,
+        )
         for name, x in (("a", 0.05), ("b", -0.1))
     }
     pipes = (  # radius, length, axis, middle
@@ -96,15 +110,28 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         ("branch", 0.03, 0.26, [0.0, 1.0, 0.0], [0.2, -0.03, 0.05]),
         ("valve", 0.04, 0.13, [0.0, 0.0, 1.0], [-0.22, -0.14, 0.06]),
     )
-    columns = sorted({-0.5 * length, 0.5 * length, *(h.p_T[0] + s * _CELL for h in holes.values() for s in (-1, 1))})
+    columns = sorted(
+        {
+            -0.5 * length,
+            0.5 * length,
+            *(h.p_T[0] + s * _CELL for h in holes.values() for s in (-1, 1)),
+        }
+    )
     rows = [-0.5 * width, -0.07 - _CELL, -0.07 + _CELL, 0.5 * width]
     mesh = _Mesh()
-    solids: list[Solid] = [_box("target", [0, 0, -0.5 * (height + depth)], [length, width, height - depth])]
+    solids: list[Solid] = [
+        _box("target", [0, 0, -0.5 * (height + depth)], [length, width, height - depth])
+    ]
     for x0, x1 in pairwise(columns):
         for y0, y1 in pairwise(rows):
             middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0])
             name, hole = next(
-                ((n, h) for n, h in holes.items() if np.allclose(h.p_T, middle, rtol=0.0, atol=1e-9)), ("", None)
+                (
+                    (n, h)
+                    for n, h in holes.items()
+                    if np.allclose(h.p_T, middle, rtol=0.0, atol=1e-9)
+                ),
+                ("", None),
             )
             if hole is None:
                 mesh.quad([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
@@ -118,16 +145,25 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
     for name, pipe_radius, pipe_length, axis, middle in pipes:
         R = rotation_from_z(axis, [0.3, 0.5, 0.7])
         half = 0.5 * pipe_length
-        solids.append(Solid(name=f"target_{name}", kind="cylinder", size=(pipe_radius, half), X_TS=pose(R, middle)))
+        solids.append(
+            Solid(
+                name=f"target_{name}",
+                kind="cylinder",
+                size=(pipe_radius, half),
+                X_TS=pose(R, middle),
+            )
+        )
         vertices, triangles = revolve(
             [(-half, 0.0), (-half, pipe_radius), (half, pipe_radius), (half, 0.0)], _PIPE_SIDES
         )
-        R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])  # the mesh is revolved about x, the solid has its axis along z
+        # the mesh is revolved about x, the solid has its axis along z
+        R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])
         shells.append((vertices @ R_pipe.T + middle, triangles))
     x, ones = np.linspace(-0.02, 0.02, 9), np.ones((9, 1))
     line = np.column_stack([x, np.full(9, radius + chamfer + 0.015), np.zeros(9)])
     beside = {
-        name: ModelPath(p=hole.p_T + line, a=-ones * _Z, b=ones * [1.0, 0.0, 0.0]) for name, hole in holes.items()
+        name: ModelPath(p=hole.p_T + line, a=-ones * _Z, b=ones * [1.0, 0.0, 0.0])
+        for name, hole in holes.items()
     }
     vertices, triangles = joined(shells)
     target = TargetModel(
@@ -146,7 +182,9 @@ def _box(name: str, middle: ArrayLike, size: ArrayLike, R: Array | None = None) 
 
 
 def _ring(name: str, hole: Hole) -> list[Solid]:
-    """Boxes (wall, lip and chamfer for each side) around the bore, out to the corners of its cell."""
+    """Boxes (wall, lip and chamfer for each side) around the bore, out to the corners of its
+    cell.
+    """
     r, c, out = hole.radius, hole.chamfer, np.sqrt(2.0) * _CELL
     wide = 2.0 * out * np.tan(np.pi / SIDES)
     found = []
@@ -154,19 +192,32 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
         R = exp_so3([0.0, 0.0, 2.0 * np.pi * k / SIDES])
 
         def part(
-            kind: str, x: float, z: float, size: list[float], tilt: float = 0.0, k: int = k, R: Array = R
+            kind: str,
+            x: float,
+            z: float,
+            size: list[float],
+            tilt: float = 0.0,
+            k: int = k,
+            R: Array = R,
         ) -> Solid:
             place = hole.p_T + R @ [x, 0.0, z]
             return _box(f"target_{name}_{kind}_{k}", place, size, R @ exp_so3([0.0, tilt, 0.0]))
 
-        found.append(part("wall", 0.5 * (r + out), -0.5 * (hole.depth + c), [out - r, wide, hole.depth - c]))
+        found.append(
+            part("wall", 0.5 * (r + out), -0.5 * (hole.depth + c), [out - r, wide, hole.depth - c])
+        )
         if c > 0.0:
             found.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
-            # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the box lies behind it.
+            # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the box lies behind
+            # it.
             s = 0.25 * c
             found.append(
                 part(
-                    "chamfer", r + 0.5 * c + s, -0.5 * c - s, [2.0 * np.sqrt(2) * s, wide, c * np.sqrt(2)], 0.25 * np.pi
+                    "chamfer",
+                    r + 0.5 * c + s,
+                    -0.5 * c - s,
+                    [2.0 * np.sqrt(2) * s, wide, c * np.sqrt(2)],
+                    0.25 * np.pi,
                 )
             )
     return found
@@ -179,7 +230,9 @@ class _Mesh:
         self._parts: list[tuple[Array, np.ndarray]] = []
 
     def add(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
-        self._parts.append((np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64)))
+        self._parts.append(
+            (np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64))
+        )
 
     def quad(self, corners: ArrayLike) -> None:
         self.add(corners, [[0, 1, 2], [0, 2, 3]])
@@ -193,12 +246,16 @@ class _Mesh:
         i = np.arange(n)
         j = (i + 1) % n
         # Each corner of the square is joined to the nearest quarter of the mouth's circle.
-        corners = hole.p_T + _CELL * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=np.float64)
+        corners = hole.p_T + _CELL * np.array(
+            [[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=np.float64
+        )
         corner = i // (n // 4)
         fan = np.column_stack([n + corner, j, i])
         gaps = [[n + k, n + (k + 1) % 4, (n // 4) * (k + 1) % n] for k in range(4)]
         self.add(np.vstack([hole.p_T + (r + c) * circle, corners]), np.vstack([fan, gaps]))
-        rings = [(r + c, 0.0), (r, -c), (r, -hole.depth)] if c > 0.0 else [(r, 0.0), (r, -hole.depth)]
+        rings = (
+            [(r + c, 0.0), (r, -c), (r, -hole.depth)] if c > 0.0 else [(r, 0.0), (r, -hole.depth)]
+        )
         for (r0, z0), (r1, z1) in pairwise(rings):
             upper, lower = hole.p_T + r0 * circle + [0, 0, z0], hole.p_T + r1 * circle + [0, 0, z1]
             self.add(
@@ -206,10 +263,15 @@ class _Mesh:
                 np.vstack([np.column_stack([i, j, n + j]), np.column_stack([i, n + j, n + i])]),
             )
         bottom = hole.p_T + r * circle - [0, 0, hole.depth]
-        self.add(np.vstack([bottom, hole.p_T - [0, 0, hole.depth]]), np.column_stack([i, j, np.full(n, n)]))
+        self.add(
+            np.vstack([bottom, hole.p_T - [0, 0, hole.depth]]),
+            np.column_stack([i, j, np.full(n, n)]),
+        )
 
     def sides(self, columns: list[float], rows: list[float], height: float) -> None:
-        """Add the block without its face, whose edge has corners at `columns` (x) and `rows` (y)."""
+        """Add the block without its face, whose edge has corners at `columns` (x) and `rows`
+        (y).
+        """
         x, y = np.array(columns), np.array(rows)
         rim = np.concatenate(
             [

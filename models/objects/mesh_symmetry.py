@@ -1,4 +1,6 @@
-"""Symmetry of a mesh, found by turning it: the rotations under which no sensor can tell it from itself."""
+"""Symmetry of a mesh, found by turning it: the rotations under which no sensor can tell it from
+itself.
+"""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -10,38 +12,55 @@ from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.objects.target_model import Symmetry
 from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_angle
 
-_ALIKE = 0.006  # [radii] distance between the surfaces, up to which they are the same; a 24-sided pipe is round
+# [radii] distance between the surfaces, up to which they are the same; a 24-sided pipe is round
+_ALIKE = 0.006
 _EVEN = 40_000  # triangles drawn from the mesh of a cloud
-_LOST = 0.01  # [-] largest share of the surface of a cloud's mesh that may lie a spacing off and more
-_CHIPPED = 0.1  # [-] largest share of the surface of a cloud's mesh that may lie farther off than _ALIKE
+# [-] largest share of the surface of a cloud's mesh that may lie a spacing off and more
+_LOST = 0.01
+# [-] largest share of the surface of a cloud's mesh that may lie farther off than _ALIKE
+_CHIPPED = 0.1
 _FOLDS = range(2, 13)  # orders of rotation that are tried
-_ROUND = np.deg2rad([13.0, 37.0, 71.0, 103.0, 163.0])  # [rad] turns that map only a surface of revolution onto itself
+# [rad] turns that map only a surface of revolution onto itself
+_ROUND = np.deg2rad([13.0, 37.0, 71.0, 103.0, 163.0])
 _EQUAL = 0.02  # [-] relative difference of moments of inertia, up to which axes are not unique
 _SAMPLES = 1500  # points of the surface, and as many corners, that are turned
 _FIRST = 60  # of them that are turned first: they exclude most rotations
-_SCANNED = np.deg2rad(3.0)  # [rad] between the axes tried where the moments of inertia leave them open
+# [rad] between the axes tried where the moments of inertia leave them open
+_SCANNED = np.deg2rad(3.0)
 _EXACTLY = np.deg2rad(0.02)  # [rad] to which such an angle is found
 _REFINED = 20  # of the axes tried, the best ones that are refined
 _ITERATIONS = 15  # of ICP
 _SIGNS = np.array(
-    [[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]]
+    [
+        [1.0, 1.0, 0.0],
+        [1.0, -1.0, 0.0],
+        [1.0, 1.0, 1.0],
+        [1.0, 1.0, -1.0],
+        [1.0, -1.0, 1.0],
+        [-1.0, 1.0, 1.0],
+    ]
 )
 _SPHERE = 300  # axes tried where all moments are equal
 _SAME = np.deg2rad(1.5)  # [rad] between axes or rotations that count as one
 _LARGEST = 60  # rotations in a group: those of an icosahedron
 
 
-def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0) -> Symmetry:
-    """Rotations that map a mesh onto itself within 0.6 % of its radius, and one made of a cloud as well as it tells.
+def mesh_symmetry(
+    vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0
+) -> Symmetry:
+    """Rotations that map a mesh onto itself within 0.6 % of its radius, and one made of a cloud as
+    well as it tells.
 
-    They turn about the centroid of the surface. Axes are sought along the principal axes of inertia, and where two
-    moments are equal, all around the third. A sphere has no single axis; it counts as without symmetry.
+    They turn about the centroid of the surface. Axes are sought along the principal axes of
+    inertia, and where two moments are equal, all around the third. A sphere has no single axis; it
+    counts as without symmetry.
 
     Args:
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
         rng: Draws the points that are compared.
-        spacing: [m] between the points of which the mesh was made: some of it lies so far off the surface.
+        spacing: [m] between the points of which the mesh was made: some of it lies so far off the
+            surface.
 
     Returns:
         An axis of revolution with half turns across it, or a discrete group.
@@ -56,7 +75,9 @@ def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generat
         found = shape.half_turns(_hemisphere(_SPHERE))
         # Axes of third and fourth order pass midway between those of second order.
         sums = [signs @ np.array(trio) for trio in combinations(found[:9], 3) for signs in _SIGNS]
-        candidates = _distinct([*found, *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1)])
+        candidates = _distinct(
+            [*found, *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1)]
+        )
     elif equal.any():
         main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
         candidates = [main, *shape.half_turns_across(main, side)]
@@ -65,8 +86,11 @@ def mesh_symmetry(vertices: Array, triangles: np.ndarray, rng: np.random.Generat
     return Symmetry(rotations=_group(shape, candidates), center=shape.center)
 
 
-def has_mirror_plane(vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0) -> bool:
-    """Whether a reflection maps a mesh onto itself within 0.6 % of its radius; such a mesh has no other hand.
+def has_mirror_plane(
+    vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0
+) -> bool:
+    """Whether a reflection maps a mesh onto itself within 0.6 % of its radius; such a mesh has no
+    other hand.
 
     Args:
         vertices: (V, 3) [m].
@@ -84,7 +108,9 @@ def has_mirror_plane(vertices: Array, triangles: np.ndarray, rng: np.random.Gene
     main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
     normals = _hemisphere(_SPHERE)
     if not equal.all():
-        normals = np.array([exp_so3(angle * main) @ side for angle in np.arange(0.0, np.pi, _SCANNED)])
+        normals = np.array(
+            [exp_so3(angle * main) @ side for angle in np.arange(0.0, np.pi, _SCANNED)]
+        )
     return bool(shape.settled([_reflection(normal) for normal in normals]))
 
 
@@ -95,10 +121,14 @@ def _reflection(normal: Array) -> Array:
 class _Shape:
     """A mesh with points on it that are turned and compared with it."""
 
-    def __init__(self, vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float) -> None:
+    def __init__(
+        self, vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float
+    ) -> None:
         self.spacing = spacing
         corners = vertices[triangles]
-        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        areas = np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
         shares = areas / areas.sum()
         if spacing > 0.0:
             corners, shares = _evenly(corners, areas, spacing, rng)
@@ -117,7 +147,9 @@ class _Shape:
         a, b, c = corners[rng.choice(len(corners), size=_SAMPLES, p=shares)].transpose(1, 0, 2)
         inner = a + u[:, None] * (b - a) + v[:, None] * (c - a)
         outer = used[rng.permutation(len(used))[:_SAMPLES]]  # small parts have many corners
-        self.points = np.vstack([inner, outer])[rng.permutation(len(inner) + len(outer))] - self.center
+        self.points = (
+            np.vstack([inner, outer])[rng.permutation(len(inner) + len(outer))] - self.center
+        )
         self.surface = NearestSurface.of(vertices - self.center, triangles)
 
     def is_like(self, R: Array) -> bool:
@@ -128,18 +160,30 @@ class _Shape:
             if self.spacing == 0.0 and distance.max() > limit:
                 return False
             for off, share in ((max(limit, self.spacing), _LOST), (limit, _CHIPPED)):
-                if (distance > off).sum() > share * len(points) + 2.0 * np.sqrt(share * len(points)):  # 2 sigma
+                # 2 sigma
+                if (distance > off).sum() > share * len(points) + 2.0 * np.sqrt(
+                    share * len(points)
+                ):
                     return False
         return True
 
     def half_turns(self, axes: Array) -> list[Array]:
-        """Axes of half turns that map the shape onto itself, found by ICP from the best of `axes` (n, 3)."""
-        return _distinct([np.linalg.eigh(R + R.T)[1][:, -1] for R in self.settled([exp_so3(np.pi * a) for a in axes])])
+        """Axes of half turns that map the shape onto itself, found by ICP from the best of `axes`
+        (n, 3).
+        """
+        return _distinct(
+            [
+                np.linalg.eigh(R + R.T)[1][:, -1]
+                for R in self.settled([exp_so3(np.pi * a) for a in axes])
+            ]
+        )
 
     def half_turns_across(self, main: Array, side: Array) -> list[Array]:
-        """Axes across `main` (3,) of half turns that map the shape onto itself; `side` (3,) is one across it.
+        """Axes across `main` (3,) of half turns that map the shape onto itself; `side` (3,) is one
+        across it.
 
-        Only the angle about `main` is open, which ICP finds slowly on a prism: most of its surface slides.
+        Only the angle about `main` is open, which ICP finds slowly on a prism: most of its surface
+        slides.
         """
         from scipy.optimize import minimize_scalar
 
@@ -149,7 +193,9 @@ class _Shape:
             return exp_so3(angle * main) @ side
 
         def off(angle: float, points: Array) -> float:
-            return float(np.mean(self.surface.query(points @ exp_so3(np.pi * axis(angle)).T).distance ** 2))
+            return float(
+                np.mean(self.surface.query(points @ exp_so3(np.pi * axis(angle)).T).distance ** 2)
+            )
 
         few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
         around = np.array([off(angle, few) for angle in angles])
@@ -157,13 +203,17 @@ class _Shape:
         found: list[Array] = []
         for k in lowest[np.argsort(around[lowest], kind="stable")[:_REFINED]]:
             bounds = angles[k] - _SCANNED, angles[k] + _SCANNED
-            best = minimize_scalar(off, bounds=bounds, args=(more,), method="bounded", options={"xatol": _EXACTLY})
+            best = minimize_scalar(
+                off, bounds=bounds, args=(more,), method="bounded", options={"xatol": _EXACTLY}
+            )
             if self.is_like(exp_so3(np.pi * axis(float(best.x)))):
                 found.append(axis(float(best.x)))
         return _distinct(found)
 
     def settled(self, maps: Sequence[Array]) -> list[Array]:
-        """Orthogonal maps (3, 3) of the shape onto itself, found by ICP from the best of `maps` [Arun 1987]."""
+        """Orthogonal maps (3, 3) of the shape onto itself, found by ICP from the best of `maps`
+        [Arun 1987].
+        """
         few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
         off = [np.mean(self.surface.query(few @ R.T).distance ** 2) for R in maps]
         found: list[Array] = []
@@ -178,8 +228,11 @@ class _Shape:
         return found
 
 
-def _evenly(corners: Array, areas: Array, spacing: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Triangles (n, 3, 3) drawn from `corners` (t, 3, 3) by area, and shares (n,) that spread evenly over the surface.
+def _evenly(
+    corners: Array, areas: Array, spacing: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Triangles (n, 3, 3) drawn from `corners` (t, 3, 3) by area, and shares (n,) that spread
+    evenly over the surface.
 
     The mesh of a cloud has several layers here and there, which must not count twice.
     """
@@ -198,7 +251,9 @@ def _of_revolution(shape: _Shape, axis: Array) -> Symmetry:
 
 
 def _group(shape: _Shape, axes: list[Array]) -> Array:
-    """Rotations (n, 3, 3) about the axes that map the shape onto itself, and their products; identity first."""
+    """Rotations (n, 3, 3) about the axes that map the shape onto itself, and their products;
+    identity first.
+    """
     group = [np.eye(3)]
     for axis in axes:
         for fold in _FOLDS:
@@ -239,4 +294,6 @@ def _hemisphere(count: int) -> Array:
     """Unit vectors (count, 3), evenly spread over half a sphere: a Fibonacci spiral."""
     k = np.arange(count) + 0.5
     z, angle = k / count, k * np.pi * (3.0 - np.sqrt(5.0))
-    return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z])
+    return np.column_stack(
+        [np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z]
+    )

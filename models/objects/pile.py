@@ -1,7 +1,8 @@
 """Vertical pile, such as a jetty leg, with a bolted flange, and the tool paths on it.
 
-A plain pipe seen in part can slide along its axis undetected by registration. The flange determines height: two rings
-on a pipe of 600 mm, bolted together (proportions as of EN 1092-1 type 11, sizes ours).
+A plain pipe seen in part can slide along its axis undetected by registration. The flange determines
+height: two rings on a pipe of 600 mm, bolted together (proportions as of EN 1092-1 type 11, sizes
+ours).
 """
 
 from collections.abc import Mapping
@@ -58,11 +59,15 @@ def ring(arc: float = 2.0 * np.pi / 3.0, azimuth: float = 0.0, height: float = -
     """
     if not 0.0 < arc <= 2.0 * np.pi + 1e-9:
         raise ConfigurationError(f"ring path: arc must lie in (0, 2 pi] rad, got {arc}")
-    turn = np.linspace(-0.5 * arc, 0.5 * arc, max(4, 1 + round(0.5 * PILE_DIAMETER * arc / PATH_STEP)))
+    turn = np.linspace(
+        -0.5 * arc, 0.5 * arc, max(4, 1 + round(0.5 * PILE_DIAMETER * arc / PATH_STEP))
+    )
     return _on_shell("ring", np.full_like(turn, height), azimuth + turn, climb=0.0)
 
 
-def helix(arc: float = 2.0 * np.pi / 3.0, rise: float = 0.3, azimuth: float = 0.0, height: float = -0.15) -> ModelPath:
+def helix(
+    arc: float = 2.0 * np.pi / 3.0, rise: float = 0.3, azimuth: float = 0.0, height: float = -0.15
+) -> ModelPath:
     """Helical path around the pile, right-handed about z_T.
 
     Args:
@@ -75,7 +80,8 @@ def helix(arc: float = 2.0 * np.pi / 3.0, rise: float = 0.3, azimuth: float = 0.
         The path in T.
 
     Raises:
-        ConfigurationError: an arc that is not positive and finite, or a path that meets the flange or an end.
+        ConfigurationError: an arc that is not positive and finite, or a path that meets the flange
+            or an end.
     """
     if not (np.isfinite(arc) and arc > 0.0):
         raise ConfigurationError(f"helix path: arc must be > 0 rad, got {arc}")
@@ -92,7 +98,8 @@ def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPa
     under, over = FLANGE[0] - FLANGE_MARGIN, FLANGE[1] + FLANGE_MARGIN
     if not ((-end <= low and high <= under) or (over <= low and high <= end)):
         raise ConfigurationError(
-            f"{name} path: heights must lie in [{-end:.2f}, {under:.2f}] or [{over:.2f}, {end:.2f}] m, clear of the "
+            f"{name} path: heights must lie in [{-end:.2f}, {under:.2f}] or [{over:.2f}, "
+            f"{end:.2f}] m, clear of the "
             f"flange and the ends; got {low:.3g} to {high:.3g} m"
         )
     zero = np.zeros_like(azimuth)
@@ -106,7 +113,8 @@ def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPa
 
 
 def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> TargetModel:
-    """Pile as a target, 0.6 m in diameter and 3 m long; z_T is its axis, up, and the origin its middle.
+    """Pile as a target, 0.6 m in diameter and 3 m long; z_T is its axis, up, and the origin its
+    middle.
 
     Args:
         paths: tool paths by name; by default "vertical", "ring" and "helix" with their defaults.
@@ -122,13 +130,20 @@ def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> T
     if flange:
         half = 0.5 * (FLANGE[1] - FLANGE[0])
         solids.append(
-            Solid(name="target_flange", kind="cylinder", size=(R, half), X_TS=pose(p=[0.0, 0.0, FLANGE[0] + half]))
+            Solid(
+                name="target_flange",
+                kind="cylinder",
+                size=(R, half),
+                X_TS=pose(p=[0.0, 0.0, FLANGE[0] + half]),
+            )
         )
     return TargetModel(
         name="pile",
         vertices=vertices[:, [1, 2, 0]],  # axis along z instead of x
         triangles=triangles,
         symmetry=Symmetry(axis=np.array([0.0, 0.0, 1.0])),
-        paths={"vertical": vertical(), "ring": ring(), "helix": helix()} if paths is None else paths,
+        paths={"vertical": vertical(), "ring": ring(), "helix": helix()}
+        if paths is None
+        else paths,
         solids=tuple(solids),
     )

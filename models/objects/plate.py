@@ -1,6 +1,8 @@
-"""Panel of a steel hull as laid out for tests of cleaning: a flat plate with two stiffeners and a nozzle on one side.
+"""Panel of a steel hull as laid out for tests of cleaning: a flat plate with two stiffeners and a
+nozzle on one side.
 
-Sizes are ours: the stiffeners are flat bars of 60 by 12 mm, the nozzle a short pipe that is blanked off.
+Sizes are ours: the stiffeners are flat bars of 60 by 12 mm, the nozzle a short pipe that is blanked
+off.
 """
 
 import numpy as np
@@ -15,10 +17,12 @@ SIZE = (0.9, 0.6, 0.02)  # [m] of the plate, along x_T, y_T, z_T
 BAR = (0.012, 0.06)  # [m] thickness and height of a stiffener
 NOZZLE = (0.057, 0.12)  # [m] radius and height
 _SIDES = 96  # of the nozzle in the mesh
-_LONG = ([0.9, BAR[0], BAR[1]], [0.0, 0.22, 0.5 * BAR[1]])  # [m] size and middle of the stiffener along x_T
+# [m] size and middle of the stiffener along x_T
+_LONG = ([0.9, BAR[0], BAR[1]], [0.0, 0.22, 0.5 * BAR[1]])
 _SHORT = ([BAR[0], 0.3, BAR[1]], [0.33, -0.1, 0.5 * BAR[1]])  # of the one along y_T
 _NOZZLE_AT = (-0.34, -0.19)  # [m] its axis
-_MARGIN = 0.11  # [m] that a path keeps from what stands on the plate: the pad's radius and room for the tool
+# [m] that a path keeps from what stands on the plate: the pad's radius and room for the tool
+_MARGIN = 0.11
 
 
 def middle(length: float = 0.4) -> ModelPath:
@@ -38,7 +42,9 @@ def across(length: float = 0.3) -> ModelPath:
 
 def _line(name: str, length: float, longest: float, through: Array, along: Array) -> ModelPath:
     if not 0.0 < length <= longest:
-        raise ConfigurationError(f"{name} path: length must lie between 0 and {longest:g} m, got {length}")
+        raise ConfigurationError(
+            f"{name} path: length must lie between 0 and {longest:g} m, got {length}"
+        )
     s = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
     ones = np.ones((len(s), 1))
     p = np.column_stack([through + s[:, None] * along, np.zeros(len(s))])
@@ -46,16 +52,21 @@ def _line(name: str, length: float, longest: float, through: Array, along: Array
 
 
 def plate() -> TargetModel:
-    """Plate as a target: z_T out of its stiffened side, x_T along the long bar, origin in the middle of that side.
+    """Plate as a target: z_T out of its stiffened side, x_T along the long bar, origin in the
+    middle of that side.
 
-    Plate, bars and nozzle are closed shells that intersect. Paths "middle", "along_bar" and "across". The short bar and
-    the nozzle leave no symmetry.
+    Plate, bars and nozzle are closed shells that intersect. Paths "middle", "along_bar" and
+    "across". The short bar and the nozzle leave no symmetry.
     """
     radius, height = NOZZLE
-    tube, faces = revolve(np.array([(-0.01, 0.0), (-0.01, radius), (height, radius), (height, 0.0)]), _SIDES)
+    tube, faces = revolve(
+        np.array([(-0.01, 0.0), (-0.01, radius), (height, radius), (height, 0.0)]), _SIDES
+    )
     nozzle = tube[:, [1, 2, 0]] + [*_NOZZLE_AT, 0.0]
     sheet = (list(SIZE), [0.0, 0.0, -0.5 * SIZE[2]])
-    vertices, triangles = joined([*(box(size, at) for size, at in (sheet, _LONG, _SHORT)), (nozzle, faces)])
+    vertices, triangles = joined(
+        [*(box(size, at) for size, at in (sheet, _LONG, _SHORT)), (nozzle, faces)]
+    )
     return TargetModel(
         name="plate",
         vertices=vertices,
@@ -64,7 +75,11 @@ def plate() -> TargetModel:
         solids=(
             *(
                 Solid(name=name, kind="box", size=tuple(0.5 * np.array(size)), X_TS=pose(p=at))
-                for name, (size, at) in (("target", sheet), ("target_long_bar", _LONG), ("target_short_bar", _SHORT))
+                for name, (size, at) in (
+                    ("target", sheet),
+                    ("target_long_bar", _LONG),
+                    ("target_short_bar", _SHORT),
+                )
             ),
             Solid(
                 name="target_nozzle",

@@ -1,7 +1,9 @@
-"""Free-form rock: a random star-shaped boulder, one shape per seed, as a test object for identification.
+"""Free-form rock: a random star-shaped boulder, one shape per seed, as a test object for
+identification.
 
-A boulder is a ball cut by planes with rounded edges: the smooth minimum, over planes at random distances, of the
-distance to each plane along a ray from the middle. Broad swells and hollows make it concave in places.
+A boulder is a ball cut by planes with rounded edges: the smooth minimum, over planes at random
+distances, of the distance to each plane along a ray from the middle. Broad swells and hollows make
+it concave in places.
 """
 
 import numpy as np
@@ -20,7 +22,8 @@ _LEVEL = 5  # subdivisions of the sphere: 20480 triangles, sides about 1 cm
 def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetModel:
     """Random rock as a target, star-shaped about its origin, z_T up.
 
-    Paths "over" along x_T and "across" along y_T run over the top through 80 deg, as seen from the origin.
+    Paths "over" along x_T and "across" along y_T run over the top through 80 deg, as seen from the
+    origin.
 
     Args:
         seed: of the shape.
@@ -42,8 +45,13 @@ def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetMod
     form = _Form(np.random.default_rng([int(seed), 7]), roughness)
     ways, triangles = sphere(_LEVEL)
     scale = size / float(np.ptp(form.surface(ways), axis=0).max())
-    paths = {name: form.path(along, scale) for name, along in (("over", [1, 0, 0]), ("across", [0, 1, 0]))}
-    return TargetModel(name="rock", vertices=scale * form.surface(ways), triangles=triangles, paths=paths)
+    paths = {
+        name: form.path(along, scale)
+        for name, along in (("over", [1, 0, 0]), ("across", [0, 1, 0]))
+    }
+    return TargetModel(
+        name="rock", vertices=scale * form.surface(ways), triangles=triangles, paths=paths
+    )
 
 
 class _Form:
@@ -52,9 +60,13 @@ class _Form:
     def __init__(self, rng: np.random.Generator, roughness: float) -> None:
         normals, swells = rng.normal(size=(_PLANES, 3)), rng.normal(size=(_SWELLS, 3))
         # Six planes along the axes bound the rock, the others are random.
-        self._normals = np.vstack([np.eye(3), -np.eye(3), normals / np.linalg.norm(normals, axis=1, keepdims=True)])
+        self._normals = np.vstack(
+            [np.eye(3), -np.eye(3), normals / np.linalg.norm(normals, axis=1, keepdims=True)]
+        )
         stretch = np.sort(rng.uniform(0.62, 1.0, 3))[::-1]  # x is the longest, z the shortest
-        self._reach = rng.uniform(0.85, 1.1, len(self._normals)) * np.linalg.norm(self._normals * stretch, axis=1)
+        self._reach = rng.uniform(0.85, 1.1, len(self._normals)) * np.linalg.norm(
+            self._normals * stretch, axis=1
+        )
         self._swells = swells / np.linalg.norm(swells, axis=1, keepdims=True)
         self._heights = roughness * rng.uniform(-1.0, 1.0, _SWELLS)
 
@@ -62,16 +74,23 @@ class _Form:
         """Points (N, 3) of the surface in the unit directions `ways` (N, 3)."""
         facing = np.maximum(ways @ self._normals.T, 0.0) / self._reach
         radius = np.linalg.norm(facing, ord=_WORN, axis=1) ** -1.0
-        swell = np.exp((ways @ self._swells.T - 1.0) / 0.12) @ self._heights  # each about 40 deg wide
+        # each about 40 deg wide
+        swell = np.exp((ways @ self._swells.T - 1.0) / 0.12) @ self._heights
         return (radius * (1.0 + swell))[:, None] * ways
 
     def path(self, along: list[int], scale: float) -> ModelPath:
-        """Path over the top in the plane of z and `along`, from -40 to 40 deg off z; the tool axis points inwards."""
+        """Path over the top in the plane of z and `along`, from -40 to 40 deg off z; the tool axis
+        points inwards.
+        """
         side = np.array(along, dtype=np.float64)
         fine = np.radians(np.linspace(-40.0, 40.0, 2001))
-        p = scale * self.surface(np.sin(fine)[:, None] * side + np.cos(fine)[:, None] * [0.0, 0.0, 1.0])
+        p = scale * self.surface(
+            np.sin(fine)[:, None] * side + np.cos(fine)[:, None] * [0.0, 0.0, 1.0]
+        )
         arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
-        angle = np.interp(np.linspace(0.0, arc[-1], max(8, 1 + round(arc[-1] / PATH_STEP))), arc, fine)
+        angle = np.interp(
+            np.linspace(0.0, arc[-1], max(8, 1 + round(arc[-1] / PATH_STEP))), arc, fine
+        )
         way = np.sin(angle)[:, None] * side + np.cos(angle)[:, None] * [0.0, 0.0, 1.0]
         ahead = np.cos(angle)[:, None] * side - np.sin(angle)[:, None] * [0.0, 0.0, 1.0]
         aside = np.cross(way, ahead)

@@ -1,6 +1,8 @@
-"""Starfish of [Konoplin 2022, fig. 2]: thin, with five equal arms, so that a yaw error of 72 deg fits almost as well.
+"""Starfish of [Konoplin 2022, fig. 2]: thin, with five equal arms, so that a yaw error of 72 deg
+fits almost as well.
 
-The paper gives no sizes; ours are 0.4 m across and 35 mm thick. The underside is flat, the upper side domed.
+The paper gives no sizes; ours are 0.4 m across and 35 mm thick. The underside is flat, the upper
+side domed.
 """
 
 import numpy as np
@@ -17,13 +19,17 @@ _AROUND, _RINGS = 36 * ARMS, 16
 
 
 def outline(angle: Array) -> Array:
-    """Distance (N,) [m] of the outline from the middle at `angle` (N,) [rad] about z_T; an arm lies along x_T."""
+    """Distance (N,) [m] of the outline from the middle at `angle` (N,) [rad] about z_T; an arm lies
+    along x_T.
+    """
     return WAIST + (REACH - WAIST) * (0.5 + 0.5 * np.cos(ARMS * angle)) ** 2
 
 
 def _height(share: Array) -> Array:
     """Height [m] over the flat underside at `share` of the way from the middle to the outline."""
-    return THICKNESS * (RIM + (1.0 - RIM) * np.sqrt(1.0 - 0.96 * share**2) - 0.2 * (1.0 - RIM) * share**8)
+    return THICKNESS * (
+        RIM + (1.0 - RIM) * np.sqrt(1.0 - 0.96 * share**2) - 0.2 * (1.0 - RIM) * share**8
+    )
 
 
 def arm() -> ModelPath:
@@ -56,9 +62,11 @@ def _on_top(xy: Array) -> ModelPath:
 
 
 def starfish() -> TargetModel:
-    """Starfish as a target: z_T out of its domed side, x_T along an arm, origin at half its thickness.
+    """Starfish as a target: z_T out of its domed side, x_T along an arm, origin at half its
+    thickness.
 
-    Paths "arm" (a line along an arm) and "ring" (a circle in the middle). Symmetric under turns of 72 deg about z_T.
+    Paths "arm" (a line along an arm) and "ring" (a circle in the middle). Symmetric under turns of
+    72 deg about z_T.
     """
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     share = (np.arange(1, _RINGS + 1) / _RINGS) ** 0.8  # denser where the dome is steep
@@ -74,23 +82,35 @@ def starfish() -> TargetModel:
     under = rings * [1.0, 1.0, 0.0] - [0.0, 0.0, 0.5 * THICKNESS]
     n = _AROUND * _RINGS
     vertices = np.vstack(
-        [rings.reshape(-1, 3), under.reshape(-1, 3), [[0, 0, 0.5 * THICKNESS], [0, 0, -0.5 * THICKNESS]]]
+        [
+            rings.reshape(-1, 3),
+            under.reshape(-1, 3),
+            [[0, 0, 0.5 * THICKNESS], [0, 0, -0.5 * THICKNESS]],
+        ]
     )
     i = np.arange(_AROUND)
     j = (i + 1) % _AROUND
     top = [np.column_stack([np.full_like(i, 2 * n), i, j])]
     for k in range(_RINGS - 1):
         inner, outer = k * _AROUND, (k + 1) * _AROUND
-        top += [np.column_stack([inner + i, outer + i, outer + j]), np.column_stack([inner + i, outer + j, inner + j])]
+        top += [
+            np.column_stack([inner + i, outer + i, outer + j]),
+            np.column_stack([inner + i, outer + j, inner + j]),
+        ]
     upper = np.vstack(top)
     lower = np.where(upper == 2 * n, 2 * n + 1, upper + n)[:, ::-1]
     last = n - _AROUND
-    rim = [np.column_stack([n + last + i, n + last + j, last + j]), np.column_stack([n + last + i, last + j, last + i])]
+    rim = [
+        np.column_stack([n + last + i, n + last + j, last + j]),
+        np.column_stack([n + last + i, last + j, last + i]),
+    ]
     triangles = np.vstack([upper, lower, *rim])
     return TargetModel(
         name="starfish",
         vertices=vertices,
         triangles=triangles,
-        symmetry=Symmetry(rotations=np.stack([exp_so3([0.0, 0.0, 2.0 * np.pi * k / ARMS]) for k in range(ARMS)])),
+        symmetry=Symmetry(
+            rotations=np.stack([exp_so3([0.0, 0.0, 2.0 * np.pi * k / ARMS]) for k in range(ARMS)])
+        ),
         paths={"arm": arm(), "ring": ring()},
     )

@@ -1,4 +1,5 @@
-"""Model of an object to work on: mesh, symmetry, tool paths on the surface, and its bodies in a MuJoCo scene.
+"""Model of an object to work on: mesh, symmetry, tool paths on the surface, and its bodies in a
+MuJoCo scene.
 
 Frame T is the model's own frame. Triangles wind counter-clockwise seen from outside.
 """
@@ -36,29 +37,39 @@ if TYPE_CHECKING:
 
     from uuv.models.meshes.cloud_mesh import CloudMesh
 
-LARGEST = 20.0  # [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
+# [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
+LARGEST = 20.0
 _LEAST_SINE = 0.05  # between the axes that a tool keeps
 SMALLEST = 1e-3  # [m] smallest extent across, below tool and sensor resolution
 FARTHEST_VERTEX = 1e5  # [m] bound of vertices and path points from the origin
 PATH_STEP = 0.005  # [m] spacing of the points of a model path
-SHARPEST_CORNER = float(np.radians(150.0))  # by which a model path may turn at a point; it nearly goes back then
-_SHORTEST_BLEND = 0.04  # [m] of a path over which a tool turns in a corner; splines would swing beyond a jump
+# by which a model path may turn at a point; it nearly goes back then
+SHARPEST_CORNER = float(np.radians(150.0))
+# [m] of a path over which a tool turns in a corner; splines would swing beyond a jump
+_SHORTEST_BLEND = 0.04
 _CORNER = 0.2  # [rad] of turn between two points, from which on there is a corner
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Symmetry:
-    """Rotations about `center` that map the shape onto itself: a discrete group times turns about `axis`."""
+    """Rotations about `center` that map the shape onto itself: a discrete group times turns about
+    `axis`.
+    """
 
     axis: Array | None = None  # (3,) unit, in T: any turn about it maps the shape onto itself
-    rotations: Array = field(default_factory=lambda: readonly(np.eye(3)[None]))  # (n, 3, 3), identity first
-    center: Array = field(default_factory=lambda: readonly(np.zeros(3)))  # (3,) [m] that all of them keep, in T
+    # (n, 3, 3), identity first
+    rotations: Array = field(default_factory=lambda: readonly(np.eye(3)[None]))
+    # (3,) [m] that all of them keep, in T
+    center: Array = field(default_factory=lambda: readonly(np.zeros(3)))
 
     def __post_init__(self) -> None:
         rotations = real_array(self.rotations, "symmetry rotations", "(n, 3, 3) numbers")
         if rotations.ndim != 3 or rotations.shape[1:] != (3, 3) or not len(rotations):
-            raise ConfigurationError(f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}")
-        small = np.where(np.abs(rotations) < 2.0, rotations, np.nan)  # the square of a large number overflows
+            raise ConfigurationError(
+                f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}"
+            )
+        # the square of a large number overflows
+        small = np.where(np.abs(rotations) < 2.0, rotations, np.nan)
         if not np.abs(small @ small.transpose(0, 2, 1) - np.eye(3)).max() <= 1e-6:
             raise ConfigurationError("symmetry rotations: every matrix must be orthonormal")
         if not np.all(np.linalg.det(rotations) > 0.0):
@@ -83,16 +94,21 @@ class Symmetry:
         return pose(R, self.center - R @ self.center)
 
     def nearest_pose(self, X_AT: Array, R_AT_prior: Array) -> Array:
-        """Of all poses (4, 4) equivalent to `X_AT` by symmetry, the one turned least from `R_AT_prior` (3, 3)."""
+        """Of all poses (4, 4) equivalent to `X_AT` by symmetry, the one turned least from
+        `R_AT_prior` (3, 3).
+        """
         return X_AT @ self.about_center(X_AT[:3, :3].T @ self.nearest(X_AT[:3, :3], R_AT_prior))
 
     def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
-        """Of all rotations equivalent to `R_AT` by symmetry, the one nearest to `R_AT_prior` (both (3, 3))."""
+        """Of all rotations equivalent to `R_AT` by symmetry, the one nearest to `R_AT_prior` (both
+        (3, 3)).
+        """
         best, best_trace = R_AT, -np.inf
         for G in self.rotations:
             R = R_AT @ G
             if self.axis is not None:
-                # tr(M Rot(a, phi)) = const + (tr M - a.Ma) cos phi + (-m.a) sin phi has its maximum in closed form.
+                # tr(M Rot(a, phi)) = const + (tr M - a.Ma) cos phi + (-m.a) sin phi has its maximum
+                # in closed form.
                 M = R_AT_prior.T @ R
                 m = np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
                 phi = np.arctan2(-m @ self.axis, np.trace(M) - self.axis @ M @ self.axis)
@@ -103,12 +119,15 @@ class Symmetry:
         return best
 
     def cosines(self, R_AT: Array, R_AT_true: Array) -> Array:
-        """Cosines (n,) of the least angles between attitudes modulo symmetry, n of one kind or of both: (n, 3, 3)."""
+        """Cosines (n,) of the least angles between attitudes modulo symmetry, n of one kind or of
+        both: (n, 3, 3).
+        """
         largest = np.array(-np.inf)
         for G in self.rotations:
             M = np.swapaxes(R_AT_true, -1, -2) @ R_AT @ G
             trace = np.trace(M, axis1=-2, axis2=-1)
-            if self.axis is not None:  # largest trace over all angles, in closed form as in `nearest`
+            # largest trace over all angles, in closed form as in `nearest`
+            if self.axis is not None:
                 along = np.einsum("i,...ij,j", self.axis, M, self.axis)
                 aside = (M[..., [2, 0, 1], [1, 2, 0]] - M[..., [1, 2, 0], [2, 0, 1]]) @ self.axis
                 trace = along + np.hypot(trace - along, aside)
@@ -121,8 +140,8 @@ class Symmetry:
         Args:
             X_AT: pose of T in A.
             X_AT_true: the pose that it is compared with.
-            p_T: (3,) [m] point of the shape whose displacement counts, in T; by default the origin. Far from the shape
-                it moves by much where the shape turns by little.
+            p_T: (3,) [m] point of the shape whose displacement counts, in T; by default the origin.
+                Far from the shape it moves by much where the shape turns by little.
 
         Returns:
             Distance between the two places of the point [m], and least rotation angle [rad].
@@ -130,7 +149,9 @@ class Symmetry:
         R_true = X_AT_true[:3, :3]
         nearest = self.nearest_pose(X_AT, R_true)
         delta = R_true.T @ nearest[:3, :3]
-        sine = 0.5 * np.linalg.norm([delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]])
+        sine = 0.5 * np.linalg.norm(
+            [delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]]
+        )
         angle = float(np.arctan2(sine, 0.5 * (np.trace(delta) - 1.0)))
         away = nearest[:3, 3] - X_AT_true[:3, 3]
         if p_T is not None:
@@ -140,12 +161,15 @@ class Symmetry:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelPath:
-    """Tool path on the model, in T: the points X'_j and tool axes a'_j, b'_j of [Konoplin 2022, eq. 3]."""
+    """Tool path on the model, in T: the points X'_j and tool axes a'_j, b'_j of [Konoplin 2022, eq.
+    3].
+    """
 
     p: Array  # (N, 3) [m] points on the surface
     a: Array  # (N, 3) unit tool axis, into the surface
     b: Array  # (N, 3) unit, along the path, or where `keeps_b` the direction of the tool's x axis
-    keeps_b: bool = False  # the tool keeps its x axis on b: it is not round; False: it may turn about a
+    # the tool keeps its x axis on b: it is not round; False: it may turn about a
+    keeps_b: bool = False
 
     def __post_init__(self) -> None:
         n = len(checked_rows(self.p, 3, "model path p", least=0))
@@ -154,22 +178,31 @@ class ModelPath:
         for name in ("p", "a", "b"):
             values = checked(getattr(self, name), (n, 3), f"model path {name}")
             if np.abs(values).max() > FARTHEST_VERTEX:
-                raise ConfigurationError(f"model path {name}: numbers must lie within {FARTHEST_VERTEX:g}")
+                raise ConfigurationError(
+                    f"model path {name}: numbers must lie within {FARTHEST_VERTEX:g}"
+                )
             if name != "p" and np.abs(np.linalg.norm(values, axis=1) - 1.0).max() > 1e-6:
                 raise ConfigurationError(f"model path {name}: every row must be a unit vector")
             object.__setattr__(self, name, values)
-        if self.keeps_b and not np.linalg.norm(np.cross(self.a, self.b), axis=1).min() > _LEAST_SINE:
-            raise ConfigurationError("model path b: the axis that the tool keeps must not lie along its axis a")
+        if (
+            self.keeps_b
+            and not np.linalg.norm(np.cross(self.a, self.b), axis=1).min() > _LEAST_SINE
+        ):
+            raise ConfigurationError(
+                "model path b: the axis that the tool keeps must not lie along its axis a"
+            )
 
     def turned(self, angle: float, blend: float = 0.0, *, dwell: bool = False) -> "ModelPath":
-        """The path of a tool that is not round: its x axis stays at an angle from `b`, right-handed about `a`.
+        """The path of a tool that is not round: its x axis stays at an angle from `b`, right-handed
+        about `a`.
 
         Args:
             angle: [rad] from `b`.
-            blend: [m] of the path over which the tool turns at a corner: its angle is averaged over so much, and over
-                _SHORTEST_BLEND at least, which the motion takes as slowly as the tool turns.
-            dwell: the tool stops in a corner and turns there, in place of that, where the corner has
-                `uuv.models.objects.axis_steps.STEP` or more.
+            blend: [m] of the path over which the tool turns at a corner: its angle is averaged over
+                so much, and over _SHORTEST_BLEND at least, which the motion takes as slowly as the
+                tool turns.
+            dwell: the tool stops in a corner and turns there, in place of that, where the corner
+                has `uuv.models.objects.axis_steps.STEP` or more.
         """
         b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
         b /= np.linalg.norm(b, axis=1, keepdims=True)
@@ -183,11 +216,15 @@ class ModelPath:
 
             turn = ndimage.uniform_filter1d(turn, width, mode="nearest")[:, None]
             b = np.cos(turn) * still + np.sin(turn) * across
-        return replace(self, b=np.cos(angle) * b + np.sin(angle) * np.cross(self.a, b), keeps_b=True)
+        return replace(
+            self, b=np.cos(angle) * b + np.sin(angle) * np.cross(self.a, b), keeps_b=True
+        )
 
 
 def without_turn(first: Array, z: Array) -> Array:
-    """Second axes (n, 3) from `first` (3,) on that do not turn about `z` (n, 3): parallel transport along the path."""
+    """Second axes (n, 3) from `first` (3,) on that do not turn about `z` (n, 3): parallel transport
+    along the path.
+    """
     x = np.empty_like(z)
     last = first
     for i, axis in enumerate(z):
@@ -205,45 +242,76 @@ class TargetModel:
     triangles: np.ndarray  # (T, 3) int indices into `vertices`
     symmetry: Symmetry = field(default_factory=Symmetry)
     paths: Mapping[str, ModelPath] = field(default_factory=dict)  # tool paths by name
-    solids: tuple[Solid, ...] = ()  # collision primitives, each the same shape as that part of the mesh
-    hulls: tuple[Array, ...] = ()  # (n, 3) [m] corners, in T, of convex collision parts beside the solids
-    stand: tuple[Solid, ...] = ()  # support: in the scene, but not part of the model used for identification
-    cloud: "CloudMesh | None" = None  # how the mesh was made, if the object was given as a point cloud
+    # collision primitives, each the same shape as that part of the mesh
+    solids: tuple[Solid, ...] = ()
+    # (n, 3) [m] corners, in T, of convex collision parts beside the solids
+    hulls: tuple[Array, ...] = ()
+    # support: in the scene, but not part of the model used for identification
+    stand: tuple[Solid, ...] = ()
+    # how the mesh was made, if the object was given as a point cloud
+    cloud: "CloudMesh | None" = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
-            raise ConfigurationError(f"target: its name must be a word, got {type(self.name).__name__}")
+            raise ConfigurationError(
+                f"target: its name must be a word, got {type(self.name).__name__}"
+            )
         if not isinstance(self.symmetry, Symmetry):
-            raise ConfigurationError(f"target {self.name!r}: expected a Symmetry, got {type(self.symmetry).__name__}")
-        if not isinstance(self.paths, Mapping) or not all(isinstance(p, ModelPath) for p in self.paths.values()):
-            raise ConfigurationError(f"target {self.name!r}: paths must be a mapping of names to ModelPath")
+            raise ConfigurationError(
+                f"target {self.name!r}: expected a Symmetry, got {type(self.symmetry).__name__}"
+            )
+        if not isinstance(self.paths, Mapping) or not all(
+            isinstance(p, ModelPath) for p in self.paths.values()
+        ):
+            raise ConfigurationError(
+                f"target {self.name!r}: paths must be a mapping of names to ModelPath"
+            )
         vertices = real_array(self.vertices, f"target {self.name!r}: vertices", "(V, 3) numbers")
         corners = real_array(self.triangles, f"target {self.name!r}: triangles", "(T, 3) indices")
         if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.isfinite(vertices)):
-            raise ConfigurationError(f"target {self.name!r}: vertices must be finite, (V, 3); got {vertices.shape}")
+            raise ConfigurationError(
+                f"target {self.name!r}: vertices must be finite, (V, 3); got {vertices.shape}"
+            )
         if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
-            raise ConfigurationError(f"target {self.name!r}: triangles must be (T, 3), T > 0; got {corners.shape}")
-        if not (corners.min() >= 0 and corners.max() < len(vertices) and np.all(corners == np.floor(corners))):
-            raise ConfigurationError(f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices")
+            raise ConfigurationError(
+                f"target {self.name!r}: triangles must be (T, 3), T > 0; got {corners.shape}"
+            )
+        if not (
+            corners.min() >= 0
+            and corners.max() < len(vertices)
+            and np.all(corners == np.floor(corners))
+        ):
+            raise ConfigurationError(
+                f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices"
+            )
         triangles = corners.astype(np.int64)
         farthest = float(np.abs(vertices).max())
         if farthest > FARTHEST_VERTEX:
             raise ConfigurationError(
-                f"target {self.name!r}: vertices must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}"
+                f"target {self.name!r}: vertices must lie within {FARTHEST_VERTEX:g} m of its "
+                f"origin, got {farthest:g}"
             )
         a, b, c = vertices[triangles].transpose(1, 0, 2)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         if not area.any():
-            raise ConfigurationError(f"target {self.name!r}: none of its {len(triangles)} triangles has an area")
+            raise ConfigurationError(
+                f"target {self.name!r}: none of its {len(triangles)} triangles has an area"
+            )
         used = vertices[np.unique(triangles[area > 0.0])]
         across = float(np.linalg.norm(np.ptp(used, axis=0)))
         if across < SMALLEST:
             raise ConfigurationError(
-                f"target {self.name!r}: {across:.3g} m across, less than {SMALLEST:g} m: is its scale right?"
+                f"target {self.name!r}: {across:.3g} m across, less than {SMALLEST:g} m: is its "
+                "scale right?"
             )
         triangles.setflags(write=False)
         for hull in self.hulls:
-            if hull.ndim != 2 or hull.shape[1] != 3 or len(hull) < 4 or not np.all(np.isfinite(hull)):
+            if (
+                hull.ndim != 2
+                or hull.shape[1] != 3
+                or len(hull) < 4
+                or not np.all(np.isfinite(hull))
+            ):
                 raise ConfigurationError(
                     f"target {self.name!r}: a hull must be finite, (n, 3), n > 3; got {hull.shape}"
                 )
@@ -269,19 +337,24 @@ class TargetModel:
             ConfigurationError: an unknown name; the message lists the known ones.
         """
         if name not in self.paths:
-            raise ConfigurationError(f"target {self.name!r} has no path {name!r}; it has {sorted(self.paths)}")
+            raise ConfigurationError(
+                f"target {self.name!r} has no path {name!r}; it has {sorted(self.paths)}"
+            )
         return self.paths[name]
 
     def with_path(self, name: str, path: ModelPath) -> "TargetModel":
         """Copy of the target with `path` added or replaced under `name`."""
         return replace(self, paths={**self.paths, name: path})
 
-    def add_to(self, spec: "mujoco.MjSpec", X_WT: ArrayLike, stand: bool = True, felt: bool = True) -> "mujoco.MjsBody":
+    def add_to(
+        self, spec: "mujoco.MjSpec", X_WT: ArrayLike, stand: bool = True, felt: bool = True
+    ) -> "mujoco.MjsBody":
         """Add the target to the world of `spec`, as a body and a main geom both named "target".
 
-        Its other geoms are "target_<part>". Solids alone are both visible and collide. With hulls the mesh is visible,
-        and the colliding solids and hulls are hidden. With neither, the mesh is first decomposed into hulls. That takes
-        seconds for a large mesh (a fouled barrel: half a minute).
+        Its other geoms are "target_<part>". Solids alone are both visible and collide. With hulls
+        the mesh is visible, and the colliding solids and hulls are hidden. With neither, the mesh
+        is first decomposed into hulls. That takes seconds for a large mesh (a fouled barrel: half a
+        minute).
 
         Args:
             spec: scene.
@@ -298,7 +371,9 @@ class TargetModel:
         import mujoco
 
         X = checked_pose(X_WT, "X_WT")
-        body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
+        body = spec.worldbody.add_body(
+            name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3])
+        )
         middle = middle_if_far(self.vertices)  # MuJoCo keeps meshes in single precision
         hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
         if cut:
@@ -313,7 +388,12 @@ class TargetModel:
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan may be open
             )
             body.add_geom(
-                name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", pos=middle, contype=0, conaffinity=0
+                name="target",
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname="target",
+                pos=middle,
+                contype=0,
+                conaffinity=0,
             )
         for k, hull in enumerate(hulls):
             name = f"target_hull_{k}"
@@ -322,7 +402,9 @@ class TargetModel:
                 uservert=(hull - middle).astype(np.float32).ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # some hulls are thin
             )
-            part = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, pos=middle)
+            part = body.add_geom(
+                name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, pos=middle
+            )
             _hide(part)
             if cut:
                 _soften(part, spec)
@@ -341,24 +423,27 @@ class TargetModel:
         paths: Mapping[str, ModelPath] | None = None,
         scale: float | None = None,
     ) -> "TargetModel":
-        """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB) or a cloud (PLY without faces, PCD, text).
+        """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB) or a cloud (PLY without
+        faces, PCD, text).
 
-        A cloud is meshed as by `from_cloud`. Text files hold x y z a line, and perhaps the outward normal; a first line
-        may name the columns. Other columns, such as colours, are left out, and `cloud.note` says so.
+        A cloud is meshed as by `from_cloud`. Text files hold x y z a line, and perhaps the outward
+        normal; a first line may name the columns. Other columns, such as colours, are left out, and
+        `cloud.note` says so.
 
         Args:
             file: path.
             name: by default the file's stem.
             symmetry: by default none.
             paths: tool paths by name.
-            scale: metres per unit of the file (0.001 for millimetres). None means metres, and a model larger than
-                `LARGEST` is refused.
+            scale: metres per unit of the file (0.001 for millimetres). None means metres, and a
+                model larger than `LARGEST` is refused.
 
         Returns:
             The target.
 
         Raises:
-            ConfigurationError: a file that is missing, unreadable, without a surface or in a wrong unit.
+            ConfigurationError: a file that is missing, unreadable, without a surface or in a wrong
+                unit.
         """
         path = existing_file(file, "target mesh")
         if scale is not None:
@@ -377,11 +462,14 @@ class TargetModel:
         size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
         if scale is None and size > LARGEST:
             raise ConfigurationError(
-                f"target mesh {str(path)!r}: {size:.4g} m across, more than {LARGEST:.0f} m: millimetres? Give its "
+                f"target mesh {str(path)!r}: {size:.4g} m across, more than {LARGEST:.0f} m: "
+                "millimetres? Give its "
                 "scale (0.001 for mm, 1 if it is so large)"
             )
         if is_cloud:
-            return _noted(cls.from_cloud(vertices, normals, name or path.stem, symmetry, paths), notes)
+            return _noted(
+                cls.from_cloud(vertices, normals, name or path.stem, symmetry, paths), notes
+            )
         return cls(
             name=name or path.stem,
             vertices=vertices,
@@ -401,31 +489,38 @@ class TargetModel:
     ) -> "TargetModel":
         """Target given as a point cloud, which is meshed; `cloud.note` says how.
 
-        The scale of all that is decided is the spacing of the points. A scan from some sides stays open: its borders
-        are not taken for edges of the object, and nothing is assumed of the side that was not scanned.
+        The scale of all that is decided is the spacing of the points. A scan from some sides stays
+        open: its borders are not taken for edges of the object, and nothing is assumed of the side
+        that was not scanned.
 
         Args:
-            points: (n, 3) [m] on the surface, in T, in any order; rows that are not finite are left out.
-            normals: (n, 3) outward, of any length; None: found from the points. Points whose normal is zero or not
-                finite are left out, and `cloud.note` says so. Where no normal is usable, all are found from the points.
+            points: (n, 3) [m] on the surface, in T, in any order; rows that are not finite are left
+                out.
+            normals: (n, 3) outward, of any length; None: found from the points. Points whose normal
+                is zero or not finite are left out, and `cloud.note` says so. Where no normal is
+                usable, all are found from the points.
             name: of the target.
             symmetry: by default none.
             paths: tool paths by name.
 
         Raises:
-            ConfigurationError: arrays of another shape, too few points, or points that form no surface.
+            ConfigurationError: arrays of another shape, too few points, or points that form no
+                surface.
         """
         what = f"target cloud {name!r}"
         values = real_array(points, f"{what}: points", "(n, 3) numbers [m]")
         if values.ndim != 2 or values.shape[1] != 3:
-            raise ConfigurationError(f"{what}: points must be (n, 3) numbers [m], got shape {values.shape}")
+            raise ConfigurationError(
+                f"{what}: points must be (n, 3) numbers [m], got shape {values.shape}"
+            )
         finite = np.isfinite(values).all(axis=1)
         outward, notes = None, list[str]()
         if normals is not None:
             outward = real_array(normals, f"{what}: normals", "(n, 3) numbers")
             if outward.shape != values.shape:
                 raise ConfigurationError(
-                    f"{what}: normals must be {values.shape}, one for each point, got {outward.shape}"
+                    f"{what}: normals must be {values.shape}, one for each point, got "
+                    f"{outward.shape}"
                 )
             largest = np.abs(outward).max(axis=1, initial=0.0, where=np.isfinite(outward))
             usable = np.isfinite(outward).all(axis=1) & (largest > 0.0)
@@ -436,14 +531,17 @@ class TargetModel:
             else:
                 if unusable:
                     notes.append(
-                        f"{unusable} of {int(finite.sum())} points left out: their normal is zero or not finite"
+                        f"{unusable} of {int(finite.sum())} points left out: their normal is zero "
+                        "or not finite"
                     )
                 finite &= usable
-                outward = outward[finite] / largest[finite, None]  # the square of a very long one overflows
+                # the square of a very long one overflows
+                outward = outward[finite] / largest[finite, None]
         if finite.any() and not np.abs(values[finite]).max() <= FARTHEST_VERTEX:
             farthest = float(np.abs(values[finite]).max())
             raise ConfigurationError(
-                f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}; subtract their "
+                f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got "
+                f"{farthest:g}; subtract their "
                 f"middle, about {' '.join(f'{v:.0f}' for v in np.median(values[finite], axis=0))}"
             )
         from uuv.models.meshes.cloud_mesh import mesh_of_cloud
@@ -477,10 +575,12 @@ def _hide(geom: "mujoco.MjsGeom") -> None:
 def _soften(part: "mujoco.MjsGeom", spec: "mujoco.MjSpec") -> None:
     """Make the contact of `part` compliant, with a penetration of some tenths of a millimetre.
 
-    Where parts meet, a tool touches several at once and penetrates each the less. With stiff contacts the penetration
-    is so small that the tool loses contact from step to step while it is pressed. Friction remains that of the tool.
+    Where parts meet, a tool touches several at once and penetrates each the less. With stiff
+    contacts the penetration is so small that the tool loses contact from step to step while it is
+    pressed. Friction remains that of the tool.
     """
-    part.priority = max(geom.priority for geom in spec.geoms)  # equal priority: maximum friction, mix by `solmix`
+    # equal priority: maximum friction, mix by `solmix`
+    part.priority = max(geom.priority for geom in spec.geoms)
     part.friction = [0.0, 0.0, 0.0]
     part.solmix = 1e6
     part.solref = [0.006, 1.0]

@@ -1,4 +1,6 @@
-"""Access to objects to work on: registry by name, mesh files, and the classes of `uuv.models.objects.target_model`."""
+"""Access to objects to work on: registry by name, mesh files, and the classes of
+`uuv.models.objects.target_model`.
+"""
 
 from functools import lru_cache
 from pathlib import Path
@@ -6,7 +8,13 @@ from typing import Any
 
 from uuv.models.meshes.closed_shells import revolve
 from uuv.models.objects.anode import anode
-from uuv.models.objects.barrel import BARREL_DIAMETER, BARREL_LENGTH, barrel, longitudinal, transverse
+from uuv.models.objects.barrel import (
+    BARREL_DIAMETER,
+    BARREL_LENGTH,
+    barrel,
+    longitudinal,
+    transverse,
+)
 from uuv.models.objects.block import block
 from uuv.models.objects.manifold import manifold
 from uuv.models.objects.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
@@ -83,7 +91,8 @@ def named(name: str, **options: Any) -> TargetModel:
 
 
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
-    """Object by name, of a user's MODULE:FUNCTION, or from a mesh or cloud file (`TargetModel.from_file`).
+    """Object by name, of a user's MODULE:FUNCTION, or from a mesh or cloud file
+    (`TargetModel.from_file`).
 
     What has an ending, such as part.stl, is taken for a file.
 
@@ -91,7 +100,9 @@ def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
         ConfigurationError: an unknown name, or an invalid file or `scale`.
     """
     if not isinstance(name_or_file, str | Path):
-        raise ConfigurationError(f"object: expected a name or a mesh file, got {shown(name_or_file)}")
+        raise ConfigurationError(
+            f"object: expected a name or a mesh file, got {shown(name_or_file)}"
+        )
     name_or_file = str(name_or_file)
     if ":" not in name_or_file and Path(name_or_file).suffix:
         about = existing_file(name_or_file, "target mesh").stat()

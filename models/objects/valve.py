@@ -1,4 +1,5 @@
-"""Quarter-turn valve with its handle: a pipe with two flanges, a bonnet, a stem, and a lever to one side.
+"""Quarter-turn valve with its handle: a pipe with two flanges, a bonnet, a stem, and a lever to one
+side.
 
 Sizes are ours, of the order of a DN100 ball valve. The lever leaves it without symmetry.
 """
@@ -21,13 +22,16 @@ _SIDES = 96  # of surfaces of revolution in the mesh
 
 
 def handle(length: float = 0.2) -> ModelPath:
-    """Path of `length` [m] on the lever's upper side, outwards to its end, where it is gripped or pushed.
+    """Path of `length` [m] on the lever's upper side, outwards to its end, where it is gripped or
+    pushed.
 
     Raises:
         ConfigurationError: a length beyond the lever.
     """
     if not 0.0 < length < LEVER[0] - LEVER_BACK - 0.03:
-        raise ConfigurationError(f"handle path: length must lie between 0 and {LEVER[0] - LEVER_BACK - 0.03:.3f} m")
+        raise ConfigurationError(
+            f"handle path: length must lie between 0 and {LEVER[0] - LEVER_BACK - 0.03:.3f} m"
+        )
     end = LEVER[0] - LEVER_BACK - 0.02
     y = np.linspace(end - length, end, max(4, 1 + round(length / PATH_STEP)))
     ones = np.ones((len(y), 1))
@@ -39,26 +43,33 @@ def handle(length: float = 0.2) -> ModelPath:
 
 
 def collar(arc: float = np.pi, x: float = 0.12) -> ModelPath:
-    """Circular path of `arc` [rad] around the pipe at `x` [m], right-handed about x_T, its middle on top (+z_T).
+    """Circular path of `arc` [rad] around the pipe at `x` [m], right-handed about x_T, its middle
+    on top (+z_T).
 
     Raises:
         ConfigurationError: an arc outside (0, 2 pi], or a path at the bonnet or a flange.
     """
-    if not (0.0 < arc <= 2.0 * np.pi and BONNET[0] + 0.02 <= abs(x) <= 0.5 * PIPE[1] - FLANGE[1] - 0.02):
+    if not (
+        0.0 < arc <= 2.0 * np.pi and BONNET[0] + 0.02 <= abs(x) <= 0.5 * PIPE[1] - FLANGE[1] - 0.02
+    ):
         raise ConfigurationError(
-            f"collar path: arc must lie in (0, 2 pi] rad and |x| between {BONNET[0] + 0.02:.3f} and "
+            f"collar path: arc must lie in (0, 2 pi] rad and |x| between {BONNET[0] + 0.02:.3f} "
+            "and "
             f"{0.5 * PIPE[1] - FLANGE[1] - 0.02:.3f} m (bonnet and flanges), got {arc}, {x}"
         )
     angle = np.linspace(-0.5 * arc, 0.5 * arc, max(8, 1 + round(PIPE[0] * arc / PATH_STEP)))
     zero = np.zeros_like(angle)
     outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
     return ModelPath(
-        p=PIPE[0] * outward + [x, 0.0, 0.0], a=-outward, b=np.column_stack([zero, -np.cos(angle), -np.sin(angle)])
+        p=PIPE[0] * outward + [x, 0.0, 0.0],
+        a=-outward,
+        b=np.column_stack([zero, -np.cos(angle), -np.sin(angle)]),
     )
 
 
 def valve() -> TargetModel:
-    """Valve as a target: x_T along its pipe, z_T up the stem, y_T along the lever, origin in the middle of the pipe.
+    """Valve as a target: x_T along its pipe, z_T up the stem, y_T along the lever, origin in the
+    middle of the pipe.
 
     Its closed shells (body, bonnet with stem, lever) intersect. Paths "handle" and "collar".
     """
@@ -103,6 +114,11 @@ def valve() -> TargetModel:
                 size=(STEM[0], 0.5 * (STEM[1] - 0.5 * LEVER[2])),
                 X_TS=pose(p=[0.0, 0.0, 0.5 * (STEM[1] - 0.5 * LEVER[2])]),
             ),
-            Solid(name="target_lever", kind="box", size=tuple((0.5 * lever).tolist()), X_TS=pose(p=middle)),
+            Solid(
+                name="target_lever",
+                kind="box",
+                size=tuple((0.5 * lever).tolist()),
+                X_TS=pose(p=middle),
+            ),
         ),
     )

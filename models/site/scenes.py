@@ -42,7 +42,8 @@ def work_site(vehicle: "mujoco.MjSpec", target: "TargetModel", X_WT: Array) -> "
 
 
 def dig_site(vehicle: "mujoco.MjSpec", ground: "Seabed") -> "mujoco.MjSpec":
-    """Add `ground` to the spec of a vehicle whose tool, the geom "pad", penetrates it without collision.
+    """Add `ground` to the spec of a vehicle whose tool, the geom "pad", penetrates it without
+    collision.
 
     The soil acts as a force on the tool (`uuv.models.site.soil`).
 
@@ -59,4 +60,6 @@ def dig_site(vehicle: "mujoco.MjSpec", ground: "Seabed") -> "mujoco.MjSpec":
 
 def seabed_height(target: "TargetModel", X_WT: Array) -> float:
     """Height [m] in W of the seabed under `target` at `X_WT` (4, 4)."""
-    return min(float(X_WT[2, 3]) - SEABED_DEPTH, float(transform_points(X_WT, target.vertices)[:, 2].min()))
+    return min(
+        float(X_WT[2, 3]) - SEABED_DEPTH, float(transform_points(X_WT, target.vertices)[:, 2].min())
+    )

@@ -1,8 +1,8 @@
 """Random seabed terrains as MuJoCo height fields, or as meshes for sensors only.
 
-A terrain is a grid of heights. Between its nodes it consists of the triangles of MuJoCo's height field, so that
-sensors, collision and evaluation use one surface. MuJoCo collides meshes as their convex hulls. The mesh therefore
-serves camera and sonar, the height field collision.
+A terrain is a grid of heights. Between its nodes it consists of the triangles of MuJoCo's height
+field, so that sensors, collision and evaluation use one surface. MuJoCo collides meshes as their
+convex hulls. The mesh therefore serves camera and sonar, the height field collision.
 """
 
 from dataclasses import dataclass
@@ -36,14 +36,18 @@ class Seabed:
     def __post_init__(self) -> None:
         heights = np.asarray(self.heights, dtype=np.float64)
         if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or heights.shape[0] < 2:
-            raise ConfigurationError(f"seabed heights: expected an (n, n) grid, got shape {heights.shape}")
+            raise ConfigurationError(
+                f"seabed heights: expected an (n, n) grid, got shape {heights.shape}"
+            )
         if not np.all(np.isfinite(heights)):
             raise ConfigurationError("seabed heights: every height must be finite")
         if not self.half > 0.0:
             raise ConfigurationError(f"seabed half: must be > 0 m, got {self.half}")
         object.__setattr__(self, "heights", readonly(heights))
         object.__setattr__(self, "center_W", checked(self.center_W, (3,), "seabed center_W"))
-        object.__setattr__(self, "rocks", readonly(np.asarray(self.rocks, dtype=np.float64).reshape(-1, 3)))
+        object.__setattr__(
+            self, "rocks", readonly(np.asarray(self.rocks, dtype=np.float64).reshape(-1, 3))
+        )
 
     @property
     def step(self) -> float:
@@ -51,7 +55,9 @@ class Seabed:
         return 2.0 * self.half / (len(self.heights) - 1)
 
     def height(self, xy_W: ArrayLike) -> Array:
-        """Height (N,) [m] in W of the surface at `xy_W` (N, 2 or more) [m]; NaN outside the grid."""
+        """Height (N,) [m] in W of the surface at `xy_W` (N, 2 or more) [m]; NaN outside the
+        grid.
+        """
         at = np.atleast_2d(np.asarray(xy_W, dtype=np.float64))
         last = len(self.heights) - 1
         u = (at[:, 0] - self.center_W[0] + self.half) / self.step
@@ -68,24 +74,43 @@ class Seabed:
         return np.where(inside, z + self.center_W[2], np.nan)
 
     def mesh(self) -> tuple[Array, np.ndarray]:
-        """Mesh of the terrain: vertices (V, 3) [m] in W and triangles (T, 3), counter-clockwise from above."""
+        """Mesh of the terrain: vertices (V, 3) [m] in W and triangles (T, 3), counter-clockwise
+        from above.
+        """
         n = len(self.heights)
         x, y = np.meshgrid(*(np.linspace(-self.half, self.half, n) + c for c in self.center_W[:2]))
         index = np.arange(n * n).reshape(n, n)
-        a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
-        vertices = np.column_stack([x.ravel(), y.ravel(), (self.heights + self.center_W[2]).ravel()])
+        a, b, c, d = (
+            index[:-1, :-1].ravel(),
+            index[:-1, 1:].ravel(),
+            index[1:, 1:].ravel(),
+            index[1:, :-1].ravel(),
+        )
+        vertices = np.column_stack(
+            [x.ravel(), y.ravel(), (self.heights + self.center_W[2]).ravel()]
+        )
         return vertices, np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
-    def add_to(self, spec: "mujoco.MjSpec", shape: Literal["height field", "mesh"] = "height field") -> None:
-        """Add the terrain to the world of `spec` as geom SEABED_GEOM; as a mesh it does not collide."""
+    def add_to(
+        self, spec: "mujoco.MjSpec", shape: Literal["height field", "mesh"] = "height field"
+    ) -> None:
+        """Add the terrain to the world of `spec` as geom SEABED_GEOM; as a mesh it does not
+        collide.
+        """
         import mujoco
 
         geom = spec.worldbody.add_geom(name=SEABED_GEOM, rgba=_RGBA)
         if shape == "mesh":
             vertices, triangles = self.mesh()
-            mesh = spec.add_mesh(name=SEABED_GEOM, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+            mesh = spec.add_mesh(
+                name=SEABED_GEOM, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+            )
             mesh.uservert, mesh.userface = (vertices - self.center_W).ravel(), triangles.ravel()
-            geom.type, geom.meshname, geom.pos = mujoco.mjtGeom.mjGEOM_MESH, SEABED_GEOM, self.center_W
+            geom.type, geom.meshname, geom.pos = (
+                mujoco.mjtGeom.mjGEOM_MESH,
+                SEABED_GEOM,
+                self.center_W,
+            )
             geom.contype = geom.conaffinity = 0
             return
         low, high = float(self.heights.min()), float(self.heights.max())
@@ -114,8 +139,8 @@ def seabed(
     """Random terrain of `kind`; heading, size and place of its features vary.
 
     - flat: undulation of 3 to 10 mm over 1 to 3 m.
-    - ripples: asymmetric sand ripples, 0.15 to 0.6 m long and a tenth to a fifteenth as high. Sand ripples are steeper
-      than 1:20 [Soulsby 1997, ch. 7.2].
+    - ripples: asymmetric sand ripples, 0.15 to 0.6 m long and a tenth to a fifteenth as high. Sand
+      ripples are steeper than 1:20 [Soulsby 1997, ch. 7.2].
     - slope: a plane of 5 degrees to `steepest`.
     - rocks: 6 to 14 half-buried ellipsoids of 0.08 to 0.3 m radius.
 
@@ -139,7 +164,8 @@ def seabed(
         raise ConfigurationError(f"unknown seabed {kind!r}; there are {', '.join(KINDS)}")
     if not (half > 0.0 and 0.0 < step <= half and 5.0 <= steepest < 60.0):
         raise ConfigurationError(
-            f"seabed: half > 0 m, 0 < step <= half, 5 <= steepest < 60 deg; got {half}, {step}, {steepest}"
+            f"seabed: half > 0 m, 0 < step <= half, 5 <= steepest < 60 deg; got {half}, {step}, "
+            f"{steepest}"
         )
     center = checked(center_W, (3,), "center_W")
     n = 1 + 2 * round(half / step)
@@ -150,27 +176,48 @@ def seabed(
     if kind == "ripples":
         z += _ripples(x, y, rng)
     elif kind == "slope":
-        heading, tangent = rng.uniform(-np.pi, np.pi), np.tan(np.radians(rng.uniform(5.0, steepest)))
+        heading, tangent = (
+            rng.uniform(-np.pi, np.pi),
+            np.tan(np.radians(rng.uniform(5.0, steepest))),
+        )
         z += tangent * (np.cos(heading) * x + np.sin(heading) * y)
     elif kind == "rocks":
         stones = []
         for _ in range(rng.integers(6, 15)):
-            place, radius, squash = rng.uniform(-0.8 * half, 0.8 * half, 2), rng.uniform(0.08, 0.3), rng.uniform(0.5, 1)
+            place, radius, squash = (
+                rng.uniform(-0.8 * half, 0.8 * half, 2),
+                rng.uniform(0.08, 0.3),
+                rng.uniform(0.5, 1),
+            )
             stones.append([*(place + center[:2]), radius])
             inside = 1.0 - ((x - place[0]) ** 2 + (y - place[1]) ** 2) / radius**2
             # More than half of the stone is buried, since a height field has no overhangs.
-            z = np.maximum(z, z.mean() - 0.1 * radius + squash * radius * np.sqrt(np.maximum(inside, 0.0)))
+            z = np.maximum(
+                z, z.mean() - 0.1 * radius + squash * radius * np.sqrt(np.maximum(inside, 0.0))
+            )
         rocks = np.array(stones)
     return Seabed(kind=kind, heights=z - z[n // 2, n // 2], half=half, center_W=center, rocks=rocks)
 
 
 def _waves(
-    x: Array, y: Array, rng: np.random.Generator, *, lengths: tuple[float, float], height: float, count: int
+    x: Array,
+    y: Array,
+    rng: np.random.Generator,
+    *,
+    lengths: tuple[float, float],
+    height: float,
+    count: int,
 ) -> Array:
-    """Sum of `count` sine waves of random heading; `height` [m] is the standard deviation of the sum."""
+    """Sum of `count` sine waves of random heading; `height` [m] is the standard deviation of the
+    sum.
+    """
     z = np.zeros_like(x)
     for _ in range(count):
-        k, heading, phase = 2.0 * np.pi / rng.uniform(*lengths), rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 2 * np.pi)
+        k, heading, phase = (
+            2.0 * np.pi / rng.uniform(*lengths),
+            rng.uniform(-np.pi, np.pi),
+            rng.uniform(0.0, 2 * np.pi),
+        )
         z += np.sin(k * (np.cos(heading) * x + np.sin(heading) * y) + phase)
     return z * height / np.sqrt(0.5 * count)
 
@@ -179,7 +226,12 @@ def _ripples(x: Array, y: Array, rng: np.random.Generator) -> Array:
     """Ripples with a steep lee side and meandering crests."""
     length, heading = rng.uniform(0.15, 0.6), rng.uniform(-np.pi, np.pi)
     height = length / rng.uniform(10.0, 15.0)  # [m] trough to crest
-    along, across = np.cos(heading) * x + np.sin(heading) * y, np.cos(heading) * y - np.sin(heading) * x
-    along = along + 0.15 * length * np.sin(2.0 * np.pi * across / rng.uniform(1.0, 2.0) + rng.uniform(0.0, 2 * np.pi))
+    along, across = (
+        np.cos(heading) * x + np.sin(heading) * y,
+        np.cos(heading) * y - np.sin(heading) * x,
+    )
+    along = along + 0.15 * length * np.sin(
+        2.0 * np.pi * across / rng.uniform(1.0, 2.0) + rng.uniform(0.0, 2 * np.pi)
+    )
     phase = 2.0 * np.pi * along / length
     return 0.5 * height * np.sin(phase + 0.4 * np.sin(phase))

@@ -1,22 +1,26 @@
-"""Soil resistance of the seabed against a tool, along its axis and sideways, as a function of depth.
+"""Soil resistance of the seabed against a tool, along its axis and sideways, as a function of
+depth.
 
-Along the axis the tool is treated as a skirt: R(d) = k_p A q_c(d) + k_f U int_0^d q_c dz, with the cone resistance
-q_c(z) = q_0 + q_1 z. A is the area of the cutting edge and U the circumference in contact with soil [DNV 1992].
-Extraction costs the second term alone; suction and plug are neglected.
+Along the axis the tool is treated as a skirt: R(d) = k_p A q_c(d) + k_f U int_0^d q_c dz, with the
+cone resistance q_c(z) = q_0 + q_1 z. A is the area of the cutting edge and U the circumference in
+contact with soil [DNV 1992]. Extraction costs the second term alone; suction and plug are
+neglected.
 
-Sideways a narrow tool of breadth b bears a multiple of the passive pressure p(z) = p_0 + p_1 z. In clay that is 3 s_u
-at the surface: [Matlock 1970] has p = 3 s_u + gamma' z + J s_u z / b per breadth, J = 0.5, of which 3 s_u is kept. In
-sand it is 3 K_p gamma' z [Broms 1964].
+Sideways a narrow tool of breadth b bears a multiple of the passive pressure p(z) = p_0 + p_1 z. In
+clay that is 3 s_u
+at the surface: [Matlock 1970] has p = 3 s_u + gamma' z + J s_u z / b per breadth, J = 0.5, of which
+3 s_u is kept. In sand it is 3 K_p gamma' z [Broms 1964].
 
-A blade cuts: it moves the plane wedge ahead of it. Weight, strength, and friction on blade and failure plane count
-[McKyes 1985], after the fundamental equation of earthmoving [Reece 1964]. The slip angle is that of least resistance.
-For a smooth upright blade the result is Rankine's K_p gamma' z and 2 s_u. The component along the tool, and the soil
-collected by a box, are neglected.
+A blade cuts: it moves the plane wedge ahead of it. Weight, strength, and friction on blade and
+failure plane count [McKyes 1985], after the fundamental equation of earthmoving [Reece 1964]. The
+slip angle is that of least resistance. For a smooth upright blade the result is Rankine's K_p
+gamma' z and 2 s_u. The component along the tool, and the soil collected by a box, are neglected.
 
-Verified against the source or a secondary account: the form of both laws, Matlock's 3 s_u, the wedge. Assumed are:
+Verified against the source or a secondary account: the form of both laws, Matlock's 3 s_u, the
+wedge. Assumed are:
 
-- the factors k_p and k_f, stated to be the most probable of the Notes (field tests found k_p less in medium dense
-  sand);
+- the factors k_p and k_f, stated to be the most probable of the Notes (field tests found k_p less
+  in medium dense sand);
 - the factor 3 of sand;
 - gamma' = 9 kN/m^3 with a friction of 32 deg, and two thirds of that for steel;
 - q_c in the first decimetres: 8 MPa/m in sand, 12 s_u in mud of s_u = 2 kPa + 3 kPa/m;
@@ -61,7 +65,9 @@ class Soil:
         if not (self.quake > 0.0 and self.cone + self.cone_growth > 0.0):
             raise ConfigurationError(f"soil: quake and the cone resistance must be > 0, got {self}")
         if not self.wall_friction <= self.friction < 0.5 * np.pi:
-            raise ConfigurationError(f"soil: wall_friction <= friction < pi/2 [rad] must hold, got {self}")
+            raise ConfigurationError(
+                f"soil: wall_friction <= friction < pi/2 [rad] must hold, got {self}"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +103,9 @@ def sand(growth: float = 8e6) -> Soil:
 
 
 def mud(strength: float = 2e3, growth: float = 3e3) -> Soil:
-    """Soft clay of undrained shear strength `strength` [Pa] at the surface, growing by `growth` [Pa/m]."""
+    """Soft clay of undrained shear strength `strength` [Pa] at the surface, growing by `growth`
+    [Pa/m].
+    """
     return Soil(
         cone=12.0 * strength,
         cone_growth=12.0 * growth,
@@ -110,7 +118,9 @@ def mud(strength: float = 2e3, growth: float = 3e3) -> Soil:
 
 
 def rankine(friction: float) -> float:
-    """Rankine's K_p: passive over vertical pressure in soil of internal `friction` [rad] at a smooth wall."""
+    """Rankine's K_p: passive over vertical pressure in soil of internal `friction` [rad] at a
+    smooth wall.
+    """
     return float(np.tan(0.25 * np.pi + 0.5 * friction) ** 2)
 
 
@@ -124,7 +134,9 @@ def core_tube(radius: float, wall: float) -> SoilTool:
         raise ConfigurationError(f"core tube: 0 < wall < radius, got {wall} and {radius} m")
     inner = radius - wall
     return SoilTool(
-        edge=float(np.pi * (radius**2 - inner**2)), skin=float(2.0 * np.pi * (radius + inner)), breadth=2.0 * radius
+        edge=float(np.pi * (radius**2 - inner**2)),
+        skin=float(2.0 * np.pi * (radius + inner)),
+        breadth=2.0 * radius,
     )
 
 
@@ -144,7 +156,9 @@ def box(width: float, length: float, wall: float, rake: float) -> SoilTool:
         ConfigurationError: walls thicker than half the box.
     """
     if not 0.0 < 2.0 * wall < min(width, length):
-        raise ConfigurationError(f"box: 0 < 2 wall < width, length; got {wall}, {width}, {length} m")
+        raise ConfigurationError(
+            f"box: 0 < 2 wall < width, length; got {wall}, {width}, {length} m"
+        )
     outer, inner = 2.0 * (width + length), 2.0 * (width + length - 4.0 * wall)
     edge = width * length - (width - 2.0 * wall) * (length - 2.0 * wall)
     return SoilTool(edge=edge, skin=outer + inner, breadth=width, rake=rake)
@@ -198,11 +212,13 @@ def side_resistance(soil: Soil, tool: SoilTool, depth: ArrayLike) -> Array:
 
 
 def cutting_factor(soil: Soil, rake: float) -> float:
-    """Horizontal cutting force on a blade at `rake` [rad], as a multiple of Rankine's passive pressure on it.
+    """Horizontal cutting force on a blade at `rake` [rad], as a multiple of Rankine's passive
+    pressure on it.
 
-    The wedge's factors are N_gamma = (cot a + cot b) / 2 D and N_c = (1 + cot b cot(b + phi)) / D, with D = cos(a +
-    delta) + sin(a + delta) cot(b + phi) [McKyes 1985]. Here a is the rake and b the slip angle of the least force. Soil
-    with internal friction is taken without cohesion, other soil without weight.
+    The wedge's factors are N_gamma = (cot a + cot b) / 2 D and N_c = (1 + cot b cot(b + phi)) / D,
+    with D = cos(a + delta) + sin(a + delta) cot(b + phi) [McKyes 1985]. Here a is the rake and b
+    the slip angle of the least force. Soil with internal friction is taken without cohesion, other
+    soil without weight.
     """
     phi, out = soil.friction, rake + soil.wall_friction
     b = np.linspace(0.0, 0.5 * np.pi, _SLIP_ANGLES)[1:-1]

@@ -20,8 +20,9 @@ _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 def attach(spec: mujoco.MjSpec, tool: Tool) -> None:
     """Put a tool on the tip of the vehicle's arm, z out of the tool, in place.
 
-    A body `pad` on a slide, the tool that many vehicles have, is taken off first; another geom `pad` stays as a part of
-    the vehicle. The tip moves to the end of the tool. If the vehicle is wet the tool is so too, and foam on the hull
+    A body `pad` on a slide, the tool that many vehicles have, is taken off first; another geom
+    `pad` stays as a part of the vehicle. The tip moves to the end of the tool. If the vehicle is
+    wet the tool is so too, and foam on the hull
     takes its weight in water: force and moment on the vehicle at home stay as they were.
 
     Raises:
@@ -66,11 +67,15 @@ def _first_of(body: mujoco.MjsBody, link: mujoco.MjsBody) -> mujoco.MjsBody:
     while body.parent.name != link.name:
         body = body.parent
         if body.name == "world":
-            raise ConfigurationError(f"the tool's body {PAD_BODY!r} must be carried by the body of site {TIP_SITE!r}")
+            raise ConfigurationError(
+                f"the tool's body {PAD_BODY!r} must be carried by the body of site {TIP_SITE!r}"
+            )
     return body
 
 
-def _foot(model: mujoco.MjModel, old: mujoco.MjsBody, link: mujoco.MjsBody, tip: Array, turn: Array) -> Array:
+def _foot(
+    model: mujoco.MjModel, old: mujoco.MjsBody, link: mujoco.MjsBody, tip: Array, turn: Array
+) -> Array:
     """Place (3,) [m] in the link on the tool's axis at which the old tool began."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -83,7 +88,9 @@ def _foot(model: mujoco.MjModel, old: mujoco.MjsBody, link: mujoco.MjsBody, tip:
 
 
 def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
-    """Mass [kg] of the vehicle less that of its water, and its moment (3,) [kg m] about the hull's origin, at home."""
+    """Mass [kg] of the vehicle less that of its water, and its moment (3,) [kg m] about the hull's
+    origin, at home.
+    """
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
@@ -106,13 +113,22 @@ def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
 
 
 def _keep(spec: mujoco.MjSpec, before: tuple[float, Array]) -> None:
-    """Give the hull the volume and centre of buoyancy with which weight and moment are as `before`."""
+    """Give the hull the volume and centre of buoyancy with which weight and moment are as
+    `before`.
+    """
     after, density = _at_home(spec), density_of(spec)
     hull = hydrodynamics.attached(spec)[HULL_BODY]
     displaced = density * hull.volume + after[0] - before[0]  # [kg]
     if not displaced > 0.0:
-        raise ConfigurationError(f"the hull displaces {density * hull.volume:.3g} kg, too little to bear the tool")
+        raise ConfigurationError(
+            f"the hull displaces {density * hull.volume:.3g} kg, too little to bear the tool"
+        )
     moment = density * hull.volume * np.array(hull.center_of_buoyancy) + after[1] - before[1]
     hydrodynamics.attach(
-        spec, {HULL_BODY: replace(hull, volume=displaced / density, center_of_buoyancy=moment / displaced)}
+        spec,
+        {
+            HULL_BODY: replace(
+                hull, volume=displaced / density, center_of_buoyancy=moment / displaced
+            )
+        },
     )

@@ -1,4 +1,6 @@
-"""Tools with a round head on one spring, along the tool: pad, brush, and jaws that hold a fixed opening."""
+"""Tools with a round head on one spring, along the tool: pad, brush, and jaws that hold a fixed
+opening.
+"""
 
 from dataclasses import dataclass
 
@@ -44,7 +46,8 @@ class Head:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jaws:
-    """Parallel jaws: two fingers on slides, held at an opening by springs; an actuator `jaws` on a tendon moves both.
+    """Parallel jaws: two fingers on slides, held at an opening by springs; an actuator `jaws` on a
+    tendon moves both.
 
     What may touch is the rounded end between the fingers' tips, a dome of half a finger's breadth.
     """
@@ -89,12 +92,19 @@ def add_head(
 
 
 def add_jaws(
-    spec: mujoco.MjSpec, link: mujoco.MjsBody, place: Array, turn: Array, tip: mujoco.MjsSite, jaws: Jaws
+    spec: mujoco.MjSpec,
+    link: mujoco.MjsBody,
+    place: Array,
+    turn: Array,
+    tip: mujoco.MjsSite,
+    jaws: Jaws,
 ) -> dict[str, BodyHydrodynamics]:
     """Add jaws to a link, as `add_head` does a head."""
     palm = 0.4 * jaws.length  # [m] of the housing
     finger_mass = 0.15 * jaws.mass
-    held = _mount(link, place, turn, tip, jaws.length, jaws.mass - 2.0 * finger_mass, STIFFNESS, DAMPING)
+    held = _mount(
+        link, place, turn, tip, jaws.length, jaws.mass - 2.0 * finger_mass, STIFFNESS, DAMPING
+    )
     _dome(held, 0.5 * jaws.breadth, jaws.length, 0.3)
     held.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -106,7 +116,9 @@ def add_jaws(
         rgba=[0.25, 0.28, 0.33, 1.0],
     )
     long, thin = jaws.length - palm, 0.25 * jaws.breadth
-    bodies = {PAD_BODY: cylinder(0.5 * jaws.breadth + 0.5 * jaws.opening, np.zeros(3), [0.0, 0.0, palm])}
+    bodies = {
+        PAD_BODY: cylinder(0.5 * jaws.breadth + 0.5 * jaws.opening, np.zeros(3), [0.0, 0.0, palm])
+    }
     for name, side in zip(_FINGERS, (1.0, -1.0), strict=True):
         finger = held.add_body(
             name=name,
@@ -117,7 +129,9 @@ def add_jaws(
             explicitinertial=True,
         )
         travel = 0.5 * jaws.opening
-        add_slide(finger, name, np.array([side, 0.0, 0.0]), (-travel, travel), _CLOSING, _FINGER_DAMPING)
+        add_slide(
+            finger, name, np.array([side, 0.0, 0.0]), (-travel, travel), _CLOSING, _FINGER_DAMPING
+        )
         finger.add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=[thin, 0.5 * jaws.breadth, 0.5 * long - thin],

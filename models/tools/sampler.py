@@ -1,8 +1,8 @@
 """Sampling tools in a compliant mount that replace the pad: sampler with a domed nose, corer, box.
 
-The mount has three slides, each with a spring and a damper in N/m and N s/m. The stiffness of a contact is therefore
-known along the tool and across it. MuJoCo's own contact softness has no fixed stiffness, since `solref` scales with the
-masses.
+The mount has three slides, each with a spring and a damper in N/m and N s/m. The stiffness of a
+contact is therefore known along the tool and across it. MuJoCo's own contact softness has no fixed
+stiffness, since `solref` scales with the masses.
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,12 @@ class Tube:
         """Nose and mount."""
         shape = "dome" if self.domed else "open tube"
         return ToolContact(
-            shape=shape, radius=self.radius, length=self.length, mass=self.mass, stiffness=STIFFNESS, give=GIVE
+            shape=shape,
+            radius=self.radius,
+            length=self.length,
+            mass=self.mass,
+            stiffness=STIFFNESS,
+            give=GIVE,
         )
 
 
@@ -45,7 +50,8 @@ class Box:
     length: float  # [m] from the mount to its edges
     mass: float  # [kg]
     wall: float = 0.0015  # [m]
-    rake: float = float(np.radians(69.0))  # [rad] of its cutting edge, from the horizontal: 90 deg minus the friction
+    # [rad] of its cutting edge, from the horizontal: 90 deg minus the friction
+    rake: float = float(np.radians(69.0))
     # of steel on sand, so that the sand neither draws it in nor lifts it out
 
     @property
@@ -53,7 +59,12 @@ class Box:
         """Cutting edges and mount."""
         across = 0.5 * max(self.width, self.breadth)
         return ToolContact(
-            shape="open box", radius=across, length=self.length, mass=self.mass, stiffness=STIFFNESS, give=GIVE
+            shape="open box",
+            radius=across,
+            length=self.length,
+            mass=self.mass,
+            stiffness=STIFFNESS,
+            give=GIVE,
         )
 
 
@@ -69,17 +80,23 @@ _MOUNT = 0.05  # [kg] of each of the mount's two intermediate plates
 
 
 def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrodynamics]:
-    """Replace the pad on the arm of `spec` by the tool in its mount; return the tool's hydrodynamics by body name.
+    """Replace the pad on the arm of `spec` by the tool in its mount; return the tool's
+    hydrodynamics by body name.
 
-    The tool is mounted on the pad's body, along its slide. The tip site moves to its end, and the keyframes gain the
-    mount's joints, at rest.
+    The tool is mounted on the pad's body, along its slide. The tip site moves to its end, and the
+    keyframes gain the mount's joints, at rest.
 
     Raises:
         ConfigurationError: `spec` has no pad on a slide, or no tip.
     """
     pad = next((body for body in spec.bodies if body.name == PAD_BODY), None)
     tip = next((site for site in spec.sites if site.name == TIP_SITE), None)
-    if pad is None or tip is None or len(pad.joints) != 1 or pad.joints[0].type != mujoco.mjtJoint.mjJNT_SLIDE:
+    if (
+        pad is None
+        or tip is None
+        or len(pad.joints) != 1
+        or pad.joints[0].type != mujoco.mjtJoint.mjJNT_SLIDE
+    ):
         raise ConfigurationError(
             f"a sampler takes the place of a body {PAD_BODY!r} on one slide, at a site {TIP_SITE!r}"
         )
@@ -122,7 +139,9 @@ def add(
     side /= np.linalg.norm(side)
     parent = link
     for name, axis in (("mount_x", side), ("mount_y", np.cross(along, side))):
-        parent = parent.add_body(name=name, mass=_MOUNT, ipos=[0.0] * 3, inertia=[1e-5] * 3, explicitinertial=True)
+        parent = parent.add_body(
+            name=name, mass=_MOUNT, ipos=[0.0] * 3, inertia=[1e-5] * 3, explicitinertial=True
+        )
         if name == "mount_x":
             parent.pos, parent.quat = place, turn
         add_slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
@@ -136,9 +155,14 @@ def add(
     add_slide(held, PAD_JOINT, along, (-GIVE, 0.25 * GIVE))
     geom = held.add_geom(name=TOOL_GEOM, **touching(FRICTION), rgba=[0.75, 0.78, 0.82, 1.0])
     if isinstance(tool, Box):
-        geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length]
+        geom.type, geom.size = (
+            mujoco.mjtGeom.mjGEOM_BOX,
+            [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length],
+        )
         geom.pos, geom.quat = 0.5 * tool.length * along, face
-        water = cylinder(float(np.sqrt(tool.width * tool.breadth / np.pi)), np.zeros(3), tool.length * along)
+        water = cylinder(
+            float(np.sqrt(tool.width * tool.breadth / np.pi)), np.zeros(3), tool.length * along
+        )
     else:
         dome = tool.radius if tool.domed else 0.0
         geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE if tool.domed else mujoco.mjtGeom.mjGEOM_CYLINDER

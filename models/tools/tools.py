@@ -22,7 +22,15 @@ def small_pad() -> Tool:
 
 def brush() -> Tool:
     """Round brush: soft along its bristles, with the friction of wire on steel."""
-    return Head(radius=0.05, length=0.08, mass=0.35, stiffness=6e3, damping=60.0, friction=0.5, shape="bristles")
+    return Head(
+        radius=0.05,
+        length=0.08,
+        mass=0.35,
+        stiffness=6e3,
+        damping=60.0,
+        friction=0.5,
+        shape="bristles",
+    )
 
 
 def jaws() -> Tool:
@@ -48,6 +56,14 @@ def box() -> Tool:
 _FORM = MadeForm("a Head, Jaws, Tube or Box of uuv.models.tools", lambda t: isinstance(t, Tool))
 TOOLS: Registry[Tool] = Registry(
     "tool",
-    {"pad": pad, "small_pad": small_pad, "brush": brush, "jaws": jaws, "sampler": sampler, "corer": corer, "box": box},
+    {
+        "pad": pad,
+        "small_pad": small_pad,
+        "brush": brush,
+        "jaws": jaws,
+        "sampler": sampler,
+        "corer": corer,
+        "box": box,
+    },
     form=_FORM,
 )

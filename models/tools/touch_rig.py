@@ -1,7 +1,8 @@
 """Calibration rig: a pin with a ball at its end in place of the tool, and nests of three balls.
 
-A ball on three balls rests in one position only, however the pin is tilted. The centre of the pin's ball then coincides
-with the nest's point. The contact is frictionless, so the ball always slides to this position.
+A ball on three balls rests in one position only, however the pin is tilted. The centre of the pin's
+ball then coincides with the nest's point. The contact is frictionless, so the ball always slides to
+this position.
 """
 
 import mujoco
@@ -14,8 +15,8 @@ from uuv.sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, 
 
 BALL = 0.017  # [m] radius of the pin's ball
 SEAT = 0.040  # [m] radius of each of a nest's balls
-# The three contact normals are orthogonal, so all directions are held equally. A ball is caught from 23 mm aside, the
-# middle between two of the three balls, which just clear each other.
+# The three contact normals are orthogonal, so all directions are held equally. A ball is caught
+# from 23 mm aside, the middle between two of the three balls, which just clear each other.
 _SPREAD = (BALL + SEAT) * np.sqrt(2.0 / 3.0)  # [m] of a nest's balls from its axis
 _DEPTH = (BALL + SEAT) * np.sqrt(1.0 / 3.0)  # [m] of a nest's balls below its point
 
@@ -75,7 +76,9 @@ def add_nests(spec: mujoco.MjSpec, p_WN: ArrayLike, z_WN: ArrayLike) -> None:
 
 def clamp(spec: mujoco.MjSpec, X_WB: Array) -> None:
     """Weld the hull to the world at `X_WB` (4, 4)."""
-    weld = spec.add_equality(name="clamp", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY)
+    weld = spec.add_equality(
+        name="clamp", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY
+    )
     weld.name1, weld.name2 = "world", HULL_BODY
     weld.solref = [2.0 * spec.option.timestep, 1.0]
     weld.data[:] = 0.0

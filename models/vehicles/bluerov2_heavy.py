@@ -1,17 +1,19 @@
 """BlueROV2 Heavy (Blue Robotics) by two published parameter sets, whose drag differs up to tenfold.
 
-[Benzon 2022, table A1] is validated in a test tank, by its abstract. It was read in two transcriptions that agree
-(ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script). A third (AndreasKing-Goks/0_THESIS) prints more digits of
-the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the paper, the abstract was read.
+[Benzon 2022, table A1] is validated in a test tank, by its abstract. It was read in two
+transcriptions that agree (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script). A third
+(AndreasKing-Goks/0_THESIS) prints more digits of the added masses, and 0.1858 kg m^2 in roll where
+the others have 0.189. Of the paper, the abstract was read.
 
-[Wu 2018, tables 5.1 and 5.2] was read in one transcription (edxmorgan/diff_uv usage/blue_rov.py; its drag also in
-hkolano/PitchPrediction). The thesis itself was not read. That its inertia is about the origin, the centre of buoyancy,
-is as the transcription has it.
+[Wu 2018, tables 5.1 and 5.2] was read in one transcription (edxmorgan/diff_uv usage/blue_rov.py;
+its drag also in hkolano/PitchPrediction). The thesis itself was not read. That its inertia is about
+the origin, the centre of buoyancy, is as the transcription has it.
 
-Thrusters: eight T200 at 16 V (`uuv.models.water.thrusters.t200`). Their positions are those of Benzon's set, and
-reproduce Wu's matrix too. The four horizontal ones stand at 45 degrees 85 mm below the origin. The four vertical ones
-push up in Benzon's set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so it
-is zero here. Both sets give a slightly buoyant hull; here it is ballasted to be neutral
+Thrusters: eight T200 at 16 V (`uuv.models.water.thrusters.t200`). Their positions are those of
+Benzon's set, and reproduce Wu's matrix too. The four horizontal ones stand at 45 degrees 85 mm
+below the origin. The four vertical ones push up in Benzon's set, while Wu counts thrusts 6 and 7
+downwards. Neither set has the torque of the propellers, so it is zero here. Both sets give a
+slightly buoyant hull; here it is ballasted to be neutral
 (`uuv.models.vehicles.published_hulls.ballast`).
 """
 
@@ -51,7 +53,8 @@ WU_2018 = PublishedHull(
     quadratic_damping=[18.18, 21.66, 36.99, 1.55, 1.55, 1.55],
 )
 
-# Forward, starboard, down, as printed: position [m], direction of positive thrust. 1-4 horizontal, 5-8 vertical.
+# Forward, starboard, down, as printed: position [m], direction of positive thrust. 1-4 horizontal,
+# 5-8 vertical.
 _D = math.sqrt(0.5)
 _LEVEL = (
     ((0.156, 0.111, 0.085), (_D, -_D, 0.0)),
@@ -78,8 +81,8 @@ def wu_2018() -> mujoco.MjSpec:
 def with_alpha_5() -> mujoco.MjSpec:
     """The vehicle by [Benzon 2022] with the Reach Alpha 5 under its bow, joint 1 pointing down.
 
-    The arm's base is mounted as in edxmorgan/floating-KinDyn (usage/alpha_reach.py, "underarm"). The combination is not
-    published; ballast compensates the arm's weight.
+    The arm's base is mounted as in edxmorgan/floating-KinDyn (usage/alpha_reach.py, "underarm").
+    The combination is not published; ballast compensates the arm's weight.
     """
     spec = published_hulls.new_spec("bluerov2_heavy_alpha5")
     hull = _add_hull(spec, BENZON_2022, BENZON_THRUSTERS)
@@ -133,7 +136,13 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         rgba=[0.85, 0.87, 0.9, 1.0],
     )
     # OpenCV axes, horizontal: z forward, x to starboard.
-    hull.add_site(name=CAMERA_SITE, pos=[0.2, 0.0, 0.0], quat=[0.5, -0.5, 0.5, -0.5], group=4, size=[0.01, 0.01, 0.01])
+    hull.add_site(
+        name=CAMERA_SITE,
+        pos=[0.2, 0.0, 0.0],
+        quat=[0.5, -0.5, 0.5, -0.5],
+        group=4,
+        size=[0.01, 0.01, 0.01],
+    )
     names = [
         published_hulls.add_thruster(
             spec, hull, str(i), published_hulls.from_ned(p), published_hulls.from_ned(direction)

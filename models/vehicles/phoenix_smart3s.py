@@ -1,22 +1,25 @@
-"""PHOENIX with a COMAU SMART-3S, the vehicle-manipulator system of SIMURV 4.0 [Antonelli 2013], without thrusters.
+"""PHOENIX with a COMAU SMART-3S, the vehicle-manipulator system of SIMURV 4.0 [Antonelli 2013],
+without thrusters.
 
-Read in SIAEthen/simurv_unicas: data/data_phoenix_smart3s.m (arm), func/InverseDynamics_vehicle.m (vehicle). The vehicle
-follows [Fossen 1994, example B.2], the NPS AUV of [Healey 1993]. The set has no thrusters: the hull is driven by a
-wrench, the actuators `wrench_surge` to `wrench_yaw`.
+Read in SIAEthen/simurv_unicas: data/data_phoenix_smart3s.m (arm), func/InverseDynamics_vehicle.m
+(vehicle). The vehicle follows [Fossen 1994, example B.2], the NPS AUV of [Healey 1993]. The set has
+no thrusters: the hull is driven by a wrench, the actuators `wrench_surge` to `wrench_yaw`.
 
-Added mass: the acceleration derivatives, which with the rigid body give the source's printed matrix M_v. The Coriolis
-terms are ours, from that matrix. The source's velocity derivatives (lift and the like, for a hull under way at 2 m/s)
-do not apply to a hovering hull and are left out.
+Added mass: the acceleration derivatives, which with the rigid body give the source's printed matrix
+M_v. The Coriolis terms are ours, from that matrix. The source's velocity derivatives (lift and the
+like, for a hull under way at 2 m/s) do not apply to a hovering hull and are left out.
 
-Drag in sway, heave, pitch and yaw: the source's cross flow on a block of 0.6 x 1 m, integrated over the hull's length
-for motion along one axis. The source integrates from amidships to twice the bow, and its heave has the sign that feeds
-energy in. MSS (cybergalactic/MSS, npsauv.m) has since corrected the bounds. Surge: the drag of a stopped propeller
-[Healey 1993], which SIMURV leaves out. Roll has none at rest.
+Drag in sway, heave, pitch and yaw: the source's cross flow on a block of 0.6 x 1 m, integrated over
+the hull's length for motion along one axis. The source integrates from amidships to twice the bow,
+and its heave has the sign that feeds energy in. MSS (cybergalactic/MSS, npsauv.m) has since
+corrected the bounds. Surge: the drag of a stopped propeller [Healey 1993], which SIMURV leaves out.
+Roll has none at rest.
 
-Arm: a cylinder per link; masses, inertias, volumes and added masses as in the source. Its added inertia has L^2 where
-strip theory has L^3 (as coded). The drag coefficient is 0.6 across, as strips. How the source applies it, and its
-linear skin friction of 0.4, could not be read (func/Hydro.m is not public in that copy), so skin friction is zero here.
-Joint friction is the source's. It has no joint limits, torque limits or rotor inertia; the limits are ours.
+Arm: a cylinder per link; masses, inertias, volumes and added masses as in the source. Its added
+inertia has L^2 where strip theory has L^3 (as coded). The drag coefficient is 0.6 across, as
+strips. How the source applies it, and its linear skin friction of 0.4, could not be read
+(func/Hydro.m is not public in that copy), so skin friction is zero here. Joint friction is the
+source's. It has no joint limits, torque limits or rotor inertia; the limits are ours.
 """
 
 import mujoco
@@ -35,17 +38,21 @@ _R2, _R3, _R4, _R5 = (0.5 * DENSITY * LENGTH**n for n in (2, 3, 4, 5))  # units 
 
 
 def _added_mass() -> Array:
-    """Added mass (6, 6) of the hull, forward-starboard-down, from the source's non-dimensional derivatives."""
+    """Added mass (6, 6) of the hull, forward-starboard-down, from the source's non-dimensional
+    derivatives.
+    """
     A = np.zeros((6, 6))
     A[0, 0], A[1, 1], A[2, 2] = 7.6e-3 * _R3, 5.5e-2 * _R3, 2.4e-1 * _R3  # -Xudot, -Yvdot, -Zwdot
     A[1, 3], A[1, 5], A[2, 4] = -1.2e-4 * _R4, -1.2e-3 * _R4, 6.8e-3 * _R4  # -Ypdot, -Yrdot, -Zqdot
-    A[3, 3], A[3, 5], A[4, 4], A[5, 5] = 1.0e-3 * _R5, 3.4e-5 * _R5, 1.7e-2 * _R5, 3.4e-3 * _R5  # -Kpdot, -Krdot, ...
+    # -Kpdot, -Krdot, ...
+    A[3, 3], A[3, 5], A[4, 4], A[5, 5] = 1.0e-3 * _R5, 3.4e-5 * _R5, 1.7e-2 * _R5, 3.4e-3 * _R5
     return A + np.triu(A, 1).T
 
 
 def _drag() -> Array:
     """Quadratic damping (6,) of the hull for motion along one axis."""
-    sway, heave = 0.5 * DENSITY * 0.5 * 0.6, 0.5 * DENSITY * 0.6 * 1.0  # [kg/m^2] drag per length: 0.5 rho C_d h
+    # [kg/m^2] drag per length: 0.5 rho C_d h
+    sway, heave = 0.5 * DENSITY * 0.5 * 0.6, 0.5 * DENSITY * 0.6 * 1.0
     third = 2.0 * (LENGTH / 2.0) ** 4 / 4.0  # [m^4] integral of |x|^3 over the length
     surge = 0.00385 * _R2  # Cd0 of [Healey 1993]
     return np.array([surge, sway * LENGTH, heave * LENGTH, 0.0, heave * third, sway * third])
@@ -54,7 +61,8 @@ def _drag() -> Array:
 HULL = PublishedHull(
     mass=5454.54,
     center_of_gravity=[0.0, 0.0, 0.061],
-    inertia=[[2038.0, 13.58, 13.58], [13.58, 13587.0, 13.58], [13.58, 13.58, 13587.0]],  # Ixy = Ixz = Iyz = -13.58
+    # Ixy = Ixz = Iyz = -13.58
+    inertia=[[2038.0, 13.58, 13.58], [13.58, 13587.0, 13.58], [13.58, 13.58, 13587.0]],
     volume=53400.0 / (DENSITY * 9.81),  # printed as 53 400 N of buoyancy
     center_of_buoyancy=[0.0, 0.0, 0.0],
     added_mass=_added_mass(),
@@ -75,7 +83,8 @@ DH = np.array(
     ]
 )
 MASS = (80.0, 80.0, 30.0, 50.0, 20.0, 25.0)  # [kg]
-SIZE = ((0.2, 0.85), (0.1, 1.0), (0.15, 0.2), (0.1, 0.8), (0.15, 0.2), (0.1, 0.3))  # [m] radius, length
+# [m] radius, length
+SIZE = ((0.2, 0.85), (0.1, 1.0), (0.15, 0.2), (0.1, 0.8), (0.15, 0.2), (0.1, 0.3))
 AXIS = (1, 0, 1, 1, 1, 2)  # index of the axis of frame i that lies along the link
 # [m] centre of mass, and of buoyancy, from the origin of frame i - 1, along the axes of frame i.
 CENTER = (
@@ -87,13 +96,21 @@ CENTER = (
     (0.0, 0.0, -0.05),
 )
 INERTIA = 20.0 * np.array(
-    [[5.0, 1.5, 5.0], [1.0, 4.0, 4.0], [0.1, 0.025, 0.1], [2.5, 0.45, 2.5], [0.25, 0.2, 0.25], [0.25, 0.25, 0.17]]
+    [
+        [5.0, 1.5, 5.0],
+        [1.0, 4.0, 4.0],
+        [0.1, 0.025, 0.1],
+        [2.5, 0.45, 2.5],
+        [0.25, 0.2, 0.25],
+        [0.25, 0.25, 0.17],
+    ]
 )  # [kg m^2] diagonal, about the centre of mass
 FRICTION = (30.0, 20.0, 5.0, 10.0, 5.0, 6.0)  # [N m s/rad]
 DRAG_COEFFICIENT = 0.6  # of a link across its axis, on the diameter
 HOME = np.radians([0.0, -45.0, 0.0, 0.0, 0.0, 0.0])  # q_nominal
 _RANGE = (-np.pi, np.pi)  # [rad] joint limits, our choice
-_TORQUE = (1500.0, 1500.0, 800.0, 300.0, 200.0, 100.0)  # [N m] our choice: about three times the weight moments
+# [N m] our choice: about three times the weight moments
+_TORQUE = (1500.0, 1500.0, 800.0, 300.0, 200.0, 100.0)
 
 
 def build() -> mujoco.MjSpec:
@@ -111,7 +128,9 @@ def build() -> mujoco.MjSpec:
     )
     published_hulls.add_wrench(spec, hull)
     # A half turn about x: the base's axes are the hull's in the source.
-    base = hull.add_body(name=ARM_BASE_BODY, pos=published_hulls.from_ned(BASE), quat=[0.0, 1.0, 0.0, 0.0])
+    base = hull.add_body(
+        name=ARM_BASE_BODY, pos=published_hulls.from_ned(BASE), quat=[0.0, 1.0, 0.0, 0.0]
+    )
     bodies: dict[str, BodyHydrodynamics] = {}
     body = base
     for i in range(len(DH)):
@@ -127,11 +146,14 @@ def build() -> mujoco.MjSpec:
 def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, i: int) -> mujoco.MjsBody:
     """Add link i to `parent`.
 
-    Its body frame is the DH frame at its distal end, as in the source; its joint is at the proximal end.
+    Its body frame is the DH frame at its distal end, as in the source; its joint is at the proximal
+    end.
     """
     a, alpha, d = DH[i]
     body = parent.add_body(
-        name=f"link{i + 1}", pos=[a, 0.0, d], quat=[np.cos(alpha / 2.0), np.sin(alpha / 2.0), 0.0, 0.0]
+        name=f"link{i + 1}",
+        pos=[a, 0.0, d],
+        quat=[np.cos(alpha / 2.0), np.sin(alpha / 2.0), 0.0, 0.0],
     )
     published_hulls.set_inertial(body, MASS[i], _center(i), np.diag(INERTIA[i]))
     name = f"joint{i + 1}"
@@ -178,7 +200,9 @@ def _water(i: int) -> BodyHydrodynamics:
 
 
 def _offset(i: int) -> Array:
-    """Offset (3,) [m] from the origin of frame i - 1 to that of frame i, along the axes of frame i."""
+    """Offset (3,) [m] from the origin of frame i - 1 to that of frame i, along the axes of
+    frame i.
+    """
     a, alpha, d = DH[i]
     return np.array([a, d * np.sin(alpha), d * np.cos(alpha)])
 

@@ -1,8 +1,8 @@
 """Hulls from published tables, and the single conversion of their axes to ours.
 
-Marine literature uses body axes forward, starboard, down [SNAME 1950], [Fossen 2011, section 2.1]. Ours are forward,
-port, up, the same after a half turn about x. `from_ned` is that turn. The table of a source is entered as printed in a
-`PublishedHull`, and `add_hull` converts it once.
+Marine literature uses body axes forward, starboard, down [SNAME 1950], [Fossen 2011, section 2.1].
+Ours are forward, port, up, the same after a half turn about x. `from_ned` is that turn. The table
+of a source is entered as printed in a `PublishedHull`, and `add_hull` converts it once.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,9 @@ _HALF_TURN = np.diag([1.0, -1.0, -1.0])  # rotation about x
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PublishedHull:
-    """Parameters of one hull in its source's axes (forward, starboard, down), at the source's body origin."""
+    """Parameters of one hull in its source's axes (forward, starboard, down), at the source's body
+    origin.
+    """
 
     mass: float  # [kg] dry
     center_of_gravity: ArrayLike  # (3,) [m]
@@ -36,18 +38,22 @@ class PublishedHull:
 
 
 def from_ned(values: ArrayLike) -> Array:
-    """Convert a vector (3,), six-vector (6,) or matrix (3, 3), (6, 6) from forward-starboard-down axes to ours.
+    """Convert a vector (3,), six-vector (6,) or matrix (3, 3), (6, 6) from forward-starboard-down
+    axes to ours.
 
-    A half turn is its own inverse, so this is also the way back. Moments of inertia, added masses and damping turn as
-    matrices: the couplings x-y and x-z change sign, y-z does not. The diagonal stays, and with it a diagonal quadratic
-    damping.
+    A half turn is its own inverse, so this is also the way back. Moments of inertia, added masses
+    and damping turn as
+    matrices: the couplings x-y and x-z change sign, y-z does not. The diagonal stays, and with it a
+    diagonal quadratic damping.
 
     Raises:
         ConfigurationError: another shape.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((3,), (6,), (3, 3), (6, 6)):
-        raise ConfigurationError(f"from_ned: expected a vector or a square matrix of 3 or 6, got shape {array.shape}")
+        raise ConfigurationError(
+            f"from_ned: expected a vector or a square matrix of 3 or 6, got shape {array.shape}"
+        )
     turn = np.kron(np.eye(len(array) // 3), _HALF_TURN)
     return turn @ array if array.ndim == 1 else turn @ array @ turn.T
 
@@ -64,7 +70,9 @@ def new_spec(name: str) -> mujoco.MjSpec:
 
 
 def add_hull(spec: mujoco.MjSpec, hull: PublishedHull) -> mujoco.MjsBody:
-    """Add the free body "hull" with mass, inertia and coefficients of `hull`; its origin is the source's."""
+    """Add the free body "hull" with mass, inertia and coefficients of `hull`; its origin is the
+    source's.
+    """
     body = spec.worldbody.add_body(name=HULL_BODY)
     body.add_freejoint(name=HULL_BODY)
     center = from_ned(hull.center_of_gravity)
@@ -94,11 +102,22 @@ def set_inertial(body: mujoco.MjsBody, mass: float, center: ArrayLike, inertia: 
     body.explicitinertial = True
     body.mass = mass
     body.ipos = center
-    body.fullinertia = [about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2]]
+    body.fullinertia = [
+        about[0, 0],
+        about[1, 1],
+        about[2, 2],
+        about[0, 1],
+        about[0, 2],
+        about[1, 2],
+    ]
 
 
 def add_capsule(
-    body: mujoco.MjsBody, name: str, radius: float, ends: tuple[ArrayLike, ArrayLike], rgba: ArrayLike
+    body: mujoco.MjsBody,
+    name: str,
+    radius: float,
+    ends: tuple[ArrayLike, ArrayLike],
+    rgba: ArrayLike,
 ) -> None:
     """Add the shape of a slender part, massless; it meets the world, not the vehicle's other parts.
 
@@ -121,7 +140,9 @@ def add_capsule(
     )
 
 
-def add_thruster(spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayLike, direction: ArrayLike) -> str:
+def add_thruster(
+    spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayLike, direction: ArrayLike
+) -> str:
     """Add the site and the actuator [N] of a thruster.
 
     Args:
@@ -135,22 +156,28 @@ def add_thruster(spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayL
         The actuator's name, for `uuv.models.water.thrusters.attach`.
     """
     axis = np.asarray(direction, dtype=np.float64)
-    R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])[:, [2, 0, 1]]  # x along the thrust
+    # x along the thrust
+    R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])[:, [2, 0, 1]]
     full_name = f"thruster_{name}"
-    hull.add_site(name=full_name, pos=p, quat=quat_wxyz_from_rotation(R), group=4, size=[0.01, 0.01, 0.01])
+    hull.add_site(
+        name=full_name, pos=p, quat=quat_wxyz_from_rotation(R), group=4, size=[0.01, 0.01, 0.01]
+    )
     actuator = spec.add_actuator(name=full_name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=full_name)
     actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     return full_name
 
 
 def add_wrench(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
-    """Add six actuators `wrench_surge` to `wrench_yaw`: the wrench on the hull at its origin, hull axes [N, N m].
+    """Add six actuators `wrench_surge` to `wrench_yaw`: the wrench on the hull at its origin, hull
+    axes [N, N m].
 
     For vehicles whose source has no thrusters.
     """
     hull.add_site(name="wrench", group=4, size=[0.01, 0.01, 0.01])
     for axis, name in enumerate(("surge", "sway", "heave", "roll", "pitch", "yaw")):
-        actuator = spec.add_actuator(name=f"wrench_{name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target="wrench")
+        actuator = spec.add_actuator(
+            name=f"wrench_{name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target="wrench"
+        )
         actuator.gear = np.eye(6)[axis]
 
 
@@ -164,21 +191,26 @@ def add_keys(spec: mujoco.MjSpec, home: ArrayLike = (), ready: ArrayLike | None 
     """
     rest = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
     spec.add_key(name=HOME_KEY, qpos=[*rest, *np.asarray(home, dtype=np.float64)])
-    spec.add_key(name=READY_KEY, qpos=[*rest, *np.asarray(home if ready is None else ready, dtype=np.float64)])
+    spec.add_key(
+        name=READY_KEY,
+        qpos=[*rest, *np.asarray(home if ready is None else ready, dtype=np.float64)],
+    )
 
 
 def ballast(spec: mujoco.MjSpec, water_density: float = SEA_WATER) -> BodyHydrodynamics:
-    """Trim the vehicle in its home pose, keeping the height of the hull's centre of buoyancy of the source.
+    """Trim the vehicle in its home pose, keeping the height of the hull's centre of buoyancy of the
+    source.
 
-    The hull's volume changes until the whole is neutrally buoyant in water of `water_density` [kg/m^3]. Its centre of
-    buoyancy shifts fore and aft, as with foam on a real hull. Returns the hull's coefficients.
+    The hull's volume changes until the whole is neutrally buoyant in water of `water_density`
+    [kg/m^3]. Its centre of buoyancy shifts fore and aft, as with foam on a real hull. Returns the
+    hull's coefficients.
     """
     hydrodynamics.attach(spec, {}, water_density)
     home = next(key for key in spec.keys if key.name == HOME_KEY).qpos
     height = float(hydrodynamics.attached(spec)[HULL_BODY].center_of_buoyancy[2])
     flat = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=0.0, qpos=home)
-    # At neutral buoyancy the volumes are in proportion to the buoyancy forces, so the hull's own height counts by its
-    # share of the volume.
+    # At neutral buoyancy the volumes are in proportion to the buoyancy forces, so the hull's own
+    # height counts by its share of the volume.
     share = flat.volume / sum(body.volume for body in hydrodynamics.attached(spec).values())
     metacentric_height = share * (height - float(flat.center_of_buoyancy[2]))
     return hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home)

@@ -1,15 +1,18 @@
 """Reach Alpha 5 (Reach Robotics) by published figures: four joints and a closed gripper.
 
-Masses, volumes, centres: hkolano/PitchPrediction (MagicNumAlpha.jl, urdf/blue_rov_hardware.urdf), the simulation that
-[Kolano 2022] compared with pool trials. Its frames are used, since the inertias refer to them. In the manufacturer's
-URDF with inertias (edxmorgan/uvms-simulator, floating-KinDyn) the centres of mass lie beside the links. Inertias with
+Masses, volumes, centres: hkolano/PitchPrediction (MagicNumAlpha.jl, urdf/blue_rov_hardware.urdf),
+the simulation that [Kolano 2022] compared with pool trials. Its frames are used, since the inertias
+refer to them. In the manufacturer's URDF with inertias (edxmorgan/uvms-simulator, floating-KinDyn)
+the centres of mass lie beside the links. Inertias with
 their products: edxmorgan/floating-KinDyn, alpha_5_robot.urdf. Viscous friction: identified there
-(usage/alpha_reach.py). All were read in code, second hand; the manufacturer's own data sheet was not found.
+(usage/alpha_reach.py). All were read in code, second hand; the manufacturer's own data sheet was
+not found.
 
-Added mass: the values that Kolano adds to the masses of the links. Here they act across each link only, since strip
-theory has none along, and in rotation as a cylinder with this mass. Drag: Kolano's coefficients for uniform flow across
-and along each link, spread evenly over its length. An earlier version of that file has them a thousandfold, which is
-impossible for a link of 40 mm. Torque limits and joint limits as there; no rotor inertia was found, so it is zero.
+Added mass: the values that Kolano adds to the masses of the links. Here they act across each link
+only, since strip theory has none along, and in rotation as a cylinder with this mass. Drag:
+Kolano's coefficients for uniform flow across and along each link, spread evenly over its length. An
+earlier version of that file has them a thousandfold, which is impossible for a link of 40 mm.
+Torque limits and joint limits as there; no rotor inertia was found, so it is zero.
 """
 
 from dataclasses import dataclass, replace
@@ -128,7 +131,8 @@ LINKS = (
     ),
 )
 BASE_MASS, BASE_CENTER, BASE_VOLUME = 0.341, (-0.075, -0.006, -0.003), 0.202e-3  # [kg], [m], [m^3]
-BASE_INERTIA = (83.66, 998.81, 1003.60, 14.45, -38.27, 3.14)  # [1e-6 kg m^2] in the order of `_Link.inertia`
+# [1e-6 kg m^2] in the order of `_Link.inertia`
+BASE_INERTIA = (83.66, 998.81, 1003.60, 14.45, -38.27, 3.14)
 _TIP = (0.0, 0.0, -0.190)  # [m] tip between the jaws, in the wrist frame
 
 
@@ -141,7 +145,9 @@ def build() -> mujoco.MjSpec:
     return spec
 
 
-def add_arm(spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wxyz: list[float]) -> None:
+def add_arm(
+    spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wxyz: list[float]
+) -> None:
     """Add the arm to `parent`, with its coefficients and motors.
 
     Args:
@@ -152,28 +158,44 @@ def add_arm(spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wx
     """
     base = parent.add_body(name=ARM_BASE_BODY, pos=p, quat=quat_wxyz)
     published_hulls.set_inertial(base, BASE_MASS, BASE_CENTER, _inertia(BASE_INERTIA))
-    published_hulls.add_capsule(base, ARM_BASE_BODY, RADIUS, ((-0.13, 0.0, 0.0), (-0.02, 0.0, 0.0)), _GREY)
+    published_hulls.add_capsule(
+        base, ARM_BASE_BODY, RADIUS, ((-0.13, 0.0, 0.0), (-0.02, 0.0, 0.0)), _GREY
+    )
     bodies = {
         ARM_BASE_BODY: replace(
-            cylinder(RADIUS, (-0.15, 0.0, 0.0), (0.0, 0.0, 0.0)), volume=BASE_VOLUME, center_of_buoyancy=BASE_CENTER
+            cylinder(RADIUS, (-0.15, 0.0, 0.0), (0.0, 0.0, 0.0)),
+            volume=BASE_VOLUME,
+            center_of_buoyancy=BASE_CENTER,
         )
     }
     body = base
     for i, link in enumerate(LINKS, start=1):
-        body = body.add_body(name=link.name, pos=link.p, quat=quat_wxyz_from_rotation(_rotation(link.rpy)))
+        body = body.add_body(
+            name=link.name, pos=link.p, quat=quat_wxyz_from_rotation(_rotation(link.rpy))
+        )
         published_hulls.set_inertial(body, link.mass, link.center, _inertia(link.inertia))
-        body.add_joint(name=f"joint{i}", axis=[0.0, 0.0, 1.0], range=link.limits, damping=[link.friction, 0.0, 0.0])
-        motor = spec.add_actuator(name=f"joint{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"joint{i}")
+        body.add_joint(
+            name=f"joint{i}",
+            axis=[0.0, 0.0, 1.0],
+            range=link.limits,
+            damping=[link.friction, 0.0, 0.0],
+        )
+        motor = spec.add_actuator(
+            name=f"joint{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"joint{i}"
+        )
         motor.ctrlrange = [-link.torque, link.torque]
         published_hulls.add_capsule(body, link.name, RADIUS, (link.start, link.end), _GREY)
         bodies[link.name] = _water(link)
-    body.add_site(name=TIP_SITE, pos=_TIP, quat=[0.0, 1.0, 0.0, 0.0], group=4, size=[0.01, 0.01, 0.01])
+    body.add_site(
+        name=TIP_SITE, pos=_TIP, quat=[0.0, 1.0, 0.0, 0.0], group=4, size=[0.01, 0.01, 0.01]
+    )
     hydrodynamics.attach(spec, bodies)
 
 
 def _water(link: _Link) -> BodyHydrodynamics:
     length = float(np.linalg.norm(np.subtract(link.end, link.start)))
-    radius = np.sqrt(link.added / (np.pi * SEA_WATER * length))  # [m] of the cylinder with this added mass
+    # [m] of the cylinder with this added mass
+    radius = np.sqrt(link.added / (np.pi * SEA_WATER * length))
     return replace(
         cylinder(radius, link.start, link.end),
         volume=1e-3 * link.volume,

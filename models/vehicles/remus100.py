@@ -1,18 +1,20 @@
-"""REMUS 100, a torpedo-shaped vehicle with one propeller, as PythonVehicleSimulator models it after [Fossen 2021].
+"""REMUS 100, a torpedo-shaped vehicle with one propeller, as PythonVehicleSimulator models it after
+[Fossen 2021].
 
-Figures and forms are those of the source's remus100.py (commit 7e1db8e), which was read; its helper gnc.py was read in
-copies. Its axes are forward, starboard, down; the few signs that change are marked. It stands for what the plain
-coefficients of this project cannot say:
+Figures and forms are those of the source's remus100.py (commit 7e1db8e), which was read; its helper
+gnc.py was read in copies. Its axes are forward, starboard, down; the few signs that change are
+marked. It stands for what the plain coefficients of this project cannot say:
 
 - The couple of the added mass is taken out in pitch and yaw with its force: `MunkFactor`.
 - Damping in surge and sway fades with speed: `FadingDamping`.
 - The body lifts in the vertical plane: `LiftDrag.of_wing`.
-- Cross-flow drag in sway and yaw: `PlanarStrip`. The source sums 21 strips of a twentieth of the length, so that the
-  segment here is longer than the hull by a twentieth.
+- Cross-flow drag in sway and yaw: `PlanarStrip`. The source sums 21 strips of a twentieth of the
+  length, so that the segment here is longer than the hull by a twentieth.
 
-The propeller is a thruster. The source lets its thrust fall with the whole speed, here with the speed ahead, and here
-astern as well. Its torque over thrust, which falls with the advance, is that at the largest advance number. Rudder and
-stern plane have no actuator, since their force is proportional to the square of the speed: `fin_wrench` returns it.
+The propeller is a thruster. The source lets its thrust fall with the whole speed, here with the
+speed ahead, and here astern as well. Its torque over thrust, which falls with the advance, is that
+at the largest advance number. Rudder and stern plane have no actuator, since their force is
+proportional to the square of the speed: `fin_wrench` returns it.
 """
 
 import math
@@ -40,8 +42,10 @@ _FIN_AREA, _RUDDER_LIFT, _STERN_LIFT = 2.0 * 0.00665, 0.5, 0.7  # [m^2], [1/rad]
 _DRAG = 0.42  # of the hull on its frontal area [Allen 2000]
 _CROSS_FLOW = 1.19773  # of a circle, by the curve of [Hoerner 1965] that the source interpolates
 _SUMMED = 21.0 / 20.0  # length of the source's strips over that of the hull
-_D, _DEDUCTION, _WAKE = 0.14, 0.1, 0.944  # propeller: diameter [m], thrust deduction, advance speed over speed
-_KT, _KQ, _MOST_ADVANCE = (0.4566, 0.1798), (0.0700, 0.0312), 0.6632  # at rest and at the largest advance number
+# propeller: diameter [m], thrust deduction, advance speed over speed
+_D, _DEDUCTION, _WAKE = 0.14, 0.1, 0.944
+# at rest and at the largest advance number
+_KT, _KQ, _MOST_ADVANCE = (0.4566, 0.1798), (0.0700, 0.0312), 0.6632
 _SHARE = 0.1  # of the propeller's torque that the source applies
 PROPELLER_TIME = 1.0  # [s]
 
@@ -71,7 +75,9 @@ def build() -> mujoco.MjSpec:
 
 
 def rigid() -> tuple[float, float, float]:
-    """Mass [kg] of the spheroid of water, its moments of inertia [kg m^2] in roll, and in pitch and yaw."""
+    """Mass [kg] of the spheroid of water, its moments of inertia [kg m^2] in roll, and in pitch and
+    yaw.
+    """
     mass = 4.0 / 3.0 * math.pi * DENSITY * _A * _B**2
     return mass, 0.4 * mass * _B**2, 0.2 * mass * (_A**2 + _B**2)
 
@@ -97,9 +103,15 @@ def coefficients() -> BodyHydrodynamics:
         linear_damping=np.array([0.0, 0.0, total[2] / 20.0, *turning]),
         forms=(
             MunkFactor(factor=np.array([1.0, 0.0, 0.0])),
-            FadingDamping(linear=np.array([total[0] / 20.0, total[1] / 20.0, 0.0, 0.0, 0.0, 0.0]), rate=3.0),
+            FadingDamping(
+                linear=np.array([total[0] / 20.0, total[1] / 20.0, 0.0, 0.0, 0.0, 0.0]), rate=3.0
+            ),
             LiftDrag.of_wing(
-                area=area, span=DIAMETER, drag_0=_DRAG * math.pi * _B**2 / area, sweep=-2, water_density=DENSITY
+                area=area,
+                span=DIAMETER,
+                drag_0=_DRAG * math.pi * _B**2 / area,
+                sweep=-2,
+                water_density=DENSITY,
             ),
             PlanarStrip(
                 start=np.array([-half, 0.0, 0.0]),
@@ -129,8 +141,8 @@ def propeller() -> thrusters.Thruster:
 def fin_wrench(v_B: ArrayLike, rudder: float, stern_plane: float) -> Array:
     """Force and moment of rudder and stern plane on the hull at its origin, hull axes.
 
-    The force grows with the square of the speed in the fin's plane, and with its angle alone: the source neglects the
-    angle of the flow at the tail.
+    The force grows with the square of the speed in the fin's plane, and with its angle alone: the
+    source neglects the angle of the flow at the tail.
 
     Args:
         v_B: (3,) [m/s] velocity relative to the water, hull axes.
@@ -143,6 +155,7 @@ def fin_wrench(v_B: ArrayLike, rudder: float, stern_plane: float) -> Array:
     u, v, w = checked(v_B, (3,), "velocity [m/s]")
     level, upright = 0.5 * DENSITY * _FIN_AREA * np.array([u * u + v * v, u * u + w * w])
     ahead = -level * _RUDDER_LIFT * rudder**2 - upright * _STERN_LIFT * stern_plane**2
-    side, heave = level * _RUDDER_LIFT * rudder, upright * _STERN_LIFT * stern_plane  # to port, and up
+    # to port, and up
+    side, heave = level * _RUDDER_LIFT * rudder, upright * _STERN_LIFT * stern_plane
     force = np.array([ahead, side, heave])
     return np.concatenate([force, np.cross([-_A, 0.0, 0.0], force)])

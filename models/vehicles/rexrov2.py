@@ -1,14 +1,16 @@
 """RexROV 2, a work-class vehicle of 1.9 t, with an arm of seven joints under its bow.
 
-Hull and thrusters are those of the package rexrov2 of [Manhaes 2016], which gives the added mass and damping of
-[Berg 2012]; both were read in that package (rexrov2_base.xacro, rexrov2.gazebo.xacro, rexrov2_actuators.xacro,
-thruster_manager.yaml). The added mass is printed with 10.775 where its mirror place has 10.774; their mean is taken.
-Added mass and damping are taken to be in axes forward, starboard, down; inertia and positions are in forward, port, up
-there, and the inertia is turned into the former here. The propellers' time constant is an estimate.
+Hull and thrusters are those of the package rexrov2 of [Manhaes 2016], which gives the added mass
+and damping of [Berg 2012]; both were read in that package (rexrov2_base.xacro,
+rexrov2.gazebo.xacro, rexrov2_actuators.xacro, thruster_manager.yaml). The added mass is printed
+with 10.775 where its mirror place has 10.774; their mean is taken. Added mass and damping are taken
+to be in axes forward, starboard, down; inertia and positions are in forward, port, up there, and
+the inertia is turned into the former here. The propellers' time constant is an estimate.
 
-The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the kinematics, joint
-limits and torques of the KUKA LBR iiwa 7 R800 (`uuv.models.arms.published_arms`, KUKA's technical data) and a pad. Its
-links are cylinders, their masses estimates that add up to the 24 kg of that arm. No such arm is sold for use under
+The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the
+kinematics, joint limits and torques of the KUKA LBR iiwa 7 R800 (`uuv.models.arms.published_arms`,
+KUKA's technical data) and a pad. Its links are cylinders, their masses estimates that add up to the
+24 kg of that arm. No such arm is sold for use under
 water: it stands for those of seven joints. The camera looks down past the bow.
 """
 
@@ -89,16 +91,23 @@ def with_arm_7() -> mujoco.MjSpec:
             conaffinity=2,
             rgba=[0.93, 0.72, 0.13, 1.0],
         )
-    turned = (exp_so3([0.0, 0.0, math.radians(z)]) @ exp_so3([0.0, math.radians(y), 0.0]) for _, (y, z) in _THRUSTERS)
+    turned = (
+        exp_so3([0.0, 0.0, math.radians(z)]) @ exp_so3([0.0, math.radians(y), 0.0])
+        for _, (y, z) in _THRUSTERS
+    )
     names = [
         published_hulls.add_thruster(spec, hull, str(i), p, R[:, 0])
         for i, ((p, _), R) in enumerate(zip(_THRUSTERS, turned, strict=True))
     ]
-    one = thrusters.Thruster(forward=_THRUST, reverse=_THRUST, dead_band=0.0, time_constant=_LAG, inflow_loss=0.0)
+    one = thrusters.Thruster(
+        forward=_THRUST, reverse=_THRUST, dead_band=0.0, time_constant=_LAG, inflow_loss=0.0
+    )
     thrusters.attach(spec, dict.fromkeys(names, one))
     s, c = math.sin(_DOWN), math.cos(_DOWN)
     look = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
-    hull.add_site(name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(look), group=4, size=[0.01] * 3)
+    hull.add_site(
+        name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(look), group=4, size=[0.01] * 3
+    )
     _add_arm(spec, hull)
     published_hulls.add_keys(spec, HOME, READY)
     published_hulls.ballast(spec)
@@ -110,13 +119,19 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
     """Add the arm of seven joints, with its coefficients and motors."""
     base = hull.add_body(name=ARM_BASE_BODY, pos=_BASE, quat=[0.0, 1.0, 0.0, 0.0])
     published_hulls.set_inertial(base, 3.0, [0.0, 0.0, 0.05], 0.01 * np.eye(3))
-    water: dict[str, BodyHydrodynamics] = {ARM_BASE_BODY: cylinder(0.08, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))}
+    water: dict[str, BodyHydrodynamics] = {
+        ARM_BASE_BODY: cylinder(0.08, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
+    }
     arm, body, X = published_arms.load("iiwa7"), base, np.eye(4)
     for i, (theta, d, a, alpha, _) in enumerate(arm.table):
         name, joint = f"link{i + 1}", f"joint{i + 1}"
         body = body.add_body(name=name, pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         body.add_joint(
-            name=joint, axis=[0.0, 0.0, 1.0], range=arm.limits[i], damping=[_FRICTION, 0.0, 0.0], armature=_ROTOR
+            name=joint,
+            axis=[0.0, 0.0, 1.0],
+            range=arm.limits[i],
+            damping=[_FRICTION, 0.0, 0.0],
+            armature=_ROTOR,
         )
         motor = spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
         motor.ctrlrange = [-_TORQUES[i], _TORQUES[i]]
@@ -124,13 +139,19 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         start, end = (0.0, 0.0, 0.0 if d else -r), (0.0, 0.0, d or r)
         length = max(d, 2.0 * r)
         across = mass * (3.0 * r**2 + length**2) / 12.0
-        published_hulls.set_inertial(body, mass, [0.0, 0.0, 0.5 * d], np.diag([across, across, 0.5 * mass * r**2]))
+        published_hulls.set_inertial(
+            body, mass, [0.0, 0.0, 0.5 * d], np.diag([across, across, 0.5 * mass * r**2])
+        )
         if d:
             published_hulls.add_capsule(body, name, r, (start, end), (0.85, 0.87, 0.9, 1.0))
         water[name] = cylinder(r, start, end)
         X = _row(theta, d, a, alpha)
     body.add_site(
-        name=TIP_SITE, pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]), group=4, size=[0.01, 0.01, 0.01]
+        name=TIP_SITE,
+        pos=X[:3, 3],
+        quat=quat_wxyz_from_rotation(X[:3, :3]),
+        group=4,
+        size=[0.01, 0.01, 0.01],
     )
     hydrodynamics.attach(spec, water)
 

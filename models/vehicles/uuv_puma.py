@@ -1,21 +1,25 @@
-"""Generic work-class hovering UUV with a six-DOF PUMA-type arm, with the source of every hydrodynamic figure.
+"""Generic work-class hovering UUV with a six-DOF PUMA-type arm, with the source of every
+hydrodynamic figure.
 
 No numbers of a real vehicle are used or implied.
 
-- Hull: an open frame of 1.6 x 0.9 x 0.8 m, 323 kg. Its derivatives are estimates for a box-like ROV.
-- Added mass: 0.6, 1.1 and 1.7 times the displaced mass in surge, sway and heave [Fossen 2011, ch. 6]. Published sets
-  for open frames, those of BlueROV2 and RexROV2, lie between 0.4 and 2.1. The coupling is that of a centre of added
-  mass 4 cm above the origin.
-- Drag: 0.5 rho C_d A on the frontal areas with C_d 0.9, 1.1, 1.2 (box with openings, [Hoerner 1965, p. 3-17]).
+- Hull: an open frame of 1.6 x 0.9 x 0.8 m, 323 kg. Its derivatives are estimates for a box-like
+  ROV.
+- Added mass: 0.6, 1.1 and 1.7 times the displaced mass in surge, sway and heave [Fossen 2011, ch.
+  6]. Published sets for open frames, those of BlueROV2 and RexROV2, lie between 0.4 and 2.1. The
+  coupling is that of a centre of added mass 4 cm above the origin.
+- Drag: 0.5 rho C_d A on the frontal areas with C_d 0.9, 1.1, 1.2 (box with openings, [Hoerner 1965,
+  p. 3-17]).
 - Links: cylinders by strip theory [Newman 1977, section 4.15], [Hoerner 1965, p. 3-9].
 - Thrusters: generic, 300 N.
-- Gears: sliding friction is 4 % of each drive's limit, the middle of the values measured on the PUMA 560 [Corke 1994].
-  These are 1.4 to 8 % of the limits of its joints 2 to 6, and 27 % of that of the first. Stiction is 1.3 times that
-  below 0.03 rad/s, an assumption.
+- Gears: sliding friction is 4 % of each drive's limit, the middle of the values measured on the
+  PUMA 560 [Corke 1994]. These are 1.4 to 8 % of the limits of its joints 2 to 6, and 27 % of that
+  of the first. Stiction is 1.3 times that below 0.03 rad/s, an assumption.
 
-The arm hangs under the hull, below the centre of buoyancy. For vertical structures it may be mounted aside of the
-hull's vertical axis [Konoplin 2022, section 3]. `build(arm="side")` has the same hull and arm, with the arm on the port
-side, forward of the jet of the sway thruster, and the camera beside it.
+The arm hangs under the hull, below the centre of buoyancy. For vertical structures it may be
+mounted aside of the hull's vertical axis [Konoplin 2022, section 3]. `build(arm="side")` has the
+same hull and arm, with the arm on the port side, forward of the jet of the sway thruster, and the
+camera beside it.
 """
 
 from pathlib import Path
@@ -50,14 +54,19 @@ DH = np.array(
     ]
 )
 
-_THRUSTER = thrusters.Thruster(forward=300.0, reverse=220.0, dead_band=0.05, time_constant=0.15, inflow_loss=90.0)
+_THRUSTER = thrusters.Thruster(
+    forward=300.0, reverse=220.0, dead_band=0.05, time_constant=0.15, inflow_loss=90.0
+)
 
 
-_SLIDING_FRICTION = (6.0, 8.0, 4.8, 2.4, 1.2, 0.6)  # [N m] Coulomb, of the gears; viscous: in the XML file
+# [N m] Coulomb, of the gears; viscous: in the XML file
+_SLIDING_FRICTION = (6.0, 8.0, 4.8, 2.4, 1.2, 0.6)
 
 
 def _hull() -> BodyHydrodynamics:
-    """Coefficients of the hull alone; trimming the whole vehicle sets its volume and centre of buoyancy."""
+    """Coefficients of the hull alone; trimming the whole vehicle sets its volume and centre of
+    buoyancy.
+    """
     surge, sway, heave = 200.0, 370.0, 570.0  # [kg]
     height = 0.04  # [m] centre of added mass above the origin: foam above, open frame below
     added = np.diag([surge, sway, heave, 28.0, 75.0, 60.0])
@@ -72,14 +81,17 @@ def _hull() -> BodyHydrodynamics:
     )
 
 
-# Arm base on the port side, z to port and x down. The folded arm lies along the side, no lower than the skids. It is
-# forward of the sway thruster, whose jet exits at the middle of the side; the camera is aft of that, facing port.
+# Arm base on the port side, z to port and x down. The folded arm lies along the side, no lower than
+# the skids. It is forward of the sway thruster, whose jet exits at the middle of the side; the
+# camera is aft of that, facing port.
 _SIDE_X_BA = pose(rotation_from_z([0.0, 1.0, 0.0], [0.0, 0.0, -1.0]), [0.45, 0.48, 0.27])
 _SIDE_X_BC = pose(rotation_from_z([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), [-0.3, 0.5, 0.0])
 
 
 def build_side() -> mujoco.MjSpec:
-    """The vehicle with the arm on the port side, camera and workspace to port; trimmed with that arm folded."""
+    """The vehicle with the arm on the port side, camera and workspace to port; trimmed with that
+    arm folded.
+    """
     return build(arm="side")
 
 
@@ -90,7 +102,9 @@ def build_two_sway() -> mujoco.MjSpec:
     bow, name = spec.site("thruster_sway"), "thruster_sway_stern"
     bow.pos = [0.6, 0.0, 0.0]
     turn = quat_wxyz_from_rotation(rotation_from_z([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]))  # x to port
-    spec.body(HULL_BODY).add_site(name=name, pos=[-0.6, 0.0, 0.0], quat=turn, group=4, size=[0.01, 0.01, 0.01])
+    spec.body(HULL_BODY).add_site(
+        name=name, pos=[-0.6, 0.0, 0.0], quat=turn, group=4, size=[0.01, 0.01, 0.01]
+    )
     actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name)
     actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     thrusters.attach(spec, {name: _THRUSTER})
@@ -98,7 +112,8 @@ def build_two_sway() -> mujoco.MjSpec:
 
 
 def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
-    """The vehicle with `tool` on the arm, coefficients attached, trimmed in its home pose (arm folded).
+    """The vehicle with `tool` on the arm, coefficients attached, trimmed in its home pose (arm
+    folded).
 
     The `arm` is under the hull, or on the port side with the camera beside it.
     """
@@ -107,7 +122,8 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
         spec.modelname = "uuv_puma_side"
         _move(spec.body(ARM_BASE_BODY), _SIDE_X_BA)
         _move(spec.site(CAMERA_SITE), _SIDE_X_BC)
-        behind = pose(p=[0.0, 0.0, -0.07])  # the housing is coaxial with the camera, its window just behind it
+        # the housing is coaxial with the camera, its window just behind it
+        behind = pose(p=[0.0, 0.0, -0.07])
         _move(spec.geom("camera_housing"), _SIDE_X_BC @ behind)
     bodies = {
         HULL_BODY: _hull(),
@@ -129,7 +145,9 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
         for i, dry in enumerate(_SLIDING_FRICTION, start=1)
     }
     gear_friction.attach(spec, gears)
-    thrusters.attach(spec, {a.name: _THRUSTER for a in spec.actuators if a.name.startswith("thruster_")})
+    thrusters.attach(
+        spec, {a.name: _THRUSTER for a in spec.actuators if a.name.startswith("thruster_")}
+    )
     home = next(key for key in spec.keys if key.name == HOME_KEY)
     hydrodynamics.trim(spec, HULL_BODY, metacentric_height=METACENTRIC_HEIGHT, qpos=home.qpos)
     if held is not None and not isinstance(held, sampler.Tube | sampler.Box):
@@ -139,4 +157,5 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
 
 def _move(item: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite, X: Array) -> None:
     item.pos, item.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
-    item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # overrides Euler angles or axes of the file
+    # overrides Euler angles or axes of the file
+    item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

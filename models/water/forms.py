@@ -1,11 +1,12 @@
-"""Further terms of a body's hydrodynamics, for what added mass, damping matrices and strips cannot say.
+"""Further terms of a body's hydrodynamics, for what added mass, damping matrices and strips cannot
+say.
 
-Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. It is stored as a record behind the
-body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates it (`uuv.sim.native.form_kernel`). A
-body without forms costs nothing.
+Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. It is stored as a
+record behind the body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates
+it (`uuv.sim.native.form_kernel`). A body without forms costs nothing.
 
-The wrench of each is a function of the twist relative to the water, nu_r = (v; w) at the body origin. It is therefore
-the same in a steady current as in still water.
+The wrench of each is a function of the twist relative to the water, nu_r = (v; w) at the body
+origin. It is therefore the same in a steady current as in still water.
 """
 
 import math
@@ -19,15 +20,25 @@ from numpy.typing import ArrayLike
 
 from uuv.models.water.bounds import LONGEST, SEA_WATER, bounded, not_negative, positive, segment
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
-from uuv.sim.interfaces.spatial import Array, checked, checked_rows, finite_number, readonly, shown, skew
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_rows,
+    finite_number,
+    readonly,
+    shown,
+    skew,
+)
 
 MAX_TERMS: Final = 64  # terms of one CrossTerms
 SWEEPS: Final = (-2, 0, 2)  # exponents of `LiftDrag.sweep`
 _RIGHT: Final = 0.5 * math.pi
 _KEPT: Final = 1e-12  # by which a vector's length may differ from 1 for it to be kept bit by bit
 _SQUARE: Final = 1e-3  # largest cosine of an angle that should be right
-# Directions of flow at which the slope of a LiftDrag is sampled, by differences of _STEP; allowance for those between.
-_ANGLES: Final = np.linspace(-math.pi, math.pi, 361) + 1e-3  # [rad] in the plane of forward and upward
+# Directions of flow at which the slope of a LiftDrag is sampled, by differences of _STEP; allowance
+# for those between.
+# [rad] in the plane of forward and upward
+_ANGLES: Final = np.linspace(-math.pi, math.pi, 361) + 1e-3
 _SWEPT: Final = np.radians([0.0, 25.0, 50.0, 65.0, 80.0, -50.0])  # out of it
 _STEP, _BETWEEN = 1e-5, 1.05
 
@@ -44,7 +55,9 @@ class Form(ABC):
     @classmethod
     @abstractmethod
     def of(cls, numbers: Array) -> Self:
-        """Form with the `numbers` of a record; ConfigurationError for numbers that the form refuses."""
+        """Form with the `numbers` of a record; ConfigurationError for numbers that the form
+        refuses.
+        """
 
     @abstractmethod
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
@@ -61,24 +74,29 @@ class Form(ABC):
 
     @abstractmethod
     def slope(self, speed: float) -> Array:
-        """Bound (6, 6), symmetric, of the damping at `speed` [m/s, rad/s], which the time step must follow."""
+        """Bound (6, 6), symmetric, of the damping at `speed` [m/s, rad/s], which the time step must
+        follow.
+        """
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
-        """The form with its forces multiplied by `factor`, for perturbations; a MunkFactor stays as it is."""
+        """The form with its forces multiplied by `factor`, for perturbations; a MunkFactor stays as
+        it is.
+        """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MunkFactor(Form):
     """Share of the potential-flow couple that acts on the body, about each body axis.
 
-    The couple v x p, with the linear momentum p = A11 v + A12 w of the water, turns a slender body across its way [Munk
-    1924]. Where the flow separates it is mostly absent. With the factors k, what acts is
+    The couple v x p, with the linear momentum p = A11 v + A12 w of the water, turns a slender body
+    across its way [Munk 1924]. Where the flow separates it is mostly absent. With the factors k,
+    what acts is
 
         torque:  -(k_i (v x p)_i),    force:  -sum_i k_i w_i e_i x p.
 
-    Scaling both keeps the power of the pair at zero about each axis, for any k. Scaling the torque alone does not. Zero
-    about y and z is what PythonVehicleSimulator does for its REMUS 100.
+    Scaling both keeps the power of the pair at zero about each axis, for any k. Scaling the torque
+    alone does not. Zero about y and z is what PythonVehicleSimulator does for its REMUS 100.
 
     Raises:
         ConfigurationError: a factor outside 0 to 1.
@@ -119,7 +137,8 @@ class MunkFactor(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FadingDamping(Form):
-    """Linear damping that fades with speed, where quadratic drag takes over: -d exp(-rate |v|) nu_r.
+    """Linear damping that fades with speed, where quadratic drag takes over: -d exp(-rate |v|)
+    nu_r.
 
     Raises:
         ConfigurationError: a negative number.
@@ -132,7 +151,9 @@ class FadingDamping(Form):
     def __post_init__(self) -> None:
         linear = bounded(self.linear, (6,), "fading damping linear")
         if linear.min() < 0.0:
-            raise ConfigurationError(f"fading damping linear: must not be negative, got {linear.tolist()}")
+            raise ConfigurationError(
+                f"fading damping linear: must not be negative, got {linear.tolist()}"
+            )
         object.__setattr__(self, "linear", linear)
         object.__setattr__(self, "rate", not_negative(self.rate, "fading damping rate [s/m]"))
 
@@ -152,8 +173,11 @@ class FadingDamping(Form):
         return -fading[:, None] * self.linear * np.hstack([v, w])
 
     def slope(self, speed: float) -> Array:
-        """That at rest, and a diagonal that dominates what the fading couples between the components."""
-        most = np.concatenate([self.linear[:3] / math.e, self.linear[3:] * self.rate * speed])  # of rate d |nu| exp()
+        """That at rest, and a diagonal that dominates what the fading couples between the
+        components.
+        """
+        # of rate d |nu| exp()
+        most = np.concatenate([self.linear[:3] / math.e, self.linear[3:] * self.rate * speed])
         coupled = np.outer(most, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return np.diag(self.linear + np.sum(0.5 * (coupled + coupled.T), axis=1))
 
@@ -164,22 +188,26 @@ class FadingDamping(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LiftDrag(Form):
-    """Lift and drag of a fin, a wing or a slender body in the plane of its directions `forward` and `upward`.
+    """Lift and drag of a fin, a wing or a slender body in the plane of its directions `forward` and
+    `upward`.
 
-    With the components a, b of the velocity of `point` along the two, and V^2 = a^2 + b^2, the angle of attack is
-    atan(-b / a) + incidence, within 90 degrees. The force at `point` is
+    With the components a, b of the velocity of `point` along the two, and V^2 = a^2 + b^2, the
+    angle of attack is atan(-b / a) + incidence, within 90 degrees. The force at `point` is
 
         q S (C_L (a upward - b forward) - C_D (a forward + b upward)) / V.
 
     - Pressure: q = rho / 2 V^2 (V / |v|)^sweep.
-    - Lift: C_L = slope alpha up to the stall. Beyond it C_L follows `stalled_slope`, but not below 0.
-    - Drag: C_D = drag_0 + drag_slope |alpha| + induced C_L^2. Beyond the stall it follows `stalled_drag_slope`.
+    - Lift: C_L = slope alpha up to the stall. Beyond it C_L follows `stalled_slope`, but not below
+      0.
+    - Drag: C_D = drag_0 + drag_slope |alpha| + induced C_L^2. Beyond the stall it follows
+      `stalled_drag_slope`.
 
-    Lift has no power at any angle; drag takes power. With sweep -2 the drag keeps its size where the flow runs along
-    the span, and its way jumps there.
+    Lift has no power at any angle; drag takes power. With sweep -2 the drag keeps its size where
+    the flow runs along the span, and its way jumps there.
 
     Raises:
-        ConfigurationError: a number out of bounds, or directions that are not perpendicular to 1e-3.
+        ConfigurationError: a number out of bounds, or directions that are not perpendicular to
+            1e-3.
     """
 
     kind: ClassVar[int] = 3
@@ -190,9 +218,12 @@ class LiftDrag(Form):
     drag_slope: float = 0.0  # [1/rad]
     incidence: float = 0.0  # [rad] angle of attack at b = 0
     stall: float = _RIGHT  # [rad] angle of stall; 90 degrees: none
-    stalled_slope: float | None = None  # [1/rad] of C_L beyond the stall; by default it falls to 0 at 90 degrees
-    stalled_drag_slope: float | None = None  # [1/rad] of C_D beyond the stall; by default `drag_slope`
-    sweep: int = 0  # 0: flow along the span has no effect; -2: it counts in q [Fossen 2021]; 2: as gz-sim has it
+    # [1/rad] of C_L beyond the stall; by default it falls to 0 at 90 degrees
+    stalled_slope: float | None = None
+    # [1/rad] of C_D beyond the stall; by default `drag_slope`
+    stalled_drag_slope: float | None = None
+    # 0: flow along the span has no effect; -2: it counts in q [Fossen 2021]; 2: as gz-sim has it
+    sweep: int = 0
     point: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] centre of pressure
     forward: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))  # (3,) unit vector
     upward: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # (3,) unit vector
@@ -203,30 +234,52 @@ class LiftDrag(Form):
         put(self, "area", positive(self.area, "lift-drag area [m^2]"))
         for name in ("lift_slope", "drag_0", "induced", "drag_slope"):
             put(self, name, not_negative(getattr(self, name), f"lift-drag {name}"))
-        put(self, "incidence", finite_number(self.incidence, "lift-drag incidence [rad]", least=-_RIGHT, most=_RIGHT))
-        put(self, "stall", finite_number(self.stall, "lift-drag stall [rad]", above=0.0, most=_RIGHT))
-        fall = -self.lift_slope * self.stall / max(_RIGHT - self.stall, 1e-9) if self.stall < _RIGHT else 0.0
+        put(
+            self,
+            "incidence",
+            finite_number(self.incidence, "lift-drag incidence [rad]", least=-_RIGHT, most=_RIGHT),
+        )
+        put(
+            self,
+            "stall",
+            finite_number(self.stall, "lift-drag stall [rad]", above=0.0, most=_RIGHT),
+        )
+        fall = (
+            -self.lift_slope * self.stall / max(_RIGHT - self.stall, 1e-9)
+            if self.stall < _RIGHT
+            else 0.0
+        )
         slope = fall if self.stalled_slope is None else self.stalled_slope
-        put(self, "stalled_slope", finite_number(slope, "lift-drag stalled_slope [1/rad]", least=-1e12, most=1e12))
+        put(
+            self,
+            "stalled_slope",
+            finite_number(slope, "lift-drag stalled_slope [1/rad]", least=-1e12, most=1e12),
+        )
         drag = self.drag_slope if self.stalled_drag_slope is None else self.stalled_drag_slope
         put(self, "stalled_drag_slope", not_negative(drag, "lift-drag stalled_drag_slope [1/rad]"))
         if self.sweep not in SWEEPS:
-            raise ConfigurationError(f"lift-drag sweep: must be -2, 0 or 2, got {shown(self.sweep)}")
+            raise ConfigurationError(
+                f"lift-drag sweep: must be -2, 0 or 2, got {shown(self.sweep)}"
+            )
         put(self, "sweep", int(self.sweep))
         put(self, "point", bounded(self.point, (3,), "lift-drag point [m]", LONGEST))
         for name in ("forward", "upward"):
             put(self, name, _unit(getattr(self, name), f"lift-drag {name}"))
         if abs(float(self.forward @ self.upward)) > _SQUARE:
             raise ConfigurationError(
-                f"lift-drag: forward {self.forward.tolist()} and upward {self.upward.tolist()} must be perpendicular"
+                f"lift-drag: forward {self.forward.tolist()} and upward {self.upward.tolist()} "
+                "must be perpendicular"
             )
         put(self, "water_density", positive(self.water_density, "lift-drag water_density [kg/m^3]"))
 
     @classmethod
-    def of_wing(cls, *, area: float, span: float, drag_0: float, oswald: float = 0.7, **figures: Any) -> Self:
+    def of_wing(
+        cls, *, area: float, span: float, drag_0: float, oswald: float = 0.7, **figures: Any
+    ) -> Self:
         """Lift and induced drag of a wing of finite span [Beard 2012, section 4.2].
 
-        With the aspect ratio L = span^2 / area: slope pi L / (1 + sqrt(1 + (L / 2)^2)), induced 1 / (pi oswald L).
+        With the aspect ratio L = span^2 / area: slope pi L / (1 + sqrt(1 + (L / 2)^2)), induced 1 /
+        (pi oswald L).
 
         Args:
             area: [m^2].
@@ -242,7 +295,9 @@ class LiftDrag(Form):
             ConfigurationError: a number out of bounds, or one of those computed here given too.
         """
         if given := [name for name in ("lift_slope", "induced") if name in figures]:
-            raise ConfigurationError(f"wing {', '.join(given)}: follows from area, span and oswald; leave it out")
+            raise ConfigurationError(
+                f"wing {', '.join(given)}: follows from area, span and oswald; leave it out"
+            )
         ratio = positive(span, "wing span [m]") ** 2 / positive(area, "wing area [m^2]")
         return cls(
             area=area,
@@ -256,8 +311,9 @@ class LiftDrag(Form):
     def of_gz(cls, parameters: Mapping[str, Any], water_density: float = SEA_WATER) -> Self:
         """Form of the parameters of gz-sim's plugin LiftDrag, by their names there.
 
-        Known are cla, cda, alpha_stall, cla_stall, cda_stall, a0, area, forward, upward, cp and air_density, with the
-        plugin's defaults. The plugin takes `cp` from the link's centre of mass; here it is from the body origin.
+        Known are cla, cda, alpha_stall, cla_stall, cda_stall, a0, area, forward, upward, cp and
+        air_density, with the plugin's defaults. The plugin takes `cp` from the link's centre of
+        mass; here it is from the body origin.
 
         Args:
             parameters: values by name.
@@ -269,16 +325,32 @@ class LiftDrag(Form):
         Raises:
             ConfigurationError: an unknown name, or a number out of bounds.
         """
-        known = ("cla", "cda", "alpha_stall", "cla_stall", "cda_stall", "a0", "area", "forward", "upward", "cp")
+        known = (
+            "cla",
+            "cda",
+            "alpha_stall",
+            "cla_stall",
+            "cda_stall",
+            "a0",
+            "area",
+            "forward",
+            "upward",
+            "cp",
+        )
         for name in parameters:
             if name not in (*known, "air_density"):
-                raise ConfigurationError(f"gz-sim LiftDrag: unknown parameter {shown(name)}{did_you_mean(name, known)}")
+                raise ConfigurationError(
+                    f"gz-sim LiftDrag: unknown parameter {shown(name)}{did_you_mean(name, known)}"
+                )
         return cls(
             area=parameters.get("area", 1.0),
             lift_slope=parameters.get("cla", 1.0),
             drag_slope=parameters.get("cda", 0.01),
             incidence=parameters.get("a0", 0.0),
-            stall=min(finite_number(parameters.get("alpha_stall", _RIGHT), "gz-sim LiftDrag alpha_stall"), _RIGHT),
+            stall=min(
+                finite_number(parameters.get("alpha_stall", _RIGHT), "gz-sim LiftDrag alpha_stall"),
+                _RIGHT,
+            ),
             stalled_slope=parameters.get("cla_stall", 0.0),
             stalled_drag_slope=parameters.get("cda_stall", 1.0),
             sweep=2,
@@ -337,8 +409,15 @@ class LiftDrag(Form):
         assert self.stalled_drag_slope is not None
         size = np.abs(alpha)
         near, beyond = np.minimum(size, self.stall), np.maximum(size - self.stall, 0.0)
-        lift = np.maximum(self.lift_slope * near + self.stalled_slope * beyond, 0.0) * np.sign(alpha)
-        drag = self.drag_0 + self.drag_slope * near + self.stalled_drag_slope * beyond + self.induced * lift**2
+        lift = np.maximum(self.lift_slope * near + self.stalled_slope * beyond, 0.0) * np.sign(
+            alpha
+        )
+        drag = (
+            self.drag_0
+            + self.drag_slope * near
+            + self.stalled_drag_slope * beyond
+            + self.induced * lift**2
+        )
         return lift, drag
 
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
@@ -347,17 +426,23 @@ class LiftDrag(Form):
         return np.hstack([force, np.cross(self.point, force)])
 
     def slope(self, speed: float) -> Array:
-        """The largest that differences of the force show over directions of flow, in every direction at `point`."""
+        """The largest that differences of the force show over directions of flow, in every
+        direction at `point`.
+        """
         angle, sweep = np.meshgrid(_ANGLES, _SWEPT if self.sweep else _SWEPT[:1])
         angle, sweep = angle.ravel()[:, None], sweep.ravel()[:, None]
         plane = np.cos(angle) * self.forward + np.sin(angle) * self.upward
         flow = np.cos(sweep) * plane + np.sin(sweep) * np.cross(self.forward, self.upward)
-        columns = [(self._force(flow + _STEP * e) - self._force(flow - _STEP * e)) / (2.0 * _STEP) for e in np.eye(3)]
+        columns = [
+            (self._force(flow + _STEP * e) - self._force(flow - _STEP * e)) / (2.0 * _STEP)
+            for e in np.eye(3)
+        ]
         jacobians = -np.stack(columns, axis=2)
         # Where a step crosses the jump from +90 to -90 degrees, its difference is no slope.
         smooth = np.abs(np.cos(angle[:, 0] - self.incidence)) > 10.0 * _STEP
         eigenvalues = np.linalg.eigvalsh(0.5 * (jacobians + jacobians.transpose(0, 2, 1)))[smooth]
-        largest = speed * _BETWEEN * float(eigenvalues.max())  # the force grows with the square of the speed
+        # the force grows with the square of the speed
+        largest = speed * _BETWEEN * float(eigenvalues.max())
         to_point = np.hstack([np.eye(3), -skew(self.point)])
         return max(largest, 0.0) * to_point.T @ to_point
 
@@ -371,10 +456,14 @@ class LiftDrag(Form):
         square, whole = a * a + b * b, np.sum(u * u, axis=1)
         V = np.sqrt(square)
         alpha = np.where(a >= 0.0, np.arctan2(-b, a), np.arctan2(b, -a)) + self.incidence
-        alpha = np.where(alpha > _RIGHT, alpha - math.pi, np.where(alpha < -_RIGHT, alpha + math.pi, alpha))
+        alpha = np.where(
+            alpha > _RIGHT, alpha - math.pi, np.where(alpha < -_RIGHT, alpha + math.pi, alpha)
+        )
         lift, drag = self.coefficients(alpha)
         with np.errstate(divide="ignore", invalid="ignore"):
-            swept = {0: square, -2: whole, 2: square * np.where(whole > 0.0, square / whole, 0.0)}[self.sweep]
+            swept = {0: square, -2: whole, 2: square * np.where(whole > 0.0, square / whole, 0.0)}[
+                self.sweep
+            ]
             share = np.where(V > 0.0, 0.5 * self.water_density * self.area * swept / V, 0.0)
         along = share * (-lift * b - drag * a)
         across = share * (lift * a - drag * b)
@@ -383,10 +472,11 @@ class LiftDrag(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossTerms(Form):
-    """Sum of terms -c |nu_k| nu_j or -c nu_k nu_j in components i of the wrench, as gz-sim's Hydrodynamics has them.
+    """Sum of terms -c |nu_k| nu_j or -c nu_k nu_j in components i of the wrench, as gz-sim's
+    Hydrodynamics has them.
 
-    A positive c with i = j and |nu_k| is damping. Other terms may feed energy in: `uuv.sim.hydrodynamics.doubts` looks
-    for a motion in which they do.
+    A positive c with i = j and |nu_k| is damping. Other terms may feed energy in:
+    `uuv.sim.hydrodynamics.doubts` looks for a motion in which they do.
 
     Raises:
         ConfigurationError: an index outside 0 to 5, or too many terms.
@@ -401,17 +491,22 @@ class CrossTerms(Form):
         indices, absolute = terms[:, :3], terms[:, 3]
         if len(terms) > MAX_TERMS:
             raise ConfigurationError(f"cross terms: expected at most {MAX_TERMS}, got {len(terms)}")
-        if np.any(indices != np.clip(np.round(indices), 0, 5)) or not np.all((absolute == 0.0) | (absolute == 1.0)):
+        if np.any(indices != np.clip(np.round(indices), 0, 5)) or not np.all(
+            (absolute == 0.0) | (absolute == 1.0)
+        ):
             raise ConfigurationError(
-                f"cross terms: i, j, k must be whole numbers 0 to 5 and absolute 0 or 1, got {shown(terms[:, :4])}"
+                "cross terms: i, j, k must be whole numbers 0 to 5 and absolute 0 or 1, got "
+                f"{shown(terms[:, :4])}"
             )
         object.__setattr__(self, "terms", terms)
 
     @classmethod
     def of_gz(cls, parameters: Mapping[str, float]) -> Self:
-        """Terms by gz-sim's names, with its signs: force X = xUabsV |v| u, so that damping is negative.
+        """Terms by gz-sim's names, with its signs: force X = xUabsV |v| u, so that damping is
+        negative.
 
-        A name has one of x y z k m n, one of U V W P Q R, and another of these, with or without `abs` before it.
+        A name has one of x y z k m n, one of U V W P Q R, and another of these, with or without
+        `abs` before it.
 
         Args:
             parameters: coefficients by name, such as `{"yVabsR": -3.0, "nUV": 2.0}`.
@@ -426,7 +521,9 @@ class CrossTerms(Form):
         for name, value in parameters.items():
             place = gz_term(name)
             if place is None or place[2] < 0:
-                raise ConfigurationError(f"gz-sim Hydrodynamics: expected names like xUabsV or xUV, got {shown(name)}")
+                raise ConfigurationError(
+                    f"gz-sim Hydrodynamics: expected names like xUabsV or xUV, got {shown(name)}"
+                )
             rows.append([*place, -finite_number(value, f"gz-sim Hydrodynamics {name}")])
         return cls(terms=np.array(rows))
 
@@ -438,7 +535,9 @@ class CrossTerms(Form):
     def of(cls, numbers: Array) -> Self:
         """Form of five numbers a term."""
         if len(numbers) % 5:
-            raise ConfigurationError(f"cross terms: expected five numbers a term, got {len(numbers)} in all")
+            raise ConfigurationError(
+                f"cross terms: expected five numbers a term, got {len(numbers)} in all"
+            )
         return cls(terms=np.reshape(numbers, (-1, 5)))
 
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
@@ -450,7 +549,9 @@ class CrossTerms(Form):
         return total
 
     def slope(self, speed: float) -> Array:
-        """Diagonal that dominates the symmetric part of the terms' derivative, whatever their signs."""
+        """Diagonal that dominates the symmetric part of the terms' derivative, whatever their
+        signs.
+        """
         entries = np.zeros((6, 6))
         for i, j, k, _, coefficient in self.terms:
             entries[int(i), int(j)] += abs(coefficient) * speed
@@ -464,10 +565,12 @@ class CrossTerms(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlanarStrip(Form):
-    """Cross-flow drag of a segment for the flow in one direction alone, as ship theory has it [Faltinsen 1990].
+    """Cross-flow drag of a segment for the flow in one direction alone, as ship theory has it
+    [Faltinsen 1990].
 
-    Force per length: `-drag |u_d| u_d` along `direction`, with the local velocity's component u_d [Fossen 2021, section
-    6.5]. The integral is exact. A StripDrag takes the whole flow across the segment.
+    Force per length: `-drag |u_d| u_d` along `direction`, with the local velocity's component u_d
+    [Fossen 2021, section 6.5]. The integral is exact. A StripDrag takes the whole flow across the
+    segment.
 
     Raises:
         ConfigurationError: a negative drag, a segment without length, or no direction.
@@ -480,7 +583,9 @@ class PlanarStrip(Form):
     drag: float  # [kg/m^2] = 0.5 rho C_d d
 
     def __post_init__(self) -> None:
-        for name, place in zip(("start", "end"), segment(self.start, self.end, "planar strip"), strict=True):
+        for name, place in zip(
+            ("start", "end"), segment(self.start, self.end, "planar strip"), strict=True
+        ):
             object.__setattr__(self, name, place)
         object.__setattr__(self, "direction", _unit(self.direction, "planar strip direction"))
         object.__setattr__(self, "drag", not_negative(self.drag, "planar strip drag [kg/m^2]"))
@@ -493,7 +598,9 @@ class PlanarStrip(Form):
     def of(cls, numbers: Array) -> Self:
         """Form of ten numbers."""
         numbers = checked(numbers, (10,), "planar strip")
-        return cls(start=numbers[:3], end=numbers[3:6], direction=numbers[6:9], drag=float(numbers[9]))
+        return cls(
+            start=numbers[:3], end=numbers[3:6], direction=numbers[6:9], drag=float(numbers[9])
+        )
 
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
         """The drag: either side of the point where the flow turns, two Gauss stations are exact."""
@@ -517,7 +624,9 @@ class PlanarStrip(Form):
         for node in (-1.0, 1.0):
             p = self.start + 0.5 * (1.0 + node / math.sqrt(3.0)) * along
             row = np.concatenate([self.direction, np.cross(p, self.direction)])
-            total += 0.5 * float(np.linalg.norm(along)) * 2.0 * speed * self.drag * np.outer(row, row)
+            total += (
+                0.5 * float(np.linalg.norm(along)) * 2.0 * speed * self.drag * np.outer(row, row)
+            )
         return total
 
     def scaled(self, factor: float) -> Self:
@@ -531,7 +640,9 @@ KINDS: Final[dict[int, type[Form]]] = {
 
 
 def gz_term(name: str) -> tuple[int, int, int, int] | None:
-    """Indices i, j, k and 1 with an absolute value, of a name such as xUabsV or xUV; k is -1 for xU; else None."""
+    """Indices i, j, k and 1 with an absolute value, of a name such as xUabsV or xUV; k is -1 for
+    xU; else None.
+    """
     if not (isinstance(name, str) and name[:1] in tuple("xyzkmn") and name[1:2] in tuple("UVWPQR")):
         return None
     rest, i, j = name[2:], "xyzkmn".index(name[0]), "UVWPQR".index(name[1])
@@ -542,7 +653,9 @@ def gz_term(name: str) -> tuple[int, int, int, int] | None:
 
 
 def _unit(values: ArrayLike, name: str) -> Array:
-    """Unit vector along `values`; one that is a unit vector to rounding stays as it is, so that records keep it."""
+    """Unit vector along `values`; one that is a unit vector to rounding stays as it is, so that
+    records keep it.
+    """
     vector = checked(values, (3,), name)
     length = float(np.linalg.norm(vector))
     if not 1e-9 < length < 1e9:

@@ -1,6 +1,8 @@
-"""Static thruster curves, command to thrust and inverse: a polynomial on each side of a dead band, or a table.
+"""Static thruster curves, command to thrust and inverse: a polynomial on each side of a dead band,
+or a table.
 
-One curve is one row of numbers, so that plant and controllers evaluate the same data in compiled code.
+One curve is one row of numbers, so that plant and controllers evaluate the same data in compiled
+code.
 """
 
 from collections.abc import Sequence
@@ -15,14 +17,17 @@ from uuv.sim.interfaces.spatial import Array, shown
 QUADRATIC, POLYNOMIAL, TABLE = range(3)
 _NOTHING = 1e-12  # share of the largest coefficient that turns no curve
 
-# A row: kind, number of points or coefficients, ends of the dead band, least thrust [N]. Then as many commands, thrusts
-# [N] and slopes of a table, or coefficients ahead and astern.
+# A row: kind, number of points or coefficients, ends of the dead band, least thrust [N]. Then as
+# many commands, thrusts [N] and slopes of a table, or coefficients ahead and astern.
 _KIND, _COUNT, _LOW, _HIGH, _LEAST, _FIRST = range(6)
 
-Sides = tuple[tuple[float, ...], tuple[float, ...]]  # coefficients ahead and astern; or commands and thrusts [N]
+# coefficients ahead and astern; or commands and thrusts [N]
+Sides = tuple[tuple[float, ...], tuple[float, ...]]
 
 
-def pack_polynomial(kind: int, ahead: Sequence[float], astern: Sequence[float], band: float, least: float) -> Array:
+def pack_polynomial(
+    kind: int, ahead: Sequence[float], astern: Sequence[float], band: float, least: float
+) -> Array:
     """Row of a polynomial curve `c[0] r + c[1] r^2 + ...` [N].
 
     Args:
@@ -64,10 +69,14 @@ def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
         ConfigurationError: a row of another kind or length.
     """
     numbers = curve.tolist()
-    kind, count = (round(number) for number in numbers[:_LOW]) if len(numbers) >= _FIRST else (-1, 0)
+    kind, count = (
+        (round(number) for number in numbers[:_LOW]) if len(numbers) >= _FIRST else (-1, 0)
+    )
     blocks = {QUADRATIC: 2, POLYNOMIAL: 2, TABLE: 3}.get(kind, -1)
     if len(numbers) != _FIRST + blocks * count:
-        raise ConfigurationError(f"thruster: its curve of {len(numbers)} numbers has no known kind and length")
+        raise ConfigurationError(
+            f"thruster: its curve of {len(numbers)} numbers has no known kind and length"
+        )
     first = tuple(numbers[_FIRST : _FIRST + count])
     second = tuple(numbers[_FIRST + count : _FIRST + 2 * count])
     if kind == TABLE:
@@ -108,7 +117,8 @@ def thrust_at(curve, command):
         thrust = _horner(curve[start:], count, reach)[0]
         if command < 0.0:
             thrust = -thrust
-    if abs(thrust) < curve[_LEAST] * (1.0 - 1e-9):  # tolerance, so that the inverse of the least thrust yields it
+    # tolerance, so that the inverse of the least thrust yields it
+    if abs(thrust) < curve[_LEAST] * (1.0 - 1e-9):
         return 0.0
     return thrust
 
@@ -117,8 +127,8 @@ def thrust_at(curve, command):
 def command_for(curve, thrust):
     """Inverse curve: the command whose steady thrust in still water is `thrust` [N], to rounding.
 
-    Beyond the ends of the curve it saturates. Below the least thrust the result gives zero or the least thrust,
-    whichever is nearer.
+    Beyond the ends of the curve it saturates. Below the least thrust the result gives zero or the
+    least thrust, whichever is nearer.
     """
     least = curve[_LEAST]
     if abs(thrust) < least:
@@ -162,7 +172,8 @@ def command_for(curve, thrust):
 
 @kernel
 def thrust_in_flow(curve, loss, inflow, command):
-    """Steady thrust [N] in moving water: less by `loss` [N s/m], times the reach of the command, times `inflow` [m/s].
+    """Steady thrust [N] in moving water: less by `loss` [N s/m], times the reach of the command,
+    times `inflow` [m/s].
 
     The inflow is the speed of advance through the water along the thrust.
     """
@@ -172,7 +183,8 @@ def thrust_in_flow(curve, loss, inflow, command):
 
 @kernel
 def command_in_flow(curve, loss, inflow, thrust):
-    """Command whose steady thrust in moving water is `thrust` [N], or the nearest to it in the direction of `thrust`.
+    """Command whose steady thrust in moving water is `thrust` [N], or the nearest to it in the
+    direction of `thrust`.
 
     Args:
         curve: of the thruster.
@@ -184,8 +196,8 @@ def command_in_flow(curve, loss, inflow, thrust):
     if thrust == 0.0 or thrust_at(curve, still) == 0.0 or loss * inflow == 0.0:
         return still
     sign = np.sign(thrust)
-    # Sought is the larger root: between the command in still water and full speed where the flow takes thrust away,
-    # else between the least thrust and the command in still water.
+    # Sought is the larger root: between the command in still water and full speed where the flow
+    # takes thrust away, else between the least thrust and the command in still water.
     taken = loss * inflow * sign > 0.0
     end = sign if taken else command_for(curve, sign * curve[_LEAST])
     low, high = (still, end) if taken else (end, still)
@@ -240,7 +252,9 @@ def _segment(x, count, command):
 
 @kernel
 def _cubic(blocks, count, at, command):
-    """Value and slope of the Hermite cubic between points `at` and the next; constant beyond its ends."""
+    """Value and slope of the Hermite cubic between points `at` and the next; constant beyond its
+    ends.
+    """
     x0, x1 = blocks[at], blocks[at + 1]
     y0, y1 = blocks[count + at], blocks[count + at + 1]
     h = x1 - x0
@@ -252,7 +266,9 @@ def _cubic(blocks, count, at, command):
 
 
 def _slopes(x: Array, y: Array) -> Array:
-    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, at the ends from three points."""
+    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, at the ends from
+    three points.
+    """
     h, secant = np.diff(x), np.diff(y) / np.diff(x)
     slopes = np.zeros_like(y)
     for i in range(1, len(x) - 1):
@@ -260,7 +276,9 @@ def _slopes(x: Array, y: Array) -> Array:
             before, after = h[i - 1] + 2.0 * h[i], 2.0 * h[i - 1] + h[i]
             slopes[i] = (before + after) / (before / secant[i - 1] + after / secant[i])
     for end, near, far in ((0, 0, 1), (-1, -1, -2)):
-        slope = ((2.0 * h[near] + h[far]) * secant[near] - h[near] * secant[far]) / (h[near] + h[far])
+        slope = ((2.0 * h[near] + h[far]) * secant[near] - h[near] * secant[far]) / (
+            h[near] + h[far]
+        )
         if slope * secant[near] <= 0.0:
             slope = 0.0
         elif secant[near] * secant[far] <= 0.0 and abs(slope) > 3.0 * abs(secant[near]):
@@ -273,7 +291,8 @@ def check_polynomial(coefficients: Sequence[float]) -> float:
     """Validate a rising polynomial, and return its thrust [N] at r = 1.
 
     Raises:
-        ConfigurationError: coefficients that are not finite, or a curve that does not rise throughout.
+        ConfigurationError: coefficients that are not finite, or a curve that does not rise
+            throughout.
     """
     c = np.asarray(coefficients, dtype=np.float64)
     if c.ndim != 1 or c.size == 0 or not np.isfinite(c).all():
@@ -286,27 +305,37 @@ def check_polynomial(coefficients: Sequence[float]) -> float:
     roots = slope.trim(_NOTHING * np.abs(slope.coef).max()).roots()
 
     # Between its turns the curve rises or falls throughout.
-    turns = np.sort(roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real < 1.0)].real)
+    turns = np.sort(
+        roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real < 1.0)].real
+    )
     between = 0.5 * (np.array([0.0, *turns]) + np.array([*turns, 1.0]))
     if falls := [float(r) for r in between if not slope(r) > 0.0]:
         raise ConfigurationError(
-            f"thruster polynomial {c.tolist()}: must rise from 0 to 1, but does not at {falls[0]:.3g}"
+            f"thruster polynomial {c.tolist()}: must rise from 0 to 1, but does not at "
+            f"{falls[0]:.3g}"
         )
     return float(c.sum())
 
 
 def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[float, float]:
-    """Validate an invertible table, and return its thrust magnitudes [N] at the upper and lower end.
+    """Validate an invertible table, and return its thrust magnitudes [N] at the upper and lower
+    end.
 
     Raises:
         ConfigurationError: commands or thrusts that do not rise, or no zero thrust.
     """
     x, y = np.asarray(command, dtype=np.float64), np.asarray(thrust, dtype=np.float64)
     if x.shape != y.shape or len(x) < 3 or not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise ConfigurationError(f"thruster table: expected three or more finite pairs, got {command} and {thrust}")
+        raise ConfigurationError(
+            f"thruster table: expected three or more finite pairs, got {command} and {thrust}"
+        )
     if not (np.all(np.diff(x) > 0.0) and x[0] >= -1.0 - 1e-9 and x[-1] <= 1.0 + 1e-9):
-        raise ConfigurationError(f"thruster table: commands must rise within full speed, got {x.tolist()}")
+        raise ConfigurationError(
+            f"thruster table: commands must rise within full speed, got {x.tolist()}"
+        )
     still = (y[1:] == 0.0) & (y[:-1] == 0.0)
     if not (y[0] < 0.0 < y[-1] and np.any(y == 0.0) and np.all((np.diff(y) > 0.0) | still)):
-        raise ConfigurationError(f"thruster table: thrusts must rise from below zero through zero, got {y.tolist()}")
+        raise ConfigurationError(
+            f"thruster table: thrusts must rise from below zero through zero, got {y.tolist()}"
+        )
     return float(y[-1]), float(-y[0])

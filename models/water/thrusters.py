@@ -1,4 +1,5 @@
-"""Thruster model, command to thrust, stored on the actuators of an MjSpec, where MuJoCo evaluates it at each step.
+"""Thruster model, command to thrust, stored on the actuators of an MjSpec, where MuJoCo evaluates
+it at each step.
 
 A command u in [-1, 1] is the normalised propeller speed (or pulse width) that is demanded. The
 propeller follows within its slew rate and with a first-order lag. Its thrust is a static curve of
@@ -29,7 +30,9 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, number
 
 # Columns of a row; the curve follows, as `uuv.models.water.thruster_curves` packs it.
-FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = range(10)
+FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = (
+    range(10)
+)
 HEADER = 10  # columns before the curve
 STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
 
@@ -40,9 +43,21 @@ ACTIVATIONS = 2  # of a thruster
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
 _XML = 1e-5  # tolerance of a gear, which may come from a file of six digits
 # What distinguishes a plain motor on a site, whose control is its force, and a thruster.
-_COMMON: dict[str, Any] = {"trntype": mujoco.mjtTrn.mjTRN_SITE, "gaintype": mujoco.mjtGain.mjGAIN_FIXED, "delay": 0.0}
-_MOTOR: dict[str, Any] = {"biastype": mujoco.mjtBias.mjBIAS_NONE, "dyntype": mujoco.mjtDyn.mjDYN_NONE, "gainprm": 1.0}
-_DRIVEN: dict[str, Any] = {"biastype": mujoco.mjtBias.mjBIAS_USER, "dyntype": mujoco.mjtDyn.mjDYN_USER, "gainprm": 0.0}
+_COMMON: dict[str, Any] = {
+    "trntype": mujoco.mjtTrn.mjTRN_SITE,
+    "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
+    "delay": 0.0,
+}
+_MOTOR: dict[str, Any] = {
+    "biastype": mujoco.mjtBias.mjBIAS_NONE,
+    "dyntype": mujoco.mjtDyn.mjDYN_NONE,
+    "gainprm": 1.0,
+}
+_DRIVEN: dict[str, Any] = {
+    "biastype": mujoco.mjtBias.mjBIAS_USER,
+    "dyntype": mujoco.mjtDyn.mjDYN_USER,
+    "gainprm": 0.0,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,15 +74,21 @@ class Thruster:
 
     forward: float  # [N] thrust at command +1 in still water
     reverse: float  # [N] thrust magnitude at command -1 in still water
-    dead_band: float = 0.0  # command magnitude below which thrust is zero, in [0, 1); a table has its own
+    # command magnitude below which thrust is zero, in [0, 1); a table has its own
+    dead_band: float = 0.0
     time_constant: float = 0.0  # [s] first-order lag of the propeller speed
-    inflow_loss: float = 0.0  # [N]/[m/s] thrust lost at full speed per unit of inflow along the thrust
+    # [N]/[m/s] thrust lost at full speed per unit of inflow along the thrust
+    inflow_loss: float = 0.0
     slew_rate: float = math.inf  # [1/s] largest rate of the command that the drive follows
     torque_per_thrust: float = 0.0  # [m] reaction torque about the thrust axis per thrust
-    handedness: int = 1  # +1: right-handed about the thrust axis when ahead, so the hull turns left-handed; or -1
-    least_thrust: float = 0.0  # [N] least thrust of a turning propeller; smaller thrusts are impossible
+    # +1: right-handed about the thrust axis when ahead, so the hull turns left-handed; or -1
+    handedness: int = 1
+    # [N] least thrust of a turning propeller; smaller thrusts are impossible
+    least_thrust: float = 0.0
     # [N] of r, r^2, ...: ahead, astern
-    polynomial: tuple[tuple[float, ...], tuple[float, ...]] | None = field(default=None, metadata=_ROWS)
+    polynomial: tuple[tuple[float, ...], tuple[float, ...]] | None = field(
+        default=None, metadata=_ROWS
+    )
     # Commands, thrusts [N].
     table: tuple[tuple[float, ...], tuple[float, ...]] | None = field(default=None, metadata=_ROWS)
 
@@ -76,21 +97,36 @@ class Thruster:
             object.__setattr__(self, name, number(getattr(self, name), f"thruster {name}"))
         for name in ("polynomial", "table"):
             object.__setattr__(self, name, _pair(getattr(self, name), name))
-        for name in ("dead_band", "time_constant", "inflow_loss", "torque_per_thrust", "least_thrust"):
+        for name in (
+            "dead_band",
+            "time_constant",
+            "inflow_loss",
+            "torque_per_thrust",
+            "least_thrust",
+        ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):
                 raise ConfigurationError(f"thruster {name}: must be finite and >= 0, got {value}")
         if not self.dead_band < 1.0:
             raise ConfigurationError(f"thruster dead_band: must be in [0, 1), got {self.dead_band}")
-        if not (np.isfinite([self.forward, self.reverse]).all() and self.forward > 0.0 and self.reverse > 0.0):
-            raise ConfigurationError(f"thruster forward and reverse: must be > 0 N, got {self.forward}, {self.reverse}")
+        if not (
+            np.isfinite([self.forward, self.reverse]).all()
+            and self.forward > 0.0
+            and self.reverse > 0.0
+        ):
+            raise ConfigurationError(
+                f"thruster forward and reverse: must be > 0 N, got {self.forward}, {self.reverse}"
+            )
         if not self.slew_rate > 0.0:
-            raise ConfigurationError(f"thruster slew_rate: must be > 0 per second, got {self.slew_rate}")
+            raise ConfigurationError(
+                f"thruster slew_rate: must be > 0 per second, got {self.slew_rate}"
+            )
         if number(self.handedness, "thruster handedness") not in (1.0, -1.0):
             raise ConfigurationError(f"thruster handedness: must be 1 or -1, got {self.handedness}")
         if not self.least_thrust < min(self.forward, self.reverse):
             raise ConfigurationError(
-                f"thruster least_thrust: must be below forward and reverse, {self.forward} and {self.reverse} N, "
+                f"thruster least_thrust: must be below forward and reverse, {self.forward} and "
+                f"{self.reverse} N, "
                 f"got {self.least_thrust}"
             )
         if self.polynomial is not None and self.table is not None:
@@ -104,16 +140,21 @@ class Thruster:
         else:
             assert self.table is not None
             if self.dead_band:
-                raise ConfigurationError("thruster dead_band: a table has its own, its commands of zero thrust")
+                raise ConfigurationError(
+                    "thruster dead_band: a table has its own, its commands of zero thrust"
+                )
             ends = check_table(*self.table)
         if not np.allclose(ends, (self.forward, self.reverse), rtol=1e-5):
             raise ConfigurationError(
-                f"thruster forward and reverse: the curve ends at {ends[0]} and {ends[1]} N, got {self.forward}, "
+                f"thruster forward and reverse: the curve ends at {ends[0]} and {ends[1]} N, got "
+                f"{self.forward}, "
                 f"{self.reverse}"
             )
 
     @classmethod
-    def of_polynomial(cls, ahead: ArrayLike, astern: ArrayLike | None = None, **figures: Any) -> Self:
+    def of_polynomial(
+        cls, ahead: ArrayLike, astern: ArrayLike | None = None, **figures: Any
+    ) -> Self:
         """Thruster whose thrust magnitude [N] is `c[0] r + c[1] r^2 + ...`.
 
         Args:
@@ -137,7 +178,13 @@ class Thruster:
 
     @classmethod
     def of_table(
-        cls, command: ArrayLike, thrust: ArrayLike, *, neutral: float = 0.0, full: float | None = None, **figures: Any
+        cls,
+        command: ArrayLike,
+        thrust: ArrayLike,
+        *,
+        neutral: float = 0.0,
+        full: float | None = None,
+        **figures: Any,
     ) -> Self:
         """Thruster with thrusts [N] at tabled commands, pulse widths or speeds.
 
@@ -163,7 +210,10 @@ class Thruster:
 
         _refuse_curve(figures)
 
-        neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
+        neutral, full = (
+            number(neutral, "thruster neutral"),
+            None if full is None else number(full, "thruster full"),
+        )
         given = _pair((command, thrust), "table")
         assert given is not None
         x, y = (np.array(row) for row in given)
@@ -179,7 +229,22 @@ class Thruster:
 
 # [BlueRobotics 2019], 16 V sheet: pulse width [us], thrust [N].
 _T200_PULSE = (1100, 1180, 1260, 1340, 1420, 1468, 1472, 1528, 1532, 1580, 1660, 1740, 1820, 1900)
-_T200_THRUST = (-39.91, -29.36, -19.04, -10.01, -3.16, -0.36, 0, 0, 0.40, 3.91, 12.54, 23.84, 37.45, 51.44)
+_T200_THRUST = (
+    -39.91,
+    -29.36,
+    -19.04,
+    -10.01,
+    -3.16,
+    -0.36,
+    0,
+    0,
+    0.40,
+    3.91,
+    12.54,
+    23.84,
+    37.45,
+    51.44,
+)
 
 
 def t200(
@@ -191,7 +256,8 @@ def t200(
     slew_rate: float = math.inf,
     least_thrust: float = 0.36,
 ) -> Thruster:
-    """Blue Robotics T200 at 16 V; command u is the pulse 1500 + 400 u us, with its dead band from 1472 to 1528 us.
+    """Blue Robotics T200 at 16 V; command u is the pulse 1500 + 400 u us, with its dead band from
+    1472 to 1528 us.
 
     Measured are the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). The other
     defaults are assumptions, since no measurement was found.
@@ -235,14 +301,19 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
     actuators = {actuator.name: actuator for actuator in spec.actuators}
     for name, thruster in table.items():
         if name not in actuators:
-            raise ConfigurationError(f"thruster {name!r}: no such actuator; there are {sorted(actuators)}")
+            raise ConfigurationError(
+                f"thruster {name!r}: no such actuator; there are {sorted(actuators)}"
+            )
         actuator, row = actuators[name], pack(thruster)
         replaced = carries(actuator.userdata)
         if np.any(actuator.userdata) and not replaced:
-            raise ConfigurationError(f"thruster {name!r}: the user data of its actuator is taken by something else")
+            raise ConfigurationError(
+                f"thruster {name!r}: the user data of its actuator is taken by something else"
+            )
         if not replaced and np.any(actuator.gear[3:]):
             raise ConfigurationError(
-                f"thruster {name!r}: its actuator's gear must leave the torque to torque_per_thrust, got "
+                f"thruster {name!r}: its actuator's gear must leave the torque to "
+                "torque_per_thrust, got "
                 f"{actuator.gear.tolist()}"
             )
         of_spec = partial(getattr, actuator)
@@ -256,11 +327,14 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
     if table:
         mark(spec)
     # All rows must have one length; absent values compile to zero, which decodes as "no thruster".
-    spec.nuser_actuator = max(spec.nuser_actuator, *(len(a.userdata) for a in spec.actuators), HEADER)
+    spec.nuser_actuator = max(
+        spec.nuser_actuator, *(len(a.userdata) for a in spec.actuators), HEADER
+    )
 
 
 def detach(actuator: mujoco.MjsActuator) -> None:
-    """Make a thruster of a spec a plain motor again: its control is the thrust in N; the reaction torque stays.
+    """Make a thruster of a spec a plain motor again: its control is the thrust in N; the reaction
+    torque stays.
 
     Args:
         actuator: changed in place; one that is no thruster stays as it is.
@@ -281,7 +355,8 @@ def _set_kind(actuator: mujoco.MjsActuator, kind: Mapping[str, Any]) -> None:
 
 
 def _check(name: str, field: Callable[[str], Any], kind: Mapping[str, Any], refers: bool) -> None:
-    """Raise ConfigurationError unless an actuator applies its force unchanged along a unit axis of a site.
+    """Raise ConfigurationError unless an actuator applies its force unchanged along a unit axis of
+    a site.
 
     Args:
         name: of the actuator, for the message.
@@ -294,20 +369,28 @@ def _check(name: str, field: Callable[[str], Any], kind: Mapping[str, Any], refe
     odd += [word for word, plain in kind.items() if np.ravel(field(word))[0] != plain]
     if refers:
         odd.append("refsite or plugin")
-    odd += [f"{word}range" for word in ("ctrl", "force", "act") if not _range_fits(field, word, kind is _DRIVEN)]
+    odd += [
+        f"{word}range"
+        for word in ("ctrl", "force", "act")
+        if not _range_fits(field, word, kind is _DRIVEN)
+    ]
     if odd and kind is _MOTOR:
         raise ConfigurationError(
-            f"thruster {name!r}: its actuator must be a plain motor on a site, its control the thrust [N]: gain 1, no "
+            f"thruster {name!r}: its actuator must be a plain motor on a site, its control the "
+            "thrust [N]: gain 1, no "
             f"bias, dynamics, delay, limits, refsite or plugin; not so here: {', '.join(odd)}"
         )
     if odd:
         raise ConfigurationError(
-            f"thruster {name!r}: its actuator must be as uuv.models.water.thrusters.attach leaves it, on a site, its "
-            f"dynamics and bias of the type user, its control in [-1, 1]; not so here: {', '.join(odd)}"
+            f"thruster {name!r}: its actuator must be as uuv.models.water.thrusters.attach leaves "
+            "it, on a site, its "
+            "dynamics and bias of the type user, its control in [-1, 1]; not so here: "
+            f"{', '.join(odd)}"
         )
     if not abs(np.linalg.norm(along) - 1.0) < _XML:
         raise ConfigurationError(
-            f"thruster {name!r}: its actuator must act on a site with a gear of length 1, got {along.tolist()}"
+            f"thruster {name!r}: its actuator must act on a site with a gear of length 1, got "
+            f"{along.tolist()}"
         )
 
 
@@ -362,7 +445,9 @@ def unpack(row: Array) -> Thruster:
     count = round(float(row[COUNT]))
     curve = np.asarray(row[HEADER : HEADER + max(count, 0)])
     if len(curve) != count:
-        raise ConfigurationError(f"thruster: its row of {len(row)} numbers is too short for a curve of {count}")
+        raise ConfigurationError(
+            f"thruster: its row of {len(row)} numbers is too short for a curve of {count}"
+        )
     polynomial, table = rows.unpack(curve)
     return Thruster(
         forward=float(row[FORWARD]),
@@ -385,7 +470,8 @@ def carries(row: Array) -> bool:
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
-    """Thrusters of a compiled model: actuator indices (m,) and their rows (m, width), as `pack` encodes them.
+    """Thrusters of a compiled model: actuator indices (m,) and their rows (m, width), as `pack`
+    encodes them.
 
     Raises:
         ConfigurationError: an invalid row, or an actuator that is not as `attach` leaves it; the
@@ -400,15 +486,22 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
         except ConfigurationError as error:
             raise ConfigurationError(f"actuator {name!r}: {error}") from error
         of_model = partial(_of_compiled, model, i)
-        _check(name, of_model, _DRIVEN, model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0)
+        _check(
+            name,
+            of_model,
+            _DRIVEN,
+            model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0,
+        )
         if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > _XML:
             raise ConfigurationError(
-                f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} along the thrust, got "
+                f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} "
+                "along the thrust, got "
                 f"{gear.tolist()}"
             )
         if model.actuator_actnum[i] != ACTIVATIONS:
             raise ConfigurationError(
-                f"thruster {name!r}: its actuator must have {ACTIVATIONS} activations, got {model.actuator_actnum[i]}"
+                f"thruster {name!r}: its actuator must have {ACTIVATIONS} activations, got "
+                f"{model.actuator_actnum[i]}"
             )
     return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
 
@@ -418,7 +511,9 @@ def _of_compiled(model: mujoco.MjModel, actuator: int, field: str) -> Any:
 
 
 def curves(table: Array) -> Array:
-    """Static curves (m, ...) of thruster rows `table` (m, ...), as `uuv.models.water.thruster_curves` takes them."""
+    """Static curves (m, ...) of thruster rows `table` (m, ...), as
+    `uuv.models.water.thruster_curves` takes them.
+    """
     return np.array(table[:, HEADER:])
 
 
@@ -450,5 +545,7 @@ def _pair(value: Any, name: str) -> tuple[tuple[float, ...], tuple[float, ...]] 
     try:
         first, second = (tuple(number(x, f"thruster {name}") for x in side) for side in value)
     except (TypeError, ValueError):
-        raise ConfigurationError(f"thruster {name}: expected two rows of numbers, got {value!r}") from None
+        raise ConfigurationError(
+            f"thruster {name}: expected two rows of numbers, got {value!r}"
+        ) from None
     return first, second

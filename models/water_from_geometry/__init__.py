@@ -1,1 +1,3 @@
-"""Water of a model from its geometry: volume, centre of buoyancy, added mass and drag of URDF, MJCF and meshes."""
+"""Water of a model from its geometry: volume, centre of buoyancy, added mass and drag of URDF, MJCF
+and meshes.
+"""

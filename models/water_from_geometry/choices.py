@@ -1,4 +1,6 @@
-"""What a user can choose of a model's water: the geoms that displace it, and the number of panels."""
+"""What a user can choose of a model's water: the geoms that displace it, and the number of
+panels.
+"""
 
 from typing import Final, Literal, get_args
 

@@ -1,9 +1,9 @@
 """Drag of a shape from its projected areas, by published coefficients of plain shapes.
 
-How blunt a silhouette is, is told by the mean of the squared cosine between flow and surface over the projected area:
-1/2 for a sphere, 2/3 for a cylinder across, 1 for a flat face. Between these the coefficient is interpolated. The
-coefficients are those of [Hoerner 1965, chapter 3] as [White 2011, table 7.3] lists them, at Reynolds numbers from 1e4
-to the drag crisis.
+How blunt a silhouette is, is told by the mean of the squared cosine between flow and surface over
+the projected area: 1/2 for a sphere, 2/3 for a cylinder across, 1 for a flat face. Between these
+the coefficient is interpolated. The coefficients are those of [Hoerner 1965, chapter 3] as [White
+2011, table 7.3] lists them, at Reynolds numbers from 1e4 to the drag crisis.
 """
 
 from dataclasses import dataclass
@@ -19,11 +19,18 @@ ASIDE = 0.25  # of its longest extent: a body whose middle is farther from its o
 _LINES = 240  # across the longer side of the silhouettes
 _ASKEW = 0.4  # [rad] of the lines' grid about the flow: no edge of a usual body is parallel to it
 _SPHERE, _CYLINDER, _FLAT = 0.5, 2.0 / 3.0, 1.0  # bluntness
-# Length along the flow over width: drag coefficient. Beyond 8, skin friction of 0.005 on the surface is added.
-_ROUND = ((0.75, 1.0, 2.0, 4.0, 8.0, 100.0), (0.5, 0.47, 0.27, 0.25, 0.2, 2.0))  # ellipsoid of revolution
-_BLUNT = ((0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 100.0), (1.17, 1.15, 1.05, 0.85, 0.87, 0.99, 2.8))  # flat-faced; a cube at 1
+# Length along the flow over width: drag coefficient. Beyond 8, skin friction of 0.005 on the
+# surface is added.
+# ellipsoid of revolution
+_ROUND = ((0.75, 1.0, 2.0, 4.0, 8.0, 100.0), (0.5, 0.47, 0.27, 0.25, 0.2, 2.0))
+# flat-faced; a cube at 1
+_BLUNT = ((0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 100.0), (1.17, 1.15, 1.05, 0.85, 0.87, 0.99, 2.8))
 # Length of a silhouette over its width: drag coefficient.
-_ACROSS = ((1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 200.0), (0.64, 0.68, 0.74, 0.74, 0.82, 0.91, 0.98, 1.2))  # cylinder
+# cylinder
+_ACROSS = (
+    (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 200.0),
+    (0.64, 0.68, 0.74, 0.74, 0.82, 0.91, 0.98, 1.2),
+)
 _PLATE = ((1.0, 5.0, 10.0, 20.0, 100.0), (1.18, 1.2, 1.3, 1.5, 2.0))  # rectangular plate
 
 
@@ -47,7 +54,11 @@ class Silhouettes:
         flat = np.interp(depth, *_BLUNT) * np.interp(slenderness, *_PLATE) / _PLATE[1][0]
         cylinder = np.interp(slenderness, *_ACROSS)
         return float(
-            np.interp(self.bluntness[k], (_SPHERE, _CYLINDER, _FLAT), (np.interp(depth, *_ROUND), cylinder, flat))
+            np.interp(
+                self.bluntness[k],
+                (_SPHERE, _CYLINDER, _FLAT),
+                (np.interp(depth, *_ROUND), cylinder, flat),
+            )
         )
 
 
@@ -66,7 +77,8 @@ def silhouettes(corners: Array) -> Silhouettes:
 
 
 def spin_integral(vertices: Array, triangles: np.ndarray) -> Array:
-    """Integrals (3,) [m^5] of |normal speed|^3 of unit turns about the axes, over the half of the surface that pushes.
+    """Integrals (3,) [m^5] of |normal speed|^3 of unit turns about the axes, over the half of the
+    surface that pushes.
 
     For a box they are those of |r|^3 over its faces, as in `uuv.models.hydrodynamics.box`.
     """
@@ -80,12 +92,15 @@ def spin_integral(vertices: Array, triangles: np.ndarray) -> Array:
     return 0.5 * total
 
 
-def strip_of(R: Array, extent: Array, center: Array, seen: Silhouettes, density: float) -> StripDrag:
+def strip_of(
+    R: Array, extent: Array, center: Array, seen: Silhouettes, density: float
+) -> StripDrag:
     """One strip along the longest axis of a body, through its centre of buoyancy.
 
     Args:
         R: (3, 3) principal axes in body axes, the longest first.
-        extent: (3,) [m] lowest and highest place along the longest axis from `center`, and the length.
+        extent: (3,) [m] lowest and highest place along the longest axis from `center`, and the
+            length.
         center: (3,) [m] centre of buoyancy, body frame.
         seen: silhouettes along the principal axes.
         density: [kg/m^3].

@@ -1,4 +1,5 @@
-"""Files of models that are to get their water: URDF, MJCF or one mesh; and the MJCF that carries it.
+"""Files of models that are to get their water: URDF, MJCF or one mesh; and the MJCF that carries
+it.
 
 spec, notes = read_model("arm.urdf")
 write_model(wet(spec), "arm.wet.xml")
@@ -27,21 +28,28 @@ _DIRECTIVES = {"discardvisual": "false", "strippath": "false", "fusestatic": "fa
 
 
 def read_model(
-    file: str | os.PathLike[str], *, free: bool = False, scale: float | None = None, visual: bool = True
+    file: str | os.PathLike[str],
+    *,
+    free: bool = False,
+    scale: float | None = None,
+    visual: bool = True,
 ) -> tuple[mujoco.MjSpec, list[str]]:
     """Read a model, whatever its format.
 
     Args:
-        file: URDF, MJCF, or a mesh (STL, OBJ, MSH), which becomes one floating body of the water's density.
+        file: URDF, MJCF, or a mesh (STL, OBJ, MSH), which becomes one floating body of the water's
+            density.
         free: a URDF's root link floats; else it is fixed to the world, as MuJoCo has it.
         scale: [m] of a mesh file's unit: 0.001 for millimetres. URDF and MJCF state it themselves.
-        visual: the visual meshes of a URDF are needed; False: those that cannot be read are left out.
+        visual: the visual meshes of a URDF are needed; False: those that cannot be read are left
+            out.
 
     Returns:
         The spec, and notes on what was left out.
 
     Raises:
-        ConfigurationError: a file that cannot be read, that MuJoCo does not accept, or whose meshes are missing.
+        ConfigurationError: a file that cannot be read, that MuJoCo does not accept, or whose meshes
+            are missing.
     """
     path = existing_file(file, "model")
     is_mesh = path.suffix.lower() in MESHES
@@ -50,7 +58,9 @@ def read_model(
         said = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
         raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {said}")
     if is_mesh:
-        return _of_mesh(path, 1.0 if scale is None else finite_number(scale, "scale", least=1e-9, most=1e9)), []
+        return _of_mesh(
+            path, 1.0 if scale is None else finite_number(scale, "scale", least=1e-9, most=1e9)
+        ), []
     if scale is not None:
         raise ConfigurationError(
             f"scale: for a mesh file only; {shown(path.name)} states the scale of its meshes itself"
@@ -62,13 +72,16 @@ def read_model(
     return spec, []
 
 
-def write_model(wetted: "Wetted", file: str | os.PathLike[str], *, with_sidecar: bool = False) -> tuple[Path, ...]:
+def write_model(
+    wetted: "Wetted", file: str | os.PathLike[str], *, with_sidecar: bool = False
+) -> tuple[Path, ...]:
     """Write an MJCF with its water, whose table of origins stands as a comment at its head.
 
     Args:
         wetted: the model.
         file: MJCF to write; its meshes are named relative to its folder.
-        with_sidecar: the water goes to NAME.water.yaml beside the MJCF, else into custom elements of it.
+        with_sidecar: the water goes to NAME.water.yaml beside the MJCF, else into custom elements
+            of it.
 
     Returns:
         The files written.
@@ -79,7 +92,10 @@ def write_model(wetted: "Wetted", file: str | os.PathLike[str], *, with_sidecar:
     path = Path(file)
     spec = wetted.spec
     _rebase(spec, path.parent)
-    lines = [f"{o.body}: {o.quantity} {o.value}; {o.origin}; uncertainty {o.uncertainty}" for o in wetted.origins]
+    lines = [
+        f"{o.body}: {o.quantity} {o.value}; {o.origin}; uncertainty {o.uncertainty}"
+        for o in wetted.origins
+    ]
     lines += [f"no water: {said}" for said in wetted.dry]
     try:
         if not with_sidecar:
@@ -90,7 +106,9 @@ def write_model(wetted: "Wetted", file: str | os.PathLike[str], *, with_sidecar:
         head = "".join(f"# {line}\n" for line in lines)
         beside.write_text(head + beside.read_text(encoding="utf-8"), encoding="utf-8")
     except OSError as error:
-        raise ConfigurationError(f"{shown(str(path))}: cannot be written ({error.strerror})") from error
+        raise ConfigurationError(
+            f"{shown(str(path))}: cannot be written ({error.strerror})"
+        ) from error
     return path, beside
 
 
@@ -156,12 +174,15 @@ def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[
         if free:
             spec.body(robot.root).add_freejoint()
     except (ValueError, TypeError, AttributeError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {_line(error)}") from error
+        raise ConfigurationError(
+            f"{robot.name}: MuJoCo does not accept it: {_line(error)}"
+        ) from error
     return _compiling(spec, robot.name), notes
 
 
 def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
-    """Put the places of mesh files into a robot's XML; visual meshes that MuJoCo does not read are taken out.
+    """Put the places of mesh files into a robot's XML; visual meshes that MuJoCo does not read are
+    taken out.
 
     `visual` False: those of links without another shape, and those that are not there, as well.
     """
@@ -180,7 +201,9 @@ def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
             spared = part.tag == "visual" and not visual
             if Path(name).suffix.lower() not in MESHES:
                 if not spared and (part.tag == "collision" or link.find("collision") is None):
-                    raise ConfigurationError(f"{said} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it")
+                    raise ConfigurationError(
+                        f"{said} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it"
+                    )
                 link.remove(part)
                 left_out.append(name)
                 continue
@@ -197,17 +220,25 @@ def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
     if not left_out:
         return []
     endings = ", ".join(sorted({Path(name).suffix or name for name in left_out}))
-    why = f"MuJoCo does not read {endings}" if visual else f"not there, or of no format that MuJoCo reads ({endings})"
+    why = (
+        f"MuJoCo does not read {endings}"
+        if visual
+        else (f"not there, or of no format that MuJoCo reads ({endings})")
+    )
     return [f"{len(left_out)} visual meshes left out: {why}; collision geoms stand for them"]
 
 
 def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
-    """`spec`, where MuJoCo compiles it; else with the inertia of meshes by their surface, which may be open."""
+    """`spec`, where MuJoCo compiles it; else with the inertia of meshes by their surface, which may
+    be open.
+    """
     try:
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         if "inertia of moving bodies" in str(error):
-            raise ConfigurationError(f"{said}: each link that moves needs an <inertial>: {_line(error)}") from error
+            raise ConfigurationError(
+                f"{said}: each link that moves needs an <inertial>: {_line(error)}"
+            ) from error
         if "mesh" not in str(error):
             raise ConfigurationError(f"{said}: MuJoCo cannot compile it: {_line(error)}") from error
         for mesh in spec.meshes:
@@ -215,7 +246,9 @@ def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
         try:
             spec.compile()
         except (ValueError, mujoco.FatalError) as second:
-            raise ConfigurationError(f"{said}: MuJoCo cannot compile it: {_line(second)}") from second
+            raise ConfigurationError(
+                f"{said}: MuJoCo cannot compile it: {_line(second)}"
+            ) from second
     return spec
 
 

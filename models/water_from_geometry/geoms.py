@@ -1,7 +1,8 @@
 """Shells of the geoms of a compiled model, by the body that moves with them.
 
-Bodies welded to another move with it, so their geoms are counted to the body that carries the joint, as MuJoCo counts
-them where it fuses them. What is welded to the world feels no water and is left out.
+Bodies welded to another move with it, so their geoms are counted to the body that carries the
+joint, as MuJoCo counts them where it fuses them. What is welded to the world feels no water and is
+left out.
 """
 
 from collections.abc import Iterator
@@ -44,13 +45,16 @@ class GeomShells:
 
 def moving_bodies(model: mujoco.MjModel) -> list[int]:
     """Bodies that carry joints or float, each the root of what is welded to it."""
-    return [i for i in range(1, model.nbody) if model.body_weldid[i] == i and model.body_dofnum[i] > 0]
+    return [
+        i for i in range(1, model.nbody) if model.body_weldid[i] == i and model.body_dofnum[i] > 0
+    ]
 
 
 def geoms_of(model: mujoco.MjModel, body: int, choice: Choice) -> tuple[list[int], str]:
     """Geoms that displace water of a moving body and of what is welded to it, and which they are.
 
-    "auto" takes those that do not collide, the visible shape, where there are any, else those that collide.
+    "auto" takes those that do not collide, the visible shape, where there are any, else those that
+    collide.
     """
     mine = [g for g in range(model.ngeom) if model.body_weldid[model.geom_bodyid[g]] == body]
     visual = [g for g in mine if not (model.geom_contype[g] or model.geom_conaffinity[g])]
@@ -58,7 +62,9 @@ def geoms_of(model: mujoco.MjModel, body: int, choice: Choice) -> tuple[list[int
     if choice == "all" or not mine:
         return mine, "geoms"
     if choice == "auto":
-        choice = "visual" if any(int(model.geom_type[g]) in _SHAPES for g in visual) else "collision"
+        choice = (
+            "visual" if any(int(model.geom_type[g]) in _SHAPES for g in visual) else "collision"
+        )
     return (visual, "visual geoms") if choice == "visual" else (collision, "collision geoms")
 
 
@@ -66,7 +72,8 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
     """Closed shells of geoms, in the frame of the moving body.
 
     Raises:
-        ConfigurationError: a plane, a height field, another geom without an inside, or one of more than `LARGEST`.
+        ConfigurationError: a plane, a height field, another geom without an inside, or one of more
+            than `LARGEST`.
     """
     meshes: dict[int, Shells] = {}
     for g in geoms:
@@ -75,7 +82,8 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
         if kind not in _SHAPES:
             what = _BOUNDLESS.get(kind, _KINDS(kind).name.removeprefix("mjGEOM_").lower())
             raise ConfigurationError(
-                f"{name}: a {what} has no volume; allowed on a body that moves: {', '.join(_SHAPES.values())}"
+                f"{name}: a {what} has no volume; allowed on a body that moves: "
+                f"{', '.join(_SHAPES.values())}"
             )
         R, p = _in_body(model, g, body)
         if kind == int(_KINDS.mjGEOM_MESH):
@@ -90,7 +98,8 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
         extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if extent > LARGEST:
             raise ConfigurationError(
-                f"{name}: {extent:.4g} m across, more than {LARGEST:.0f} m: is its mesh in millimetres? "
+                f"{name}: {extent:.4g} m across, more than {LARGEST:.0f} m: is its mesh in "
+                "millimetres? "
                 'Write scale="0.001 0.001 0.001" into the file, or for a mesh file --scale 0.001'
             )
         yield GeomShells(
@@ -104,7 +113,9 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
 
 
 def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]:
-    """Rotation (3, 3) and position (3,) [m] of a geom in the body that carries it, to the bit wherever that body is."""
+    """Rotation (3, 3) and position (3,) [m] of a geom in the body that carries it, to the bit
+    wherever that body is.
+    """
     R, p = rotation_from_quat_wxyz(model.geom_quat[geom]), np.array(model.geom_pos[geom])
     at = int(model.geom_bodyid[geom])
     while at != body:
@@ -115,7 +126,8 @@ def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]
 
 
 def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
-    """Closed triangles of a plain shape of MuJoCo's geom size, round ones scaled to the exact volume.
+    """Closed triangles of a plain shape of MuJoCo's geom size, round ones scaled to the exact
+    volume.
 
     Args:
         shape: sphere, capsule, ellipsoid, cylinder or box.
@@ -176,5 +188,7 @@ def _name(model: mujoco.MjModel, g: int) -> str:
     body = model.body(int(model.geom_bodyid[g])).name
     name = model.geom(g).name
     mesh = int(model.geom_dataid[g]) if int(model.geom_type[g]) == int(_KINDS.mjGEOM_MESH) else -1
-    said = repr(name) if name else f"of mesh {model.mesh(mesh).name!r}" if mesh >= 0 else f"number {g}"
+    said = (
+        repr(name) if name else f"of mesh {model.mesh(mesh).name!r}" if mesh >= 0 else f"number {g}"
+    )
     return f"body {body!r}: geom {said}"

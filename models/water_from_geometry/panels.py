@@ -1,10 +1,11 @@
 """Added mass of a closed surface in unbounded water, by a panel method.
 
-The potential of each of the six motions is constant on each flat triangle, and Green's identity holds at the triangles'
-centroids [Hess 1967], [Katz 2001, section 3.2]. The integrals over a triangle are closed: the solid angle
-[Oosterom 1983] and the logarithms of its edges [Hess 1967]. There is no free surface and no bottom, so
-that the added mass is that of deep water at any frequency. The potential stays bounded at sharp edges and on thin
-parts, unlike a density of sources.
+The potential of each of the six motions is constant on each flat triangle, and Green's identity
+holds at the triangles' centroids [Hess 1967], [Katz 2001, section 3.2]. The integrals over a
+triangle are closed: the solid angle [Oosterom 1983] and the logarithms of its edges [Hess 1967].
+There is no free surface and no bottom, so that the added mass is that of deep water at any
+frequency. The potential stays bounded at sharp edges and on thin parts, unlike a density of
+sources.
 """
 
 from dataclasses import dataclass
@@ -19,30 +20,38 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, readonly, real_array, skew
 
 MOST = 8000  # panels of one surface: 1 GB, half a minute
-_EDGE_ORDER = 4.0 / 3.0  # in panel size, of what edges of 90 degrees leave; smooth surfaces converge by order 2
+# in panel size, of what edges of 90 degrees leave; smooth surfaces converge by order 2
+_EDGE_ORDER = 4.0 / 3.0
 TRUSTED = 0.15  # largest relative step of an extrapolation
 _FLOOR = 0.05  # of the largest term of its kind: smaller terms are compared with that
-_TURNING = 0.01  # of the largest translation and the squared size: what a rotation is worth at least
+# of the largest translation and the squared size: what a rotation is worth at least
+_TURNING = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PanelSolution:
     """Added mass of one surface, with what the discretisation left."""
 
-    added_mass: Array  # (6, 6) [kg, kg m, kg m^2] at the origin of the vertices, symmetric, positive semidefinite
+    # (6, 6) [kg, kg m, kg m^2] at the origin of the vertices, symmetric, positive semidefinite
+    added_mass: Array
     panels: int
     size: float  # [m] longest extent of the surface
-    asymmetry: float  # largest difference of two opposite terms before symmetrisation, over the largest term
+    # largest difference of two opposite terms before symmetrisation, over the largest term
+    asymmetry: float
     lifted: float  # largest negative eigenvalue that was set to zero, over the largest eigenvalue
-    changed: float | None = None  # largest step of a term by extrapolation, over the root of its two diagonal terms
+    # largest step of a term by extrapolation, over the root of its two diagonal terms
+    changed: float | None = None
 
 
-def added_mass(vertices: ArrayLike, triangles: ArrayLike, density: float = SEA_WATER) -> PanelSolution:
+def added_mass(
+    vertices: ArrayLike, triangles: ArrayLike, density: float = SEA_WATER
+) -> PanelSolution:
     """Compute the added mass of a closed surface.
 
     Args:
         vertices: (V, 3) [m].
-        triangles: (T, 3) indices, counter-clockwise from outside, without holes. Those without area are left out.
+        triangles: (T, 3) indices, counter-clockwise from outside, without holes. Those without area
+            are left out.
         density: [kg/m^3] of the water.
 
     Returns:
@@ -65,7 +74,8 @@ def added_mass(vertices: ArrayLike, triangles: ArrayLike, density: float = SEA_W
     middle, size = points.mean(axis=0), float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     local = np.ascontiguousarray((corners - middle) / size)
     centers = local.mean(axis=1)
-    flux = np.hstack([normals, np.cross(centers, normals)])  # (N, 6) of the unit motions through each panel
+    # (N, 6) of the unit motions through each panel
+    flux = np.hstack([normals, np.cross(centers, normals)])
     potential = np.linalg.solve(*_system(local, centers, normals, flux))
     matrix = -potential.T @ (flux * (area / size**2)[:, None])
     largest = float(np.abs(matrix).max())
@@ -76,15 +86,21 @@ def added_mass(vertices: ArrayLike, triangles: ArrayLike, density: float = SEA_W
     scale = size ** np.array([1.5, 1.5, 1.5, 2.5, 2.5, 2.5])
     moved = density * (shift.T @ positive @ shift) * np.outer(scale, scale)
     return PanelSolution(
-        added_mass=readonly(0.5 * (moved + moved.T)), panels=len(local), size=size, asymmetry=asymmetry, lifted=lifted
+        added_mass=readonly(0.5 * (moved + moved.T)),
+        panels=len(local),
+        size=size,
+        asymmetry=asymmetry,
+        lifted=lifted,
     )
 
 
 def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
     """Richardson's extrapolation from two surfaces of the same body, by the order that edges leave.
 
-    On a smooth body it changes the sign of the fine surface's error and about keeps its size. A change of more than
-    `TRUSTED` is no refinement of one flow: then the fine surface's matrix is kept, and `changed` says so.
+    On a smooth body it changes the sign of the fine surface's error and about keeps its size. A
+    change of more than
+    `TRUSTED` is no refinement of one flow: then the fine surface's matrix is kept, and `changed`
+    says so.
     """
     ratio = (fine.panels / coarse.panels) ** (0.5 * _EDGE_ORDER)
     step = (fine.added_mass - coarse.added_mass) / (ratio - 1.0)
@@ -93,7 +109,9 @@ def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
     most[1] = max(most[1], _TURNING * most[0] * fine.size**2)
     scale = np.sqrt(np.maximum(diagonal, _FLOOR * np.repeat(most, 3)))
     changed = float(np.max(np.abs(step) / np.outer(scale, scale)))
-    matrix, lifted = _nearest_positive(fine.added_mass + step if changed <= TRUSTED else fine.added_mass)
+    matrix, lifted = _nearest_positive(
+        fine.added_mass + step if changed <= TRUSTED else fine.added_mass
+    )
     return PanelSolution(
         added_mass=readonly(matrix),
         panels=fine.panels,
@@ -105,7 +123,9 @@ def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
 
 
 def _nearest_positive(matrix: Array) -> tuple[Array, float]:
-    """Symmetric part of `matrix` without its negative eigenvalues, and the largest of these over the largest."""
+    """Symmetric part of `matrix` without its negative eigenvalues, and the largest of these over
+    the largest.
+    """
     values, axes = np.linalg.eigh(0.5 * (matrix + matrix.T))
     lifted = max(0.0, -float(values[0])) / float(values[-1])
     positive = (axes * np.maximum(values, 0.0)) @ axes.T
@@ -114,7 +134,8 @@ def _nearest_positive(matrix: Array) -> tuple[Array, float]:
 
 @kernel(error_model="numpy")
 def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tuple[Array, Array]:
-    """Green's identity at the centroids: (N, N) matrix of the potentials, and (N, 6) right-hand sides.
+    """Green's identity at the centroids: (N, N) matrix of the potentials, and (N, 6) right-hand
+    sides.
 
     Args:
         corners: (N, 3, 3) of the triangles, counter-clockwise from outside.
@@ -147,7 +168,9 @@ def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tupl
             total = 0.0
             for k in range(3):
                 around = d[k] + d[(k + 1) % 3]
-                away = r[k, 0] * edges[j, k, 0] + r[k, 1] * edges[j, k, 1] + r[k, 2] * edges[j, k, 2]
+                away = (
+                    r[k, 0] * edges[j, k, 0] + r[k, 1] * edges[j, k, 1] + r[k, 2] * edges[j, k, 2]
+                )
                 if abs(away) > 1e-14:  # else the logarithm may be infinite, its product is zero
                     total += away * np.log((around + lengths[j, k]) / (around - lengths[j, k]))
             matrix[i, j] = 0.5 if i == j else -scale * angle

@@ -1,8 +1,9 @@
 """Solids as lines see them: where the lines of a grid enter and leave the union of closed shells.
 
-Along a line the signed crossings are summed; the union is where the sum is positive. Overlapping shells therefore
-count once, and a cavity whose shell was turned outward is filled. Volume and centre are exact along the lines, and the
-projected area is the area of the lines that meet the union.
+Along a line the signed crossings are summed; the union is where the sum is positive. Overlapping
+shells therefore count once, and a cavity whose shell was turned outward is filled. Volume and
+centre are exact along the lines, and the projected area is the area of the lines that meet the
+union.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,9 @@ _FEWEST = 64  # lines along the shorter side
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LineScan:
-    """Crossings of the union's surface by parallel lines, ordered by line, then along it: entry, exit, entry, ..."""
+    """Crossings of the union's surface by parallel lines, ordered by line, then along it: entry,
+    exit, entry, ...
+    """
 
     axis: int  # along which the lines run
     line: np.ndarray  # (C,) index of the line, i * len(v) + j
@@ -46,7 +49,9 @@ class LineScan:
 
     @property
     def outer(self) -> np.ndarray:
-        """(C,) bool: the first and the last crossing of each line, which a flow along the axis meets."""
+        """(C,) bool: the first and the last crossing of each line, which a flow along the axis
+        meets.
+        """
         first = np.ones(len(self.line), dtype=bool)
         first[1:] = self.line[1:] != self.line[:-1]
         last = np.ones(len(self.line), dtype=bool)
@@ -77,7 +82,9 @@ def scanned(corners: Array, lines: int, axis: int) -> LineScan:
 
 
 def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0) -> LineScan:
-    """Scan triangles (T, 3, 3) along `axis` on the lines through all `u` and `v`, increasing, on the next two axes."""
+    """Scan triangles (T, 3, 3) along `axis` on the lines through all `u` and `v`, increasing, on
+    the next two axes.
+    """
     order = [(axis + k) % 3 for k in range(3)]
     turned = np.ascontiguousarray(corners[:, :, order])
     line, at, step, triangle = _crossings(turned, u, v)
@@ -85,13 +92,22 @@ def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0
     line, at, step, triangle = line[first], at[first], step[first], triangle[first]
     keep = _boundary(line, step)
     return LineScan(
-        axis=axis, line=line[keep], at=at[keep], triangle=triangle[keep], u=u, v=v, cell=cell, disjoint=bool(keep.all())
+        axis=axis,
+        line=line[keep],
+        at=at[keep],
+        triangle=triangle[keep],
+        u=u,
+        v=v,
+        cell=cell,
+        disjoint=bool(keep.all()),
     )
 
 
 @kernel
 def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Which crossings bound the union; those of a line that does not come to zero are left out from the last entry."""
+    """Which crossings bound the union; those of a line that does not come to zero are left out from
+    the last entry.
+    """
     keep = np.zeros(len(line), dtype=np.bool_)
     k = 0
     while k < len(line):
@@ -109,8 +125,12 @@ def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def _crossings(corners: Array, u: Array, v: Array) -> tuple[np.ndarray, Array, np.ndarray, np.ndarray]:
-    """All crossings: line, place along the first axis, +1 for an entry and -1 for an exit, triangle."""
+def _crossings(
+    corners: Array, u: Array, v: Array
+) -> tuple[np.ndarray, Array, np.ndarray, np.ndarray]:
+    """All crossings: line, place along the first axis, +1 for an entry and -1 for an exit,
+    triangle.
+    """
     line, at = np.empty(0, dtype=np.int64), np.empty(0)
     step, triangle = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     for fill in range(2):  # counted first
@@ -144,7 +164,9 @@ def _crossings(corners: Array, u: Array, v: Array) -> tuple[np.ndarray, Array, n
 
 @kernel
 def _side(p: Array, q: Array, u: float, v: float) -> float:
-    """Twice the area of (p, q, point), never zero, the exact opposite for (q, p): neighbours agree who is crossed."""
+    """Twice the area of (p, q, point), never zero, the exact opposite for (q, p): neighbours agree
+    who is crossed.
+    """
     swapped = p[1] > q[1] or (p[1] == q[1] and p[2] > q[2])
     a, b = (q, p) if swapped else (p, q)
     w = (b[1] - a[1]) * (v - a[2]) - (b[2] - a[2]) * (u - a[1])

@@ -1,7 +1,8 @@
 """Closed shells of users' meshes: welded, turned outward, and closed where they are open.
 
-An open surface is replaced by the surface on which its winding number [Jacobson 2013] is one half: holes are bridged
-smoothly. Where that encloses next to nothing, as for a bent sheet, its convex hull is taken.
+An open surface is replaced by the surface on which its winding number [Jacobson 2013] is one half:
+holes are bridged smoothly. Where that encloses next to nothing, as for a bent sheet, its convex
+hull is taken.
 """
 
 from collections.abc import Iterator
@@ -22,7 +23,8 @@ _WELD = 1e-6  # of the mesh's size
 _CELLS = 36  # along the longest side, of the winding number
 _FEW = 2500  # triangles for which it is summed; more are clustered
 _LITTLE = 0.05  # of the hull's volume: less is no inside
-_HALF, _SPREAD = 0.5, 0.2  # level of the winding number; levels so far off it tell the uncertainty of the volume
+# level of the winding number; levels so far off it tell the uncertainty of the volume
+_HALF, _SPREAD = 0.5, 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,8 +78,12 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'s' * (number != 1)}"
 
 
-def _closed_all(points: Array, shells: list[np.ndarray]) -> Iterator[tuple[str, list[Array], float]]:
-    """Open shells closed together where they enclose something, else one by one: what was done, corners, doubt."""
+def _closed_all(
+    points: Array, shells: list[np.ndarray]
+) -> Iterator[tuple[str, list[Array], float]]:
+    """Open shells closed together where they enclose something, else one by one: what was done,
+    corners, doubt.
+    """
     if not shells:
         return
     whole, doubt = _by_winding(points, np.vstack(shells))
@@ -100,7 +106,11 @@ def _closed_all(points: Array, shells: list[np.ndarray]) -> Iterator[tuple[str, 
     if wound:
         yield f"{_count(len(wound), 'open surface')} closed by the winding number", wound, doubts[0]
     if hulls:
-        yield f"{_count(len(hulls), 'open surface')} without an inside, as convex hulls", hulls, doubts[1]
+        yield (
+            f"{_count(len(hulls), 'open surface')} without an inside, as convex hulls",
+            hulls,
+            doubts[1],
+        )
     if flat:
         yield f"{_count(flat, 'flat surface')} left out", [], 0.0
 
@@ -137,18 +147,24 @@ def _outward(points: Array, faces: np.ndarray) -> np.ndarray:
 
 
 def convex_hull(corners: Array) -> tuple[Array, float]:
-    """Corners (T, 3, 3) [m] and volume [m^3] of the convex hull of triangles (N, 3, 3); none and 0 if they are flat."""
+    """Corners (T, 3, 3) [m] and volume [m^3] of the convex hull of triangles (N, 3, 3); none and 0
+    if they are flat.
+    """
     try:
         hull = ConvexHull(corners.reshape(-1, 3))
     except QhullError:
         return np.zeros((0, 3, 3)), 0.0
     a, b, c = hull.points[hull.simplices].transpose(1, 0, 2)
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-    return hull.points[np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)], float(hull.volume)
+    return hull.points[np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)], float(
+        hull.volume
+    )
 
 
 def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
-    """Corners of a closed surface in place of an open one, and its uncertainty [m^3]; None: it encloses nothing."""
+    """Corners of a closed surface in place of an open one, and its uncertainty [m^3]; None: it
+    encloses nothing.
+    """
     corners = points[faces]
     _, hull_volume = convex_hull(corners)
     if not hull_volume > 0.0:
@@ -161,7 +177,9 @@ def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
         merge *= 1.3
     cell = size / _CELLS
     grid = [np.arange(low[k] - 1.51 * cell, high[k] + 2.0 * cell, cell) for k in range(3)]
-    field = _winding(np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3), some_points[some])
+    field = _winding(
+        np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3), some_points[some]
+    )
     field = field.reshape([len(g) for g in grid])
     for axis in range(3):  # nothing is inside on the border
         for end in (0, -1):

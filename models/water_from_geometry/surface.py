@@ -1,8 +1,9 @@
 """One closed surface around a union of shells, of about a wanted number of triangles.
 
-Dual contouring [Ju 2002]: a grid's points are inside or outside the union; where they differ, the exact crossing of
-the edge and its normal are known. Each cell that the surface passes gets the corner that fits these planes best, so
-that edges and corners of boxes stay sharp. What remains of the volume is made up by an even offset.
+Dual contouring [Ju 2002]: a grid's points are inside or outside the union; where they differ, the
+exact crossing of the edge and its normal are known. Each cell that the surface passes gets the
+corner that fits these planes best, so that edges and corners of boxes stay sharp. What remains of
+the volume is made up by an even offset.
 """
 
 from collections.abc import Callable
@@ -34,7 +35,8 @@ class UnionSurface:
     vertices: Array  # (V, 3) [m]
     triangles: np.ndarray  # (T, 3), counter-clockwise from outside
     held: float  # volume before the offset, over that of the union
-    missed: float  # largest relative difference of its projected areas along three axes from those of the union
+    # largest relative difference of its projected areas along three axes from those of the union
+    missed: float
 
 
 def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurface:
@@ -56,7 +58,9 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
     cell = float(np.sqrt(4.0 * (x * y + y * z + z * x) / panels))
     best: tuple[float, Array, np.ndarray] | None = None
     for _ in range(_ROUNDS):
-        vertices, triangles = _contour(turned, low, extent, cell, max(_FEWEST_CELLS, round(np.sqrt(panels) / _THIN)))
+        vertices, triangles = _contour(
+            turned, low, extent, cell, max(_FEWEST_CELLS, round(np.sqrt(panels) / _THIN))
+        )
         miss = abs(np.log(max(len(triangles), 1) / panels))
         if best is None or miss < best[0]:
             best = miss, vertices, triangles
@@ -75,13 +79,16 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
         limit = 0.2 * cell
         vertices = vertices + np.clip(lacking, -limit, limit) * vertex_normals(vertices, triangles)
     missed = max(
-        abs(projected_area(vertices[triangles], axis) / projected_area(turned, axis) - 1.0) for axis in range(3)
+        abs(projected_area(vertices[triangles], axis) / projected_area(turned, axis) - 1.0)
+        for axis in range(3)
     )
     return UnionSurface(vertices=vertices @ R.T, triangles=triangles, held=held, missed=missed)
 
 
 def projected_area(corners: Array, axis: int) -> float:
-    """Projected area [m^2] of the union of shells (T, 3, 3) along an axis, by a grid of lines askew about it."""
+    """Projected area [m^2] of the union of shells (T, 3, 3) along an axis, by a grid of lines askew
+    about it.
+    """
     return scanned(corners @ exp_so3(_ASKEW * np.eye(3)[axis]), _LINES, axis).area
 
 
@@ -101,8 +108,12 @@ def box_axes(corners: Array) -> Array:
     return R if principal < 0.8 * own else np.eye(3)
 
 
-def _contour(corners: Array, low: Array, extent: Array, cell: float, fewest: int) -> tuple[Array, np.ndarray]:
-    """Dual contour of the union on a grid of cells of about `cell` [m], at least `fewest` along a side."""
+def _contour(
+    corners: Array, low: Array, extent: Array, cell: float, fewest: int
+) -> tuple[Array, np.ndarray]:
+    """Dual contour of the union on a grid of cells of about `cell` [m], at least `fewest` along a
+    side.
+    """
     counts = np.clip(np.ceil(extent / cell), fewest, _MOST_CELLS).astype(int)
     a, b, c = corners.transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
@@ -111,7 +122,9 @@ def _contour(corners: Array, low: Array, extent: Array, cell: float, fewest: int
     for k in range(3):
         step = extent[k] / (counts[k] - 1 + 2.0 * _PAD)
         places = low[k] + (np.arange(counts[k] + 3) - 2.0 + _PAD + 0.013 * (k + 1)) * step
-        grid.append(_through_plates(places, step, scanned(corners, _LINES, k), np.abs(normals[:, k])))
+        grid.append(
+            _through_plates(places, step, scanned(corners, _LINES, k), np.abs(normals[:, k]))
+        )
     scans = [along_lines(corners, k, grid[(k + 1) % 3], grid[(k + 2) % 3]) for k in range(3)]
     inside = _inside(scans[0], grid)
     return _joined(inside, grid, lambda k, index: _hermite(scans[k], grid, index, normals))
@@ -183,9 +196,13 @@ def level_surface(field: Array, grid: list[Array], level: float) -> tuple[Array,
 
 
 def _joined(
-    inside: np.ndarray, grid: list[Array], crossing: Callable[[int, np.ndarray], tuple[Array, Array]]
+    inside: np.ndarray,
+    grid: list[Array],
+    crossing: Callable[[int, np.ndarray], tuple[Array, Array]],
 ) -> tuple[Array, np.ndarray]:
-    """Corners in the cells that the surface passes, and triangles around each edge of the grid that it crosses."""
+    """Corners in the cells that the surface passes, and triangles around each edge of the grid that
+    it crosses.
+    """
     cells = tuple(n - 1 for n in inside.shape)
     matrix, target = np.zeros((*cells, 3, 3)), np.zeros((*cells, 3))
     mean, weight = np.zeros((*cells, 3)), np.zeros(cells)
@@ -235,8 +252,12 @@ def _inside(scan: LineScan, grid: list[Array]) -> np.ndarray:
     return odd.reshape(len(grid[0]), len(grid[1]), len(grid[2]))
 
 
-def _hermite(scan: LineScan, grid: list[Array], index: np.ndarray, normals: Array) -> tuple[Array, Array]:
-    """Crossing points and normals (n, 3) of edges that begin at grid points `index` (n, 3) along the scan's axis."""
+def _hermite(
+    scan: LineScan, grid: list[Array], index: np.ndarray, normals: Array
+) -> tuple[Array, Array]:
+    """Crossing points and normals (n, 3) of edges that begin at grid points `index` (n, 3) along
+    the scan's axis.
+    """
     k, p, q = scan.axis, (scan.axis + 1) % 3, (scan.axis + 2) % 3
     line = index[:, p] * len(grid[q]) + index[:, q]
     span = len(grid[k]) + 1
@@ -245,7 +266,8 @@ def _hermite(scan: LineScan, grid: list[Array], index: np.ndarray, normals: Arra
     found = np.minimum(np.searchsorted(key, wanted), max(len(key) - 1, 0))
     hit = key[found] == wanted if len(key) else np.zeros(len(wanted), dtype=bool)
     points = np.column_stack([grid[m][index[:, m]] for m in range(3)])
-    middle = 0.5 * (grid[k][index[:, k]] + grid[k][index[:, k] + 1])  # where rounding let the lines disagree
+    # where rounding let the lines disagree
+    middle = 0.5 * (grid[k][index[:, k]] + grid[k][index[:, k] + 1])
     points[:, k] = np.where(hit, scan.at[found] if len(key) else middle, middle)
     planes = np.zeros((len(index), 3))
     planes[:, k] = 1.0
@@ -255,9 +277,13 @@ def _hermite(scan: LineScan, grid: list[Array], index: np.ndarray, normals: Arra
 
 
 def _halved(vertices: Array, quads: np.ndarray) -> np.ndarray:
-    """Triangles of quads, each cut along its shorter diagonal; those without three corners are left out."""
+    """Triangles of quads, each cut along its shorter diagonal; those without three corners are left
+    out.
+    """
     a, b, c, d = quads.T
-    one_way, other_way = (np.linalg.norm(vertices[p] - vertices[q], axis=1) for p, q in ((a, c), (b, d)))
+    one_way, other_way = (
+        np.linalg.norm(vertices[p] - vertices[q], axis=1) for p, q in ((a, c), (b, d))
+    )
     short = one_way <= other_way * _ALIKE
     one = np.where(short[:, None], np.column_stack([a, b, c]), np.column_stack([a, b, d]))
     two = np.where(short[:, None], np.column_stack([a, c, d]), np.column_stack([b, c, d]))

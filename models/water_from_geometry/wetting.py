@@ -1,10 +1,12 @@
-"""Water of every moving body of a model from its geoms, with the origin and the uncertainty of each number.
+"""Water of every moving body of a model from its geoms, with the origin and the uncertainty of each
+number.
 
     wetted = wet(read_robot("arm.urdf"))
     wetted.bodies["forearm"].added_mass
 
-Volume and centre are exact along lines through the union of a body's geoms. Added mass is the closed form of a sphere
-or an ellipsoid, else that of panels. Drag is from projected areas. Linear damping is not known from geometry: it is 0.
+Volume and centre are exact along lines through the union of a body's geoms. Added mass is the
+closed form of a sphere or an ellipsoid, else that of panels. Drag is from projected areas. Linear
+damping is not known from geometry: it is 0.
 """
 
 import hashlib
@@ -16,9 +18,28 @@ import numpy as np
 from uuv.models import hydrodynamics
 from uuv.models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, moved_added_mass
 from uuv.models.water_from_geometry import panels as panel_method
-from uuv.models.water_from_geometry.choices import CHOICES, FEWEST_PANELS, MOST_PANELS, PANELS, Choice
-from uuv.models.water_from_geometry.drag import ASIDE, SLENDER, Silhouettes, silhouettes, spin_integral, strip_of
-from uuv.models.water_from_geometry.geoms import GeomShells, exact_volume, geoms_of, moving_bodies, shells_in_body
+from uuv.models.water_from_geometry.choices import (
+    CHOICES,
+    FEWEST_PANELS,
+    MOST_PANELS,
+    PANELS,
+    Choice,
+)
+from uuv.models.water_from_geometry.drag import (
+    ASIDE,
+    SLENDER,
+    Silhouettes,
+    silhouettes,
+    spin_integral,
+    strip_of,
+)
+from uuv.models.water_from_geometry.geoms import (
+    GeomShells,
+    exact_volume,
+    geoms_of,
+    moving_bodies,
+    shells_in_body,
+)
 from uuv.models.water_from_geometry.panels import PanelSolution
 from uuv.models.water_from_geometry.scan import scanned
 from uuv.models.water_from_geometry.shells import convex_hull
@@ -30,7 +51,8 @@ _COARSER = 4.0  # panels of the fine surface over those of the coarse one
 _FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree
 _LINES = 240  # across the longer side of a body, for its volume
 _ASKEW = exp_so3([0.4, -0.7, 0.3])  # axes of the lines: no face of a usual body is parallel to them
-_HELD = (0.85, 1.15)  # volume of a surface before its offset over the true one, within which it counts as the body
+# volume of a surface before its offset over the true one, within which it counts as the body
+_HELD = (0.85, 1.15)
 _MISSED = 0.1  # relative difference of projected areas from which a finer surface is tried
 _SOLID = 0.7  # volume over that of the convex hull, below which a body is an open frame
 _CLOSED_FORMS = ("sphere", "ellipsoid")  # of the added mass
@@ -41,7 +63,9 @@ _HULL_FACTOR = 2.0  # by which added mass may be wrong where a convex hull stand
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """One number, or row of numbers, of a body's water: where it is from, and how wrong it may be."""
+    """One number, or row of numbers, of a body's water: where it is from, and how wrong it may
+    be.
+    """
 
     body: str
     quantity: str
@@ -74,26 +98,32 @@ def wet(
 
     Args:
         spec: changed in place; bodies without a name get one.
-        geoms: which displace water: "visual" those that do not collide, "collision" the others, "all" of them once, or
-            "auto": the visual ones of a body that has some, else its collision geoms.
+        geoms: which displace water: "visual" those that do not collide, "collision" the others,
+            "all" of them once, or "auto": the visual ones of a body that has some, else its
+            collision geoms.
         density: [kg/m^3] of the water.
         panels: wanted number of triangles of each body's surface.
-        metacentric_height: [m] for a floating vehicle: foam or ballast on its root makes it neutral and level
-            (`uuv.models.hydrodynamics.trim`). None leaves it as it is.
+        metacentric_height: [m] for a floating vehicle: foam or ballast on its root makes it neutral
+            and level (`uuv.models.hydrodynamics.trim`). None leaves it as it is.
 
     Returns:
         The model, and the table of its numbers.
 
     Raises:
-        ConfigurationError: a model that does not compile, in which no moving body has geoms; a geom or body
-            without a volume or of more than 20 m; arguments out of range.
+        ConfigurationError: a model that does not compile, in which no moving body has geoms; a geom
+            or body without a volume or of more than 20 m; arguments out of range.
     """
     if geoms not in CHOICES:
         raise ConfigurationError(f"geoms: allowed {', '.join(CHOICES)}, got {shown(geoms)}")
     density = finite_number(density, "density [kg/m^3]", above=0.0, most=1e5)
-    if isinstance(panels, bool) or not isinstance(panels, int) or not FEWEST_PANELS <= panels <= MOST_PANELS:
+    if (
+        isinstance(panels, bool)
+        or not isinstance(panels, int)
+        or not FEWEST_PANELS <= panels <= MOST_PANELS
+    ):
         raise ConfigurationError(
-            f"panels: expected a whole number from {FEWEST_PANELS} to {MOST_PANELS}, got {shown(panels)}"
+            f"panels: expected a whole number from {FEWEST_PANELS} to {MOST_PANELS}, got "
+            f"{shown(panels)}"
         )
     for k, body in enumerate(spec.bodies[1:], start=1):
         body.name = body.name or f"body_{k}"
@@ -101,30 +131,48 @@ def wet(
     moving = moving_bodies(model)
     if not moving:
         raise ConfigurationError(
-            "no body moves, so none feels water; a vehicle needs a free joint (for a URDF: --free), an arm joints"
+            "no body moves, so none feels water; a vehicle needs a free joint (for a URDF: "
+            "--free), an arm joints"
         )
     bodies: dict[str, BodyHydrodynamics] = {}
     origins: list[Origin] = []
     alike: dict[bytes, str] = {}  # a body of each shape
-    dry = [f"{model.body(i).name}: fixed to the world" for i in range(1, model.nbody) if model.body_weldid[i] == 0]
+    dry = [
+        f"{model.body(i).name}: fixed to the world"
+        for i in range(1, model.nbody)
+        if model.body_weldid[i] == 0
+    ]
     for i in moving:
         name = model.body(i).name
         chosen, which = geoms_of(model, i, geoms)
         if not chosen:
-            kept = "; it keeps the water that it has" if hydrodynamics.carries(spec.body(name).userdata) else ""
-            dry.append(f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{kept}")
+            kept = (
+                "; it keeps the water that it has"
+                if hydrodynamics.carries(spec.body(name).userdata)
+                else ""
+            )
+            dry.append(
+                f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{kept}"
+            )
             continue
         parts = list(shells_in_body(model, i, chosen))
         solid = [part for part in parts if len(part.shells.corners)]
         if not solid:
-            raise ConfigurationError(f"{parts[0].name}: encloses no volume ({parts[0].shells.said})")
+            raise ConfigurationError(
+                f"{parts[0].name}: encloses no volume ({parts[0].shells.said})"
+            )
         first = alike.setdefault(_shape(solid, which), name)
         if first == name:
             bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
         else:  # stones of a pile, links of a chain
-            bodies[name], rows = bodies[first], [replace(o, body=name) for o in origins if o.body == first]
+            bodies[name], rows = (
+                bodies[first],
+                [replace(o, body=name) for o in origins if o.body == first],
+            )
         origins += rows
-        dry += [f"{part.name}: {part.shells.said}" for part in parts if not len(part.shells.corners)]
+        dry += [
+            f"{part.name}: {part.shells.said}" for part in parts if not len(part.shells.corners)
+        ]
     if not bodies:
         raise ConfigurationError(f"no moving body has geoms to displace water: {'; '.join(dry)}")
     hydrodynamics.attach(spec, bodies, density)
@@ -134,7 +182,14 @@ def wet(
     if metacentric_height is not None:
         name, row = _trimmed(spec, model, bodies, metacentric_height)
         bodies[name] = hydrodynamics.attached(spec)[name]
-        origins = [row, *(o for o in origins if o.body != name or o.quantity not in ("volume", "centre of buoyancy"))]
+        origins = [
+            row,
+            *(
+                o
+                for o in origins
+                if o.body != name or o.quantity not in ("volume", "centre of buoyancy")
+            ),
+        ]
     return Wetted(spec=spec, bodies=bodies, origins=tuple(origins), dry=tuple(dry))
 
 
@@ -149,7 +204,8 @@ def water_of_shells(
         panels: wanted number of triangles.
 
     Returns:
-        Volume [m^3], centre (3,) [m], added mass at the origin, and the surface that it was found on.
+        Volume [m^3], centre (3,) [m], added mass at the origin, and the surface that it was found
+        on.
 
     Raises:
         ConfigurationError: no volume, or a body so thin that the surface does not hold it.
@@ -157,7 +213,9 @@ def water_of_shells(
     volume, center, _, _ = _volume(corners)
     surface, solution = _panelled(corners, volume, density, panels)
     if solution is None:
-        raise ConfigurationError(f"panels: the surface holds {surface.held:.0%} of the volume: too thin for {panels}")
+        raise ConfigurationError(
+            f"panels: the surface holds {surface.held:.0%} of the volume: too thin for {panels}"
+        )
     return volume, center, solution, surface
 
 
@@ -191,15 +249,26 @@ def _body(
         surface, solution = union_surface(corners, volume, panels), None
     else:
         surface, solution = _panelled(corners, volume, density, panels)
-    matrix, from_where, doubt = _added_mass(parts, corners, density, surface, solution, panels, closing)
+    matrix, from_where, doubt = _added_mass(
+        parts, corners, density, surface, solution, panels, closing
+    )
     sort = "plain" if plain else "solid" if volume > _SOLID * convex_hull(corners)[1] else "frame"
     strip, quadratic, drag_said, drag_value = _drag(corners, center, surface, density)
     water = BodyHydrodynamics(
-        volume=volume, center_of_buoyancy=center, added_mass=matrix, quadratic_damping=quadratic, strips=strip
+        volume=volume,
+        center_of_buoyancy=center,
+        added_mass=matrix,
+        quadratic_damping=quadratic,
+        strips=strip,
     )
     factor = f"factor {_FACTORS[sort]:g}"
     rows = (
-        ("volume", f"{1e3 * volume:.4g} l", said, _percent(max(spread, 1e-4)) if spread else "exact"),
+        (
+            "volume",
+            f"{1e3 * volume:.4g} l",
+            said,
+            _percent(max(spread, 1e-4)) if spread else "exact",
+        ),
         (
             "centre of buoyancy",
             f"{_row(1e3 * center)} mm",
@@ -217,26 +286,39 @@ def _body(
 
 
 def _volume(corners: Array) -> tuple[float, Array, float, float]:
-    """Volume [m^3] and centre (3,) [m] of a union; how much these differ by the direction of the lines [-], [m].
+    """Volume [m^3] and centre (3,) [m] of a union; how much these differ by the direction of the
+    lines [-], [m].
 
-    Where the shells do not overlap, they are exact: by the tetrahedra between the origin and the triangles.
+    Where the shells do not overlap, they are exact: by the tetrahedra between the origin and the
+    triangles.
     """
     scans = [scanned(corners @ _ASKEW, _LINES, axis) for axis in range(3)]
     volumes = np.array([scan.volume for scan in scans])
     if not volumes.min() > 0.0:
         raise ConfigurationError("the geoms enclose no volume")
-    centers = np.array([_ASKEW @ scan.moment / volume for scan, volume in zip(scans, volumes, strict=True)])
+    centers = np.array(
+        [_ASKEW @ scan.moment / volume for scan, volume in zip(scans, volumes, strict=True)]
+    )
     if all(scan.disjoint for scan in scans):
         a, b, c = corners.transpose(1, 0, 2)
         tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
         whole = float(tetrahedra.sum())
         return whole, 0.25 * tetrahedra @ (a + b + c) / whole, 0.0, 0.0
     mean = float(volumes.mean())
-    return mean, centers.mean(axis=0), float(np.ptp(volumes)) / mean, float(np.ptp(centers, axis=0).max())
+    return (
+        mean,
+        centers.mean(axis=0),
+        float(np.ptp(volumes)) / mean,
+        float(np.ptp(centers, axis=0).max()),
+    )
 
 
-def _panelled(corners: Array, volume: float, density: float, panels: int) -> tuple[UnionSurface, PanelSolution | None]:
-    """Surface and added mass, extrapolated where two surfaces agree; None where no surface holds the body."""
+def _panelled(
+    corners: Array, volume: float, density: float, panels: int
+) -> tuple[UnionSurface, PanelSolution | None]:
+    """Surface and added mass, extrapolated where two surfaces agree; None where no surface holds
+    the body.
+    """
 
     def solved(count: int) -> tuple[UnionSurface, PanelSolution | None]:
         surface = union_surface(corners, volume, count)
@@ -251,7 +333,11 @@ def _panelled(corners: Array, volume: float, density: float, panels: int) -> tup
         best = fine
         if fine is not None and coarse is not None and fine.panels > coarse.panels:
             best = panel_method.extrapolated(coarse, fine)
-            if best.changed is not None and best.changed <= panel_method.TRUSTED and surface.missed < _MISSED:
+            if (
+                best.changed is not None
+                and best.changed <= panel_method.TRUSTED
+                and surface.missed < _MISSED
+            ):
                 return surface, best
         if 2 * panels > finest:
             return surface, best
@@ -277,7 +363,10 @@ def _added_mass(
         local = hydrodynamics.ellipsoid(axes, water_density=density).added_mass
         return moved_added_mass(local, part.R, part.p), f"closed form of a {part.kind}", "exact"
     if solution is not None:
-        said = f"{solution.panels} panels, volume {100 * (surface.held - 1.0):+.1f} % before its offset"
+        said = (
+            f"{solution.panels} panels, volume {100 * (surface.held - 1.0):+.1f} % before its "
+            "offset"
+        )
         if surface.missed > _MISSED:
             said += f", projected areas within {100 * surface.missed:.0f} %"
         if solution.changed is None:
@@ -287,12 +376,22 @@ def _added_mass(
         return (
             solution.added_mass,
             said,
-            _percent(max(_LEAST, solution.changed, closing, surface.missed if surface.missed > _MISSED else 0.0)),
+            _percent(
+                max(
+                    _LEAST,
+                    solution.changed,
+                    closing,
+                    surface.missed if surface.missed > _MISSED else 0.0,
+                )
+            ),
         )
     solid, hull_volume = convex_hull(corners)
     whole = union_surface(solid, hull_volume, panels)
     found = panel_method.added_mass(whole.vertices, whole.triangles, density)
-    said = f"{found.panels} panels on the convex hull: the body is too thin, {surface.held:.0%} of it held"
+    said = (
+        f"{found.panels} panels on the convex hull: the body is too thin, {surface.held:.0%} "
+        "of it held"
+    )
     return found.added_mass, said, f"factor {_HULL_FACTOR:g}"
 
 
@@ -312,14 +411,23 @@ def _drag(
         seen = silhouettes(turned)
         along = turned[..., 0] - center @ R[:, 0]
         strip = strip_of(R, np.array([along.min(), along.max(), length]), center, seen, density)
-        why = f"{slenderness:.1f} times as long as wide" if slenderness >= SLENDER else "its middle is off its origin"
+        why = (
+            f"{slenderness:.1f} times as long as wide"
+            if slenderness >= SLENDER
+            else "its middle is off its origin"
+        )
         value = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
         return strip, np.zeros(6), f"a strip, {why}; {_coefficients(seen)}", value
     seen = silhouettes(corners)
     C, area = seen.coefficients, seen.area
     turning = np.array([np.average(np.delete(C, k), weights=np.delete(area, k)) for k in range(3)])
     quadratic = 0.5 * density * np.concatenate([C * area, turning * _spin(corners, surface)])
-    return None, quadratic, f"projected areas; {_coefficients(seen)}", _row(quadratic) + " N s^2/m^2, N m s^2"
+    return (
+        None,
+        quadratic,
+        f"projected areas; {_coefficients(seen)}",
+        _row(quadratic) + " N s^2/m^2, N m s^2",
+    )
 
 
 def _spin(corners: Array, surface: UnionSurface) -> Array:
@@ -337,7 +445,9 @@ def _trimmed(
     spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: dict[str, BodyHydrodynamics], height: float
 ) -> tuple[str, Origin]:
     """Make the floating vehicle neutral; the body that was trimmed, and the row of its volume."""
-    floating = [int(b) for b, kind in zip(model.jnt_bodyid, model.jnt_type, strict=True) if kind == 0]
+    floating = [
+        int(b) for b, kind in zip(model.jnt_bodyid, model.jnt_type, strict=True) if kind == 0
+    ]
     names = [model.body(b).name for b in floating]
     if len(names) != 1 or names[0] not in bodies:
         said = ", ".join(names) or "none"
@@ -349,7 +459,8 @@ def _trimmed(
         body=names[0],
         quantity="volume, trimmed",
         value=f"{1e3 * after.volume:.4g} l, centre {_row(1e3 * after.center_of_buoyancy)} mm",
-        origin=f"{abs(change):.4g} l of {'foam added' if change > 0.0 else 'volume taken away'} for weightlessness, "
+        origin=f"{abs(change):.4g} l of {'foam added' if change > 0.0 else 'volume taken away'} "
+        "for weightlessness, "
         f"the centre {1e3 * height:g} mm above that of mass",
         uncertainty="as the masses",
     )
@@ -359,7 +470,9 @@ def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
     try:
         return spec.copy().compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"MuJoCo cannot compile the model: {' '.join(str(error).split())}") from error
+        raise ConfigurationError(
+            f"MuJoCo cannot compile the model: {' '.join(str(error).split())}"
+        ) from error
 
 
 def _counted(number: int, which: str) -> str:

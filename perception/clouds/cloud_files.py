@@ -25,19 +25,20 @@ class CloudFile:
 
 
 def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
-    """Load the cloud of a PLY, PCD or text file (x y z a line, and perhaps other columns), in the sensor's frame S.
+    """Load the cloud of a PLY, PCD or text file (x y z a line, and perhaps other columns), in the
+    sensor's frame S.
 
-    Points that are not finite, at the origin (no return) or duplicates are left out. The pixels of an organised PCD
-    file keep their places.
+    Points that are not finite, at the origin (no return) or duplicates are left out. The pixels of
+    an organised PCD file keep their places.
 
     Args:
         file: Path of the file.
-        scale: [m] per unit of the file (0.001 for millimetres). None: metres, and a cloud that then lies farther than
-            FARTHEST is refused.
+        scale: [m] per unit of the file (0.001 for millimetres). None: metres, and a cloud that then
+            lies farther than FARTHEST is refused.
 
     Raises:
-        ConfigurationError: For a file that is missing, malformed, empty, without a usable point, of more than MOST
-            points, or in a wrong unit.
+        ConfigurationError: For a file that is missing, malformed, empty, without a usable point, of
+            more than MOST points, or in a wrong unit.
     """
     file = existing_file(file, "cloud")
     if scale is not None:
@@ -45,8 +46,12 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     surfels = read_surfels(file)
     points, shape = surfels.points, surfels.shape
     if len(points) > MOST:
-        raise ConfigurationError(f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}")
-    points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (1.0 if scale is None else scale)
+        raise ConfigurationError(
+            f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}"
+        )
+    points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (
+        1.0 if scale is None else scale
+    )
     kept = np.ones(len(points), dtype=bool)
     notes = list(surfels.notes)
 
@@ -65,8 +70,10 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
         if far > 0.02:
             middle = float(np.median(np.linalg.norm(points[kept], axis=1)))
             raise ConfigurationError(
-                f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the sensor, median "
-                f"{middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its scale (0.001 for mm)"
+                f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the "
+                "sensor, median "
+                f"{middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its "
+                "scale (0.001 for mm)"
             )
     if shape is not None:
         points[~kept] = np.nan
@@ -77,7 +84,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
 
 def _again(points: Array) -> np.ndarray:
     """Mask (n,) of the points (n, 3) that are duplicates of an earlier one."""
-    mixed = row_hash((points + 0.0).view(np.int64))  # one number instead of three to sort by; -0 is 0
+    # one number instead of three to sort by; -0 is 0
+    mixed = row_hash((points + 0.0).view(np.int64))
     order = np.argsort(mixed, kind="stable")  # stable: of equal points the first stays first
     again = np.zeros(len(points), dtype=bool)
     again[order[1:]] = (points[order[1:]] == points[order[:-1]]).all(axis=1)

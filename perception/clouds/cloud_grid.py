@@ -1,9 +1,10 @@
 """Conversion of any point cloud to the depth image of a pinhole at its origin.
 
-A cloud from a depth sensor still holds the sensor's pixels: x/z is linear in the column and y/z in the row to the last
-digits, independent of errors of z. In an organised cloud the pixel of each point is known; from an unordered list the
-lattice is recovered from x/z and y/z alone. Only clouds without a lattice (merged scans, lidar, sonar) are resampled:
-averaged over the cells of a virtual pinhole's image, triangulated there (Delaunay) and rendered.
+A cloud from a depth sensor still holds the sensor's pixels: x/z is linear in the column and y/z in
+the row to the last digits, independent of errors of z. In an organised cloud the pixel of each
+point is known; from an unordered list the lattice is recovered from x/z and y/z alone. Only clouds
+without a lattice (merged scans, lidar, sonar) are resampled: averaged over the cells of a virtual
+pinhole's image, triangulated there (Delaunay) and rendered.
 """
 
 from dataclasses import dataclass
@@ -27,9 +28,11 @@ _SCATTER = 3.0  # [px] largest random offset from them, where noise was added to
 _BINS = 2**15  # of the histogram whose spectrum shows a lattice
 _COMB = 0.4  # [-] of the spectrum's height at zero, which the lines of a lattice reach
 _OFF_LATTICE = (0.8, 0.25)  # [-] share of the points that must lie within so many [px] of a lattice
-_FILLED = 0.5  # [-] filled share of the 8 neighbours (median), below which the lattice is rejected as sparse
+# [-] filled share of the 8 neighbours (median), below which the lattice is rejected as sparse
+_FILLED = 0.5
 _LONGEST_SIDE = 8192  # [px] of a recovered lattice, at most
-_CUT = 0.7  # [-] points in a picture's last row over those further in, where the picture itself ends
+# [-] points in a picture's last row over those further in, where the picture itself ends
+_CUT = 0.7
 _FULL_SIDE = 0.7  # [-] filled share of a picture's last row where a surface covers that side
 _OFF_CENTRE = 0.1  # [-] share of a picture's width by which its middle may lie off the optical axis
 _MARGIN = 16  # [px] of empty border around an object that is wholly in the picture
@@ -46,7 +49,9 @@ class DepthGrid:
 
 
 def jump(z: ArrayLike) -> Array:
-    """Depth step [m] at depth `z` [m] above which neighbouring pixels belong to different surfaces."""
+    """Depth step [m] at depth `z` [m] above which neighbouring pixels belong to different
+    surfaces.
+    """
     return 0.01 + 0.02 * np.asarray(z, dtype=np.float64)
 
 
@@ -68,16 +73,23 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
     chosen = _sample(len(tangents))
     row, column, tangents = row[chosen], column[chosen], tangents[chosen]
     along = [
-        abs(_slope(index, tangents[:, 0])) * size for index, size in zip((column, row), usable.shape[::-1], strict=True)
+        abs(_slope(index, tangents[:, 0])) * size
+        for index, size in zip((column, row), usable.shape[::-1], strict=True)
     ]
     if along[0] < along[1] and not turned:  # `turned` ends the recursion for a cloud without order
         return organised_grid(points.swapaxes(0, 1), usable.T, turned=True)
-    # Smooth deviations are lens distortion and must be small. Scatter about them is noise, which keeps points in their
-    # pixels.
-    u, v = (2.0 * index / (size - 1) - 1.0 for index, size in zip((column, row), usable.shape[::-1], strict=True))
+    # Smooth deviations are lens distortion and must be small. Scatter about them is noise, which
+    # keeps points in their pixels.
+    u, v = (
+        2.0 * index / (size - 1) - 1.0
+        for index, size in zip((column, row), usable.shape[::-1], strict=True)
+    )
     terms = np.column_stack([u**i * v**j for i in range(4) for j in range(4 - i)])
     axes = []
-    for index, size, tangent in ((column, usable.shape[1], tangents[:, 0]), (row, usable.shape[0], tangents[:, 1])):
+    for index, size, tangent in (
+        (column, usable.shape[1], tangents[:, 0]),
+        (row, usable.shape[0], tangents[:, 1]),
+    ):
         slope = _slope(index, tangent)
         start = float(np.median(tangent - slope * index))
         off = tangent - start - slope * index
@@ -130,10 +142,12 @@ def lattice_grid(points: Array) -> DepthGrid | None:
 
 
 def scatter_grid(points: Array) -> DepthGrid:
-    """Depth image of an unordered cloud without a lattice, rendered by a virtual pinhole at the cloud's own resolution.
+    """Depth image of an unordered cloud without a lattice, rendered by a virtual pinhole at the
+    cloud's own resolution.
 
-    In dense clouds the points of a cell that lie on the surface of their median are averaged. The mean keeps its place
-    under noise, while the nearest of many points would lie in front of the surface.
+    In dense clouds the points of a cell that lie on the surface of their median are averaged. The
+    mean keeps its place under noise, while the nearest of many points would lie in front of the
+    surface.
 
     Args:
         points: (n, 3) [m] in S.
@@ -160,7 +174,9 @@ def scatter_grid(points: Array) -> DepthGrid:
     try:
         triangles = Delaunay(few).simplices
     except QhullError as error:
-        raise PerceptionError("the cloud spans no surface: its points lie on one line in the image") from error
+        raise PerceptionError(
+            "the cloud spans no surface: its points lie on one line in the image"
+        ) from error
     triangles = triangles[_coherent(few, few_z, triangles, 4.0 * pitch)]
     if not len(triangles):
         raise PerceptionError("the cloud has no connected surface")
@@ -168,7 +184,9 @@ def scatter_grid(points: Array) -> DepthGrid:
     tangent_y = np.arange(low[1], high[1] + pitch, pitch)
     if min(len(tangent_x), len(tangent_y)) < 2:
         raise PerceptionError("the cloud spans no surface: its points lie on one line in the image")
-    rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
+    rays = np.stack(
+        [*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1
+    )
     vertices = few_z[:, None] * np.column_stack([few, np.ones(len(few))])
     hit = RayScene(vertices, triangles).cast(np.zeros(3), rays)
     return DepthGrid(np.where(np.isfinite(hit["t"]), hit["t"], np.nan), tangent_x, tangent_y)
@@ -176,7 +194,9 @@ def scatter_grid(points: Array) -> DepthGrid:
 
 def _sample(count: int) -> np.ndarray | slice:
     """Indices of at most _SAMPLE of `count`, random, so that they do not alias with rows."""
-    return slice(None) if count <= _SAMPLE else np.random.default_rng(0).integers(count, size=_SAMPLE)
+    return (
+        slice(None) if count <= _SAMPLE else np.random.default_rng(0).integers(count, size=_SAMPLE)
+    )
 
 
 def _slope(x: Array, y: Array) -> float:
@@ -192,18 +212,22 @@ def _even(grid: DepthGrid) -> DepthGrid | None:
 
 
 def _framed(grid: DepthGrid) -> DepthGrid:
-    """Extend `grid` by the empty pixels that probably surrounded it: pixels without a point leave no trace in a list.
+    """Extend `grid` by the empty pixels that probably surrounded it: pixels without a point leave
+    no trace in a list.
 
-    Where the content does not reach a side of the picture, the picture continued. It also continued where it reaches
-    much less far from the optical axis than on the opposite side. Where no surface covers any side, the object stands
-    alone.
+    Where the content does not reach a side of the picture, the picture continued. It also continued
+    where it reaches much less far from the optical axis than on the opposite side. Where no surface
+    covers any side, the object stands alone.
     """
     depth, lines = grid.depth, (grid.tangent_y, grid.tangent_x)
     count = [np.isfinite(depth).sum(axis=1 - axis) for axis in range(2)]
     cut = [[of[0] >= _CUT * of[max(1, len(of) // 20)] for of in (n, n[::-1])] for n in count]
     filled = np.isfinite(depth).astype(np.float32)
-    dense = _FULL_SIDE * float(ndimage.uniform_filter(filled, 3)[filled > 0.0].mean())  # pixels may be lost anywhere
-    alone = all(max(n[0], n[-1]) < dense * other for n, other in zip(count, depth.shape[::-1], strict=True))
+    # pixels may be lost anywhere
+    dense = _FULL_SIDE * float(ndimage.uniform_filter(filled, 3)[filled > 0.0].mean())
+    alone = all(
+        max(n[0], n[-1]) < dense * other for n, other in zip(count, depth.shape[::-1], strict=True)
+    )
     wider = []
     for line, ends in zip(lines, cut, strict=True):
         reach, pitch = (-line[0], line[-1]), line[1] - line[0]
@@ -215,7 +239,8 @@ def _framed(grid: DepthGrid) -> DepthGrid:
                 lacking[i] = max(lacking[i], _MARGIN, alone * len(line) // 2)
         wider.append([min(n, len(line) + _MARGIN) for n in lacking])
     tangent_y, tangent_x = (
-        line[0] + (line[1] - line[0]) * np.arange(-n[0], len(line) + n[1]) for line, n in zip(lines, wider, strict=True)
+        line[0] + (line[1] - line[0]) * np.arange(-n[0], len(line) + n[1])
+        for line, n in zip(lines, wider, strict=True)
     )
     return DepthGrid(np.pad(depth, wider, constant_values=np.nan), tangent_x, tangent_y)
 
@@ -229,16 +254,21 @@ def _without_strays(points: Array) -> Array:
 
 
 def _lattice(values: Array) -> tuple[float, float] | None:
-    """First line and pitch of the equidistant lines that `values` (n,) lie on; None if they lie on none.
+    """First line and pitch of the equidistant lines that `values` (n,) lie on; None if they lie on
+    none.
 
-    Such lines give the spectrum of the values' density peaks at all multiples of 1/pitch, as high as at zero.
+    Such lines give the spectrum of the values' density peaks at all multiples of 1/pitch, as high
+    as at zero.
     """
     low, span = float(values.min()), float(np.ptp(values))
     if not span > 1e-6:
         return None
-    density = np.bincount(np.minimum(((values - low) * (_BINS / span)).astype(np.int64), _BINS - 1), minlength=_BINS)
+    density = np.bincount(
+        np.minimum(((values - low) * (_BINS / span)).astype(np.int64), _BINS - 1), minlength=_BINS
+    )
     height = np.abs(np.fft.rfft(density, 4 * _BINS)) / len(values)  # at multiples of 1 / (4 span)
-    fell = np.nonzero(height < 0.5 * _COMB)[0]  # beyond the peak at zero, which is wide for a narrow cloud
+    # beyond the peak at zero, which is wide for a narrow cloud
+    fell = np.nonzero(height < 0.5 * _COMB)[0]
     if not len(fell) or not (peaks := height[fell[0] :]).max() > _COMB:
         return None
     begin = fell[0] + int(np.nonzero(peaks > max(_COMB, 0.8 * peaks.max()))[0][0])
@@ -258,33 +288,42 @@ def _lattice(values: Array) -> tuple[float, float] | None:
 
 
 def _keys(tangents: Array, low: Array, pitch: float) -> np.ndarray:
-    """Index (n,) of the cell, `pitch` wide, that each of the `tangents` (n, 2) lies in; `low` (2,) is a corner."""
+    """Index (n,) of the cell, `pitch` wide, that each of the `tangents` (n, 2) lies in; `low` (2,)
+    is a corner.
+    """
     column, row = ((tangents - low) / pitch).astype(np.int64).T
     return row * (int(column.max()) + 1) + column
 
 
 def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray, Array, Array]:
-    """Occupied cells (m,), and mean tangents (m, 2) and depth (m,) [m] of their points on the surface of the median.
+    """Occupied cells (m,), and mean tangents (m, 2) and depth (m,) [m] of their points on the
+    surface of the median.
 
-    `key`: cell (n,) of each point. A plane is linear in inverse depth, so a mean of points on it lies on it too. Points
-    across an edge are not averaged, which would invent surface.
+    `key`: cell (n,) of each point. A plane is linear in inverse depth, so a mean of points on it
+    lies on it too. Points across an edge are not averaged, which would invent surface.
     """
     order = np.lexsort((z, key))
     key, z = key[order], z[order]
     first = np.nonzero(np.r_[True, key[1:] != key[:-1]])[0]
     count = np.diff(np.r_[first, len(key)])
     cell = key[first]
-    middle = z[first + (count - 1 + cell % 2) // 2]  # of two alternately: always the nearer would enlarge near surfaces
+    # of two alternately: always the nearer would enlarge near surfaces
+    middle = z[first + (count - 1 + cell % 2) // 2]
     same = np.repeat(np.arange(len(cell)), count)
     on = np.abs(z - middle[same]) < jump(middle)[same]
     same, order, z = same[on], order[on], z[on]
     number = np.bincount(same)
-    means = np.column_stack([np.bincount(same, weights=tangents[order, i]) for i in range(2)]) / number[:, None]
+    means = (
+        np.column_stack([np.bincount(same, weights=tangents[order, i]) for i in range(2)])
+        / number[:, None]
+    )
     return cell, means, number / np.bincount(same, weights=1.0 / z)
 
 
 def _coherent(tangents: Array, z: Array, triangles: np.ndarray, reach: float) -> np.ndarray:
-    """Mask of the triangles that join neighbours on one surface: short in the image, no jump in depth."""
+    """Mask of the triangles that join neighbours on one surface: short in the image, no jump in
+    depth.
+    """
     corners = tangents[triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     z = z[triangles]

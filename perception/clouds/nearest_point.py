@@ -1,7 +1,9 @@
-"""Nearest-neighbour search in a grid of cells, several times as fast as a k-d tree for evenly spaced points.
+"""Nearest-neighbour search in a grid of cells, several times as fast as a k-d tree for evenly
+spaced points.
 
-Points sampled on a surface fill cells of a few spacings evenly, and query points lie mostly within one or two cells of
-them. A tree uses neither. The results equal those of `scipy.spatial.cKDTree.query`.
+Points sampled on a surface fill cells of a few spacings evenly, and query points lie mostly within
+one or two cells of them. A tree uses neither. The results equal those of
+`scipy.spatial.cKDTree.query`.
 """
 
 from typing import NamedTuple
@@ -39,7 +41,8 @@ class NearestPoint(NamedTuple):
     def query(self, points: Array, reach: float) -> tuple[Array, np.ndarray]:
         """Distance (n,) [m] and index (n,) of the nearest to each of `points` (n, 3) [m].
 
-        Where none is nearer than `reach` [m] the distance is inf and the index is the number of stored points.
+        Where none is nearer than `reach` [m] the distance is inf and the index is the number of
+        stored points.
         """
         square, found = np.full(len(points), reach * reach), np.full(len(points), len(self.order))
         _search(self, points, square, found)
@@ -47,7 +50,9 @@ class NearestPoint(NamedTuple):
 
 
 @kernel
-def _sorted(points: Array, corner: Array, shape: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+def _sorted(
+    points: Array, corner: Array, shape: np.ndarray, cell: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Indices (m,) of the points cell by cell, and the first index of each cell."""
     where = np.empty(len(points), dtype=np.int64)
     first = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int64)
@@ -68,10 +73,11 @@ def _sorted(points: Array, corner: Array, shape: np.ndarray, cell: float) -> tup
 
 @kernel
 def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) -> None:
-    """Lower `square` (n,) [m^2] to the nearest point's and store its index in `found`, by shells of cells.
+    """Lower `square` (n,) [m^2] to the nearest point's and store its index in `found`, by shells of
+    cells.
 
-    A cell of shell s is at least s - 1 cells away, plus the distance from the query to the nearest side of its own
-    cell.
+    A cell of shell s is at least s - 1 cells away, plus the distance from the query to the nearest
+    side of its own cell.
     """
     points, order, first, corner, cell = grid.points, grid.order, grid.first, grid.corner, grid.cell
     nx, ny, nz = grid.shape

@@ -1,4 +1,6 @@
-"""Text files of targets B_i and direction z [Konoplin 2019]; clouds are read by `uuv.models.meshes.surfel_files`."""
+"""Text files of targets B_i and direction z [Konoplin 2019]; clouds are read by
+`uuv.models.meshes.surfel_files`.
+"""
 
 from pathlib import Path
 
@@ -14,10 +16,12 @@ _BLANKS = str.maketrans({",": " ", ";": " ", "\t": " "})
 
 
 def read_cloud(file: str | Path) -> Array:
-    """Read the points (n, 3) [m] of a PLY, PCD or text file. NaN stays NaN: `build_terrain` refuses it.
+    """Read the points (n, 3) [m] of a PLY, PCD or text file. NaN stays NaN: `build_terrain` refuses
+    it.
 
     Raises:
-        ConfigurationError: For a file that is missing, empty or has other columns; it names the line.
+        ConfigurationError: For a file that is missing, empty or has other columns; it names the
+            line.
     """
     return read_surfels(file).points
 
@@ -70,7 +74,9 @@ def _lines(text: str):
 def _numbers(line: str, count: int, where: str) -> list[float]:
     words = line.split()
     if len(words) != count:
-        raise ConfigurationError(f"{where}: expected {count} columns (x y z), got {len(words)}: {line[:60]!r}")
+        raise ConfigurationError(
+            f"{where}: expected {count} columns (x y z), got {len(words)}: {line[:60]!r}"
+        )
     try:
         return [float(word) for word in words]
     except ValueError:

@@ -1,7 +1,7 @@
 """Scan: a depth frame as points on a pixel grid, with segmentation, triangulation and depth edges.
 
-Sensor frame S has OpenCV axes (z along the optical axis). Point clouds are converted to such a grid (`cloud_grid`), so
-that all later steps have one data type.
+Sensor frame S has OpenCV axes (z along the optical axis). Point clouds are converted to such a grid
+(`cloud_grid`), so that all later steps have one data type.
 """
 
 from dataclasses import dataclass, fields
@@ -21,21 +21,27 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import Array, number, readonly, real_array
 
-SIGMA_ALLOWED = (1e-6, 0.01)  # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner is accepted as the barrel
+# [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner is accepted as the barrel
+SIGMA_ALLOWED = (1e-6, 0.01)
 MIN_POINTS = 60  # points, below this no pose can be told from noise
 _ENDLESS = 1e5  # [m] along an axis; larger coordinates are invalid
 _SAMPLED = 20_000  # pixels, about, to which background planes are fitted
 _FACET = 0.056  # [rad] width of surface (31 px of the usual camera) for a local normal
 _ALIGNED = np.cos(np.deg2rad(20.0))  # cosine: least agreement of a local normal with its plane's
-_FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # large odd factors of `row_hash`
+# large odd factors of `row_hash`
+_FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])
 _CREASE = np.cos(np.deg2rad(40.0))  # cosine of the angle between normals at which one surface ends
 _WIDTHS = 8  # directions in which the width of a plane is measured
 _OUTER = (1.0, 99.0)  # [%] of its points between which it lies
-_UNCUT = 1.4  # [-] times the extent of the object that a background plane is wide, which the picture does not cut
-_RIM, _CUT = 4, 8  # rows or columns at the border of the thinned picture, and pixels there, of a plane that it cuts
-_GAP = 2  # [px] of the thinned picture: pixels on a plane that are this far from each other are connected
+# [-] times the extent of the object that a background plane is wide, which the picture does not cut
+_UNCUT = 1.4
+# rows or columns at the border of the thinned picture, and pixels there, of a plane that it cuts
+_RIM, _CUT = 4, 8
+# [px] of the thinned picture: pixels on a plane that are this far from each other are connected
+_GAP = 2
 _NORMAL = 1.4826  # standard deviation of normal errors over their median absolute value
-_ROUGH = 4.0  # [sigma] of a plane's own roughness: what is farther off, on average over a few pixels, lies on it
+# [sigma] of a plane's own roughness: what is farther off, on average over a few pixels, lies on it
+_ROUGH = 4.0
 _FLAT = 0.002  # [m] at least
 _SEAM = 5  # [px] without depth between an occluder and the surface behind it
 _COUNTED = 1e6  # cubes up to which `voxel_means` counts the points of each
@@ -51,34 +57,51 @@ class SensorModel:
     focal: float = 554.0  # [px]
     baseline: float = 0.12  # [m]
     disparity_sigma: float = 0.25  # [px]
-    noise_length: float = 5.0  # [px] correlation length of the depth errors: one independent reading
-    edge_sigma: float = 1.0  # [px] of a depth edge's position; half the window for matchers with large windows
+    # [px] correlation length of the depth errors: one independent reading
+    noise_length: float = 5.0
+    # [px] of a depth edge's position; half the window for matchers with large windows
+    edge_sigma: float = 1.0
     max_incidence: float = np.deg2rad(75.0)  # [rad] of incidence, beyond which no echo is expected
 
     def __post_init__(self) -> None:
         for field in fields(self):
             number(getattr(self, field.name), f"sensor model: {field.name}")
-        if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0 and self.edge_sigma > 0.0):
+        if not (
+            self.focal > 0.0
+            and self.baseline > 0.0
+            and self.disparity_sigma > 0.0
+            and self.edge_sigma > 0.0
+        ):
             raise ConfigurationError(
-                f"sensor model: focal, baseline, disparity_sigma and edge_sigma must be positive, got {self}"
+                "sensor model: focal, baseline, disparity_sigma and edge_sigma must be positive, "
+                f"got {self}"
             )
         least, most = SIGMA_ALLOWED
         if not least <= float(self.sigma(1.0)) <= most:
             raise ConfigurationError(
-                f"sensor model: the standard deviation of depth at 1 m must lie in {least:g} to {most:g} m, "
+                f"sensor model: the standard deviation of depth at 1 m must lie in {least:g} to "
+                f"{most:g} m, "
                 f"got {float(self.sigma(1.0)):g} m from {self}"
             )
         if not 1.0 <= self.noise_length < np.inf:
-            raise ConfigurationError(f"sensor model: noise_length must be at least 1 [px], got {self.noise_length}")
+            raise ConfigurationError(
+                f"sensor model: noise_length must be at least 1 [px], got {self.noise_length}"
+            )
         if not 0.0 < self.max_incidence < 0.5 * np.pi:
-            raise ConfigurationError(f"sensor model: max_incidence must lie in (0, pi/2), got {self.max_incidence}")
+            raise ConfigurationError(
+                f"sensor model: max_incidence must lie in (0, pi/2), got {self.max_incidence}"
+            )
 
     def sigma(self, z: ArrayLike) -> Array:
         """Standard deviation [m] of depth at depth `z` [m]: z^2 sigma_d / (f b)."""
-        return np.square(np.asarray(z, dtype=np.float64)) * (self.disparity_sigma / (self.focal * self.baseline))
+        return np.square(np.asarray(z, dtype=np.float64)) * (
+            self.disparity_sigma / (self.focal * self.baseline)
+        )
 
     def independent(self, pixels: ArrayLike) -> Array:
-        """Share (0..1) of an independent reading that each of several points has, which lie `pixels` [px] apart."""
+        """Share (0..1) of an independent reading that each of several points has, which lie
+        `pixels` [px] apart.
+        """
         return np.minimum(1.0, np.square(np.asarray(pixels, dtype=np.float64) / self.noise_length))
 
     @property
@@ -89,7 +112,9 @@ class SensorModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownObjects:
-    """Objects that were found in a scan, and are not sought any more: they explain what shows them, and hide."""
+    """Objects that were found in a scan, and are not sought any more: they explain what shows them,
+    and hide.
+    """
 
     depth: Array  # (h, w) [m] of their models, inf beside them
     shown: np.ndarray  # (h, w) pixels of the scan that show them
@@ -105,7 +130,9 @@ class KnownObjects:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scan:
-    """One frame of a depth sensor: a point for each pixel of a pinhole grid, in the sensor frame S."""
+    """One frame of a depth sensor: a point for each pixel of a pinhole grid, in the sensor
+    frame S.
+    """
 
     points: Array  # (h, w, 3) [m], NaN without echo
     tangent_x: Array  # (w,) x/z of each column
@@ -120,11 +147,15 @@ class Scan:
     @cached_property
     def pitches(self) -> Array:
         """Angles (2,) between neighbouring columns and between neighbouring rows, as tangents."""
-        return readonly([self.tangent_x[1] - self.tangent_x[0], self.tangent_y[1] - self.tangent_y[0]])
+        return readonly(
+            [self.tangent_x[1] - self.tangent_x[0], self.tangent_y[1] - self.tangent_y[0]]
+        )
 
     @cached_property
     def pitch(self) -> float:
-        """Angle between neighbouring pixels, as a tangent; the geometric mean where they are not square."""
+        """Angle between neighbouring pixels, as a tangent; the geometric mean where they are not
+        square.
+        """
         return float(np.sqrt(self.pitches.prod()))
 
     @property
@@ -138,7 +169,9 @@ class Scan:
         return np.column_stack([self.tangent_x[columns], self.tangent_y[rows], np.ones(len(rows))])
 
     def pixels(self, points: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Row and column (n,) of points (n, 3) [m] in S, clipped to the grid, and the mask of those within it."""
+        """Row and column (n,) of points (n, 3) [m] in S, clipped to the grid, and the mask of those
+        within it.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
             tangents = points[:, :2] / points[:, 2:]
         tangents = np.where(points[:, 2:] > 0.0, tangents, np.inf)
@@ -178,7 +211,10 @@ class Scan:
         border = 4 + int(margin * max(np.ptp(row), np.ptp(column)))
         top, bottom = max(0, int(row.min()) - border), int(row.max()) + border + 1
         left, right = max(0, int(column.min()) - border), int(column.max()) + border + 1
-        height, width = min(bottom, self.depth.shape[0]) - top, min(right, self.depth.shape[1]) - left
+        height, width = (
+            min(bottom, self.depth.shape[0]) - top,
+            min(right, self.depth.shape[1]) - left,
+        )
         stride = max(1, int(np.ceil(np.sqrt(height * width / pixels))))
         return slice(top, bottom, stride), slice(left, right, stride)
 
@@ -191,12 +227,16 @@ class Scan:
         """
         depth = np.asarray(image.depth, dtype=np.float64)
         if depth.ndim != 2 or min(depth.shape) < 2:
-            raise ConfigurationError(f"depth frame: expected (height, width) numbers, got shape {depth.shape}")
+            raise ConfigurationError(
+                f"depth frame: expected (height, width) numbers, got shape {depth.shape}"
+            )
         K = np.asarray(image.K, dtype=np.float64)
         if K.shape != (3, 3) or not np.all(np.isfinite(K)) or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
             raise ConfigurationError(f"depth frame: K must be a pinhole matrix, got {K.tolist()}")
         if abs(K[0, 0] / K[1, 1] - 1.0) > 1e-3:
-            raise ConfigurationError(f"depth frame: pixels must be square, got focal lengths {K[0, 0]} and {K[1, 1]}")
+            raise ConfigurationError(
+                f"depth frame: pixels must be square, got focal lengths {K[0, 0]} and {K[1, 1]}"
+            )
         depth = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
         tangent_x = (np.arange(depth.shape[1]) - K[0, 2]) / K[0, 0]
         tangent_y = (np.arange(depth.shape[0]) - K[1, 2]) / K[1, 1]
@@ -204,10 +244,11 @@ class Scan:
 
     @classmethod
     def from_cloud(cls, cloud: ArrayLike) -> "Scan":
-        """Scan of an unordered (n, 3) or organised (h, w, 3) cloud [m] in S; invalid points are left out.
+        """Scan of an unordered (n, 3) or organised (h, w, 3) cloud [m] in S; invalid points are
+        left out.
 
-        The pixels of a depth sensor are kept or recovered where there are any (`cloud_grid`). Points behind the sensor
-        (z <= 0) or farther than 100 km are invalid.
+        The pixels of a depth sensor are kept or recovered where there are any (`cloud_grid`).
+        Points behind the sensor (z <= 0) or farther than 100 km are invalid.
 
         Raises:
             ConfigurationError: For an array that is no cloud.
@@ -217,11 +258,15 @@ class Scan:
         if values.size == 0:
             raise PerceptionError("the cloud is empty")
         if values.ndim not in (2, 3) or values.shape[-1] != 3:
-            raise ConfigurationError(f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}")
+            raise ConfigurationError(
+                f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}"
+            )
         usable = (np.abs(values) < _ENDLESS).all(axis=-1) & (values[..., 2] > 1e-3)  # False for NaN
         count = int(usable.sum())
         if count < MIN_POINTS:
-            raise PerceptionError(f"only {count} usable points of {values.size // 3}; need {MIN_POINTS}")
+            raise PerceptionError(
+                f"only {count} usable points of {values.size // 3}; need {MIN_POINTS}"
+            )
         grid = organised_grid(values, usable) if values.ndim == 3 else None
         if grid is None:
             points = values[usable]
@@ -241,7 +286,9 @@ class Scan:
             The scan, its points in S.
         """
         points = np.stack([depth * tangent_x, depth * tangent_y[:, None], depth], axis=-1)
-        return cls(points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
+        return cls(
+            points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y)
+        )
 
 
 def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
@@ -253,7 +300,9 @@ def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
     index[mask] = np.arange(int(mask.sum()))
     vertices = scan.points[mask]
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-    faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
+    faces = np.concatenate(
+        [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)]
+    )
     a, b, c = faces.T
     faces = faces[(a >= 0) & (b >= 0) & (c >= 0)]
     a, b, c = vertices[:, 2][faces.T]
@@ -284,7 +333,9 @@ def distances_along(scan: Scan, starts: Array, way: Array) -> Array | None:
 
 
 def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Array) -> np.ndarray:
-    """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), holds one of the `starts` (n, 3)."""
+    """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), holds one of the
+    `starts` (n, 3).
+    """
     across = np.linalg.svd(way[None])[2][1:].T
     rays, seen = starts @ across, vertices @ across
     corner, extent = rays.min(axis=0), np.ptp(rays, axis=0)
@@ -308,7 +359,11 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
     z = scan.depth
     step = jump(z)
     support = np.zeros(z.shape, dtype=np.int8)
-    right, down, up = (np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]), (np.s_[1:, :-1], np.s_[:-1, 1:])
+    right, down, up = (
+        (np.s_[:, :-1], np.s_[:, 1:]),
+        (np.s_[:-1], np.s_[1:]),
+        (np.s_[1:, :-1], np.s_[:-1, 1:]),
+    )
     for here, there in (right, down, up, (np.s_[:-1, :-1], np.s_[1:, 1:])):
         apart = np.abs(z[here] - z[there])
         support[here] += apart < step[here]
@@ -317,14 +372,20 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
 
 
 def background(
-    scan: Scan, mask: np.ndarray, extent: float, sensor: SensorModel, rng: np.random.Generator, planes: int = 5
+    scan: Scan,
+    mask: np.ndarray,
+    extent: float,
+    sensor: SensorModel,
+    rng: np.random.Generator,
+    planes: int = 5,
 ) -> np.ndarray:
     """Mask of the pixels that lie on background planes.
 
-    A plane is background if it extends further than the object can: one connected surface on it, with normals along the
-    plane's, spreads over more than `extent`, and out of the picture or still further: a neighbour may lie in the
-    object's plane. A strip where the plane only cuts through something does not count. A face
-    of the object may be among the planes, and is kept. What rises above a background plane by more than the plane's own
+    A plane is background if it extends further than the object can: one connected surface on it,
+    with normals along the plane's, spreads over more than `extent`, and out of the picture or still
+    further: a neighbour may lie in the object's plane. A strip where the plane only cuts through
+    something does not count. A face of the object may be among the planes, and is kept. What rises
+    above a background plane by more than the plane's own
     roughness, averaged over a few pixels, is kept as well: a thin object that lies on the seabed.
 
     Args:
@@ -344,7 +405,10 @@ def background(
     normals = _local_normals(part, thinned, max(3, round(_FACET / part.pitch)))
     rows, columns = np.nonzero(thinned)
     step = max(1, len(rows) // 3000)
-    sample, facing = part.points[rows[::step], columns[::step]], normals[rows[::step], columns[::step]]
+    sample, facing = (
+        part.points[rows[::step], columns[::step]],
+        normals[rows[::step], columns[::step]],
+    )
     least = max(20, int(0.08 * len(sample)))
     for _ in range(planes):
         plane = _largest_plane(sample, sensor, rng)
@@ -352,7 +416,11 @@ def background(
             break
         off = np.abs((part.points - plane.center) @ plane.normal)
         with np.errstate(invalid="ignore"):
-            lying = thinned & (off < _plane_tolerance(part.depth, sensor)) & (np.abs(normals @ plane.normal) > _ALIGNED)
+            lying = (
+                thinned
+                & (off < _plane_tolerance(part.depth, sensor))
+                & (np.abs(normals @ plane.normal) > _ALIGNED)
+            )
         width, cut = _spread(part, lying)
         if width > extent * (1.0 if cut else _UNCUT):
             found |= mask & _on_plane(scan, plane, sensor)
@@ -361,17 +429,24 @@ def background(
 
 
 def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
-    """Width [m] of the largest surface among the masked (h, w) pixels, in its widest direction, outliers aside.
+    """Width [m] of the largest surface among the masked (h, w) pixels, in its widest direction,
+    outliers aside.
 
-    Small gaps do not divide it. Widths do not depend on how densely pixels lie, near and far. And whether the border
-    of the picture cuts it.
+    Small gaps do not divide it. Widths do not depend on how densely pixels lie, near and far. And
+    whether the border of the picture cuts it.
     """
-    label = ndimage.label(ndimage.binary_dilation(lying, np.ones((3, 3)), _GAP), np.ones((3, 3)))[0] * lying
+    label = (
+        ndimage.label(ndimage.binary_dilation(lying, np.ones((3, 3)), _GAP), np.ones((3, 3)))[0]
+        * lying
+    )
     if not label.any():
         return 0.0, False
     largest = label == np.bincount(label[lying]).argmax()
     points = part.points[largest]
-    cut = max(edge.sum() for edge in (largest[:_RIM], largest[-_RIM:], largest[:, :_RIM], largest[:, -_RIM:]))
+    cut = max(
+        edge.sum()
+        for edge in (largest[:_RIM], largest[-_RIM:], largest[:, :_RIM], largest[:, -_RIM:])
+    )
     off = points - points.mean(axis=0)
     along = np.linalg.eigh(off.T @ off)[1][:, 1:]
     angles = np.pi / _WIDTHS * np.arange(_WIDTHS)
@@ -380,7 +455,9 @@ def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
 
 
 def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
-    """Mask (h, w) of the pixels on a plane: each within the sensor's noise, their local mean within its roughness."""
+    """Mask (h, w) of the pixels on a plane: each within the sensor's noise, their local mean within
+    its roughness.
+    """
     off = (scan.points - plane.center) @ plane.normal
     with np.errstate(invalid="ignore"):
         near = np.abs(off) < _plane_tolerance(scan.depth, sensor)
@@ -390,30 +467,52 @@ def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
     share = ndimage.uniform_filter(near.astype(np.float64), width)
     mean = ndimage.uniform_filter(np.where(near, off, 0.0), width) / np.maximum(share, 1e-9)
     sigma = sensor.sigma(scan.depth)
-    rough = _NORMAL * float(np.median(np.abs(mean[near] / sigma[near])))  # [sigma] of the depth there
+    # [sigma] of the depth there
+    rough = _NORMAL * float(np.median(np.abs(mean[near] / sigma[near])))
     return near & (np.abs(mean) < np.maximum(_ROUGH * rough * sigma, _FLAT))
 
 
 def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
     """Unit normals (h, w, 3) of the masked surface in windows of `width` [px]; 0 where unknown.
 
-    In inverse depth a plane is a linear function of the pixel, and the errors of a stereo pair are uniform.
+    In inverse depth a plane is a linear function of the pixel, and the errors of a stereo pair are
+    uniform.
     """
     x, y = np.meshgrid(scan.tangent_x, scan.tangent_y)
     inverse = np.where(mask, 1.0 / np.where(mask, scan.depth, 1.0), 0.0)
-    terms = (mask, mask * x, mask * y, mask * x * x, mask * x * y, mask * y * y, inverse, inverse * x, inverse * y)
-    n, mx, my, xx, xy, yy, m, mxz, myz = (ndimage.uniform_filter(term.astype(np.float64), width) for term in terms)
+    terms = (
+        mask,
+        mask * x,
+        mask * y,
+        mask * x * x,
+        mask * x * y,
+        mask * y * y,
+        inverse,
+        inverse * x,
+        inverse * y,
+    )
+    n, mx, my, xx, xy, yy, m, mxz, myz = (
+        ndimage.uniform_filter(term.astype(np.float64), width) for term in terms
+    )
     known = mask & (n > 0.25)
     n = np.where(known, n, 1.0)
     mx, my, m = mx / n, my / n, m / n
-    xx, xy, yy, xz, yz = xx / n - mx * mx, xy / n - mx * my, yy / n - my * my, mxz / n - mx * m, myz / n - my * m
+    xx, xy, yy, xz, yz = (
+        xx / n - mx * mx,
+        xy / n - mx * my,
+        yy / n - my * my,
+        mxz / n - mx * m,
+        myz / n - my * m,
+    )
     determinant = xx * yy - xy * xy
     known &= determinant > 1e-9 * scan.pitch**4
     determinant = np.where(known, determinant, 1.0)
     a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
     normals = np.stack([a, b, m - a * mx - b * my], axis=-1)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    return np.where(known[..., None] & (length > 0.0), normals / np.where(length > 0.0, length, 1.0), 0.0)
+    return np.where(
+        known[..., None] & (length > 0.0), normals / np.where(length > 0.0, length, 1.0), 0.0
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -428,7 +527,9 @@ def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
 
 
 def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator) -> _Plane | None:
-    """Plane with most of the points (n, 3) near it: RANSAC with 150 triples, then least squares; None if degenerate."""
+    """Plane with most of the points (n, 3) near it: RANSAC with 150 triples, then least squares;
+    None if degenerate.
+    """
     if len(points) < 3:
         return None
     a, b, c = points[rng.integers(len(points), size=(3, 150))]
@@ -479,19 +580,27 @@ def connected_surfaces(points: Array, reach: float, normals: Array | None = None
     Args:
         points: (n, 3) [m].
         reach: [m] largest distance of neighbours.
-        normals: (n, 3) unit; where given, a surface ends at creases of 40 deg or more, whose points stay alone.
+        normals: (n, 3) unit; where given, a surface ends at creases of 40 deg or more, whose points
+            stay alone.
     """
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     if normals is not None:
-        crease = np.zeros(len(points), dtype=bool)  # normals of several points each turn there step by step
-        crease[pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) < _CREASE]] = True
+        # normals of several points each turn there step by step
+        crease = np.zeros(len(points), dtype=bool)
+        crease[
+            pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) < _CREASE]
+        ] = True
         pairs = pairs[~crease[pairs].any(axis=1)]
-    graph = coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points)))
+    graph = coo_matrix(
+        (np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points))
+    )
     return connected_components(graph, directed=False)[1]
 
 
 def voxel_means(points: Array, size: float) -> Array:
-    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in a fixed order."""
+    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in a fixed
+    order.
+    """
     low = np.array([axis.min() for axis in points.T])  # much faster than over axis 0 of narrow rows
     cells = np.floor((points - low) / size).astype(np.int64)
     shape = np.array([axis.max() for axis in cells.T]) + 1
@@ -503,13 +612,17 @@ def voxel_means(points: Array, size: float) -> Array:
     else:
         key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
         _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
-    return np.column_stack([np.bincount(inverse, weights=points[:, i]) for i in range(3)]) / count[:, None]
+    return (
+        np.column_stack([np.bincount(inverse, weights=points[:, i]) for i in range(3)])
+        / count[:, None]
+    )
 
 
 def hashed_subset(step: int, points: Array, size: float) -> np.ndarray:
     """Mask (n,) of about one in `step` of the points, selected by a hash of their cubes.
 
-    The selection depends on the place of a point alone: adding a point elsewhere changes nothing, unlike with counting.
+    The selection depends on the place of a point alone: adding a point elsewhere changes nothing,
+    unlike with counting.
 
     Args:
         step: Inverse share of points kept.
@@ -524,11 +637,15 @@ def hashed_subset(step: int, points: Array, size: float) -> np.ndarray:
 
 
 def row_hash(rows: np.ndarray) -> np.ndarray:
-    """Hash (n,) of each row of int64 integers (n, 3): equal for equal rows, almost always different for others."""
+    """Hash (n,) of each row of int64 integers (n, 3): equal for equal rows, almost always different
+    for others.
+    """
     return (rows * _FACTORS).sum(axis=1)
 
 
-def facing_normals(points: Array, neighbours: int = 20, at: np.ndarray | slice = slice(None)) -> Array:
+def facing_normals(
+    points: Array, neighbours: int = 20, at: np.ndarray | slice = slice(None)
+) -> Array:
     """Unit normals of points in S by principal components, oriented towards the sensor.
 
     Args:
@@ -548,10 +665,11 @@ def facing_normals(points: Array, neighbours: int = 20, at: np.ndarray | slice =
 
 @kernel
 def _least_axes(points: Array, near: np.ndarray) -> Array:
-    """Unit axes (n, 3) of least spread of the points `near` (n, k) each: the smallest principal component.
+    """Unit axes (n, 3) of least spread of the points `near` (n, k) each: the smallest principal
+    component.
 
-    The smallest root of the characteristic polynomial in closed form [Smith 1961]. The axis is the longest cross
-    product of two rows of C - root I, which is perpendicular to both.
+    The smallest root of the characteristic polynomial in closed form [Smith 1961]. The axis is the
+    longest cross product of two rows of C - root I, which is perpendicular to both.
     """
     axes = np.empty((len(near), 3))
     C = np.empty((3, 3))
@@ -613,8 +731,9 @@ class Contour:
 def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) -> Contour:
     """Depth edges between masked pixels and 4-neighbours that are farther by a jump, or empty.
 
-    The edge lies midway between the two pixels. It lies on the neighbour where that is a mixed pixel, which may belong
-    to either side. The border of the picture is no edge, because the view ends there, not the object. The edge of an
+    The edge lies midway between the two pixels. It lies on the neighbour where that is a mixed
+    pixel, which may belong to either side. The border of the picture is no edge, because the view
+    ends there, not the object. The edge of an
     occluder is not one either: it leaves a seam of empty pixels.
 
     Args:
@@ -633,26 +752,37 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) 
     inner[1:-1, 1:-1] = True
     edges: list[tuple[np.ndarray, ...]] = []
     with np.errstate(invalid="ignore"):
-        hidden = here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step if seams else np.zeros_like(mask)
+        hidden = (
+            here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step if seams else np.zeros_like(mask)
+        )
         for right, down in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             beside = np.roll(z, (-down, -right), axis=(0, 1))
-            rows, columns = np.nonzero(mask & inner & (beside - here > step) & ~(hidden & np.isinf(beside)))
-            beyond = z[np.clip(rows + 2 * down, 0, len(z) - 1), np.clip(columns + 2 * right, 0, z.shape[1] - 1)]
-            ends = beyond - here[rows, columns] > step[rows, columns]  # a single pixel within a surface is no edge
+            rows, columns = np.nonzero(
+                mask & inner & (beside - here > step) & ~(hidden & np.isinf(beside))
+            )
+            beyond = z[
+                np.clip(rows + 2 * down, 0, len(z) - 1),
+                np.clip(columns + 2 * right, 0, z.shape[1] - 1),
+            ]
+            # a single pixel within a surface is no edge
+            ends = beyond - here[rows, columns] > step[rows, columns]
             rows, columns, beyond = rows[ends], columns[ends], beyond[ends]
             neighbour = beside[rows, columns]
             reach = np.where(beyond - neighbour > jump(neighbour), 1.0, 0.5)  # [px]
             edges.append((rows, columns, np.tile([right, down], (len(rows), 1)), reach))
     rows, columns, steps, reach = (np.concatenate(part) for part in zip(*edges, strict=True))
-    tangents = np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]]) + scan.pitches * reach[:, None] * steps
+    tangents = (
+        np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]])
+        + scan.pitches * reach[:, None] * steps
+    )
     return Contour(rows, columns, steps, tangents, scan.depth[rows, columns])
 
 
 def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
     """Unit directions across depth edges at given pixels, away from the near side.
 
-    At the rim of `mask` the direction points out of the mask. Within it, where one part of the object lies in front of
-    another, it points towards larger `depth`.
+    At the rim of `mask` the direction points out of the mask. Within it, where one part of the
+    object lies in front of another, it points towards larger `depth`.
 
     Args:
         mask: (h, w) pixels of the object.
@@ -665,7 +795,8 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
     """
     smooth = ndimage.gaussian_filter(mask.astype(np.float32), _EDGE_WIDTH)
     gradient = -_gradient(smooth, rows, columns)
-    closed = ndimage.binary_closing(mask, iterations=2)  # mixed pixels along an inner edge leave gaps
+    # mixed pixels along an inner edge leave gaps
+    closed = ndimage.binary_closing(mask, iterations=2)
     inner = ndimage.binary_erosion(closed, iterations=round(4.0 * _EDGE_WIDTH))[rows, columns]
     if inner.any():
         near = np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0)
@@ -675,8 +806,15 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
 
 
 def _gradient(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Gradient (n, 2), x then y, at the given pixels, none of them on the border, by Sobel kernels."""
-    near = {(dy, dx): image[rows + dy, columns + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx}
+    """Gradient (n, 2), x then y, at the given pixels, none of them on the border, by Sobel
+    kernels.
+    """
+    near = {
+        (dy, dx): image[rows + dy, columns + dx]
+        for dy in (-1, 0, 1)
+        for dx in (-1, 0, 1)
+        if dy or dx
+    }
     x = sum(weight * (near[dy, 1] - near[dy, -1]) for dy, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
     y = sum(weight * (near[1, dx] - near[-1, dx]) for dx, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
     return np.column_stack([x, y]).astype(np.float64)

@@ -13,7 +13,8 @@ _SUPPORT = 3  # of 8 neighbours, least number on the same surface for an echo to
 def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorModel:
     """Sensor model of a 3D sonar from its beam pitch and range noise.
 
-    The modelled noise grows with the square of the range, as for stereo; near `at` this does not matter.
+    The modelled noise grows with the square of the range, as for stereo; near `at` this does not
+    matter.
 
     Args:
         pitch: [rad] between beams.
@@ -27,7 +28,9 @@ def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorMo
         ConfigurationError: For values that are not positive.
     """
     if not (pitch > 0.0 and sigma > 0.0 and at > 0.0):
-        raise ConfigurationError(f"sonar model: pitch, sigma and at must be positive, got {pitch}, {sigma}, {at}")
+        raise ConfigurationError(
+            f"sonar model: pitch, sigma and at must be positive, got {pitch}, {sigma}, {at}"
+        )
     baseline = 0.12
     return SensorModel(
         focal=1.0 / pitch,
@@ -50,7 +53,9 @@ def without_isolated_echoes(points: ArrayLike) -> Array:
     """
     cloud = np.array(points, dtype=np.float64)
     if cloud.ndim != 3 or cloud.shape[2] != 3:
-        raise ConfigurationError(f"sonar scan: expected echoes (H, W, 3) [m], got shape {cloud.shape}")
+        raise ConfigurationError(
+            f"sonar scan: expected echoes (H, W, 3) [m], got shape {cloud.shape}"
+        )
     r = np.linalg.norm(cloud, axis=-1)
     around = np.pad(r, 1, constant_values=np.nan)
     height, width = r.shape

@@ -1,4 +1,6 @@
-"""Mesh of a surface from depth frames of many places: a truncated signed distance field [Curless 1996] by Open3D."""
+"""Mesh of a surface from depth frames of many places: a truncated signed distance field [Curless
+1996] by Open3D.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -14,15 +16,26 @@ from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.perception.clouds.scan import Scan, SensorModel, without_flying_pixels
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage
-from uuv.sim.interfaces.spatial import Array, checked, checked_pose, finite_number, inverse, readonly
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_pose,
+    finite_number,
+    inverse,
+    readonly,
+)
 
 VOXEL = 0.006  # [m] of the field; 8 mm is less accurate at edges, 4 mm no better
-_TRUNCATION = 0.02  # [m] two deviations of a stereo frame at 1.4 m; 30 mm rounds edges off (95 %: 5.6 for 3.0 mm)
+# [m] two deviations of a stereo frame at 1.4 m; 30 mm rounds edges off (95 %: 5.6 for 3.0 mm)
+_TRUNCATION = 0.02
 _SURE = (
-    0.55  # [-] largest standard deviation of a depth over the truncation: worse ones hollow out what others measured
+    # [-] largest standard deviation of a depth over the truncation: worse ones hollow out what
+    # others measured
+    0.55
 )
 _EDGE = 3  # [px] beside a jump of the depth that are left out: a stereo matcher smears it
-_ISLAND = 0.05  # vertices of a connected part, over those of the largest, below which it belongs to something else
+# vertices of a connected part, over those of the largest, below which it belongs to something else
+_ISLAND = 0.05
 _MOST_VOXELS = 400  # along each side, 2 GB
 
 
@@ -38,14 +51,16 @@ class SurfaceMesh:
 class SurfaceFusion:
     """Distance field in a cube around an object, to which depth frames are added one by one."""
 
-    def __init__(self, box_T: ArrayLike, voxel: float = VOXEL, sensor: SensorModel | None = None) -> None:
+    def __init__(
+        self, box_T: ArrayLike, voxel: float = VOXEL, sensor: SensorModel | None = None
+    ) -> None:
         """Set up an empty field.
 
         Args:
             box_T: (2, 3) [m] lowest and highest corner of what is wanted, in the object's frame T.
             voxel: [m] resolution.
-            sensor: Accuracy of the depth camera; None: `SensorModel()`. Pixels too inaccurate for the field are left
-                out: with a stereo camera those farther than some 1.7 m.
+            sensor: Accuracy of the depth camera; None: `SensorModel()`. Pixels too inaccurate for
+                the field are left out: with a stereo camera those farther than some 1.7 m.
 
         Raises:
             MissingLibraryError: Open3D is not installed.
@@ -58,7 +73,8 @@ class SurfaceFusion:
         count = math.ceil(side / voxel)
         if not (np.all(self._box[0] < self._box[1]) and count <= _MOST_VOXELS):
             raise ConfigurationError(
-                f"surface fusion: a box of {side:g} m has {count} voxels of {voxel:g} m along a side; 1 to "
+                f"surface fusion: a box of {side:g} m has {count} voxels of {voxel:g} m along a "
+                "side; 1 to "
                 f"{_MOST_VOXELS} are possible"
             )
         origin = self._box.mean(axis=0) - 0.5 * count * voxel
@@ -70,7 +86,9 @@ class SurfaceFusion:
         self.frames = 0
 
     def add(self, image: DepthImage, X_TC: Array) -> None:
-        """Add a frame taken with the camera at `X_TC` (4, 4); what lies outside the box is left out."""
+        """Add a frame taken with the camera at `X_TC` (4, 4); what lies outside the box is left
+        out.
+        """
         o3d = open3d_loader.load()
         X_TC, K = checked_pose(X_TC, "X_TC"), image.K
         height, width = image.depth.shape
@@ -88,7 +106,9 @@ class SurfaceFusion:
             depth_trunc=float(depth.max()) + 1.0,
             convert_rgb_to_intensity=False,
         )
-        pinhole = o3d.camera.PinholeCameraIntrinsic(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        pinhole = o3d.camera.PinholeCameraIntrinsic(
+            width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+        )
         self._volume.integrate(frame, pinhole, inverse(X_TC))
         self.frames += 1
 
@@ -98,8 +118,8 @@ class SurfaceFusion:
         Args:
             model: Surface of the model, in T.
             normals: (T, 3) outward unit normals of its triangles.
-            reach: [m] from the model; what lies farther off, and what small parts are not connected, is something
-                else: a stand, the seabed, stray pixels.
+            reach: [m] from the model; what lies farther off, and what small parts are not
+                connected, is something else: a stand, the seabed, stray pixels.
 
         Returns:
             The mesh; it is empty if no frame showed the object.
@@ -107,7 +127,9 @@ class SurfaceFusion:
         found = self._volume.extract_triangle_mesh()
         vertices, triangles = np.asarray(found.vertices), np.asarray(found.triangles)
         if not len(vertices):
-            return SurfaceMesh(vertices=np.empty((0, 3)), triangles=triangles.reshape(0, 3), deviation=np.empty(0))
+            return SurfaceMesh(
+                vertices=np.empty((0, 3)), triangles=triangles.reshape(0, 3), deviation=np.empty(0)
+            )
         near = model.query(vertices)
         outside = np.einsum("nk,nk->n", vertices - near.point, normals[near.triangle])
         own = near.distance <= reach
@@ -126,6 +148,8 @@ def without_islands(triangles: np.ndarray) -> np.ndarray:
         return triangles
     edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
     size = int(triangles.max()) + 1
-    part = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(size, size)), directed=False)[1]
+    part = connected_components(
+        coo_array((np.ones(len(edges)), edges.T), shape=(size, size)), directed=False
+    )[1]
     used = np.bincount(part[np.unique(triangles)])
     return triangles[used[part[triangles[:, 0]]] >= _ISLAND * used.max()]

@@ -1,8 +1,11 @@
-"""Choice of the next view: from where a further look at an object would tell most, given what the last one left open.
+"""Choice of the next view: from where a further look at an object would tell most, given what the
+last one left open.
 
-Each candidate view is predicted with the model at the pose found so far. Its information is that which a fit takes from
-a noiseless scan there: distances to the visible surface, and depth edges. What stands before the object in the last
-scan hides it in the candidate view too. Where two poses compete, the view counts in which they look most different.
+Each candidate view is predicted with the model at the pose found so far. Its information is that
+which a fit takes from
+a noiseless scan there: distances to the visible surface, and depth edges. What stands before the
+object in the last scan hides it in the candidate view too. Where two poses compete, the view counts
+in which they look most different.
 """
 
 from collections.abc import Sequence
@@ -19,18 +22,24 @@ from uuv.perception.registration.pairing import Pairing
 from uuv.perception.registration.pose_covariance import turn_of_symmetry
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
-ARCS = (-0.26, 0.26, -0.52, 0.52, -0.79, 0.79)  # [rad] of the candidates about the vertical: 15, 30 and 45 deg
+# [rad] of the candidates about the vertical: 15, 30 and 45 deg
+ARCS = (-0.26, 0.26, -0.52, 0.52, -0.79, 0.79)
 RIVAL = 30.0  # [nat] of log likelihood, below which the next best pose competes
-_PIXELS = 40_000  # of the grid on which views are predicted: depth edges need about every third of 640 x 480 pixels
+# of the grid on which views are predicted: depth edges need about every third of 640 x 480 pixels
+_PIXELS = 40_000
 _POINTS = 1500  # of a predicted scan that are compared with the model
-_CERTAIN = 4.5  # [nat] that one pixel may tell: three standard deviations; more is as likely an outlier
-_AS_GOOD = 0.67  # [-] of the best predicted worth, above which views count as equal: then the farthest is the best,
+# [nat] that one pixel may tell: three standard deviations; more is as likely an outlier
+_CERTAIN = 4.5
+# [-] of the best predicted worth, above which views count as equal: then the farthest is the best,
+_AS_GOOD = 0.67
 # for it shares the least of this view's errors, and of what hides the object here
-_FREE = 1e-2  # [1/m^2] information of a motion of which nothing is known: a standard deviation of 10 m
+# [1/m^2] information of a motion of which nothing is known: a standard deviation of 10 m
+_FREE = 1e-2
 
 
 def views_around(center: Array, up: Array, arcs: Sequence[float] = ARCS) -> list[Array]:
-    """Motions (4, 4) about a vertical axis through an object's centre, each of which keeps range, height and aim.
+    """Motions (4, 4) about a vertical axis through an object's centre, each of which keeps range,
+    height and aim.
 
     Args:
         center: (3,) [m] of the object, in any frame.
@@ -46,7 +55,8 @@ def ranked_views(found: Identification, views: Sequence[Array]) -> list[int]:
 
     Args:
         found: The last identification, accepted or not.
-        views: (4, 4) candidate poses X_SN of the sensor, in the frame S of that identification's scan.
+        views: (4, 4) candidate poses X_SN of the sensor, in the frame S of that identification's
+            scan.
     """
     if found.evidence is None or found.surface is None or not views:
         return []
@@ -60,7 +70,9 @@ def ranked_views(found: Identification, views: Sequence[Array]) -> list[int]:
 
 
 def predicted_sigma(found: Identification, X_SN: Array) -> float:
-    """Standard deviation [m] of the least certain twist after a look from `X_SN` (4, 4), together with the last one."""
+    """Standard deviation [m] of the least certain twist after a look from `X_SN` (4, 4), together
+    with the last one.
+    """
     assert found.surface is not None
     known = np.zeros((6, 6)) if found.covariance is None else found.covariance.information
     same = turn_of_symmetry(found.surface, np.asarray(found.X_sensor_target))
@@ -70,7 +82,9 @@ def predicted_sigma(found: Identification, X_SN: Array) -> float:
 
 
 def predicted_information(found: Identification, X_SN: Array) -> Array:
-    """Information (6, 6) [1/m^2] that a look from `X_SN` (4, 4) would give, of twists about the model's centre in S."""
+    """Information (6, 6) [1/m^2] that a look from `X_SN` (4, 4) would give, of twists about the
+    model's centre in S.
+    """
     evidence, surface = found.evidence, found.surface
     assert evidence is not None
     assert surface is not None
@@ -91,16 +105,22 @@ def predicted_information(found: Identification, X_SN: Array) -> Array:
 
 
 def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float:
-    """Log likelihood [nat] by which a look from `X_SN` (4, 4) should tell the found pose from a rival (4, 4)."""
+    """Log likelihood [nat] by which a look from `X_SN` (4, 4) should tell the found pose from a
+    rival (4, 4).
+    """
     evidence = found.evidence
     assert evidence is not None
     grid = _grid(evidence.scan)
     one, other = (
-        _seen(found, X_SN, inverse(X_SN) @ X, grid).depth for X in (np.asarray(found.X_sensor_target), X_ST_rival)
+        _seen(found, X_SN, inverse(X_SN) @ X, grid).depth
+        for X in (np.asarray(found.X_sensor_target), X_ST_rival)
     )
     both = np.isfinite(one) & np.isfinite(other)
     off = np.zeros(one.shape)
-    off[both] = 0.5 * ((one[both] - other[both]) / evidence.sensor.sigma(0.5 * (one[both] + other[both]))) ** 2
+    off[both] = (
+        0.5
+        * ((one[both] - other[both]) / evidence.sensor.sigma(0.5 * (one[both] + other[both]))) ** 2
+    )
     off[np.isfinite(one) ^ np.isfinite(other)] = _CERTAIN
     independent = evidence.sensor.independent(grid.pitch / evidence.scan.pitch)
     return float(independent * np.minimum(off, _CERTAIN).sum())
@@ -113,7 +133,9 @@ def _grid(scan: Scan) -> Scan:
 
 
 def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
-    """Scan of the model at `X_NT` (4, 4) from `X_SN` (4, 4), without what the last scan's foreground hides there."""
+    """Scan of the model at `X_NT` (4, 4) from `X_SN` (4, 4), without what the last scan's
+    foreground hides there.
+    """
     evidence, surface = found.evidence, found.surface
     assert evidence is not None
     assert surface is not None

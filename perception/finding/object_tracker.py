@@ -1,4 +1,6 @@
-"""Object tracker: follows a found object from frame to frame in the world, and notices when it moves."""
+"""Object tracker: follows a found object from frame to frame in the world, and notices when it
+moves.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +15,15 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.tracking import FrameFit, follow
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage, Measurement, ObjectMotion, StateEstimate, Target
-from uuv.sim.interfaces.spatial import Array, checked_pose, finite_number, inverse, log_so3, readonly, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked_pose,
+    finite_number,
+    inverse,
+    log_so3,
+    readonly,
+    transform_points,
+)
 
 _SETTLING = 3  # frames whose mean is where the object was at first
 _ASTRAY = 0.1  # [m] error of the last pose, where a fit has lost the object
@@ -27,7 +37,8 @@ class TrackerState:
 
     X_WT: Array  # (4, 4) last pose
     information: Array  # (6, 6) [1/m^2] of the mean of the first frames
-    weighted: Array  # (6,) [1/m] information times the twist from the given pose, summed over the first frames
+    # (6,) [1/m] information times the twist from the given pose, summed over the first frames
+    weighted: Array
     frames: int = 0
     alarms: int = 0  # frames in a row that say that the object has moved
     last: FrameFit | None = None  # None: the object was not in view
@@ -50,7 +61,8 @@ class ObjectTracker:
             target: Model of the object.
             X_WT: (4, 4) pose at which it was found.
             sensor: Accuracy of the depth sensor; None: `SensorModel()`.
-            drift: [m] standard deviation by which the vehicle's own estimate may wander while it watches.
+            drift: [m] standard deviation by which the vehicle's own estimate may wander while it
+                watches.
 
         Raises:
             ConfigurationError: For a malformed pose or drift.
@@ -76,13 +88,16 @@ class ObjectTracker:
             image: The frame.
 
         Returns:
-            The new state, and where the object is; None while it is out of view, hidden, or in the first frames.
+            The new state, and where the object is; None while it is out of view, hidden, or in the
+            first frames.
 
         Raises:
             ConfigurationError: If `image` is not a depth frame.
         """
         if not isinstance(image, DepthImage):
-            raise ConfigurationError(f"object tracker: expected a DepthImage, got {type(image).__name__}")
+            raise ConfigurationError(
+                f"object tracker: expected a DepthImage, got {type(image).__name__}"
+            )
         X_WS = estimate.X_WB @ image.X_BC
         sensor = replace(self._sensor, focal=float(image.K[0, 0]))
         scan, X_ST = Scan.from_depth(image), inverse(X_WS) @ state.X_WT
@@ -96,13 +111,19 @@ class ObjectTracker:
         state = replace(state, X_WT=readonly(X_WT), frames=state.frames + 1, last=fit)
         if state.frames <= _SETTLING:
             state = replace(
-                state, information=state.information + information, weighted=state.weighted + information @ twist
+                state,
+                information=state.information + information,
+                weighted=state.weighted + information @ twist,
             )
             return state, None
         P, at_first = _common(information, state.information)
         mean = at_first @ state.weighted
         difference = P @ (twist - mean)
-        covariance = P @ (np.linalg.pinv(information, hermitian=True) + at_first + self._drift**2 * np.eye(6)) @ P
+        covariance = (
+            P
+            @ (np.linalg.pinv(information, hermitian=True) + at_first + self._drift**2 * np.eye(6))
+            @ P
+        )
         excess = difference @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ difference
         alarms = state.alarms + 1 if excess > chdtri(round(np.trace(P)), _SURE) else 0
         motion = ObjectMotion(
@@ -117,24 +138,34 @@ class ObjectTracker:
 
     @staticmethod
     def _looser(fit: FrameFit, state: TrackerState) -> bool:
-        """True if a fit leaves more directions free than the first frames did: it has slid off what held them."""
+        """True if a fit leaves more directions free than the first frames did: it has slid off what
+        held them.
+        """
         held = int(np.linalg.matrix_rank(state.information, rtol=1e-9, hermitian=True))
         return fit.covariance is None or fit.covariance.degrees < held
 
     def _found_again(self, scan: Scan, X_ST: Array, sensor: SensorModel) -> FrameFit | None:
-        """Search the frame for the object near where it is expected; None if it was not accepted."""
+        """Search the frame for the object near where it is expected; None if it was not
+        accepted.
+        """
         place = transform_points(X_ST, self._surface.center)
-        found = identify(scan, self._surface, place, X_ST[:3, :3], sensor=sensor, approach_error=_ASTRAY)
+        found = identify(
+            scan, self._surface, place, X_ST[:3, :3], sensor=sensor, approach_error=_ASTRAY
+        )
         if not found.accepted or found.covariance is None:
             return None
         return FrameFit(X_ST=found.X_sensor_target, covariance=found.covariance, residual=0.0)
 
     def _moved(self, X_WT: Array) -> Array:
-        """Twist (6,) [m] of the object from where it was found: of its centre, and rotation vector x radius."""
+        """Twist (6,) [m] of the object from where it was found: of its centre, and rotation vector
+        x radius.
+        """
         nearest = self._surface.symmetry.nearest_pose(X_WT, self._X_WT[:3, :3])
         center = self._surface.center
         off = transform_points(nearest, center) - transform_points(self._X_WT, center)
-        return np.concatenate([off, self._surface.radius * log_so3(nearest[:3, :3] @ self._X_WT[:3, :3].T)])
+        return np.concatenate(
+            [off, self._surface.radius * log_so3(nearest[:3, :3] @ self._X_WT[:3, :3].T)]
+        )
 
     @staticmethod
     def _information(fit: FrameFit, R_WS: Array) -> Array:
@@ -172,7 +203,8 @@ class FoundObjectFollower:
         Args:
             target: Model of the object.
             sensor: Accuracy of the depth sensor; None: `SensorModel()`.
-            drift: [m] standard deviation by which the vehicle's own estimate may wander while it watches.
+            drift: [m] standard deviation by which the vehicle's own estimate may wander while it
+                watches.
             period: [s] between frames.
 
         Raises:
@@ -188,12 +220,16 @@ class FoundObjectFollower:
         return FollowerState()
 
     def step(
-        self, state: FollowerState, estimate: StateEstimate, target: Target, measurement: Measurement
+        self,
+        state: FollowerState,
+        estimate: StateEstimate,
+        target: Target,
+        measurement: Measurement,
     ) -> tuple[FollowerState, ObjectMotion | None]:
         """Follow the object in one depth frame.
 
-        An object that went out of view, or moved farther than a frame's fit reaches, is looked for where the finder
-        found it last; its motion is still counted from where it was first.
+        An object that went out of view, or moved farther than a frame's fit reaches, is looked for
+        where the finder found it last; its motion is still counted from where it was first.
 
         Args:
             state: Of the last call, or of `init`.
@@ -209,7 +245,9 @@ class FoundObjectFollower:
         """
         tracker, of_tracker = state.tracker, state.state
         if tracker is None or of_tracker is None:
-            tracker = ObjectTracker(self._surface, target.X_WT, sensor=self._sensor, drift=self._drift)
+            tracker = ObjectTracker(
+                self._surface, target.X_WT, sensor=self._sensor, drift=self._drift
+            )
             of_tracker = tracker.init()
         elif of_tracker.last is None:
             of_tracker = replace(of_tracker, X_WT=target.X_WT)
@@ -218,7 +256,9 @@ class FoundObjectFollower:
 
 
 def _common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Projection (6, 6) on the twists that both informations (6, 6) hold, and the inverse of the other one."""
+    """Projection (6, 6) on the twists that both informations (6, 6) hold, and the inverse of the
+    other one.
+    """
     held = np.eye(6)
     for each in (one, other):
         values, vectors = np.linalg.eigh(each)

@@ -1,4 +1,6 @@
-"""Target finder for an object whose pose is known from a survey: the tool path is that of its model, carried there."""
+"""Target finder for an object whose pose is known from a survey: the tool path is that of its
+model, carried there.
+"""
 
 import numpy as np
 
@@ -19,13 +21,16 @@ class SurveyedObjectFinder:
     Implements `uuv.sim.interfaces.protocols.TargetFinder`.
     """
 
-    def __init__(self, target: TargetModel, path: str | ModelPath, *, attitude_sigma: float = ATTITUDE_SIGMA) -> None:
+    def __init__(
+        self, target: TargetModel, path: str | ModelPath, *, attitude_sigma: float = ATTITUDE_SIGMA
+    ) -> None:
         """Take the object and the path to work.
 
         Args:
             target: Model of the object.
             path: Name of one of its paths, or a path in T.
-            attitude_sigma: [rad] standard deviation of the hull's attitude, where the estimate states none.
+            attitude_sigma: [rad] standard deviation of the hull's attitude, where the estimate
+                states none.
 
         Raises:
             ConfigurationError: For an unknown path.
@@ -51,7 +56,8 @@ class SurveyedObjectFinder:
         """
         if not isinstance(measurement, SurveyedPose):
             raise ConfigurationError(
-                f"surveyed object: expected a SurveyedPose, got {type(measurement).__name__}; the sensor is no survey"
+                f"surveyed object: expected a SurveyedPose, got {type(measurement).__name__}; the "
+                "sensor is no survey"
             )
         X_WT = measurement.X_WT
         center = transform_points(X_WT, self._center)
@@ -62,7 +68,9 @@ class SurveyedObjectFinder:
             radius=self._radius,
             size_sigma=0.0,
         )
-        attitude = self._attitude_sigma if np.isnan(estimate.attitude_sigma) else estimate.attitude_sigma
+        attitude = (
+            self._attitude_sigma if np.isnan(estimate.attitude_sigma) else estimate.attitude_sigma
+        )
         position = np.nan_to_num(estimate.position_sigma, nan=0.0)
         of_hull = known.of_carrier(estimate.X_WB[:3, 3], position, attitude)
         target = Target(

@@ -1,4 +1,6 @@
-"""Target finder: identifies a known object in depth frames or sonar scans and plans the tool path on it."""
+"""Target finder: identifies a known object in depth frames or sonar scans and plans the tool path
+on it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,12 +19,27 @@ from uuv.perception.registration.identification import Identification, Method, a
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.toolpath.path_planner import plan_path
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
-from uuv.sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
+from uuv.sim.interfaces.messages import (
+    DepthImage,
+    Measurement,
+    SonarScan,
+    StateEstimate,
+    Target,
+    ToolPath,
+)
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
-from uuv.sim.interfaces.spatial import Array, checked, finite_number, inverse, readonly, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    finite_number,
+    inverse,
+    readonly,
+    transform_points,
+)
 
 PATH_SPACING = 0.0015  # [m] between the samples of the tool path
-ATTITUDE_SIGMA = 3e-4  # [rad] of the hull's attitude: bias of an inertial unit with fibre-optic gyros
+# [rad] of the hull's attitude: bias of an inertial unit with fibre-optic gyros
+ATTITUDE_SIGMA = 3e-4
 LOOSE = 0.005  # [m] that an identification may be off (`uuv.sim.evaluation.metrics.Bounds`)
 _ASIDE = 0.15  # [m] between hull positions, below which they give the same view
 _SEEN = 0.4  # [-] share of the frames in which a pixel must have depth
@@ -40,10 +57,13 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FinderState:
-    """State of KnownObjectFinder: frames that wait to be fused, and the last identification for the log."""
+    """State of KnownObjectFinder: frames that wait to be fused, and the last identification for the
+    log.
+    """
 
     frames: int = 0  # measurements processed
-    looks: tuple[Frame, ...] = ()  # frames or pings collected so far, until the wanted number is there
+    # frames or pings collected so far, until the wanted number is there
+    looks: tuple[Frame, ...] = ()
     last: Identification | None = None
     X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
     places: tuple[Array, ...] = ()  # (3,) [m] hull positions in W of the views so far
@@ -61,7 +81,8 @@ class FinderState:
 
 
 class KnownObjectFinder:
-    """Target finder for one known object near its coarse detection; plans the tool path on the scanned surface.
+    """Target finder for one known object near its coarse detection; plans the tool path on the
+    scanned surface.
 
     Implements `uuv.sim.interfaces.protocols.TargetFinder`.
     """
@@ -87,16 +108,18 @@ class KnownObjectFinder:
         Args:
             target: Model of the object.
             path: Name of one of the target's paths, a path in T, or None: no path is planned.
-            approach_W: (3,) [m] coarse position of the target's centre in W, at most `APPROACH_ERROR` off.
-            orientation_W: (3, 3) coarse rotation of T in W, wrong by up to about 30 deg; None: unknown.
+            approach_W: (3,) [m] coarse position of the target's centre in W, at most
+                `APPROACH_ERROR` off.
+            orientation_W: (3, 3) coarse rotation of T in W, wrong by up to about 30 deg; None:
+                unknown.
             sensor: Accuracy of the depth sensor; None: `SensorModel()`.
             tool_radius: [m] of the ball at the end of the tool; 0: a point.
             looks: Number of consecutive frames or pings whose median depth the path is planned on.
             seed: Of all random samples.
-            attitude_sigma: [rad] standard deviation of the hull's attitude, about any axis, where the estimate states
-                none.
-            loose: [m] standard deviation, of the centre or of the surface under the path, above which an accepted find
-                asks for a look from another place.
+            attitude_sigma: [rad] standard deviation of the hull's attitude, about any axis, where
+                the estimate states none.
+            loose: [m] standard deviation, of the centre or of the surface under the path, above
+                which an accepted find asks for a look from another place.
 
         Raises:
             ConfigurationError: For an unknown path or malformed priors.
@@ -104,7 +127,9 @@ class KnownObjectFinder:
         """
         self._path = target.path(path) if isinstance(path, str) else path
         self._approach_W = checked(approach_W, (3,), "approach_W")
-        self._R_WT = None if orientation_W is None else checked(orientation_W, (3, 3), "orientation_W")
+        self._R_WT = (
+            None if orientation_W is None else checked(orientation_W, (3, 3), "orientation_W")
+        )
         if isinstance(looks, bool) or looks < 1:
             raise ConfigurationError(f"looks: must be at least 1, got {looks}")
         if not 0.0 <= tool_radius < np.inf:
@@ -132,12 +157,14 @@ class KnownObjectFinder:
 
         Args:
             state: Of the last call, or of `init`.
-            estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in W.
+            estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in
+                W.
             measurement: A DepthImage or a SonarScan.
 
         Returns:
-            The new state, and the target in W. The target is None while more frames are wanted. It is not accepted, and
-            carries a reason, where the object or the surface on the path was not found.
+            The new state, and the target in W. The target is None while more frames are wanted. It
+            is not accepted, and carries a reason, where the object or the surface on the path was
+            not found.
 
         Raises:
             ConfigurationError: If `measurement` is of another type or malformed.
@@ -146,10 +173,15 @@ class KnownObjectFinder:
             seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
             sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
         elif isinstance(measurement, SonarScan):
-            seen, X_BC, sensor = _scan_of(without_isolated_echoes(measurement.points)), measurement.X_BS, self._sensor
+            seen, X_BC, sensor = (
+                _scan_of(without_isolated_echoes(measurement.points)),
+                measurement.X_BS,
+                self._sensor,
+            )
         else:
             raise ConfigurationError(
-                f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"
+                "target finder: expected a DepthImage or a SonarScan, got "
+                f"{type(measurement).__name__}"
             )
         X_WC = estimate.X_WB @ X_BC
         looks = state.looks
@@ -168,8 +200,14 @@ class KnownObjectFinder:
             method=self.method,
         )
         found = attempt.widened().concluded(state.last)
-        if self._R_WT is None and state.last is not None and state.X_WC is not None and state.last.accepted:
-            # Without a coarse orientation: of all poses that look the same, the one next to the last find's.
+        if (
+            self._R_WT is None
+            and state.last is not None
+            and state.X_WC is not None
+            and state.last.accepted
+        ):
+            # Without a coarse orientation: of all poses that look the same, the one next to the
+            # last find's.
             R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
             alike = self._surface.symmetry.nearest_pose(found.X_sensor_target, R_CT)
             found = replace(found, X_sensor_target=readonly(alike))
@@ -177,7 +215,9 @@ class KnownObjectFinder:
         if found.accepted and self._path is not None:
             try:
                 whole = with_fused_frames(found, looks)
-                path = plan_path(whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius)
+                path = plan_path(
+                    whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius
+                )
                 path = _in_world(X_WC, path)
             except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
                 reason = str(error)
@@ -187,7 +227,9 @@ class KnownObjectFinder:
             X_WT=readonly(X_WC @ found.X_sensor_target),
             accepted=found.accepted if self._path is None else path is not None,
             check_m=found.check.figure_m if found.check is not None else float("inf"),
-            range_m=float(np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))),
+            range_m=float(
+                np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))
+            ),
             reason=reason,
             path=path,
             covariance=doubt,
@@ -196,13 +238,24 @@ class KnownObjectFinder:
         p_WB, places = estimate.X_WB[:3, 3], state.places
         if all(np.linalg.norm(p_WB - place) > _ASIDE for place in places):
             places = (*places, readonly(p_WB))
-        target = replace(target, next_X_WB=self._next_view(found, target, estimate.X_WB, X_WC, places))
-        return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC), places=places), target
+        target = replace(
+            target, next_X_WB=self._next_view(found, target, estimate.X_WB, X_WC, places)
+        )
+        return FinderState(
+            frames=state.frames + 1, last=found, X_WC=readonly(X_WC), places=places
+        ), target
 
     def _next_view(
-        self, found: Identification, target: Target, X_WB: Array, X_WC: Array, places: Sequence[Array]
+        self,
+        found: Identification,
+        target: Target,
+        X_WB: Array,
+        X_WC: Array,
+        places: Sequence[Array],
     ) -> Array | None:
-        """Hull pose (4, 4) of the next look, where none was taken yet; None if none is wanted, or can be chosen."""
+        """Hull pose (4, 4) of the next look, where none was taken yet; None if none is wanted, or
+        can be chosen.
+        """
         if self.method != "planes" or (target.accepted and not self._is_loose(target)):
             return None
         center = transform_points(target.X_WT, self._surface.center)
@@ -231,7 +284,9 @@ class KnownObjectFinder:
             return None, readonly(np.zeros((6, 6)))
         doubt = found.covariance.in_frame(X_WC)
         position = np.nan_to_num(estimate.position_sigma, nan=0.0)
-        attitude = self._attitude_sigma if np.isnan(estimate.attitude_sigma) else estimate.attitude_sigma
+        attitude = (
+            self._attitude_sigma if np.isnan(estimate.attitude_sigma) else estimate.attitude_sigma
+        )
         of_hull = doubt.of_carrier(estimate.X_WB[:3, 3], position, attitude)
         both = doubt.plus(of_hull)
         return both, readonly(both.matrix - doubt.matrix)
@@ -244,7 +299,9 @@ class PublishedFinder(KnownObjectFinder):
 
 
 def _scan_of(echoes: Array) -> Scan | Array:
-    """Convert echoes (h, w, 3) [m] to a Scan, or return them unchanged for `identify` to report the reason."""
+    """Convert echoes (h, w, 3) [m] to a Scan, or return them unchanged for `identify` to report the
+    reason.
+    """
     try:
         return Scan.from_cloud(echoes)
     except PerceptionError:
@@ -254,16 +311,21 @@ def _scan_of(echoes: Array) -> Scan | Array:
 def _in_world(X_WC: Array, path: ToolPath) -> ToolPath:
     R_WC = X_WC[:3, :3]
     return replace(
-        path, p=readonly(transform_points(X_WC, path.p)), z=readonly(path.z @ R_WC.T), x=readonly(path.x @ R_WC.T)
+        path,
+        p=readonly(transform_points(X_WC, path.p)),
+        z=readonly(path.z @ R_WC.T),
+        x=readonly(path.x @ R_WC.T),
     )
 
 
 def fused(looks: Sequence[Frame]) -> Scan:
-    """Median depth of several frames in the grid and sensor frame of the last one; NaN where too few have depth.
+    """Median depth of several frames in the grid and sensor frame of the last one; NaN where too
+    few have depth.
 
-    A stereo matcher errs in patches, differently in every frame. A mean over the neighbours in one frame keeps this
-    error; a median over frames removes it, and what a single frame shows alone: flying pixels, a fish.
-    The frames may be taken from different places. Where one has no depth, or shows another surface, the others decide.
+    A stereo matcher errs in patches, differently in every frame. A mean over the neighbours in one
+    frame keeps this error; a median over frames removes it, and what a single frame shows alone:
+    flying pixels, a fish. The frames may be taken from different places. Where one has no depth, or
+    shows another surface, the others decide.
 
     Args:
         looks: Frames, in order of time.
@@ -275,7 +337,12 @@ def fused(looks: Sequence[Frame]) -> Scan:
         raise ConfigurationError("fused: at least one look is needed")
     last = looks[-1]
     X_SW = inverse(last.X_WS)
-    depths = np.stack([*(_seen_from(last.scan, look.scan, X_SW @ look.X_WS) for look in looks[:-1]), last.scan.depth])
+    depths = np.stack(
+        [
+            *(_seen_from(last.scan, look.scan, X_SW @ look.X_WS) for look in looks[:-1]),
+            last.scan.depth,
+        ]
+    )
     enough = np.isfinite(depths).sum(axis=0) >= max(1, _SEEN * len(looks))
     depth = np.full(last.scan.depth.shape, np.nan)
     depth[enough] = np.nanmedian(depths[:, enough], axis=0)
@@ -284,10 +351,11 @@ def fused(looks: Sequence[Frame]) -> Scan:
 
 
 def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identification:
-    """Replace the scan of an identification by the median of several frames, for planning a path on it.
+    """Replace the scan of an identification by the median of several frames, for planning a path on
+    it.
 
-    The pose and its PoseCheck stay those of the single frame, whose noise their limits were set for. With fewer than
-    three frames `found` is returned unchanged.
+    The pose and its PoseCheck stay those of the single frame, whose noise their limits were set
+    for. With fewer than three frames `found` is returned unchanged.
 
     Args:
         found: Identification in the last of `looks`.
@@ -309,7 +377,8 @@ def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identifi
 
 
 def _seen_from(grid: Scan, scan: Scan, X_GS: Array) -> Array:
-    """Depth (h, w) [m] of the points of `scan` in the pixels of `grid`, the nearest in each; NaN where there is none.
+    """Depth (h, w) [m] of the points of `scan` in the pixels of `grid`, the nearest in each; NaN
+    where there is none.
 
     `X_GS` (4, 4): pose of the scan's sensor in the frame of the grid's.
     """

@@ -1,20 +1,23 @@
-"""Compiled kernels of the navigation filter: propagation by one IMU sample, Kalman update, replay of the stored past.
+"""Compiled kernels of the navigation filter: propagation by one IMU sample, Kalman update, replay
+of the stored past.
 
-States x, in this order: position p (3) [m] and velocity v (3) [m/s] in W, accelerometer bias b (3) [m/s^2] in hull
-axes. Where the sensors state that they have one, the DVL's bias c (3) [m/s] in hull axes and the wander w (3) [m] of
-vision in W follow. With a camera on the arm the offset o (3) [m] in W of its track from the world follows them. With
-specific force f of the IMU and known attitude R,
+States x, in this order: position p (3) [m] and velocity v (3) [m/s] in W, accelerometer bias b (3)
+[m/s^2] in hull axes. Where the sensors state that they have one, the DVL's bias c (3) [m/s] in hull
+axes and the wander w (3) [m] of vision in W follow. With a camera on the arm the offset o (3) [m]
+in W of its track from the world follows them. With specific force f of the IMU and known attitude
+R,
 
     p' = v,   v' = R (f - b) - g,   b' = walk,   c' = 0,   w' = -w / T + noise,   o' = 0;
     vision = p + w + noise,   DVL = R^T v + c + noise,   track = p + o + noise.
 
-A track begins where the filter believes the hull to be, at z. Its offset is then o = z - p, minus the error of the
-position at that moment, which the filter keeps as a state (stochastic cloning [Roumeliotis 2002]). A track that goes on
-from a new key picture, with the noise of the reading z at that key, is the same operation.
+A track begins where the filter believes the hull to be, at z. Its offset is then o = z - p, minus
+the error of the position at that moment, which the filter keeps as a state (stochastic cloning
+[Roumeliotis 2002]). A track that goes on from a new key picture, with the noise of the reading z at
+that key, is the same operation.
 
-All that the filter remembers is one record of the type FILTER. Kernels that are called from Python take it as the array
-(1,) `memory`, the others its element `f`. Records of `uuv.sim.interfaces.records` may be given as plain tuples, which
-are faster to pass from Python.
+All that the filter remembers is one record of the type FILTER. Kernels that are called from Python
+take it as the array (1,) `memory`, the others its element `f`. Records of
+`uuv.sim.interfaces.records` may be given as plain tuples, which are faster to pass from Python.
 """
 
 import numpy as np
@@ -30,7 +33,8 @@ MOST_STATES = 18  # size of x with all optional states
 VISION, DVL = 0, 1  # kinds of fix: position, velocity
 
 # Columns of `past_input`, one row per stored step
-TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3  # [s], [s], variances of the velocity [m^2/s^2] added by the step
+# [s], [s], variances of the velocity [m^2/s^2] added by the step
+TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3
 FORCE, ATTITUDE = 4, 7  # specific force (3,) [m/s^2], attitude (9,)
 JUMP = 16  # [m^2/s^4] variance that the step adds to the bias, at a detected jump
 INPUT = 17  # columns of `past_input`
@@ -40,19 +44,24 @@ HAS, VALUE, VARIANCE, SHIFT = 0, 1, 4, 5  # flag, (3,) in W, its variance, time 
 FIX = 6  # columns of `past_fix`
 
 # Columns of `past_track`, one row per stored step
-READ, PLACE, INFORMATION, BEGUN, ORIGIN = 0, 1, 4, 13, 14  # flag, (3,) [m] in W, (3, 3) [1/m^2], flag, (3,) [m] in W
+# flag, (3,) [m] in W, (3, 3) [1/m^2], flag, (3,) [m] in W
+READ, PLACE, INFORMATION, BEGUN, ORIGIN = 0, 1, 4, 13, 14
 TRACK = 17  # columns of `past_track`
 
 # Entries of `layout`
-STATES, AT_DVL_BIAS, AT_WANDER, AT_TRACK = 0, 1, 2, 3  # number of states, first index of each triple (-1: none)
+# number of states, first index of each triple (-1: none)
+STATES, AT_DVL_BIAS, AT_WANDER, AT_TRACK = 0, 1, 2, 3
 
 HISTORY = 512  # IMU samples stored: largest delay of vision
-TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
+# [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
+TILT_CLIP = 5e-3
 IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
 HOLD = (8, 25)  # samples for which a rate that jumped is not used: fewest and most
-NO_GYRO = 1e-2  # [rad/s/sqrt(s)] random walk of a rate that the attitude alone tells of, 67 rad/s fast
-REGAINED = 5e-3  # [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
+# [rad/s/sqrt(s)] random walk of a rate that the attitude alone tells of, 67 rad/s fast
+NO_GYRO = 1e-2
+# [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
+REGAINED = 5e-3
 UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
 BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of the hull's unmeasured acceleration
 
@@ -62,7 +71,8 @@ FILTER = np.dtype(
         [
             # Constants of a run
             ("layout", np.int64, 4),
-            ("walks", np.float64, 3),  # variance of the bias in one second, of the settled wander, its time [s]
+            # variance of the bias in one second, of the settled wander, its time [s]
+            ("walks", np.float64, 3),
             ("acceleration", np.float64),  # [m/s^2] white noise of the accelerometer
             ("rate", np.float64),  # [rad^2/s^2] variance of the gyro
             ("attitude", np.float64),  # [rad^2] variance of one attitude reading
@@ -70,13 +80,15 @@ FILTER = np.dtype(
             ("tilt", np.float64),  # [m^2/s^4] variance of the horizontal acceleration by tilt noise
             ("release", np.float64, 4),  # spring of the held corrections, see `put_out`
             ("smooth", np.float64),  # [s] time constant of the output acceleration
-            ("by_track", np.float64),  # 1: the output is the place relative to the tracked object, p + o; 0: p
+            # 1: the output is the place relative to the tracked object, p + o; 0: p
+            ("by_track", np.float64),
             # Times [s]
             ("time", np.float64),  # of the filter: the newest IMU sample
             ("clock", np.float64),  # newest time of any measurement
             ("given", np.float64),  # of the last estimate
             ("imu_time", np.float64),  # of the newest sound IMU sample
-            ("jumped", np.float64),  # when the accelerometer's bias was last found to have jumped; -inf: never
+            # when the accelerometer's bias was last found to have jumped; -inf: never
+            ("jumped", np.float64),
             ("used", np.float64, 2),  # of the newest fix used, by kind
             ("interval", np.float64),  # shortest interval between IMU samples so far
             # Attitude
@@ -85,11 +97,13 @@ FILTER = np.dtype(
             ("rate_bias", np.float64, 3),  # [rad/s]
             ("turning", np.float64, 3),  # `variances` of `turn`
             ("check", RATE_CHECK),  # of the gyro against the attitude
-            ("lone", np.float64, (3, 3)),  # for each axis the covariance as in `gyro`, without a gyro; 0: there is one
+            # for each axis the covariance as in `gyro`, without a gyro; 0: there is one
+            ("lone", np.float64, (3, 3)),
             # Mean, covariance, output
             ("x", np.float64, MOST_STATES),
             ("P", np.float64, (MOST_STATES, MOST_STATES)),
-            ("held", np.float64, (2, 3)),  # withheld corrections of position [m] and velocity [m/s] in W
+            # withheld corrections of position [m] and velocity [m/s] in W
+            ("held", np.float64, (2, 3)),
             ("a_B", np.float64, 3),  # [m/s^2] smoothed acceleration
             # IMU samples: the last one processed, the last one seen
             ("force", np.float64, 3),  # [m/s^2] specific force in B
@@ -114,7 +128,8 @@ FILTER = np.dtype(
 def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
     """Propagate the attitude by the gyro and correct it by the attitude reference, in place.
 
-    A Kalman filter of two states per axis, angle and gyro bias, with one covariance for the three axes.
+    A Kalman filter of two states per axis, angle and gyro bias, with one covariance for the three
+    axes.
 
     Args:
         R: (3, 3) attitude R_WB, changed in place.
@@ -123,7 +138,8 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
         dt: [s] step.
         rate_bias: (3,) [rad/s] gyro bias, changed in place.
         gyro: (3,) covariance of angle, angle and bias, bias, changed in place.
-        variances: (3,) of the angle by gyro noise in one second, of one attitude reading, of the bias in one second.
+        variances: (3,) of the angle by gyro noise in one second, of one attitude reading, of the
+            bias in one second.
     """
     k_angle, k_bias = _gains(gyro, variances[0], variances[1], variances[2], dt)
     angle = np.empty(3)
@@ -139,7 +155,10 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
 
 @kernel
 def _gains(gyro, rate, attitude, walk, dt):
-    """Gains of angle and gyro bias for one reading; updates their covariance `gyro` (3,). Variances as in `turn`."""
+    """Gains of angle and gyro bias for one reading; updates their covariance `gyro` (3,).
+
+    Variances as in `turn`.
+    """
     gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + rate * dt
     gyro[1] -= dt * gyro[2]
     gyro[2] += walk * dt
@@ -171,7 +190,8 @@ def rotate(R, angle):
     for i in range(3):
         for j in range(3):
             k, m = (j + 1) % 3, (j + 2) % 3
-            # Row of R times exp(S) = 1 + s S + c (a a^T - |a|^2), column j of S being e_k a_m - e_m a_k.
+            # Row of R times exp(S) = 1 + s S + c (a a^T - |a|^2), column j of S being e_k a_m - e_m
+            # a_k.
             along = R[i, 0] * angle[0] + R[i, 1] * angle[1] + R[i, 2] * angle[2]
             new[i, j] = R[i, j] + s * (R[i, k] * angle[m] - R[i, m] * angle[k])
             new[i, j] += c * (along * angle[j] - theta * theta * R[i, j])
@@ -179,7 +199,11 @@ def rotate(R, angle):
         for j in range(3):
             R[i, j] = 1.5 * new[i, j]
             for k in range(3):
-                R[i, j] -= 0.5 * new[i, k] * (new[0, k] * new[0, j] + new[1, k] * new[1, j] + new[2, k] * new[2, j])
+                R[i, j] -= (
+                    0.5
+                    * new[i, k]
+                    * (new[0, k] * new[0, j] + new[1, k] * new[1, j] + new[2, k] * new[2, j])
+                )
 
 
 @kernel
@@ -309,7 +333,9 @@ def correct(x, P, n, innovation, cross, weight):
     gain = np.empty(3)
     for i in range(n):
         for k in range(3):
-            gain[k] = cross[i, 0] * weight[0, k] + cross[i, 1] * weight[1, k] + cross[i, 2] * weight[2, k]
+            gain[k] = (
+                cross[i, 0] * weight[0, k] + cross[i, 1] * weight[1, k] + cross[i, 2] * weight[2, k]
+            )
         x[i] += gain[0] * innovation[0] + gain[1] * innovation[1] + gain[2] * innovation[2]
         for j in range(i + 1):
             P[i, j] -= gain[0] * cross[j, 0] + gain[1] * cross[j, 1] + gain[2] * cross[j, 2]
@@ -333,9 +359,11 @@ def absorb(f, kind, fix, row):
 
 @kernel
 def compare_track(row, first, x, P):
-    """Innovation of a reading of the track, cross covariance with the states, and weight of the innovation.
+    """Innovation of a reading of the track, cross covariance with the states, and weight of the
+    innovation.
 
-    The weight is the inverse of the innovation's covariance S0 + L^-1, in the form L (1 + S0 L)^-1. That holds for an
+    The weight is the inverse of the innovation's covariance S0 + L^-1, in the form L (1 + S0 L)^-1.
+    That holds for an
     information L without full rank too: directions that were not observed have no weight.
 
     Args:
@@ -381,7 +409,9 @@ def absorb_track(f, row):
                 P[first + i, j] = -P[i, j]
         for i in range(3):
             for j in range(n):
-                P[j, first + i] = P[first + i, j] if j < first or j >= first + 3 else P[i, j - first]
+                P[j, first + i] = (
+                    P[first + i, j] if j < first or j >= first + 3 else P[i, j - first]
+                )
 
 
 @kernel
@@ -394,7 +424,8 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
         specific_force_B: (3,) [m/s^2] in B.
         w_B: (3,) [rad/s] gyro rates in B.
         R_meas: (3, 3) attitude of the reference.
-        unknown: [m^2/s^2] variance added to the velocity for a motion that was not measured; 0 for a sample.
+        unknown: [m^2/s^2] variance added to the velocity for a motion that was not measured; 0 for
+            a sample.
 
     Returns:
         False for a sample that is not finite, which changes neither states nor past.
@@ -415,7 +446,8 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     head = (f.head + 1) % HISTORY
     row = f.past_input[head]
     along = (f.acceleration * dt) ** 2 + unknown
-    # Tilt noise left after the attitude filter: equal shares of gyro and reference, white at the resolution of vision.
+    # Tilt noise left after the attitude filter: equal shares of gyro and reference, white at the
+    # resolution of vision.
     across = along + f.tilt * f.interval * dt
     row[TIME] = f.time + dt
     row[DT], row[NOISE_XY], row[NOISE_Z], row[JUMP] = dt, across, along, 0.0
@@ -482,9 +514,10 @@ def take_imu(memory, sample):
 def _believed(f, w_B):
     """Rates (3,) [rad/s] of the gyro as they are used.
 
-    One that jumps is not used until its check can tell: for twice the time in which a wrong jump makes an angle that
-    is clear. About an axis that is wrong the rate is zero: the bias of the gyro then is the hull's rate, with its sign
-    turned.
+    One that jumps is not used until its check can tell: for twice the time in which a wrong jump
+    makes an angle that
+    is clear. About an axis that is wrong the rate is zero: the bias of the gyro then is the hull's
+    rate, with its sign turned.
     """
     check, believed, least = f.check, w_B, max(JUMPS, WILD * np.sqrt(f.rate))
     clear = 2.0 * CLEAR * np.sqrt(f.turning[1]) / f.interval
@@ -502,7 +535,9 @@ def _believed(f, w_B):
 
 @kernel
 def _leave_gyro(f, R_meas):
-    """Go on without the axes of the gyro that are wrong: turn to the attitude `R_meas` (3, 3), at the rate before."""
+    """Go on without the axes of the gyro that are wrong: turn to the attitude `R_meas` (3, 3), at
+    the rate before.
+    """
     check, angle = f.check, np.zeros(3)
     for i in range(3):
         if check.gyro_off[i] != 0.0 and f.lone[i, 2] == 0.0:
@@ -514,7 +549,9 @@ def _leave_gyro(f, R_meas):
 
 @kernel
 def _follow_attitude(f, R_meas, dt):
-    """Correct angle and rate about each axis without a gyro by an attitude (3, 3), `dt` [s] after the last one."""
+    """Correct angle and rate about each axis without a gyro by an attitude (3, 3), `dt` [s] after
+    the last one.
+    """
     angle = np.zeros(3)
     for i in range(3):
         if f.lone[i, 2] > 0.0:
@@ -527,11 +564,13 @@ def _follow_attitude(f, R_meas, dt):
 
 @kernel
 def take_sample(memory, sample):
-    """Process what the IMU gave in one step of the loop; without it for too long, go on at constant velocity.
+    """Process what the IMU gave in one step of the loop; without it for too long, go on at constant
+    velocity.
 
     Args:
         memory: (1,) of FILTER.
-        sample: ImuRecord; its time is that of encoders and torque sensors too, -inf without a new sample.
+        sample: ImuRecord; its time is that of encoders and torque sensors too, -inf without a new
+            sample.
     """
     f, sample = memory[0], ImuRecord(*sample)
     if sample.time[0] > f.clock:
@@ -547,12 +586,13 @@ def take_sample(memory, sample):
 def put_out(memory, joints, out):
     """Write the estimate of now; withheld corrections are released as by a damped spring.
 
-    The `release` of the filter is that spring: frequency over the filter's own [-], lowest and highest frequency
-    [rad/s], and the distance [m] beyond which the pull no longer grows.
+    The `release` of the filter is that spring: frequency over the filter's own [-], lowest and
+    highest frequency [rad/s], and the distance [m] beyond which the pull no longer grows.
 
     Args:
         memory: (1,) of FILTER.
-        joints: JointRecord of the newest readings; one that is not finite leaves the joint's last value in `out`.
+        joints: JointRecord of the newest readings; one that is not finite leaves the joint's last
+            value in `out`.
         out: EstimateRecord, the same one over a run.
     """
     f, joints, out = memory[0], JointRecord(*joints), EstimateRecord(*out)
@@ -596,7 +636,11 @@ def put_out(memory, joints, out):
         if np.isfinite(joints.tau[j]):
             out.tau[j] = joints.tau[j]
     out.time[0] = f.clock
-    out.ages[0], out.ages[1], out.ages[2] = f.clock - f.used[VISION], f.clock - f.used[DVL], f.clock - f.imu_time
+    out.ages[0], out.ages[1], out.ages[2] = (
+        f.clock - f.used[VISION],
+        f.clock - f.used[DVL],
+        f.clock - f.imu_time,
+    )
     out.ages[3] = f.clock - f.jumped
     f.given = f.clock
 
@@ -633,8 +677,8 @@ def mahalanobis(memory, kind, fix, at):
         at: Row of the past.
 
     Returns:
-        Squared Mahalanobis distance, chi-square distributed with three degrees of freedom for a sound fix; innovation
-        (3,) in W; the innovation whitened by its covariance (3,).
+        Squared Mahalanobis distance, chi-square distributed with three degrees of freedom for a
+        sound fix; innovation (3,) in W; the innovation whitened by its covariance (3,).
     """
     f = memory[0]
     innovation, _, L = compare(kind, fix, f.past_input[at], f.layout, f.past_x[at], f.past_P[at])
@@ -655,7 +699,8 @@ def mahalanobis(memory, kind, fix, at):
 
 @kernel
 def replay(memory, at):
-    """Restart the filter at step `at` and run it forward with every fix received since: exact, in order of time.
+    """Restart the filter at step `at` and run it forward with every fix received since: exact, in
+    order of time.
 
     The correction of position and velocity is added to what is withheld from the output.
 

@@ -1,7 +1,8 @@
-"""Fixes of the navigation filter, positions from vision and velocities from the DVL: validated, weighted, taken.
+"""Fixes of the navigation filter, positions from vision and velocities from the DVL: validated,
+weighted, taken.
 
-A fix is compared with the stored estimate of the step at which it was measured. One that passes is kept at that step,
-and the filter runs forward again from there (`filter_kernel.replay`).
+A fix is compared with the stored estimate of the step at which it was measured. One that passes is
+kept at that step, and the filter runs forward again from there (`filter_kernel.replay`).
 """
 
 import math
@@ -28,11 +29,14 @@ from uuv.perception.navigation.filter_kernel import (
 from uuv.sim.interfaces.spatial import Array
 
 _REPEATS = 3  # equal readings in a row by which a noisy sensor is found frozen
-_MEAN_TIME = 0.25  # [s] time constant of the mean innovation; it detects a jump by 0.05 m/s^2 in twice that
-_MEAN_GATE = 45.0  # [-] chi-square with 3 degrees of freedom: noise alone exceeds it once in 10^9 fixes
+# [s] time constant of the mean innovation; it detects a jump by 0.05 m/s^2 in twice that
+_MEAN_TIME = 0.25
+# [-] chi-square with 3 degrees of freedom: noise alone exceeds it once in 10^9 fixes
+_MEAN_GATE = 45.0
 _AGREEING = 5  # consistent rejected fixes in a row, after which the filter is taken to be wrong
 _MOST_SCALE = 100.0  # [-] largest factor on a sensor's variance
-_SCALE_GAIN, _SCALE_CAP, _SCALE_SLACK = 0.05, 4.0, 1.2  # [-] gain per fix, largest square used, neutral square
+# [-] gain per fix, largest square used, neutral square
+_SCALE_GAIN, _SCALE_CAP, _SCALE_SLACK = 0.05, 4.0, 1.2
 
 
 @dataclass(slots=True, eq=False)
@@ -44,8 +48,10 @@ class FixMonitor:
     repeats: int = 0  # equal readings in a row, less one
     scale: float = 1.0  # [-] factor on the stated variance, from the innovations
     agreeing: int = 0  # consistent rejected fixes in a row
-    rejected: Array = field(default_factory=lambda: np.zeros(3))  # (3,) innovation of the last rejected fix
-    mean: Array = field(default_factory=lambda: np.zeros(3))  # (3,) mean of recent whitened innovations
+    # (3,) innovation of the last rejected fix
+    rejected: Array = field(default_factory=lambda: np.zeros(3))
+    # (3,) mean of recent whitened innovations
+    mean: Array = field(default_factory=lambda: np.zeros(3))
     mean_variance: float = 0.0  # [-] of each of its axes for white innovations
     mean_time: float = -math.inf  # [s] of the last innovation in it
     refused: int = 0  # fixes not used since the start, for the log
@@ -78,12 +84,16 @@ class FixMonitor:
         square = float(off @ off) / (3.0 + 3.0 * self.mean_variance)
         share = 1.0 - math.exp(-max(time - self.mean_time, 0.0) / _MEAN_TIME)
         self.mean_time = max(time, self.mean_time)
-        self.mean = self.mean + share * (white * min(1.0, most / max(math.hypot(*white.tolist()), 1e-9)) - self.mean)
+        self.mean = self.mean + share * (
+            white * min(1.0, most / max(math.hypot(*white.tolist()), 1e-9)) - self.mean
+        )
         self.mean_variance = (1.0 - share) ** 2 * self.mean_variance + share**2
         return square
 
     def agrees(self, innovation: Array, farthest: float) -> bool:
-        """Count a rejected fix; True once enough in a row lie within `farthest` [square of their unit] of the last."""
+        """Count a rejected fix; True once enough in a row lie within `farthest` [square of their
+        unit] of the last.
+        """
         apart = float(np.sum((innovation - self.rejected) ** 2))
         self.agreeing = self.agreeing + 1 if self.agreeing and apart <= farthest else 1
         self.rejected = innovation
@@ -101,7 +111,8 @@ class Fixes:
     bias_jumps: int = 0  # detected jumps of the accelerometer bias since the start, for the log
 
     def take(self, kind: int, time: float, value: Array, sigma: float) -> bool:
-        """Validate a fix, update the filter at its step, and withhold the correction; False if it is not used.
+        """Validate a fix, update the filter at its step, and withhold the correction; False if it
+        is not used.
 
         Args:
             kind: VISION or DVL.
@@ -126,7 +137,9 @@ class Fixes:
             return False
         row, value = self.memory["past_input"][0, at], watch.last
         fix = np.zeros(FIX)
-        fix[VALUE : VALUE + 3] = value if kind == VISION else row[ATTITUDE : ATTITUDE + 9].reshape(3, 3) @ value
+        fix[VALUE : VALUE + 3] = (
+            value if kind == VISION else row[ATTITUDE : ATTITUDE + 9].reshape(3, 3) @ value
+        )
         floor = 1e-6 if kind == VISION else 1e-7  # [m], [m/s]
         fix[HAS], fix[VARIANCE], fix[SHIFT] = 1.0, watch.scale * max(sigma, floor) ** 2, shift
         squared, innovation, white = mahalanobis(self.memory, kind, fix, at)
@@ -149,10 +162,11 @@ class Fixes:
         return True
 
     def _bias_jumped(self, watch: FixMonitor, innovation: Array, time: float) -> int:
-        """Row of the past before a jump of the accelerometer bias shown by the DVL's mean innovation; -1 without one.
+        """Row of the past before a jump of the accelerometer bias shown by the DVL's mean
+        innovation; -1 without one.
 
-        The bias is then assumed to have changed twice the time constant of the mean ago. The variance added there
-        explains the innovation as a velocity that runs away.
+        The bias is then assumed to have changed twice the time constant of the mean ago. The
+        variance added there explains the innovation as a velocity that runs away.
         """
         if float(watch.mean @ watch.mean) <= _MEAN_GATE * watch.mean_variance:
             return -1

@@ -1,6 +1,7 @@
 """Plane of the seabed under the vehicle, from the ranges of the DVL's last pings.
 
-The coarse approach to the seabed is by a plane through the points where the beams meet it [Konoplin 2019].
+The coarse approach to the seabed is by a plane through the points where the beams meet it [Konoplin
+2019].
 """
 
 from collections.abc import Sequence
@@ -10,7 +11,12 @@ from typing import Any
 import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import DvlRangesMeasurement, GroundPlane, Measurement, StateEstimate
+from uuv.sim.interfaces.messages import (
+    DvlRangesMeasurement,
+    GroundPlane,
+    Measurement,
+    StateEstimate,
+)
 from uuv.sim.interfaces.protocols import Estimator
 from uuv.sim.interfaces.spatial import Array, readonly
 
@@ -26,15 +32,22 @@ def plane_through(echoes_W: Array) -> tuple[Array, Array, float]:
         echoes_W: (k, 3) [m] points in W, k >= 3.
 
     Returns:
-        A point (3,) [m] of the plane, its upward unit normal (3,) and the rms distance [m] of the points from it. That
-        is 0 for three points.
+        A point (3,) [m] of the plane, its upward unit normal (3,) and the rms distance [m] of the
+        points from it. That is 0 for three points.
 
     Raises:
         ConfigurationError: For points on a line, or too few.
     """
     points = np.asarray(echoes_W, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST or not np.all(np.isfinite(points)):
-        raise ConfigurationError(f"plane: expected {_LEAST} finite points (k, 3) or more, got shape {points.shape}")
+    if (
+        points.ndim != 2
+        or points.shape[1] != 3
+        or len(points) < _LEAST
+        or not np.all(np.isfinite(points))
+    ):
+        raise ConfigurationError(
+            f"plane: expected {_LEAST} finite points (k, 3) or more, got shape {points.shape}"
+        )
     middle = points.mean(axis=0)
     _, size, axes = np.linalg.svd(points - middle)
     if not size[1] > _FLAT * size[0]:
@@ -49,7 +62,8 @@ class GroundState:
     """State of GroundBelow; `inner` is that of the wrapped estimator."""
 
     inner: Any
-    echoes_W: list[Array] = field(default_factory=list)  # (k, 3) [m] of the last pings, NaN without echo
+    # (k, 3) [m] of the last pings, NaN without echo
+    echoes_W: list[Array] = field(default_factory=list)
     ground: GroundPlane | None = None
 
 
@@ -72,7 +86,9 @@ class GroundPlaneEstimator:
         """Initial state from the first measurements of every sensor."""
         return GroundState(inner=self.estimator.init(first))
 
-    def step(self, state: GroundState, measurements: Sequence[Measurement]) -> tuple[GroundState, StateEstimate]:
+    def step(
+        self, state: GroundState, measurements: Sequence[Measurement]
+    ) -> tuple[GroundState, StateEstimate]:
         """Update the wrapped estimator, and the plane from all DVL ranges among `measurements`."""
         state.inner, estimate = self.estimator.step(state.inner, measurements)
         for m in measurements:
@@ -94,7 +110,9 @@ class GroundPlaneEstimator:
 
 
 def _ground(time: float, echoes_W: Array) -> GroundPlane:
-    """Plane through the median echo of each beam, of `echoes_W` (pings, k, 3) [m], over beams with enough echoes."""
+    """Plane through the median echo of each beam, of `echoes_W` (pings, k, 3) [m], over beams with
+    enough echoes.
+    """
     heard = np.isfinite(echoes_W).all(axis=2).mean(axis=0) >= _HEARD
     unknown = readonly(np.full(3, np.nan))
     try:
@@ -103,5 +121,10 @@ def _ground(time: float, echoes_W: Array) -> GroundPlane:
         p, normal, scatter = unknown, unknown, float("nan")
     silent = tuple(int(beam) + 1 for beam in np.flatnonzero(~heard))
     return GroundPlane(
-        time=time, p_W=readonly(p), normal_W=readonly(normal), scatter=scatter, beams=int(heard.sum()), silent=silent
+        time=time,
+        p_W=readonly(p),
+        normal_W=readonly(normal),
+        scatter=scatter,
+        beams=int(heard.sum()),
+        silent=silent,
     )

@@ -1,9 +1,9 @@
 """Watch on an object that the camera on the arm tracks: it moves if the track and vision part.
 
-The track says how the hull moves over the object, vision how it moves in the world. Their difference is where the
-object is, up to a constant. Its mean of late is compared with that of some seconds. What parts more slowly is not told
-from errors of the arm's model and of the track, which grow with the way. Where vision wanders by its own statement,
-nothing can be told.
+The track says how the hull moves over the object, vision how it moves in the world. Their
+difference is where the object is, up to a constant. Its mean of late is compared with that of some
+seconds. What parts more slowly is not told from errors of the arm's model and of the track, which
+grow with the way. Where vision wanders by its own statement, nothing can be told.
 """
 
 import math
@@ -27,22 +27,27 @@ class ObjectWatch:
     count: int = 0  # pictures of vision since
     late: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] W, over _SHORT
     early: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] W, over _LONG
-    grown: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m^2] variance of the track's place, over _LONG
+    # (3,) [m^2] variance of the track's place, over _LONG
+    grown: Array = field(default_factory=lambda: np.zeros(3))
     time: float = math.nan  # [s] of the newest picture
-    moved_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] by which it moves; zero: not beyond doubt
+    # (3,) [m] by which it moves; zero: not beyond doubt
+    moved_W: Array = field(default_factory=lambda: np.zeros(3))
 
     def begin(self, time: float) -> None:
         """A track has begun at `time` [s]: what was known of another one does not count."""
         self.begun, self.count, self.moved_W = time, 0, np.zeros(3)
 
-    def take(self, time: float, place_W: Array, sigma: float, variance_W: Array | None = None) -> None:
+    def take(
+        self, time: float, place_W: Array, sigma: float, variance_W: Array | None = None
+    ) -> None:
         """Take one picture of vision.
 
         Args:
             time: [s] of its exposure.
             place_W: (3,) [m] object by track and vision, up to a constant.
             sigma: [m] standard deviation of vision's white noise.
-            variance_W: (3,) [m^2] of the track's place since it began, growing; inf where it sees nothing. None: zero.
+            variance_W: (3,) [m^2] of the track's place since it began, growing; inf where it sees
+                nothing. None: zero.
         """
         if not time > self.begun:  # exposed before
             return
@@ -52,7 +57,9 @@ class ObjectWatch:
             self.late, self.early, self.grown, self.time = place_W, place_W, variance, time
             return
         interval, self.time = max(time - self.time, 1e-3), time
-        short, long = (max(1.0 / self.count, -math.expm1(-interval / mean)) for mean in (_SHORT, _LONG))
+        short, long = (
+            max(1.0 / self.count, -math.expm1(-interval / mean)) for mean in (_SHORT, _LONG)
+        )
         self.late = self.late + short * (place_W - self.late)
         self.early = self.early + long * (place_W - self.early)
         seen = np.isfinite(variance) & np.isfinite(self.grown)
@@ -60,6 +67,8 @@ class ObjectWatch:
         self.grown = np.where(seen, self.grown + long * np.where(seen, parted, 0.0), variance)
         if time - self.begun < _BEGUN:
             return
-        noise = np.sqrt(sigma**2 * (short / (2.0 - short) + long / (2.0 - long)) + np.maximum(parted, 0.0))
+        noise = np.sqrt(
+            sigma**2 * (short / (2.0 - short) + long / (2.0 - long)) + np.maximum(parted, 0.0)
+        )
         moved = self.late - self.early
         self.moved_W = moved * (np.abs(moved) > np.maximum(_LEAST, _SURE * noise))

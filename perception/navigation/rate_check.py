@@ -1,17 +1,22 @@
-"""Check of the gyro against the attitude reference: two fields of one message that must tell of the same turning.
+"""Check of the gyro against the attitude reference: two fields of one message that must tell of the
+same turning.
 
-The angle by which the attitude has turned beyond what the gyro says, about each axis of the hull, is the noise of the
-attitude and the integral of the gyro's. A steady Kalman filter of it has a white innovation. Three parts follow:
+The angle by which the attitude has turned beyond what the gyro says, about each axis of the hull,
+is the noise of the attitude and the integral of the gyro's. A steady Kalman filter of it has a
+white innovation. Three parts follow:
 
-- *Alarm.* A cumulative sum of the innovation, for either sign [Page 1954], exceeds its limit, and so does the angle.
-- *Blame.* At the onset, where the sum left zero, one of the two changed its ways, the other did not. That can be told
-  where the change is well above what the hull's own rate did before. Else it may be either, as it may with a drift that
-  comes slowly; then the gyro is blamed if its own samples step by the size of the slope,
-  which no hull does. Readings that repeat bit by bit since the onset are blamed before all else.
-- *Size.* The gyro is off by its jump, or by the slope of the angle since the onset: within a factor of two.
+- *Alarm.* A cumulative sum of the innovation, for either sign [Page 1954], exceeds its limit, and
+  so does the angle.
+- *Blame.* At the onset, where the sum left zero, one of the two changed its ways, the other did
+  not. That can be told where the change is well above what the hull's own rate did before. Else it
+  may be either, as it may with a drift that comes slowly; then the gyro is blamed if its own
+  samples step by the size of the slope, which no hull does. Readings that repeat bit by bit since
+  the onset are blamed before all else.
+- *Size.* The gyro is off by its jump, or by the slope of the angle since the onset: within a factor
+  of two.
 
-A small time between the two fields is allowed for, and a scale and an alignment that are not perfect. These make angles
-in step with the turning.
+A small time between the two fields is allowed for, and a scale and an alignment that are not
+perfect. These make angles in step with the turning.
 """
 
 import numpy as np
@@ -24,8 +29,10 @@ SLACK = 0.5  # [-] standard deviations by which the mean of an innovation may be
 LIMIT = 30.0  # [-] of the cumulative sum; white noise exceeds it once in exp(30) samples
 CLIP = 20.0  # [-] largest innovation counted, so that a single reading raises no alarm
 CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle must exceed
-LONGEST = 0.5  # [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
-LEAST_RATE = 4.0  # [-] standard deviations of a sample of the gyro, and of its bias: smallest rate that is a fault
+# [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
+LONGEST = 0.5
+# [-] standard deviations of a sample of the gyro, and of its bias: smallest rate that is a fault
+LEAST_RATE = 4.0
 FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations believed
 JUMPS = 0.01  # [rad/s] by which no hull turns faster from one sample to the next but in an impact
 WILD = 8.0  # [-] standard deviations of a sample of the gyro that a jump exceeds too
@@ -34,13 +41,15 @@ SCALE = 1e-3  # [-] error of the gyro's scale
 USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
 RESTLESS = 1.0  # [s] time constant of the mean square by which the gyro moves about its usual rate
 DISTINCT = 4.0  # [-] times its root, above which a change is not the hull's own
-# Share [-] of the angle since the onset that one of the two has turned beyond its usual rate, to be blamed.
+# Share [-] of the angle since the onset that one of the two has turned beyond its usual rate, to be
+# blamed.
 GUILTY = 0.6
 INNOCENT = 0.25  # [-] and the most of it that the gyro has turned if it is the attitude
 PAST = 128  # samples of the gyro that are kept, to look back for a jump
 BESIDE = 5  # of them on either side of a jump, whose means are compared
 BEFORE = 10  # by how many samples a jump may come before the sum left zero
-SUDDEN = 5.0  # [-] times the root mean square of that comparison elsewhere, above which a gyro has jumped
+# [-] times the root mean square of that comparison elsewhere, above which a gyro has jumped
+SUDDEN = 5.0
 AGREES = (0.5, 2.0)  # [-] jump of the gyro over the slope of the angle, if the one made the other
 REPEATS = 5  # readings in a row by which one is frozen, or is no rotation
 ANGLE_CLIP = 5e-3  # [rad] angle whose correction is taken whole, against single outliers
@@ -51,13 +60,17 @@ RATE_CHECK = np.dtype(
         np.record,
         [
             ("on", np.int64),  # 1: both are compared
-            ("misaligned", np.float64),  # [rad] largest angle between the axes of the two that is stated
-            ("compared", np.float64),  # [s] for which both have been compared; 0: the next sample is the first
+            # [rad] largest angle between the axes of the two that is stated
+            ("misaligned", np.float64),
+            # [s] for which both have been compared; 0: the next sample is the first
+            ("compared", np.float64),
             ("R_last", np.float64, (3, 3)),  # last attitude
             ("w_last", np.float64, 3),  # [rad/s] last rate
-            ("same", np.int64, 4),  # equal readings in a row, less one: of each axis of the gyro, of the attitude
+            # equal readings in a row, less one: of each axis of the gyro, of the attitude
+            ("same", np.int64, 4),
             ("improper", np.int64),  # attitudes in a row that are no rotations
-            ("angle", np.float64, 3),  # [rad] of the attitude ahead of the gyro, after the filter's correction
+            # [rad] of the attitude ahead of the gyro, after the filter's correction
+            ("angle", np.float64, 3),
             ("sums", np.float64, (2, 3)),  # [-] cumulative sums, for either sign
             ("usual", np.float64, (2, 3)),  # [rad/s] usual rates up to now: gyro, attitude
             ("past", np.float64, (PAST, 3)),  # [rad/s] ring of the last rates
@@ -66,15 +79,18 @@ RATE_CHECK = np.dtype(
             # Since the onset, for either sign and about each axis
             ("lasting", np.float64, (2, 3)),  # [s]
             ("corrected", np.float64, (2, 3)),  # [rad] what the filter took off `angle`
-            ("slope", np.float64, (2, 3, 2)),  # sums of angle times time [rad s], and of time squared [s^2]
+            # sums of angle times time [rad s], and of time squared [s^2]
+            ("slope", np.float64, (2, 3, 2)),
             ("moved", np.float64, (2, 3, 2)),  # [rad] turned beyond the usual rate: gyro, attitude
-            ("before", np.float64, (2, 3, 3)),  # at the onset: usual rates of gyro and attitude [rad/s], `restless`
+            # at the onset: usual rates of gyro and attitude [rad/s], `restless`
+            ("before", np.float64, (2, 3, 3)),
             ("held", np.int64, 3),  # samples for which a rate that jumped is not used
             # Findings
             ("gyro_off", np.float64, 3),  # [rad/s] 0: sound
             ("rate", np.float64, 3),  # [rad/s] that the gyro showed before it went wrong
             ("doubt", np.float64, 3),  # [rad/s] by which the hull's own may have changed since
-            ("attitude_off", np.float64, 3),  # [rad] 0: sound, NaN: no rotation; about an axis of a gyro off: either
+            # [rad] 0: sound, NaN: no rotation; about an axis of a gyro off: either
+            ("attitude_off", np.float64, 3),
         ],
     ),
     align=True,
@@ -92,8 +108,8 @@ def compare_rate(f, dt, w_B, R_meas):
         R_meas: (3, 3) attitude of the reference.
 
     Returns:
-        NONE, GYRO or ATTITUDE: what to go on without. `gyro_off` and `attitude_off` of the check say about which axes
-        it is off, and by how much; both where it may be either.
+        NONE, GYRO or ATTITUDE: what to go on without. `gyro_off` and `attitude_off` of the check
+            say about which axes it is off, and by how much; both where it may be either.
     """
     check = f.check
     if not _proper(R_meas):
@@ -112,7 +128,11 @@ def compare_rate(f, dt, w_B, R_meas):
     check.compared += dt
     _count_repeats(check, w_B, R_meas)
     _store(check, w_B)
-    white, noise, share = max(f.turning[1], FINEST_ANGLE**2), max(np.sqrt(f.rate), FINEST_RATE), min(1.0, dt / USUAL)
+    white, noise, share = (
+        max(f.turning[1], FINEST_ANGLE**2),
+        max(np.sqrt(f.rate), FINEST_RATE),
+        min(1.0, dt / USUAL),
+    )
     ratio = (noise * dt) ** 2 / white
     gain = max(0.5 * (np.sqrt(ratio**2 + 4.0 * ratio) - ratio), dt / check.compared)
     turning = np.sqrt((check.usual[0] ** 2).sum())
@@ -140,14 +160,18 @@ def compare_rate(f, dt, w_B, R_meas):
             if not clear or check.sums[side, i] <= LIMIT:
                 continue
             blamed = _blamed(check, side, i, dt, off)
-            if blamed == EITHER and _gyro_jumped(check, i, round(check.lasting[side, i] / dt), -rate):
+            if blamed == EITHER and _gyro_jumped(
+                check, i, round(check.lasting[side, i] / dt), -rate
+            ):
                 blamed = GYRO
             if blamed != GYRO:
                 check.attitude_off[i] = off
             if blamed != ATTITUDE:
                 _leave_out(check, side, i, w_B[i], rate, white)
             verdict = max(verdict, GYRO if blamed == EITHER else blamed)
-        check.restless[i] += min(1.0, dt / RESTLESS) * ((w_B[i] - check.usual[0, i]) ** 2 - check.restless[i])
+        check.restless[i] += min(1.0, dt / RESTLESS) * (
+            (w_B[i] - check.usual[0, i]) ** 2 - check.restless[i]
+        )
         check.usual[0, i] += share * (w_B[i] - check.usual[0, i])
         check.usual[1, i] += share * (turned / dt - check.usual[1, i])
     check.R_last[:], check.w_last[:] = R_meas, w_B
@@ -190,10 +214,12 @@ def _store(check, w_B):
 
 @kernel
 def _gyro_jumped(check, i, since, size):
-    """True if the gyro jumped by about `size` [rad/s] about axis `i`, within `since` samples or shortly before.
+    """True if the gyro jumped by about `size` [rad/s] about axis `i`, within `since` samples or
+    shortly before.
 
-    No hull does: what it turns faster by within BESIDE samples is small against a step, however it rolls.
-    The means before and after it differ by much more than those before and after other samples.
+    No hull does: what it turns faster by within BESIDE samples is small against a step, however it
+    rolls. The means before and after it differ by much more than those before and after other
+    samples.
     """
     count = min(check.stored, PAST)
     newest, most, at = check.stored - 1, 0.0, -1
@@ -212,7 +238,9 @@ def _gyro_jumped(check, i, since, size):
 
 @kernel
 def _step(check, i, first):
-    """Mean rate [rad/s] of BESIDE samples from number `first` on, less that of as many before it."""
+    """Mean rate [rad/s] of BESIDE samples from number `first` on, less that of as many before
+    it.
+    """
     total = 0.0
     for k in range(BESIDE):
         total += check.past[(first + k) % PAST, i] - check.past[(first - 1 - k) % PAST, i]
@@ -221,7 +249,8 @@ def _step(check, i, first):
 
 @kernel
 def _summed(check, side, i, z):
-    """Add an innovation `z` in standard deviations to a sum about axis `i`; False if it is zero, or starts anew.
+    """Add an innovation `z` in standard deviations to a sum about axis `i`; False if it is zero, or
+    starts anew.
 
     What counts from the onset on is then zero too.
     """
@@ -263,14 +292,19 @@ def _follow(check, side, i, dt, off, seen):
 
 @kernel
 def _blamed(check, side, i, dt, off):
-    """GYRO, ATTITUDE or EITHER as what makes an angle `off` [rad] about axis `i`; samples come every `dt` [s]."""
+    """GYRO, ATTITUDE or EITHER as what makes an angle `off` [rad] about axis `i`; samples come
+    every `dt` [s].
+    """
     lasting = check.lasting[side, i]
     repeats = max(REPEATS, round(lasting / dt) - 1)
     if check.same[3] >= repeats:
         return ATTITUDE
     if check.same[i] >= repeats:
         return GYRO
-    if check.compared < RESTLESS or abs(off) < DISTINCT * np.sqrt(check.before[side, i, 2]) * lasting:
+    if (
+        check.compared < RESTLESS
+        or abs(off) < DISTINCT * np.sqrt(check.before[side, i, 2]) * lasting
+    ):
         return EITHER
     gyro, attitude = abs(check.moved[side, i, 0] / off), abs(check.moved[side, i, 1] / off)
     if gyro > GUILTY:
@@ -280,7 +314,8 @@ def _blamed(check, side, i, dt, off):
 
 @kernel
 def _leave_out(check, side, i, w, rate, white):
-    """Note that the gyro is off about axis `i`: it says `w` [rad/s], and the attitude turns faster by `rate` [rad/s].
+    """Note that the gyro is off about axis `i`: it says `w` [rad/s], and the attitude turns faster
+    by `rate` [rad/s].
 
     `white` [rad^2] is the variance of one attitude reading.
     """

@@ -1,4 +1,6 @@
-"""Navigation without fusion: each state from its own sensor, the baseline for `strapdown_filter`."""
+"""Navigation without fusion: each state from its own sensor, the baseline for
+`strapdown_filter`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,7 +52,9 @@ class RawNavigation:
         torque = first_of(TorqueMeasurement, first)
         return RawState(imu, vision, encoders, torque, np.zeros(3))
 
-    def step(self, state: RawState, measurements: Sequence[Measurement]) -> tuple[RawState, StateEstimate]:
+    def step(
+        self, state: RawState, measurements: Sequence[Measurement]
+    ) -> tuple[RawState, StateEstimate]:
         """Store the latest measurements and return them as the state estimate."""
         for m in measurements:
             if isinstance(m, ImuMeasurement):

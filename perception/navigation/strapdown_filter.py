@@ -1,40 +1,47 @@
-"""Strapdown navigation filter: hull pose, velocity and acceleration from IMU, DVL, delayed vision and joint sensors.
+"""Strapdown navigation filter: hull pose, velocity and acceleration from IMU, DVL, delayed vision
+and joint sensors.
 
-Position, velocity and accelerometer bias are estimated by one Kalman filter driven by the accelerometer at the IMU's
-rate (`uuv.perception.navigation.filter_kernel`). The tilt error of the attitude reference couples gravity into the
-acceleration and cannot be separated from the bias. The bias is therefore kept in hull axes, where both stay constant
-when the hull turns.
+Position, velocity and accelerometer bias are estimated by one Kalman filter driven by the
+accelerometer at the IMU's rate (`uuv.perception.navigation.filter_kernel`). The tilt error of the
+attitude reference couples gravity into the acceleration and cannot be separated from the bias. The
+bias is therefore kept in hull axes, where both stay constant when the hull turns.
 
-**Noise.** The noise that the maker of a sensor states travels with the measurement. Without it the filter uses its own
-values for that sensor. Innovations larger than the noise explains increase the assumed variance of the sensor, never
-decrease it (`fixes.FixMonitor.scale`). While the accelerometer's bias is constant, the DVL's innovations are white. A
-mean innovation beyond noise shows a bias that jumped, which is then estimated anew.
+**Noise.** The noise that the maker of a sensor states travels with the measurement. Without it the
+filter uses its own values for that sensor. Innovations larger than the noise explains increase the
+assumed variance of the sensor, never decrease it (`fixes.FixMonitor.scale`). While the
+accelerometer's bias is constant, the DVL's innovations are white. A mean innovation beyond noise
+shows a bias that jumped, which is then estimated anew.
 
-**Delay.** Vision arrives late, and not always in order. The filter goes back to the step at which the picture was
-taken, processes it there and runs forward again over the stored IMU samples and all later fixes. The result equals that
-of a filter which had every measurement in time, called recalculation in [Larsen 1998].
+**Delay.** Vision arrives late, and not always in order. The filter goes back to the step at which
+the picture was taken, processes it there and runs forward again over the stored IMU samples and all
+later fixes. The result equals that of a filter which had every measurement in time, called
+recalculation in [Larsen 1998].
 
-**Wander.** A slowly varying error of vision (`VisionNoise.wander`) has a state of its own. The motion of the hull since
-some moment is then observable as far as IMU and DVL allow. The place in the world is not, because a wander present from
-the start looks like another place. The object is located with the same cameras, so the error of that moment shifts
-object and hull alike, and the tool stays in place on the object. The wander since then does move the tool on the
-object. With 5 mm and a time constant of 20 s it is 4.5 mm since the scan where the wander is stated, 5.8 mm where it is
-not. `StateEstimate.position_sigma` refers to the place in the world and contains both parts.
+**Wander.** A slowly varying error of vision (`VisionNoise.wander`) has a state of its own. The
+motion of the hull since some moment is then observable as far as IMU and DVL allow. The place in
+the world is not, because a wander present from the start looks like another place. The object is
+located with the same cameras, so the error of that moment shifts object and hull alike, and the
+tool stays in place on the object. The wander since then does move the tool on the object. With 5 mm
+and a time constant of 20 s it is 4.5 mm since the scan where the wander is stated, 5.8 mm where it
+is not. `StateEstimate.position_sigma` refers to the place in the world and contains both parts.
 
-**Camera on the arm.** It measures how tool and hull move over the object (`surface_track`), at 10 to 20 Hz and to a
-tenth of a millimetre. The place where its track began is as uncertain as the filter was then. Where vision states no
-wander, the estimate stays the place in the world, which vision's mean makes better while the track holds it still.
-Where vision wanders, the place in the world is of no use to the tool: the estimate is then the place relative to the
-object as seen when the first track began. An object that moves is taken for a motion of the hull, up to the gate, until
+**Camera on the arm.** It measures how tool and hull move over the object (`surface_track`), at 10
+to 20 Hz and to a tenth of a millimetre. The place where its track began is as uncertain as the
+filter was then. Where vision states no wander, the estimate stays the place in the world, which
+vision's mean makes better while the track holds it still. Where vision wanders, the place in the
+world is of no use to the tool: the estimate is then the place relative to the object as seen when
+the first track began. An object that moves is taken for a motion of the hull, up to the gate, until
 `object_watch` finds that track and vision part.
 
-**Tool at rest.** While a pressed tool stands (`ToolAtRest`), its tip is such a camera, and has not moved. Two messages
-tell how far the hull has moved between them, to a tenth of a millimetre: its speed, and the accelerometer's bias.
+**Tool at rest.** While a pressed tool stands (`ToolAtRest`), its tip is such a camera, and has not
+moved. Two messages tell how far the hull has moved between them, to a tenth of a millimetre: its
+speed, and the accelerometer's bias.
 
-**Smooth output.** A tool in contact needs a smooth estimate: on a surface of 3e4 N/m a jump of 0.2 mm is 6 N.
-Corrections are therefore withheld and released gradually, by d'' = -sqrt(2) f d' - f^2 d. This is the linear-quadratic
-optimum between the remaining error and the acceleration added to the motion. The output position and velocity have no
-steps, and one is the derivative of the other. The frequency f follows that of the filter's own gain.
+**Smooth output.** A tool in contact needs a smooth estimate: on a surface of 3e4 N/m a jump of 0.2
+mm is 6 N. Corrections are therefore withheld and released gradually, by d'' = -sqrt(2) f d' - f^2
+d. This is the linear-quadratic optimum between the remaining error and the acceleration added to
+the motion. The output position and velocity have no steps, and one is the derivative of the other.
+The frequency f follows that of the filter's own gain.
 """
 
 import math
@@ -98,8 +105,10 @@ class NavigationState:
     estimate: EstimateRecord  # the last one
     fixes: Fixes
     track: SurfaceTrack | None = None  # of a camera on the arm, or of a tool that stands
-    watch: ObjectWatch | None = None  # on the object that the camera tracks; None: there is none, or vision wanders
-    packed: tuple[tuple[Array, ...], ...] = ()  # the three records as plain tuples, faster to pass to a kernel
+    # on the object that the camera tracks; None: there is none, or vision wanders
+    watch: ObjectWatch | None = None
+    # the three records as plain tuples, faster to pass to a kernel
+    packed: tuple[tuple[Array, ...], ...] = ()
 
     def __post_init__(self) -> None:
         self.packed = tuple(self.sample), tuple(self.joints), tuple(self.estimate)
@@ -116,7 +125,12 @@ class NavigationState:
 
 
 _IMU = ImuNoise(
-    acceleration=2.5e-3, acceleration_bias=6e-3, rate=2e-4, rate_bias=1e-4, attitude=5e-5, attitude_bias=5e-4
+    acceleration=2.5e-3,
+    acceleration_bias=6e-3,
+    rate=2e-4,
+    rate_bias=1e-4,
+    attitude=5e-5,
+    attitude_bias=5e-4,
 )
 _DVL, _VISION = DvlNoise(white=3e-3), VisionNoise(white=2e-3)
 
@@ -125,8 +139,8 @@ _DVL, _VISION = DvlNoise(white=3e-3), VisionNoise(white=2e-3)
 class Navigation:
     """Strapdown navigation filter with delayed fixes, adaptive noise and smooth output.
 
-    Implements `uuv.sim.interfaces.protocols.Estimator`. `imu`, `dvl` and `vision` apply to a sensor that states no
-    noise.
+    Implements `uuv.sim.interfaces.protocols.Estimator`. `imu`, `dvl` and `vision` apply to a sensor
+    that states no noise.
     """
 
     period: float = 0.002  # [s]
@@ -135,25 +149,31 @@ class Navigation:
     vision: VisionNoise = _VISION
     bias_walk: float = 5e-6  # [m/s^2/sqrt(s)] random walk of the accelerometer bias
     rate_bias_walk: float = 1e-7  # [rad/s/sqrt(s)] random walk of the gyro bias
-    adapt: bool = True  # raise a sensor's variance on large innovations; estimate a bias anew that jumped
+    # raise a sensor's variance on large innovations; estimate a bias anew that jumped
+    adapt: bool = True
     check_gyro: bool = True  # compare gyro and attitude of each message, as far as `adapt` allows
-    gate: float = 27.9  # [-] chi-square with 3 degrees of freedom: a sound fix is refused 4 times in a million
+    # [-] chi-square with 3 degrees of freedom: a sound fix is refused 4 times in a million
+    gate: float = 27.9
     release: tuple[float, float, float, float] = (16.0, 2.0, 12.0, 5e-3)
-    """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest distance that pulls [m]."""
+    """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest
+    distance that pulls [m].
+    """
     acceleration_time: float = 0.02  # [s] time constant of the output acceleration
     arm_camera: TrackMount | None = None  # camera on the arm; None: there is none
     standing: TrackMount | None = None  # tip of a tool that stops on its path; None: it does not
 
     def __post_init__(self) -> None:
         if self.arm_camera is not None and self.standing is not None:
-            raise ConfigurationError("navigation: arm_camera and standing; a track is of one of the two")
+            raise ConfigurationError(
+                "navigation: arm_camera and standing; a track is of one of the two"
+            )
 
     def init(self, first: Sequence[Measurement]) -> NavigationState:
         """Initial state from the first measurements of every sensor; velocity zero without a DVL.
 
         Raises:
-            ConfigurationError: If an IMU, vision, encoder or torque measurement is missing, or one of them is not
-                finite.
+            ConfigurationError: If an IMU, vision, encoder or torque measurement is missing, or one
+                of them is not finite.
         """
         imu = first_of(ImuMeasurement, first)
         vision = first_of(VisionMeasurement, first)
@@ -168,20 +188,30 @@ class Navigation:
             (torque, (torque.tau,)),
         ):
             if not (math.isfinite(m.time) and all(_sound(v) for v in values)):
-                raise ConfigurationError(f"navigation needs a first {type(m).__name__} that is finite, got {values}")
-        stated = imu.noise or self.imu, vision.noise or self.vision, speed.noise or self.dvl if speed else self.dvl
+                raise ConfigurationError(
+                    f"navigation needs a first {type(m).__name__} that is finite, got {values}"
+                )
+        stated = (
+            imu.noise or self.imu,
+            vision.noise or self.vision,
+            speed.noise or self.dvl if speed else self.dvl,
+        )
         memory, mount = np.zeros(1, FILTER), self.arm_camera or self.standing
         f = memory[0]
         self._set_constants(f, *stated)
         _set_states(f, first=(imu, vision, speed), stated=stated)
-        last_dvl = FixMonitor(speed.v_WB_B, speed.time) if speed else FixMonitor(np.zeros(3), -math.inf)
+        last_dvl = (
+            FixMonitor(speed.v_WB_B, speed.time) if speed else FixMonitor(np.zeros(3), -math.inf)
+        )
         n = len(encoders.q)
         state = NavigationState(
             memory=memory,
             sample=imu_record(),
             joints=joint_record(n),
             estimate=estimate_record(n),
-            fixes=Fixes(memory, self.gate, self.adapt, (FixMonitor(vision.p_WB, vision.time), last_dvl)),
+            fixes=Fixes(
+                memory, self.gate, self.adapt, (FixMonitor(vision.p_WB, vision.time), last_dvl)
+            ),
             track=SurfaceTrack(memory, self.gate, mount) if mount else None,
             watch=ObjectWatch() if self.arm_camera and not stated[1].wander else None,
         )
@@ -190,7 +220,9 @@ class Navigation:
         state.estimate.attitude_sigma[0] = stated[0].attitude_bias
         return state
 
-    def _set_constants(self, f: np.record, imu: ImuNoise, vision: VisionNoise, dvl: DvlNoise) -> None:
+    def _set_constants(
+        self, f: np.record, imu: ImuNoise, vision: VisionNoise, dvl: DvlNoise
+    ) -> None:
         """Write what stays the same over a run into the filter's record `f`."""
         n = 9
         f.layout[:] = -1
@@ -210,7 +242,9 @@ class Navigation:
 
     @staticmethod
     def _watch(state: NavigationState, time: float, p_WB: Array, white: float) -> None:
-        """Compare a picture of vision that was used with the track, and state by how much the object moves."""
+        """Compare a picture of vision that was used with the track, and state by how much the
+        object moves.
+        """
         watch = state.watch
         if watch is None or state.track is None:
             return
@@ -218,7 +252,10 @@ class Navigation:
         if place_W is None:
             state.estimate.object_moved_W[:] = 0.0
         else:
-            sigma, variance_W = white * math.sqrt(state.fixes.watches[VISION].scale), state.track.variance_at_last()
+            sigma, variance_W = (
+                white * math.sqrt(state.fixes.watches[VISION].scale),
+                state.track.variance_at_last(),
+            )
             watch.take(time, p_WB - place_W, sigma, variance_W)
             state.estimate.object_moved_W[:] = watch.moved_W
 
@@ -231,8 +268,8 @@ class Navigation:
     ) -> tuple[NavigationState, StateEstimate]:
         """Process the measurements that have arrived, in any order, and return the estimate of now.
 
-        Measurements that are not finite, were processed before or repeat a frozen reading are ignored. The ages in the
-        estimate then grow.
+        Measurements that are not finite, were processed before or repeat a frozen reading are
+        ignored. The ages in the estimate then grow.
 
         Args:
             state: Of the last call, or of `init`; changed in place.
@@ -251,8 +288,14 @@ class Navigation:
                 if sampled:  # a slow estimator gets several
                     take_imu(memory, packed_sample)
                 sample.time[0], sampled = m.time, True
-                sample.specific_force_B[:], sample.w_WB_B[:], sample.R_WB[:] = m.specific_force_B, m.w_WB_B, m.R_WB
-            elif isinstance(m, (VisionMeasurement, DvlMeasurement, SurfaceMotionMeasurement, ToolAtRest)):
+                sample.specific_force_B[:], sample.w_WB_B[:], sample.R_WB[:] = (
+                    m.specific_force_B,
+                    m.w_WB_B,
+                    m.R_WB,
+                )
+            elif isinstance(
+                m, (VisionMeasurement, DvlMeasurement, SurfaceMotionMeasurement, ToolAtRest)
+            ):
                 fixes.append(m)
                 continue  # fixes do not set the clock: a wrong time stamp on a picture must not
             if m.time > newest:

@@ -1,14 +1,16 @@
 """Motion between two pictures of a small stereo camera: direct alignment of intensity and depth.
 
-The key picture's pixels are carried into the present one by depth and a trial motion. Two residuals are made small by
-Gauss-Newton with Huber weights: intensity, which sees motion across a textured surface [Lucas 1981], and the distance
-from the present surface along its normal, which sees its shape [Chen 1992]. Together they are those of [Kerl 2013]. The
-rotation between the pictures is known from attitude reference and encoders, and enters as a prior. Intensity is taken
-relative to its local mean, so lamp and veil of the water do not count. Only gradients well above the camera's noise
+The key picture's pixels are carried into the present one by depth and a trial motion. Two residuals
+are made small by Gauss-Newton with Huber weights: intensity, which sees motion across a textured
+surface [Lucas 1981], and the distance from the present surface along its normal, which sees its
+shape [Chen 1992]. Together they are those of [Kerl 2013]. The rotation between the pictures is
+known from attitude reference and encoders, and enters as a prior. Intensity is taken relative to
+its local mean, so lamp and veil of the water do not count. Only gradients well above the camera's
+noise
 are used: on a plain surface noise must not look like texture.
 
-The normal equations say which translations the view observes. Along a plain generator of a barrel there is none; the
-information there is zero.
+The normal equations say which translations the view observes. Along a plain generator of a barrel
+there is none; the information there is zero.
 """
 
 from dataclasses import dataclass
@@ -46,7 +48,8 @@ class PreparedPicture:
     """A picture with all that an alignment needs of it."""
 
     levels: tuple[np.ndarray, ...]  # each (3, h, w): contrast, its gradients along x and y [1/px]
-    noise: tuple[tuple[float, float], ...]  # per level: standard deviation of contrast and of its gradient
+    # per level: standard deviation of contrast and of its gradient
+    noise: tuple[tuple[float, float], ...]
     inverse_depth: np.ndarray  # (h, w) [1/m], smoothed; NaN where not known
     normals: np.ndarray  # (h, w, 3) unit, towards the camera
     K: tuple[float, float, float]  # [px] focal, principal point
@@ -58,7 +61,8 @@ class Alignment:
 
     p_KC: Array  # (3,) [m] position of the present camera in the key camera's axes
     R_KC: Array  # (3, 3)
-    information_K: Array  # (3, 3) [1/m^2] of the position, key axes, by the residuals' own scatter; 0 if not observed
+    # (3, 3) [1/m^2] of the position, key axes, by the residuals' own scatter; 0 if not observed
+    information_K: Array
     pixels: int  # with depth in both pictures
     settled: bool  # the iteration converged and the residuals are those of noise
 
@@ -79,7 +83,9 @@ def prepare(
     known = np.isfinite(depth) & ~hidden
     image = intensity.astype(np.float64)
     share = ndimage.gaussian_filter((~hidden).astype(np.float64), MEAN_BLUR)
-    mean = ndimage.gaussian_filter(np.where(hidden, 0.0, image), MEAN_BLUR) / np.maximum(share, 1e-3)
+    mean = ndimage.gaussian_filter(np.where(hidden, 0.0, image), MEAN_BLUR) / np.maximum(
+        share, 1e-3
+    )
     mean = np.maximum(mean, 3.0 * noise.intensity)
     contrast = np.where(hidden, 0.0, image / mean - 1.0)
     brightness = float(np.median(mean[~hidden])) if (~hidden).any() else 1.0
@@ -88,22 +94,30 @@ def prepare(
         smooth = ndimage.gaussian_filter(contrast, blur)
         gy, gx = np.gradient(smooth)
         levels.append(np.stack([smooth, gx, gy]))
-        # White noise through a Gaussian of width s: 1 / (2 s sqrt(pi)), its derivative 1 / (2 s^2 sqrt(2 pi)).
+        # White noise through a Gaussian of width s: 1 / (2 s sqrt(pi)), its derivative 1 / (2 s^2
+        # sqrt(2 pi)).
         white = noise.intensity / brightness
-        noises.append((white / (2.0 * blur * np.sqrt(np.pi)), white / (2.0 * blur**2 * np.sqrt(2.0 * np.pi))))
+        noises.append(
+            (white / (2.0 * blur * np.sqrt(np.pi)), white / (2.0 * blur**2 * np.sqrt(2.0 * np.pi)))
+        )
     measured = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
     inverse = _smooth(measured, known, DEPTH_BLUR)
     wv, wu = np.gradient(_smooth(measured, known, NORMAL_BLUR))
     v, u = np.indices(depth.shape)
     cx, cy = 0.5 * (width - 1), 0.5 * (height - 1)
-    # A plane is linear in the inverse depth w(u, v): its normal is (f w_u, f w_v, w - (u - cx) w_u - (v - cy) w_v).
+    # A plane is linear in the inverse depth w(u, v): its normal is (f w_u, f w_v, w - (u - cx) w_u
+    # - (v - cy) w_v).
     normals = -np.stack([focal * wu, focal * wv, inverse - (u - cx) * wu - (v - cy) * wv], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     return PreparedPicture(tuple(levels), tuple(noises), inverse, normals, (focal, cx, cy))
 
 
 def align(
-    key: PreparedPicture, now: PreparedPicture, X_KC: Array, rotation_sigma: float, noise: PictureNoise
+    key: PreparedPicture,
+    now: PreparedPicture,
+    X_KC: Array,
+    rotation_sigma: float,
+    noise: PictureNoise,
 ) -> Alignment | None:
     """Align two pictures.
 
@@ -121,7 +135,8 @@ def align(
     t = -R @ X_KC[:3, 3]
     predicted, start = R.copy(), t.copy()
     normal_matrix, pixels, settled, bad = np.zeros((6, 6)), 0, False, 1.0
-    cells = 1.0 + noise.correlation**2 + 2.0 * np.pi * DEPTH_BLUR**2  # pixels that share one error of the depth
+    # pixels that share one error of the depth
+    cells = 1.0 + noise.correlation**2 + 2.0 * np.pi * DEPTH_BLUR**2
     for level, most in enumerate(ITERATIONS):
         sigma_i = max(np.hypot(now.noise[level][0], key.noise[level][0]), 1e-6)
         least = (LEAST_GRADIENT * max(now.noise[level][1], key.noise[level][1])) ** 2
@@ -142,7 +157,11 @@ def align(
             pixels = int(count)
             if pixels < LEAST_PIXELS:
                 return None
-            scale_i = max(1.4826 * float(np.median(np.abs(residuals_i))), sigma_i) if len(residuals_i) else sigma_i
+            scale_i = (
+                max(1.4826 * float(np.median(np.abs(residuals_i))), sigma_i)
+                if len(residuals_i)
+                else sigma_i
+            )
             scale_d = max(1.4826 * float(np.median(np.abs(residuals_d))), 0.2 * noise.inverse_depth)
             bad = float(np.mean(np.abs(residuals_d) > 3.0 * noise.inverse_depth))
             # The errors of neighbouring pixels are one: each counts for its share.
@@ -152,7 +171,8 @@ def align(
             A, b = H.copy(), g.copy()
             A[3:, 3:] += prior * np.eye(3)
             b[3:] += prior * turn
-            A[:3, :3] += np.eye(3) / WEAKEST**2  # a direction that is not observed keeps the prediction
+            # a direction that is not observed keeps the prediction
+            A[:3, :3] += np.eye(3) / WEAKEST**2
             b[:3] += (t - start) / WEAKEST**2
             step = -np.linalg.solve(A, b)
             turned = exp_so3(step[3:])
@@ -192,7 +212,8 @@ def _rotation_vector(R: Array) -> Array:
 
 @kernel
 def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scales):
-    """Gauss-Newton normal equations of intensity and depth residuals for a small motion (v, w) of the points in C.
+    """Gauss-Newton normal equations of intensity and depth residuals for a small motion (v, w) of
+    the points in C.
 
     Args:
         key: (3, h, w) contrast of the key picture and its gradients.
@@ -203,10 +224,12 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
         K: (3,) [px] focal, principal point.
         R: (3, 3) R_CK.
         t: (3,) [m] key camera in C.
-        scales: (4,) standard deviation of contrast, of inverse depth [1/m], Huber's bound, least squared gradient.
+        scales: (4,) standard deviation of contrast, of inverse depth [1/m], Huber's bound, least
+            squared gradient.
 
     Returns:
-        H (6, 6), g (6,), pixels with depth in both, residuals of contrast, residuals of inverse depth.
+        H (6, 6), g (6,), pixels with depth in both, residuals of contrast, residuals of inverse
+        depth.
     """
     height, width = key_inverse.shape
     f, cx, cy = K
@@ -238,28 +261,52 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
             )
             if not seen > 0.0:
                 continue
-            # Depth: distance from the present surface along the normal, in units of the inverse depth's error there.
-            n0 = R[0, 0] * normals[v, u, 0] + R[0, 1] * normals[v, u, 1] + R[0, 2] * normals[v, u, 2]
-            n1 = R[1, 0] * normals[v, u, 0] + R[1, 1] * normals[v, u, 1] + R[1, 2] * normals[v, u, 2]
-            n2 = R[2, 0] * normals[v, u, 0] + R[2, 1] * normals[v, u, 1] + R[2, 2] * normals[v, u, 2]
+            # Depth: distance from the present surface along the normal, in units of the inverse
+            # depth's error there.
+            n0 = (
+                R[0, 0] * normals[v, u, 0] + R[0, 1] * normals[v, u, 1] + R[0, 2] * normals[v, u, 2]
+            )
+            n1 = (
+                R[1, 0] * normals[v, u, 0] + R[1, 1] * normals[v, u, 1] + R[1, 2] * normals[v, u, 2]
+            )
+            n2 = (
+                R[2, 0] * normals[v, u, 0] + R[2, 1] * normals[v, u, 1] + R[2, 2] * normals[v, u, 2]
+            )
             if n0 == n0:
-                # Along the ray the surface is at 1 / seen; the distance along the normal is n . ray (z - 1 / seen).
+                # Along the ray the surface is at 1 / seen; the distance along the normal is n . ray
+                # (z - 1 / seen).
                 ray = (n0 * x + n1 * y + n2 * z) / z
                 if abs(ray) > 0.2:
-                    unit = 1.0 / (ray * z * z)  # [1/m^2] inverse depth per distance along the normal
+                    # [1/m^2] inverse depth per distance along the normal
+                    unit = 1.0 / (ray * z * z)
                     error = (z - 1.0 / seen) * ray * unit
                     J[0], J[1], J[2] = n0 * unit, n1 * unit, n2 * unit
                     J[3], J[4], J[5] = y * J[2] - z * J[1], z * J[0] - x * J[2], x * J[1] - y * J[0]
                     found_d[nd] = error
                     nd += 1
                     _add(H, g, J, error, scales[1], scales[2])
-            gx = c00 * now[1, j, i] + c01 * now[1, j, i + 1] + c10 * now[1, j + 1, i] + c11 * now[1, j + 1, i + 1]
-            gy = c00 * now[2, j, i] + c01 * now[2, j, i + 1] + c10 * now[2, j + 1, i] + c11 * now[2, j + 1, i + 1]
+            gx = (
+                c00 * now[1, j, i]
+                + c01 * now[1, j, i + 1]
+                + c10 * now[1, j + 1, i]
+                + c11 * now[1, j + 1, i + 1]
+            )
+            gy = (
+                c00 * now[2, j, i]
+                + c01 * now[2, j, i + 1]
+                + c10 * now[2, j + 1, i]
+                + c11 * now[2, j + 1, i + 1]
+            )
             if gx * gx + gy * gy < scales[3] or key[1, v, u] ** 2 + key[2, v, u] ** 2 < scales[3]:
                 continue
             # Mean of both gradients: second order in the motion [Malis 2004].
             gx, gy = 0.5 * (gx + key[1, v, u]), 0.5 * (gy + key[2, v, u])
-            there = c00 * now[0, j, i] + c01 * now[0, j, i + 1] + c10 * now[0, j + 1, i] + c11 * now[0, j + 1, i + 1]
+            there = (
+                c00 * now[0, j, i]
+                + c01 * now[0, j, i + 1]
+                + c10 * now[0, j + 1, i]
+                + c11 * now[0, j + 1, i + 1]
+            )
             error = there - key[0, v, u]
             J[0], J[1] = gx * f / z, gy * f / z
             J[2] = -(J[0] * x + J[1] * y) / z

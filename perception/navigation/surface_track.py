@@ -1,11 +1,14 @@
-"""Track of a camera on the arm, or of a tool at rest, over the object: its readings become fixes of the hull.
+"""Track of a camera on the arm, or of a tool at rest, over the object: its readings become fixes of
+the hull.
 
-Each message gives the camera's motion since a key picture. Keys chained without a gap form a track, with an origin in
-W: where the filter believed the camera to be when the track began. The filter keeps the error of that belief as the
-track's offset, so a track says how the hull has moved since, and nothing of where it is.
+Each message gives the camera's motion since a key picture. Keys chained without a gap form a track,
+with an origin in
+W: where the filter believed the camera to be when the track began. The filter keeps the error of
+that belief as the track's offset, so a track says how the hull has moved since, and nothing of
+where it is.
 
-A direction that a picture does not observe has zero information. Where the track goes on from such a picture, the
-filter's own position takes the place of the reading in that direction.
+A direction that a picture does not observe has zero information. Where the track goes on from such
+a picture, the filter's own position takes the place of the reading in that direction.
 """
 
 import math
@@ -73,11 +76,15 @@ class SurfaceTrack:
     refused: int = 0  # readings not used since the start, for the log
     begun: int = 0  # tracks begun since the start, for the log
     broken: int = 0  # of them those that did not go on from the one before
-    carried_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] by which the others set their place anew
-    variance_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m^2] of the present key since it broke off
+    # (3,) [m] by which the others set their place anew
+    carried_W: Array = field(default_factory=lambda: np.zeros(3))
+    # (3,) [m^2] of the present key since it broke off
+    variance_W: Array = field(default_factory=lambda: np.zeros(3))
 
     def take(self, m: SurfaceMotionMeasurement) -> None:
-        """Update the filter by a message at its step, and withhold the correction; an unsound one is ignored."""
+        """Update the filter by a message at its step, and withhold the correction; an unsound one
+        is ignored.
+        """
         parts = (m.time, m.p_KC, m.R_KC, m.information_K, m.q)
         sound = all(np.isfinite(part).all() for part in parts) and m.key_time <= m.time
         at = row_at(self.memory, m.time)[0] if sound else -1
@@ -95,18 +102,26 @@ class SurfaceTrack:
                 self._begin(m, at, anew=True)
 
     def take_rest(self, m: ToolAtRest) -> None:
-        """Take what the planner says of a tool at rest as a reading of a camera that has not moved."""
+        """Take what the planner says of a tool at rest as a reading of a camera that has not
+        moved.
+        """
         known = np.eye(3) / max(m.slip_sigma, 1e-6) ** 2
         still = SurfaceMotionMeasurement(
-            time=m.time, key_time=m.since, p_KC=np.zeros(3), R_KC=np.eye(3), information_K=known, q=m.q
+            time=m.time,
+            key_time=m.since,
+            p_KC=np.zeros(3),
+            R_KC=np.eye(3),
+            information_K=known,
+            q=m.q,
         )
         self.take(still)
 
     def place_at(self, time: float) -> Array | None:
-        """Hull's origin (3,) [m] in W, up to a constant, at `time` [s] near that of the newest reading; None: unknown.
+        """Hull's origin (3,) [m] in W, up to a constant, at `time` [s] near that of the newest
+        reading; None: unknown.
 
-        By all readings since the track last broke off, those that the filter refused included. The filter's own motion
-        between the two times is added.
+        By all readings since the track last broke off, those that the filter refused included. The
+        filter's own motion between the two times is added.
         """
         if self.last is None:
             return None
@@ -117,14 +132,24 @@ class SurfaceTrack:
         return self.last.place_W + self.carried_W + past[at, :3] - past[then, :3]
 
     def variance_at_last(self) -> Array:
-        """Variance (3,) [m^2] of the newest reading's place since the track broke off; inf where it saw nothing."""
+        """Variance (3,) [m^2] of the newest reading's place since the track broke off; inf where it
+        saw nothing.
+        """
         last = self.last
-        return np.full(3, np.inf) if last is None else self.variance_W + _variance(last.information_W)
+        return (
+            np.full(3, np.inf) if last is None else self.variance_W + _variance(last.information_W)
+        )
 
     def _goes_on(self, key_time: float) -> bool:
-        """Take the last reading for the key if it is of that time; False if the track breaks off."""
+        """Take the last reading for the key if it is of that time; False if the track breaks
+        off.
+        """
         last = self.last
-        at = row_at(self.memory, key_time)[0] if last is not None and last.message.time == key_time else -1
+        at = (
+            row_at(self.memory, key_time)[0]
+            if last is not None and last.message.time == key_time
+            else -1
+        )
         if last is None or at < 0:
             return False
         self.variance_W = self.variance_at_last()
@@ -138,18 +163,28 @@ class SurfaceTrack:
         place = self.p_WK + self.R_WK @ m.p_KC - lever
         information = self.R_WK @ m.information_K @ self.R_WK.T
         row, f = np.zeros(TRACK), self.memory[0]
-        row[READ], row[PLACE : PLACE + 3], row[INFORMATION : INFORMATION + 9] = 1.0, place, information.ravel()
-        innovation, _, weight = compare_track(row, int(f["layout"][AT_TRACK]), f["past_x"][at], f["past_P"][at])
+        row[READ], row[PLACE : PLACE + 3], row[INFORMATION : INFORMATION + 9] = (
+            1.0,
+            place,
+            information.ravel(),
+        )
+        innovation, _, weight = compare_track(
+            row, int(f["layout"][AT_TRACK]), f["past_x"][at], f["past_P"][at]
+        )
         if float(innovation @ weight @ innovation) > self.gate:
             return False
         seen = place - _unobserved(information) @ innovation
-        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=seen, information_W=information)
+        self.last = _Reading(
+            message=m, R_WC=R_WC, lever_W=lever, place_W=seen, information_W=information
+        )
         f["past_track"][at, :BEGUN] = row[:BEGUN]
         self._replay(at)
         return True
 
     def _begin(self, m: SurfaceMotionMeasurement, at: int, *, anew: bool = False) -> None:
-        """Begin a track where the filter believes the hull to be; `anew` on readings that it has refused so far."""
+        """Begin a track where the filter believes the hull to be; `anew` on readings that it has
+        refused so far.
+        """
         x, first = self.memory[0]["past_x"][at], int(self.memory[0]["layout"][AT_TRACK])
         R_WC, lever = self._camera(m, at)
         place = x[:3] + x[first : first + 3]
@@ -163,18 +198,24 @@ class SurfaceTrack:
         self.key_time, self.R_WK = m.key_time, R_WC @ m.R_KC.T
         self.p_WK = place + lever - self.R_WK @ m.p_KC
         known = self.R_WK @ m.information_K @ self.R_WK.T
-        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=place, information_W=known)
+        self.last = _Reading(
+            message=m, R_WC=R_WC, lever_W=lever, place_W=place, information_W=known
+        )
         self.refused_in_row, self.begun = 0, self.begun + 1
         self._replay(at, origin=place)
 
     def _camera(self, m: SurfaceMotionMeasurement, at: int) -> tuple[Array, Array]:
-        """Rotation R_WC (3, 3) of the camera and lever (3,) [m] to it from the hull's origin in W, at a step."""
+        """Rotation R_WC (3, 3) of the camera and lever (3,) [m] to it from the hull's origin in W,
+        at a step.
+        """
         R_WB = self.memory[0]["past_input"][at, ATTITUDE : ATTITUDE + 9].reshape(3, 3)
         X_BC = self.mount.pose(m.q)
         return R_WB @ X_BC[:3, :3], R_WB @ X_BC[:3, 3]
 
     def _replay(self, at: int, origin: Array | None = None) -> None:
-        """Run the filter from a step of the past; with `origin` (3,) [m] the hull was there by the track."""
+        """Run the filter from a step of the past; with `origin` (3,) [m] the hull was there by the
+        track.
+        """
         if origin is not None:
             row = self.memory[0]["past_track"][at]
             row[BEGUN], row[ORIGIN : ORIGIN + 3] = 1.0, origin
@@ -191,6 +232,8 @@ def _variance(information: Array) -> Array:
     """Variance (3,) of each axis by `information` (3, 3); inf where an axis is not observed."""
     values, axes = np.linalg.eigh(information)
     with np.errstate(divide="ignore"):
-        spread = np.where(values > _SHARE * max(float(values[-1]), 1.0), 1.0 / np.maximum(values, 1e-300), np.inf)
+        spread = np.where(
+            values > _SHARE * max(float(values[-1]), 1.0), 1.0 / np.maximum(values, 1e-300), np.inf
+        )
     share = np.where(np.abs(axes) > 1e-6, axes**2, 0.0)
     return np.array([np.sum(spread[row > 0.0] * row[row > 0.0]) for row in share])

@@ -1,4 +1,6 @@
-"""The part of a scan that may show the object, thinned for ICP, and how well a pose agrees with it."""
+"""The part of a scan that may show the object, thinned for ICP, and how well a pose agrees with
+it.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -33,13 +35,16 @@ class Evidence:
 
     scan: Scan
     mask: np.ndarray  # (h, w) pixels around the initial poses that may belong to the object
-    standing: np.ndarray  # (h, w) all pixels that stand out from the background, wherever the model may be put
+    # (h, w) all pixels that stand out from the background, wherever the model may be put
+    standing: np.ndarray
     points: Array  # (n, 3) [m] thinned, in S
     normals: Array  # (n, 3) unit, towards the sensor
     sigma: Array  # (n,) [m] standard deviation of depth
-    independent: Array  # (n,) [-] share of an independent reading, because errors of neighbours are correlated
+    # (n,) [-] share of an independent reading, because errors of neighbours are correlated
+    independent: Array
     sensor: SensorModel  # as it is stated: limits follow from it
-    noise: SensorModel  # by which poses are fitted and ranked: as stated, or as this scan shows it (`seen_noise`)
+    # by which poses are fitted and ranked: as stated, or as this scan shows it (`seen_noise`)
+    noise: SensorModel
 
     @classmethod
     def of(
@@ -95,10 +100,14 @@ class Evidence:
         """The same evidence with errors of depth as in `noise`."""
         sigma = noise.sigma(self.points[:, 2])
         tighter = (self.noise.noise_length / noise.noise_length) ** 2
-        return replace(self, sigma=sigma, independent=np.minimum(1.0, tighter * self.independent), noise=noise)
+        return replace(
+            self, sigma=sigma, independent=np.minimum(1.0, tighter * self.independent), noise=noise
+        )
 
     def thinned(self, step: int, points: int) -> "Evidence":
-        """The same evidence on every `step`-th row and column, and about `points` of its points, for a rough fit."""
+        """The same evidence on every `step`-th row and column, and about `points` of its points,
+        for a rough fit.
+        """
         return _thinned(self, step, points)
 
 
@@ -127,11 +136,13 @@ def _coarser(sensor: SensorModel, step: int) -> SensorModel:
 
 
 def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorModel:
-    """Errors of depth as the smooth surfaces of a scan show them, at the depth of the masked pixels.
+    """Errors of depth as the smooth surfaces of a scan show them, at the depth of the masked
+    pixels.
 
-    In inverse depth a block of such a surface is a quadratic function of the pixel; what differs from it is noise. That
-    of rough or broken blocks is larger: the lower quartile counts. Only the standard deviation is judged, and never
-    taken for larger than stated.
+    In inverse depth a block of such a surface is a quadratic function of the pixel; what differs
+    from it is noise. That
+    of rough or broken blocks is larger: the lower quartile counts. Only the standard deviation is
+    judged, and never taken for larger than stated.
 
     Args:
         scan: The scan.
@@ -152,8 +163,12 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
             found.append(float(np.mean((off * z * z / stated.sigma(z)) ** 2)))
     if len(found) < _FEWEST_BLOCKS:
         return stated
-    variance = float(np.quantile(found, 0.25)) + (MODEL_TOLERANCE / float(stated.sigma(middle))) ** 2
-    return replace(stated, disparity_sigma=stated.disparity_sigma * min(1.0, float(np.sqrt(variance))))
+    variance = (
+        float(np.quantile(found, 0.25)) + (MODEL_TOLERANCE / float(stated.sigma(middle))) ** 2
+    )
+    return replace(
+        stated, disparity_sigma=stated.disparity_sigma * min(1.0, float(np.sqrt(variance)))
+    )
 
 
 @cache
@@ -165,10 +180,12 @@ def _quadratic_functions() -> Array:
 
 
 def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> SensorModel:
-    """Errors of depth as the scan shows them, against the model at its likeliest pose `X_ST` (4, 4).
+    """Errors of depth as the scan shows them, against the model at its likeliest pose `X_ST` (4,
+    4).
 
-    Variance and area of correlation come from the differences that remain. They are never taken for worse than stated,
-    so that a wrong pose does not blur what contradicts it, nor for better than the model itself is known.
+    Variance and area of correlation come from the differences that remain. They are never taken for
+    worse than stated, so that a wrong pose does not blur what contradicts it, nor for better than
+    the model itself is known.
 
     Args:
         evidence: Scan of the object.
@@ -176,7 +193,9 @@ def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Sensor
         X_ST: (4, 4) pose of T in S.
     """
     stated = evidence.sensor
-    scan = evidence.scan.part(evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _NOISE_PIXELS))
+    scan = evidence.scan.part(
+        evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _NOISE_PIXELS)
+    )
     depth = surface.depth(X_ST, scan)
     off = (scan.depth - depth) / stated.sigma(np.where(np.isfinite(depth), depth, 1.0))
     used = np.abs(off) < _INLYING  # False for NaN
@@ -186,20 +205,25 @@ def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Sensor
     reach = int(np.ceil(_CORRELATED * stated.noise_length))
     products, pairs = (_autocorrelation(field, reach) for field in (off, used.astype(np.float64)))
     variance = float(np.square(off).sum() / used.sum())
-    correlation = np.where(pairs > _LEAST_PIXELS, products / np.maximum(pairs, 1.0), 0.0) / max(variance, 1e-12)
+    correlation = np.where(pairs > _LEAST_PIXELS, products / np.maximum(pairs, 1.0), 0.0) / max(
+        variance, 1e-12
+    )
     around = ndimage.label(correlation > _UNCORRELATED)[0]
     area = float(correlation[around == around[reach, reach]].sum())  # [px of the window]
     floor = (MODEL_TOLERANCE / float(np.median(stated.sigma(depth[used])))) ** 2
     step = scan.pitch / evidence.scan.pitch
     return replace(
         stated,
-        disparity_sigma=stated.disparity_sigma * float(np.sqrt(np.clip(variance + floor, 0.0, 1.0))),
+        disparity_sigma=stated.disparity_sigma
+        * float(np.sqrt(np.clip(variance + floor, 0.0, 1.0))),
         noise_length=min(stated.noise_length, max(_LEAST_LENGTH, step * np.sqrt(max(area, 0.0)))),
     )
 
 
 def _autocorrelation(image: np.ndarray, reach: int) -> np.ndarray:
-    """Sums of products (2 reach + 1, 2 reach + 1) of an image (h, w) with itself, moved by up to `reach` pixels."""
+    """Sums of products (2 reach + 1, 2 reach + 1) of an image (h, w) with itself, moved by up to
+    `reach` pixels.
+    """
     shape = [n + reach for n in image.shape]
     power = np.abs(fft.rfft2(image, shape)) ** 2
     every = fft.irfft2(power, shape)
@@ -209,8 +233,8 @@ def _autocorrelation(image: np.ndarray, reach: int) -> np.ndarray:
 def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     """Mutual agreement of scan and model at `X_ST`, from -1 to 2: higher is better.
 
-    The share of the visible model that the scan confirms, less the share that the scan sees through, plus the share of
-    the scan that the model explains.
+    The share of the visible model that the scan confirms, less the share that the scan sees
+    through, plus the share of the scan that the model explains.
 
     Args:
         evidence: Scan points of the object.
@@ -250,11 +274,15 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
 @remembered(4)  # the accepted pose is judged by the check and by its score
 def _explained(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes) -> np.ndarray:
     X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
-    visible = surface.visible(X_ST, evidence.scan, _GRAZING)  # an echo there is not expected, but may come
+    # an echo there is not expected, but may come
+    visible = surface.visible(X_ST, evidence.scan, _GRAZING)
     if not visible.any():
         return np.zeros(len(evidence.points), dtype=bool)
     points = transform_points(X_ST, surface.points[visible])
     limit = 2.0 * surface.spacing + 3.0 * evidence.sensor.sigma(evidence.points[:, 2])
-    mask = NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0] < limit
+    mask = (
+        NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0]
+        < limit
+    )
     mask.setflags(write=False)
     return mask

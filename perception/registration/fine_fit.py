@@ -1,9 +1,9 @@
 """Point-to-plane ICP from the scan to the visible part of a known model.
 
-[Konoplin 2022] matches the model's points to the scan and removes hidden ones after the first pass. Matching the scan
-to planes of the visible model is 3 to 10 times as accurate. Planes leave some motions free: sliding along a plate, or
-along a barrel seen from its side. Depth edges of scan and model hold these. Both are taken from the same pixel grid, so
-that their bias cancels.
+[Konoplin 2022] matches the model's points to the scan and removes hidden ones after the first pass.
+Matching the scan to planes of the visible model is 3 to 10 times as accurate. Planes leave some
+motions free: sliding along a plate, or along a barrel seen from its side. Depth edges of scan and
+model hold these. Both are taken from the same pixel grid, so that their bias cancels.
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,13 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pairing import Pairing, PairRows
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
-GATES = (8.0, 3.0)  # [spacings] distance within which points are paired, in the first and in the last round
+# [spacings] distance within which points are paired, in the first and in the last round
+GATES = (8.0, 3.0)
 _NUDGES = 3  # steps of ICP after which a start is judged
 _AT_REST = 0.01  # [spacings] a step below which ICP with the same pairs has converged
 _STALE = 0.2  # [spacings] by which the model may move before nearest points are looked up again
-_FREE = 1e-4  # [-] eigenvalues of the normal equations below this share of the largest count as free
+# [-] eigenvalues of the normal equations below this share of the largest count as free
+_FREE = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +38,13 @@ class IcpFit:
 
 
 def nudged(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
-    """Pose (4, 4) after a few steps of ICP on planes alone, with one pairing: a start is better judged there."""
-    pairing, gate = Pairing.of(evidence, surface, X_ST, with_edges=False), GATES[0] * surface.spacing
+    """Pose (4, 4) after a few steps of ICP on planes alone, with one pairing: a start is better
+    judged there.
+    """
+    pairing, gate = (
+        Pairing.of(evidence, surface, X_ST, with_edges=False),
+        GATES[0] * surface.spacing,
+    )
     if pairing is None:
         return X_ST
     for _ in range(_NUDGES):
@@ -47,15 +54,21 @@ def nudged(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
 
 
 def fine_fit(
-    evidence: Evidence, surface: ModelSurface, X_ST: Array, gates: Sequence[float] = GATES, inner: int = 5
+    evidence: Evidence,
+    surface: ModelSurface,
+    X_ST: Array,
+    gates: Sequence[float] = GATES,
+    inner: int = 5,
 ) -> IcpFit:
-    """Full ICP: hidden points removed before each round, point-to-plane distances and depth edges together.
+    """Full ICP: hidden points removed before each round, point-to-plane distances and depth edges
+    together.
 
     Args:
         evidence: Scan points of the object.
         surface: Sampled model.
         X_ST: (4, 4) initial pose of T in S.
-        gates: [spacings] distances within which points are paired, one for each pairing with the visible model.
+        gates: [spacings] distances within which points are paired, one for each pairing with the
+            visible model.
         inner: Gauss-Newton steps in a round, at most.
 
     Returns:
@@ -75,7 +88,8 @@ def fine_fit(
             X_ST, _ = _moved(X_ST, H, g, surface)
             if _step(X_before, X_ST, surface) < _AT_REST * surface.spacing:
                 break
-    # Free twists are judged with the pairs at the final pose: ICP may have slid off all that held it before.
+    # Free twists are judged with the pairs at the final pose: ICP may have slid off all that held
+    # it before.
     if pairing is not None and _step(X_paired, X_ST, surface) > surface.spacing:
         pairing = Pairing.of(evidence, surface, X_ST)
     if pairing is None:
@@ -94,7 +108,9 @@ def icp_rows(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> PairRows
 
 
 def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:
-    """One Gauss-Newton step in the directions that the data determine, and the free directions (k, 6)."""
+    """One Gauss-Newton step in the directions that the data determine, and the free directions (k,
+    6).
+    """
     H, g, radius = H[:6, :6], g[:6], surface.radius
     center = transform_points(X_ST, surface.center)
     axis, spin = surface.symmetry.axis, np.zeros((0, 6))
@@ -102,7 +118,10 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
         # Free by declaration: the facets of the mesh would otherwise act as evidence of the angle.
         axis_S = X_ST[:3, :3] @ axis
         spin = np.concatenate(
-            [np.cross(axis_S, center - transform_points(X_ST, surface.symmetry.center)), radius * axis_S]
+            [
+                np.cross(axis_S, center - transform_points(X_ST, surface.symmetry.center)),
+                radius * axis_S,
+            ]
         )[None]
         spin /= np.linalg.norm(spin)
         P = np.eye(6) - spin.T @ spin
@@ -118,7 +137,9 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
 
 
 def _size(H: Array, g: Array, surface: ModelSurface) -> tuple[float, float]:
-    """Best scale of the object and its standard deviation [-]; free directions of the pose stay unchanged."""
+    """Best scale of the object and its standard deviation [-]; free directions of the pose stay
+    unchanged.
+    """
     values, vectors = np.linalg.eigh(H)
     if not values[-1] > 0.0:
         return 1.0, np.inf

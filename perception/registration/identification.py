@@ -1,7 +1,8 @@
-"""Identification of a known object in one scan: the entry point of registration [Konoplin 2022, eq. 1 and 2].
+"""Identification of a known object in one scan: the entry point of registration [Konoplin 2022, eq.
+1 and 2].
 
-Steps: crop around the coarse detection, remove background and outliers, find initial poses, ICP, remove hidden model
-points, ICP again, PoseCheck by projected trajectories.
+Steps: crop around the coarse detection, remove background and outliers, find initial poses, ICP,
+remove hidden model points, ICP again, PoseCheck by projected trajectories.
 """
 
 from dataclasses import dataclass, replace
@@ -14,14 +15,27 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from uuv.models.objects.targets import TargetModel
-from uuv.perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
+from uuv.perception.clouds.scan import (
+    MIN_POINTS,
+    Scan,
+    SensorModel,
+    background,
+    near_any,
+    without_flying_pixels,
+)
 from uuv.perception.registration.evidence import Evidence, score, seen_noise, surface_noise
 from uuv.perception.registration.initialiser import Expected, initial_poses
 from uuv.perception.registration.likelihood import log_likelihood
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_check import MAX_SIZE, MIN_MARGIN, Decision, PoseCheck, check
 from uuv.perception.registration.pose_covariance import PoseCovariance, pose_covariance
-from uuv.perception.registration.pose_search import REFINED, Found, Hypothesis, likeliest_pose, weighed_again
+from uuv.perception.registration.pose_search import (
+    REFINED,
+    Found,
+    Hypothesis,
+    likeliest_pose,
+    weighed_again,
+)
 from uuv.perception.registration.projective_fit import polished_rows
 from uuv.perception.registration.published.paper_check import published_criterion
 from uuv.perception.registration.published.paper_icp import laid_on, paper_fit, required_error
@@ -51,12 +65,16 @@ from uuv.sim.interfaces.spatial import (
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
 _NOMINAL = 0.005  # [-] by which the best scale may differ from 1 without another size being tried
-_REFINED_LATER = 120  # initial poses that get a rough fit where the scan contradicts the best of a few
+# initial poses that get a rough fit where the scan contradicts the best of a few
+_REFINED_LATER = 120
 _TURNS = 24  # rotations of a symmetry found in a mesh, up to which each one is judged by the scan
 _BETTER = (
-    2.0  # [-] information of a pixel over what the search used, from which on the noise of the scan itself is used
+    # [-] information of a pixel over what the search used, from which on the noise of the scan
+    # itself is used
+    2.0
 )
-_AROUND = 1.3  # [model radii] around the centre of an initial pose, within which scan points take part
+# [model radii] around the centre of an initial pose, within which scan points take part
+_AROUND = 1.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,24 +90,31 @@ class FreeMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
-    """Result of identification in one scan. A pose that was not accepted is the best one found, for logs only."""
+    """Result of identification in one scan.
+
+    A pose that was not accepted is the best one found, for logs only.
+    """
 
     X_sensor_target: Array  # (4, 4) pose of T in S
     accepted: bool
     reason: str  # why not; empty if accepted
     check: PoseCheck | None  # None if there was nothing to check
-    covariance: PoseCovariance | None  # of the pose; None if there was too little to estimate it from
+    # of the pose; None if there was too little to estimate it from
+    covariance: PoseCovariance | None
     symmetry: FreeMotion
     X_sensor_start: Array  # (4, 4) coarse pose that was given, else the initial pose of the search
     cloud: Array  # (n, 3) [m] scan points used in ICP, thinned, in S
     model_before: Array  # (m, 3) [m] all model points at the start, in S
     model_after: Array  # (k, 3) [m] visible model points at the fitted pose, in S
-    evidence: Evidence | None  # scan and mask of the object; a tool path is projected on this surface
+    # scan and mask of the object; a tool path is projected on this surface
+    evidence: Evidence | None
     surface: ModelSurface  # model as sampled for ICP
     score: float  # [-] share of the model confirmed plus share of the scan explained, up to 2
-    hypotheses: tuple[Hypothesis, ...]  # distinct poses, most likely first: the first one is reported
+    # distinct poses, most likely first: the first one is reported
+    hypotheses: tuple[Hypothesis, ...]
     duration_s: float  # [s] computing time
-    mirror: MirrorImage | None = None  # that of the model, where it fits best; None if it is no rival in this view
+    # that of the model, where it fits best; None if it is no rival in this view
+    mirror: MirrorImage | None = None
 
     @property
     def model_note(self) -> str:
@@ -128,22 +153,26 @@ def identify(
 ) -> Identification:
     """Find `target` in one scan of a depth sensor.
 
-    An object that is absent, or an empty cloud, gives an Identification that is not accepted, with a reason. The same
-    input with the same seed gives the same result.
+    An object that is absent, or an empty cloud, gives an Identification that is not accepted, with
+    a reason. The same input with the same seed gives the same result.
 
     Args:
-        cloud: Points (n, 3) or organised (h, w, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
-        target: A TargetModel, a mesh or cloud file [m], an object with `vertices` and `faces` (trimesh) or `triangles`
-            [m], or a cloud: points (n, 3) [m], (n, 6) with outward normals, or an object with `points` and perhaps
-            `normals` (Open3D). A cloud is meshed: `model_note` says how.
+        cloud: Points (n, 3) or organised (h, w, 3) [m] in the sensor frame S (OpenCV axes, NaN
+            allowed), or a Scan.
+        target: A TargetModel, a mesh or cloud file [m], an object with `vertices` and `faces`
+            (trimesh) or `triangles` [m], or a cloud: points (n, 3) [m], (n, 6) with outward
+            normals, or an object with `points` and perhaps `normals` (Open3D). A cloud is meshed:
+            `model_note` says how.
         approach: (3,) [m] coarse position of the target's centre in S; None: anywhere.
         orientation: (3, 3) coarse rotation of T in S, wrong by up to 45 deg; None: any.
         sensor: Accuracy of the sensor, from which the limits follow; None: `SensorModel()`.
         approach_error: [m] largest error of `approach`.
         seed: Of all random samples.
-        method: "planes"; "paper" for the published ICP (`paper_icp`), which has no search: give `orientation`;
-            "paper-q" for that with the published threshold on Q (`paper_check`) in place of `pose_check`.
-        thorough: Whether all starts are fitted where the scan contradicts the best of a few, which takes seconds.
+        method: "planes"; "paper" for the published ICP (`paper_icp`), which has no search: give
+            `orientation`; "paper-q" for that with the published threshold on Q (`paper_check`) in
+            place of `pose_check`.
+        thorough: Whether all starts are fitted where the scan contradicts the best of a few, which
+            takes seconds.
 
     Returns:
         The pose with its PoseCheck, evidence and other hypotheses.
@@ -153,7 +182,14 @@ def identify(
         MissingLibraryError: Without a ray caster.
     """
     attempt = attempted(
-        cloud, target, approach, orientation, sensor=sensor, approach_error=approach_error, seed=seed, method=method
+        cloud,
+        target,
+        approach,
+        orientation,
+        sensor=sensor,
+        approach_error=approach_error,
+        seed=seed,
+        method=method,
     )
     return (attempt.widened() if thorough else attempt).concluded()
 
@@ -169,11 +205,15 @@ def attempted(
     seed: int = 0,
     method: Method = "planes",
 ) -> "Attempt":
-    """Search from the likeliest starts, the first step of `identify`; arguments and errors as those of that."""
+    """Search from the likeliest starts, the first step of `identify`; arguments and errors as those
+    of that.
+    """
     started = perf_counter()
     p_approach = None if approach is None else checked(approach, (3,), "approach")
     if p_approach is not None and np.abs(p_approach).max() > _FARTHEST:
-        raise ConfigurationError(f"approach: must lie within {_FARTHEST:g} m of the sensor, got {shown(p_approach)}")
+        raise ConfigurationError(
+            f"approach: must lie within {_FARTHEST:g} m of the sensor, got {shown(p_approach)}"
+        )
     R_prior = None if orientation is None else checked(orientation, (3, 3), "orientation")
     if R_prior is not None and (
         np.abs(R_prior).max() > 2.0
@@ -201,7 +241,14 @@ def attempted(
     )
     try:
         scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
-        mask = segment(scan, surface.target, p_approach, question.sensor, approach_error, np.random.default_rng(seed))
+        mask = segment(
+            scan,
+            surface.target,
+            p_approach,
+            question.sensor,
+            approach_error,
+            np.random.default_rng(seed),
+        )
         return _first_search(question, scan, mask)
     except PerceptionError as error:
         return _Refusal(question=question, reason=str(error))
@@ -237,12 +284,16 @@ class _Refusal:
 
     def concluded(self, earlier: Identification | None = None) -> Identification:
         """The reason."""
-        return _refused(self.question.surface, self.question.X_prior, self.reason, self.question.started)
+        return _refused(
+            self.question.surface, self.question.X_prior, self.reason, self.question.started
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Search:
-    """An attempt that fitted the model from some of the starts, and the verdict on the likeliest pose."""
+    """An attempt that fitted the model from some of the starts, and the verdict on the likeliest
+    pose.
+    """
 
     question: _Question
     starts: list[Array]  # (4, 4) poses of T in S
@@ -255,7 +306,12 @@ class _Search:
 
     @classmethod
     def of(
-        cls, question: _Question, searched: Evidence, starts: list[Array], given: list[Array], most: int
+        cls,
+        question: _Question,
+        searched: Evidence,
+        starts: list[Array],
+        given: list[Array],
+        most: int,
     ) -> "_Search":
         """Search from `most` of the starts."""
         surface = question.surface
@@ -277,12 +333,17 @@ class _Search:
         )
 
     def widened(self) -> "_Search":
-        """Search from all starts, where the scan contradicts what the likeliest led to; else itself.
+        """Search from all starts, where the scan contradicts what the likeliest led to; else
+        itself.
 
         What resembled the model most is not the object then: in a heap it may resemble it least.
         """
         question = self.question
-        if question.method != "planes" or not self.judged.verdict.contradicted or len(self.starts) <= REFINED:
+        if (
+            question.method != "planes"
+            or not self.judged.verdict.contradicted
+            or len(self.starts) <= REFINED
+        ):
             return self
         wider = _Search.of(question, self.searched, self.starts, self.given, _REFINED_LATER)
         return self if wider.judged.verdict.contradicted else wider
@@ -293,7 +354,12 @@ class _Search:
         Args:
             earlier: Look at the same object, which may have told it from its mirror image already.
         """
-        question, surface, evidence, found = self.question, self.question.surface, self.evidence, self.found
+        question, surface, evidence, found = (
+            self.question,
+            self.question.surface,
+            self.evidence,
+            self.found,
+        )
         X_ST, X_told, doubt, verdict = self.judged
         if question.method == "paper-q":
             verdict = _by_criterion(verdict, evidence, surface, X_ST)
@@ -313,7 +379,9 @@ class _Search:
             reason=reason,
             check=verdict,
             covariance=doubt,
-            symmetry=_free_motion(surface, verdict.free, X_told is not None, question.expected.R is not None),
+            symmetry=_free_motion(
+                surface, verdict.free, X_told is not None, question.expected.R is not None
+            ),
             X_sensor_start=readonly(self.X_start),
             cloud=readonly(evidence.points),
             model_before=readonly(transform_points(self.X_start, surface.points)),
@@ -321,23 +389,32 @@ class _Search:
             evidence=evidence,
             surface=surface,
             score=score(evidence, surface, X_ST),
-            hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood), *found.others),
+            hypotheses=(
+                Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood),
+                *found.others,
+            ),
             duration_s=perf_counter() - question.started,
             mirror=mirror,
         )
 
     def _mirror_image(self, earlier: Identification | None) -> MirrorImage | None:
-        """The mirror image of the model as rival of the pose, as an earlier look has found it if that still holds."""
+        """The mirror image of the model as rival of the pose, as an earlier look has found it if
+        that still holds.
+        """
         surface, X_ST, expected = self.question.surface, self.judged.X_ST, self.question.expected
         known = None
         if earlier is not None and earlier.accepted and earlier.surface == surface:
             known = earlier.mirror
         if known is not None and is_told_again(self.evidence, surface, X_ST, known):
             return known
-        return best_mirror_image(self.searched, self.evidence, surface, X_ST, replace(expected, R=None))
+        return best_mirror_image(
+            self.searched, self.evidence, surface, X_ST, replace(expected, R=None)
+        )
 
     def _against_other_shapes(self, verdict: PoseCheck, mirror: MirrorImage | None) -> PoseCheck:
-        """The verdict of an accepted pose, unless the mirror image or another size of the model fits as well."""
+        """The verdict of an accepted pose, unless the mirror image or another size of the model
+        fits as well.
+        """
         surface, evidence = self.question.surface, self.evidence
         if mirror is not None and mirror.hand < MIN_HAND:
             how = "better" if mirror.hand < -MIN_HAND else "as well"
@@ -347,7 +424,11 @@ class _Search:
         size = 1.0 + float(np.copysign(2.0 * MAX_SIZE, verdict.size - 1.0))
         least = log_likelihood(evidence, surface, self.judged.X_ST) - MIN_MARGIN
         if resized_log_likelihood(evidence, surface, size, self.found) > least:
-            return replace(verdict, decision=Decision.RESCAN, reason=f"at {size:.2f} times its size it fits as well")
+            return replace(
+                verdict,
+                decision=Decision.RESCAN,
+                reason=f"at {size:.2f} times its size it fits as well",
+            )
         return verdict
 
 
@@ -372,14 +453,18 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
     if question.method == "planes":
         evidence = evidence.with_noise(surface_noise(scan, mask, sensor))
     if len(evidence.points) < MIN_POINTS:
-        raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
+        raise PerceptionError(
+            f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}"
+        )
     return _Search.of(question, evidence, starts, given, REFINED)
 
 
 def _search(
     searched: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int
 ) -> tuple[Evidence, Found]:
-    """The likeliest pose from `most` of the starts, and the evidence with the noise by which it was weighed at last."""
+    """The likeliest pose from `most` of the starts, and the evidence with the noise by which it was
+    weighed at last.
+    """
     found = likeliest_pose(searched, surface, starts, given, most=most)
     noise = seen_noise(searched, surface, found.X_ST)
     if noise.information <= _BETTER * searched.noise.information:
@@ -389,7 +474,9 @@ def _search(
 
 
 class _Judged(NamedTuple):
-    """A pose that was found, of all that are equal by symmetry the one that the scan shows, and its verdict."""
+    """A pose that was found, of all that are equal by symmetry the one that the scan shows, and its
+    verdict.
+    """
 
     X_ST: Array  # (4, 4)
     X_told: Array | None  # (4, 4) if parts in view tell the angle about an axis of symmetry
@@ -407,13 +494,16 @@ def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Arra
     second = found.others[0].log_likelihood if found.others else -np.inf
     doubt = None
     if found.fit is not None:
-        doubt = pose_covariance(evidence, surface, X_ST, found.fit.free, polished_rows(evidence, surface, X_ST))
+        doubt = pose_covariance(
+            evidence, surface, X_ST, found.fit.free, polished_rows(evidence, surface, X_ST)
+        )
         doubt = doubt and with_slip(evidence, surface, X_ST, doubt)
     return _Judged(X_ST, X_told, doubt, check(evidence, surface, X_ST, found.fit, second, doubt))
 
 
 def _likeliest_turn(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
-    """Of the poses equal by a symmetry that was found in the mesh, not declared: another one if it is far likelier.
+    """Of the poses equal by a symmetry that was found in the mesh, not declared: another one if it
+    is far likelier.
 
     Such a symmetry holds within a tolerance, of which many pixels may see more.
     """
@@ -422,7 +512,11 @@ def _likeliest_turn(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> A
     poses = [X_ST @ surface.symmetry.about_center(G) for G in surface.symmetry.rotations]
     likelihoods = [log_likelihood(evidence, surface, X) for X in poses]
     best = int(np.argmax(likelihoods))
-    return poses[best] if likelihoods[best] > log_likelihood(evidence, surface, X_ST) + MIN_MARGIN else X_ST
+    return (
+        poses[best]
+        if likelihoods[best] > log_likelihood(evidence, surface, X_ST) + MIN_MARGIN
+        else X_ST
+    )
 
 
 def segment(
@@ -433,7 +527,8 @@ def segment(
     approach_error: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Mask of the pixels that may belong to the target: near the approach, off background planes, in patches.
+    """Mask of the pixels that may belong to the target: near the approach, off background planes,
+    in patches.
 
     Args:
         scan: The scan.
@@ -476,7 +571,8 @@ def _need(mask: np.ndarray, what: str) -> None:
 
 def _around(poses: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
     """Mask (h, w) of the pixels near the model at any of the initial `poses`."""
-    centers = np.array([transform_points(X, surface.center) for X in poses]).reshape(-1, 3)  # there may be none
+    # there may be none
+    centers = np.array([transform_points(X, surface.center) for X in poses]).reshape(-1, 3)
     return near_any(scan.points, centers, _AROUND * surface.radius)
 
 
@@ -485,15 +581,21 @@ def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array])
     fit = paper_fit(evidence, surface, starts[0])
     asks = ""
     if fit.error > fit.required:
-        asks = f"the error no longer falls at {1e3 * fit.error:.1f} mm, required are {1e3 * fit.required:.1f} mm"
+        asks = (
+            f"the error no longer falls at {1e3 * fit.error:.1f} mm, required are "
+            f"{1e3 * fit.required:.1f} mm"
+        )
     return Found(fit.X_ST, None, starts[0], log_likelihood(evidence, surface, fit.X_ST), asks=asks)
 
 
-def _by_criterion(verdict: PoseCheck, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PoseCheck:
-    """The figures of `verdict` with the published decision: accept below a threshold on Q, else scan again.
+def _by_criterion(
+    verdict: PoseCheck, evidence: Evidence, surface: ModelSurface, X_ST: Array
+) -> PoseCheck:
+    """The figures of `verdict` with the published decision: accept below a threshold on Q, else
+    scan again.
 
-    The paper chooses the threshold by experiment, for object and sensor. Here it is the required error of the ICP at
-    each of the rays that Q sums up.
+    The paper chooses the threshold by experiment, for object and sensor. Here it is the required
+    error of the ICP at each of the rays that Q sums up.
     """
     found = published_criterion(evidence, surface, X_ST)
     most = float(np.sqrt(found.rays)) * required_error(evidence, surface)
@@ -501,7 +603,10 @@ def _by_criterion(verdict: PoseCheck, evidence: Evidence, surface: ModelSurface,
     if found.rays == 0:
         reason = "no ray of the check trajectory meets both surfaces"
     elif found.q_m > most:
-        reason = f"Q is {1e3 * found.q_m:.1f} mm over {found.rays} rays; at most {1e3 * most:.1f} mm are allowed"
+        reason = (
+            f"Q is {1e3 * found.q_m:.1f} mm over {found.rays} rays; at most {1e3 * most:.1f} "
+            "mm are allowed"
+        )
     decision = Decision.RESCAN if reason else Decision.ACCEPT
     return replace(verdict, decision=decision, reason=reason, figure_m=found.q_m, threshold_m=most)
 
@@ -557,22 +662,36 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
     if isinstance(target, (str, Path)):
         return ModelSurface.of(TargetModel.from_file(target), seed)
     faces = next((name for name in ("faces", "triangles") if hasattr(target, name)), None)
-    if hasattr(target, "vertices") and faces is not None:  # `triangles` of trimesh's are corners (t, 3, 3)
+    # `triangles` of trimesh's are corners (t, 3, 3)
+    if hasattr(target, "vertices") and faces is not None:
         return ModelSurface.of(
-            TargetModel(name="mesh", vertices=target.vertices, triangles=getattr(target, faces)), seed
+            TargetModel(name="mesh", vertices=target.vertices, triangles=getattr(target, faces)),
+            seed,
         )
     if hasattr(target, "points"):
         normals = getattr(target, "normals", None)
-        points, normals = np.asarray(target.points), None if normals is None else np.asarray(normals)
+        points, normals = (
+            np.asarray(target.points),
+            None if normals is None else np.asarray(normals),
+        )
         return ModelSurface.of(
-            TargetModel.from_cloud(points, normals if normals is not None and normals.size else None), seed
+            TargetModel.from_cloud(
+                points, normals if normals is not None and normals.size else None
+            ),
+            seed,
         )
     if isinstance(target, np.ndarray) and target.ndim == 2 and target.shape[1] in (3, 6):
         return ModelSurface.of(
-            TargetModel.from_cloud(target[:, :3], target[:, 3:] if target.shape[1] == 6 else None), seed
+            TargetModel.from_cloud(target[:, :3], target[:, 3:] if target.shape[1] == 6 else None),
+            seed,
         )
-    given = f"an array of shape {target.shape}" if isinstance(target, np.ndarray) else type(target).__name__
+    given = (
+        f"an array of shape {target.shape}"
+        if isinstance(target, np.ndarray)
+        else type(target).__name__
+    )
     raise ConfigurationError(
-        "target: expected a TargetModel, a mesh or cloud file, a mesh (vertices, faces), or a cloud: an array (n, 3), "
+        "target: expected a TargetModel, a mesh or cloud file, a mesh (vertices, faces), or a "
+        "cloud: an array (n, 3), "
         f"or (n, 6) with normals, or an object with points and normals; got {given}"
     )

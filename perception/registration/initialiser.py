@@ -1,9 +1,9 @@
 """Global search for initial poses of ICP, with or without an expected position and attitude.
 
-The model is rendered once from all sides. Each patch of the scan is then taken for the object as seen from each of
-these sides, rotated about the line of sight. Every such pose converges by a fast ICP on few points, which reads the
-nearest visible model point from a table. The poses are ranked by a score: the model share that the scan confirms, plus
-the scan share that the model explains.
+The model is rendered once from all sides. Each patch of the scan is then taken for the object as
+seen from each of these sides, rotated about the line of sight. Every such pose converges by a fast
+ICP on few points, which reads the nearest visible model point from a table. The poses are ranked by
+a score: the model share that the scan confirms, plus the scan share that the model explains.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,13 @@ import numpy as np
 from scipy import ndimage
 
 from uuv.models.meshes.closed_shells import sphere
-from uuv.perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
+from uuv.perception.clouds.scan import (
+    Scan,
+    SensorModel,
+    connected_surfaces,
+    facing_normals,
+    voxel_means,
+)
 from uuv.perception.registration.model_surface import MODELS, ModelSurface
 from uuv.perception.registration.point_pairs import point_pair_poses
 from uuv.sim.interfaces.kernels import kernel
@@ -31,7 +37,8 @@ _TOGETHER = 0.12  # [radii] largest distance between neighbouring points of one 
 _PATCHES = 5  # patches tried, the largest ones
 _SMALL = 0.1  # [-] size below which a patch is ignored, as a share of the largest patch's points
 _VICINITY = 1.2  # [radii] around a patch in which other patches may be parts of the same object
-_ROUGH = (60, np.geomspace(0.5, 0.15, 8))  # points of a patch, and [radii] gates of pairing, one for each iteration
+# points of a patch, and [radii] gates of pairing, one for each iteration
+_ROUGH = (60, np.geomspace(0.5, 0.15, 8))
 _CLOSE = (200, np.geomspace(0.25, 0.08, 10))  # the same for the second, finer ICP
 _FINE = (400, np.geomspace(0.08, 0.03, 6))  # and for the third
 _TRIED = 120  # poses of a patch that get the second ICP
@@ -44,7 +51,8 @@ _BALLS = 8  # of them at most
 _FACING = 0.4  # [-] least cosine between the normals of paired points
 _PULL = 0.3  # [-] weight of distances along the surface against those across it
 _DAMPING = 1e-3  # [-] share of the normal equations' trace
-_ASTRAY = np.deg2rad(70.0)  # [rad] from the expected attitude: 45 deg of error, plus the coarse grid of views
+# [rad] from the expected attitude: 45 deg of error, plus the coarse grid of views
+_ASTRAY = np.deg2rad(70.0)
 _KEPT = 12  # initial poses beyond the best one of each patch
 _SHORT_OF = 0.6  # [-] score below the best from which on a pose is dropped
 _APART = (0.2, np.deg2rad(20.0))  # [radii], [rad] least distance between two initial poses
@@ -62,11 +70,16 @@ class Expected:
         """Mask (n,) of the poses X_ST (n, 4, 4) within the expected position and attitude."""
         mask = self.admits_turn(X_ST[:, :3, :3], surface)
         if self.p is not None:
-            mask &= np.linalg.norm(X_ST[:, :3, :3] @ surface.center + X_ST[:, :3, 3] - self.p, axis=1) < self.error
+            mask &= (
+                np.linalg.norm(X_ST[:, :3, :3] @ surface.center + X_ST[:, :3, 3] - self.p, axis=1)
+                < self.error
+            )
         return mask
 
     def admits_turn(self, R_ST: Array, surface: ModelSurface) -> np.ndarray:
-        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected one, modulo declared symmetry."""
+        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected one, modulo
+        declared symmetry.
+        """
         if self.R is None:
             return np.ones(len(R_ST), dtype=bool)
         return surface.symmetry.cosines(R_ST, self.R) > np.cos(_ASTRAY)
@@ -109,15 +122,21 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
     shape = np.ceil(size / cell).astype(int)
     cells = np.minimum(((points - corner) / cell).astype(int), shape - 1)
     ways, middles, shown, nearest = [], [], [], []
-    spins = np.stack([exp_so3([0.0, 0.0, angle]) for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS)])
+    spins = np.stack(
+        [exp_so3([0.0, 0.0, angle]) for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS)]
+    )
     for way in sphere(1)[0]:
-        mask = surface.exposed(surface.center + _DISTANCE * surface.radius * way, max_incidence, every)
+        mask = surface.exposed(
+            surface.center + _DISTANCE * surface.radius * way, max_incidence, every
+        )
         seen = np.nonzero(mask)[0]
         if len(seen) < 10:
             continue  # a plate seen edge-on
         owner = np.full(shape, -1, dtype=np.int32)
         owner[tuple(cells[seen].T)] = seen
-        index = ndimage.distance_transform_edt(owner < 0, return_distances=False, return_indices=True)
+        index = ndimage.distance_transform_edt(
+            owner < 0, return_distances=False, return_indices=True
+        )
         ways.append(way)
         middles.append(points[seen].mean(axis=0))
         shown.append(_some(seen, _SHOWN))
@@ -141,9 +160,11 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
 def initial_poses(
     scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
 ) -> list[Array]:
-    """Initial poses X_ST for ICP: the best of each patch of the scan, up to 12 others, and those of point pairs.
+    """Initial poses X_ST for ICP: the best of each patch of the scan, up to 12 others, and those of
+    point pairs.
 
-    Point pairs are used where the attitude is unknown; their poses count as they are and after the fast ICP.
+    Point pairs are used where the attitude is unknown; their poses count as they are and after the
+    fast ICP.
 
     Patches do not compete with each other, because some part of any model explains a sliver best.
 
@@ -155,7 +176,8 @@ def initial_poses(
         expected: Prior knowledge of the pose.
 
     Returns:
-        Poses (4, 4), the best of each patch first. Empty if nothing in the scan resembles the model as expected.
+        Poses (4, 4), the best of each patch first. Empty if nothing in the scan resembles the model
+        as expected.
     """
     views = _views(surface, sensor.max_incidence)
     if not len(views.ways):
@@ -177,7 +199,9 @@ def initial_poses(
             score = _settle(X, points[some], normals[some], sigma, gates * views.radius, views)
             score += _confirmed(X, views, picture, 2.0 * views.spacing + 3.0 * sigma)
         admitted = expected.admits(X, surface)
-        return sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])
+        return sorted(
+            zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0]
+        )
 
     for patch in _patches(points, surface.radius, expected):
         of_patch = settled(patch, _turned(views, points[patch].mean(axis=0)))
@@ -223,7 +247,9 @@ def _is_apart(surface: ModelSurface, X_ST: Array, kept: list[Array]) -> bool:
 
 
 def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarray]:
-    """Indices of the points (n, 3) of each patch: each connected surface alone, with its vicinity, and in parts."""
+    """Indices of the points (n, 3) of each patch: each connected surface alone, with its vicinity,
+    and in parts.
+    """
     label = connected_surfaces(points, _TOGETHER * radius)
     size = np.bincount(label)
     patches: list[np.ndarray] = []
@@ -235,14 +261,17 @@ def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarra
         near = np.linalg.norm(points - points[alone].mean(axis=0), axis=1) < _VICINITY * radius
         if not 0.9 < near.sum() / len(alone) < 1.1:
             patches.append(np.nonzero(near)[0])
-    return patches + _balls(points, np.concatenate(patches) if patches else np.zeros(0, dtype=int), radius, expected)
+    return patches + _balls(
+        points, np.concatenate(patches) if patches else np.zeros(0, dtype=int), radius, expected
+    )
 
 
 def _balls(points: Array, among: np.ndarray, radius: float, expected: Expected) -> list[np.ndarray]:
-    """Indices of the points (n, 3) in each of a few balls, spread over the patches that hold more than the object.
+    """Indices of the points (n, 3) in each of a few balls, spread over the patches that hold more
+    than the object.
 
-    Touching objects form one surface, whose middle is none of theirs. The balls' centres are the points farthest from
-    each other.
+    Touching objects form one surface, whose middle is none of theirs. The balls' centres are the
+    points farthest from each other.
     """
     label = connected_surfaces(points, _TOGETHER * radius)
     large = np.zeros(len(points), dtype=bool)
@@ -269,7 +298,9 @@ def _balls(points: Array, among: np.ndarray, radius: float, expected: Expected) 
 
 
 def _turned(views: _Views, middle: Array) -> Array:
-    """Poses (v * _SPINS, 4, 4) that put each view, in each spin, on the scan around `middle` (3,) [m]."""
+    """Poses (v * _SPINS, 4, 4) that put each view, in each spin, on the scan around `middle` (3,)
+    [m].
+    """
     R = _facing(-middle) @ views.turns
     X = np.zeros((*R.shape[:2], 4, 4))
     X[..., :3, :3] = R
@@ -295,16 +326,26 @@ class _Equations(NamedTuple):
 
 
 @kernel
-def _settle(X_ST: Array, points: Array, normals: Array, sigma: float, gates: Array, views: _Views) -> Array:
-    """Fast ICP of every pose of `X_ST` (n, 4, 4), in place; returns the explained share (n,) of the points.
+def _settle(
+    X_ST: Array, points: Array, normals: Array, sigma: float, gates: Array, views: _Views
+) -> Array:
+    """Fast ICP of every pose of `X_ST` (n, 4, 4), in place; returns the explained share (n,) of the
+    points.
 
-    One Gauss-Newton step for each of `gates` [m]. The share is counted in the last iteration, before its step.
+    One Gauss-Newton step for each of `gates` [m]. The share is counted in the last iteration,
+    before its step.
     """
     explained = np.empty(len(X_ST))
     equations = _Equations(np.empty((6, 6)), np.empty(6), np.empty(6))
     H, g = equations.H, equations.g
     model, model_normals, nearest, ways = views.points, views.normals, views.nearest, views.ways
-    corner, cell, center, radius, spacing = views.corner, views.cell, views.center, views.radius, views.spacing
+    corner, cell, center, radius, spacing = (
+        views.corner,
+        views.cell,
+        views.center,
+        views.radius,
+        views.spacing,
+    )
     nx, ny, nz = nearest.shape[1:]
     reach = 2.0 * (cell + spacing)
     for h in range(len(X_ST)):
@@ -320,7 +361,11 @@ def _settle(X_ST: Array, points: Array, normals: Array, sigma: float, gates: Arr
                 x = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
                 y = X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz
                 z = X[0, 2] * dx + X[1, 2] * dy + X[2, 2] * dz
-                i, j, k = int((x - corner[0]) / cell), int((y - corner[1]) / cell), int((z - corner[2]) / cell)
+                i, j, k = (
+                    int((x - corner[0]) / cell),
+                    int((y - corner[1]) / cell),
+                    int((z - corner[2]) / cell),
+                )
                 if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
                     continue
                 m = nearest[view, i, j, k]
@@ -341,7 +386,11 @@ def _settle(X_ST: Array, points: Array, normals: Array, sigma: float, gates: Arr
                 if abs(along) < spacing + 3.0 * sigma and square < (reach + 3.0 * sigma) ** 2:
                     count += 1
                 weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2
-                ax, ay, az = (x - center[0]) / radius, (y - center[1]) / radius, (z - center[2]) / radius
+                ax, ay, az = (
+                    (x - center[0]) / radius,
+                    (y - center[1]) / radius,
+                    (z - center[2]) / radius,
+                )
                 at = (ax, ay, az)
                 _add(equations, weight, along, (u, v, w), at)
                 if square > reach * reach:  # no model at this cell: pull along the surface too
@@ -378,7 +427,9 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
 
 @kernel
 def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: _Triple) -> None:
-    """Add an `offset` [m] along the unit `way` at the place `at` [radii] from the centre to the normal equations."""
+    """Add an `offset` [m] along the unit `way` at the place `at` [radii] from the centre to the
+    normal equations.
+    """
     H, g, row = equations.H, equations.g, equations.row
     (u, v, w), (x, y, z) = way, at
     row[0], row[1], row[2] = u, v, w
@@ -395,7 +446,9 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
     """Move the model by `step` (6,) (linear [m]; angular x radius [m]), in T about its centre."""
     x, y, z = step[3] / radius, step[4] / radius, step[5] / radius
     angle = np.sqrt(x * x + y * y + z * z)
-    sine, cosine = (1.0, 0.5) if angle < 1e-6 else (np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2)
+    sine, cosine = (
+        (1.0, 0.5) if angle < 1e-6 else (np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2)
+    )
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + sine * K + cosine * (K @ K)  # Rodrigues' formula
     R = X_ST[:3, :3].copy()
@@ -405,7 +458,9 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
 
 @kernel
 def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) -> Array:
-    """Share (n,) of the visible model confirmed by the scan, less the share it sees through, at the poses (n, 4, 4)."""
+    """Share (n,) of the visible model confirmed by the scan, less the share it sees through, at the
+    poses (n, 4, 4).
+    """
     share = np.empty(len(X_ST))
     model, shown, depth = views.points, views.shown, picture.depth
     height, width = depth.shape

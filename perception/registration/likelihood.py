@@ -1,4 +1,6 @@
-"""Likelihood of a scan, given the pose of a known model: what ranks poses, and what the best is compared with."""
+"""Likelihood of a scan, given the pose of a known model: what ranks poses, and what the best is
+compared with.
+"""
 
 from collections.abc import Sequence
 
@@ -9,30 +11,37 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, transform_points
 
-OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
+# [m] in front of the model: nearer pixels show something else, not the object, fouled or not
+OCCLUDER = 0.06
 _PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about
 _GLANCED = 2_000  # pixels that suffice to rank poses which are not fitted yet
 _FILLED = 0.5  # [-] of the square around a model's sphere that its picture fills, about
 _MOST_COST = 9.0  # [sigma^2] largest cost of a pixel that contradicts the model
-_BACKGROUND_COST = 1.0  # [sigma^2] cost of a pixel of the background, which a plane explains but for noise
+# [sigma^2] cost of a pixel of the background, which a plane explains but for noise
+_BACKGROUND_COST = 1.0
 _UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does not cover
 
 
 def glance(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood [nat] from a twentieth of the pixels; arguments as those of `log_likelihood`."""
+    """Log likelihood [nat] from a twentieth of the pixels; arguments as those of
+    `log_likelihood`.
+    """
     return _compared(evidence, surface, X_ST, _GLANCED)
 
 
-def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int = _PIXELS) -> float:
+def log_likelihood(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: int = _PIXELS
+) -> float:
     """Log likelihood of the scan with the model at `X_ST`, up to a constant common to all poses.
 
-    Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is clipped, which leaves
-    room for growth and dents. A share of points within a tolerance cannot tell a plate from the same plate turned
-    round, because every single difference drowns in noise; a sum of squares over hundreds of pixels can.
+    Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is
+    clipped, which leaves room for growth and dents. A share of points within a tolerance cannot
+    tell a plate from the same plate turned round, because every single difference drowns in noise;
+    a sum of squares over hundreds of pixels can.
 
-    Pixels without depth contribute nothing. Those that stand out, and those of the background, cost the same wherever
-    the model does not cover them, so that only those that it covers are looked at: a small object in a heap is seen as
-    finely as one alone.
+    Pixels without depth contribute nothing. Those that stand out, and those of the background, cost
+    the same wherever the model does not cover them, so that only those that it covers are looked
+    at: a small object in a heap is seen as finely as one alone.
 
     Args:
         evidence: Scan and mask of the object.
@@ -46,7 +55,8 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixel
     return _weighed(evidence, surface, X_ST.tobytes(), pixels)
 
 
-@remembered(64)  # a pose is weighed when it is fitted, as the start of the next fit, and when it is judged
+# a pose is weighed when it is fitted, as the start of the next fit, and when it is judged
+@remembered(64)
 def _weighed(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes, pixels: int) -> float:
     return _compared(evidence, surface, np.frombuffer(pose_bytes).reshape(4, 4), pixels)
 
@@ -64,20 +74,29 @@ def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: in
 
     sigma = evidence.noise.sigma(depth)
     behind = scan.depth[rows, columns] - depth
-    shown = behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
+    # pixels of an occluder carry no information on the model
+    shown = behind > -np.maximum(OCCLUDER, 6.0 * sigma)
     without = np.where(mask[rows, columns], _UNEXPLAINED_COST, _BACKGROUND_COST)
     if (known := scan.known) is not None:
         explainer = known.depth[rows, columns]
         shown &= ~(explainer < depth)  # nor do those where a known object hides the model
         there = np.isfinite(explainer)
-        explained = np.where(there, (scan.depth[rows, columns] - np.where(there, explainer, 0.0)) / sigma, 0.0) ** 2
+        explained = (
+            np.where(
+                there, (scan.depth[rows, columns] - np.where(there, explainer, 0.0)) / sigma, 0.0
+            )
+            ** 2
+        )
         without = np.where(there, np.minimum(explained, _UNEXPLAINED_COST), without)
     cost = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST) - without[shown]
     return -0.5 * _weight(evidence, window) * float(cost.sum())
 
 
-def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple[ModelSurface, Array]) -> float:
-    """Log likelihood [nat] by which two models at their poses are expected to differ on this scan's pixels.
+def difference(
+    evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple[ModelSurface, Array]
+) -> float:
+    """Log likelihood [nat] by which two models at their poses are expected to differ on this scan's
+    pixels.
 
     Args:
         evidence: Scan and sensor.
@@ -85,7 +104,8 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
         other: Another.
 
     Returns:
-        The expected log likelihood ratio [nat], 0 where both look the same; occluded pixels do not count.
+        The expected log likelihood ratio [nat], 0 where both look the same; occluded pixels do not
+        count.
     """
     window = _window(evidence, [one, other], _PIXELS)
     if window is None:
@@ -95,14 +115,18 @@ def difference(evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple
     z = np.where(np.isfinite(a), a, np.where(np.isfinite(b), b, 1.0))
     sigma = evidence.noise.sigma(z)
     seen = (np.isfinite(a) | np.isfinite(b)) & (scan.depth > z - np.maximum(OCCLUDER, 6.0 * sigma))
-    cost = np.where(np.isfinite(a) & np.isfinite(b), np.minimum(((a - b) / sigma) ** 2, _MOST_COST), _MOST_COST)
+    cost = np.where(
+        np.isfinite(a) & np.isfinite(b), np.minimum(((a - b) / sigma) ** 2, _MOST_COST), _MOST_COST
+    )
     return 0.5 * _weight(evidence, window) * float(cost[seen].sum())
 
 
 def _weight(evidence: Evidence, window: tuple[slice, slice]) -> float:
-    """Independent readings for which a pixel of the window stands, with those that thinning has left out.
+    """Independent readings for which a pixel of the window stands, with those that thinning has
+    left out.
 
-    The window depends on the pose: were those left out not counted, a pose with a smaller picture would be likelier.
+    The window depends on the pose: were those left out not counted, a pose with a smaller picture
+    would be likelier.
     """
     return float(evidence.noise.independent(1.0)) * window[0].step ** 2
 
@@ -110,10 +134,11 @@ def _weight(evidence: Evidence, window: tuple[slice, slice]) -> float:
 def _window(
     evidence: Evidence, models: Sequence[tuple[ModelSurface, Array]], pixels: int
 ) -> tuple[slice, slice] | None:
-    """Rows and columns around models at their poses (4, 4), thinned; None if none is in the picture.
+    """Rows and columns around models at their poses (4, 4), thinned; None if none is in the
+    picture.
 
-    The step follows the size of the models at the depth of the evidence, and not the pose: with other pixels the sum
-    over thousands of them differs by tens of nats.
+    The step follows the size of the models at the depth of the evidence, and not the pose: with
+    other pixels the sum over thousands of them differs by tens of nats.
     """
     corners = [transform_points(X_ST, surface.hull) for surface, X_ST in models]
     rows, columns = evidence.scan.window(np.concatenate(corners), 0.0, evidence.scan.depth.size)
@@ -122,4 +147,6 @@ def _window(
     largest = max(surface.radius for surface, _ in models)
     across = 2.0 * largest / (evidence.scan.pitch * evidence.middle)  # [px]
     step = max(1, int(np.ceil(across * np.sqrt(_FILLED / pixels))))
-    return slice(rows.start // step * step, rows.stop, step), slice(columns.start // step * step, columns.stop, step)
+    return slice(rows.start // step * step, rows.stop, step), slice(
+        columns.start // step * step, columns.stop, step
+    )

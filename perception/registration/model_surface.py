@@ -1,4 +1,6 @@
-"""Sampled surface of a known model: points with normals, what of them a sensor sees, and its depth image."""
+"""Sampled surface of a known model: points with normals, what of them a sensor sees, and its depth
+image.
+"""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -22,9 +24,11 @@ MODELS = 2  # latest surfaces whose symmetries, views, ... are kept for those of
 
 @dataclass(frozen=True, eq=False)
 class ModelSurface:
-    """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all in T.
+    """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all
+    in T.
 
-    Surfaces of the same content are equal, so that what is worked out for one of the latest models serves the next run.
+    Surfaces of the same content are equal, so that what is worked out for one of the latest models
+    serves the next run.
     """
 
     target: TargetModel
@@ -34,10 +38,12 @@ class ModelSurface:
     center: Array  # (3,) [m], of the target's bounding box
     radius: float  # [m], of the sphere around it
     scene: RayScene
-    symmetry: Symmetry  # declared by the target, or else found in its mesh; of an open cloud only what is declared
+    # declared by the target, or else found in its mesh; of an open cloud only what is declared
+    symmetry: Symmetry
     hull: Array  # (k, 3) [m] outermost corners in many directions, which bound its picture
     resolution: float = 0.0  # [m] spacing of the cloud that the mesh was made of; 0 for a mesh
-    border: cKDTree | None = None  # points in T where an open cloud ends, though the object may go on
+    # points in T where an open cloud ends, though the object may go on
+    border: cKDTree | None = None
 
     @classmethod
     def of(cls, target: TargetModel, seed: int = 0) -> "ModelSurface":
@@ -53,7 +59,9 @@ class ModelSurface:
         double_area = np.linalg.norm(cross, axis=1)
         rng = np.random.default_rng(seed)
         count = int(np.clip(3.0 * double_area.sum() / spacing**2, 2000, 150_000))
-        face = np.searchsorted(np.cumsum(double_area) / double_area.sum(), rng.random(count), side="right")
+        face = np.searchsorted(
+            np.cumsum(double_area) / double_area.sum(), rng.random(count), side="right"
+        )
         face = np.minimum(face, len(corners) - 1)
         u, v = rng.random((2, count))
         over = u + v > 1.0
@@ -91,35 +99,53 @@ class ModelSurface:
     def _content(self) -> bytes:
         """Digest of all that the surface is made of."""
         target, none = self.target, np.zeros(0)
-        parts = [target.vertices, target.triangles, self.points, self.normals, self.hull, self.center]
+        parts = [
+            target.vertices,
+            target.triangles,
+            self.points,
+            self.normals,
+            self.hull,
+            self.center,
+        ]
         for symmetry in (self.symmetry, target.symmetry):
             axis = none if symmetry.axis is None else symmetry.axis
             parts += [axis, symmetry.rotations, symmetry.center]
         parts += [np.array([self.spacing, self.radius, self.resolution])]
         parts += [none if self.border is None else self.border.data]
-        digest = hashlib.blake2b(f"{target.name} {type(self.scene).__name__}".encode(), digest_size=16)
+        digest = hashlib.blake2b(
+            f"{target.name} {type(self.scene).__name__}".encode(), digest_size=16
+        )
         for part in parts:
             digest.update(f"{part.dtype}{part.shape}".encode())
             digest.update(part.tobytes())
         return digest.digest()
 
     def thinned(self, points: int) -> "ModelSurface":
-        """The same surface with fewer points, `points` at most, about; itself where it has no more."""
+        """The same surface with fewer points, `points` at most, about; itself where it has no
+        more.
+        """
         return _thinned(self, points)
 
     @property
     def is_open(self) -> bool:
-        """True for a scan from some sides: what lies behind it, and beyond its border, is unknown."""
+        """True for a scan from some sides: what lies behind it, and beyond its border, is
+        unknown.
+        """
         return isinstance(self.scene, OneSidedScene)
 
     def on_border(self, points: Array) -> np.ndarray:
-        """Mask (n,) of the points (n, 3) [m] in T near the border of an open cloud: no edges of the object."""
+        """Mask (n,) of the points (n, 3) [m] in T near the border of an open cloud: no edges of the
+        object.
+        """
         if self.border is None:
             return np.zeros(len(points), dtype=bool)
-        return self.border.query(points, distance_upper_bound=_AT_BORDER * self.resolution)[0] < np.inf
+        return (
+            self.border.query(points, distance_upper_bound=_AT_BORDER * self.resolution)[0] < np.inf
+        )
 
     def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
-        """Mask (m,) of the points that the sensor can see: in view, not hidden, not at grazing incidence.
+        """Mask (m,) of the points that the sensor can see: in view, not hidden, not at grazing
+        incidence.
 
         Args:
             X_ST: (4, 4) pose of T in S.
@@ -158,7 +184,9 @@ class ModelSurface:
         return seen
 
     def covers(self, X_ST: Array, points: Array) -> np.ndarray:
-        """Mask (n,) of the points (n, 3) [m] in S whose line of sight meets the model at `X_ST` (4, 4)."""
+        """Mask (n,) of the points (n, 3) [m] in S whose line of sight meets the model at `X_ST` (4,
+        4).
+        """
         X_TS = inverse(X_ST)
         return np.isfinite(self.scene.distance(X_TS[:3, 3], points @ X_TS[:3, :3].T))
 
@@ -176,20 +204,30 @@ class ModelSurface:
         rays_T = rays @ X_TS[:3, :3].T
         hit = self.scene.cast(X_TS[:3, 3], rays_T)
         depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
-        cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(rays, axis=-1)
-        return Scan(points=rays * depth[..., None], tangent_x=scan.tangent_x, tangent_y=scan.tangent_y), cosine
+        cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(
+            rays, axis=-1
+        )
+        return Scan(
+            points=rays * depth[..., None], tangent_x=scan.tangent_x, tangent_y=scan.tangent_y
+        ), cosine
 
     def depth(self, X_ST: Array, scan: Scan) -> Array:
-        """Depth (h, w) [m] of the model at `X_ST` (4, 4) in the pixels of `scan`, NaN where it is missed."""
+        """Depth (h, w) [m] of the model at `X_ST` (4, 4) in the pixels of `scan`, NaN where it is
+        missed.
+        """
         depth, X_TS = np.full(scan.depth.shape, np.nan), inverse(X_ST)
         corners = transform_points(X_ST, self.hull)
-        window = scan.window(corners, 0.0, scan.depth.size) if corners[:, 2].min() > 0.0 else np.s_[:, :]
+        window = (
+            scan.window(corners, 0.0, scan.depth.size) if corners[:, 2].min() > 0.0 else np.s_[:, :]
+        )
         t = self.scene.distance(X_TS[:3, 3], scan.part(window).rays @ X_TS[:3, :3].T)
         depth[window] = np.where(np.isfinite(t), t, np.nan)
         return depth
 
     def depth_along(self, X_ST: Array, rays: Array) -> Array:
-        """Depth (n,) [m] of the model at `X_ST` (4, 4) along rays (n, 3) in S, scaled to a depth of 1; inf for none."""
+        """Depth (n,) [m] of the model at `X_ST` (4, 4) along rays (n, 3) in S, scaled to a depth of
+        1; inf for none.
+        """
         X_TS = inverse(X_ST)
         return self.scene.distance(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
 
@@ -201,22 +239,30 @@ def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
         return surface
     spacing = surface.spacing * float(np.sqrt(share))
     kept = one_per_cube(surface.points, spacing)
-    return replace(surface, points=surface.points[kept], normals=surface.normals[kept], spacing=spacing)
+    return replace(
+        surface, points=surface.points[kept], normals=surface.normals[kept], spacing=spacing
+    )
 
 
 def one_per_cube(points: Array, size: float) -> np.ndarray:
-    """Index of one of the points (n, 3) in each cube of edge `size` [m]: their mean would leave the surface."""
+    """Index of one of the points (n, 3) in each cube of edge `size` [m]: their mean would leave the
+    surface.
+    """
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     return np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)[1]
 
 
 def _hull(vertices: Array) -> Array:
-    """The vertices (k, 3) that lie outermost in any of 162 directions: within 1 % of the size of the convex hull."""
+    """The vertices (k, 3) that lie outermost in any of 162 directions: within 1 % of the size of
+    the convex hull.
+    """
     return vertices[np.unique((vertices @ sphere(2)[0].T).argmax(axis=0))]
 
 
 @remembered(8)  # one pose is judged several times: by its score, by ICP and by the check
-def _visible(scan: Scan, surface: ModelSurface, pose_bytes: bytes, max_incidence: float, step: int) -> np.ndarray:
+def _visible(
+    scan: Scan, surface: ModelSurface, pose_bytes: bytes, max_incidence: float, step: int
+) -> np.ndarray:
     X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
     in_view = scan.pixels(transform_points(X_ST, surface.points[::step]))[2]
     mask = surface.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)

@@ -1,4 +1,6 @@
-"""Pairs of scan and visible model in one round of ICP: points with planes, and depth edges; their normal equations."""
+"""Pairs of scan and visible model in one round of ICP: points with planes, and depth edges; their
+normal equations.
+"""
 
 from dataclasses import dataclass, fields
 from typing import NamedTuple
@@ -16,17 +18,21 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
-SHARP_EDGE = np.cos(np.deg2rad(70.0))  # where a surface turns away more slowly the sensor fails, it has no edge
+# where a surface turns away more slowly the sensor fails, it has no edge
+SHARP_EDGE = np.cos(np.deg2rad(70.0))
 _WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
 _RASTER = 32  # [px] to whose multiples, about, windows of depth edges are extended
 _BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is looked at
-_SHOWN = 0.1  # [-] share of the sharp edges that can show, below which they are too few to judge all by
+# [-] share of the sharp edges that can show, below which they are too few to judge all by
+_SHOWN = 0.1
 _BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
 _EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
 _CONTOUR = 5.0  # [px] within which a contour's points give its direction
 _BAND = 40.0  # [px] without depth beside a surface, beyond which its outline is not looked for
-_WIDER = 2.0  # [px] by which that band may be wider than the model's own, which turns away there: no shadow of stereo
+# [px] by which that band may be wider than the model's own, which turns away there: no shadow of
+# stereo
+_WIDER = 2.0
 
 
 class _Outline(NamedTuple):
@@ -41,15 +47,16 @@ class _Outline(NamedTuple):
 class DepthEdges:
     """Depth edges of scan and model around the object.
 
-    A sharp edge lies where the object's surface ends in the scan. A smooth one, where the surface turns away and gives
-    no depth, lies where the depth behind it begins.
+    A sharp edge lies where the object's surface ends in the scan. A smooth one, where the surface
+    turns away and gives no depth, lies where the depth behind it begins.
     """
 
     ends: _Outline  # of the scan, where the surface ends
     behind: _Outline  # where the depth behind it begins
     model_points: Array  # (k, 3) [m] in T
     model_outward: Array  # (k, 2) unit
-    model_sharp: np.ndarray  # (k,) bool: see SHARP_EDGE; where an open model merely ends there is none
+    # (k,) bool: see SHARP_EDGE; where an open model merely ends there is none
+    model_sharp: np.ndarray
     model_smooth: np.ndarray  # (k,) bool: the others
     model_band: Array  # (k,) [px] beside the edge, in which the surface is too steep for an echo
     model_step: Array  # (k,) [m] by which the edge is farther than the surface beside that band
@@ -57,24 +64,37 @@ class DepthEdges:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairRows:
-    """Pairs of scan and model, one a row. A pair's score is J weight distance, with the derivative J slope J^T."""
+    """Pairs of scan and model, one a row.
 
-    J: Array  # (n, 7) derivative of the model's place along the pair's direction, by the unknowns of `Pairing.terms`
+    A pair's score is J weight distance, with the derivative J slope J^T.
+    """
+
+    # (n, 7) derivative of the model's place along the pair's direction, by the unknowns of
+    # `Pairing.terms`
+    J: Array
     weight: Array  # (n,) [1/m^2]
     slope: Array  # (n,) [1/m^2], negative for distances that are far outside the noise
     distance: Array  # (n,) [m] of the scan from the model
     tangents: Array  # (n, 2) x/z and y/z of the scan's reading
-    common: Array  # (n,) [m] standard deviation of the error that all depth edges share; 0 for planes
+    # (n,) [m] standard deviation of the error that all depth edges share; 0 for planes
+    common: Array
 
     @classmethod
     def joined(cls, *parts: "PairRows") -> "PairRows":
         """The rows of several one after the other."""
-        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+        return cls(
+            *(
+                np.concatenate([getattr(part, field.name) for part in parts])
+                for field in fields(cls)
+            )
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairing:
-    """The visible model points and depth edges that are compared with the scan in one round of ICP."""
+    """The visible model points and depth edges that are compared with the scan in one round of
+    ICP.
+    """
 
     evidence: Evidence
     surface: ModelSurface
@@ -84,17 +104,28 @@ class Pairing:
     edges: DepthEdges | None
 
     @classmethod
-    def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array, with_edges: bool = True) -> "Pairing | None":
+    def of(
+        cls, evidence: Evidence, surface: ModelSurface, X_ST: Array, with_edges: bool = True
+    ) -> "Pairing | None":
         """Pairing with the model at `X_ST`; None if fewer than 10 of its points are in view."""
         visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
         if visible.sum() < 10:
             return None
         points = surface.points[visible]
         edges = _edges(evidence, surface, X_ST) if with_edges else None
-        return cls(evidence, surface, points, surface.normals[visible], NearestPoint.of(points, surface.spacing), edges)
+        return cls(
+            evidence,
+            surface,
+            points,
+            surface.normals[visible],
+            NearestPoint.of(points, surface.spacing),
+            edges,
+        )
 
     def nearest(self, X_ST: Array, gate: float) -> np.ndarray:
-        """Index (n,) of the visible model point nearest to each scan point; their number where none is near."""
+        """Index (n,) of the visible model point nearest to each scan point; their number where none
+        is near.
+        """
         points = transform_points(inverse(X_ST), self.evidence.points)
         return self.grid.query(points, self._reach(gate))[1]
 
@@ -102,20 +133,28 @@ class Pairing:
         return gate + 3.0 * self.evidence.median_sigma
 
     def terms(self, X_ST: Array, gate: float, index: np.ndarray) -> tuple[Array, Array, float]:
-        """Normal equations (7, 7), (7,) of planes and depth edges, and the robust rms [m] of the planes.
+        """Normal equations (7, 7), (7,) of planes and depth edges, and the robust rms [m] of the
+        planes.
 
-        The unknowns are a twist about the model's centre (linear; angular x radius), and growth x radius from there.
-        `index` is the result of `nearest`.
+        The unknowns are a twist about the model's centre (linear; angular x radius), and growth x
+        radius from there. `index` is the result of `nearest`.
         """
         evidence, surface = self.evidence, self.surface
-        H, g, residual = _plane_terms(evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface)
+        H, g, residual = _plane_terms(
+            evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface
+        )
         if self.edges is not None:
             edges = _edge_rows(self.edges, evidence, X_ST, gate, surface)
-            H, g = H + edges.J.T @ (edges.weight[:, None] * edges.J), g + edges.J.T @ (edges.weight * edges.distance)
+            H, g = (
+                H + edges.J.T @ (edges.weight[:, None] * edges.J),
+                g + edges.J.T @ (edges.weight * edges.distance),
+            )
         return H, g, residual
 
     def rows(self, X_ST: Array, gate: float, index: np.ndarray) -> PairRows:
-        """The pairs themselves, planes first and then depth edges; arguments as those of `terms`."""
+        """The pairs themselves, planes first and then depth edges; arguments as those of
+        `terms`.
+        """
         evidence, surface = self.evidence, self.surface
         scan, model = _kernel_inputs(evidence, self.points, self.normals, surface)
         center = transform_points(X_ST, surface.center)
@@ -123,7 +162,9 @@ class Pairing:
         paired = values[:, 0] > 0.0
         points = evidence.points[paired]
         weight, slope, distance = values[paired].T
-        planes = PairRows(J[paired], weight, slope, distance, points[:, :2] / points[:, 2:], np.zeros(len(points)))
+        planes = PairRows(
+            J[paired], weight, slope, distance, points[:, :2] / points[:, 2:], np.zeros(len(points))
+        )
         return PairRows.joined(planes, self.edge_rows(X_ST, gate))
 
     def edge_rows(self, X_ST: Array, gate: float) -> PairRows:
@@ -134,7 +175,9 @@ class Pairing:
         return _edge_rows(self.edges, self.evidence, X_ST, gate, self.surface)
 
 
-def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:
+def edge_offsets(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array
+) -> tuple[Array, float, float]:
     """Compare the model's sharp depth edges with those of the scan.
 
     Args:
@@ -143,8 +186,9 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
         X_ST: (4, 4) pose of T in S.
 
     Returns:
-        Offsets (n,) [m] across the edge of those that have a partner, the share (0..1) of sharp edge that has one, and
-        the share beyond which the scanned surface goes on. The shares are NaN without sharp edges in view.
+        Offsets (n,) [m] across the edge of those that have a partner, the share (0..1) of sharp
+        edge that has one, and the share beyond which the scanned surface goes on. The shares are
+        NaN without sharp edges in view.
     """
     edges = _edges(evidence, surface, X_ST)
     if edges is None or edges.model_sharp.sum() < 20 or not len(edges.ends.edges.rows):
@@ -172,7 +216,8 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
         step = np.maximum(0.5 * jump(points[:, 2]), 3.0 * evidence.sensor.sigma(points[:, 2]))
         goes_on &= inside & evidence.mask[row, column]
         goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
-        goes_on &= ~surface.covers(X_ST, probe)  # one part of the model in front of another does not end it
+        # one part of the model in front of another does not end it
+        goes_on &= ~surface.covers(X_ST, probe)
     return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
 
 
@@ -185,17 +230,22 @@ def _hidden(evidence: Evidence, points: Array) -> np.ndarray:
 
 
 def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:
-    """Mask (n,) of the model's edges (n, 3) [m] in S that cannot show: the background behind them is as near.
+    """Mask (n,) of the model's edges (n, 3) [m] in S that cannot show: the background behind them
+    is as near.
 
     `normal` (n, 2): unit directions across the edges, outward in the image.
     """
     resting = np.zeros(len(points), dtype=bool)
     for pixels in _BESIDE:
         beyond = points[:, :2] / points[:, 2:] + pixels * evidence.scan.pitch * normal
-        row, column, inside = evidence.scan.pixels(np.column_stack([beyond, np.ones(len(beyond))]) * points[:, 2:])
+        row, column, inside = evidence.scan.pixels(
+            np.column_stack([beyond, np.ones(len(beyond))]) * points[:, 2:]
+        )
         step = evidence.scan.depth[row, column] - points[:, 2]
         with np.errstate(invalid="ignore"):
-            resting |= inside & ~evidence.standing[row, column] & (np.abs(step) < jump(points[:, 2]))
+            resting |= (
+                inside & ~evidence.standing[row, column] & (np.abs(step) < jump(points[:, 2]))
+            )
     return resting
 
 
@@ -241,12 +291,20 @@ def _plane_terms(
 
 @kernel
 def _pair(
-    scan: _Readings, model: _ModelPoints, n: int, i: int, X_ST: Array, center: Array, gate: float, J: Array
+    scan: _Readings,
+    model: _ModelPoints,
+    n: int,
+    i: int,
+    X_ST: Array,
+    center: Array,
+    gate: float,
+    J: Array,
 ) -> tuple[float, float, float]:
-    """Pair of scan point `n` and model point `i`: weight [1/m^2], its slope [1/m^2] and distance [m] along the normal.
+    """Pair of scan point `n` and model point `i`: weight [1/m^2], its slope [1/m^2] and distance
+    [m] along the normal.
 
-    Writes the Jacobian row `J` (7,). The weight is 0 where the pair does not count. Weight times distance is the score;
-    the slope is the score's derivative by the distance.
+    Writes the Jacobian row `J` (7,). The weight is 0 where the pair does not count. Weight times
+    distance is the score; the slope is the score's derivative by the distance.
     """
     q, m = np.empty(3), np.empty(3)
     for a in range(3):
@@ -282,7 +340,9 @@ def _pair(
 def _plane_sums(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array, Array]:
-    """Sums over the valid pairs: normal equations as in `_plane_terms`, and weights and weighted squares (2,) [m^2]."""
+    """Sums over the valid pairs: normal equations as in `_plane_terms`, and weights and weighted
+    squares (2,) [m^2].
+    """
     H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
     pairs = 0
     for n in range(len(scan.points)):
@@ -310,7 +370,9 @@ def _plane_sums(
 def _plane_rows(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array]:
-    """Jacobian rows (n, 7), and weight, slope [1/m^2] and distance [m] (n, 3) of the pairs; 0 where none counts."""
+    """Jacobian rows (n, 7), and weight, slope [1/m^2] and distance [m] (n, 3) of the pairs; 0 where
+    none counts.
+    """
     rows, terms = np.zeros((len(scan.points), 7)), np.zeros((len(scan.points), 3))
     for n in range(len(scan.points)):
         if index[n] < len(model.points):
@@ -319,12 +381,15 @@ def _plane_rows(
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
-    """Jacobian rows (n, 7) of `direction . at` for a twist about the model's centre and growth from there.
+    """Jacobian rows (n, 7) of `direction . at` for a twist about the model's centre and growth from
+    there.
 
     Rotation and growth are scaled by the model's radius.
     """
     arm = (at - transform_points(X_ST, surface.center)) / surface.radius
-    return np.column_stack([direction, np.cross(arm, direction), np.einsum("ij,ij->i", arm, direction)])
+    return np.column_stack(
+        [direction, np.cross(arm, direction), np.einsum("ij,ij->i", arm, direction)]
+    )
 
 
 def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges | None:
@@ -361,9 +426,11 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
 
 
 def _across(pixels: Array, steps: np.ndarray) -> Array:
-    """Unit directions (n, 2) across the contours through given points (n, 2) [px], to the side of the steps (n, 2).
+    """Unit directions (n, 2) across the contours through given points (n, 2) [px], to the side of
+    the steps (n, 2).
 
-    A wrong direction would turn motions along the contour, which it does not resist, into motions across it.
+    A wrong direction would turn motions along the contour, which it does not resist, into motions
+    across it.
     """
     order = np.argsort(pixels[:, 0], kind="stable")
     found = np.empty_like(pixels)
@@ -385,7 +452,9 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
             high += 1
         first[i], last[i] = low, high
         for j in range(low, high):
-            if (pixels[j, 0] - pixels[i, 0]) ** 2 + (pixels[j, 1] - pixels[i, 1]) ** 2 < _CONTOUR**2:
+            if (pixels[j, 0] - pixels[i, 0]) ** 2 + (
+                pixels[j, 1] - pixels[i, 1]
+            ) ** 2 < _CONTOUR**2:
                 rough[i, 0] += steps[j, 0]
                 rough[i, 1] += steps[j, 1]
         length = max(np.hypot(rough[i, 0], rough[i, 1]), 1e-12)
@@ -394,7 +463,10 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
         total, mx, my, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(first[i], last[i]):
             x, y = pixels[j, 0] - pixels[i, 0], pixels[j, 1] - pixels[i, 1]
-            if x * x + y * y < _CONTOUR**2 and rough[j, 0] * rough[i, 0] + rough[j, 1] * rough[i, 1] > 0.7:
+            if (
+                x * x + y * y < _CONTOUR**2
+                and rough[j, 0] * rough[i, 0] + rough[j, 1] * rough[i, 1] > 0.7
+            ):
                 total += 1.0
                 mx, my = mx + x, my + y
                 xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
@@ -410,7 +482,9 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
 
 
 def _nearest_in_image(points: Array, at: Array, reach: float) -> np.ndarray:
-    """Index (n,) of the one of `points` (k, 2) that is nearest to each of `at` (n, 2); -1 beyond `reach`."""
+    """Index (n,) of the one of `points` (k, 2) that is nearest to each of `at` (n, 2); -1 beyond
+    `reach`.
+    """
     order = np.argsort(points[:, 0], kind="stable")
     found = _nearest_sorted(points[order], at, reach)
     return np.where(found >= 0, order[found], -1)
@@ -446,16 +520,18 @@ def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]
 
 
 def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
-    """Extend a window to a raster that is the same for all windows of a step, so that their pixels are the same too.
+    """Extend a window to a raster that is the same for all windows of a step, so that their pixels
+    are the same too.
 
-    The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels are therefore the
-    same however much the picture is cropped.
+    The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels
+    are therefore the same however much the picture is cropped.
     """
     found = []
     for window, tangents, pitch in zip(
         (rows, columns), (scan.tangent_y, scan.tangent_x), scan.pitches[::-1], strict=True
     ):
-        first = round(float(tangents[0]) / pitch + 0.25)  # number of the picture's first pixel on the raster
+        # number of the picture's first pixel on the raster
+        first = round(float(tangents[0]) / pitch + 0.25)
         step = window.step or 1
         raster = step * (_RASTER // step)
         start = window.start - (window.start + first) % raster
@@ -465,12 +541,16 @@ def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
 
 
 def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
-    """Tangents (n, 2) of the model's depth edges `found` on the grid of `part`, to a fraction of a pixel."""
+    """Tangents (n, 2) of the model's depth edges `found` on the grid of `part`, to a fraction of a
+    pixel.
+    """
     X_TS, step = inverse(X_ST), jump(found.depth)
     middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
     for halving in range(_HALVINGS):
-        rays = np.column_stack([middle + part.pitches * at[:, None] * found.steps, np.ones(len(at))])
+        rays = np.column_stack(
+            [middle + part.pitches * at[:, None] * found.steps, np.ones(len(at))]
+        )
         depth = surface.scene.distance(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
         at += np.where(depth - found.depth <= step, 0.25, -0.25) / 2.0**halving
     return middle + part.pitches * at[:, None] * found.steps
@@ -478,27 +558,38 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
 
 @remembered(8)
 def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
-    """Depth edges of the scan on a grid of pixels: where the surface ends, and where the depth behind it begins."""
+    """Depth edges of the scan on a grid of pixels: where the surface ends, and where the depth
+    behind it begins.
+    """
     around = round(_BAND) + 2 * step
     rows, columns = (
         slice(max(0, int(lines[0]) - around), int(lines[-1]) + 1 + around, step)
-        for lines in (np.nonzero(evidence.mask.any(axis=1))[0], np.nonzero(evidence.mask.any(axis=0))[0])
+        for lines in (
+            np.nonzero(evidence.mask.any(axis=1))[0],
+            np.nonzero(evidence.mask.any(axis=0))[0],
+        )
     )
     window = _rastered(evidence.scan, rows, columns)
     part, mask = evidence.scan.part(window), evidence.mask[window]
     found = contour(part, mask, part.depth)
-    ends = _Outline(found, outward(mask, part.depth, found.rows, found.columns), np.zeros(len(found.rows)))
+    ends = _Outline(
+        found, outward(mask, part.depth, found.rows, found.columns), np.zeros(len(found.rows))
+    )
     # The surface goes on, at its depth, up to where there is depth again.
     band, nearest = _to_nearest(mask)
     filled = mask | (~np.isfinite(part.depth) & (band < _BAND))
     depth = np.where(filled, part.depth[nearest], part.depth)
     found = contour(Scan.of_grid(depth, part.tangent_x, part.tangent_y), filled, depth)
-    found = found.only(np.isfinite(depth[found.rows + found.steps[:, 1], found.columns + found.steps[:, 0]]))
+    found = found.only(
+        np.isfinite(depth[found.rows + found.steps[:, 1], found.columns + found.steps[:, 0]])
+    )
     at = found.rows, found.columns
     return ends, _Outline(found, outward(filled, depth, *at), band[at])
 
 
-def _edge_rows(edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, surface: ModelSurface) -> PairRows:
+def _edge_rows(
+    edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, surface: ModelSurface
+) -> PairRows:
     """Pairs of depth edges: distances across them in the image plane."""
     points = transform_points(X_ST, edges.model_points)
     tangents = points[:, :2] / points[:, 2:]
@@ -512,7 +603,9 @@ def _edge_rows(edges: DepthEdges, evidence: Evidence, X_ST: Array, gate: float, 
         paired &= of_kind[index]
         step = jump(points[index, 2])
         nearer = points[index, 2] - side.edges.depth
-        paired &= (nearer > -step) & (nearer < np.where(edges.model_smooth[index], edges.model_step[index], 0.0) + step)
+        paired &= (nearer > -step) & (
+            nearer < np.where(edges.model_smooth[index], edges.model_step[index], 0.0) + step
+        )
         paired &= side.band <= edges.model_band[index] + _WIDER
         paired &= np.einsum("ij,ij->i", side.outward, edges.model_outward[index]) > 0.7
         sides.append((index[paired], side.edges.tangents[paired]))

@@ -1,8 +1,10 @@
-"""Starts of the search by point pair features: poses for which pairs of scan points vote [Drost 2010].
+"""Starts of the search by point pair features: poses for which pairs of scan points vote [Drost
+2010].
 
-A pair of oriented points has four numbers that no motion changes: their distance, the angles of both normals with the
-line between them, and the angle of the normals. Pairs of the model are sorted by these. Each pair of the scan with a
-common first point votes for the model's points and turns that lay such a pair on it. Touching objects need no
+A pair of oriented points has four numbers that no motion changes: their distance, the angles of
+both normals with the line between them, and the angle of the normals. Pairs of the model are sorted
+by these. Each pair of the scan with a common first point votes for the model's points and turns
+that lay such a pair on it. Touching objects need no
 segmentation: pairs across two objects vote for nothing in particular.
 """
 
@@ -33,7 +35,8 @@ class _Pairs(NamedTuple):
     step: float  # [m] of distance
     start: np.ndarray  # (features + 1,) of the pairs of a feature
     first: np.ndarray  # (pairs,) index of the first point
-    turn: Array  # (pairs,) [rad] about its normal, by which the second point comes to the first direction across
+    # (pairs,) [rad] about its normal, by which the second point comes to the first direction across
+    turn: Array
 
 
 def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Array:
@@ -82,7 +85,9 @@ def _frames(normals: Array) -> Array:
 
 @kernel
 def _feature(p: Array, frame: Array, q: Array, normal: Array, step: float) -> tuple[int, float]:
-    """Number of the feature of two oriented points, -1 for none, and the turn [rad] about the first normal."""
+    """Number of the feature of two oriented points, -1 for none, and the turn [rad] about the first
+    normal.
+    """
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     length = np.sqrt(x * x + y * y + z * z)
     far = int(length / step)
@@ -109,12 +114,16 @@ def _features(points: Array, frames: Array, step: float) -> tuple[np.ndarray, Ar
     for i in range(len(points)):
         for j in range(len(points)):
             if i != j:
-                feature[i, j], turn[i, j] = _feature(points[i], frames[i], points[j], frames[j, 0], step)
+                feature[i, j], turn[i, j] = _feature(
+                    points[i], frames[i], points[j], frames[j, 0], step
+                )
     return feature, turn
 
 
 @kernel
-def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, nearby: float) -> tuple[Array, Array]:
+def _vote(
+    points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, nearby: float
+) -> tuple[Array, Array]:
     """Poses (k, peaks, 4, 4) and votes (k, peaks) of the k `references` among the scan's points."""
     X = np.zeros((len(references), _PEAKS, 4, 4))
     votes = np.zeros((len(references), _PEAKS))
@@ -130,7 +139,8 @@ def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, n
             number, turn = _feature(points[r], frames[r], points[s], frames[s, 0], pairs.step)
             if number < 0:
                 continue
-            # Tens of millions of votes: no remainder (both turns lie in -pi to pi), no check of an index's sign.
+            # Tens of millions of votes: no remainder (both turns lie in -pi to pi), no check of an
+            # index's sign.
             for n in range(pairs.start[number], pairs.start[number + 1]):
                 place = (pairs.turn[n] - turn) * (_TURNS / (2.0 * np.pi))
                 low = np.floor(place)
@@ -145,7 +155,14 @@ def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, n
             best = int(count.argmax())
             m, at = best // _TURNS, best % _TURNS
             votes[k, peak] = count[m, at]
-            _lay(X[k, peak], points[r], frames[r], pairs.points[m], pairs.frames[m], at * (2.0 * np.pi / _TURNS))
+            _lay(
+                X[k, peak],
+                points[r],
+                frames[r],
+                pairs.points[m],
+                pairs.frames[m],
+                at * (2.0 * np.pi / _TURNS),
+            )
             for other in range(len(pairs.points)):
                 off = pairs.points[other] - pairs.points[m]
                 if off[0] ** 2 + off[1] ** 2 + off[2] ** 2 < nearby**2:
@@ -156,12 +173,16 @@ def _vote(points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, n
 
 @kernel
 def _lay(X: Array, p: Array, frame: Array, q: Array, model_frame: Array, angle: float) -> None:
-    """Write the pose `X` (4, 4) that lays a model point with its frame on a scan point, turned about the normal."""
+    """Write the pose `X` (4, 4) that lays a model point with its frame on a scan point, turned
+    about the normal.
+    """
     c, s = np.cos(angle), np.sin(angle)
     for a in range(3):
         for b in range(3):
             n, u, v = model_frame[0, b], model_frame[1, b], model_frame[2, b]
-            X[a, b] = frame[0, a] * n + frame[1, a] * (c * u - s * v) + frame[2, a] * (s * u + c * v)
+            X[a, b] = (
+                frame[0, a] * n + frame[1, a] * (c * u - s * v) + frame[2, a] * (s * u + c * v)
+            )
     for a in range(3):
         X[a, 3] = p[a] - (X[a, 0] * q[0] + X[a, 1] * q[1] + X[a, 2] * q[2])
     X[3, 3] = 1.0

@@ -1,21 +1,23 @@
-"""Verification of a fitted pose by projected trajectories, and the decision to accept, rescan or refuse.
+"""Verification of a fitted pose by projected trajectories, and the decision to accept, rescan or
+refuse.
 
-Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the triangulated surfaces of the
-scan and of the fitted model. The distances E_i between both projections measure how far the surfaces lie apart
-[Konoplin 2022, eq. 2].
+Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the
+triangulated surfaces of the scan and of the fitted model. The distances E_i between both
+projections measure how far the surfaces lie apart [Konoplin 2022, eq. 2].
 
-The published Q = sqrt(sum E_i^2) (`registration.published.paper_check`) grows with the number of rays. It has no rule
-for rays that miss a surface or meet an occluder, and a few rays at edges dominate it. Here each ray of several curves
-is classified. Either both surfaces agree, or the scan lies in front of the model, or behind it (the scan sees through
-the model), or an occluder hides the model, which is no evidence.
+The published Q = sqrt(sum E_i^2) (`registration.published.paper_check`) grows with the number of
+rays. It has no rule for rays that miss a surface or meet an occluder, and a few rays at edges
+dominate it. Here each ray of several curves is classified. Either both surfaces agree, or the scan
+lies in front of the model, or behind it (the scan sees through the model), or an occluder hides the
+model, which is no evidence.
 
-A trimmed rms, the shares of these classes, the coverage and the offset of sharp depth edges are compared with limits
-from the sensor's noise and resolution. Three further conditions:
+A trimmed rms, the shares of these classes, the coverage and the offset of sharp depth edges are
+compared with limits from the sensor's noise and resolution. Three further conditions:
 
 - ICP from the pose does not move it.
 - The object is as large as the model.
-- The scan is far less likely at every other pose that looks alike (an arm of a starfish further), and at every pose to
-  which another ICP converged.
+- The scan is far less likely at every other pose that looks alike (an arm of a starfish further),
+  and at every pose to which another ICP converged.
 """
 
 from dataclasses import dataclass
@@ -44,42 +46,55 @@ _ACROSS_EDGES = 1.5  # [px] by which a ray is moved aside to detect a nearby edg
 _MIN_RAYS = 40  # rays without which there is no verdict
 _RIM = 1.0  # [noise lengths] width below which a missing part is the error of an edge
 _FEATURE = 2.0  # [noise lengths^2] largest part that may be missing by chance
-_UNTOLD = 3.0  # [spacings] edge of a part that a cloud does not tell from a gap between two of its surfaces
+# [spacings] edge of a part that a cloud does not tell from a gap between two of its surfaces
+_UNTOLD = 3.0
 _AGREES = 1.5  # [sigma] within which scan and model agree
-_ABRUPT = 0.6  # [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
+# [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
+_ABRUPT = 0.6
 _FEW_RAYS = 120  # parallel rays below which lines of sight replace them
 _TURNED_AWAY = (
-    0.3  # [-] share of the rim of a region without depth that an occluder takes, above which it may go on there
+    # [-] share of the rim of a region without depth that an occluder takes, above which it may go
+    # on there
+    0.3
 )
-_THIN = 0.75  # [-] share of the parallel rays that stay clear of edges, below which lines of sight replace them
+# [-] share of the parallel rays that stay clear of edges, below which lines of sight replace them
+_THIN = 0.75
 _SIGHTS = 1000  # lines of sight, about
 _STEEP = np.cos(np.deg2rad(65.0))  # cosine of incidence below which a ray does not count
 _TOGETHER = 3.0  # [spacings] between neighbouring points of one surface
-_PART = 0.1  # [-] explained share of a scanned surface, above which all of it should belong to the model
+# [-] explained share of a scanned surface, above which all of it should belong to the model
+_PART = 0.1
 _PATCHES = 9.0  # [-] model radius over the edge of a patch
 _PATCH_RAYS = 5  # rays in a patch, at least
 _PATCH_TRIM = 0.25  # [-] share of patches that may be fouled or dented
-# Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between true poses (clean,
-# fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/experiments/identification/decisions.py counts their
-# errors.
+# Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between
+# true poses (clean, fouled, up to 66 % hidden) and poses 10 deg or 3 cm off;
+# scripts/experiments/identification/decisions.py counts their errors.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
 MIN_AGREEMENT = 0.70  # [-] least share of rays on which both surfaces agree
 MAX_THROUGH = 0.12  # [-] largest share of rays on which the scan sees through the model
 MIN_EDGE_SHARE = 0.25  # [-] least share of the model's sharp edges found in the scan
-MAX_GOES_ON = 0.35  # [-] largest share of the model's edges beyond which the scanned surface goes on
-MAX_BEYOND = 0.25  # [-] unexplained share of the scanned surface around the model; fouled objects reach 0.13
-# [-] share of the model's sharp edges that the scan shows, at least, and beyond which it goes on, at most, where the
-# object ends as the model does
+# [-] largest share of the model's edges beyond which the scanned surface goes on
+MAX_GOES_ON = 0.35
+# [-] unexplained share of the scanned surface around the model; fouled objects reach 0.13
+MAX_BEYOND = 0.25
+# [-] share of the model's sharp edges that the scan shows, at least, and beyond which it goes on,
+# at most, where the object ends as the model does
 _ENDS = (0.75, 0.1)
 _MAX_TOUCHING = 0.5  # [-] unexplained share then: a neighbour touches it
 MIN_COVERAGE = 0.1  # [-] least share of the expected rays on which the scan shows the object
 WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a contradiction
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
-FOUND = (0.005, 0.003, np.deg2rad(3.0))  # [m], share of the range and [rad] by which a pose may be wrong
-WRONG_COSTS = 10.0  # [looks] that a wrong pose costs: less is expected to be lost by another look below a chance of 0.9
-MAX_SIZE = 0.025  # [-] by which the best scale may differ from 1: midway to an object 5 % larger or smaller
-MAX_SIZE_SIGMA = 0.02  # [-] standard deviation of the scale above which this does not tell it from 1
-MIN_MARGIN = 6.0  # [nat] over every other pose; right poses among near twins (an uneven starfish) reach 8
+# [m], share of the range and [rad] by which a pose may be wrong
+FOUND = (0.005, 0.003, np.deg2rad(3.0))
+# [looks] that a wrong pose costs: less is expected to be lost by another look below a chance of 0.9
+WRONG_COSTS = 10.0
+# [-] by which the best scale may differ from 1: midway to an object 5 % larger or smaller
+MAX_SIZE = 0.025
+# [-] standard deviation of the scale above which this does not tell it from 1
+MAX_SIZE_SIGMA = 0.02
+# [nat] over every other pose; right poses among near twins (an uneven starfish) reach 8
+MIN_MARGIN = 6.0
 
 
 class Decision(StrEnum):
@@ -113,7 +128,8 @@ class PoseCheck:
     decision: Decision
     figure_m: float  # [m] trimmed rms distance of both projections along o; inf without a verdict
     threshold_m: float  # [m] its limit, from the sensor's noise and resolution at this range
-    form_m: float  # [m] trimmed rms of the patch medians of the same distances, signed: more than noise
+    # [m] trimmed rms of the patch medians of the same distances, signed: more than noise
+    form_m: float
     form_threshold_m: float  # [m]
     agreement: float  # [-] share of the judged rays on which both surfaces lie within 3 sigma
     through: float  # [-] share of the judged rays on which the scan lies behind the model's surface
@@ -121,12 +137,14 @@ class PoseCheck:
     hidden: float  # [-] share of all rays with an occluder in front of the object
     rays: int  # expected to meet both surfaces
     edges: EdgeFigures
-    beyond: float  # [-] share of the scanned surface connected to the model that the model does not explain
+    # [-] share of the scanned surface connected to the model that the model does not explain
+    beyond: float
     move_m: float  # [m] rms by which another ICP moves the visible model
     move_threshold_m: float  # [m]
     size: float  # [-] best scale of the object against the model
     size_threshold: float  # [-] by which it may differ from 1
-    margin: float  # [nat] log likelihood above that of the best other pose that was tried; inf if none was
+    # [nat] log likelihood above that of the best other pose that was tried; inf if none was
+    margin: float
     free: Array  # (k, 6) free twists as in `IcpFit`
     projections: Projections
     contradicted: bool  # the scan speaks against the pose; False: it agrees, or tells too little
@@ -167,9 +185,10 @@ def check(
         evidence: Scan of the object.
         surface: Sampled model.
         X_ST: (4, 4) pose of T in S.
-        fit: Result of `fine_fit` at `X_ST`, or at a pose equal to it by declared symmetry. None: ICP is run from
-            `X_ST`.
-        others: [nat] log likelihood of the best other hypothesis; None: of the best pose that looks alike.
+        fit: Result of `fine_fit` at `X_ST`, or at a pose equal to it by declared symmetry. None:
+            ICP is run from `X_ST`.
+        others: [nat] log likelihood of the best other hypothesis; None: of the best pose that looks
+            alike.
         covariance: Of the pose; None: it is not judged.
 
     Returns:
@@ -183,7 +202,9 @@ def check(
         return _unmade(rays)
     E, both, sigma = rays.E, rays.compared, rays.sigma
     if both.sum() < _MIN_RAYS:
-        return _unmade(f"only {int(both.sum())} check rays meet the object in the scan; need {_MIN_RAYS}")
+        return _unmade(
+            f"only {int(both.sum())} check rays meet the object in the scan; need {_MIN_RAYS}"
+        )
     judged = max(1, int(rays.judged.sum()))
     agreement, seen_through = float(rays.near.sum() / judged), float(rays.through.sum() / judged)
     coverage = float((rays.judged & ~rays.through).mean())
@@ -216,34 +237,69 @@ def check(
     against = [
         text
         for failed, text in (
-            (figure > threshold, f"surfaces lie {1e3 * figure:.1f} mm apart, limit {1e3 * threshold:.1f} mm"),
-            (form > form_threshold, f"shapes differ by {1e3 * form:.1f} mm, limit {1e3 * form_threshold:.1f} mm"),
-            (agreement < MIN_AGREEMENT, f"only {agreement:.0%} of the check rays agree, need {MIN_AGREEMENT:.0%}"),
+            (
+                figure > threshold,
+                f"surfaces lie {1e3 * figure:.1f} mm apart, limit {1e3 * threshold:.1f} mm",
+            ),
+            (
+                form > form_threshold,
+                f"shapes differ by {1e3 * form:.1f} mm, limit {1e3 * form_threshold:.1f} mm",
+            ),
+            (
+                agreement < MIN_AGREEMENT,
+                f"only {agreement:.0%} of the check rays agree, need {MIN_AGREEMENT:.0%}",
+            ),
             (seen_through > MAX_THROUGH, f"the scan sees through {seen_through:.0%} of the model"),
-            (edge > edge_threshold, f"edges lie {1e3 * edge:.1f} mm apart, limit {1e3 * edge_threshold:.1f} mm"),
-            (goes_on > MAX_GOES_ON, f"the surface goes on beyond {goes_on:.0%} of the model's edges"),
+            (
+                edge > edge_threshold,
+                f"edges lie {1e3 * edge:.1f} mm apart, limit {1e3 * edge_threshold:.1f} mm",
+            ),
+            (
+                goes_on > MAX_GOES_ON,
+                f"the surface goes on beyond {goes_on:.0%} of the model's edges",
+            ),
             (
                 beyond > (_MAX_TOUCHING if ends else MAX_BEYOND),
                 f"{beyond:.0%} of the surface that it lies on is not the model's",
             ),
             (
                 move > move_threshold,
-                f"a further fit moves it by {1e3 * move:.1f} mm, limit {1e3 * move_threshold:.1f} mm",
+                f"a further fit moves it by {1e3 * move:.1f} mm, limit {1e3 * move_threshold:.1f} "
+                "mm",
             ),
-            (abs(rest.size - 1.0) > size_threshold, f"at {rest.size:.2f} times its size it fits better"),
+            (
+                abs(rest.size - 1.0) > size_threshold,
+                f"at {rest.size:.2f} times its size it fits better",
+            ),
             (margin < -MIN_MARGIN, "another pose fits better"),
-            (missing > least, f"{missing} connected pixels of the model are missing, at most {least} may be"),
+            (
+                missing > least,
+                f"{missing} connected pixels of the model are missing, at most {least} may be",
+            ),
         )
         if failed
     ]
     lacking = [
         text
         for failed, text in (
-            (coverage < MIN_COVERAGE, f"only {coverage:.0%} of what should be seen is seen, need {MIN_COVERAGE:.0%}"),
-            (edge_share < MIN_EDGE_SHARE, f"only {edge_share:.0%} of the model's edges are in the scan"),
-            (undeclared > 0, "this view does not hold the whole pose: the model can slide or turn on what is seen"),
+            (
+                coverage < MIN_COVERAGE,
+                f"only {coverage:.0%} of what should be seen is seen, need {MIN_COVERAGE:.0%}",
+            ),
+            (
+                edge_share < MIN_EDGE_SHARE,
+                f"only {edge_share:.0%} of the model's edges are in the scan",
+            ),
+            (
+                undeclared > 0,
+                "this view does not hold the whole pose: the model can slide or turn "
+                "on what is seen",
+            ),
             (abs(margin) <= MIN_MARGIN, "another pose fits as well"),
-            (size_sigma > MAX_SIZE_SIGMA, f"its size is seen to {size_sigma:.1%} only, need {MAX_SIZE_SIGMA:.1%}"),
+            (
+                size_sigma > MAX_SIZE_SIGMA,
+                f"its size is seen to {size_sigma:.1%} only, need {MAX_SIZE_SIGMA:.1%}",
+            ),
             (loose, f"this view holds the pose to {doubt} only, one standard deviation"),
         )
         if failed
@@ -272,7 +328,8 @@ def check(
         margin=margin,
         free=rest.free,
         projections=Projections(
-            scan=(rays.C_model + np.where(both, E, 0.0)[:, None] * rays.o)[both], model=rays.C_model[both]
+            scan=(rays.C_model + np.where(both, E, 0.0)[:, None] * rays.o)[both],
+            model=rays.C_model[both],
         ),
         contradicted=bool(against),
         reason="; ".join(against + lacking),
@@ -280,9 +337,11 @@ def check(
 
 
 def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[int, int]:
-    """Pixels of the largest part of the model that the scan sees through, and how many may be by chance.
+    """Pixels of the largest part of the model that the scan sees through, and how many may be by
+    chance.
 
-    The part is a connected region of pixels in which the scan lies behind the model by 3 sigma or more, wider than the
+    The part is a connected region of pixels in which the scan lies behind the model by 3 sigma or
+    more, wider than the
     errors at an edge. At its rim the distance must jump: a dent begins gently.
     """
     window = evidence.scan.window(transform_points(X_ST, surface.points), 0.05, _SURFACE_PIXELS)
@@ -291,7 +350,8 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
     shown = np.isfinite(depth) & np.isfinite(scan.depth)
     sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
     behind = np.where(shown, scan.depth - depth, 0.0) / sigma
-    cell = evidence.sensor.noise_length * evidence.scan.pitch / scan.pitch  # [px] of one independent reading
+    # [px] of one independent reading
+    cell = evidence.sensor.noise_length * evidence.scan.pitch / scan.pitch
     wide = 2 * int(np.ceil(0.5 * _RIM * cell)) + 1
     label, count = ndimage.label(ndimage.binary_opening(behind > 3.0, np.ones((wide, wide))))
     pixel = scan.pitch * float(np.median(depth[shown])) if shown.any() else np.inf  # [m]
@@ -302,13 +362,17 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
         inside = label == part
         rim = ndimage.binary_dilation(inside, iterations=wide) & shown & ~inside
         deep = np.median((behind * sigma)[inside]) > OCCLUDER  # deeper than any dent
-        if inside.sum() > max(largest, least) and (deep or agrees[rim].sum() > _ABRUPT * max(1, rough[rim].sum())):
+        if inside.sum() > max(largest, least) and (
+            deep or agrees[rim].sum() > _ABRUPT * max(1, rough[rim].sum())
+        ):
             largest = int(inside.sum())
     return largest, least
 
 
 def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool, str]:
-    """Whether another look costs less than what is expected from a wrong pose; and how loosely the pose is held."""
+    """Whether another look costs less than what is expected from a wrong pose; and how loosely the
+    pose is held.
+    """
     if covariance is None:
         return False, ""
     position, angle = covariance.held_sigmas
@@ -317,10 +381,11 @@ def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool,
 
 
 def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Rays | str:
-    """Compare both surfaces along rays over the visible model `points` (m, 3) [m] in S; a reason if too few meet it.
+    """Compare both surfaces along rays over the visible model `points` (m, 3) [m] in S; a reason if
+    too few meet it.
 
-    The rays are parallel [Konoplin 2022]. On bars and grids many of them pass near an edge: lines of sight replace
-    them.
+    The rays are parallel [Konoplin 2022]. On bars and grids many of them pass near an edge: lines
+    of sight replace them.
     """
     met = _parallel(evidence, surface, X_ST, points)
     if met is None or len(met.C_model) < _FEW_RAYS or met.clear < _THIN:
@@ -328,12 +393,19 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
         met = by_sight if met is None or len(by_sight.C_model) > len(met.C_model) else met
     if len(met.C_model) < _MIN_RAYS:
         return f"only {len(met.C_model)} check rays meet the visible model; need {_MIN_RAYS}"
-    sensor, scan, C_model, cosine, E = evidence.sensor, evidence.scan, met.C_model, met.cosine, met.E
+    sensor, scan, C_model, cosine, E = (
+        evidence.sensor,
+        evidence.scan,
+        met.C_model,
+        met.cosine,
+        met.E,
+    )
     z = C_model[:, 2]
     pitch = scan.pitch * z
     slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / cosine
     sigma = np.sqrt(sensor.sigma(z) ** 2 + (pitch * slope) ** 2 + MODEL_TOLERANCE**2)
-    # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line of sight shows it.
+    # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line
+    # of sight shows it.
     row, column, _ = scan.pixels(C_model)
     top, left = max(0, int(row.min()) - 2), max(0, int(column.min()) - 2)
     first = scan.depth[top : int(row.max()) + 3, left : int(column.max()) + 3]
@@ -344,11 +416,13 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     hidden = (around < z - occluder) | (-occluder > E)
     if scan.known is not None:
         hidden |= scan.known.depth[row + top, column + left] < z
-    # Where scan and model agree along the line of sight, a ray beside it passed through a gap that an occluder leaves.
+    # Where scan and model agree along the line of sight, a ray beside it passed through a gap that
+    # an occluder leaves.
     behind = scan.depth[top : top + len(first), left : left + first.shape[1]][row, column] - z
     agrees = np.abs(behind) < 3.0 * sigma
     E = np.where(agrees & ~(np.abs(E) < 3.0 * sigma), behind, E)
-    # Where the ray meets no triangle the line of sight decides: the scan lies behind, or there is no depth around.
+    # Where the ray meets no triangle the line of sight decides: the scan lies behind, or there is
+    # no depth around.
     meets = np.isfinite(E)
     past = ~meets & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
     past &= np.isfinite(around) | ~np.isfinite(ndimage.minimum_filter(first, 5)[row, column])
@@ -360,7 +434,8 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
 
 
 def _behind_no_depth(first: Array, row: np.ndarray, column: np.ndarray, limit: Array) -> np.ndarray:
-    """Mask (n,) of rays into a region without depth at whose rim an occluder stands: it may be turned away there.
+    """Mask (n,) of rays into a region without depth at whose rim an occluder stands: it may be
+    turned away there.
 
     Args:
         first: (h, w) [m] depth of the scan, inf where there is none.
@@ -388,7 +463,8 @@ class _Met(NamedTuple):
 
     C_model: Array  # (n, 3) [m] in S
     cosine: Array  # (n,) of the angle of incidence
-    E: Array  # (n,) [m] scan behind (+) or in front of (-) the model; inf where the ray misses the scan
+    # (n,) [m] scan behind (+) or in front of (-) the model; inf where the ray misses the scan
+    E: Array
     o: Array  # (3,) unit, their mean direction
     clear: float  # [-] share of the rays that stay clear of the model's edges
 
@@ -399,22 +475,34 @@ def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Ar
     H_D, o = direction(points)
     starts = curves(H_D, o, points)
     X_TS = inverse(X_ST)
-    on_model = surface.scene.cast(transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape))
+    on_model = surface.scene.cast(
+        transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
+    )
     meets = np.isfinite(on_model["t"])
     hit = meets & clear_of_edges(
-        surface, X_TS, starts, on_model["t"], o, _ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D))
+        surface,
+        X_TS,
+        starts,
+        on_model["t"],
+        o,
+        _ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D)),
     )
     clear = float(hit.sum() / max(1, meets.sum()))
     t_model, starts = on_model["t"][hit], starts[hit]
     C_model = starts + t_model[:, None] * o
-    # The rays are parallel, the sensor's lines of sight are not: keep rays whose model point the sensor itself should
-    # see.
+    # The rays are parallel, the sensor's lines of sight are not: keep rays whose model point the
+    # sensor itself should see.
     line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
     origin_T = X_TS[:3, 3]
     sight = surface.scene.distance(origin_T, transform_points(X_TS, C_model) - origin_T)
     cosine = np.abs(np.einsum("ij,ij->i", on_model["normal"][hit] @ X_ST[:3, :3].T, line))
     expected = (sight > 0.995) & (cosine > _STEEP) & scan.pixels(C_model)[2]
-    C_model, starts, t_model, cosine = C_model[expected], starts[expected], t_model[expected], cosine[expected]
+    C_model, starts, t_model, cosine = (
+        C_model[expected],
+        starts[expected],
+        t_model[expected],
+        cosine[expected],
+    )
     if not len(C_model):
         return None
     part = scan.part(scan.window(C_model, 0.05, _SURFACE_PIXELS))
@@ -440,7 +528,10 @@ def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _
     rows, columns = np.nonzero(clear & (cosine > _STEEP))
     every = max(1, len(rows) // _SIGHTS)
     rows, columns = rows[::every], columns[::every]
-    C_model, behind = model.points[rows, columns], part.depth[rows, columns] - model.depth[rows, columns]
+    C_model, behind = (
+        model.points[rows, columns],
+        part.depth[rows, columns] - model.depth[rows, columns],
+    )
     along = np.linalg.norm(C_model, axis=1) / C_model[:, 2]
     o = C_model.sum(axis=0) if len(C_model) else np.array([0.0, 0.0, 1.0])
     return _Met(
@@ -453,7 +544,9 @@ def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _
 
 
 def direction(points: Array) -> tuple[Array, Array]:
-    """Centroid H_D (3,) [m] of the model points (m, 3) [m] in S, and the unit line of sight o (3,) towards it."""
+    """Centroid H_D (3,) [m] of the model points (m, 3) [m] in S, and the unit line of sight o (3,)
+    towards it.
+    """
     H_D = points.mean(axis=0)
     return H_D, H_D / np.linalg.norm(H_D)  # S is the origin: o = -(S - H_D)/|S - H_D|
 
@@ -466,7 +559,8 @@ def across(o: Array) -> tuple[Array, Array]:
 
 
 def curves(H_D: Array, o: Array, points: Array) -> Array:
-    """Points c_i of lines and circles in a plane perpendicular to `o`, in front of the object, across all of it.
+    """Points c_i of lines and circles in a plane perpendicular to `o`, in front of the object,
+    across all of it.
 
     Args:
         H_D: (3,) [m] centroid of the visible model in S.
@@ -478,12 +572,20 @@ def curves(H_D: Array, o: Array, points: Array) -> Array:
     """
     reach = lateral_reach(H_D, o, points)
     s = np.arange(-reach, reach + _RAY_STEP, _RAY_STEP)
-    flat = [np.outer(s, [np.cos(angle), np.sin(angle)]) for angle in np.linspace(0.0, np.pi, _LINES, endpoint=False)]
-    flat += [circle(share * reach, max(8, round(2.0 * np.pi * share * reach / _RAY_STEP))) for share in _CIRCLES]
+    flat = [
+        np.outer(s, [np.cos(angle), np.sin(angle)])
+        for angle in np.linspace(0.0, np.pi, _LINES, endpoint=False)
+    ]
+    flat += [
+        circle(share * reach, max(8, round(2.0 * np.pi * share * reach / _RAY_STEP)))
+        for share in _CIRCLES
+    ]
     return in_plane(H_D, o, points, np.vstack(flat))
 
 
-def clear_of_edges(surface: ModelSurface, X_TS: Array, starts: Array, t: Array, o: Array, margin: float) -> np.ndarray:
+def clear_of_edges(
+    surface: ModelSurface, X_TS: Array, starts: Array, t: Array, o: Array, margin: float
+) -> np.ndarray:
     """Mask (n,) of the rays that meet the same face of the model when moved aside by `margin`.
 
     Args:
@@ -520,7 +622,9 @@ def lateral_reach(H_D: Array, o: Array, points: Array) -> float:
 
 
 def in_plane(H_D: Array, o: Array, points: Array, flat: Array) -> Array:
-    """Lift `flat` (n, 2) [m] into a plane perpendicular to `o`, in front of all `points`: (n, 3) [m] in S."""
+    """Lift `flat` (n, 2) [m] into a plane perpendicular to `o`, in front of all `points`: (n, 3)
+    [m] in S.
+    """
     before = min(float(((points - H_D) @ o).min()) - 0.3, -0.05)
     return H_D + before * o + flat @ np.stack(across(o))
 
@@ -535,18 +639,24 @@ def _rms_distance(a: Array, b: Array) -> float:
 
 
 def _form(points: Array, E: Array, size: float) -> float:
-    """Trimmed rms [m] of the medians of `E` (n,) over cubes of edge `size` [m]; 0 where there are too few.
+    """Trimmed rms [m] of the medians of `E` (n,) over cubes of edge `size` [m]; 0 where there are
+    too few.
 
     Averaging removes the noise and leaves errors of shape and pose.
     """
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     _, patch, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     large = np.nonzero(count >= _PATCH_RAYS)[0]
-    return _trimmed_rms(np.asarray(ndimage.median(E, patch, large)), _PATCH_TRIM) if len(large) >= 4 else 0.0
+    return (
+        _trimmed_rms(np.asarray(ndimage.median(E, patch, large)), _PATCH_TRIM)
+        if len(large) >= 4
+        else 0.0
+    )
 
 
 def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Share of the scanned surfaces that pass smoothly into the model at `X_ST` and that it does not explain.
+    """Share of the scanned surfaces that pass smoothly into the model at `X_ST` and that it does
+    not explain.
 
     A neighbour that touches the object meets it at a crease, and is another surface.
     """

@@ -1,4 +1,6 @@
-"""Search for the pose that gives the scan the highest likelihood: ICP from several starts, and from look-alikes."""
+"""Search for the pose that gives the scan the highest likelihood: ICP from several starts, and from
+look-alikes.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -26,23 +28,29 @@ _NUDGE_POINTS, _NUDGE_MODEL = 300, 3000  # points of scan and model in these, ab
 REFINED = 8  # initial poses that get a rough fit
 _NUDGED_OF_MANY, _REFINED_OF_MANY = 24, 5  # of starts that lie close together
 _ALIKE = 3  # poses that look like the likeliest one that get a rough fit
-_SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
-_SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
+# [-] translational share of a free twist, from which on it is searched by translation
+_SLIDING = 0.7
+# [radii] of the model: translations tried along a free twist
+_SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
 _LOOSE = 0.002  # [m] standard deviation of a twist from which on it is polished
 _SLACKENED = 2  # twists polished one after the other, at most
 _STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
-_FAR = (-12.0, -8.0, -6.0, -4.5, -3.0, 3.0, 4.5, 6.0, 8.0, 12.0)  # [sigma] where other maxima are sought
+# [sigma] where other maxima are sought
+_FAR = (-12.0, -8.0, -6.0, -4.5, -3.0, 3.0, 4.5, 6.0, 8.0, 12.0)
 _NEARLY = 30.0  # [nat] below the likeliest pose, within which a fit is worthwhile
 _EXPLORED = 3  # poses whose look-alikes are tried
 _EXPLORED_SLIPPING = 6  # of a model that slips along itself: it may be several places off
-_FINISHED = 4  # distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
-_WEIGHED = 4  # the likeliest poses, which are fitted again where the noise turns out to be less than stated
+# distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
+_FINISHED = 4
+# the likeliest poses, which are fitted again where the noise turns out to be less than stated
+_WEIGHED = 4
 _CLOSE = 30.0  # [nat] between two poses, below which both are brought to the top of the likelihood
 _CLIMBING = 3  # poses for which that is done, at most
 _SHARES = (1.0, 0.5)  # [sigma] steps of the climb
 _CLIMBS = 6  # rounds with each of them, at most
 _FARTHEST_STEP = 0.5  # [spacings] a step of it, at most
-_RIVAL = 150.0  # [nat] below the likeliest pose, within which another one is refined and its look-alikes are tried
+# [nat] below the likeliest pose, within which another one is refined and its look-alikes are tried
+_RIVAL = 150.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,9 +85,14 @@ class _Candidate:
 
 
 def likeliest_pose(
-    evidence: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int = REFINED
+    evidence: Evidence,
+    surface: ModelSurface,
+    starts: list[Array],
+    given: list[Array],
+    most: int = REFINED,
 ) -> Found:
-    """ICP from the likeliest starts, then from poses that look like the likeliest one, until none is likelier.
+    """ICP from the likeliest starts, then from poses that look like the likeliest one, until none
+    is likelier.
 
     Args:
         evidence: Scan of the object.
@@ -98,41 +111,57 @@ def likeliest_pose(
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
     explored: list[_Candidate] = []
     for _ in range(_EXPLORED if slipping_twist(surface) is None else _EXPLORED_SLIPPING):
-        # The likeliest pose and then its rivals: from a flange turned over, no single step leads to its bolts.
+        # The likeliest pose and then its rivals: from a flange turned over, no single step leads to
+        # its bolts.
         new = [each for each in _rivals(evidence, tried) if _is_new(surface, each.X_ST, explored)]
         if not new:
             break
         explored.append(_likeliest(new))
         X_now = explored[-1].X_ST
-        alike = _likeliest_at_a_glance(evidence, surface, (X_now @ G for G in ambiguous_poses(surface)), _ALIKE)
+        alike = _likeliest_at_a_glance(
+            evidence, surface, (X_now @ G for G in ambiguous_poses(surface)), _ALIKE
+        )
         for X in [*alike, *resting_places(evidence, surface, X_now)]:
             near = [each for each in tried if not _differ(surface, X, each.X_ST)]
             fit = near[0].fit if near else fine_fit(*thin, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
     rough_best, *rest = _distinct(surface, tried)
     tried.append(_finished(evidence, surface, rough_best))
-    short = 2.0 * (tried[-1].log_likelihood - rough_best.log_likelihood)  # so may be the others, about
+    # so may be the others, about
+    short = 2.0 * (tried[-1].log_likelihood - rough_best.log_likelihood)
     least = tried[-1].log_likelihood - _of_noise(evidence, _RIVAL) - short
     near = [each for each in rest if each.log_likelihood > least]
     tried += [_finished(evidence, surface, each) for each in near[: _FINISHED - 1]]
     tried += _beside(evidence, surface, _likeliest(tried))
     for _ in range(_EXPLORED):
         best = _likeliest(tried)
-        places = [X for X in resting_places(evidence, surface, best.X_ST) if _is_new(surface, X, tried)]
-        tried += [_finished(evidence, surface, replace(best, fit=replace(best.fit, X_ST=X))) for X in places]
+        places = [
+            X for X in resting_places(evidence, surface, best.X_ST) if _is_new(surface, X, tried)
+        ]
+        tried += [
+            _finished(evidence, surface, replace(best, fit=replace(best.fit, X_ST=X)))
+            for X in places
+        ]
         if best is _likeliest(tried):
             break
     return _found(surface, [*tried, *_climbed(evidence, surface, tried)])
 
 
-def _climbed(evidence: Evidence, surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate]:
-    """The likeliest pose and its rivals, brought to the top of the likelihood, where it is close between them.
+def _climbed(
+    evidence: Evidence, surface: ModelSurface, tried: list[_Candidate]
+) -> list[_Candidate]:
+    """The likeliest pose and its rivals, brought to the top of the likelihood, where it is close
+    between them.
 
     Gauss-Newton ends up to 20 nat short of it on bars, where most pixels lie at an edge.
     """
     best, *others = _distinct(surface, tried)
     close = [each for each in others if each.log_likelihood > best.log_likelihood - _CLOSE]
-    return [_at_top(evidence, surface, each) for each in [best, *close[: _CLIMBING - 1]]] if close else []
+    return (
+        [_at_top(evidence, surface, each) for each in [best, *close[: _CLIMBING - 1]]]
+        if close
+        else []
+    )
 
 
 def _at_top(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
@@ -167,18 +196,24 @@ def _found(surface: ModelSurface, tried: list[_Candidate]) -> Found:
         best.fit,
         best.X_start,
         best.log_likelihood,
-        tuple(Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood) for each in others),
+        tuple(
+            Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood)
+            for each in others
+        ),
     )
 
 
-def likeliest_of(evidence: Evidence, surface: ModelSurface, starts: list[Array], to_beat: float) -> Found:
+def likeliest_of(
+    evidence: Evidence, surface: ModelSurface, starts: list[Array], to_beat: float
+) -> Found:
     """ICP from the likeliest of many starts, which leave nothing else to be tried.
 
     Args:
         evidence: Scan of the object.
         surface: Sampled model.
         starts: Initial poses (4, 4), at least one.
-        to_beat: [nat] Log likelihood of another explanation; a pose that is far below it is not fitted to the end.
+        to_beat: [nat] Log likelihood of another explanation; a pose that is far below it is not
+            fitted to the end.
     """
     thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
     poses = _ranked(evidence, surface, starts, _REFINED_OF_MANY, _NUDGED_OF_MANY)
@@ -192,9 +227,14 @@ def likeliest_of(evidence: Evidence, surface: ModelSurface, starts: list[Array],
 def _ranked(
     evidence: Evidence, surface: ModelSurface, starts: list[Array], most: int, moved: int = _NUDGED
 ) -> list[Array]:
-    """The likeliest poses (4, 4), each apart from the others; of more than `most`, `moved` are nudged first."""
+    """The likeliest poses (4, 4), each apart from the others; of more than `most`, `moved` are
+    nudged first.
+    """
     if len(starts) > most:
-        few_points, few_of_model = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS), surface.thinned(_NUDGE_MODEL)
+        few_points, few_of_model = (
+            evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS),
+            surface.thinned(_NUDGE_MODEL),
+        )
         best = _likeliest_at_a_glance(evidence, surface, starts, moved)
         starts = [nudged(few_points, few_of_model, X) for X in best]
     kept: list[Array] = []
@@ -204,7 +244,9 @@ def _ranked(
     return kept
 
 
-def _likeliest_at_a_glance(evidence: Evidence, surface: ModelSurface, poses: Iterable[Array], most: int) -> list[Array]:
+def _likeliest_at_a_glance(
+    evidence: Evidence, surface: ModelSurface, poses: Iterable[Array], most: int
+) -> list[Array]:
     """The `most` likeliest of `poses` (4, 4), by a few pixels, the likeliest first."""
     return sorted(poses, key=lambda X: -glance(evidence, surface, X))[:most]
 
@@ -220,15 +262,20 @@ def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Fo
     poses = [found.X_ST, *(each.X_sensor_target for each in found.others)]
     start = fine_fit(evidence, surface, found.X_ST, ())
     tried = [
-        _finished(evidence, surface, _Candidate(replace(start, X_ST=X), found.X_start, 0.0)) for X in poses[:_WEIGHED]
+        _finished(evidence, surface, _Candidate(replace(start, X_ST=X), found.X_start, 0.0))
+        for X in poses[:_WEIGHED]
     ]
     for X in poses[_WEIGHED:]:
-        tried.append(_Candidate(replace(start, X_ST=X), found.X_start, log_likelihood(evidence, surface, X)))
+        tried.append(
+            _Candidate(replace(start, X_ST=X), found.X_start, log_likelihood(evidence, surface, X))
+        )
     return _found(surface, [*tried, *_climbed(evidence, surface, tried)])
 
 
 def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
-    """Evidence with fewer pixels and points, enough to tell which of many poses are worth a fit to the end."""
+    """Evidence with fewer pixels and points, enough to tell which of many poses are worth a fit to
+    the end.
+    """
     picture = 2.0 * surface.radius / (evidence.scan.pitch * evidence.middle)  # [px] across
     rim = evidence.mask & ~ndimage.binary_erosion(evidence.mask)
     width = 2.0 * evidence.mask.sum() / max(1, int(rim.sum()))  # [px] of a part of the picture
@@ -237,22 +284,35 @@ def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
 
 
 def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood [nat] of the scan at the best fitted pose that looks nearly as `X_ST` does; -inf without any."""
-    alike = _likeliest_at_a_glance(evidence, surface, (X_ST @ G for G in ambiguous_poses(surface)), _ALIKE)
+    """Log likelihood [nat] of the scan at the best fitted pose that looks nearly as `X_ST` does;
+    -inf without any.
+    """
+    alike = _likeliest_at_a_glance(
+        evidence, surface, (X_ST @ G for G in ambiguous_poses(surface)), _ALIKE
+    )
     fitted = (fine_fit(evidence, surface, X).X_ST for X in alike)
-    return max((log_likelihood(evidence, surface, X) for X in fitted if _differ(surface, X, X_ST)), default=-np.inf)
+    return max(
+        (log_likelihood(evidence, surface, X) for X in fitted if _differ(surface, X, X_ST)),
+        default=-np.inf,
+    )
 
 
 def _likeliest(candidates: list[_Candidate]) -> _Candidate:
     return max(candidates, key=lambda each: each.log_likelihood)
 
 
-def _likelier(evidence: Evidence, surface: ModelSurface, fit: IcpFit, X_before: Array, X_start: Array) -> _Candidate:
-    """The fitted pose, or that before the fit: on thin plates in much noise ICP may lead away from a good one."""
+def _likelier(
+    evidence: Evidence, surface: ModelSurface, fit: IcpFit, X_before: Array, X_start: Array
+) -> _Candidate:
+    """The fitted pose, or that before the fit: on thin plates in much noise ICP may lead away from
+    a good one.
+    """
     if fit.pairing is None:  # driven out of view, where no pixel speaks against it
         return _Candidate(fit, X_start, -np.inf)
     before, after = (log_likelihood(evidence, surface, X) for X in (X_before, fit.X_ST))
-    return _Candidate(fit if after > before else replace(fit, X_ST=X_before), X_start, max(before, after))
+    return _Candidate(
+        fit if after > before else replace(fit, X_ST=X_before), X_start, max(before, after)
+    )
 
 
 def _rivals(evidence: Evidence, candidates: list[_Candidate]) -> list[_Candidate]:
@@ -262,7 +322,9 @@ def _rivals(evidence: Evidence, candidates: list[_Candidate]) -> list[_Candidate
 
 
 def _of_noise(evidence: Evidence, nats: float) -> float:
-    """What ICP leaves to gain where it leaves `nats` [nat] with the noise as stated: more, the less noise there is."""
+    """What ICP leaves to gain where it leaves `nats` [nat] with the noise as stated: more, the less
+    noise there is.
+    """
     return nats * evidence.noise.information / evidence.sensor.information
 
 
@@ -283,7 +345,8 @@ def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate
 def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
     """The likeliest pose next to that of a candidate, from all pixels and points."""
     fit = fine_fit(evidence, surface, candidate.X_ST, GATES[1:])
-    if len(fit.free) > (surface.symmetry.axis is not None):  # edges that would hold it may lie beyond the last gate
+    # edges that would hold it may lie beyond the last gate
+    if len(fit.free) > (surface.symmetry.axis is not None):
         fit = fine_fit(evidence, surface, candidate.X_ST, GATES)
     candidate = _likelier(evidence, surface, fit, candidate.X_ST, candidate.X_start)
     loose = _slackened(evidence, surface, candidate)
@@ -293,7 +356,8 @@ def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) 
 
 
 def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
-    """True if two poses (4, 4) are not the same up to the declared symmetry and the ends of ICP's valley.
+    """True if two poses (4, 4) are not the same up to the declared symmetry and the ends of ICP's
+    valley.
 
     What is displaced is the model's centre: the origin of its file may lie anywhere.
     """
@@ -302,9 +366,13 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
 
 
 def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
-    """The likeliest pose along the twists that ICP holds least: the outline may say more of them than any pair does."""
+    """The likeliest pose along the twists that ICP holds least: the outline may say more of them
+    than any pair does.
+    """
     for _ in range(_SLACKENED):
-        covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit))
+        covariance = pose_covariance(
+            evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit)
+        )
         moved = best if covariance is None else _along_loosest(evidence, surface, best, covariance)
         if moved is best:
             break
@@ -315,7 +383,9 @@ def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _
 def _along_loosest(
     evidence: Evidence, surface: ModelSurface, best: _Candidate, covariance: PoseCovariance
 ) -> _Candidate:
-    """The likeliest of a few poses along the loosest twist that has a likelier one; `best` itself if none has."""
+    """The likeliest of a few poses along the loosest twist that has a likelier one; `best` itself
+    if none has.
+    """
     variances, axes = np.linalg.eigh(covariance.matrix)
     for variance, axis in zip(variances[::-1], axes.T[::-1], strict=True):
         sigma = float(np.sqrt(max(variance, 0.0)))
@@ -333,8 +403,12 @@ def _along_loosest(
 
 
 def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list[_Candidate]:
-    """Poses far along the loosest twist that are nearly as likely: the likelihood may have several maxima there."""
-    covariance = pose_covariance(evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit))
+    """Poses far along the loosest twist that are nearly as likely: the likelihood may have several
+    maxima there.
+    """
+    covariance = pose_covariance(
+        evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit)
+    )
     if covariance is None:
         return []
     variances, axes = np.linalg.eigh(covariance.matrix)
@@ -344,9 +418,9 @@ def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list
     found: list[_Candidate] = []
     for step in _steps(_FAR, sigma, surface):
         X = _along(covariance, step * sigma * axes[:, -1]) @ best.X_ST
-        if log_likelihood(evidence, surface, X) > best.log_likelihood - _of_noise(evidence, _NEARLY) and _differ(
-            surface, X, best.X_ST
-        ):
+        if log_likelihood(evidence, surface, X) > best.log_likelihood - _of_noise(
+            evidence, _NEARLY
+        ) and _differ(surface, X, best.X_ST):
             fit = fine_fit(evidence, surface, X, GATES[1:])
             likelihood = log_likelihood(evidence, surface, fit.X_ST)
             X_ST, likelihood = polished(evidence, surface, fit, likelihood)
@@ -360,13 +434,17 @@ def _steps(steps: Iterable[float], sigma: float, surface: ModelSurface) -> list[
 
 
 def _along(covariance: PoseCovariance, twist: Array) -> Array:
-    """Motion (4, 4) in S by a `twist` (6,) (linear; angular x radius) [m] about the model's centre."""
+    """Motion (4, 4) in S by a `twist` (6,) (linear; angular x radius) [m] about the model's
+    centre.
+    """
     R = exp_so3(twist[3:] / covariance.radius)
     return pose(R, covariance.center + twist[:3] - R @ covariance.center)
 
 
 def _slides(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[Array]:
-    """The best translation along each free twist of `fit`: no residual pulls the model along these."""
+    """The best translation along each free twist of `fit`: no residual pulls the model along
+    these.
+    """
     found: list[Array] = []
     for twist in fit.free:
         if np.linalg.norm(twist[:3]) < _SLIDING:

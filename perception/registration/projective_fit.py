@@ -1,6 +1,8 @@
-"""Last steps of registration: Gauss-Newton on the depth image itself, pixel by pixel, together with the depth edges.
+"""Last steps of registration: Gauss-Newton on the depth image itself, pixel by pixel, together with
+the depth edges.
 
-ICP compares a thinned scan, smoothed by cubes and by its own normals. At its end every pixel that shows the object is
+ICP compares a thinned scan, smoothed by cubes and by its own normals. At its end every pixel that
+shows the object is
 compared with the rendered model: the same comparison that the likelihood makes.
 """
 
@@ -20,7 +22,9 @@ _OUTSIDE = 3.0  # [sigma] beyond which a pixel shows something else
 _STEEP = np.cos(np.deg2rad(75.0))  # cosine of incidence below which a depth says little
 
 
-def polished(evidence: Evidence, surface: ModelSurface, fit: IcpFit, likelihood: float) -> tuple[Array, float]:
+def polished(
+    evidence: Evidence, surface: ModelSurface, fit: IcpFit, likelihood: float
+) -> tuple[Array, float]:
     """Refine a pose as long as the scan becomes likelier.
 
     Args:
@@ -54,7 +58,9 @@ def polished(evidence: Evidence, surface: ModelSurface, fit: IcpFit, likelihood:
 
 
 def polished_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRows | None:
-    """What holds a polished pose `X_ST` (4, 4): pixels and depth edges; None if the model is out of view."""
+    """What holds a polished pose `X_ST` (4, 4): pixels and depth edges; None if the model is out of
+    view.
+    """
     pairing = Pairing.of(evidence, surface, X_ST)
     if pairing is None:
         return None
@@ -63,7 +69,9 @@ def polished_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Pai
 
 
 def pixel_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRows:
-    """Depth differences of scan and model at `X_ST` (4, 4), one pixel a row; unknowns as in `Pairing.terms`."""
+    """Depth differences of scan and model at `X_ST` (4, 4), one pixel a row; unknowns as in
+    `Pairing.terms`.
+    """
     window = evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _PIXELS)
     scan = evidence.scan.part(window)
     rays, X_TS = scan.rays, np.linalg.inv(X_ST)
@@ -77,11 +85,19 @@ def pixel_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRo
         used = (np.abs(off) < np.minimum(_OUTSIDE * sigma, OCCLUDER)) & (
             np.abs(across) > _STEEP * np.linalg.norm(rays, axis=-1)
         )
-    off, sigma, n, across, rays, z = off[used], sigma[used], n[used], across[used], rays[used], z[used]
+    off, sigma, n, across, rays, z = (
+        off[used],
+        sigma[used],
+        n[used],
+        across[used],
+        rays[used],
+        z[used],
+    )
     arm = (z[:, None] * rays - transform_points(X_ST, surface.center)) / surface.radius
     weight = evidence.noise.independent(window[0].step or 1) / sigma**2
     return PairRows(
-        # A motion of the surface by v changes the depth along the ray d, scaled to z = 1, by n . v / n . d.
+        # A motion of the surface by v changes the depth along the ray d, scaled to z = 1, by n . v
+        # / n . d.
         J=np.column_stack([n, np.cross(arm, n), np.einsum("ni,ni->n", arm, n)]) / across[:, None],
         weight=weight,
         slope=weight,

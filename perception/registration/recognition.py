@@ -2,11 +2,14 @@
 
 `recognise`: each is identified, and all are compared on the same pixels.
 
-The scan's likelihood with one object at its best pose, over that with another, says how much better it explains the
-scan. The pixels must be the same for both: those that stand out for any object that the scan does not contradict. An
-object that is likelier than the accepted one, though not accepted itself, is a reason to look again.
+The scan's likelihood with one object at its best pose, over that with another, says how much better
+it explains the
+scan. The pixels must be the same for both: those that stand out for any object that the scan does
+not contradict. An object that is likelier than the accepted one, though not accepted itself, is a
+reason to look again.
 
-`identify_together`: what is accepted explains its pixels and hides what lies behind, while the others are sought again.
+`identify_together`: what is accepted explains its pixels and hides what lies behind, while the
+others are sought again.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,7 +26,13 @@ from scipy import ndimage
 from uuv.models.meshes.mesh_files import FORMATS
 from uuv.models.meshes.surfel_files import TEXT
 from uuv.perception.clouds.scan import KnownObjects, Scan, SensorModel
-from uuv.perception.registration.identification import APPROACH_ERROR, Identification, attempted, identify, sampled
+from uuv.perception.registration.identification import (
+    APPROACH_ERROR,
+    Identification,
+    attempted,
+    identify,
+    sampled,
+)
 from uuv.perception.registration.likelihood import log_likelihood
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_check import MIN_MARGIN, Decision
@@ -40,12 +49,16 @@ class Candidate:
 
     name: str
     found: Identification
-    log_likelihood: float  # [nat] of the scan, on the pixels that all candidates share; -inf if it was not found
+    # [nat] of the scan, on the pixels that all candidates share; -inf if it was not found
+    log_likelihood: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recognition:
-    """Result of `recognise`. Without acceptance the first candidate is the likeliest one, for logs only."""
+    """Result of `recognise`.
+
+    Without acceptance the first candidate is the likeliest one, for logs only.
+    """
 
     name: str | None  # of the object that was recognised; None if none was accepted
     reason: str  # why not; empty if one was accepted
@@ -65,7 +78,9 @@ class Recognition:
 
     @property
     def margin(self) -> float:
-        """Log likelihood [nat] of the likeliest object above that of the runner-up; inf if there is none."""
+        """Log likelihood [nat] of the likeliest object above that of the runner-up; inf if there is
+        none.
+        """
         if len(self.candidates) < 2:
             return np.inf
         first, second = (each.log_likelihood for each in self.candidates[:2])
@@ -86,8 +101,8 @@ def recognise(
 
     Args:
         cloud: As for `identify`.
-        targets: The objects, each in any form that `identify` accepts: by name, or in a row, or a folder of mesh and
-            cloud files. Names must differ.
+        targets: The objects, each in any form that `identify` accepts: by name, or in a row, or a
+            folder of mesh and cloud files. Names must differ.
         approach: (3,) [m] coarse position of the object's centre in S; None: anywhere.
         orientation: (3, 3) coarse rotation of T in S, common to all; None: any.
         sensor: Accuracy of the sensor; None: `SensorModel()`.
@@ -95,7 +110,8 @@ def recognise(
         seed: Of all random samples.
 
     Returns:
-        The likeliest object if its pose is accepted and it is likelier than each other by MIN_MARGIN; else a reason.
+        The likeliest object if its pose is accepted and it is likelier than each other by
+        MIN_MARGIN; else a reason.
 
     Raises:
         ConfigurationError: For arguments of a wrong type or shape, no targets, or two of one name.
@@ -107,7 +123,15 @@ def recognise(
         with suppress(PerceptionError):  # each says it
             scan = Scan.from_cloud(cloud)  # once for all
     attempts = {
-        name: attempted(scan, surface, approach, orientation, sensor=sensor, approach_error=approach_error, seed=seed)
+        name: attempted(
+            scan,
+            surface,
+            approach,
+            orientation,
+            sensor=sensor,
+            approach_error=approach_error,
+            seed=seed,
+        )
         for name, surface in surfaces.items()
     }
     found = {name: attempt.concluded() for name, attempt in attempts.items()}
@@ -126,7 +150,11 @@ def recognise(
     elif decision is Decision.ACCEPT or any(each.found.accepted for each in candidates):
         decision = Decision.RESCAN
     return Recognition(
-        name=name, reason=reason, decision=decision, candidates=candidates, duration_s=perf_counter() - started
+        name=name,
+        reason=reason,
+        decision=decision,
+        candidates=candidates,
+        duration_s=perf_counter() - started,
     )
 
 
@@ -139,15 +167,19 @@ def identify_together(
     approach_error: float = APPROACH_ERROR,
     seed: int = 0,
 ) -> dict[str, Identification]:
-    """Find several objects that all are in one scan, such as a heap of things that touch each other.
+    """Find several objects that all are in one scan, such as a heap of things that touch each
+    other.
 
-    What is accepted explains its part of the scan: the others are sought again without it, and may lie behind it, as
-    long as another one is accepted so. A pixel shows one object: of two that claim the same ones the likelier is taken.
+    What is accepted explains its part of the scan: the others are sought again without it, and may
+    lie behind it, as
+    long as another one is accepted so. A pixel shows one object: of two that claim the same ones
+    the likelier is taken.
 
     Args:
         cloud: As for `identify`.
         targets: As for `recognise`.
-        approaches: (3,) [m] coarse position of each object's centre in S, by name; without one: anywhere.
+        approaches: (3,) [m] coarse position of each object's centre in S, by name; without one:
+            anywhere.
         sensor: Accuracy of the sensor; None: `SensorModel()`.
         approach_error: [m] largest error of the coarse positions.
         seed: Of all random samples.
@@ -161,7 +193,9 @@ def identify_together(
     surfaces = models_of(targets, seed)
     approaches = dict(approaches or {})
     if stray := sorted(set(approaches) - set(surfaces)):
-        raise ConfigurationError(f"approaches: no object is named {shown(stray[0])}; there are {sorted(surfaces)}")
+        raise ConfigurationError(
+            f"approaches: no object is named {shown(stray[0])}; there are {sorted(surfaces)}"
+        )
     scan: Any = cloud
     if not isinstance(cloud, Scan):
         with suppress(PerceptionError):  # each says it
@@ -171,16 +205,30 @@ def identify_together(
     while sought:
         for name in sought:
             found[name] = identify(
-                scan, surfaces[name], approaches.get(name), sensor=sensor, approach_error=approach_error, seed=seed
+                scan,
+                surfaces[name],
+                approaches.get(name),
+                sensor=sensor,
+                approach_error=approach_error,
+                seed=seed,
             )
         left = [name for name in sought if not found[name].accepted]
-        for name in sorted(set(sought) - set(left), key=lambda name: -found[name].hypotheses[0].log_likelihood):
+        for name in sorted(
+            set(sought) - set(left), key=lambda name: -found[name].hypotheses[0].log_likelihood
+        ):
             known = _shown(scan, found[name])
-            if scan.known is not None and (known.shown & scan.known.shown).sum() > _SHARED * known.shown.sum():
-                found[name] = replace(found[name], accepted=False, reason="what shows it shows another object")
+            if (
+                scan.known is not None
+                and (known.shown & scan.known.shown).sum() > _SHARED * known.shown.sum()
+            ):
+                found[name] = replace(
+                    found[name], accepted=False, reason="what shows it shows another object"
+                )
                 left.append(name)
             else:
-                scan = replace(scan, known=known if scan.known is None else known.joined(scan.known))
+                scan = replace(
+                    scan, known=known if scan.known is None else known.joined(scan.known)
+                )
         if len(left) == len(sought):
             break
         sought = left
@@ -198,7 +246,9 @@ def _shown(scan: Scan, found: Identification) -> KnownObjects:
     return KnownObjects(np.where(np.isfinite(depth), depth, np.inf), shown)
 
 
-def models_of(targets: Mapping[str, Any] | Iterable[Any] | str | Path, seed: int = 0) -> dict[str, ModelSurface]:
+def models_of(
+    targets: Mapping[str, Any] | Iterable[Any] | str | Path, seed: int = 0
+) -> dict[str, ModelSurface]:
     """Sampled models by name; arguments and errors as those of `recognise`."""
     if isinstance(targets, (str, Path)):
         named: list[tuple[str | None, Any]] = [(None, file) for file in model_files(targets)]
@@ -207,7 +257,9 @@ def models_of(targets: Mapping[str, Any] | Iterable[Any] | str | Path, seed: int
     elif isinstance(targets, Iterable) and not isinstance(targets, np.ndarray):
         named = [(None, target) for target in targets]
     else:
-        raise ConfigurationError(f"targets: expected several models, or the name of a folder, got {shown(targets)}")
+        raise ConfigurationError(
+            f"targets: expected several models, or the name of a folder, got {shown(targets)}"
+        )
     models: dict[str, ModelSurface] = {}
     for k, (name, target) in enumerate(named):
         try:
@@ -216,7 +268,9 @@ def models_of(targets: Mapping[str, Any] | Iterable[Any] | str | Path, seed: int
             raise ConfigurationError(f"targets, {name or f'number {k + 1}'}: {error}") from error
         name = name or surface.target.name
         if name in models:
-            raise ConfigurationError(f"targets: every model needs a name of its own, {name!r} is there twice")
+            raise ConfigurationError(
+                f"targets: every model needs a name of its own, {name!r} is there twice"
+            )
         models[name] = surface
     if not models:
         raise ConfigurationError("targets: at least one model is needed, got none")
@@ -231,20 +285,29 @@ def model_files(folder: str | Path) -> list[Path]:
     """
     path = Path(folder)
     if not path.is_dir():
-        raise ConfigurationError(f"targets: expected several models, or the name of a folder, got {shown(str(folder))}")
-    files = sorted(file for file in path.iterdir() if file.suffix.lower() in _ENDINGS and file.is_file())
+        raise ConfigurationError(
+            f"targets: expected several models, or the name of a folder, got {shown(str(folder))}"
+        )
+    files = sorted(
+        file for file in path.iterdir() if file.suffix.lower() in _ENDINGS and file.is_file()
+    )
     if not files:
-        raise ConfigurationError(f"targets: no model in folder {shown(str(folder))}; files end in {sorted(_ENDINGS)}")
+        raise ConfigurationError(
+            f"targets: no model in folder {shown(str(folder))}; files end in {sorted(_ENDINGS)}"
+        )
     return files
 
 
 def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
-    """The candidates on common pixels with the noise that the best of them leaves, the likeliest first.
+    """The candidates on common pixels with the noise that the best of them leaves, the likeliest
+    first.
 
     Those that were not found come last.
     """
     seen = {name: each.evidence for name, each in found.items() if each.evidence is not None}
-    rivals = [evidence for name, evidence in seen.items() if found[name].decision is not Decision.REFUSE]
+    rivals = [
+        evidence for name, evidence in seen.items() if found[name].decision is not Decision.REFUSE
+    ]
     common = None
     for evidence in rivals or list(seen.values()):
         if common is None:
@@ -261,18 +324,26 @@ def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
         )
         for name, each in found.items()
     ]
-    return tuple(sorted(candidates, key=lambda each: (-each.log_likelihood, not each.found.accepted)))
+    return tuple(
+        sorted(candidates, key=lambda each: (-each.log_likelihood, not each.found.accepted))
+    )
 
 
 def _doubt(candidates: tuple[Candidate, ...]) -> str:
     """Why the likeliest of the candidates is not taken for the object; empty if it is."""
     first = candidates[0]
     if not any(each.found.accepted for each in candidates):
-        return f"none of {len(candidates)} objects is accepted; the likeliest, {first.name}: {first.found.reason}"
+        return (
+            f"none of {len(candidates)} objects is accepted; the likeliest, {first.name}: "
+            f"{first.found.reason}"
+        )
     if not first.found.accepted:
         return f"{first.name} is the likeliest, but not accepted: {first.found.reason}"
     for other in candidates[1:]:
         ahead = first.log_likelihood - other.log_likelihood
         if ahead < MIN_MARGIN:
-            return f"{other.name} fits as well as {first.name}: {ahead:.1f} nat between them, need {MIN_MARGIN:g}"
+            return (
+                f"{other.name} fits as well as {first.name}: {ahead:.1f} nat between them, "
+                f"need {MIN_MARGIN:g}"
+            )
     return ""

@@ -1,4 +1,6 @@
-"""Other shapes as rivals of a model: its mirror image and other sizes may fit nearly as well, and are other objects."""
+"""Other shapes as rivals of a model: its mirror image and other sizes may fit nearly as well, and
+are other objects.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -18,16 +20,23 @@ from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly
 
 MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
 _NEAR = 7  # other poses that were found, from which a model of another size is fitted too
-_ALIKE_POSES = 24  # of those that look like the pose of the model, from which its mirror image is fitted too
-_BEYOND_DOUBT = 100.0  # [nat] over the mirror image, from which on a later look from the same place need not seek it
-_SAME_PLACE = 0.1  # [-] of the range: motion of the sensor about the object, up to which it sees the same of it
+# of those that look like the pose of the model, from which its mirror image is fitted too
+_ALIKE_POSES = 24
+# [nat] over the mirror image, from which on a later look from the same place need not seek it
+_BEYOND_DOUBT = 100.0
+# [-] of the range: motion of the sensor about the object, up to which it sees the same of it
+_SAME_PLACE = 0.1
 _LOST = 0.5  # [-] of the margin over the mirror image that a later look may lose
-_ALIKE = 2.0  # [nat] expected difference of log likelihood, below which this view does not tell one from the other
+# [nat] expected difference of log likelihood, below which this view does not tell one from the
+# other
+_ALIKE = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MirrorImage:
-    """The mirror image of a model where it fits a scan best, beside the pose of the model itself."""
+    """The mirror image of a model where it fits a scan best, beside the pose of the model
+    itself.
+    """
 
     X_TM: Array  # (4, 4) pose of the mirror image M in T
     log_likelihood: float  # [nat] of the scan, with the model itself
@@ -48,7 +57,8 @@ def best_mirror_image(
         expected: Where the object may be.
 
     Returns:
-        Where it fits best; None where the mirror image is the same shape, or looks the same in this view.
+        Where it fits best; None where the mirror image is the same shape, or looks the same in this
+        view.
     """
     rival = mirror_image(surface)
     if rival is None:
@@ -71,12 +81,16 @@ def best_mirror_image(
     )
 
 
-def is_told_again(evidence: Evidence, surface: ModelSurface, X_ST: Array, earlier: MirrorImage) -> bool:
-    """Whether a scan tells a model from its mirror image as an earlier one from the same place did, beyond doubt.
+def is_told_again(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, earlier: MirrorImage
+) -> bool:
+    """Whether a scan tells a model from its mirror image as an earlier one from the same place did,
+    beyond doubt.
 
-    The hand of an object does not change between two looks, so its mirror image need not be sought anew. But the object
-    may have been replaced, or something have come before it: the model must explain this scan about as well, and the
-    mirror image as badly where it fitted best.
+    The hand of an object does not change between two looks, so its mirror image need not be sought
+    anew. But the object
+    may have been replaced, or something have come before it: the model must explain this scan about
+    as well, and the mirror image as badly where it fitted best.
 
     Args:
         evidence: Scan of the object.
@@ -98,8 +112,11 @@ def is_told_again(evidence: Evidence, surface: ModelSurface, X_ST: Array, earlie
     return hand > max(_BEYOND_DOUBT, (1.0 - _LOST) * earlier.hand)
 
 
-def resized_log_likelihood(evidence: Evidence, surface: ModelSurface, size: float, found: Found) -> float:
-    """Log likelihood [nat] of the scan with the model at another size, fitted near the poses that were found.
+def resized_log_likelihood(
+    evidence: Evidence, surface: ModelSurface, size: float, found: Found
+) -> float:
+    """Log likelihood [nat] of the scan with the model at another size, fitted near the poses that
+    were found.
 
     Args:
         evidence: Scan of the object.
@@ -110,7 +127,9 @@ def resized_log_likelihood(evidence: Evidence, surface: ModelSurface, size: floa
     rival = resized(surface, size)
     near = [found.X_ST, *(each.X_sensor_target for each in found.others[:_NEAR])]
     starts = [pose(X[:3, :3], X[:3, 3] + (1.0 - size) * X[:3, :3] @ surface.center) for X in near]
-    return likeliest_of(evidence, rival, starts, log_likelihood(evidence, surface, found.X_ST)).log_likelihood
+    return likeliest_of(
+        evidence, rival, starts, log_likelihood(evidence, surface, found.X_ST)
+    ).log_likelihood
 
 
 @remembered(16, owners=MODELS)
@@ -119,7 +138,9 @@ def resized(surface: ModelSurface, size: float) -> ModelSurface:
     target, symmetry = surface.target, surface.symmetry
     return replace(
         surface,
-        target=TargetModel(name=target.name, vertices=size * target.vertices, triangles=target.triangles),
+        target=TargetModel(
+            name=target.name, vertices=size * target.vertices, triangles=target.triangles
+        ),
         points=size * surface.points,
         spacing=size * surface.spacing,
         center=size * surface.center,
@@ -141,7 +162,9 @@ def mirror_image(surface: ModelSurface) -> ModelSurface | None:
     symmetry = surface.symmetry
     return replace(
         surface,
-        target=TargetModel(name=surface.target.name, vertices=vertices * flip, triangles=triangles[:, ::-1]),
+        target=TargetModel(
+            name=surface.target.name, vertices=vertices * flip, triangles=triangles[:, ::-1]
+        ),
         points=surface.points * flip,
         normals=surface.normals * flip,
         center=surface.center * flip,
@@ -158,7 +181,9 @@ def mirror_image(surface: ModelSurface) -> ModelSurface | None:
 
 @remembered(16, owners=MODELS)
 def _turns(surface: ModelSurface) -> tuple[Array, ...]:
-    """Poses (4, 4) of the mirror image in T that lie on the model: reflected in each of its principal planes."""
+    """Poses (4, 4) of the mirror image in T that lie on the model: reflected in each of its
+    principal planes.
+    """
     middle, axes = _principal(surface)
     flip = np.diag([-1.0, 1.0, 1.0])
     turns: list[Array] = []

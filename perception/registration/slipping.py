@@ -1,7 +1,8 @@
-"""Place of a model along the motion in which it slips along itself, by the likelihood: no pair of points tells it.
+"""Place of a model along the motion in which it slips along itself, by the likelihood: no pair of
+points tells it.
 
-Pairs of nearest points follow a spring that is screwed along itself. What they seem to resist is the roughness of
-their directions. The likelihood compares the same pixels whatever the pose.
+Pairs of nearest points follow a spring that is screwed along itself. What they seem to resist is
+the roughness of their directions. The likelihood compares the same pixels whatever the pose.
 """
 
 from dataclasses import replace
@@ -24,7 +25,9 @@ _FLAT = 0.1  # [nat/spacing^2] least curvature: what is flatter is not told
 
 
 def resting_places(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> list[Array]:
-    """Poses (4, 4) at which the likelihood has a maximum along the slipping twist from `X_ST` (4, 4), the best few."""
+    """Poses (4, 4) at which the likelihood has a maximum along the slipping twist from `X_ST` (4,
+    4), the best few.
+    """
     if slipping_twist(surface) is None:
         return []
     steps = np.arange(-_FARTHEST, _FARTHEST + 1)
@@ -38,8 +41,12 @@ def resting_places(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> li
     return [poses[k] for k in best[:_PLACES]]
 
 
-def settled(evidence: Evidence, surface: ModelSurface, X_ST: Array, likelihood: float) -> tuple[Array, float]:
-    """The likeliest pose (4, 4) next to `X_ST` (4, 4) along the slipping twist, and its log likelihood [nat]."""
+def settled(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, likelihood: float
+) -> tuple[Array, float]:
+    """The likeliest pose (4, 4) next to `X_ST` (4, 4) along the slipping twist, and its log
+    likelihood [nat].
+    """
     if slipping_twist(surface) is None:
         return X_ST, likelihood
     for reach in _REACHES:
@@ -52,8 +59,12 @@ def settled(evidence: Evidence, surface: ModelSurface, X_ST: Array, likelihood: 
     return X_ST, likelihood
 
 
-def with_slip(evidence: Evidence, surface: ModelSurface, X_ST: Array, covariance: PoseCovariance) -> PoseCovariance:
-    """The covariance of the pose `X_ST` (4, 4) in which that of the slipping twist is what the likelihood says."""
+def with_slip(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, covariance: PoseCovariance
+) -> PoseCovariance:
+    """The covariance of the pose `X_ST` (4, 4) in which that of the slipping twist is what the
+    likelihood says.
+    """
     twist = slipping_twist(surface)
     if twist is None:
         return covariance
@@ -65,12 +76,20 @@ def with_slip(evidence: Evidence, surface: ModelSurface, X_ST: Array, covariance
     square = surface.spacing**2 / (2.0 * max(curvature, _FLAT))
     if stated <= 0.0 or square <= 1.0 / stated:
         return covariance
-    return replace(covariance, matrix=readonly(covariance.matrix + (square - 1.0 / stated) * np.outer(u, u)))
+    return replace(
+        covariance, matrix=readonly(covariance.matrix + (square - 1.0 / stated) * np.outer(u, u))
+    )
 
 
-def _profile(evidence: Evidence, surface: ModelSurface, X_ST: Array, reach: float) -> tuple[float, float]:
-    """Curvature [nat/spacing^2], positive at a maximum, and slope [nat/spacing] of the likelihood along the slip."""
+def _profile(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, reach: float
+) -> tuple[float, float]:
+    """Curvature [nat/spacing^2], positive at a maximum, and slope [nat/spacing] of the likelihood
+    along the slip.
+    """
     steps = reach * _TRIED  # [spacings]
     poses = (X_ST @ slipped(surface, k * surface.spacing) for k in steps)
-    square, slope, _ = np.polyfit(steps, [log_likelihood(evidence, surface, X, _COMPARED) for X in poses], 2)
+    square, slope, _ = np.polyfit(
+        steps, [log_likelihood(evidence, surface, X, _COMPARED) for X in poses], 2
+    )
     return -float(square), float(slope)

@@ -1,13 +1,14 @@
-"""Symmetry of a known model: rotations under which it looks nearly the same, and parts in view that break a symmetry.
+"""Symmetry of a known model: rotations under which it looks nearly the same, and parts in view that
+break a symmetry.
 
-**Near symmetry.** One arm of a starfish further, or a plate turned round. Such rotations are found on the model alone,
-by rotating it about its principal axes. PoseCheck must then separate the fitted pose from them by the scan. Rotations
-declared as symmetry count as the same pose.
+**Near symmetry.** One arm of a starfish further, or a plate turned round. Such rotations are found
+on the model alone, by rotating it about its principal axes. PoseCheck must then separate the fitted
+pose from them by the scan. Rotations declared as symmetry count as the same pose.
 
-**Broken symmetry.** A target declares the symmetry of its body; parts of its mesh that do not share it may be in view,
-such as a bung in a barrel's shell. The model is rendered at many angles: the median depth of a pixel over them is that
-of the featureless body. An angle is accepted if its parts explain the scan better than the featureless body does, and
-better than at every other angle.
+**Broken symmetry.** A target declares the symmetry of its body; parts of its mesh that do not share
+it may be in view, such as a bung in a barrel's shell. The model is rendered at many angles: the
+median depth of a pixel over them is that of the featureless body. An angle is accepted if its parts
+explain the scan better than the featureless body does, and better than at every other angle.
 """
 
 from dataclasses import dataclass
@@ -25,12 +26,16 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, skew, tran
 
 # Near symmetry
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
-_ALIKE = 0.08  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
-_ROUND = np.deg2rad(5.0) * np.arange(1, 72)  # [rad] tried where all folds look alike: a flange with its bolts
-_SETTLED = 6  # iterations of ICP of the turned model with itself: a lug moves the centroid off the axis
+# [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
+_ALIKE = 0.08
+# [rad] tried where all folds look alike: a flange with its bolts
+_ROUND = np.deg2rad(5.0) * np.arange(1, 72)
+# iterations of ICP of the turned model with itself: a lug moves the centroid off the axis
+_SETTLED = 6
 _TRIMMED = 0.8  # [-] share of the points, the nearest ones, that these pair
 _PERIODS = (0.05, 0.8)  # [radii] range of the periods sought
-_OVERLAP = 0.4  # [-] share of the points that a translation by a period leaves within the model's length, at least
+# [-] share of the points that a translation by a period leaves within the model's length, at least
+_OVERLAP = 0.4
 _PERIODIC = 0.6  # [-] rms distance after a period over the largest one before it, at most
 _MOST_PERIODS = 3  # along an axis
 _SCREWS = np.arange(1, 7) / 12.0  # [turns] of a screw that are tried, either way
@@ -39,29 +44,38 @@ _COMPARED = 200  # model points compared, about
 _DIFFERENT = np.deg2rad(8.0)  # [rad] beyond which two attitudes are not the same pose
 _FEW = 10  # shares in which these points are compared, until they exclude the rotation
 _TRIED = 96  # rotations kept, the most similar first
-_SLIPPERY = 0.2  # [-] rms motion along the normals over that of the surface, below which a motion is hardly resisted
+# [-] rms motion along the normals over that of the surface, below which a motion is hardly resisted
+_SLIPPERY = 0.2
 # Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
 _FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
-_PROBES = np.deg2rad([25.0, 60.0, 100.0, 155.0, 205.0, 260.0, 320.0])  # [rad] at which the body must look the same
-_OFF = 0.004  # [m], or 1.2 spacings of the model points: least distance of a part's points from the rotated body
-_MOST = 0.3  # [-] share of the surface in parts above which the declared symmetry is taken for wrong
+# [rad] at which the body must look the same
+_PROBES = np.deg2rad([25.0, 60.0, 100.0, 155.0, 205.0, 260.0, 320.0])
+# [m], or 1.2 spacings of the model points: least distance of a part's points from the rotated body
+_OFF = 0.004
+# [-] share of the surface in parts above which the declared symmetry is taken for wrong
+_MOST = 0.3
 _POINTS = 300  # points on the parts, about
 _PIXELS = 2500  # pixels of the scan that are compared, about
 _TOLERANCE = 0.002  # [m] error of the model and the fitted pose
 _OUTLIER = 4.5  # [nat] largest cost of one independent error, that of 3 sigma
 _NOISE_AREA = 25.0  # [px] over which the errors of a stereo matcher are correlated
-_TELLING = 10.0  # [nat] minimal gain of log likelihood over the featureless body and over every other angle
-_AGREE = 0.7  # [-] least share of the pixels changed by the parts (2 sigma or more) that agree with them (2 sigma)
+# [nat] minimal gain of log likelihood over the featureless body and over every other angle
+_TELLING = 10.0
+# [-] least share of the pixels changed by the parts (2 sigma or more) that agree with them (2
+# sigma)
+_AGREE = 0.7
 _OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
 
 
 @remembered(16, owners=MODELS)
 def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
-    """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may be empty.
+    """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may
+    be empty.
 
-    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look alike, of 5 deg, about
-    the principal axes and the axes of T. They pass through the centroid of the surface and through the centre of its
+    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look
+    alike, of 5 deg, about the principal axes and the axes of T. They pass through the centroid of
+    the surface and through the centre of its
     bounding box. About the declared axis nothing is tried: all such rotations are the same pose.
     """
     points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
@@ -73,7 +87,10 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
         for axis in np.vstack([main, np.eye(3)]):
             if _is_declared(surface.symmetry, axis):
                 continue
-            turns = [pose(R, middle - R @ middle) for R in (exp_so3(angle * axis) for angle in (*folds, *_ROUND))]
+            turns = [
+                pose(R, middle - R @ middle)
+                for R in (exp_so3(angle * axis) for angle in (*folds, *_ROUND))
+            ]
             alike = 0
             for k, G in enumerate(turns):
                 if k == len(folds) and alike < len(folds):
@@ -93,8 +110,8 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
 def _is_declared(symmetry: Symmetry, axis: Array) -> bool:
     """Whether every rotation about a unit `axis` (3,) is the same pose by the declared symmetry.
 
-    An axis beside the declared one by an angle turns that by twice as much, at most. ICP of the model with itself may
-    add as much again before the pose counts as another one.
+    An axis beside the declared one by an angle turns that by twice as much, at most. ICP of the
+    model with itself may add as much again before the pose counts as another one.
     """
     if symmetry.axis is None:
         return False
@@ -102,7 +119,9 @@ def _is_declared(symmetry: Symmetry, axis: Array) -> bool:
 
 
 def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
-    """Pose (4, 4) near `G` that lays the points (n, 3) best on those of the tree: trimmed ICP [Arun 1987]."""
+    """Pose (4, 4) near `G` that lays the points (n, 3) best on those of the tree: trimmed ICP [Arun
+    1987].
+    """
     for _ in range(_SETTLED):
         moved = transform_points(G, points)
         distance, index = tree.query(moved)
@@ -115,7 +134,9 @@ def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
 
 
 def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
-    """Poses G (4, 4) by which a periodic model looks alike: along a principal axis by a period, or as a screw."""
+    """Poses G (4, 4) by which a periodic model looks alike: along a principal axis by a period, or
+    as a screw.
+    """
     middle = surface.points.mean(axis=0)
     some = points[:: max(1, len(points) // _SHIFTED)]
     steps = np.arange(*_PERIODS, surface.spacing / surface.radius) * surface.radius
@@ -142,11 +163,12 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
 
 @remembered(16, owners=MODELS)
 def slipping_twist(surface: ModelSurface) -> Array | None:
-    """Twist (6,) [1, 1/m] in T about the model's centre that the surface resists least [Gelfand 2004].
+    """Twist (6,) [1, 1/m] in T about the model's centre that the surface resists least [Gelfand
+    2004].
 
-    A spring is screwed along itself, a nearly round body turned. Facets and ends leave it several places to rest on
-    the way. It moves the surface by 1 (rms). None where the surface resists every motion, or turns about a declared
-    axis.
+    A spring is screwed along itself, a nearly round body turned. Facets and ends leave it several
+    places to rest on the way. It moves the surface by 1 (rms). None where the surface resists every
+    motion, or turns about a declared axis.
     """
     if surface.symmetry.axis is not None:
         return None
@@ -162,17 +184,24 @@ def slipping_twist(surface: ModelSurface) -> Array | None:
 
 @remembered(128, owners=MODELS)
 def slipped(surface: ModelSurface, by: float) -> Array:
-    """Pose G (4, 4) in T by which the model has slipped: a motion of its surface by `by` [m] along `slipping_twist`."""
+    """Pose G (4, 4) in T by which the model has slipped: a motion of its surface by `by` [m] along
+    `slipping_twist`.
+    """
     twist = slipping_twist(surface)
     if twist is None:
         return np.eye(4)
     generator = np.zeros((4, 4))
-    generator[:3, :3], generator[:3, 3] = skew(twist[3:]), twist[:3] - np.cross(twist[3:], surface.center)
+    generator[:3, :3], generator[:3, 3] = (
+        skew(twist[3:]),
+        twist[:3] - np.cross(twist[3:], surface.center),
+    )
     return np.asarray(expm(by * generator), dtype=np.float64)
 
 
 def _overlap(tree: cKDTree, points: Array, shift: Array, length: float) -> float:
-    """Rms distance [m] of the shifted points (n, 3) that stay within the model; inf if too few do."""
+    """Rms distance [m] of the shifted points (n, 3) that stay within the model; inf if too few
+    do.
+    """
     share = 1.0 - np.linalg.norm(shift) / length
     if share < _OVERLAP:
         return np.inf
@@ -181,7 +210,9 @@ def _overlap(tree: cKDTree, points: Array, shift: Array, length: float) -> float
 
 
 def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float | None:
-    """Rms distance [m] of the points (n, 3) moved by `G` (4, 4) from those of the tree; None above `limit`."""
+    """Rms distance [m] of the points (n, 3) moved by `G` (4, 4) from those of the tree; None above
+    `limit`.
+    """
     moved = transform_points(G, points)
     total = 0.0
     for k in range(_FEW):  # the distances of a few points alone exclude most rotations
@@ -192,13 +223,19 @@ def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float |
 
 
 def _is_another(symmetry: Symmetry, G: Array, others: list[Array]) -> bool:
-    """True if a pose (4, 4) differs from each of the others by more than 8 deg, up to the declared symmetry."""
-    return bool(np.all(symmetry.cosines(G[:3, :3], np.array(others)[:, :3, :3]) < np.cos(_DIFFERENT)))
+    """True if a pose (4, 4) differs from each of the others by more than 8 deg, up to the declared
+    symmetry.
+    """
+    return bool(
+        np.all(symmetry.cosines(G[:3, :3], np.array(others)[:, :3, :3]) < np.cos(_DIFFERENT))
+    )
 
 
 @remembered(16, owners=MODELS)
 def asymmetric_parts(surface: ModelSurface) -> Array:
-    """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh; none without an axis."""
+    """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh; none
+    without an axis.
+    """
     symmetry, points = surface.symmetry, surface.points
     if symmetry.axis is None:
         return np.zeros((0, 3))
@@ -206,7 +243,10 @@ def asymmetric_parts(surface: ModelSurface) -> Array:
     grid = NearestPoint.of(points, surface.spacing)
     off = np.median(
         [
-            grid.query(transform_points(symmetry.about_center(exp_so3(angle * symmetry.axis)), points), 2.0 * least)[0]
+            grid.query(
+                transform_points(symmetry.about_center(exp_so3(angle * symmetry.axis)), points),
+                2.0 * least,
+            )[0]
             for angle in _PROBES
         ],
         axis=0,
@@ -233,7 +273,11 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
         return None
 
     def turned(angles: Array, rotations: Array) -> list[Array]:
-        return [X_ST @ symmetry.about_center(G @ exp_so3(a * symmetry.axis)) for G in rotations for a in angles]
+        return [
+            X_ST @ symmetry.about_center(G @ exp_so3(a * symmetry.axis))
+            for G in rotations
+            for a in angles
+        ]
 
     angles = np.arange(0.0, 2.0 * np.pi, _STEP)
     poses = turned(angles, symmetry.rotations)
@@ -290,7 +334,9 @@ class _Pixels:
         return found
 
     def gains(self, seen: Array, bare: Array) -> tuple[Array, Array]:
-        """Gain (k,) [nat] of `seen` (k, p) [m] over the featureless `bare` (p,) [m], and the share (k,) that agrees."""
+        """Gain (k,) [nat] of `seen` (k, p) [m] over the featureless `bare` (p,) [m], and the share
+        (k,) that agrees.
+        """
         cost = np.minimum(0.5 * ((seen - self.depth) / self.sigma) ** 2, _OUTLIER)
         gain = np.minimum(0.5 * ((bare - self.depth) / self.sigma) ** 2, _OUTLIER) - cost
         with np.errstate(invalid="ignore"):

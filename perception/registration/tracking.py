@@ -1,10 +1,18 @@
-"""Following of an object that was found: ICP from the last pose, on the pixels around it, in every frame."""
+"""Following of an object that was found: ICP from the last pose, on the pixels around it, in every
+frame.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uuv.perception.clouds.scan import MIN_POINTS, Scan, SensorModel, near_any, without_flying_pixels
+from uuv.perception.clouds.scan import (
+    MIN_POINTS,
+    Scan,
+    SensorModel,
+    near_any,
+    without_flying_pixels,
+)
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.fine_fit import GATES, fine_fit, icp_rows
 from uuv.perception.registration.model_surface import ModelSurface
@@ -23,14 +31,15 @@ class FrameFit:
 
     X_ST: Array  # (4, 4) pose of T in S
     covariance: PoseCovariance | None  # None if too little of the object is in view
-    residual: float  # [m] robust rms distance of the scan from the model; inf if nothing was compared
+    # [m] robust rms distance of the scan from the model; inf if nothing was compared
+    residual: float
 
 
 def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) -> FrameFit | None:
     """Fit an object in a frame, near where it is expected.
 
-    There is no search and no verification: an object that has moved further than ICP reaches, about a twelfth of its
-    radius, is not followed. `identify` finds it again.
+    There is no search and no verification: an object that has moved further than ICP reaches, about
+    a twelfth of its radius, is not followed. `identify` finds it again.
 
     Args:
         scan: The frame.
@@ -46,9 +55,12 @@ def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) 
     part = scan.part(window)
     if min(part.depth.shape) < 3:
         return None
-    sensor = replace(sensor, noise_length=max(1.0, sensor.noise_length / window[0].step))  # [px] of the thinned window
+    # [px] of the thinned window
+    sensor = replace(sensor, noise_length=max(1.0, sensor.noise_length / window[0].step))
     center = transform_points(X_ST, surface.center)
-    mask = near_any(part.points, center[None], _AROUND * surface.radius) & without_flying_pixels(part)
+    mask = near_any(part.points, center[None], _AROUND * surface.radius) & without_flying_pixels(
+        part
+    )
     if mask.sum() < MIN_POINTS:
         return None
     evidence = Evidence.of(part, mask, 0.8 * surface.spacing, sensor, most=_POINTS)

@@ -1,4 +1,6 @@
-"""Target finder for seabed work: terrain and tool path from sonar scans or depth frames of the seabed."""
+"""Target finder for seabed work: terrain and tool path from sonar scans or depth frames of the
+seabed.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -24,7 +26,8 @@ class SeabedFinderState:
 
 
 class SeabedFinder:
-    """Target finder for seabed work: builds the terrain from each scan, projects the targets and plans the tool path.
+    """Target finder for seabed work: builds the terrain from each scan, projects the targets and
+    plans the tool path.
 
     Implements `uuv.sim.interfaces.protocols.TargetFinder`.
     """
@@ -43,12 +46,14 @@ class SeabedFinder:
         """Prepare the search for the given points over the seabed.
 
         Args:
-            B_W: (s, 3) [m] points over the seabed in W: one for a core, more for a profile between them.
+            B_W: (s, 3) [m] points over the seabed in W: one for a core, more for a profile between
+                them.
             up_W: (3,) vertical in W, against which they are projected.
             core_depth: [m] length of a core's path.
             width: [m] of the tool.
             limits: Of the relief; None: `ReliefLimits()`.
-            cloud_W: (n, 3) [m] cloud in W that replaces the scanned one; None: the scanned one is used.
+            cloud_W: (n, 3) [m] cloud in W that replaces the scanned one; None: the scanned one is
+                used.
             looks: Number of scans or frames that are merged, so that their noise averages out.
 
         Raises:
@@ -56,7 +61,9 @@ class SeabedFinder:
         """
         self._B = np.array(B_W, dtype=np.float64)
         if self._B.ndim != 2 or self._B.shape[1:] != (3,) or not len(self._B):
-            raise ConfigurationError(f"targets B: expected (s, 3) numbers, s > 0, got shape {self._B.shape}")
+            raise ConfigurationError(
+                f"targets B: expected (s, 3) numbers, s > 0, got shape {self._B.shape}"
+            )
         if isinstance(looks, bool) or looks < 1:
             raise ConfigurationError(f"looks: must be at least 1, got {looks}")
         self._looks = looks if cloud_W is None else 1
@@ -75,17 +82,22 @@ class SeabedFinder:
 
         Args:
             state: Of the last call, or of `init`.
-            estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in W.
+            estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in
+                W.
             measurement: A SonarScan or a DepthImage.
 
         Returns:
-            The new state, and the target in W. The target is None while more scans are wanted. It is not accepted, and
-            carries a reason, where no work is possible.
+            The new state, and the target in W. The target is None while more scans are wanted. It
+            is not accepted, and carries a reason, where no work is possible.
 
         Raises:
             ConfigurationError: If `measurement` is of another type or malformed.
         """
-        seen = self._cloud_W if self._cloud_W is not None else points_in_world(estimate.X_WB, measurement)
+        seen = (
+            self._cloud_W
+            if self._cloud_W is not None
+            else points_in_world(estimate.X_WB, measurement)
+        )
         clouds = (*state.waiting, seen)
         if len(clouds) < self._looks:
             return replace(state, waiting=clouds), None
@@ -93,7 +105,9 @@ class SeabedFinder:
         center = self._B.mean(axis=0)
         reach = float(np.linalg.norm(center - estimate.X_WB[:3, 3]))
         try:
-            plan = plan_seabed_work(cloud_W, self._B, self._up, width=self._width, limits=self._limits)
+            plan = plan_seabed_work(
+                cloud_W, self._B, self._up, width=self._width, limits=self._limits
+            )
         except PerceptionError as error:
             refused = Target(
                 time=measurement.time,
@@ -123,7 +137,9 @@ class SeabedFinder:
 
 
 def points_in_world(X_WB: Array, measurement: Measurement) -> Array:
-    """Points (n, 3) [m] in W of one sonar scan or depth frame, measured from a hull at `X_WB` (4, 4)."""
+    """Points (n, 3) [m] in W of one sonar scan or depth frame, measured from a hull at `X_WB` (4,
+    4).
+    """
     if isinstance(measurement, SonarScan):
         points, X_BS = without_isolated_echoes(measurement.points), measurement.X_BS
     elif isinstance(measurement, DepthImage):

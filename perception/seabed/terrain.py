@@ -1,14 +1,16 @@
-"""Triangulated surface of an unknown seabed from a sonar cloud, with the standard error of its heights.
+"""Triangulated surface of an unknown seabed from a sonar cloud, with the standard error of its
+heights.
 
-Seen from a vehicle above it a seabed is a height over the ground plane [Konoplin 2019, section 1]. The cloud is
-therefore triangulated by Delaunay in that plane. This needs no parameter and no normals, gives one height at each
-place, and a vertical plane cuts its edges in order. Ball pivoting leaves holes wherever the density changes. Poisson
-reconstruction invents soil where nothing was measured, which is where a sampler must not go
-(`scripts/experiments/seabed/seabed.py
---speed` has the figures). Overhangs are not represented, because the ground under one cannot be reached from above
-either. Two surfaces one above the other are refused.
+Seen from a vehicle above it a seabed is a height over the ground plane [Konoplin 2019, section 1].
+The cloud is therefore triangulated by Delaunay in that plane. This needs no parameter and no
+normals, gives one height at each place, and a vertical plane cuts its edges in order. Ball pivoting
+leaves holes wherever the density changes. Poisson reconstruction invents soil where nothing was
+measured, which is where a sampler must not go (`scripts/experiments/seabed/seabed.py --speed` has
+the figures). Overhangs are not represented, because the ground under one cannot be reached from
+above either. Two surfaces one above the other are refused.
 
-Frame S is that of the cloud (the hull frame Oxyz of [Konoplin 2019]); `up` is its vertical, z there.
+Frame S is that of the cloud (the hull frame Oxyz of [Konoplin 2019]); `up` is its vertical, z
+there.
 """
 
 from dataclasses import dataclass, field
@@ -20,11 +22,19 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.spatial import Array, checked_place, finite_number, readonly, real_array, unit_vector
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked_place,
+    finite_number,
+    readonly,
+    real_array,
+    unit_vector,
+)
 
 _FARTHEST = 1e5  # [m] largest accepted distance of ground from the sensor
 MIN_POINTS = 60  # points, fewer show no surface
-MAX_VERTICES = 16_000  # more add time, not shape: denser clouds are averaged in cells of the ground plane
+# more add time, not shape: denser clouds are averaged in cells of the ground plane
+MAX_VERTICES = 16_000
 _NEIGHBOURS = 24  # points of a local fit, a quadric of 6 terms
 _SWEEPS = 4  # iterations of its robust weights
 _FAR = 4.0  # standard deviations from the neighbours' quadric, beyond which a point is an outlier
@@ -51,7 +61,8 @@ class Terrain:
     outliers: int  # number of them rejected
     scene: RayScene = field(repr=False)  # ray caster of the mesh, relative to `origin`
     origin: Array = field(repr=False)  # (3,) [m]
-    layered: Array = field(repr=False)  # (k, 2) [m] places on the ground plane with two heights around them
+    # (k, 2) [m] places on the ground plane with two heights around them
+    layered: Array = field(repr=False)
     looked_at: Array = field(repr=False)  # (m, 2) [m] places examined for two heights
 
     @property
@@ -60,18 +71,26 @@ class Terrain:
         return _axes(self.up)
 
     def ground(self, points: ArrayLike) -> Array:
-        """Coordinates (n, 3) [m] of `points` (n, 3) [m] in S: place on the ground plane (2) and height."""
+        """Coordinates (n, 3) [m] of `points` (n, 3) [m] in S: place on the ground plane (2) and
+        height.
+        """
         return np.asarray(points, dtype=np.float64) @ self.R_ground.T
 
     def under(self, points: ArrayLike) -> tuple[Array, np.ndarray]:
-        """Distance (n,) [m] straight down from `points` (n, 3) [m] to the surface (inf: none), and triangle index."""
+        """Distance (n,) [m] straight down from `points` (n, 3) [m] to the surface (inf: none), and
+        triangle index.
+        """
         p = np.atleast_2d(np.asarray(points, dtype=np.float64))
         hit = self.scene.cast(p - self.origin, np.broadcast_to(-self.up, p.shape))
         return hit["t"].astype(np.float64), hit["triangle"]
 
 
 def build_terrain(
-    cloud: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0), *, hole: float | None = None, max_vertices: int = MAX_VERTICES
+    cloud: ArrayLike,
+    up: ArrayLike = (0.0, 0.0, 1.0),
+    *,
+    hole: float | None = None,
+    max_vertices: int = MAX_VERTICES,
 ) -> Terrain:
     """Triangulate the seabed surface of a cloud.
 
@@ -86,8 +105,8 @@ def build_terrain(
 
     Raises:
         ConfigurationError: For an array that is no cloud.
-        PerceptionError: For a cloud without a surface: too few points, values that are not finite, all on a line, or
-            two layers.
+        PerceptionError: For a cloud without a surface: too few points, values that are not finite,
+            all on a line, or two layers.
     """
     points = _as_cloud(cloud)
     z = unit_vector(up, "up")
@@ -100,7 +119,8 @@ def build_terrain(
     looked_at, layered = _layers(local)
     if len(layered) > _LAYER_SHARE * len(looked_at):
         raise PerceptionError(
-            f"cloud: it shows two surfaces one above the other at {len(layered) / len(looked_at):.0%} of the places "
+            "cloud: it shows two surfaces one above the other at "
+            f"{len(layered) / len(looked_at):.0%} of the places "
             "looked at; which of them is the seabed cannot be told"
         )
     kept, count, noise = _thinned(local, max_vertices)
@@ -109,10 +129,14 @@ def build_terrain(
     triangles = _delaunay(vertices)
     spacing = np.sqrt(_area(local) / len(vertices))
     limit = _HOLE * spacing if hole is None else hole
-    edges = np.linalg.norm(np.diff(vertices[triangles][:, [0, 1, 2, 0], :2], axis=1), axis=2).max(axis=1)
+    edges = np.linalg.norm(np.diff(vertices[triangles][:, [0, 1, 2, 0], :2], axis=1), axis=2).max(
+        axis=1
+    )
     triangles = triangles[edges <= limit]
     if not len(triangles):
-        raise PerceptionError(f"cloud: no three neighbouring points are within {limit:.3f} m of each other")
+        raise PerceptionError(
+            f"cloud: no three neighbouring points are within {limit:.3f} m of each other"
+        )
     p_S = vertices @ R
     triangles.setflags(write=False)
     return Terrain(
@@ -149,15 +173,19 @@ def project(terrain: Terrain, B: ArrayLike) -> Projection:
 
     Raises:
         ConfigurationError: For malformed points.
-        PerceptionError: For a point with a hole under it, one below the surface, or one over two layers; it names the
-            point.
+        PerceptionError: For a point with a hole under it, one below the surface, or one over two
+            layers; it names the point.
     """
     targets = real_array(B, "targets B", "(s, 3) numbers")
     if targets.ndim != 2 or targets.shape[1:] != (3,) or not len(targets):
-        raise ConfigurationError(f"targets B: expected (s, 3) numbers, s > 0, got shape {targets.shape}")
+        raise ConfigurationError(
+            f"targets B: expected (s, 3) numbers, s > 0, got shape {targets.shape}"
+        )
     if not np.all(np.isfinite(targets)):
         bad = int(np.argmin(np.isfinite(targets).all(axis=1)))
-        raise ConfigurationError(f"targets B: every number must be finite, B_{bad + 1} is {targets[bad].tolist()}")
+        raise ConfigurationError(
+            f"targets B: every number must be finite, B_{bad + 1} is {targets[bad].tolist()}"
+        )
     checked_place(targets, targets.shape, "targets B", _FARTHEST)
     t, triangle = terrain.under(targets)
     for i in np.flatnonzero(~np.isfinite(t)):
@@ -182,7 +210,9 @@ class ReliefLimits:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.slope < 0.5 * np.pi and self.roughness > 0.0 and self.step > 0.0):
-            raise ConfigurationError(f"relief limits: slope in (0, pi/2), roughness and step > 0, got {self}")
+            raise ConfigurationError(
+                f"relief limits: slope in (0, pi/2), roughness and step > 0, got {self}"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,7 +231,11 @@ class Relief:
 
 
 def relief(
-    terrain: Terrain, around: ArrayLike, radius: float, limits: ReliefLimits | None = None, name: str = "the work site"
+    terrain: Terrain,
+    around: ArrayLike,
+    radius: float,
+    limits: ReliefLimits | None = None,
+    name: str = "the work site",
 ) -> Relief:
     """Slope and roughness of the patch around given points, judged by limits.
 
@@ -223,7 +257,9 @@ def relief(
     heights = terrain.ground(terrain.vertices)
     near = cKDTree(centers[:, :2]).query(heights[:, :2], distance_upper_bound=radius)[0] <= radius
     if near.sum() < 6:
-        raise PerceptionError(f"relief: only {near.sum()} measured points within {radius:g} m of {name}")
+        raise PerceptionError(
+            f"relief: only {near.sum()} measured points within {radius:g} m of {name}"
+        )
     patch = heights[near]
     middle = patch.mean(axis=0)
     (sx, sy), *_ = np.linalg.lstsq(patch[:, :2] - middle[:2], patch[:, 2] - middle[2], rcond=None)
@@ -242,7 +278,8 @@ def relief(
     return Relief(slope=slope, roughness=rough, step=step, reason=reason)
 
 
-# -- the cloud -----------------------------------------------------------------------------------------------------
+# -- the cloud
+# -----------------------------------------------------------------------------------------------------
 
 
 def _as_cloud(cloud: ArrayLike) -> Array:
@@ -250,11 +287,14 @@ def _as_cloud(cloud: ArrayLike) -> Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise ConfigurationError(f"cloud: expected (N, 3) numbers [m], got shape {points.shape}")
     if len(points) < MIN_POINTS:
-        raise PerceptionError(f"cloud: {len(points)} points show no surface, at least {MIN_POINTS} are needed")
+        raise PerceptionError(
+            f"cloud: {len(points)} points show no surface, at least {MIN_POINTS} are needed"
+        )
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
         raise PerceptionError(
-            f"cloud: {bad.sum()} of {len(points)} points are not finite numbers, the first is point "
+            f"cloud: {bad.sum()} of {len(points)} points are not finite numbers, the first is "
+            "point "
             f"{int(bad.argmax()) + 1}"
         )
     return checked_place(points, points.shape, "cloud", _FARTHEST)
@@ -268,13 +308,16 @@ def _check_spread(local: Array) -> None:
     if not across > _THIN * along or not along > 1e-6:
         whole = float(np.ptp(flat @ axes[:, 1]))
         raise PerceptionError(
-            f"cloud: seen from above all {len(local)} points lie in a line ({whole:.3g} m long, {across:.2g} m wide): "
+            f"cloud: seen from above all {len(local)} points lie in a line ({whole:.3g} m long, "
+            f"{across:.2g} m wide): "
             "they span no surface"
         )
 
 
 def _area(local: Array) -> float:
-    """Area [m^2] covered by the points: occupied cells of a grid with about a dozen points per cell."""
+    """Area [m^2] covered by the points: occupied cells of a grid with about a dozen points per
+    cell.
+    """
     low, size = local[:, :2].min(axis=0), np.ptp(local[:, :2], axis=0)
     side = float(np.sqrt(size[0] * size[1] / max(4.0, len(local) / 12.0)))
     cell = ((local[:, :2] - low) / max(side, 1e-9)).astype(np.int64)
@@ -284,8 +327,9 @@ def _area(local: Array) -> float:
 def _layers(local: Array) -> tuple[Array, Array]:
     """Places (m, 2) [m] examined, and those (k, 2) with two heights around them.
 
-    The heights of a point's neighbours are compared with the plane through them. At an edge or on a curved surface the
-    points of either side lie apart on the ground too, and the plane follows them. Points of two layers do not.
+    The heights of a point's neighbours are compared with the plane through them. At an edge or on a
+    curved surface the points of either side lie apart on the ground too, and the plane follows
+    them. Points of two layers do not.
     """
     part = local[:: max(1, -(-len(local) // _LAYER_POINTS))]
     k = 12
@@ -313,9 +357,11 @@ def _layers(local: Array) -> tuple[Array, Array]:
 
 
 def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
-    """Average the points in cells to about `most`; returns them, the count (n,) in each and the noise [m] of one.
+    """Average the points in cells to about `most`; returns them, the count (n,) in each and the
+    noise [m] of one.
 
-    A small cloud is returned without averaging, with noise NaN. Points far from the median of their cell are left out.
+    A small cloud is returned without averaging, with noise NaN. Points far from the median of their
+    cell are left out.
     """
     if len(local) <= most:
         return _distinct(local), np.ones(len(_distinct(local)), dtype=np.int64), np.nan
@@ -334,12 +380,16 @@ def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
     near = off <= _FAR * spread + side
     held = np.bincount(row[near], minlength=len(first))
     some = np.maximum(held, 1)
-    mean = np.column_stack([np.bincount(row[near], p[near, i], len(first)) for i in range(3)]) / some[:, None]
+    mean = (
+        np.column_stack([np.bincount(row[near], p[near, i], len(first)) for i in range(3)])
+        / some[:, None]
+    )
     rest = (p[near, 2] - mean[row[near], 2]) ** 2
     many = held >= 3
     variance = np.bincount(row[near], rest, len(first))[many] / (held[many] - 1)
     noise = float(np.sqrt(np.median(variance))) if many.any() else np.nan
-    return mean[held > 0], held[held > 0], noise  # of two points far from each other neither is used
+    # of two points far from each other neither is used
+    return mean[held > 0], held[held > 0], noise
 
 
 def _distinct(local: Array) -> Array:
@@ -348,18 +398,23 @@ def _distinct(local: Array) -> Array:
     return local[np.sort(index)]
 
 
-def _fitted(points: Array, count: np.ndarray, noise: float) -> tuple[Array, Array, float, np.ndarray]:
-    """Smoothed heights (v,) [m] of `points`, their standard errors, the noise of one point, and the mask of inliers.
+def _fitted(
+    points: Array, count: np.ndarray, noise: float
+) -> tuple[Array, Array, float, np.ndarray]:
+    """Smoothed heights (v,) [m] of `points`, their standard errors, the noise of one point, and the
+    mask of inliers.
 
-    A quadric is fitted robustly around each point. Where it explains the neighbours within their noise it is the better
-    measurement. Where the relief is finer, the point itself is. A Wiener filter weighs the two.
+    A quadric is fitted robustly around each point. Where it explains the neighbours within their
+    noise it is the better measurement. Where the relief is finer, the point itself is. A Wiener
+    filter weighs the two.
     """
     k = min(_NEIGHBOURS, len(points))
     distance, index = cKDTree(points[:, :2]).query(points[:, :2], k=k)
     fit, scatter, leverage = np.empty((3, len(points)))
     _fit_quadrics(points, index, distance, count.astype(np.float64), fit, scatter, leverage)
     off = points[:, 2] - fit
-    # Each point pulls the quadric towards itself, so its residual is smaller than its noise: corrected by the leverage.
+    # Each point pulls the quadric towards itself, so its residual is smaller than its noise:
+    # corrected by the leverage.
     one = np.sqrt(count / np.maximum(1.0 - leverage, 0.05))
     if not np.isfinite(noise):
         noise = 1.48 * float(np.median(np.abs(off) * one))
@@ -374,7 +429,9 @@ def _fitted(points: Array, count: np.ndarray, noise: float) -> tuple[Array, Arra
 
 @kernel
 def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
-    """For each point: height of a robust quadric through its neighbours, their scatter about it, and its leverage."""
+    """For each point: height of a robust quadric through its neighbours, their scatter about it,
+    and its leverage.
+    """
     n, k = index.shape
     M = np.empty((k, 6))
     w = np.empty(k)
@@ -390,7 +447,8 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
             v = (points[index[i, j], 1] - points[i, 1]) / radius
             M[j, 0], M[j, 1], M[j, 2], M[j, 3], M[j, 4], M[j, 5] = 1.0, u, v, u * u, u * v, v * v
             off[j] = points[index[i, j], 2]
-        # Start from the neighbours' median: least squares would start off the surface where two of them are outliers.
+        # Start from the neighbours' median: least squares would start off the surface where two of
+        # them are outliers.
         off -= np.median(off)
         scale = max(1.48 * np.median(np.abs(off)), 1e-9)
         for _ in range(_SWEEPS):
@@ -428,7 +486,9 @@ def _delaunay(vertices: Array) -> np.ndarray:
     try:
         triangles = Delaunay(vertices[:, :2]).simplices.astype(np.int64)
     except QhullError as error:
-        raise PerceptionError("cloud: seen from above its points lie in a line: they span no surface") from error
+        raise PerceptionError(
+            "cloud: seen from above its points lie in a line: they span no surface"
+        ) from error
     corner = vertices[triangles][..., :2]
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -436,18 +496,27 @@ def _delaunay(vertices: Array) -> np.ndarray:
     return triangles[np.abs(twice) > 1e-12]
 
 
-# -- rays ----------------------------------------------------------------------------------------------------------
+# -- rays
+# ----------------------------------------------------------------------------------------------------------
 
 
 def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
-    """Raise PerceptionError with the reason for which the ray down from `B` (3,) [m] meets no surface."""
+    """Raise PerceptionError with the reason for which the ray down from `B` (3,) [m] meets no
+    surface.
+    """
     above = terrain.scene.cast((B - terrain.origin)[None], terrain.up[None])["t"][0]
     if np.isfinite(above):
-        raise PerceptionError(f"target {name} lies {above:.2f} m under the surface: the ray down from it meets nothing")
+        raise PerceptionError(
+            f"target {name} lies {above:.2f} m under the surface: the ray down "
+            "from it meets nothing"
+        )
     place = terrain.ground(B[None])[0]
-    nearest = float(np.linalg.norm(terrain.ground(terrain.vertices)[:, :2] - place[:2], axis=1).min())
+    nearest = float(
+        np.linalg.norm(terrain.ground(terrain.vertices)[:, :2] - place[:2], axis=1).min()
+    )
     raise PerceptionError(
-        f"target {name}: a hole in the cloud lies under it, the nearest measured point is {nearest:.2f} m aside"
+        f"target {name}: a hole in the cloud lies under it, the nearest measured point is "
+        f"{nearest:.2f} m aside"
     )
 
 
@@ -455,8 +524,14 @@ def _check_layers(terrain: Terrain, A: Array, name: str) -> None:
     """Refuse a place around which the cloud shows two heights."""
     place = terrain.ground(A[None])[0, :2]
     two = int((np.linalg.norm(terrain.layered - place, axis=1) < _LAYER_RADIUS).sum())
-    if two and two > _LAYER_SHARE * (np.linalg.norm(terrain.looked_at - place, axis=1) < _LAYER_RADIUS).sum():
-        raise PerceptionError(f"target {name}: the cloud shows two surfaces one above the other around it")
+    if (
+        two
+        and two
+        > _LAYER_SHARE * (np.linalg.norm(terrain.looked_at - place, axis=1) < _LAYER_RADIUS).sum()
+    ):
+        raise PerceptionError(
+            f"target {name}: the cloud shows two surfaces one above the other around it"
+        )
 
 
 def _axes(up: Array) -> Array:
@@ -464,5 +539,7 @@ def _axes(up: Array) -> Array:
     first = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
     x = first - float(first @ up) * up
     x /= np.linalg.norm(x)
-    y = np.array([up[1] * x[2] - up[2] * x[1], up[2] * x[0] - up[0] * x[2], up[0] * x[1] - up[1] * x[0]])
+    y = np.array(
+        [up[1] * x[2] - up[2] * x[1], up[2] * x[0] - up[0] * x[2], up[0] * x[1] - up[1] * x[0]]
+    )
     return np.stack([x, y, up])

@@ -1,7 +1,9 @@
-"""Tool path over an unknown seabed: vertical profiles between targets, tool axes, smoothing spline, speed law.
+"""Tool path over an unknown seabed: vertical profiles between targets, tool axes, smoothing spline,
+speed law.
 
-The surface is cut by the planes through A_i A_i+1 and z. Where a plane crosses the edges of triangles lie the points
-T_j, each with the unit axes a_j (of the tool, into the ground) and n_j (along the path) [Konoplin 2019, section 1].
+The surface is cut by the planes through A_i A_i+1 and z. Where a plane crosses the edges of
+triangles lie the points T_j, each with the unit axes a_j (of the tool, into the ground) and n_j
+(along the path) [Konoplin 2019, section 1].
 """
 
 import time
@@ -12,7 +14,15 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.spatial import cKDTree
 
-from uuv.perception.seabed.terrain import Projection, Relief, ReliefLimits, Terrain, build_terrain, project, relief
+from uuv.perception.seabed.terrain import (
+    Projection,
+    Relief,
+    ReliefLimits,
+    Terrain,
+    build_terrain,
+    project,
+    relief,
+)
 from uuv.perception.seabed.tool_width import checked_width
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.messages import ToolPath
@@ -50,8 +60,15 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
         PerceptionError: Where a hole of the cloud lies between two of them.
     """
     targets = real_array(A, "profile: targets", "(s, 3) numbers")
-    if targets.ndim != 2 or targets.shape[1:] != (3,) or len(targets) < 2 or not np.all(np.isfinite(targets)):
-        raise ConfigurationError(f"profile: expected two or more finite targets (s, 3), got shape {targets.shape}")
+    if (
+        targets.ndim != 2
+        or targets.shape[1:] != (3,)
+        or len(targets) < 2
+        or not np.all(np.isfinite(targets))
+    ):
+        raise ConfigurationError(
+            f"profile: expected two or more finite targets (s, 3), got shape {targets.shape}"
+        )
     width = checked_width(width)
     ground, ends = terrain.ground(terrain.vertices), terrain.ground(targets)
     points, along, flags = [], [], []
@@ -68,16 +85,25 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
     n = way - np.einsum("ij,ij->i", way, normal)[:, None] * normal
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     R = terrain.R_ground
-    return Profile(T=readonly(T @ R), a=readonly(-normal @ R), n=readonly(n @ R), target=np.array([*flags, True]))
+    return Profile(
+        T=readonly(T @ R),
+        a=readonly(-normal @ R),
+        n=readonly(n @ R),
+        target=np.array([*flags, True]),
+    )
 
 
 def _cut(
     ground: Array, triangles: np.ndarray, start: Array, end: Array, first: str, second: str
 ) -> tuple[Array, Array]:
-    """Points (k, 3) where edges cross the vertical plane between two targets, in order, and its direction (2,)."""
+    """Points (k, 3) where edges cross the vertical plane between two targets, in order, and its
+    direction (2,).
+    """
     length = float(np.linalg.norm(end[:2] - start[:2]))
     if length < 1e-6:
-        raise ConfigurationError(f"profile: {first} and {second} lie over the same place, no plane goes through them")
+        raise ConfigurationError(
+            f"profile: {first} and {second} lie over the same place, no plane goes through them"
+        )
     way = (end[:2] - start[:2]) / length
     offset = ground[:, :2] - start[:2]
     aside, u = offset[:, 1] * way[0] - offset[:, 0] * way[1], offset @ way
@@ -88,11 +114,14 @@ def _cut(
     pairs = edges[cuts].reshape(-1, 2, 2)
     a, b = pairs[..., 0], pairs[..., 1]
     share = aside[a] / (aside[a] - aside[b])
-    at = u[a] + share * (u[b] - u[a])  # (k, 2) [m] first and last place of the plane in each triangle
+    # (k, 2) [m] first and last place of the plane in each triangle
+    at = u[a] + share * (u[b] - u[a])
     _check_covered(at, length, first, second)
     edge, index = np.unique(pairs.reshape(-1, 2), axis=0, return_index=True)
     s = at.reshape(-1)[index]
-    p = ground[edge[:, 0]] + share.reshape(-1)[index, None] * (ground[edge[:, 1]] - ground[edge[:, 0]])
+    p = ground[edge[:, 0]] + share.reshape(-1)[index, None] * (
+        ground[edge[:, 1]] - ground[edge[:, 0]]
+    )
     within = (s > 1e-6) & (s < length - 1e-6)
     order = np.argsort(s[within])
     s, p = s[within][order], p[within][order]
@@ -110,13 +139,16 @@ def _check_covered(at: Array, length: float, first: str, second: str) -> None:
         hole = int(inside.argmax())
         size = min(begins[hole], length) - reached[hole]
         raise PerceptionError(
-            f"profile: between {first} and {second} a hole in the cloud {size:.2f} m long begins {reached[hole]:.2f} m "
+            f"profile: between {first} and {second} a hole in the cloud {size:.2f} m long begins "
+            f"{reached[hole]:.2f} m "
             f"from {first}"
         )
 
 
 def _normals(ground: Array, T: Array, radius: float) -> Array:
-    """Unit normals (m, 3), upwards, of the planes through the vertices within `radius` [m] of each point (m, 3)."""
+    """Unit normals (m, 3), upwards, of the planes through the vertices within `radius` [m] of each
+    point (m, 3).
+    """
     tree = cKDTree(ground[:, :2])
     normal = np.empty((len(T), 3))
     for j, near in enumerate(tree.query_ball_point(T[:, :2], radius)):
@@ -129,15 +161,22 @@ def _normals(ground: Array, T: Array, radius: float) -> Array:
 
 
 def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
-    """Cubic B-spline through the targets of a profile, sampled every `spacing` [m] of its length."""
+    """Cubic B-spline through the targets of a profile, sampled every `spacing` [m] of its
+    length.
+    """
     spacing = finite_number(spacing, "spacing [m]", least=1e-5)
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cut.T, axis=0), axis=1))])
     fine = np.union1d(np.linspace(0.0, u[-1], max(16, 1 + round(u[-1] / _DENSE))), u[cut.target])
     weight = np.where(np.isin(fine, u[cut.target]), _PINNED, 1.0)
-    p, a, n = (np.column_stack([np.interp(fine, u, column) for column in each.T]) for each in (cut.T, cut.a, cut.n))
+    p, a, n = (
+        np.column_stack([np.interp(fine, u, column) for column in each.T])
+        for each in (cut.T, cut.a, cut.n)
+    )
     curve, axis, ahead = (_spline(fine, values, weight) for values in (p, a, n))
     dense = np.linspace(0.0, u[-1], max(64, 4 * round(u[-1] / spacing)))
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve(dense), axis=0), axis=1))])
+    length = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(curve(dense), axis=0), axis=1))]
+    )
     s = np.linspace(0.0, length[-1], max(8, 1 + round(length[-1] / spacing)))
     at = np.interp(s, length, dense)
     z = axis(at)
@@ -147,13 +186,17 @@ def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     on_scan = np.ones(len(s), dtype=bool)
     on_scan.setflags(write=False)
-    return ToolPath(s=readonly(s), p=readonly(curve(at)), z=readonly(z), x=readonly(x), on_scan=on_scan)
+    return ToolPath(
+        s=readonly(s), p=readonly(curve(at)), z=readonly(z), x=readonly(x), on_scan=on_scan
+    )
 
 
 def _spline(u: Array, values: Array, weight: Array) -> BSpline:
     count = max(1, min(int(u[-1] / _KNOTS), (len(u) - 4) // 2))
     inner = np.linspace(0.0, u[-1], count + 1)[1:-1]
-    return make_lsq_spline(u, values, np.concatenate([[0.0] * 4, inner, [u[-1]] * 4]), k=3, w=weight)
+    return make_lsq_spline(
+        u, values, np.concatenate([[0.0] * 4, inner, [u[-1]] * 4]), k=3, w=weight
+    )
 
 
 def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
@@ -176,7 +219,11 @@ def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
     ones, scanned = np.ones((len(s), 1)), np.ones(len(s), dtype=bool)
     scanned.setflags(write=False)
     return ToolPath(
-        s=readonly(s), p=readonly(A + s[:, None] * a), z=readonly(ones * a), x=readonly(ones * n), on_scan=scanned
+        s=readonly(s),
+        p=readonly(A + s[:, None] * a),
+        z=readonly(ones * a),
+        x=readonly(ones * n),
+        on_scan=scanned,
     )
 
 
@@ -214,11 +261,13 @@ def plan_seabed_work(
         limits: Of the relief; None: `ReliefLimits()`.
 
     Returns:
-        Terrain, projected targets, relief, profile and path. The last two are None for a single target.
+        Terrain, projected targets, relief, profile and path. The last two are None for a single
+        target.
 
     Raises:
         ConfigurationError: For arguments of a wrong type or shape.
-        PerceptionError: For a bad cloud, a hole under a target or on the way, or a relief beyond `limits`.
+        PerceptionError: For a bad cloud, a hole under a target or on the way, or a relief beyond
+            `limits`.
     """
     began = time.perf_counter()
     width = checked_width(width)
@@ -233,5 +282,10 @@ def plan_seabed_work(
         raise PerceptionError(found.reason)
     path = None if cut is None else smooth_path(cut)
     return SeabedPlan(
-        terrain=terrain, targets=targets, relief=found, profile=cut, path=path, duration_s=time.perf_counter() - began
+        terrain=terrain,
+        targets=targets,
+        relief=found,
+        profile=cut,
+        path=path,
+        duration_s=time.perf_counter() - began,
     )

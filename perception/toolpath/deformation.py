@@ -1,9 +1,10 @@
-"""Map of an object's deformation against its model: growth, silt and dents, pixel by pixel and as a list of regions.
+"""Map of an object's deformation against its model: growth, silt and dents, pixel by pixel and as a
+list of regions.
 
-Each pixel that the model covers is compared along its line of sight; the deviation is along the model's normal, growth
-positive. Stereo errs in patches, so pixels are averaged until little of this noise remains; the remaining noise is
-known in closed form. A deformation has also shifted the fitted pose, so the pose is fitted again to the undeformed
-rest.
+Each pixel that the model covers is compared along its line of sight; the deviation is along the
+model's normal, growth positive. Stereo errs in patches, so pixels are averaged until little of this
+noise remains; the remaining noise is known in closed form. A deformation has also shifted the
+fitted pose, so the pose is fitted again to the undeformed rest.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,8 @@ from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.spatial import Array, inverse, readonly, transform_points
 
 _NOISE = 0.0015  # [m] of the sensor's noise that may remain after averaging
-_WIDTH = (0.006, 0.025)  # [m] limits of the Gaussian's width: a wider one blurs the deviations sought
+# [m] limits of the Gaussian's width: a wider one blurs the deviations sought
+_WIDTH = (0.006, 0.025)
 _DOUBT = 4.5  # standard deviations of the remaining noise for significance: there are many places
 _RIM = 2  # [px] of the sensor beside an edge of the model, where an error of the pose dominates
 
@@ -46,11 +48,14 @@ class DeformationMap:
 
     X_sensor_target: Array  # (4, 4) pose of T in S, fitted to the undeformed part
     points_S: Array  # (h, w, 3) [m] the scan
-    deviation: Array  # (h, w) [m] along the model's normal, growth positive; NaN where it was not compared
-    noise_m: float  # [m] standard deviation of `deviation` from the sensor: median over the compared pixels
+    # (h, w) [m] along the model's normal, growth positive; NaN where it was not compared
+    deviation: Array
+    # [m] standard deviation of `deviation` from the sensor: median over the compared pixels
+    noise_m: float
     size_m: float  # [m] beyond which a deviation belongs to a region
     label: np.ndarray  # (h, w) int: k in `regions[k - 1]`, 0 elsewhere
-    compared: float  # [-] share compared, of the model's surface that an unobstructed sensor should see
+    # [-] share compared, of the model's surface that an unobstructed sensor should see
+    compared: float
     regions: tuple[Region, ...]  # largest area first
 
     @property
@@ -61,31 +66,40 @@ class DeformationMap:
 
 
 def map_deformation(found: Identification, size: float | None = None) -> DeformationMap:
-    """Compare the scan of an accepted identification, of one or several frames (`on_all_looks`), with its model.
+    """Compare the scan of an accepted identification, of one or several frames (`on_all_looks`),
+    with its model.
 
-    A region counts if noise does not explain its largest deviation. Excluded are edges, surface at more than 60 deg of
-    incidence, growth beyond the model's outline, and deviations of OCCLUDER or more.
+    A region counts if noise does not explain its largest deviation. Excluded are edges, surface at
+    more than 60 deg of incidence, growth beyond the model's outline, and deviations of OCCLUDER or
+    more.
 
     Args:
         found: Accepted identification.
-        size: [m] deviation beyond which a pixel belongs to a region. None: twice the sum of the pose error and the
-            remaining noise.
+        size: [m] deviation beyond which a pixel belongs to a region. None: twice the sum of the
+            pose error and the remaining noise.
 
     Raises:
         PerceptionError: If `found` was not accepted.
         ConfigurationError: For a `size` that is not positive.
     """
     if not found.accepted or found.evidence is None:
-        raise PerceptionError(f"no map of deformation of an object that was not found: {found.reason}")
+        raise PerceptionError(
+            f"no map of deformation of an object that was not found: {found.reason}"
+        )
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise ConfigurationError(f"deformation: size must be positive [m], got {size}")
     evidence, surface = found.evidence, found.surface
     first = _Comparison.of(evidence, surface, found.X_sensor_target)
-    X_ST = _refitted(evidence, surface, found.X_sensor_target, first.labelled(0.5 * first.size)[0] > 0)
+    X_ST = _refitted(
+        evidence, surface, found.X_sensor_target, first.labelled(0.5 * first.size)[0] > 0
+    )
     last = _Comparison.of(evidence, surface, X_ST)
     size = last.size if size is None else size
     label, count = last.labelled(size)
-    regions = sorted(((last.region(label == k), k) for k in range(1, count + 1)), key=lambda item: -item[0].area_m2)
+    regions = sorted(
+        ((last.region(label == k), k) for k in range(1, count + 1)),
+        key=lambda item: -item[0].area_m2,
+    )
     place = np.zeros(count + 1, dtype=np.int64)
     place[[k for _, k in regions]] = np.arange(1, count + 1)
     return DeformationMap(
@@ -132,13 +146,16 @@ class _Comparison:
         if not known.any():
             return cls(X_ST, model.points, known, np.zeros_like(z), np.full_like(z, np.inf), area)
 
-        # White noise filtered by a Gaussian of width s, as stereo's is, and then by one of width w, keeps s^2 / (s^2 +
-        # w^2) of its variance. Where part of the window is unknown, the variance grows by that share.
+        # White noise filtered by a Gaussian of width s, as stereo's is, and then by one of width w,
+        # keeps s^2 / (s^2 + w^2) of its variance. Where part of the window is unknown, the variance
+        # grows by that share.
         middle = float(np.median(z[known]))
         patch = 0.5 * sensor.noise_length / (sensor.focal * scan.pitch)  # [px] of this grid too
         excess = max(0.0, (float(sensor.sigma(middle)) / _NOISE) ** 2 - 1.0)
         width = np.clip(patch * np.sqrt(excess), *(np.array(_WIDTH) / (scan.pitch * middle)))
-        share = np.maximum(ndimage.gaussian_filter(known.astype(float), width, mode="constant"), 1e-3)
+        share = np.maximum(
+            ndimage.gaussian_filter(known.astype(float), width, mode="constant"), 1e-3
+        )
         mean = ndimage.gaussian_filter(np.where(known, off, 0.0), width, mode="constant") / share
         left = np.minimum(1.0, patch**2 / ((patch**2 + width**2) * share))
         return cls(X_ST, model.points, known, mean, sensor.sigma(z) * normal * np.sqrt(left), area)
@@ -154,7 +171,9 @@ class _Comparison:
         return 2.0 * (POSE_ERROR + self.noise)
 
     def labelled(self, size: float) -> tuple[np.ndarray, int]:
-        """Regions beyond `size` [m] to one side that are significant somewhere: labels from 1, and their number."""
+        """Regions beyond `size` [m] to one side that are significant somewhere: labels from 1, and
+        their number.
+        """
         label, count = np.zeros(self.known.shape, dtype=np.int64), 0
         for side in (1.0, -1.0):
             part = ndimage.label(self.known & (side * self.deviation > size))[0]
@@ -182,10 +201,16 @@ class _Comparison:
         )
 
 
-def _refitted(evidence: Evidence, surface: ModelSurface, X_ST: Array, deformed: np.ndarray) -> Array:
-    """Pose (4, 4) fitted to the pixels that are not `deformed` (h, w); `X_ST` itself where these do not suffice."""
+def _refitted(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, deformed: np.ndarray
+) -> Array:
+    """Pose (4, 4) fitted to the pixels that are not `deformed` (h, w); `X_ST` itself where these do
+    not suffice.
+    """
     rest = evidence.mask & ~deformed
     if not deformed.any() or rest.sum() < MIN_POINTS:
         return X_ST
-    fit = fine_fit(Evidence.of(evidence.scan, rest, 0.8 * surface.spacing, evidence.sensor), surface, X_ST)
+    fit = fine_fit(
+        Evidence.of(evidence.scan, rest, 0.8 * surface.spacing, evidence.sensor), surface, X_ST
+    )
     return X_ST if len(fit.free) > (surface.symmetry.axis is not None) else fit.X_ST

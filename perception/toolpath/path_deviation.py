@@ -1,11 +1,13 @@
-"""Deviation of the scanned surface from the model along a path, beyond sensor noise [Konoplin 2022, eq. 2].
+"""Deviation of the scanned surface from the model along a path, beyond sensor noise [Konoplin 2022,
+eq. 2].
 
-Points of the path are projected along +-o on the triangulations of scan and model. The sensor's noise decides which
-differences are significant. A steep and high bump shows in few pixels. A low and wide one, or a small error of the
-pose, shows only in the mean of many. The difference is therefore judged at three widths, the finest first.
+Points of the path are projected along +-o on the triangulations of scan and model. The sensor's
+noise decides which differences are significant. A steep and high bump shows in few pixels. A low
+and wide one, or a small error of the pose, shows only in the mean of many. The difference is
+therefore judged at three widths, the finest first.
 
-Short holes in the scan are bridged and long ones refused, because the surface there is unknown. A side that the sensor
-cannot see well is no hole; there the model is kept.
+Short holes in the scan are bridged and long ones refused, because the surface there is unknown. A
+side that the sensor cannot see well is no hole; there the model is kept.
 """
 
 from dataclasses import dataclass
@@ -23,8 +25,10 @@ from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 SEEN_WELL = np.cos(np.deg2rad(60.0))  # cosine of incidence above which a scanned point is trusted
 _BEFORE = 0.2  # [m] in front of the path, where projecting rays begin
-_SAME_FACE = 0.03  # [m] along o between a path point and the first model surface; more is another face
-BESIDE = np.array([-0.036, -0.024, -0.012, 0.0, 0.012, 0.024, 0.036])  # [m] offsets of rays across the path
+# [m] along o between a path point and the first model surface; more is another face
+_SAME_FACE = 0.03
+# [m] offsets of rays across the path
+BESIDE = np.array([-0.036, -0.024, -0.012, 0.0, 0.012, 0.024, 0.036])
 _INNER = slice(1, -1)
 _LATERAL = BESIDE[_INNER]  # [m] of the rays whose median is the deviation
 _MEDIAN = 0.025  # [m] along the path, length of the median
@@ -35,37 +39,53 @@ _NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
 POSE_ERROR = 0.0015  # [m] error of the transformed path from the pose alone
 _RESUME = 0.35  # [-] share of the threshold at which a detected deviation begins and ends
 _LEAST_RAYS = 3  # of the rays across the path that must be valid
-_MEDIAN_FORM = 0.013  # [m] along the path, length of the median for the form of high and steep deviations
-_FORM_NOISE = 1.9  # [-] noise over that of a mean: a parabola of seven lines, and a Gaussian of second order
+# [m] along the path, length of the median for the form of high and steep deviations
+_MEDIAN_FORM = 0.013
+# [-] noise over that of a mean: a parabola of seven lines, and a Gaussian of second order
+_FORM_NOISE = 1.9
 _MEAN_ERROR = 0.0015  # [m] error of a mean at the middle of such a form
 _SPREAD = 1.7  # [-] spread of a median over that of a mean, and of touching patches of noise
 _SLOPE_NOISE = 0.035  # [rad] noise of an axis from the scan alone
 _WIDTHS = (0.008, 0.03)  # [m] least and largest width of the Gaussian for an axis
 _FITTED = 12  # points that an axis is made of, at least
-_ILL_CONDITIONED = 1e4  # [-] condition of the parabola's normal equations: the points lie on one side, or in a line
-_FADE = (0.05, 4.0)  # [m], and multiple of its size: length over which a deviation fades out into unseen surface
+# [-] condition of the parabola's normal equations: the points lie on one side, or in a line
+_ILL_CONDITIONED = 1e4
+# [m], and multiple of its size: length over which a deviation fades out into unseen surface
+_FADE = (0.05, 4.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation:
-    """Signed distance of the scanned surface behind (+) or in front of (-) the model along a path."""
+    """Signed distance of the scanned surface behind (+) or in front of (-) the model along a
+    path.
+    """
 
     o: Array  # (3,) unit direction of projection, from the sensor to the object, in S
     along_o: Array  # (n,) [m], 0 where the model is kept
     across: Array  # (n,) slope of the deviation across the path, [m]/[m]
     share: Array  # (n,) [-] weight of the scan in the tool axis, 0 to 1, without steps
     on_scan: np.ndarray  # (n,) bool: a significant deviation
-    seen: np.ndarray  # (n,) bool: the scan was compared with the model there; elsewhere the path is extrapolated
+    # (n,) bool: the scan was compared with the model there; elsewhere the path is extrapolated
+    seen: np.ndarray
     bridged: np.ndarray  # (n,) bool: in a hole of the scan with surface on both sides
     threshold: Array  # (n,) [m] that a high and steep deviation must exceed
-    section: Array  # (n, 7) [m] along o from points at BESIDE across the path to the model; inf: missed
-    form: Array  # (n, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m], [m]/[m^2]
+    # (n, 7) [m] along o from points at BESIDE across the path to the model; inf: missed
+    section: Array
+    # (n, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m],
+    # [m]/[m^2]
+    form: Array
 
 
 def deviate(
-    evidence: Evidence, surface: ModelSurface, X_ST: Array, path: ModelPath, max_deviation: float, bridge: float
+    evidence: Evidence,
+    surface: ModelSurface,
+    X_ST: Array,
+    path: ModelPath,
+    max_deviation: float,
+    bridge: float,
 ) -> Deviation:
-    """Project a dense path along +-o on the surfaces of scan and model and compare them [Konoplin 2022, eq. 2].
+    """Project a dense path along +-o on the surfaces of scan and model and compare them [Konoplin
+    2022, eq. 2].
 
     Args:
         evidence: Scan of the object.
@@ -73,14 +93,15 @@ def deviate(
         X_ST: (4, 4) pose of T in S.
         path: Dense path in S.
         max_deviation: [m] beyond which the scan shows another object.
-        bridge: [m] longest hole, along the path, over which the deviations on both sides are joined.
+        bridge: [m] longest hole, along the path, over which the deviations on both sides are
+            joined.
 
     Returns:
         The deviation at each point of the path.
 
     Raises:
-        PerceptionError: For a longer hole where the sensor should see the object well; it names the place and the
-            cause.
+        PerceptionError: For a longer hole where the sensor should see the object well; it names the
+            place and the cause.
     """
     H_D = transform_points(X_ST, surface.center)
     o = H_D / np.linalg.norm(H_D)
@@ -89,7 +110,8 @@ def deviate(
     n = len(path.p)
     lateral = np.cross(path.a, path.b)
     rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]  # (n, l, 3)
-    starts = rays - _BEFORE * o  # X_j may lie outside or inside the scanned surface: begin in front of both
+    # X_j may lie outside or inside the scanned surface: begin in front of both
+    starts = rays - _BEFORE * o
 
     model = _project_on_model(surface, X_ST, starts.reshape(-1, 3), o).reshape(n, -1)
     scan = _project_on_scan(evidence, path.p, starts.reshape(-1, 3), o).reshape(n, -1)
@@ -105,19 +127,23 @@ def deviate(
     face, well = face[:, _INNER], well[:, _INNER]
     difference, rays = difference[:, _INNER], rays[:, _INNER]
     usable = well.sum(axis=1) >= _LEAST_RAYS
-    hole = ~usable & (_in_plain_view(evidence, surface, X_ST, rays, face).sum(axis=1) >= _LEAST_RAYS)
+    hole = ~usable & (
+        _in_plain_view(evidence, surface, X_ST, rays, face).sum(axis=1) >= _LEAST_RAYS
+    )
     bridged = _bridgeable(usable, hole, s, bridge, evidence, path.p)
 
     nearest = _nearest(usable)
     middle = np.zeros(n)
     middle[usable] = np.ma.median(np.ma.masked_where(~well, difference)[usable], axis=1)
     if usable.any():
-        middle = np.interp(s, s[usable], middle[usable])  # so that a median near a gap takes nothing from it
+        # so that a median near a gap takes nothing from it
+        middle = np.interp(s, s[usable], middle[usable])
     middle = ndimage.median_filter(middle, size=2 * int(0.5 * _MEDIAN / step) + 1, mode="reflect")
 
-    # A median spreads 1.25 times as wide as a mean, and patches of noise touch: 1.7 in all, from 120 paths on clean
-    # barrels. An error of the pose shows as 1/cos along the line of sight. A path has some fifty independent places,
-    # and one false dent tilts the tool: hence 4.5 sigma, not 3.
+    # A median spreads 1.25 times as wide as a mean, and patches of noise touch: 1.7 in all, from
+    # 120 paths on clean barrels. An error of the pose shows as 1/cos along the line of sight. A
+    # path has some fifty independent places, and one false dent tilts the tool: hence 4.5 sigma,
+    # not 3.
     doubt = _SPREAD * evidence.sensor.sigma(path.p[:, 2])
     pose_error = POSE_ERROR / np.maximum(cosine[:, len(BESIDE) // 2], SEEN_WELL)
     radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
@@ -131,9 +157,12 @@ def deviate(
     fine, sigma = mean(usable, _SMOOTH)
     threshold = 4.5 * sigma + pose_error
     high = _hysteresis(np.where(usable, np.abs(fine), 0.0), threshold)
-    # Where there is one, the flank of another beside the path tilts the tool before it is high on the path.
+    # Where there is one, the flank of another beside the path tilts the tool before it is high on
+    # the path.
     patches = (np.ptp(BESIDE) + step) * (_MEDIAN_FORM + 2.0 * _SMOOTH) / (np.pi * radius**2)
-    leans = 4.5 * doubt / np.sqrt(np.maximum(1.0, patches)) / np.std(BESIDE) + pose_error / BESIDE[-1]
+    leans = (
+        4.5 * doubt / np.sqrt(np.maximum(1.0, patches)) / np.std(BESIDE) + pose_error / BESIDE[-1]
+    )
     whole = usable & (well.sum(axis=1) > _LEAST_RAYS)
     beyond = np.maximum(np.abs(fine) / threshold, np.where(whole, np.abs(form[:, 1]), 0.0) / leans)
     if high.any():
@@ -143,18 +172,22 @@ def deviate(
     low = _hysteresis(np.where(rest, np.abs(wide), 0.0), 4.5 * sigma + pose_error)
     rest &= ~low
     widest, sigma = mean(rest, _SMOOTH_POSE)
-    # Fouling or a dent has also shifted the pose. No threshold for that: a step would tilt the tool more than the error
-    # matters. Shrinkage removes what noise explains. On a clean path the model is the better measurement.
+    # Fouling or a dent has also shifted the pose. No threshold for that: a step would tilt the tool
+    # more than the error matters. Shrinkage removes what noise explains. On a clean path the model
+    # is the better measurement.
     along = widest**3 / (widest**2 + (2.0 * sigma) ** 2 + 1e-12) * float(np.any(high | low))
     # The form is more accurate than a mean, and noisier: it is weighted by its noise.
     trust = 1.0 / (1.0 + (_FORM_NOISE * doubt / _MEAN_ERROR) ** 2 / np.maximum(1.0, patches))
     trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
     steep = fine + trust * (form[:, 0] - fine)
     for found, values in ((low, wide), (high, steep)):
-        share = _blur(found[nearest].astype(float), step)  # a gap beside a deviation does not end it
+        # a gap beside a deviation does not end it
+        share = _blur(found[nearest].astype(float), step)
         along += share * (values - along)
     across = _slope(well, difference, middle)
-    along, across, on_scan = _over_gaps(along, np.where(usable, across, 0.0), high | low, usable, bridged, s)
+    along, across, on_scan = _over_gaps(
+        along, np.where(usable, across, 0.0), high | low, usable, bridged, s
+    )
     share, across = _blur(on_scan.astype(float), step), _blur(across, 0.5 * step)
     bend = share * trust * np.where(usable & high[nearest], form[:, 2], 0.0)
     return Deviation(
@@ -182,10 +215,11 @@ def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
 
 
 def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndarray]:
-    """Axes into the scanned surface at points of a path, from a parabola through the scan around each of them.
+    """Axes into the scanned surface at points of a path, from a parabola through the scan around
+    each of them.
 
-    The parabola is weighted by a Gaussian as narrow as the sensor's noise allows: a wide one is biased where the
-    surface bends within it.
+    The parabola is weighted by a Gaussian as narrow as the sensor's noise allows: a wide one is
+    biased where the surface bends within it.
 
     Args:
         evidence: Scan of the object.
@@ -193,13 +227,16 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
         z: (n, 3) approximate unit axes into the surface, in S.
 
     Returns:
-        Unit axes (n, 3) in S, and the mask (n,) of those that enough points determine; the others are those of `z`.
+        Unit axes (n, 3) in S, and the mask (n,) of those that enough points determine; the others
+        are those of `z`.
     """
     part = evidence.scan.part(evidence.scan.window(p, 0.1, 10**6))
     points = part.points.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     patch = _NOISE_PATCH * p[:, 2] / evidence.sensor.focal
-    widths = np.sqrt(_SPREAD * evidence.sensor.sigma(p[:, 2]) * patch / (np.sqrt(2.0) * _SLOPE_NOISE))
+    widths = np.sqrt(
+        _SPREAD * evidence.sensor.sigma(p[:, 2]) * patch / (np.sqrt(2.0) * _SLOPE_NOISE)
+    )
     widths = np.clip(widths, *_WIDTHS)
     axes, known = z.copy(), np.zeros(len(p), dtype=bool)
     if len(points) < _FITTED:
@@ -230,14 +267,18 @@ def _perpendicular(axis: Array) -> tuple[Array, Array]:
 
 
 def _project_on_model(surface: ModelSurface, X_ST: Array, starts: Array, o: Array) -> np.ndarray:
-    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the model's surface, inf if missed."""
+    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the model's surface, inf if
+    missed.
+    """
     X_TS = inverse(X_ST)
     way = np.broadcast_to(X_TS[:3, :3] @ o, starts.shape)
     return surface.scene.cast(transform_points(X_TS, starts), way)["t"]
 
 
 def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -> np.ndarray:
-    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the scan around `near` (m, 3), inf if missed."""
+    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the scan around `near` (m, 3), inf
+    if missed.
+    """
     part = evidence.scan.part(evidence.scan.window(near, 0.1, 10**6))
     if min(part.depth.shape) < 2:
         return np.full(len(starts), np.inf)
@@ -245,19 +286,28 @@ def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -
     return np.full(len(starts), np.inf) if found is None else found
 
 
-def _in_plain_view(evidence: Evidence, surface: ModelSurface, X_ST: Array, rays: Array, face: np.ndarray) -> np.ndarray:
-    """Mask (n, l) of the points `rays` (n, l, 3) in S that the sensor should see well on the model at `X_ST`."""
+def _in_plain_view(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, rays: Array, face: np.ndarray
+) -> np.ndarray:
+    """Mask (n, l) of the points `rays` (n, l, 3) in S that the sensor should see well on the model
+    at `X_ST`.
+    """
     flat = rays.reshape(-1, 3)
     X_TS = inverse(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], flat @ X_TS[:3, :3].T)["t"]
     inside = evidence.scan.pixels(flat)[2] & (flat[:, 2] > 0.0)
-    return face & (inside & (hit > 1.0 - _SAME_FACE / np.linalg.norm(flat, axis=1))).reshape(face.shape)
+    return face & (inside & (hit > 1.0 - _SAME_FACE / np.linalg.norm(flat, axis=1))).reshape(
+        face.shape
+    )
 
 
 def _bridgeable(
     usable: np.ndarray, hole: np.ndarray, s: Array, bridge: float, evidence: Evidence, p: Array
 ) -> np.ndarray:
-    """Mask (n,) of the gaps to be bridged. Raises PerceptionError for a hole longer than `bridge` [m]."""
+    """Mask (n,) of the gaps to be bridged.
+
+    Raises PerceptionError for a hole longer than `bridge` [m].
+    """
     step = float(np.diff(s).mean())
     label, count = ndimage.label(hole)
     for i in range(1, count + 1):
@@ -265,7 +315,8 @@ def _bridgeable(
         length = float(s[rows[-1]] - s[rows[0]]) + step
         if length > bridge:
             raise PerceptionError(
-                f"the scan has a hole of {1e3 * length:.0f} mm on the tool path, {s[rows[0]]:.2f} m from its start: "
+                f"the scan has a hole of {1e3 * length:.0f} mm on the tool path, {s[rows[0]]:.2f} "
+                "m from its start: "
                 f"{_cause(evidence, p[rows])}; at most {1e3 * bridge:.0f} mm can be bridged"
             )
     bridged = np.zeros_like(usable)
@@ -287,11 +338,19 @@ def _cause(evidence: Evidence, p: Array) -> str:
     middle = float(np.nanmedian(behind))
     if abs(middle) < float(jump(np.median(p[:, 2]))):
         return "what came back from there is no surface"
-    return f"what it shows lies {1e3 * abs(middle):.0f} mm {'behind' if middle > 0.0 else 'before'} the object"
+    return (
+        f"what it shows lies {1e3 * abs(middle):.0f} mm "
+        f"{'behind' if middle > 0.0 else 'before'} the object"
+    )
 
 
 def _over_gaps(
-    along: Array, across: Array, on_scan: np.ndarray, usable: np.ndarray, bridged: np.ndarray, s: Array
+    along: Array,
+    across: Array,
+    on_scan: np.ndarray,
+    usable: np.ndarray,
+    bridged: np.ndarray,
+    s: Array,
 ) -> tuple[Array, Array, np.ndarray]:
     """Deviation, its slope across and the flag, continued over unseen parts of the path."""
     if not usable.any():
@@ -317,7 +376,11 @@ def _over_gaps(
         faded[rows] += left * size
         faded_across[rows] += left * across[edge[rows]]
     joined = bridged & on_scan[np.clip(before, 0, None)] & on_scan[np.clip(after, None, len(s) - 1)]
-    return np.where(out, faded, along), np.where(out, faded_across, across), (on_scan & usable) | joined
+    return (
+        np.where(out, faded, along),
+        np.where(out, faded_across, across),
+        (on_scan & usable) | joined,
+    )
 
 
 def _nearest(known: np.ndarray) -> np.ndarray:
@@ -332,7 +395,8 @@ def _blur(values: Array, step: float) -> Array:
 
 
 def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, Array]:
-    """Gaussian mean of `values` over the `known` among them, 0 where none is near, and their share of the Gaussian.
+    """Gaussian mean of `values` over the `known` among them, 0 where none is near, and their share
+    of the Gaussian.
 
     `width` in samples. Beyond the ends nothing is known.
     """
@@ -342,16 +406,19 @@ def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, 
 
 
 def _hysteresis(size: Array, threshold: Array) -> np.ndarray:
-    """Mask of the runs where `size` stays above a share of `threshold` and exceeds it at least once."""
+    """Mask of the runs where `size` stays above a share of `threshold` and exceeds it at least
+    once.
+    """
     label, _ = ndimage.label(size > _RESUME * threshold)
     return np.isin(label, np.unique(label[(size > threshold) & (label > 0)]))
 
 
 def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
-    """Polynomial (n, 3) of the deviation across the path over [m], for a surface curved in both directions.
+    """Polynomial (n, 3) of the deviation across the path over [m], for a surface curved in both
+    directions.
 
-    The mean over a curved surface is biased. Parabolas across the path, and a Gaussian without this bias along it,
-    avoid that.
+    The mean over a curved surface is biased. Parabolas across the path, and a Gaussian without this
+    bias along it, avoid that.
     """
     step = float(np.diff(s).mean())
     lines, weight = np.zeros(difference.shape), np.zeros(difference.shape)
@@ -359,12 +426,19 @@ def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
         if known.sum() < 2:
             continue
         line = np.interp(s, s[known], difference[known, k])
-        line = _blur(ndimage.median_filter(line, size=2 * int(0.5 * _MEDIAN_FORM / step) + 1, mode="nearest"), step)
+        line = _blur(
+            ndimage.median_filter(
+                line, size=2 * int(0.5 * _MEDIAN_FORM / step) + 1, mode="nearest"
+            ),
+            step,
+        )
         lines[:, k], weight[:, k] = 2.0 * line - _blur(line, step), _blur(known.astype(float), step)
     x = BESIDE / BESIDE[-1]
     powers = x[:, None] ** np.arange(3)
     normal = np.einsum("nk,kp,kq->npq", weight, powers, powers) + np.diag([1e-9, 1e-3, 1e-3])
-    found = np.linalg.solve(normal, np.einsum("nk,kp,nk->np", weight, powers, lines)[..., None])[..., 0]
+    found = np.linalg.solve(normal, np.einsum("nk,kp,nk->np", weight, powers, lines)[..., None])[
+        ..., 0
+    ]
     return found / BESIDE[-1] ** np.arange(3)
 
 

@@ -1,9 +1,9 @@
 """Tool path on the real surface from a path on the model [Konoplin 2022, eq. 3 and after].
 
-The path is transformed by the identified pose. Where the object is seen well and deviates from its model by more than
-the sensor's noise (fouled, silted, dented), points are moved along +-o onto the scanned triangulation. Elsewhere the
-model is the better measurement and is kept. A tool that ends in a ball is led along what the ball can reach. A cubic
-B-spline smooths the whole path.
+The path is transformed by the identified pose. Where the object is seen well and deviates from its
+model by more than the sensor's noise (fouled, silted, dented), points are moved along +-o onto the
+scanned triangulation. Elsewhere the model is the better measurement and is kept. A tool that ends
+in a ball is led along what the ball can reach. A cubic B-spline smooths the whole path.
 """
 
 from dataclasses import replace
@@ -15,7 +15,13 @@ from scipy import ndimage
 from uuv.models.objects.axis_steps import NO_STEPS, Steps
 from uuv.models.objects.target_model import ModelPath, without_turn
 from uuv.perception.registration.identification import Identification
-from uuv.perception.toolpath.path_deviation import BESIDE, Deviation, deviate, scanned_axis, tilted_axis
+from uuv.perception.toolpath.path_deviation import (
+    BESIDE,
+    Deviation,
+    deviate,
+    scanned_axis,
+    tilted_axis,
+)
 from uuv.perception.toolpath.turns_at_rest import turning_at_rest
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.kernels import kernel
@@ -30,12 +36,17 @@ _KNOTS = 0.015  # [m] between the knots of the smoothing spline
 _ACROSS = 0.003  # [m] between the lines of the surface beside a path
 _GONE = 0.1  # [m] behind the path: depth used where there is no surface
 _SLOPE = 0.006  # [m] to both sides, over which the axis's slope is taken
-_TIGHT = 0.85  # [-] curvature of a hollow, over that of the ball, from which on the tool is kept out
+# [-] curvature of a hollow, over that of the ball, from which on the tool is kept out
+_TIGHT = 0.85
 _MARGIN = 0.012  # [m] beside such a hollow
 _SURE = 0.05  # [rad] between the axes of scan and model at which each counts by half
-_SHORTEST = 0.03  # [m] of a stretch that is worked; the tool needs 1 cm to come to speed, and as much to rest
-_TURNS = float(np.cos(np.radians(20.0)))  # a path that turns less about the tool axis is followed by the tool's x axis
-PACE = 0.5  # [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the force
+# [m] of a stretch that is worked; the tool needs 1 cm to come to speed, and as much to rest
+_SHORTEST = 0.03
+# a path that turns less about the tool axis is followed by the tool's x axis
+_TURNS = float(np.cos(np.radians(20.0)))
+# [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the
+# force
+PACE = 0.5
 
 
 def plan_path(
@@ -55,8 +66,8 @@ def plan_path(
         spacing: [m] of the samples along the arc length.
         max_deviation: [m] along the line of sight; larger deviations are taken for another object.
         bridge: [m] longest hole in the scan, along the path, over which both sides are joined.
-        tool_radius: [m] of the ball at the end of the tool, whose reachable surface the path follows where it deviates;
-            0: a point.
+        tool_radius: [m] of the ball at the end of the tool, whose reachable surface the path
+            follows where it deviates; 0: a point.
 
     Returns:
         The tool path in S.
@@ -69,13 +80,16 @@ def plan_path(
         raise PerceptionError(f"no tool path on an object that was not found: {found.reason}")
     if not (spacing > 0.0 and max_deviation > 0.0 and bridge >= 0.0 and tool_radius >= 0.0):
         raise ConfigurationError(
-            "spacing and max_deviation must be positive, bridge and tool_radius not negative [m], got "
+            "spacing and max_deviation must be positive, bridge and tool_radius not negative [m], "
+            "got "
             f"{spacing}, {max_deviation}, {bridge} and {tool_radius}"
         )
     carried = carry(found.X_sensor_target, densified(path))
     dense = along_itself(carried)
     b = carried.b if carried.keeps_b else None
-    deviation = deviate(found.evidence, found.surface, found.X_sensor_target, dense, max_deviation, bridge)
+    deviation = deviate(
+        found.evidence, found.surface, found.X_sensor_target, dense, max_deviation, bridge
+    )
     p, z = dense.p + deviation.along_o[:, None] * deviation.o, tilted_axis(dense, deviation)
     if not (tool_radius > 0.0 and deviation.on_scan.any()):
         return turning_at_rest(_smoothed(p, z, deviation.on_scan, spacing, b))
@@ -103,24 +117,31 @@ def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> T
     """
     carried = carry(X_AT, densified(path))
     seen = np.zeros(len(carried.p), dtype=bool)
-    return turning_at_rest(_smoothed(carried.p, carried.a, seen, spacing, carried.b if carried.keeps_b else None))
+    return turning_at_rest(
+        _smoothed(carried.p, carried.a, seen, spacing, carried.b if carried.keeps_b else None)
+    )
 
 
 def _towards(axes: Array, z: Array, p: Array) -> Array:
-    """Unit axes (n, 3) from those of model and deviation, `z`, to those of the scan as far as these differ for sure."""
+    """Unit axes (n, 3) from those of model and deviation, `z`, to those of the scan as far as these
+    differ for sure.
+    """
     apart = np.sum((axes - z) ** 2, axis=1)
     step = float(np.linalg.norm(np.diff(p, axis=0), axis=1).mean())
     share = ndimage.gaussian_filter1d(apart / (apart + _SURE**2), _SLOPE / step, mode="nearest")
-    mixed = ndimage.gaussian_filter1d(z + share[:, None] * (axes - z), _SLOPE / step, axis=0, mode="nearest")
+    mixed = ndimage.gaussian_filter1d(
+        z + share[:, None] * (axes - z), _SLOPE / step, axis=0, mode="nearest"
+    )
     return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
 
 
 def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = None) -> ToolPath:
-    """`path` on a surface that is not its model's, at half speed and without what this tool cannot work there.
+    """`path` on a surface that is not its model's, at half speed and without what this tool cannot
+    work there.
 
-    In a hollow nearly as tight as itself a ball touches two flanks at once: the force jumps from one to the other. Such
-    places are left out with a margin, and those where nothing was scanned: the model says nothing about them. Ends that
-    are left out are cut off.
+    In a hollow nearly as tight as itself a ball touches two flanks at once: the force jumps from
+    one to the other. Such places are left out with a margin, and those where nothing was scanned:
+    the model says nothing about them. Ends that are left out are cut off.
 
     Args:
         path: Path of the ball's contact point.
@@ -138,19 +159,31 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
     tight = -np.sum(bend * path.z, axis=1) > _TIGHT / tool_radius
     margin = max(1, round(_MARGIN / step))
     unseen = np.zeros_like(tight) if scanned is None else ~scanned
-    tight, unseen = (ndimage.binary_dilation(places, iterations=margin) for places in (tight, unseen))
+    tight, unseen = (
+        ndimage.binary_dilation(places, iterations=margin) for places in (tight, unseen)
+    )
     fits = ~(tight | unseen)
     stretch, count = ndimage.label(fits)
-    fits &= (np.bincount(stretch, minlength=count + 1) * step >= min(_SHORTEST, float(path.s[-1])))[stretch]
+    fits &= (np.bincount(stretch, minlength=count + 1) * step >= min(_SHORTEST, float(path.s[-1])))[
+        stretch
+    ]
     if not fits.any():
         why = (
-            f"it fits the surface on {1.0 - tight.mean():.0%} of the path, of which {1.0 - unseen.mean():.0%} was seen"
+            f"it fits the surface on {1.0 - tight.mean():.0%} of the path, of which "
+            f"{1.0 - unseen.mean():.0%} was seen"
         )
-        raise PerceptionError(f"the tool, a ball of {1e3 * tool_radius:.0f} mm, can work nowhere on the path: {why}")
+        raise PerceptionError(
+            f"the tool, a ball of {1e3 * tool_radius:.0f} mm, can work nowhere on the path: {why}"
+        )
     kept = np.flatnonzero(fits)[[0, -1]]
     part = slice(kept[0], kept[1] + 1)
-    causes = (("hollows too tight for the tool", tight & ~unseen), ("places that were not seen", unseen))
-    told = [f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()]
+    causes = (
+        ("hollows too tight for the tool", tight & ~unseen),
+        ("places that were not seen", unseen),
+    )
+    told = [
+        f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()
+    ]
     note = f"{' and '.join(told)}, are left out" if told else ""
     return replace(
         path,
@@ -166,7 +199,8 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
 
 
 def carry(X_ST: Array, path: ModelPath) -> ModelPath:
-    """Transform a path from T to S, points and axes [Konoplin 2022, eq. 3], with the whole pose in one matrix.
+    """Transform a path from T to S, points and axes [Konoplin 2022, eq. 3], with the whole pose in
+    one matrix.
 
     The equation has two rotations and centroids; `X_ST` (4, 4) combines them.
     """
@@ -193,27 +227,36 @@ def densified(path: ModelPath) -> ModelPath:
 
     chord = np.linalg.norm(np.diff(path.p, axis=0), axis=1)
     if chord.min() < 1e-9:
-        raise ConfigurationError(f"tool path: points {int(chord.argmin())} and {int(chord.argmin()) + 1} coincide")
+        raise ConfigurationError(
+            f"tool path: points {int(chord.argmin())} and {int(chord.argmin()) + 1} coincide"
+        )
     u = np.concatenate([[0.0], np.cumsum(chord)])
     fine = np.linspace(0.0, u[-1], max(8, 1 + round(u[-1] / _DENSE)))
     steps = Steps.of(path.a, path.b) if path.keeps_b else NO_STEPS
     smooth = steps.taken_out(path.a, path.b)
     p, a, b = (make_interp_spline(u, values, k=3)(fine) for values in (path.p, path.a, smooth))
     a /= np.linalg.norm(a, axis=1, keepdims=True)
-    b = steps.put_back(a, b / np.linalg.norm(b, axis=1, keepdims=True), np.interp(fine, u, np.arange(len(u))))
+    b = steps.put_back(
+        a, b / np.linalg.norm(b, axis=1, keepdims=True), np.interp(fine, u, np.arange(len(u)))
+    )
     return replace(path, p=p, a=a, b=b)
 
 
-def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array | None = None) -> ToolPath:
+def _smoothed(
+    p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array | None = None
+) -> ToolPath:
     """Least-squares cubic B-splines through points and axes, sampled evenly over arc length.
 
-    The second axis is `b` (n, 3) where the tool keeps one of its own. Else it is the tangent, or on a path with bends
-    and corners in the surface, about which a round tool need not turn, an axis that never turns about the tool's.
+    The second axis is `b` (n, 3) where the tool keeps one of its own. Else it is the tangent, or on
+    a path with bends and corners in the surface, about which a round tool need not turn, an axis
+    that never turns about the tool's.
     """
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     curve, axis = _spline(u, p), _spline(u, z)
     fine = np.linspace(0.0, u[-1], max(16, 4 * round(u[-1] / spacing)))
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve(fine), axis=0), axis=1))])
+    length = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(curve(fine), axis=0), axis=1))]
+    )
     s = np.linspace(0.0, length[-1], max(2, 1 + round(length[-1] / spacing)))
     at = np.interp(s, length, fine)
     points, tool = curve(at), axis(at)
@@ -231,7 +274,12 @@ def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array 
     flags = on_scan[nearest].copy()
     flags.setflags(write=False)
     return ToolPath(
-        s=readonly(s), p=readonly(points), z=readonly(tool), x=readonly(x), on_scan=flags, keeps_x=b is not None
+        s=readonly(s),
+        p=readonly(points),
+        z=readonly(tool),
+        x=readonly(x),
+        on_scan=flags,
+        keeps_x=b is not None,
     )
 
 
@@ -246,10 +294,11 @@ def _spline(u: Array, values: Array) -> "BSpline":
 def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array, Array]:
     """Contact points (n, 3) [m] and axes (n, 3) in S of a ball-ended tool that moves along a path.
 
-    The surface is the model's plus the deviation, as far beside the path as BESIDE extends. Its morphological closing
-    bridges tight hollows: the centre of a ball that rolls on the surface stays at least its radius away from every
-    surface point. The ball then reaches, seen along the tool axis, the surface itself or, over a tight hollow, its own
-    underside.
+    The surface is the model's plus the deviation, as far beside the path as BESIDE extends. Its
+    morphological closing
+    bridges tight hollows: the centre of a ball that rolls on the surface stays at least its radius
+    away from every surface point. The ball then reaches, seen along the tool axis, the surface
+    itself or, over a tight hollow, its own underside.
 
     Args:
         path: Dense path in S.
@@ -267,12 +316,16 @@ def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array,
     surface = path.p[:, None] + x[:, None] * lateral[:, None] + depth[..., None] * deviation.o
     step = float(np.linalg.norm(np.diff(path.p, axis=0), axis=1).mean())
     more, slope = int(np.ceil(radius / step)), max(1, round(_SLOPE / step))
-    longer = np.vstack([_onward(surface[::-1], more, slope)[::-1], surface, _onward(surface, more, slope)])
+    longer = np.vstack(
+        [_onward(surface[::-1], more, slope)[::-1], surface, _onward(surface, more, slope)]
+    )
     ways = np.vstack([np.tile(-path.a[0], (more, 1)), -path.a, np.tile(-path.a[-1], (more, 1))])
     over = lift(longer, ways, radius)[more:-more]
     closed = surface - over[..., None] * path.a[:, None]
     middle, off = count // 2, round(_SLOPE / _ACROSS)
-    along = ndimage.gaussian_filter1d(np.gradient(closed[:, middle], axis=0), 0.5 * _SLOPE / step, axis=0)
+    along = ndimage.gaussian_filter1d(
+        np.gradient(closed[:, middle], axis=0), 0.5 * _SLOPE / step, axis=0
+    )
     normal = np.cross(along, closed[:, middle + off] - closed[:, middle - off])
     return closed[:, middle], normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
@@ -288,7 +341,9 @@ def _onward(surface: Array, rows: int, over: int) -> Array:
 
 
 def _between(row: Array, x: Array) -> Array:
-    """Interpolate a section (7,) at offsets `x` [m] from the path; _GONE beyond its known part on either side."""
+    """Interpolate a section (7,) at offsets `x` [m] from the path; _GONE beyond its known part on
+    either side.
+    """
     known = np.isfinite(row)
     if not known[len(row) // 2]:
         return np.where(np.abs(x) < _ACROSS, 0.0, _GONE)
@@ -298,7 +353,8 @@ def _between(row: Array, x: Array) -> Array:
 def lift(surface: Array, outward: Array, radius: float) -> Array:
     """Height (n, l) [m] of the underside of a rolling ball over each surface point.
 
-    The ball's centre stays over the grid, so that it does not reach the outermost points where these slope down.
+    The ball's centre stays over the grid, so that it does not reach the outermost points where
+    these slope down.
 
     Args:
         surface: (n, l, 3) [m] grid, dense against the radius: n places along a path, l across it.

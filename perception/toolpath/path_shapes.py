@@ -1,7 +1,9 @@
-"""Tool paths on any model: curves projected on its mesh, cuts of the mesh by planes, lists of points with axes.
+"""Tool paths on any model: curves projected on its mesh, cuts of the mesh by planes, lists of
+points with axes.
 
-A curve is points (n, 3) [m] in the model's frame T, near the surface. `laid_on` projects it along a direction by ray
-casting [Moller 1997], [Konoplin 2019, eq. 1 to 4]. `cut` follows the surface in a plane [Konoplin 2019, section 1]. The
+A curve is points (n, 3) [m] in the model's frame T, near the surface. `laid_on` projects it along a
+direction by ray casting [Moller 1997], [Konoplin 2019, eq. 1 to 4]. `cut` follows the surface in a
+plane [Konoplin 2019, section 1]. The
 result is a ModelPath like those of the objects: add it with `TargetModel.with_path`.
 """
 
@@ -26,8 +28,10 @@ from uuv.sim.interfaces.spatial import (
     unit_vector,
 )
 
-_GRAZING = np.cos(np.deg2rad(70.0))  # least cosine between a ray and the normal, for a well-conditioned projection
-_STEEPEST = 4.0  # [m]/[m] between neighbours on the surface and on the curve; more is a fall off an edge
+# least cosine between a ray and the normal, for a well-conditioned projection
+_GRAZING = np.cos(np.deg2rad(70.0))
+# [m]/[m] between neighbours on the surface and on the curve; more is a fall off an edge
+_STEEPEST = 4.0
 _FOOTPRINT = 0.01  # [m] around the path, over which normals are averaged
 _NEAR = 1e-9  # [m] below which a length counts as zero
 _FARTHEST = 1e3  # [m] of a path from the middle of its object: more is another unit
@@ -44,9 +48,14 @@ def line(start: ArrayLike, end: ArrayLike) -> Array:
 
 
 def circle(
-    center: ArrayLike, axis: ArrayLike, start: ArrayLike, angle: float = 2.0 * np.pi, rise: float = 0.0
+    center: ArrayLike,
+    axis: ArrayLike,
+    start: ArrayLike,
+    angle: float = 2.0 * np.pi,
+    rise: float = 0.0,
 ) -> Array:
-    """Arc, circle or helix: points (n, 3) [m] from `start`, right-handed about `axis` through `center`.
+    """Arc, circle or helix: points (n, 3) [m] from `start`, right-handed about `axis` through
+    `center`.
 
     Args:
         center: (3,) [m] in T.
@@ -68,9 +77,12 @@ def circle(
     radius = float(np.linalg.norm(arm))
     if not radius > _NEAR:
         raise ConfigurationError("circle: the start lies on the axis")
-    if not (abs(angle) < _MOST_TURN and abs(rise) <= _FARTHEST and angle != 0.0 and np.isfinite(rise)):
+    if not (
+        abs(angle) < _MOST_TURN and abs(rise) <= _FARTHEST and angle != 0.0 and np.isfinite(rise)
+    ):
         raise ConfigurationError(
-            f"circle: angle must not be zero, and below {_MOST_TURN:g} rad, rise below {_FARTHEST:g} m; got "
+            f"circle: angle must not be zero, and below {_MOST_TURN:g} rad, rise below "
+            f"{_FARTHEST:g} m; got "
             f"{angle} rad, {rise} m"
         )
     share = np.linspace(0.0, 1.0, _count(float(np.hypot(radius * angle, rise))))
@@ -96,14 +108,17 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
         ConfigurationError: For edges that are zero or not perpendicular, or too many lines.
     """
     c, u, v = (
-        _place(value, f"raster: {name}") for value, name in ((center, "center"), (along, "along"), (across, "across"))
+        _place(value, f"raster: {name}")
+        for value, name in ((center, "center"), (along, "along"), (across, "across"))
     )
     length, width = float(np.linalg.norm(u)), float(np.linalg.norm(v))
     if not (length > _NEAR and width > _NEAR and abs(u @ v) < 1e-6 * length * width):
         raise ConfigurationError("raster: along and across must be perpendicular and not zero")
     pitch = finite_number(pitch, "raster: pitch [m]", above=0.0)
     if width / pitch > _MOST_LINES:
-        raise ConfigurationError(f"raster: pitch must give at most {_MOST_LINES} lines, got {pitch} m on {width:g} m")
+        raise ConfigurationError(
+            f"raster: pitch must give at most {_MOST_LINES} lines, got {pitch} m on {width:g} m"
+        )
     lines = 1 + max(1, int(np.ceil(width / pitch - 1e-9)))
     pitch = width / (lines - 1)
     parts, turn = [], np.linspace(0.0, np.pi, _count(0.5 * np.pi * pitch))[1:-1, None]
@@ -112,15 +127,20 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
         parts.append(line(begin - 0.5 * way * u, begin + 0.5 * way * u))
         if i < lines - 1:
             middle = begin + 0.5 * way * u + 0.5 * pitch * v / width
-            parts.append(middle + 0.5 * pitch * (np.sin(turn) * way * u / length - np.cos(turn) * v / width))
+            parts.append(
+                middle + 0.5 * pitch * (np.sin(turn) * way * u / length - np.cos(turn) * v / width)
+            )
     return np.vstack(parts)
 
 
-def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, before: float = 0.5) -> ModelPath:
-    """Project a curve on the mesh of a target along a direction, with the surface's normals as tool axes.
+def laid_on(
+    target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, before: float = 0.5
+) -> ModelPath:
+    """Project a curve on the mesh of a target along a direction, with the surface's normals as tool
+    axes.
 
-    The rays take the first surface that they meet. The tool axis is the inward normal, averaged over a footprint of 1
-    cm.
+    The rays take the first surface that they meet. The tool axis is the inward normal, averaged
+    over a footprint of 1 cm.
 
     Args:
         target: Model with the mesh.
@@ -132,13 +152,16 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
         The path in T.
 
     Raises:
-        ConfigurationError: Where a ray misses, meets the surface at more than 70 deg, or the path falls off an edge.
+        ConfigurationError: Where a ray misses, meets the surface at more than 70 deg, or the path
+            falls off an edge.
     """
     points = _points(curve, "curve")
     ways = real_array(direction, "direction")
     before = finite_number(before, "before [m]", least=0.0, most=_FARTHEST)
     if ways.shape not in ((3,), points.shape) or not np.all(np.isfinite(ways)):
-        raise ConfigurationError(f"direction: expected (3,) or {points.shape} numbers, got shape {ways.shape}")
+        raise ConfigurationError(
+            f"direction: expected (3,) or {points.shape} numbers, got shape {ways.shape}"
+        )
     ways = ways / np.maximum(np.abs(ways).max(axis=-1, keepdims=True), 1e-9)
     length = np.linalg.norm(ways, axis=-1, keepdims=True)
     if not np.all(length > _NEAR):
@@ -160,7 +183,8 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
     fall = np.flatnonzero(steps > _STEEPEST * wanted)
     if len(fall):
         raise ConfigurationError(
-            f"path on {target.name!r}: it falls off an edge after {np.round(p[fall[0]], 3).tolist()}, by "
+            f"path on {target.name!r}: it falls off an edge after "
+            f"{np.round(p[fall[0]], 3).tolist()}, by "
             f"{1e3 * steps[fall[0]]:.0f} mm"
         )
     normals = np.zeros_like(p)
@@ -173,7 +197,8 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
 
 
 def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayLike) -> ModelPath:
-    """Profile of a target between two points, in the plane through both and `direction` [Konoplin 2019, section 1].
+    """Profile of a target between two points, in the plane through both and `direction` [Konoplin
+    2019, section 1].
 
     The path is where the plane cuts the triangles (T_j) between the projected points (A_i, A_i+1).
 
@@ -187,8 +212,8 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
         The path in T.
 
     Raises:
-        ConfigurationError: Where the points miss the mesh, or no unbroken profile that faces against `direction` joins
-            them.
+        ConfigurationError: Where the points miss the mesh, or no unbroken profile that faces
+            against `direction` joins them.
     """
     way = unit_vector(direction, "direction")
     ends = laid_on(target, line(start, end), way).p[[0, -1]]  # raises where the profile is broken
@@ -201,7 +226,8 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
     along *= np.sign(along @ chord)
     corners = np.asarray(target.vertices)[target.triangles]
     side = (corners - ends[0]) @ normal
-    side = np.where(np.abs(side) < 1e-9, 1e-9, side)  # a corner in the plane counts to one side: no crossing is lost
+    # a corner in the plane counts to one side: no crossing is lost
+    side = np.where(np.abs(side) < 1e-9, 1e-9, side)
     t: list[Array] = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
         rows = np.flatnonzero(side[:, i] * side[:, j] < 0.0)
@@ -225,15 +251,15 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
     Args:
         points: (n, 3) [m] in T, n >= 4.
         axes: (n, 3) tool axes, into the surface.
-        along: (n, 3) x axes of a tool that is not round, which it keeps; None: the path's own direction, made
-            perpendicular to the tool axis.
+        along: (n, 3) x axes of a tool that is not round, which it keeps; None: the path's own
+            direction, made perpendicular to the tool axis.
 
     Returns:
         The path in T.
 
     Raises:
-        ConfigurationError: For values that are not finite, neighbours that coincide, axes that are zero or, between
-            neighbours, opposite, or an axis along the path.
+        ConfigurationError: For values that are not finite, neighbours that coincide, axes that are
+            zero or, between neighbours, opposite, or an axis along the path.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -245,7 +271,9 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
     a = a / size[:, None]
     turned = np.einsum("ij,ij->i", a[:-1], a[1:])
     if turned.min() < 0.0:
-        raise ConfigurationError(f"axes: rows {int(turned.argmin())} and {int(turned.argmin()) + 1} point apart")
+        raise ConfigurationError(
+            f"axes: rows {int(turned.argmin())} and {int(turned.argmin()) + 1} point apart"
+        )
     u = _chords(p, "points")
     fine = np.linspace(0.0, u[-1], max(_count(float(u[-1])), len(p)))
     dense, axis = make_interp_spline(u, p, k=3)(fine), make_interp_spline(u, a, k=1)(fine)
@@ -284,9 +312,13 @@ def _place(values: ArrayLike, name: str) -> Array:
 def _points(values: ArrayLike, name: str) -> Array:
     points = real_array(values, name, "(N, 3) numbers [m]")
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
-        raise ConfigurationError(f"{name}: expected (N, 3) numbers [m], N >= 4, got shape {points.shape}")
+        raise ConfigurationError(
+            f"{name}: expected (N, 3) numbers [m], N >= 4, got shape {points.shape}"
+        )
     if not np.all(np.isfinite(points)):
-        raise ConfigurationError(f"{name}: row {int(np.argmin(np.isfinite(points).all(axis=1)))} is not finite")
+        raise ConfigurationError(
+            f"{name}: row {int(np.argmin(np.isfinite(points).all(axis=1)))} is not finite"
+        )
     _chords(checked_place(points, points.shape, name, _FARTHEST), name)
     return points
 
@@ -295,7 +327,9 @@ def _chords(points: Array, name: str) -> Array:
     """Length (n,) [m] along the polyline. Raises ConfigurationError where neighbours coincide."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if steps.min() < _NEAR:
-        raise ConfigurationError(f"{name}: rows {int(steps.argmin())} and {int(steps.argmin()) + 1} coincide")
+        raise ConfigurationError(
+            f"{name}: rows {int(steps.argmin())} and {int(steps.argmin()) + 1} coincide"
+        )
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
@@ -317,17 +351,23 @@ def _averaged(normals: Array, p: Array) -> Array:
     """Average normals (n, 3) along the path over the footprint."""
     step = float(np.linalg.norm(np.diff(p, axis=0), axis=1).mean())
     size = np.linalg.norm(normals, axis=1, keepdims=True)
-    smooth = ndimage.gaussian_filter1d(normals / np.maximum(size, _NEAR), _FOOTPRINT / step, axis=0, mode="nearest")
+    smooth = ndimage.gaussian_filter1d(
+        normals / np.maximum(size, _NEAR), _FOOTPRINT / step, axis=0, mode="nearest"
+    )
     return smooth / np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), _NEAR)
 
 
 def _path(p: Array, a: Array, name: str, ways: Array) -> ModelPath:
-    """Path with its own direction for b. Raises ConfigurationError where a ray along `ways` grazes the surface."""
+    """Path with its own direction for b.
+
+    Raises ConfigurationError where a ray along `ways` grazes the surface.
+    """
     cosine = np.einsum("ij,ij->i", a, ways)
     if cosine.min() < _GRAZING:
         i = int(cosine.argmin())
         raise ConfigurationError(
-            f"{name}: at {np.round(p[i], 3).tolist()} the surface lies along the direction of projection "
+            f"{name}: at {np.round(p[i], 3).tolist()} the surface lies along the direction of "
+            "projection "
             f"({np.degrees(np.arccos(np.clip(cosine[i], -1.0, 1.0))):.0f} deg off, limit 70)"
         )
     return ModelPath(p=p, a=a, b=_across(_tangents(p), a, name))
@@ -338,5 +378,7 @@ def _across(b: Array, a: Array, name: str) -> Array:
     flat = b - np.einsum("ij,ij->i", a, b)[:, None] * a
     size = np.linalg.norm(flat, axis=1)
     if not np.all(size > 0.1 * np.linalg.norm(b, axis=1)):
-        raise ConfigurationError(f"{name}: at row {int(size.argmin())} the tool axis lies along the path")
+        raise ConfigurationError(
+            f"{name}: at row {int(size.argmin())} the tool axis lies along the path"
+        )
     return flat / size[:, None]

@@ -27,7 +27,8 @@ def turning_at_rest(path: ToolPath) -> ToolPath:
         turned[first : first + count[last]] = np.linspace(0.0, angle, count[last])
     s, z, x = path.s[row], path.z[row], path.x[row]
     longer = np.diff(turned, prepend=0.0)
-    longer[np.concatenate([[True], np.diff(row) > 0])] = 0.0  # the first point of each row is the path's own
+    # the first point of each row is the path's own
+    longer[np.concatenate([[True], np.diff(row) > 0])] = 0.0
     return replace(
         path,
         s=readonly(s + _LENGTH * np.cumsum(np.abs(longer))),

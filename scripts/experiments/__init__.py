@@ -1,1 +1,4 @@
-"""Experiments: how good it is, against whom, and what the papers state. One folder a subject; none imports another."""
+"""Experiments: how good it is, against whom, and what the papers state.
+
+One folder a subject; none imports another.
+"""

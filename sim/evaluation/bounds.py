@@ -21,4 +21,5 @@ class Bounds:
     position_error: float = 0.005  # [m] of the identification
     position_error_share: float = 0.005  # of the range
     tilt: float = float(np.radians(3.0))  # [rad] tool and hull; infinite: it is not judged
-    gap_error: float = 0.008  # [m] of work without contact: sum of the bounds of identification and path
+    # [m] of work without contact: sum of the bounds of identification and path
+    gap_error: float = 0.008

@@ -1,4 +1,6 @@
-"""Error of the true contact force from the set one, and whether every commanded level of force was judged."""
+"""Error of the true contact force from the set one, and whether every commanded level of force was
+judged.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +24,9 @@ RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a
 
 
 def unsettled(ramp: float) -> float:
-    """Time [s] from the beginning of a change of the set force that lasts `ramp` [s], until its error counts."""
+    """Time [s] from the beginning of a change of the set force that lasts `ramp` [s], until its
+    error counts.
+    """
     return max(SETTLING, ramp + AFTER_RAMP)
 
 
@@ -66,9 +70,9 @@ class ForceSteps:
 def contact_figures(recording: "Recording") -> ContactMetrics:
     """Error of the true normal force from the set force in the work state, overall and per segment.
 
-    A segment has one set force. RMS is of the means over the loop's steps; peaks and lost contact are of the physics
-    steps within them. If the reference ramps to a new set force, the error is relative to the end of the ramp, and
-    counts from `unsettled` on.
+    A segment has one set force. RMS is of the means over the loop's steps; peaks and lost contact
+    are of the physics steps within them. If the reference ramps to a new set force, the error is
+    relative to the end of the ramp, and counts from `unsettled` on.
     """
     work, set_force = recording.within(WorkState.WORK), recording["set_force"].scalar
     if not work.any() or not set_force[work].any():  # no force was commanded
@@ -102,7 +106,10 @@ def contact_figures(recording: "Recording") -> ContactMetrics:
         )
     across = np.linalg.norm(tangential(recording, "contact_force")[work], axis=1)
     return ContactMetrics(
-        **figures(work), tangential_mean_n=float(across.mean()), tangential_max_n=float(across.max()), segments=segments
+        **figures(work),
+        tangential_mean_n=float(across.mean()),
+        tangential_max_n=float(across.max()),
+        segments=segments,
     )
 
 
@@ -131,7 +138,8 @@ def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[st
         if not long_enough(judged_s):
             which = f"level {number} of {len(asked)}"
             lines.append(
-                f"set force of {level.force:g} N, {which}: judged for {judged_s:.2f} s, less than {JUDGED:g} s"
+                f"set force of {level.force:g} N, {which}: judged for {judged_s:.2f} s, less than "
+                f"{JUDGED:g} s"
             )
     return tuple(lines)
 
@@ -147,11 +155,16 @@ class ForceLevel(NamedTuple):
 def levels(forces: Sequence[float]) -> list[ForceLevel]:
     """Set forces on consecutive parts of a path as levels; equal neighbours are one."""
     starts = [k for k, force in enumerate(forces) if k == 0 or force != forces[k - 1]]
-    return [ForceLevel(forces[k], k, end) for k, end in zip(starts, [*starts[1:], len(forces)], strict=True)]
+    return [
+        ForceLevel(forces[k], k, end)
+        for k, end in zip(starts, [*starts[1:], len(forces)], strict=True)
+    ]
 
 
 def tangential(recording: "RecordedSeries", name: str) -> Array:
-    """Part (N, 3) [N] of the force `name`, "contact_force" or "felt_force", across the tool axis; W."""
+    """Part (N, 3) [N] of the force `name`, "contact_force" or "felt_force", across the tool axis;
+    W.
+    """
     force, axis = recording[name].value, recording["tool_axis"].value
     return force - np.sum(force * axis, axis=1, keepdims=True) * axis
 

@@ -13,7 +13,9 @@ class FrictionParameter:
 
     believed: float = metric("By the controller's model.")
     identified: float
-    sigma: float | None = metric("Standard deviation; null: not determined by the motion.", minimum=0)
+    sigma: float | None = metric(
+        "Standard deviation; null: not determined by the motion.", minimum=0
+    )
     true: float
 
 
@@ -35,12 +37,15 @@ class FrictionMetrics:
     """Errors of the worst joint, and the parameters of all."""
 
     coulomb_error: float | None = metric(
-        "Of the worst joint, share of the true value; of 4 % of the torque limit where a gear has no such friction.",
+        "Of the worst joint, share of the true value; of 4 % of the torque limit where a gear has "
+        "no such friction.",
         minimum=0,
     )
     stiction_error: float | None = metric("Likewise.", minimum=0)
     viscous_error: float | None = metric("Likewise; at the joint's highest speed.", minimum=0)
-    error_sigmas: float | None = metric("Largest of these errors over its standard deviation.", minimum=0)
+    error_sigmas: float | None = metric(
+        "Largest of these errors over its standard deviation.", minimum=0
+    )
     joints: list[JointFriction]
 
 

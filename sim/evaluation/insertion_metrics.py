@@ -1,7 +1,8 @@
 """Metrics of an insertion, from its recording and the true pose of the hole.
 
-Side force is the true contact force on the tool across the hole's axis, axial force that against the advance. Both are
-means over the loop's steps, from departure from the stand-off until return to it.
+Side force is the true contact force on the tool across the hole's axis, axial force that against
+the advance. Both are means over the loop's steps, from departure from the stand-off until return to
+it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,13 @@ from uuv.sim.interfaces.spatial import Array, checked, inverse
 if TYPE_CHECKING:
     from uuv.sim.loop.recording import Recording
 
-AT_THE_HOLE = (WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
+AT_THE_HOLE = (
+    WorkState.APPROACH,
+    WorkState.SEARCH,
+    WorkState.INSERT,
+    WorkState.WORK,
+    WorkState.WITHDRAW,
+)
 _INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 
 
@@ -83,10 +90,13 @@ class InsertionMetrics:
     depth_asked_m: float | None = metric(minimum=0)
     depth_m: float | None = metric("Largest true depth of the tip in the bore.", minimum=0)
     side_force_max_n: float | None = metric(
-        "True contact force across the axis of the hole, from the stand-off to the stand-off.", minimum=0
+        "True contact force across the axis of the hole, from the stand-off to the stand-off.",
+        minimum=0,
     )
     side_force_rms_n: float | None = metric("The same while the tip is in the bore.", minimum=0)
-    axial_force_max_n: float | None = metric("True contact force along the axis, either way.", minimum=0)
+    axial_force_max_n: float | None = metric(
+        "True contact force along the axis, either way.", minimum=0
+    )
     time_s: float | None = metric("From the stand-off to the stand-off.", minimum=0)
     searched_s: float | None = metric("Of it on the spiral.", minimum=0)
     tip_at_end_m: float | None = metric("True depth at the end; negative is before the mouth.")
@@ -102,7 +112,11 @@ class InsertionRunMetrics:
 
 def schema() -> dict[str, Any]:
     """JSON Schema of an insertion's metrics.json."""
-    return run_schema(InsertionRunMetrics, "Figures of an insertion", "What insert_sampler.py writes to metrics.json")
+    return run_schema(
+        InsertionRunMetrics,
+        "Figures of an insertion",
+        "What insert_sampler.py writes to metrics.json",
+    )
 
 
 def assess_insertion(
@@ -168,21 +182,28 @@ def assess_insertion(
 
 
 def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
-    """Error of an identified hole: distance of its mouth from the true axis [m], and angle between the axes [rad]."""
+    """Error of an identified hole: distance of its mouth from the true axis [m], and angle between
+    the axes [rad].
+    """
     p = inverse(X_WH_true) @ np.append(X_WH[:3, 3], 1.0)
     z, z_true = X_WH[:3, 2], X_WH_true[:3, 2]
-    return float(np.hypot(p[0], p[1])), float(np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true))
+    return float(np.hypot(p[0], p[1])), float(
+        np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true)
+    )
 
 
 def crashed(seed: int, reason: str) -> dict[str, Any]:
     """Metrics of a trial that crashed for `reason`."""
     nothing = InsertionRunMetrics(
-        identification=unmeasured(HoleMetrics, accepted=False), insertion=unmeasured(InsertionMetrics)
+        identification=unmeasured(HoleMetrics, accepted=False),
+        insertion=unmeasured(InsertionMetrics),
     )
     return {**asdict(nothing), **crashed_run(seed, reason)}
 
 
-def summary(trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None = None) -> dict[str, Any]:
+def summary(
+    trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None = None
+) -> dict[str, Any]:
     """Success rate with its interval, distributions, and failures by kind, of many trials."""
     bounds = bounds or InsertionBounds()
     insertions = [trial["insertion"] for trial in trials]

@@ -1,9 +1,10 @@
 """Metrics of an inspection flight, from its recording and the true pose of the object.
 
-Distance is from the true camera to the outline of the true object as seen from above, at half the object's height.
-The view angle is between the camera's horizontal direction and that to the nearest point of the outline. A surface
-sample is seen if from some pose of the flight it was in the image, facing the camera, and not occluded by the object.
-With several levels, distance and view are those of the first. Coverage refers to what is visible at all from places
+Distance is from the true camera to the outline of the true object as seen from above, at half the
+object's height. The view angle is between the camera's horizontal direction and that to the nearest
+point of the outline. A surface sample is seen if from some pose of the flight it was in the image,
+facing the camera, and not occluded by the object. With several levels, distance and view are those
+of the first. Coverage refers to what is visible at all from places
 where hull and arm keep their clearance: undersides, and what lies on the seabed, do not count.
 """
 
@@ -19,7 +20,14 @@ from uuv.sim.evaluation.run_metrics import run_schema
 from uuv.sim.evaluation.schemas import metric, unmeasured
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
-from uuv.sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_quat_wxyz, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    inverse,
+    pose,
+    rotation_from_quat_wxyz,
+    transform_points,
+)
 
 if TYPE_CHECKING:
     from uuv.sim.loop.recording import Recording
@@ -63,7 +71,8 @@ class TrueInspection:
     half_view: tuple[float, float]  # tangents of half the fields of view, horizontal and vertical
     far: float  # [m] range limit of the camera
     distance: float  # [m] set distance
-    allowed: Array = field(default_factory=lambda: np.empty((0, 4, 4)))  # (n, 4, 4) places X_WC the camera may take
+    # (n, 4, 4) places X_WC the camera may take
+    allowed: Array = field(default_factory=lambda: np.empty((0, 4, 4)))
 
     def __post_init__(self) -> None:
         for name in ("X_WT", "X_BC"):
@@ -78,31 +87,42 @@ class InspectionMetrics:
 
     distance_set_m: float | None = metric(minimum=0)
     distance_rms_m: float | None = metric(
-        "True camera to the true outline at half the object's height, off the set distance.", minimum=0
+        "True camera to the true outline at half the object's height, off the set distance.",
+        minimum=0,
     )
     distance_max_m: float | None = metric(minimum=0)
     view_max_rad: float | None = metric(
-        "Between the camera's level direction and that to the nearest point of the outline.", minimum=0
+        "Between the camera's level direction and that to the nearest point of the outline.",
+        minimum=0,
     )
     ends_m: float | None = metric("Between the camera's first place and its last.", minimum=0)
     seen_share: float | None = metric("Of the object's surface.", maximum=1, minimum=0)
     coverage: float | None = metric(
-        "Seen share of the surface that is visible from any place where the vehicle keeps its clearance.",
+        "Seen share of the surface that is visible from any place where the vehicle keeps its "
+        "clearance.",
         maximum=1,
         minimum=0,
     )
-    levels: int | None = metric("Orbits flown; distance, view and ends are those of the first.", minimum=0)
+    levels: int | None = metric(
+        "Orbits flown; distance, view and ends are those of the first.", minimum=0
+    )
     flown_s: float | None = metric(minimum=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshMetrics:
-    """Measured surface against the true object at the pose that was found, and against its model."""
+    """Measured surface against the true object at the pose that was found, and against its
+    model.
+    """
 
     vertices: int = metric(minimum=0)
-    true_p50_m: float | None = metric("Of the distances of its vertices from the true surface.", minimum=0)
+    true_p50_m: float | None = metric(
+        "Of the distances of its vertices from the true surface.", minimum=0
+    )
     true_p95_m: float | None = metric(minimum=0)
-    model_p95_m: float | None = metric("From the model: error and true deviation together.", minimum=0)
+    model_p95_m: float | None = metric(
+        "From the model: error and true deviation together.", minimum=0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +215,11 @@ def mesh_figures(measured: MeasuredSurface, truth: TrueInspection) -> MeshMetric
         return unmeasured(MeshMetrics, vertices=0)
     from uuv.models.meshes.nearest_surface import NearestSurface
 
-    off = NearestSurface.of(truth.target.vertices, truth.target.triangles).query(measured.vertices).distance
+    off = (
+        NearestSurface.of(truth.target.vertices, truth.target.triangles)
+        .query(measured.vertices)
+        .distance
+    )
     return MeshMetrics(
         vertices=len(off),
         true_p50_m=float(np.median(off)),
@@ -216,7 +240,9 @@ def camera_poses(recording: "Recording", truth: TrueInspection, rows: np.ndarray
         X_WC (n, 4, 4).
     """
     p, quat = recording["p_WB"].value[rows], recording["quat_WB_wxyz"].value[rows]
-    return np.array([pose(rotation_from_quat_wxyz(q), at) @ truth.X_BC for q, at in zip(quat, p, strict=True)])
+    return np.array(
+        [pose(rotation_from_quat_wxyz(q), at) @ truth.X_BC for q, at in zip(quat, p, strict=True)]
+    )
 
 
 def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
@@ -235,7 +261,9 @@ def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
     outline = vertices[ConvexHull(vertices[:, :2]).vertices, :2]
     side = np.roll(outline, -1, axis=0) - outline
     off = X_WC[:, None, :2, 3] - outline
-    share = np.clip(np.einsum("nki,ki->nk", off, side) / np.einsum("ki,ki->k", side, side), 0.0, 1.0)
+    share = np.clip(
+        np.einsum("nki,ki->nk", off, side) / np.einsum("ki,ki->k", side, side), 0.0, 1.0
+    )
     away = off - share[..., None] * side
     rows, nearest = np.arange(len(away)), np.linalg.norm(away, axis=2).argmin(axis=1)
     way = -away[rows, nearest]
@@ -253,7 +281,8 @@ def seen_share(X_WC: Array, truth: TrueInspection) -> float:
 
 
 def coverage(X_WC: Array, truth: TrueInspection) -> float | None:
-    """Share of the surface visible from the allowed places that the cameras at `X_WC` (n, 4, 4) saw; None if none is.
+    """Share of the surface visible from the allowed places that the cameras at `X_WC` (n, 4, 4)
+    saw; None if none is.
 
     What they saw counts as visible, since the allowed places are a grid.
     """

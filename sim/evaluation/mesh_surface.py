@@ -6,7 +6,8 @@ import numpy as np
 
 from uuv.sim.interfaces.spatial import Array
 
-CREASE = np.radians(30.0)  # [rad] between normals; triangles that differ less are facets of one curved face
+# [rad] between normals; triangles that differ less are facets of one curved face
+CREASE = np.radians(30.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,7 +33,11 @@ class Surface:
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         size = np.linalg.norm(cross, axis=1)
         keep = size > 1e-12 * size.max()
-        corners, flat, index = corners[keep], cross[keep] / size[keep, None], np.asarray(triangles)[keep]
+        corners, flat, index = (
+            corners[keep],
+            cross[keep] / size[keep, None],
+            np.asarray(triangles)[keep],
+        )
         # Weighted by the corner's angle, the mean does not depend on how a face is triangulated.
         edges = np.roll(corners, -1, axis=1) - corners
         edges /= np.linalg.norm(edges, axis=2, keepdims=True)
@@ -64,7 +69,8 @@ class Surface:
         found, normals = np.empty_like(points), np.empty_like(points)
         best = 0
         for i, point in enumerate(points):
-            # The last triangle bounds the distance; only triangles whose bounding box is nearer need be tested.
+            # The last triangle bounds the distance; only triangles whose bounding box is nearer
+            # need be tested.
             held = self.corners[best]
             reach = np.linalg.norm(_closest_barycentric(held[None], point)[0] @ held - point)
             gap = np.maximum(np.maximum(low - point, point - high), 0.0)
@@ -109,7 +115,9 @@ def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
 
 
 def _closest_barycentric(corners: Array, point: Array) -> Array:
-    """Barycentric weights (T, 3) of the point closest to `point` (3,) in each triangle `corners` (T, 3, 3)."""
+    """Barycentric weights (T, 3) of the point closest to `point` (3,) in each triangle `corners`
+    (T, 3, 3).
+    """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, ac, ap = b - a, c - a, point - a
     d11, d12, d22 = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
@@ -119,7 +127,8 @@ def _closest_barycentric(corners: Array, point: Array) -> Array:
     weights = np.stack([1.0 - v - w, v, w], axis=1)
     outside = np.flatnonzero(weights.min(axis=1) < 0.0)
     best = np.full(len(outside), np.inf)
-    for i, j in ((0, 1), (1, 2), (2, 0)):  # outside the face, the closest point lies on one of its edges
+    # outside the face, the closest point lies on one of its edges
+    for i, j in ((0, 1), (1, 2), (2, 0)):
         start, edge = corners[outside, i], corners[outside, j] - corners[outside, i]
         share = np.clip(_dot(point - start, edge) / _dot(edge, edge), 0.0, 1.0)
         distance = np.sum((start + share[:, None] * edge - point) ** 2, axis=1)

@@ -1,7 +1,8 @@
-"""Metrics of work along a path on an object, from the recording and the true object (docs/results.md).
+"""Metrics of work along a path on an object, from the recording and the true object
+(docs/results.md).
 
-`assess` gives all content of `metrics.json`, and the metrics that missed their bounds. A metric is None (null in JSON),
-and counts as missed, if the run ended before it could be measured.
+`assess` gives all content of `metrics.json`, and the metrics that missed their bounds. A metric is
+None (null in JSON), and counts as missed, if the run ended before it could be measured.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -42,7 +43,8 @@ if TYPE_CHECKING:
 
 REVERSAL = 0.005  # [rad] of a joint; less is the arm's answer to the hull's wander
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
-CORNER = PATH_STEP  # [m] along a path to either side of its corners: nearer its points do not tell how it turns
+# [m] along a path to either side of its corners: nearer its points do not tell how it turns
+CORNER = PATH_STEP
 INTERRUPTED = "interrupted"  # state of a run ended by a signal
 
 
@@ -54,7 +56,8 @@ class TrueObject:
     path: str  # name of the tool path on it
     X_WT: Array  # (4, 4)
     contactless: float | None = None  # [m] commanded distance from its surface; None: contact work
-    deformed: bool = False  # growth and dents lie between its surface and the paths, which are those of the clean one
+    # growth and dents lie between its surface and the paths, which are those of the clean one
+    deformed: bool = False
 
     def __post_init__(self) -> None:
         self.model.path(self.path)  # raises ConfigurationError for an unknown name
@@ -65,7 +68,8 @@ class TrueObject:
 class AskedWork:
     """What was asked of the tool, all of which must have its figures."""
 
-    forces: tuple[float, ...] = ()  # [N] set forces on consecutive, equally long parts of the path; none: no contact
+    # [N] set forces on consecutive, equally long parts of the path; none: no contact
+    forces: tuple[float, ...] = ()
     speed: float | None = None  # [m/s] along the path; None: it is not judged
 
 
@@ -82,7 +86,9 @@ class Requirement:
     @property
     def ok(self) -> bool:
         """True if there is no bound, or the value is known and within it."""
-        return self.bound is None or (self.value is not None and self.value <= self.bound * (1.0 + 1e-9))
+        return self.bound is None or (
+            self.value is not None and self.value <= self.bound * (1.0 + 1e-9)
+        )
 
     @property
     def failure(self) -> str:
@@ -117,8 +123,8 @@ class Assessment:
     ) -> "Assessment":
         """Assess a run by its checks; every run must also be free of collision and end in DONE.
 
-        The metrics are `figures`, those common to all kinds of run, and the verdict. Everything that differs between
-        repetitions is in "timings".
+        The metrics are `figures`, those common to all kinds of run, and the verdict. Everything
+        that differs between repetitions is in "timings".
 
         Args:
             recording: The run.
@@ -135,7 +141,10 @@ class Assessment:
         final = recording.final
         state, note = final.state.value, final.note
         if recording.interrupted:
-            state, note = INTERRUPTED, f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"
+            state, note = (
+                INTERRUPTED,
+                (f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"),
+            )
         cut = not recording.interrupted and final.state not in (WorkState.DONE, WorkState.ABORT)
         abort = AbortCode.TIME_LIMIT if cut else final.abort
         run = RunMetrics(
@@ -155,7 +164,11 @@ class Assessment:
         collision = Requirement("collision", run.collision_s, 0.0, "s")
         failed = [check.failure for check in checks if check.failure]
         if collision.failure:
-            failed.append(f"{collision.failure}: {recording.collided}" if recording.collided else collision.failure)
+            failed.append(
+                f"{collision.failure}: {recording.collided}"
+                if recording.collided
+                else collision.failure
+            )
         failed += others
         checks = (*checks, collision)
         if recording.interrupted:
@@ -167,7 +180,9 @@ class Assessment:
             failed.insert(0, f"the run ended in state {state}{f': {note}' if note else ''}")
         elif cut:
             after = f"after {recording.duration:.1f} s, in state {state}"
-            failed.insert(0, f"the time limit ended the run {after}{f': {note}' if note else ''} (--longest)")
+            failed.insert(
+                0, f"the time limit ended the run {after}{f': {note}' if note else ''} (--longest)"
+            )
         every_run = EveryRun(run=run, accepted=not failed, failed=failed, timings=timings)
         metrics = {**asdict(figures), **asdict(every_run)}
         del metrics["provenance"], metrics["start"]  # see `made_by`, `started`
@@ -219,7 +234,8 @@ def assess(
         wall_s: Wall time of the loop [s].
         identification_s: Wall time of the last identification [s].
         bounds: Acceptance bounds; default: `Bounds()`.
-        asked: Forces and speed that were asked for; default: what was commanded is judged as far as it went.
+        asked: Forces and speed that were asked for; default: what was commanded is judged as far as
+            it went.
 
     Returns:
         The assessment.
@@ -245,7 +261,9 @@ def assess(
         joints=joint_figures(recording),
         force_estimate=force_estimate_figures(recording),
         hull=hull,
-        thrusters=ThrusterMetrics(saturated_s=float(recording["saturated"].scalar.sum() * recording.timestep)),
+        thrusters=ThrusterMetrics(
+            saturated_s=float(recording["saturated"].scalar.sum() * recording.timestep)
+        ),
     )
     range_m = identification.range_m
     position_bound = bounds.position_error
@@ -255,7 +273,9 @@ def assess(
     if gap is None:
         of_tool = (
             Requirement("force error, RMS", contact.force_error_rms_n, bounds.force_error_rms, "N"),
-            Requirement("force error, peak", contact.force_error_max_n, bounds.force_error_max, "N"),
+            Requirement(
+                "force error, peak", contact.force_error_max_n, bounds.force_error_max, "N"
+            ),
             Requirement("contact lost", contact.lost_s, bounds.lost, "s"),
         )
     else:
@@ -264,21 +284,37 @@ def assess(
             Requirement("distance error, peak", gap.error_max_m, bounds.gap_error, "mm", mm),
             Requirement("touched", gap.touched_s, 0.0, "s"),
         )
-    # The commanded path stands still: on an object that can move the path is judged on the object. On one that stands
-    # the identification adds its own error.
+    # The commanded path stands still: on an object that can move the path is judged on the object.
+    # On one that stands the identification adds its own error.
     on_object = bounds.path_deviation + (0.0 if "p_WT" in recording else position_bound)
     checks = (
-        Requirement("identified position", identification.position_error_m, position_bound, "mm", mm),
-        Requirement("identified orientation", identification.orientation_error_rad, None, "deg", degrees),
+        Requirement(
+            "identified position", identification.position_error_m, position_bound, "mm", mm
+        ),
+        Requirement(
+            "identified orientation", identification.orientation_error_rad, None, "deg", degrees
+        ),
         Requirement("stated deviation of position", uncertainty.position_sigma_m, None, "mm", mm),
-        Requirement("stated deviation of orientation", uncertainty.rotation_sigma_rad, None, "deg", degrees),
-        Requirement("stated deviation of hull's place", uncertainty.navigation_sigma_m, None, "mm", mm),
+        Requirement(
+            "stated deviation of orientation", uncertainty.rotation_sigma_rad, None, "deg", degrees
+        ),
+        Requirement(
+            "stated deviation of hull's place", uncertainty.navigation_sigma_m, None, "mm", mm
+        ),
         Requirement("chance to keep the path", uncertainty.chance_kept, None, "%", 100.0),
         *of_tool,
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
-        Requirement("path deviation, peak", tool.path_deviation_max_m, _judged(bounds.path_deviation), "mm", mm),
+        Requirement(
+            "path deviation, peak",
+            tool.path_deviation_max_m,
+            _judged(bounds.path_deviation),
+            "mm",
+            mm,
+        ),
         Requirement("path worked", tool.worked_share, None, "%", 100.0),
-        Requirement("true path deviation, peak", path.true_deviation_max_m, _judged(on_object), "mm", mm),
+        Requirement(
+            "true path deviation, peak", path.true_deviation_max_m, _judged(on_object), "mm", mm
+        ),
         *_of_speed(speed, bounds, judged=asked.speed is not None),
         Requirement("tool tilt, peak", tool.tilt_max_rad, _judged(bounds.tilt), "deg", degrees),
         *(
@@ -293,7 +329,13 @@ def assess(
     if recording.final.state is WorkState.DONE:
         others += unjudged_levels(recording, asked.forces)
     return Assessment.of(
-        recording, metrics, checks, seed=seed, wall_s=wall_s, identification_s=identification_s, others=others
+        recording,
+        metrics,
+        checks,
+        seed=seed,
+        wall_s=wall_s,
+        identification_s=identification_s,
+        others=others,
     )
 
 
@@ -302,8 +344,12 @@ def _of_speed(speed: SpeedMetrics, bounds: Bounds, *, judged: bool) -> tuple[Req
     error = None if speed.mean is None or not speed.set else abs(speed.mean / speed.set - 1.0)
     off = None if speed.share is None else 1.0 - speed.share
     return (
-        Requirement("error of the mean speed", error, bounds.speed_error if judged else None, "%", 100.0),
-        Requirement("path below the set speed", off, bounds.off_speed if judged else None, "%", 100.0),
+        Requirement(
+            "error of the mean speed", error, bounds.speed_error if judged else None, "%", 100.0
+        ),
+        Requirement(
+            "path below the set speed", off, bounds.off_speed if judged else None, "%", 100.0
+        ),
     )
 
 
@@ -324,7 +370,9 @@ class PathError:
 
     @property
     def cross(self) -> Array:
-        """Distance (N,) [m] from the path within the surface; along the normal, force is controlled instead."""
+        """Distance (N,) [m] from the path within the surface; along the normal, force is controlled
+        instead.
+        """
         return np.abs(self.lateral)
 
 
@@ -359,7 +407,9 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
 
 
 def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
-    """Errors of the true tip from the commanded path, and of the tool from the true surface normal."""
+    """Errors of the true tip from the commanded path, and of the tool from the true surface
+    normal.
+    """
     error = path_error(recording)
     if error is None:  # a tool that rests on the surface has no path, but an attitude
         tilt = tool_tilt(recording, truth)[1]
@@ -368,7 +418,8 @@ def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
     path = truth.model.path(truth.path)
     whole = np.asarray(path.p)
     arc = _on_ideal_path(recording, truth)[1]
-    lifted = np.flatnonzero(np.diff(np.flatnonzero(work)) > 1) + 1  # the tool was moved to another stretch
+    # the tool was moved to another stretch
+    lifted = np.flatnonzero(np.diff(np.flatnonzero(work)) > 1) + 1
     worked = sum(float(np.ptp(stretch)) for stretch in np.split(arc, lifted))
     moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
     return ToolMetrics(
@@ -380,30 +431,37 @@ def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
         along_track_max_m=float(np.abs(error.along).max()),
         normal_deviation_max_m=float(np.abs(error.normal).max()),
         tilt_max_rad=float(tool_tilt(recording, truth)[1].max()),
-        twist_max_rad=float(np.abs(tool_twist(recording, truth)[1]).max()) if path.keeps_b else None,
+        twist_max_rad=float(np.abs(tool_twist(recording, truth)[1]).max())
+        if path.keeps_b
+        else None,
         speed_mean_m_s=worked / float(moving.sum() * recording.timestep),
         worked_share=worked / float(np.linalg.norm(np.diff(whole, axis=0), axis=1).sum()),
     )
 
 
 def true_path_deviation(recording: "Recording", truth: TrueObject) -> float | None:
-    """Largest distance [m] of the true tip from the ideal path on the true object, at work; None without a path."""
+    """Largest distance [m] of the true tip from the ideal path on the true object, at work; None
+    without a path.
+    """
     if path_error(recording) is None:
         return None
     return float(_on_ideal_path(recording, truth)[0].max())
 
 
 def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Distance (N,) [m] of the true tip from the ideal path at work, and arc length (N,) [m] of the point nearest.
+    """Distance (N,) [m] of the true tip from the ideal path at work, and arc length (N,) [m] of the
+    point nearest.
 
-    On a deformed object the ideal path is that of the clean one, laid on the true surface along its tool axes. The
-    distance then is that from the path across these axes, and that from the true surface.
+    On a deformed object the ideal path is that of the clean one, laid on the true surface along its
+    tool axes. The distance then is that from the path across these axes, and that from the true
+    surface.
     """
     rows = np.flatnonzero(recording.within(WorkState.WORK))
     tip_T = _in_object(recording, truth, rows, _path_pose(recording, truth))[0]
     path = truth.model.path(truth.path)
     p, a = np.asarray(path.p), np.asarray(path.a)
-    off = truth.contactless or 0.0  # the ideal path of a tool that keeps a distance lies above the surface
+    # the ideal path of a tool that keeps a distance lies above the surface
+    off = truth.contactless or 0.0
     ideal, arc = closest_on_curve(tip_T, p - off * a)
     away = tip_T - ideal
     if not truth.deformed:
@@ -423,13 +481,16 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:
-    """True pose X_WT (4, 4) of the object, of those equal by symmetry the one nearest to the pose that was found.
+    """True pose X_WT (4, 4) of the object, of those equal by symmetry the one nearest to the pose
+    that was found.
 
     A rotation of symmetry leaves the object unchanged but moves the path.
     """
     if not recording.targets:
         return np.array(truth.X_WT)
-    return truth.model.symmetry.nearest_pose(np.array(truth.X_WT), recording.targets[-1].X_WT[:3, :3])
+    return truth.model.symmetry.nearest_pose(
+        np.array(truth.X_WT), recording.targets[-1].X_WT[:3, :3]
+    )
 
 
 def tool_tilt(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
@@ -450,17 +511,24 @@ def tool_tilt(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
 
 
 def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Angle about the tool axis from the path's second axis b to the tool's x axis, in the work state.
+    """Angle about the tool axis from the path's second axis b to the tool's x axis, in the work
+    state.
 
     Args:
         recording: The run.
         truth: True object; its path tells b at the point of the path nearest to the tip.
 
     Returns:
-        Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis; the smallest of those to the points of
-        the path within CORNER of its nearest: in a corner the tool may be turned like either side, or as between them.
+        Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis; the smallest of
+        those to the points of
+        the path within CORNER of its nearest: in a corner the tool may be turned like either side,
+            or as between them.
     """
-    rows, X_WT, path = _rows_at_work(recording), _path_pose(recording, truth), truth.model.path(truth.path)
+    rows, X_WT, path = (
+        _rows_at_work(recording),
+        _path_pose(recording, truth),
+        truth.model.path(truth.path),
+    )
     tip_T, R = _in_object(recording, truth, rows, X_WT)
     axis, x = (_turned_back(R, recording[name].value[rows]) for name in ("tool_axis", "tool_x"))
     p, b_at = _finely(path)
@@ -469,12 +537,17 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
     tree = cKDTree(p)
     near = tree.query_ball_point(p[tree.query(tip_T)[1]], CORNER)
     first = np.cumsum([0, *(len(each) for each in near[:-1])])
-    row, point = np.repeat(np.arange(len(near)), [len(each) for each in near]), np.concatenate(near).astype(np.int64)
+    row, point = (
+        np.repeat(np.arange(len(near)), [len(each) for each in near]),
+        np.concatenate(near).astype(np.int64),
+    )
     b, axis, x = b_at[point], axis[row], x[row]
     flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
     angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
     least, most = np.minimum.reduceat(angle, first), np.maximum.reduceat(angle, first)
-    angle = np.where((least < 0.0) & (most > 0.0), 0.0, np.where(np.abs(least) < np.abs(most), least, most))
+    angle = np.where(
+        (least < 0.0) & (most > 0.0), 0.0, np.where(np.abs(least) < np.abs(most), least, most)
+    )
     return recording["tool_x"].time[rows], angle
 
 
@@ -484,7 +557,10 @@ def _finely(path: ModelPath) -> tuple[Array, Array]:
     fine = np.linspace(0.0, s[-1], 1 + 10 * (len(s) - 1))
     steps = Steps.of(path.a, path.b)
     smooth = steps.taken_out(path.a, path.b)
-    p, a, b = (np.column_stack([np.interp(fine, s, column) for column in each.T]) for each in (path.p, path.a, smooth))
+    p, a, b = (
+        np.column_stack([np.interp(fine, s, column) for column in each.T])
+        for each in (path.p, path.a, smooth)
+    )
     return p, steps.put_back(a, b, np.interp(fine, s, np.arange(len(s))))
 
 
@@ -499,7 +575,9 @@ def joint_figures(recording: "Recording") -> JointMetrics:
 
 
 def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
-    """Number of changes of direction of a joint's motion q (N,) [rad]; shorter ways than `hysteresis` do not count."""
+    """Number of changes of direction of a joint's motion q (N,) [rad]; shorter ways than
+    `hysteresis` do not count.
+    """
     count, way, extreme = 0, 0, q[0] if len(q) else 0.0
     for value in q:
         if way * (value - extreme) > 0.0 or (way == 0 and abs(value - extreme) > hysteresis):
@@ -511,7 +589,8 @@ def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
 
 
 def gap_figures(recording: "Recording", truth: TrueObject) -> GapMetrics | None:
-    """Error of the pad's distance from the true surface in the work state, and contact time in any state.
+    """Error of the pad's distance from the true surface in the work state, and contact time in any
+    state.
 
     None for contact work.
     """
@@ -547,20 +626,25 @@ def tool_gap(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
 
 
 def _at_work(recording: "Recording", truth: TrueObject) -> tuple[Array, Array, Array]:
-    """Times (N,) [s] in the work state at TILT_RATE; the pad's face (N, 3) [m] and the tool axis (N, 3), in T."""
+    """Times (N,) [s] in the work state at TILT_RATE; the pad's face (N, 3) [m] and the tool axis
+    (N, 3), in T.
+    """
     rows = _rows_at_work(recording)
     tip_T, R = _in_object(recording, truth, rows, truth.X_WT)
     return recording["p_pad"].time[rows], tip_T, _turned_back(R, recording["tool_axis"].value[rows])
 
 
-def _in_object(recording: "Recording", truth: TrueObject, rows: np.ndarray, X_WT: Array) -> tuple[Array, Array]:
+def _in_object(
+    recording: "Recording", truth: TrueObject, rows: np.ndarray, X_WT: Array
+) -> tuple[Array, Array]:
     """True tip relative to the object, where the object is at that time.
 
     Args:
         recording: The run.
         truth: True object.
         rows: (N,) rows of the series.
-        X_WT: (4, 4) pose of the object, or one equal to it by symmetry, while it stands as `truth` has it.
+        X_WT: (4, 4) pose of the object, or one equal to it by symmetry, while it stands as `truth`
+            has it.
 
     Returns:
         The pad's face (N, 3) [m] in T, and the object's rotation R_WT (N, 3, 3).
@@ -569,7 +653,9 @@ def _in_object(recording: "Recording", truth: TrueObject, rows: np.ndarray, X_WT
     if "p_WT" in recording:
         from scipy.spatial.transform import Rotation
 
-        moved = Rotation.from_quat(recording["quat_WT_wxyz"].value[rows], scalar_first=True).as_matrix()
+        moved = Rotation.from_quat(
+            recording["quat_WT_wxyz"].value[rows], scalar_first=True
+        ).as_matrix()
         same = inverse(truth.X_WT) @ X_WT
         R, origin = moved @ same[:3, :3], recording["p_WT"].value[rows] + moved @ same[:3, 3]
     return _turned_back(R, recording["p_pad"].value[rows] - origin), R
@@ -587,7 +673,9 @@ def _rows_at_work(recording: "Recording") -> np.ndarray:
 
 
 def force_estimate_figures(recording: "Recording") -> ForceEstimateMetrics:
-    """Error of the tool force estimated from the joints: as a vector, along and across the tool, in the work state."""
+    """Error of the tool force estimated from the joints: as a vector, along and across the tool, in
+    the work state.
+    """
     work = recording.within(WorkState.WORK)
     vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
     normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
@@ -602,7 +690,8 @@ def force_estimate_figures(recording: "Recording") -> ForceEstimateMetrics:
 
 
 def hull_motion(recording: "RecordedSeries") -> tuple[Array, Array, Array] | None:
-    """Motion of the hull in the work state since first contact; without a set force, since the work began.
+    """Motion of the hull in the work state since first contact; without a set force, since the work
+    began.
 
     A commanded motion of the hull is subtracted. The turn is the whole rotation, yaw included.
 
@@ -610,8 +699,8 @@ def hull_motion(recording: "RecordedSeries") -> tuple[Array, Array, Array] | Non
         recording: The run.
 
     Returns:
-        Times (N,) [s], displacement (N, 3) [m] in W, and turn (N,) [rad]. None if the tool never touched, or the run
-        never reached the work state.
+        Times (N,) [s], displacement (N, 3) [m] in W, and turn (N,) [rad]. None if the tool never
+        touched, or the run never reached the work state.
     """
     work = recording.within(WorkState.WORK)
     pressed = recording["set_force"].scalar[work].any()
@@ -635,15 +724,17 @@ def hull_figures(recording: "Recording") -> HullMetrics:
         return unmeasured(HullMetrics)
     _, displacement, turn = motion
     return HullMetrics(
-        excursion_max_m=float(np.linalg.norm(displacement, axis=1).max()), tilt_max_rad=float(turn.max())
+        excursion_max_m=float(np.linalg.norm(displacement, axis=1).max()),
+        tilt_max_rad=float(turn.max()),
     )
 
 
 def _identification(recording: "Recording", truth: TrueObject) -> IdentificationMetrics:
-    """Error of the pose that the work went by, up to the object's symmetry; of the last find without any work.
+    """Error of the pose that the work went by, up to the object's symmetry; of the last find
+    without any work.
 
-    So is the verdict: a single look may be refused after the mean was decided on. Range and check are those of the last
-    find.
+    So is the verdict: a single look may be refused after the mean was decided on. Range and check
+    are those of the last find.
     """
     if not recording.targets:
         return unmeasured(IdentificationMetrics, accepted=False, views=0)
@@ -661,7 +752,9 @@ def _identification(recording: "Recording", truth: TrueObject) -> Identification
 
 
 def uncertainty_figures(recording: "Recording", truth: TrueObject) -> UncertaintyMetrics:
-    """Stated covariance of the mean of the finds, and what it means for the path; None where it is not known."""
+    """Stated covariance of the mean of the finds, and what it means for the path; None where it is
+    not known.
+    """
     target, promise = recording.goes_by, recording.promise
     if target is None or target.covariance is None:
         return unmeasured(UncertaintyMetrics)
@@ -672,12 +765,15 @@ def uncertainty_figures(recording: "Recording", truth: TrueObject) -> Uncertaint
     for i, name in enumerate(("normal", "along", "across")):
         column = None if sigma is None else sigma[:, i]
         of_path[f"path_{name}_max_m"] = None if column is None else _finite(column.max())
-        of_path[f"path_{name}_p95_m"] = None if column is None else _finite(np.quantile(column, 0.95, method="higher"))
+        of_path[f"path_{name}_p95_m"] = (
+            None if column is None else _finite(np.quantile(column, 0.95, method="higher"))
+        )
     return UncertaintyMetrics(
         position_sigma_m=position,
         rotation_sigma_rad=turn,
         free=covariance.free_in_words,
-        normalised_error=covariance.normalised_error(target.X_WT, nearest) / max(1, covariance.degrees),
+        normalised_error=covariance.normalised_error(target.X_WT, nearest)
+        / max(1, covariance.degrees),
         navigation_sigma_m=None if promise is None else promise.navigation_sigma,
         chance_kept=None if promise is None else promise.chance,
         **of_path,

@@ -1,4 +1,6 @@
-"""Metrics that every run has beside those of its kind of work: how it ended, its timings, and what it was made by."""
+"""Metrics that every run has beside those of its kind of work: how it ended, its timings, and what
+it was made by.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,20 +14,27 @@ SHA256 = "^[0-9a-f]{64}$"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunMetrics:
-    """How a run went and ended; the same, bit for bit, for two runs of one command on one machine."""
+    """How a run went and ended; the same, bit for bit, for two runs of one command on one
+    machine.
+    """
 
     simulated_s: float | None = metric(minimum=0)
     seed: int = metric()
     state: str = metric(
-        "In which the run ended: done, abort or another of the work's; interrupted, from outside; crashed, of a trial."
+        "In which the run ended: done, abort or another of the work's; interrupted, from outside; "
+        "crashed, of a trial."
     )
     note: str = metric("Why it was broken off.")
     abort: str | None = metric(
-        "The same as a code of uuv.sim.interfaces.messages.AbortCode; null if it was not broken off."
+        "The same as a code of uuv.sim.interfaces.messages.AbortCode; null if it was not broken "
+        "off."
     )
-    collision_s: float | None = metric("Time in which another part than the tool touched something.", minimum=0)
+    collision_s: float | None = metric(
+        "Time in which another part than the tool touched something.", minimum=0
+    )
     trajectory_sha256: str | None = metric(
-        "Of times and values of every series recorded at each step (Recording.digest).", pattern=SHA256
+        "Of times and values of every series recorded at each step (Recording.digest).",
+        pattern=SHA256,
     )
 
 
@@ -51,13 +60,17 @@ class Provenance:
     """What the figures were made by (`uuv.sim.runs.provenance`)."""
 
     scenario: str
-    options: Mapping[str, Any] = metric("As given, without those that change no figure, such as --out.")
+    options: Mapping[str, Any] = metric(
+        "As given, without those that change no figure, such as --out."
+    )
     versions: Mapping[str, str]
     machine: str
     commit: str = metric("Of the project's git checkout; absent where there is none.", default="")
     dirty: bool = metric("The code there is not that of the commit.", default=False)
     model_sha256: str = metric(
-        "Of the compiled MuJoCo model as it is saved by this version of MuJoCo.", default="", pattern=SHA256
+        "Of the compiled MuJoCo model as it is saved by this version of MuJoCo.",
+        default="",
+        pattern=SHA256,
     )
 
 
@@ -66,14 +79,19 @@ class EveryRun:
     """Entries of every metrics.json beside those of the kind of work."""
 
     format: int = metric(
-        "Of the files in a run's folder; absent from those of the first.", default=FORMAT, minimum=1, maximum=FORMAT
+        "Of the files in a run's folder; absent from those of the first.",
+        default=FORMAT,
+        minimum=1,
+        maximum=FORMAT,
     )
     run: RunMetrics
     accepted: bool = metric("All of the scenario's bounds hold.")
     failed: list[str] = metric("What did not, one line each.")
     timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
     provenance: Provenance = metric("What the figures were made by.", default=None)
-    start: StartMetrics = metric("What the command compiled before it; absent for a run from Python.", default=None)
+    start: StartMetrics = metric(
+        "What the command compiled before it; absent for a run from Python.", default=None
+    )
 
 
 def run_schema(kind: type, title: str, description: str) -> dict[str, Any]:

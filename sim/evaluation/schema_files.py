@@ -1,11 +1,19 @@
-"""Writes sim/schemas from the dataclasses of metrics, by `./uvw run python -m uuv.sim.evaluation.schema_files`."""
+"""Writes sim/schemas from the dataclasses of metrics, by `./uvw run python -m
+uuv.sim.evaluation.schema_files`.
+"""
 
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from uuv.sim.evaluation import friction_metrics, insertion_metrics, inspection_metrics, metrics, seabed_metrics
+from uuv.sim.evaluation import (
+    friction_metrics,
+    insertion_metrics,
+    inspection_metrics,
+    metrics,
+    seabed_metrics,
+)
 
 FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 GENERATED: Mapping[str, Callable[[], dict[str, Any]]] = {

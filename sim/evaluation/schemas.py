@@ -1,4 +1,6 @@
-"""JSON Schema of a dataclass of metrics: types from its annotations, units from its names, notes from `metric`."""
+"""JSON Schema of a dataclass of metrics: types from its annotations, units from its names, notes
+from `metric`.
+"""
 
 import types
 from collections.abc import Iterable, Mapping
@@ -7,7 +9,16 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 # Unit by the end of a name, the longest first.
-UNITS = {"_m_s": "m/s", "_rad": "rad", "_deg": "deg", "_nm": "N m", "_share": "1", "_m": "m", "_n": "N", "_s": "s"}
+UNITS = {
+    "_m_s": "m/s",
+    "_rad": "rad",
+    "_deg": "deg",
+    "_nm": "N m",
+    "_share": "1",
+    "_m": "m",
+    "_n": "N",
+    "_s": "s",
+}
 _NUMBERS = {int: "integer", float: "number", bool: "boolean", str: "string"}
 
 
@@ -52,7 +63,9 @@ def schema_of(kinds: Iterable[type], title: str, description: str) -> dict[str, 
 
 
 def unmeasured(kind: type[Metrics], **known: Any) -> Metrics:
-    """Metrics of a run that ended before they could be measured: None in all fields but those that are `known`."""
+    """Metrics of a run that ended before they could be measured: None in all fields but those that
+    are `known`.
+    """
     names = [each.name for each in fields(cast(Any, kind))]
     return kind(**{name: known.get(name) for name in names})
 
@@ -68,9 +81,22 @@ def _object(kind: type) -> dict[str, Any]:
     for each in fields(kind):
         unit = unit_of(each.name)
         own = dict(each.metadata.get("schema", {}))
-        properties[each.name] = {**_type(hints[each.name]), **({"unit": unit} if unit else {}), **own}
-    required = [each.name for each in fields(kind) if each.default is MISSING and each.default_factory is MISSING]
-    return {"type": "object", "additionalProperties": False, "required": required, "properties": properties}
+        properties[each.name] = {
+            **_type(hints[each.name]),
+            **({"unit": unit} if unit else {}),
+            **own,
+        }
+    required = [
+        each.name
+        for each in fields(kind)
+        if each.default is MISSING and each.default_factory is MISSING
+    ]
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "required": required,
+        "properties": properties,
+    }
 
 
 def _type(hint: Any) -> dict[str, Any]:
@@ -82,7 +108,10 @@ def _type(hint: Any) -> dict[str, Any]:
     if is_dataclass(hint) and isinstance(hint, type):
         return _object(hint)
     if isinstance(origin, type) and issubclass(origin, Mapping):
-        return {"type": "object", **({} if args[1] is Any else {"additionalProperties": _type(args[1])})}
+        return {
+            "type": "object",
+            **({} if args[1] is Any else {"additionalProperties": _type(args[1])}),
+        }
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return {"type": "array", "items": _type(args[0])}
     return {"type": _NUMBERS[hint]}

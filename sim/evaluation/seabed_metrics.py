@@ -1,9 +1,9 @@
 """Metrics of work in the seabed, from its recording and the true ground.
 
-Push is the true force of the soil against the tool along its axis, including peaks of the physics steps. Rise and
-excursion of the hull are relative to its position when the tool first met the soil, until it is out again. For a
-dragged tool, depth and side errors are relative to the commanded path. Its depth under the true surface, which includes
-the error of the scan, is reported separately.
+Push is the true force of the soil against the tool along its axis, including peaks of the physics
+steps. Rise and excursion of the hull are relative to its position when the tool first met the soil,
+until it is out again. For a dragged tool, depth and side errors are relative to the commanded path.
+Its depth under the true surface, which includes the error of the scan, is reported separately.
 """
 
 from collections.abc import Mapping, Sequence
@@ -58,7 +58,9 @@ class TargetMetrics:
     """Error of the target heights from the true ground."""
 
     accepted: bool
-    target_error_max_m: float | None = metric("Height of the targets as found, against the true surface.")
+    target_error_max_m: float | None = metric(
+        "Height of the targets as found, against the true surface."
+    )
     target_error_share: float | None = metric("The same over 1 cm + 0.5 % of the range.")
     range_m: float | None = metric("Hull to the farthest target.")
 
@@ -69,7 +71,9 @@ class CoreMetrics:
 
     push_set_n: float | None
     push_mean_n: float | None
-    push_error_share: float | None = metric("Worst of the true push while it is held, as a share of the set one.")
+    push_error_share: float | None = metric(
+        "Worst of the true push while it is held, as a share of the set one."
+    )
     push_max_n: float | None
     pull_max_n: float | None = metric("On the way out.")
     depth_m: float | None = metric("Largest, of the tip below the true surface.")
@@ -99,7 +103,9 @@ class SoilHullMetrics:
     rise_max_m: float | None = metric("From its place when the tool first met the soil.")
     sink_max_m: float | None
     excursion_max_m: float | None
-    ground_gap_m: float | None = metric("Least distance of the hull's box from the true ground, in the whole run.")
+    ground_gap_m: float | None = metric(
+        "Least distance of the hull's box from the true ground, in the whole run."
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,11 +120,20 @@ class SeabedMetrics:
 
 def schema() -> dict[str, Any]:
     """JSON Schema of the metrics.json of work in the seabed."""
-    return run_schema(SeabedMetrics, "Figures of work in the seabed", "What sample_seabed.py writes to metrics.json")
+    return run_schema(
+        SeabedMetrics,
+        "Figures of work in the seabed",
+        "What sample_seabed.py writes to metrics.json",
+    )
 
 
 def assess_seabed_work(
-    recording: "Recording", truth: TrueGround, *, seed: int, wall_s: float, bounds: SeabedBounds | None = None
+    recording: "Recording",
+    truth: TrueGround,
+    *,
+    seed: int,
+    wall_s: float,
+    bounds: SeabedBounds | None = None,
 ) -> Assessment:
     """All metrics of a run; one that could not be measured is None and counts as missed.
 
@@ -145,7 +160,9 @@ def assess_seabed_work(
     if truth.push is not None:
         of_core = core or unmeasured(CoreMetrics)
         of_tool = (
-            Requirement("push, worst while held", of_core.push_error_share, bounds.push, "%", percent),
+            Requirement(
+                "push, worst while held", of_core.push_error_share, bounds.push, "%", percent
+            ),
             Requirement("push, peak", of_core.push_max_n, None, "N"),
             Requirement("depth of the core", of_core.depth_m, None, "mm", mm),
         )
@@ -154,11 +171,19 @@ def assess_seabed_work(
         of_tool = (
             Requirement("depth error, peak", of_drag.depth_error_max_m, bounds.depth, "mm", mm),
             Requirement("aside of the profile, peak", of_drag.side_max_m, bounds.side, "mm", mm),
-            Requirement("depth under the true surface, error, peak", of_drag.true_depth_error_max_m, None, "mm", mm),
+            Requirement(
+                "depth under the true surface, error, peak",
+                of_drag.true_depth_error_max_m,
+                None,
+                "mm",
+                mm,
+            ),
             Requirement("force on the tool, peak", of_drag.force_max_n, None, "N"),
         )
     checks = (
-        Requirement("target's height, of what is allowed", surface.target_error_share, 1.0, "%", percent),
+        Requirement(
+            "target's height, of what is allowed", surface.target_error_share, 1.0, "%", percent
+        ),
         Requirement("target's height, error", surface.target_error_max_m, None, "mm", mm),
         *of_tool,
         Requirement("hull, rise", hull.rise_max_m, bounds.rise, "mm", mm),
@@ -169,13 +194,22 @@ def assess_seabed_work(
 
 
 _OF_CORE = ("push_error_share", "push_max_n", "depth_m")
-_OF_DRAG = ("depth_error_max_m", "side_max_m", "true_depth_error_max_m", "true_depth_error_rms_m", "force_max_n")
+_OF_DRAG = (
+    "depth_error_max_m",
+    "side_max_m",
+    "true_depth_error_max_m",
+    "true_depth_error_rms_m",
+    "force_max_n",
+)
 
 
 def crashed(seed: int, reason: str) -> dict[str, Any]:
     """Metrics of a trial that crashed for `reason`."""
     nothing = SeabedMetrics(
-        surface=unmeasured(TargetMetrics, accepted=False), core=None, drag=None, hull=unmeasured(SoilHullMetrics)
+        surface=unmeasured(TargetMetrics, accepted=False),
+        core=None,
+        drag=None,
+        hull=unmeasured(SoilHullMetrics),
     )
     return {**asdict(nothing), **crashed_run(seed, reason)}
 
@@ -253,7 +287,9 @@ def tip_depth(recording: "Recording", ground: Seabed) -> Array:
 
 
 def hull_in_the_soil(recording: "Recording") -> dict[str, float | None]:
-    """Peak rise, sinking and excursion of the hull from its position when the tool first met the soil."""
+    """Peak rise, sinking and excursion of the hull from its position when the tool first met the
+    soil.
+    """
     inside = recording.within(*IN_THE_SOIL)
     touched = np.flatnonzero(inside & (recording["contact_normal"].scalar != 0.0))
     if not touched.size:
@@ -268,11 +304,15 @@ def hull_in_the_soil(recording: "Recording") -> dict[str, float | None]:
 
 
 def hull_gap(recording: "Recording", truth: TrueGround) -> float:
-    """Smallest distance [m] of the hull's box from the true ground over the whole run; 0 if they intersect."""
+    """Smallest distance [m] of the hull's box from the true ground over the whole run; 0 if they
+    intersect.
+    """
     every = max(1, round(_GAP_EVERY / recording.timestep))
     ground, box = truth.ground.mesh()[0], truth.hull_box
     least = np.inf
-    for p_WB, quat_wxyz in zip(recording["p_WB"].value[::every], recording["quat_WB_wxyz"].value[::every], strict=True):
+    for p_WB, quat_wxyz in zip(
+        recording["p_WB"].value[::every], recording["quat_WB_wxyz"].value[::every], strict=True
+    ):
         R_WB = rotation_from_quat_wxyz(quat_wxyz)
         p_B = (ground - p_WB) @ R_WB
         outside = np.maximum(0.0, np.maximum(box[0] - p_B, p_B - box[1]))

@@ -1,4 +1,6 @@
-"""Statistics over many trials of one task: success rate with interval, distributions of metrics, kinds of failure."""
+"""Statistics over many trials of one task: success rate with interval, distributions of metrics,
+kinds of failure.
+"""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -54,7 +56,8 @@ def spread(values: Iterable[float | None]) -> dict[str, float] | None:
 def kind_of_failure(metrics: Mapping[str, Any]) -> str:
     """Short name of the cause of a failed trial; empty if it was accepted.
 
-    The name is the `AbortCode` of work that was broken off, else the first metric that missed its bound.
+    The name is the `AbortCode` of work that was broken off, else the first metric that missed its
+    bound.
     """
     if metrics["accepted"]:
         return ""
@@ -87,4 +90,8 @@ def crashed_run(seed: int, reason: str) -> dict[str, Any]:
     """Metrics common to all tasks, for a trial that crashed for `reason`."""
     run = unmeasured(RunMetrics, seed=seed, state=CRASHED, note=reason)
     nothing = EveryRun(run=run, accepted=False, failed=[reason], timings=unmeasured(Timings))
-    return {name: value for name, value in asdict(nothing).items() if name not in ("provenance", "start")}
+    return {
+        name: value
+        for name, value in asdict(nothing).items()
+        if name not in ("provenance", "start")
+    }

@@ -10,10 +10,13 @@ class IdentificationMetrics:
     """Error of the pose that the work went by, the mean of the finds, and the last of these."""
 
     position_error_m: float | None = metric(
-        "Origin of the pose that the work went by from the true one, up to the object's symmetry.", minimum=0
+        "Origin of the pose that the work went by from the true one, up to the object's symmetry.",
+        minimum=0,
     )
     orientation_error_rad: float | None = metric(
-        "Least rotation from the pose that the work went by to the true one, up to the object's symmetry.", minimum=0
+        "Least rotation from the pose that the work went by to the true one, up to the object's "
+        "symmetry.",
+        minimum=0,
     )
     range_m: float | None = metric("Camera to the target's centre.", minimum=0)
     check_m: float | None = metric("The acceptance check's figure.", minimum=0)
@@ -23,24 +26,32 @@ class IdentificationMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyMetrics:
-    """Stated uncertainty of the pose that the work went by, the mean of the finds, and of the path on it."""
+    """Stated uncertainty of the pose that the work went by, the mean of the finds, and of the path
+    on it.
+    """
 
     position_sigma_m: float | None = metric(
-        "Standard deviation of the object's centre, in its least certain direction that is held.", minimum=0
+        "Standard deviation of the object's centre, in its least certain direction that is held.",
+        minimum=0,
     )
     rotation_sigma_rad: float | None = metric(
         "Standard deviation of the rotation, about its least certain axis that is held.", minimum=0
     )
     free: str | None = metric("Motions in W, about the centre, that nothing in view resists.")
     normalised_error: float | None = metric(
-        "Square of the true error over the covariance, per degree of freedom: 1 on average if all is right.", minimum=0
+        "Square of the true error over the covariance, per degree of freedom: 1 on average if all "
+        "is right.",
+        minimum=0,
     )
     path_normal_max_m: float | None = metric(
-        "Standard deviation of the surface under the path, along its normal: the largest. A turn about the object's "
+        "Standard deviation of the surface under the path, along its normal: the largest. A turn "
+        "about the object's "
         "axis of symmetry does not count; null where another free motion moves the surface.",
         minimum=0,
     )
-    path_normal_p95_m: float | None = metric("The same, not exceeded on 95 % of the path.", minimum=0)
+    path_normal_p95_m: float | None = metric(
+        "The same, not exceeded on 95 % of the path.", minimum=0
+    )
     path_along_max_m: float | None = metric("The same along the path.", minimum=0)
     path_along_p95_m: float | None = metric(minimum=0)
     path_across_max_m: float | None = metric("The same across the path, in the surface.", minimum=0)
@@ -49,7 +60,8 @@ class UncertaintyMetrics:
         "Standard deviation per axis of the estimated hull position, before contact.", minimum=0
     )
     chance_kept: float | None = metric(
-        "Chance that the planner gave the tool before contact, to stay within the tolerance of its path.",
+        "Chance that the planner gave the tool before contact, to stay within the tolerance of "
+        "its path.",
         minimum=0,
         maximum=1,
     )
@@ -57,11 +69,17 @@ class UncertaintyMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionMetrics:
-    """Motion of the object while the vehicle looked at it; its last fields are None if none was noticed."""
+    """Motion of the object while the vehicle looked at it; its last fields are None if none was
+    noticed.
+    """
 
     frames: int = metric("In which it was followed.", minimum=0)
-    noticed_s: float | None = metric("Time of the first frame that showed it moved beyond doubt.", minimum=0)
-    distance_m: float | None = metric("From where it was first, in the last frame: of its centre.", minimum=0)
+    noticed_s: float | None = metric(
+        "Time of the first frame that showed it moved beyond doubt.", minimum=0
+    )
+    distance_m: float | None = metric(
+        "From where it was first, in the last frame: of its centre.", minimum=0
+    )
     distance_sigma_m: float | None = metric("Stated standard deviation of that.", minimum=0)
     turn_rad: float | None = metric("By how much it had turned.", minimum=0)
 
@@ -75,7 +93,9 @@ class SegmentMetrics:
     force_error_max_n: float | None = metric(minimum=0)
     lost_s: float | None = metric(minimum=0)
     duration_s: float = metric(minimum=0)
-    judged_s: float = metric("Time that the force error is of: settled, after each change of the set force.", minimum=0)
+    judged_s: float = metric(
+        "Time that the force error is of: settled, after each change of the set force.", minimum=0
+    )
     judged: bool = metric("True if that is long enough for a figure.")
 
 
@@ -84,14 +104,16 @@ class ContactMetrics:
     """Error of the true normal force from the set force in the work state."""
 
     force_error_rms_n: float | None = metric(
-        "True normal force against the set value in the work state, from 1 s after each change of it has begun, "
+        "True normal force against the set value in the work state, from 1 s after each change of "
+        "it has begun, "
         "and 0.5 s after it has ended.",
         minimum=0,
     )
     force_error_max_n: float | None = metric(minimum=0)
     lost_s: float | None = metric("Time in the work state with less than 1 N.", minimum=0)
     tangential_mean_n: float | None = metric(
-        "True contact force across the tool axis, its length averaged over the work state.", minimum=0
+        "True contact force across the tool axis, its length averaged over the work state.",
+        minimum=0,
     )
     tangential_max_n: float | None = metric(minimum=0)
     segments: list[SegmentMetrics]
@@ -109,10 +131,13 @@ class GapMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolMetrics:
-    """Errors of the true tip from the commanded path, and of the tool from the true surface normal."""
+    """Errors of the true tip from the commanded path, and of the tool from the true surface
+    normal.
+    """
 
     path_deviation_rms_m: float | None = metric(
-        "The larger of cross-track and along-track at each instant: true tip against the timed commanded path.",
+        "The larger of cross-track and along-track at each instant: true tip against the timed "
+        "commanded path.",
         minimum=0,
     )
     path_deviation_max_m: float | None = metric(minimum=0)
@@ -123,29 +148,42 @@ class ToolMetrics:
     normal_deviation_max_m: float | None = metric(
         "Along the tool axis, where the force decides; no part of path_deviation.", minimum=0
     )
-    tilt_max_rad: float | None = metric("Between the tool axis and the true surface normal.", minimum=0)
+    tilt_max_rad: float | None = metric(
+        "Between the tool axis and the true surface normal.", minimum=0
+    )
     twist_max_rad: float | None = metric(
-        "About the tool axis, between the tool's x axis and the one that the path sets; null for a round tool.",
+        "About the tool axis, between the tool's x axis and the one that the path sets; null for "
+        "a round tool.",
         minimum=0,
     )
     speed_mean_m_s: float | None
-    worked_share: float | None = metric("Length of the ideal path that was worked, over all of it.", minimum=0)
+    worked_share: float | None = metric(
+        "Length of the ideal path that was worked, over all of it.", minimum=0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PathMetrics:
     """The worked path against the ideal one, that of the true object."""
 
-    true_deviation_max_m: float | None = metric("True tip from the ideal path on the true object.", minimum=0)
+    true_deviation_max_m: float | None = metric(
+        "True tip from the ideal path on the true object.", minimum=0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedMetrics:
-    """Speed of the true tip where the tool was to move at the set speed: without ramps, slow bends and stops."""
+    """Speed of the true tip where the tool was to move at the set speed: without ramps, slow bends
+    and stops.
+    """
 
-    set: float | None = metric("Set speed along the path [m/s]; null where none is known.", minimum=0)
+    set: float | None = metric(
+        "Set speed along the path [m/s]; null where none is known.", minimum=0
+    )
     mean: float | None = metric("Mean speed of the true tip along the path there [m/s].")
-    share: float | None = metric("Length of the path that was travelled so, over all that was.", minimum=0, maximum=1)
+    share: float | None = metric(
+        "Length of the path that was travelled so, over all that was.", minimum=0, maximum=1
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,7 +191,9 @@ class JointMetrics:
     """Motion of the arm's joints during the work."""
 
     reversals: int | None = metric(
-        "Changes of a joint's direction, all joints together; null where the run kept no joint angles.", minimum=0
+        "Changes of a joint's direction, all joints together; null where the run kept no joint "
+        "angles.",
+        minimum=0,
     )
 
 
@@ -191,7 +231,9 @@ class SurfaceMetrics:
 
     identification: IdentificationMetrics
     uncertainty: UncertaintyMetrics
-    motion: MotionMetrics | None = metric("Of the object, while the vehicle looked at it; null if nothing followed it.")
+    motion: MotionMetrics | None = metric(
+        "Of the object, while the vehicle looked at it; null if nothing followed it."
+    )
     contact: ContactMetrics
     gap: GapMetrics | None = metric(
         "Work without contact: the pad's distance to the true surface; null where the tool pressed."

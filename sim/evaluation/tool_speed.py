@@ -20,8 +20,8 @@ def speed_figures(recording: "Recording", asked: float | None) -> SpeedMetrics:
 
     Args:
         recording: The run.
-        asked: [m/s] commanded speed along the path; a surface that allows a share of it only (`ToolPath.pace`) sets
-            that share. None: the fastest that was commanded.
+        asked: [m/s] commanded speed along the path; a surface that allows a share of it only
+            (`ToolPath.pace`) sets that share. None: the fastest that was commanded.
 
     Returns:
         The figures; no mean where the tool never was to move so fast.

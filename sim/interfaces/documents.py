@@ -242,7 +242,9 @@ def _yaml_document(text: str) -> Any:
 
 
 class _YamlEvents:
-    """Values of the parser's events of a YAML text; PyYAML's own bound neither aliases nor depth."""
+    """Values of the parser's events of a YAML text; PyYAML's own bound neither aliases nor
+    depth.
+    """
 
     def __init__(self, text: str) -> None:
         import yaml

@@ -1,13 +1,17 @@
-"""Exceptions of the project; a message names the item, the allowed values and the given one, in one line."""
+"""Exceptions of the project; a message names the item, the allowed values and the given one, in one
+line.
+"""
 
 import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
 LONGEST = 300  # [characters] longest message
-_TAIL = 90  # [characters] kept from the end of a message that is too long: there it says what was given
+# [characters] kept from the end of a message that is too long: there it says what was given
+_TAIL = 90
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # of other packages' messages, where colorama is installed
-# Control characters, separators of lines, marks that reverse the direction of text, and halves of characters.
+# Control characters, separators of lines, marks that reverse the direction of text, and halves of
+# characters.
 _CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
 _UNPRINTABLE = re.compile(rf"\s*[{_CONTROL}]+\s*")
 _COMMANDING = re.compile(rf"(?![\n\t])[{_CONTROL}]")
@@ -33,12 +37,16 @@ def harmless(text: str) -> str:
 
 
 def commands_a_terminal(text: str) -> bool:
-    """Whether `text` holds a character that no terminal shows as itself, other than a new line or a tab."""
+    """Whether `text` holds a character that no terminal shows as itself, other than a new line or a
+    tab.
+    """
     return _COMMANDING.search(text) is not None
 
 
 def did_you_mean(given: object, known: Iterable[str]) -> str:
-    """Question for the most similar of the `known` words, to end a message with; empty if none is similar."""
+    """Question for the most similar of the `known` words, to end a message with; empty if none is
+    similar.
+    """
     near = get_close_matches(given, list(known), 1) if isinstance(given, str) else []
     return f" (did you mean {near[0]}?)" if near else ""
 
@@ -55,7 +63,9 @@ class ConfigurationError(UuvError, ValueError):
 
 
 class HydrodynamicsError(UuvError):
-    """The hydrodynamic model cannot run under these settings (solver, step length, MuJoCo's layout)."""
+    """The hydrodynamic model cannot run under these settings (solver, step length, MuJoCo's
+    layout).
+    """
 
 
 class MissingLibraryError(UuvError, ImportError):
@@ -75,4 +85,6 @@ class StrongCurrentError(ReachError):
 
 
 class PhysicsWarning(UserWarning):
-    """The simulation runs, but the model looks implausible or has left the range that it is valid in."""
+    """The simulation runs, but the model looks implausible or has left the range that it is valid
+    in.
+    """

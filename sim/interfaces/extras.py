@@ -23,7 +23,8 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "ray": "cluster",
     "open3d": "open3d",
 }
-DM_CONTROL_RUNS = 3  # newest major version of MuJoCo on which its physics runs; as in pyproject.toml's extra "rl"
+# newest major version of MuJoCo on which its physics runs; as in pyproject.toml's extra "rl"
+DM_CONTROL_RUNS = 3
 _OLDER = ("rl", "open3d")  # extras without packages for Python 3.13
 
 
@@ -40,7 +41,8 @@ def without_dm_control(error: Exception) -> MissingLibraryError:
     from importlib.metadata import version
 
     return MissingLibraryError(
-        f"this needs dm_control, for MuJoCo {DM_CONTROL_RUNS} (here {version('mujoco')}): {to_install('rl')} "
+        f"this needs dm_control, for MuJoCo {DM_CONTROL_RUNS} (here {version('mujoco')}): "
+        f"{to_install('rl')} "
         f"({type(error).__name__}: {error})"
     )
 
@@ -56,7 +58,8 @@ def check_dm_control_physics() -> None:
     here = version("mujoco")
     if int(here.partition(".")[0]) > DM_CONTROL_RUNS:
         raise MissingLibraryError(
-            f"this needs dm_control's physics, which runs on MuJoCo {DM_CONTROL_RUNS} (here {here}): {to_install('rl')}"
+            f"this needs dm_control's physics, which runs on MuJoCo {DM_CONTROL_RUNS} (here "
+            f"{here}): {to_install('rl')}"
         )
 
 
@@ -69,7 +72,9 @@ def to_install(extra: str) -> str:
 
 def absent(extra: str) -> tuple[str, ...]:
     """Modules of an extra that are not installed."""
-    return tuple(module for module, of in EXTRAS.items() if of == extra and find_spec(module) is None)
+    return tuple(
+        module for module, of in EXTRAS.items() if of == extra and find_spec(module) is None
+    )
 
 
 @contextlib.contextmanager

@@ -1,4 +1,6 @@
-"""Input files and names of folders: existence, content and encoding, with ConfigurationError for every failure."""
+"""Input files and names of folders: existence, content and encoding, with ConfigurationError for
+every failure.
+"""
 
 import os
 import stat
@@ -11,24 +13,29 @@ from typing import Any
 from uuv.sim.interfaces.errors import ConfigurationError, commands_a_terminal
 from uuv.sim.interfaces.spatial import shown
 
-_LONGEST_NAME = 200  # [bytes] of a folder's name; file systems take 255, and some names get an ending
+# [bytes] of a folder's name; file systems take 255, and some names get an ending
+_LONGEST_NAME = 200
 
 
 def folder_name(name: Any, what: str) -> str:
-    """`name`, if a new folder below another one can have it, as the name of a scenario or campaign must.
+    """`name`, if a new folder below another one can have it, as the name of a scenario or campaign
+    must.
 
     Args:
         name: Letters, digits, - and _; several such names may be joined by slashes.
         what: Begins the error message.
 
     Raises:
-        ConfigurationError: It is another text, which could lead out of the folder or reach a terminal, or too long.
+        ConfigurationError: It is another text, which could lead out of the folder or reach a
+            terminal, or too long.
     """
     parts = name.split("/") if isinstance(name, str) else [""]
     if not all(part.replace("_", "").replace("-", "").isalnum() for part in parts):
         raise ConfigurationError(f"{what}: must be letters, digits, - and _, got {shown(name)}")
     if max(len(part.encode()) for part in parts) > _LONGEST_NAME:
-        raise ConfigurationError(f"{what}: must be at most {_LONGEST_NAME} bytes long, got {shown(name)}")
+        raise ConfigurationError(
+            f"{what}: must be at most {_LONGEST_NAME} bytes long, got {shown(name)}"
+        )
     return name
 
 
@@ -54,7 +61,8 @@ def existing_file(file: Any, what: str) -> Path:
     path = Path(file)
     try:
         found = path.is_file()
-    except (OSError, ValueError) as error:  # a name of more than 255 characters, or a cycle of links
+    except (OSError, ValueError) as error:
+        # a name of more than 255 characters, or a cycle of links
         raise ConfigurationError(f"{what} {shown(str(path))}: {_why(error)}") from error
     if not found:
         there = "there is no such file"
@@ -68,12 +76,14 @@ def bytes_of(file: Any, what: str, most: int | None = None) -> bytes:
     """Content of a file; `what` begins the error message.
 
     Args:
-        file: Name of a regular file: a device or a pipe, also one that a link leads to, is refused unread.
+        file: Name of a regular file: a device or a pipe, also one that a link leads to, is refused
+            unread.
         what: What the file is.
         most: [bytes] largest content; None: any.
 
     Raises:
-        ConfigurationError: The file does not exist, is empty, is larger than `most`, or cannot be read.
+        ConfigurationError: The file does not exist, is empty, is larger than `most`, or cannot be
+            read.
     """
     path = existing_file(file, what)
     with regular(path, what) as stream:
@@ -93,13 +103,16 @@ def regular(file: Path, what: str) -> Iterator[BufferedReader]:
         ConfigurationError: It is no regular file but a device or a pipe, or cannot be read.
     """
     try:
-        # Opened first and looked at afterwards, so that no other file can take its place in between.
+        # Opened first and looked at afterwards, so that no other file can take its place in
+        # between.
         with open(os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as stream:
             if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
                 raise ConfigurationError(f"{what} {shown(str(file))}: it is no regular file")
             yield stream
     except OSError as error:
-        raise ConfigurationError(f"{what} {shown(str(file))}: cannot be read ({_why(error)})") from error
+        raise ConfigurationError(
+            f"{what} {shown(str(file))}: cannot be read ({_why(error)})"
+        ) from error
 
 
 def text_of(file: Any, what: str, most: int | None = None) -> str:
@@ -113,7 +126,8 @@ def text_of(file: Any, what: str, most: int | None = None) -> str:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigurationError(
-            f"{what} {shown(str(file))}: not text in UTF-8 (byte {error.start} is 0x{raw[error.start]:02x})"
+            f"{what} {shown(str(file))}: not text in UTF-8 (byte {error.start} is "
+            f"0x{raw[error.start]:02x})"
         ) from error
     if not text.strip():
         raise ConfigurationError(f"{what} {shown(str(file))}: the file is empty")

@@ -1,9 +1,10 @@
-"""Names that a package hands out on first use, from one list: the imports of its stub `__init__.pyi`.
+"""Names that a package hands out on first use, from one list: the imports of its stub
+`__init__.pyi`.
 
     __getattr__, __dir__, __all__ = names_of_stub(__name__, __file__)
 
-Type checkers read the stub itself. In it `from uuv.runner import run as run` hands out `run`, and an assignment
-`Arm = SerialArm` hands out an imported name under another one.
+Type checkers read the stub itself. In it `from uuv.runner import run as run` hands out `run`, and
+an assignment `Arm = SerialArm` hands out an imported name under another one.
 """
 
 import ast
@@ -13,7 +14,9 @@ from pathlib import Path
 from typing import Any
 
 
-def names_of_stub(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+def names_of_stub(
+    package: str, file: str
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """What makes a package hand out the names of its stub.
 
     Args:

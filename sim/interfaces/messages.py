@@ -1,7 +1,8 @@
-"""Time-stamped, frozen messages: the only data exchanged between sensors, perception, control and plant.
+"""Time-stamped, frozen messages: the only data exchanged between sensors, perception, control and
+plant.
 
-Every array is read-only. Frames: W world (z up), B hull, C camera (OpenCV axes), G tool (z out of the tool),
-T target (the frame of its model). Ground truth is not a message: it never leaves `sim`.
+Every array is read-only. Frames: W world (z up), B hull, C camera (OpenCV axes), G tool (z out of
+the tool), T target (the frame of its model). Ground truth is not a message: it never leaves `sim`.
 """
 
 import math
@@ -22,7 +23,9 @@ _UNBOUNDED = readonly([math.inf] * 3)  # [N]
 
 
 class WorkState(StrEnum):
-    """State of the task; the supervisor passes through these in order, or goes to RETREAT and ABORT."""
+    """State of the task; the supervisor passes through these in order, or goes to RETREAT and
+    ABORT.
+    """
 
     SETTLE = "settle"  # station keeping until the hull is at rest
     SCAN = "scan"  # a depth frame is requested, identification runs
@@ -40,7 +43,9 @@ class WorkState(StrEnum):
 
 
 class AbortCode(StrEnum):
-    """Cause for which work was broken off; `Reference.note` gives the same in a sentence, with figures."""
+    """Cause for which work was broken off; `Reference.note` gives the same in a sentence, with
+    figures.
+    """
 
     NO_FRAME = "no frame"  # no depth frame or ping arrived
     NOT_IDENTIFIED = "not identified"  # neither the object nor a place on the seabed was accepted
@@ -53,7 +58,8 @@ class AbortCode(StrEnum):
     HULL_NOT_AT_REST = "hull not at rest"  # within its time
     HULL_LATE = "hull late"  # it lags behind its move
     HULL_ADRIFT = (
-        "hull adrift"  # it is further off its place than `lost_place` of the limits in `uuv.controllers.tasks`
+        # it is further off its place than `lost_place` of the limits in `uuv.controllers.tasks`
+        "hull adrift"
     )
     NO_CONTACT = "no contact"  # there is no surface where one is expected
     OBSTACLE = "obstacle"  # contact where none is expected
@@ -61,7 +67,8 @@ class AbortCode(StrEnum):
     FORCE_NOT_REACHED = "force not reached"  # the estimated force stays below the first set one
     FORCE_NOT_HELD = "force not held"  # the estimated force stays above the set one
     FORCE_LIMIT = "force limit"  # the estimated force is above its limit
-    FORCE_NOT_FELT = "force not felt"  # the estimated force is too uncertain in this posture of the arm
+    # the estimated force is too uncertain in this posture of the arm
+    FORCE_NOT_FELT = "force not felt"
     CONTACT_LOST = "contact lost"  # the estimated force falls to nothing at work
     HOLE_NOT_FOUND = "hole not found"  # by the spiral search
     JAMMED = "jammed"  # on the way in
@@ -164,7 +171,9 @@ class VisionNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VisionMeasurement:
-    """Position of the hull relative to the scene, from vision; `time` is that of exposure, not of arrival."""
+    """Position of the hull relative to the scene, from vision; `time` is that of exposure, not of
+    arrival.
+    """
 
     time: float  # [s]
     p_WB: Array  # (3,) [m]
@@ -194,23 +203,27 @@ class SonarScan:
 class SurfaceMotionMeasurement:
     """Motion of a camera on the arm's last link over the object before it, since a key picture.
 
-    The first message about a key that was not itself measured against an earlier one begins a track: the motion before
-    it is not known. A key whose time is that of the preceding message continues the track.
+    The first message about a key that was not itself measured against an earlier one begins a
+    track: the motion before it is not known. A key whose time is that of the preceding message
+    continues the track.
     """
 
     time: float  # [s] of exposure
     key_time: float  # [s] of exposure of the key picture K
     p_KC: Array  # (3,) [m] position of the camera in key axes
     R_KC: Array  # (3, 3) its rotation, from attitude reference and encoders
-    information_K: Array  # (3, 3) [1/m^2] inverse covariance of `p_KC`; zero in directions that were not observed
+    # (3, 3) [1/m^2] inverse covariance of `p_KC`; zero in directions that were not observed
+    information_K: Array
     q: Array  # (n,) [rad] joint angles at exposure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolAtRest:
-    """The pressed tool has stood on the object since a moment, held by friction; said by the planner, not by a sensor.
+    """The pressed tool has stood on the object since a moment, held by friction; said by the
+    planner, not by a sensor.
 
-    Of two messages with the same `since`, the later one says that the tool has not moved over the surface between them.
+    Of two messages with the same `since`, the later one says that the tool has not moved over the
+    surface between them.
     """
 
     time: float  # [s]
@@ -267,14 +280,19 @@ class StateEstimate:
     q: Array  # (n,) [rad]
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m] measured at the gear outputs
-    tau_doubt: Array | None = None  # (n,) [N m] standard deviation beyond the sensors' noise; None: none
-    position_sigma: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [m] of the hull position, W; NaN: not known
+    # (n,) [N m] standard deviation beyond the sensors' noise; None: none
+    tau_doubt: Array | None = None
+    # (3,) [m] of the hull position, W; NaN: not known
+    position_sigma: Array = field(default_factory=lambda: _UNKNOWN)
     attitude_sigma: float = math.nan  # [rad] of the hull's attitude, about any axis; NaN: not known
-    vision_age: float = math.nan  # [s] since exposure of the newest image that was used; NaN: not known
+    # [s] since exposure of the newest image that was used; NaN: not known
+    vision_age: float = math.nan
     dvl_age: float = math.nan  # [s] the same for the DVL; inf: none was ever used
     imu_age: float = math.nan  # [s] the same for the IMU
-    imu_jump_age: float = math.nan  # [s] since the accelerometer's bias was found to jump; inf: never, NaN: not known
-    object_moved_W: Array = field(default_factory=lambda: _STILL)  # (3,) [m] by which the object has moved that the
+    # [s] since the accelerometer's bias was found to jump; inf: never, NaN: not known
+    imu_jump_age: float = math.nan
+    # (3,) [m] by which the object has moved that the
+    object_moved_W: Array = field(default_factory=lambda: _STILL)
     # camera on the arm tracks; zero: not beyond doubt
     gyro_off_B: Array = field(
         default_factory=lambda: _STILL
@@ -291,14 +309,18 @@ class StateEstimate:
 class ToolPath:
     """Tool path on the real surface, sampled densely over its arc length."""
 
-    s: Array  # (N,) [m] arc length, from 0, increasing; it goes on where the tool turns at rest: 2 cm for 1 rad
+    # (N,) [m] arc length, from 0, increasing; it goes on where the tool turns at rest: 2 cm for 1
+    # rad
+    s: Array
     p: Array  # (N, 3) [m] points of the tool tip
     z: Array  # (N, 3) unit tool axis, into the surface
     x: Array  # (N, 3) unit axis across the tool axis, along the path unless `keeps_x`
     on_scan: np.ndarray  # (N,) bool: lies on the scanned surface (else taken from the model alone)
-    fits: np.ndarray | None = None  # (N,) bool: the tool can press there, at both ends too; None: everywhere
+    # (N,) bool: the tool can press there, at both ends too; None: everywhere
+    fits: np.ndarray | None = None
     pace: float = 1.0  # share of the set speed that the surface allows
-    keeps_x: bool = False  # the tool keeps its x axis on x: it is not round; False: it may turn about z
+    # the tool keeps its x axis on x: it is not round; False: it may turn about z
+    keeps_x: bool = False
     note: str = ""  # what is left out, and why
 
 
@@ -306,7 +328,8 @@ class ToolPath:
 class Target:
     """Identified target, a known object or a place on the seabed: its pose and tool path in W.
 
-    `covariance` is that of registration and of the estimated hull pose together. Finds within some seconds share the
+    `covariance` is that of registration and of the estimated hull pose together. Finds within some
+    seconds share the
     error of the hull pose: it does not shrink in their mean.
     """
 
@@ -318,16 +341,20 @@ class Target:
     reason: str  # why it was not accepted; empty if it was
     path: ToolPath | None  # in W; None if not accepted
     ground: Array | None = None  # (V, 3) [m] points of the seabed around it, W; None: not measured
-    covariance: PoseCovariance | None = None  # of X_WT in W, about the object's centre; None: not known
-    hull_covariance: Array = field(default_factory=lambda: _NONE)  # (6, 6) [m^2] the hull pose's share of it
-    next_X_WB: Array | None = None  # (4, 4) hull pose of the look that would tell most; None: no other look is wanted
+    # of X_WT in W, about the object's centre; None: not known
+    covariance: PoseCovariance | None = None
+    # (6, 6) [m^2] the hull pose's share of it
+    hull_covariance: Array = field(default_factory=lambda: _NONE)
+    # (4, 4) hull pose of the look that would tell most; None: no other look is wanted
+    next_X_WB: Array | None = None
 
     @property
     def path_sigma(self) -> Array | None:
-        """Standard deviations (N, 3) [m] of the surface under the path; None without a path or a covariance.
+        """Standard deviations (N, 3) [m] of the surface under the path; None without a path or a
+        covariance.
 
-        The columns are along the surface's normal, along the path and across it. A turn about the object's axis of
-        symmetry does not count; inf where another free twist moves the surface so.
+        The columns are along the surface's normal, along the path and across it. A turn about the
+        object's axis of symmetry does not count; inf where another free twist moves the surface so.
         """
         if self.path is None or self.covariance is None or len(self.path.p) < _LINE:
             return None
@@ -336,7 +363,9 @@ class Target:
         along -= np.sum(along * z, axis=1, keepdims=True) * z
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
         directions = (z, along, np.cross(z, along))
-        return np.stack([self.covariance.surface_sigma(p, direction) for direction in directions], axis=1)
+        return np.stack(
+            [self.covariance.surface_sigma(p, direction) for direction in directions], axis=1
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -352,7 +381,8 @@ class Promise:
         """In words, with figures."""
         return (
             f"chance to keep {1e3 * self.tolerance:.3g} mm: {self.chance:.1%} "
-            f"(hull's place {1e3 * self.navigation_sigma:.1f} mm, object's {1e3 * self.object_sigma:.1f} mm)"
+            f"(hull's place {1e3 * self.navigation_sigma:.1f} mm, object's "
+            f"{1e3 * self.object_sigma:.1f} mm)"
         )
 
 
@@ -362,7 +392,8 @@ class ObjectMotion:
 
     time: float  # [s] of the frame
     X_WT: Array  # (4, 4) pose of the model frame
-    twist_W: Array  # (6,) motion since the start: of the centre [m], and rotation vector x radius [m]; 0 where free
+    # (6,) motion since the start: of the centre [m], and rotation vector x radius [m]; 0 where free
+    twist_W: Array
     covariance_W: Array  # (6, 6) [m^2] of `twist_W`
     radius: float  # [m] of the object
     moved: bool  # beyond doubt, in two frames one after the other
@@ -434,11 +465,15 @@ class Reference:
     compliant: bool = False  # yield to forces across the tool axis
     standing: bool = False  # the pressed tool stands on the surface: yield gently
     lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
-    lost_thrust: tuple[float, ...] = ()  # [N] that each of those gives whatever is commanded; empty: none
-    promise: Promise | None = None  # of the work, from the tare on; None: none yet, or nothing to base it on
-    w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold
+    # [N] that each of those gives whatever is commanded; empty: none
+    lost_thrust: tuple[float, ...] = ()
+    # of the work, from the tare on; None: none yet, or nothing to base it on
+    promise: Promise | None = None
+    # (3,) [rad/s] angular velocity of the hull pose to hold
+    w_WB_W: Array = field(default_factory=lambda: _STILL)
     target: Target | None = None  # that the work goes by: the mean of several finds; None: none yet
-    at_rest: ToolAtRest | None = None  # for navigation; None: the tool moves, or nothing new is to be said
+    # for navigation; None: the tool moves, or nothing new is to be said
+    at_rest: ToolAtRest | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -446,8 +481,10 @@ class ContactEstimate:
     """Force of the world on the tip as estimated on board; the default is an unknown one."""
 
     force_W: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [N] in W; NaN: not known
-    normal: float = math.nan  # [N] along the tool axis, positive when the tool presses; NaN: not known
-    sigma_G: Array = field(default_factory=lambda: _UNBOUNDED)  # (3,) [N] standard deviation, tool axes
+    # [N] along the tool axis, positive when the tool presses; NaN: not known
+    normal: float = math.nan
+    # (3,) [N] standard deviation, tool axes
+    sigma_G: Array = field(default_factory=lambda: _UNBOUNDED)
 
     @property
     def known(self) -> bool:
@@ -457,9 +494,12 @@ class ContactEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HullLoad:
-    """Loads on the hull that station keeping used in its last step; a new object for each of its steps."""
+    """Loads on the hull that station keeping used in its last step; a new object for each of its
+    steps.
+    """
 
-    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, contact included, hull axes at the hull's origin
+    # (6,) [N, N m] of the arm on the hull, contact included, hull axes at the hull's origin
+    arm_wrench_B: Array
     current_W: Array = field(default_factory=lambda: _STILL)  # (3,) [m/s] estimated current
 
 
@@ -473,5 +513,6 @@ class Command:
     scan: bool  # take a depth frame now
     contact: ContactEstimate = field(default_factory=ContactEstimate)
     hull_load: HullLoad | None = None  # None: not reported
-    believed: Mapping[str, Array] = field(default_factory=dict)  # further arrays by name, for the log only
+    # further arrays by name, for the log only
+    believed: Mapping[str, Array] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()  # detected faults, in order of detection

@@ -1,4 +1,6 @@
-"""Uncertainty of a pose: covariance of a small twist about a point, with directions of infinite variance."""
+"""Uncertainty of a pose: covariance of a small twist about a point, with directions of infinite
+variance.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -26,24 +28,29 @@ from uuv.sim.interfaces.spatial import (
 _RESISTED = 0.02  # [-] share of a free twist in a motion, below which the motion counts as resisted
 _CHI_95 = 2.7955  # [-] radius of the ball that holds 95 % of a standard normal in three dimensions
 _NULL = 1e-10  # [-] of the largest variance, below which a variance is that of a free twist
-_ONE = 0.98  # [-] of a free direction that lies in another find's free ones, if it is the same direction
+# [-] of a free direction that lies in another find's free ones, if it is the same direction
+_ONE = 0.98
 _DRAWS = 4096  # by which chances are computed, to half a percent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseCovariance:
-    """Uncertainty of a pose: the covariance of the small twist that leads from the estimate to the truth.
+    """Uncertainty of a pose: the covariance of the small twist that leads from the estimate to the
+    truth.
 
-    The twist (linear; angular x radius) [m] is about the object's centre, in the frame A in which the pose X_AT is: S
-    where an object is found in a scan, W in a `Target`.
+    The twist (linear; angular x radius) [m] is about the object's centre, in the frame A in which
+    the pose X_AT is: S where an object is found in a scan, W in a `Target`.
     """
 
     matrix: Array  # (6, 6) [m^2], 0 along the free twists
-    free: Array  # (k, 6) orthonormal twists that nothing in the scan resists: their variance is infinite
-    same: Array = field(default_factory=lambda: readonly(np.zeros((0, 6))))  # (j, 6) those that map it onto itself
+    # (k, 6) orthonormal twists that nothing in the scan resists: their variance is infinite
+    free: Array
+    # (j, 6) those that map it onto itself
+    same: Array = field(default_factory=lambda: readonly(np.zeros((0, 6))))
     center: Array  # (3,) [m] of the object, in A
     radius: float  # [m] of the object
-    size_sigma: float  # [-] standard deviation of the object's scale, if it were solved for; inf if it is free
+    # [-] standard deviation of the object's scale, if it were solved for; inf if it is free
+    size_sigma: float
 
     @property
     def degrees(self) -> int:
@@ -53,30 +60,42 @@ class PoseCovariance:
     @property
     def information(self) -> Array:
         """Inverse (6, 6) [1/m^2] of the covariance, 0 along the free twists."""
-        return np.asarray(np.linalg.pinv(self.matrix, rcond=_NULL, hermitian=True), dtype=np.float64)
+        return np.asarray(
+            np.linalg.pinv(self.matrix, rcond=_NULL, hermitian=True), dtype=np.float64
+        )
 
     @property
     def held_sigmas(self) -> tuple[float, float]:
-        """Largest standard deviations of position [m] and rotation [rad] among the twists that are held."""
+        """Largest standard deviations of position [m] and rotation [rad] among the twists that are
+        held.
+        """
         parts = (self.matrix[:3, :3], self.matrix[3:, 3:])
         position, turn = (float(np.sqrt(max(0.0, np.linalg.eigvalsh(part)[-1]))) for part in parts)
         return position, turn / self.radius
 
     def chance_within(self, position: float, angle: float) -> float:
-        """Probability that the held part of the error is within `position` [m] and `angle` [rad]; Monte Carlo."""
+        """Probability that the held part of the error is within `position` [m] and `angle` [rad];
+        Monte Carlo.
+        """
         values, vectors = np.linalg.eigh(self.matrix)
         drawn = _normal_draws() @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
         near = np.sum(drawn[:, :3] ** 2, axis=1) < position**2
-        return float(np.mean(near & (np.sum(drawn[:, 3:] ** 2, axis=1) < (angle * self.radius) ** 2)))
+        return float(
+            np.mean(near & (np.sum(drawn[:, 3:] ** 2, axis=1) < (angle * self.radius) ** 2))
+        )
 
     @property
     def position_sigma(self) -> float:
-        """Standard deviation [m] of the centre along its least certain direction; inf if it can slide."""
+        """Standard deviation [m] of the centre along its least certain direction; inf if it can
+        slide.
+        """
         return self._largest(slice(0, 3))
 
     @property
     def rotation_sigma(self) -> float:
-        """Standard deviation [rad] of the rotation about its least certain axis; inf if it can turn."""
+        """Standard deviation [rad] of the rotation about its least certain axis; inf if it can
+        turn.
+        """
         return self._largest(slice(3, 6)) / self.radius
 
     @property
@@ -89,13 +108,16 @@ class PoseCovariance:
         for i, twist in enumerate(mixed.T @ self.free):
             turn = i < len(turns) and turns[i] > _RESISTED
             axis = twist[3:] if turn else twist[:3]
-            axis = axis / np.linalg.norm(axis) * (1.0 if axis[np.abs(axis).argmax()] > 0.0 else -1.0)
+            axis = (
+                axis / np.linalg.norm(axis) * (1.0 if axis[np.abs(axis).argmax()] > 0.0 else -1.0)
+            )
             x, y, z = (f"{value:.2f}".replace("-0.00", "0.00") for value in axis)
             said.append(f"a {'turn about' if turn else 'slide along'} ({x}, {y}, {z})")
         return ", ".join(said)
 
     def sigma(self, p_A: ArrayLike, direction_A: ArrayLike) -> float:
-        """Standard deviation [m] of a point of the object along a direction; inf where a free twist moves it so.
+        """Standard deviation [m] of a point of the object along a direction; inf where a free twist
+        moves it so.
 
         Args:
             p_A: (3,) [m] the point.
@@ -111,7 +133,8 @@ class PoseCovariance:
         return float(np.sqrt(max(0.0, row @ self.matrix @ row)))
 
     def surface_sigma(self, points_A: ArrayLike, directions_A: ArrayLike) -> Array:
-        """Standard deviations (n,) [m] of places on the surface, where turns that nobody can tell do not count.
+        """Standard deviations (n,) [m] of places on the surface, where turns that nobody can tell
+        do not count.
 
         Args:
             points_A: (n, 3) [m] the places.
@@ -131,7 +154,8 @@ class PoseCovariance:
         return np.where(loose, np.inf, np.sqrt(np.maximum(square, 0.0)))
 
     def normalised_error(self, X_AT: ArrayLike, X_AT_true: ArrayLike) -> float:
-        """Squared error of the estimate over its covariance (NEES): chi-square with `degrees` if all is right.
+        """Squared error of the estimate over its covariance (NEES): chi-square with `degrees` if
+        all is right.
 
         Args:
             X_AT: (4, 4) the estimate, to which this covariance belongs.
@@ -142,14 +166,17 @@ class PoseCovariance:
         return float(twist @ self.information @ twist)
 
     def twist(self, X_AT: ArrayLike, X_AT_other: ArrayLike) -> Array:
-        """Twist (6,) [m] from the estimate `X_AT` (4, 4), to which this covariance belongs, to another pose (4, 4)."""
+        """Twist (6,) [m] from the estimate `X_AT` (4, 4), to which this covariance belongs, to
+        another pose (4, 4).
+        """
         estimate, other = checked_pose(X_AT, "X_AT"), checked_pose(X_AT_other, "other X_AT")
         middle = transform_points(inverse(estimate), self.center)
         off = transform_points(other, middle) - self.center
         return np.concatenate([off, self.radius * log_so3(other[:3, :3] @ estimate[:3, :3].T)])
 
     def distance(self, X_AT: ArrayLike, other: "PoseCovariance", X_AT_other: ArrayLike) -> float:
-        """Distance of two estimates over its standard deviation [-], RMS over the twists that both hold; about 1.
+        """Distance of two estimates over its standard deviation [-], RMS over the twists that both
+        hold; about 1.
 
         Args:
             X_AT: (4, 4) the estimate to which this covariance belongs.
@@ -158,16 +185,21 @@ class PoseCovariance:
         """
         twist = self.twist(X_AT, X_AT_other)
         aligned = other.in_frame(pose(np.asarray(X_AT)[:3, :3] @ np.asarray(X_AT_other)[:3, :3].T))
-        free = np.linalg.svd(np.vstack([self.free, aligned.free, np.zeros((1, 6))]), full_matrices=True)
+        free = np.linalg.svd(
+            np.vstack([self.free, aligned.free, np.zeros((1, 6))]), full_matrices=True
+        )
         held = free[2][int((free[1] > _RESISTED).sum()) :]
         if not len(held):
             return 0.0
         spread = held @ (self.matrix + aligned.matrix) @ held.T
         off = held @ twist
-        return float(np.sqrt(off @ np.linalg.pinv(spread, rcond=_NULL, hermitian=True) @ off / len(held)))
+        return float(
+            np.sqrt(off @ np.linalg.pinv(spread, rcond=_NULL, hermitian=True) @ off / len(held))
+        )
 
     def ellipsoid(self) -> tuple[Array, Array]:
-        """Where the centre is with 95 %: half axes (3,) [m], and their directions (3, 3) as columns, right-handed.
+        """Where the centre is with 95 %: half axes (3,) [m], and their directions (3, 3) as
+        columns, right-handed.
 
         Slides that are free have half axes of 0, for they cannot be drawn.
         """
@@ -189,7 +221,8 @@ class PoseCovariance:
         )
 
     def of_carrier(self, p_A: ArrayLike, position_sigma: ArrayLike, angle_sigma: float) -> Array:
-        """Covariance (6, 6) [m^2] of the twist by which an error of the sensor's carrier moves the object.
+        """Covariance (6, 6) [m^2] of the twist by which an error of the sensor's carrier moves the
+        object.
 
         Args:
             p_A: (3,) [m] position of the carrier.
@@ -209,14 +242,20 @@ class PoseCovariance:
         return moved + angle_sigma**2 * turn @ turn.T
 
     def plus(self, covariance: ArrayLike) -> "PoseCovariance":
-        """With an independent error of the pose: a twist about the centre, of `covariance` (6, 6) [m^2]."""
+        """With an independent error of the pose: a twist about the centre, of `covariance` (6, 6)
+        [m^2].
+        """
         held = np.eye(6) - self.free.T @ self.free
         added = held @ checked(covariance, (6, 6), "covariance") @ held
         return replace(self, matrix=readonly(self.matrix + added))
 
     def _rows(self, points: Array, directions: Array) -> Array:
-        """Motions (n, 6) of points (n, 3) along unit directions (n, 3), by a unit of each component of the twist."""
-        return np.column_stack([directions, np.cross((points - self.center) / self.radius, directions)])
+        """Motions (n, 6) of points (n, 3) along unit directions (n, 3), by a unit of each component
+        of the twist.
+        """
+        return np.column_stack(
+            [directions, np.cross((points - self.center) / self.radius, directions)]
+        )
 
     def _largest(self, part: slice) -> float:
         if len(self.free) and np.linalg.norm(self.free[:, part], axis=1).max() > _RESISTED:
@@ -225,7 +264,9 @@ class PoseCovariance:
 
 
 def common_free(frees: Sequence[Array]) -> Array:
-    """Orthonormal twists (k, 6) that are free in each of several sets (k_i, 6), up to the noise of their directions."""
+    """Orthonormal twists (k, 6) that are free in each of several sets (k_i, 6), up to the noise of
+    their directions.
+    """
     resisted = sum((np.eye(6) - free.T @ free for free in frees), np.zeros((6, 6))) / len(frees)
     values, vectors = np.linalg.eigh(resisted)
     return np.asarray(vectors[:, values < 1.0 - _ONE].T, dtype=np.float64)
@@ -234,24 +275,30 @@ def common_free(frees: Sequence[Array]) -> Array:
 def mean_pose(
     poses: Sequence[Array], covariances: Sequence[PoseCovariance], common: ArrayLike
 ) -> tuple[Array, PoseCovariance, float]:
-    """Mean of several estimates of one pose, each weighted by its information, and the covariance of the mean.
+    """Mean of several estimates of one pose, each weighted by its information, and the covariance
+    of the mean.
 
-    A free twist has no information. One that is free in all of them stays as it is in the last. Twists are taken with
-    the object's own axes, so that a turn about its axis is the same twist in every estimate.
+    A free twist has no information. One that is free in all of them stays as it is in the last.
+    Twists are taken with the object's own axes, so that a turn about its axis is the same twist in
+    every estimate.
 
     Args:
         poses: (4, 4) X_AT, all of one object and next to each other.
         covariances: those of the poses.
-        common: (6, 6) [m^2] covariance of a twist that all are wrong by; `covariances` include it. 0: none.
+        common: (6, 6) [m^2] covariance of a twist that all are wrong by; `covariances` include it.
+            0: none.
 
     Returns:
-        The mean (4, 4), its covariance, and chi-square of the scatter over its degrees of freedom, 0 if it has none.
+        The mean (4, 4), its covariance, and chi-square of the scatter over its degrees of freedom,
+        0 if it has none.
 
     Raises:
         ConfigurationError: Without any pose, or for another number of covariances.
     """
     if not poses or len(poses) != len(covariances):
-        raise ConfigurationError(f"mean_pose: got {len(poses)} poses with {len(covariances)} covariances")
+        raise ConfigurationError(
+            f"mean_pose: got {len(poses)} poses with {len(covariances)} covariances"
+        )
     last, X = covariances[-1], poses[-1]
     aligned = []
     for X_AT, covariance in zip(poses, covariances, strict=True):
@@ -261,7 +308,9 @@ def mean_pose(
     weights = [held @ covariance.information @ held for covariance in aligned]
     twists = [held @ last.twist(X, X_AT) for X_AT in poses]
     spread = np.linalg.pinv(sum(weights, np.zeros((6, 6))), rcond=_NULL, hermitian=True)
-    mean = spread @ sum((weight @ twist for weight, twist in zip(weights, twists, strict=True)), np.zeros(6))
+    mean = spread @ sum(
+        (weight @ twist for weight, twist in zip(weights, twists, strict=True)), np.zeros(6)
+    )
     off = [twist - mean for twist in twists]
     degrees = sum(covariance.degrees for covariance in aligned) - (6 - len(free))
     square = sum(float(one @ weight @ one) for one, weight in zip(off, weights, strict=True))

@@ -1,6 +1,7 @@
 """Protocols of the pluggable parts; their state is explicit, so a run can be replayed and shared.
 
-`period` [s] is a whole multiple of the plant's step; `uuv.sim.loop.rollout` checks it and calls `step` at that rate.
+`period` [s] is a whole multiple of the plant's step; `uuv.sim.loop.rollout` checks it and calls
+`step` at that rate.
 """
 
 from collections.abc import Sequence
@@ -8,7 +9,14 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from uuv.sim.interfaces.messages import Command, Measurement, ObjectMotion, Reference, StateEstimate, Target
+from uuv.sim.interfaces.messages import (
+    Command,
+    Measurement,
+    ObjectMotion,
+    Reference,
+    StateEstimate,
+    Target,
+)
 
 
 @runtime_checkable
@@ -57,13 +65,17 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class TargetFinder(Protocol):
-    """Target identification: maps depth frames to a target and its tool path; called once per frame."""
+    """Target identification: maps depth frames to a target and its tool path; called once per
+    frame.
+    """
 
     def init(self) -> Any:
         """Initial state, before any frame."""
         ...
 
-    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
+    def step(
+        self, state: Any, estimate: StateEstimate, measurement: Measurement
+    ) -> tuple[Any, Target | None]:
         """Process one frame.
 
         Args:
@@ -79,7 +91,9 @@ class TargetFinder(Protocol):
 
 @runtime_checkable
 class TargetFollower(Protocol):
-    """Follows a target that was found: maps depth frames to its motion, while the vehicle looks at it."""
+    """Follows a target that was found: maps depth frames to its motion, while the vehicle looks at
+    it.
+    """
 
     @property
     def period(self) -> float:
@@ -150,7 +164,9 @@ class Controller(Protocol):
         """Initial state from the first estimate."""
         ...
 
-    def step(self, state: Any, estimate: StateEstimate, reference: Reference) -> tuple[Any, Command]:
+    def step(
+        self, state: Any, estimate: StateEstimate, reference: Reference
+    ) -> tuple[Any, Command]:
         """Compute the next command.
 
         Args:

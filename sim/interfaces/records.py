@@ -1,6 +1,7 @@
 """Records of arrays that the loop writes at the rate of the drives; messages are made of copies.
 
-Compiled functions take these records as they are. The arrays stay the same over a run, only their contents change.
+Compiled functions take these records as they are. The arrays stay the same over a run, only their
+contents change.
 """
 
 import math
@@ -22,7 +23,9 @@ class ImuRecord(NamedTuple):
 
 
 class JointRecord(NamedTuple):
-    """One sample of encoders and torque sensors, fields as in `EncoderMeasurement` and `TorqueMeasurement`."""
+    """One sample of encoders and torque sensors, fields as in `EncoderMeasurement` and
+    `TorqueMeasurement`.
+    """
 
     q: Array  # (n,) [rad]
     qd: Array  # (n,) [rad/s]
@@ -42,7 +45,9 @@ class EstimateRecord(NamedTuple):
     tau: Array  # (n,) [N m]
     position_sigma: Array  # (3,) [m]
     attitude_sigma: Array  # (1,) [rad]
-    ages: Array  # (4,) [s] since the newest vision, DVL and IMU measurement that was used, and since a jump of the IMU
+    # (4,) [s] since the newest vision, DVL and IMU measurement that was used, and since a jump of
+    # the IMU
+    ages: Array
     object_moved_W: Array  # (3,) [m]
     gyro_off_B: Array  # (3,) [rad/s]
     attitude_off_B: Array  # (3,) [rad]

@@ -1,7 +1,8 @@
 """Poses, rotations and wrenches on plain numpy arrays, and validation of numerical input.
 
-A pose `X_AB` is a (4, 4) homogeneous matrix that takes coordinates in B to coordinates in A. Quaternions are
-`wxyz` and say so in their name. Six-vectors are (linear; angular), at the body-frame origin, in body axes.
+A pose `X_AB` is a (4, 4) homogeneous matrix that takes coordinates in B to coordinates in A.
+Quaternions are `wxyz` and say so in their name. Six-vectors are (linear; angular), at the
+body-frame origin, in body axes.
 """
 
 import math
@@ -35,7 +36,9 @@ def shown(value: Any) -> str:
     try:
         if isinstance(value, np.ndarray | np.generic):
             small = value.size <= _FEW
-            text = repr(value.tolist()) if small else f"{value.dtype} numbers of shape {value.shape}"
+            text = (
+                repr(value.tolist()) if small else (f"{value.dtype} numbers of shape {value.shape}")
+            )
         else:
             text = _REPR.repr(value)
     except Exception:  # a foreign __repr__ failed, or an int has more digits than Python prints
@@ -54,7 +57,8 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
     """Read-only unit vector (3,) along `values` (3,).
 
     Raises:
-        ConfigurationError: `values` is no finite vector (3,), or zero; the message begins with `name`.
+        ConfigurationError: `values` is no finite vector (3,), or zero; the message begins with
+            `name`.
     """
     vector = checked(values, (3,), name)
     largest = float(np.abs(vector).max())
@@ -64,8 +68,11 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
     return readonly(vector / np.linalg.norm(vector))
 
 
-def checked_place(values: ArrayLike, shape: tuple[int, ...], name: str, farthest: float = FARTHEST) -> Array:
-    """Read-only copy of positions, validated as by `checked` and for their distance from the frame's origin.
+def checked_place(
+    values: ArrayLike, shape: tuple[int, ...], name: str, farthest: float = FARTHEST
+) -> Array:
+    """Read-only copy of positions, validated as by `checked` and for their distance from the
+    frame's origin.
 
     Args:
         values: Positions [m].
@@ -81,7 +88,9 @@ def checked_place(values: ArrayLike, shape: tuple[int, ...], name: str, farthest
     """
     points = checked(values, shape, name)
     if points.size and np.abs(points).max() > farthest:
-        raise ConfigurationError(f"{name}: must lie within {farthest:g} m, got {np.abs(points).max():g} m")
+        raise ConfigurationError(
+            f"{name}: must lie within {farthest:g} m, got {np.abs(points).max():g} m"
+        )
     return points
 
 
@@ -97,7 +106,8 @@ def real_array(values: Any, name: str, wanted: str = "numbers") -> Array:
         The array.
 
     Raises:
-        ConfigurationError: `values` are no real numbers; complex numbers, strings and dates are refused.
+        ConfigurationError: `values` are no real numbers; complex numbers, strings and dates are
+            refused.
     """
     try:
         given = np.asarray(values)
@@ -149,7 +159,9 @@ def checked_rows(values: ArrayLike, width: int, name: str, least: int = 1) -> Ar
     """
     array = real_array(values, name, f"(n, {width}) numbers")
     if array.ndim != 2 or array.shape[1] != width or len(array) < least:
-        raise ConfigurationError(f"{name}: expected shape (n, {width}), n >= {least}, got {array.shape}")
+        raise ConfigurationError(
+            f"{name}: expected shape (n, {width}), n >= {least}, got {array.shape}"
+        )
     return checked(array, array.shape, name)
 
 
@@ -162,23 +174,29 @@ def checked_pose(values: ArrayLike, name: str) -> Array:
     X = checked(values, (4, 4), name)
     R = X[:3, :3]
     # Plain differences of finite numbers: np.allclose takes ten times as long.
-    rigid = np.abs(R).max() < 2.0 and np.abs(R.T @ R - _EYE).max() <= 1e-6 and np.linalg.det(R) > 0.0
+    rigid = (
+        np.abs(R).max() < 2.0 and np.abs(R.T @ R - _EYE).max() <= 1e-6 and np.linalg.det(R) > 0.0
+    )
     if not (rigid and np.abs(X[3] - _LAST_ROW).max() <= 1e-9):
         raise not_a_pose(name, X)
     if np.abs(X[:3, 3]).max() > FARTHEST:
-        raise ConfigurationError(f"{name}: its position must lie within {FARTHEST:g} m, got {shown(X[:3, 3])}")
+        raise ConfigurationError(
+            f"{name}: its position must lie within {FARTHEST:g} m, got {shown(X[:3, 3])}"
+        )
     return X
 
 
 def not_a_pose(name: str, X: Array) -> ConfigurationError:
     """Error for a matrix `X` (4, 4) that is no pose."""
     return ConfigurationError(
-        f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), got {shown(X)}"
+        f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), "
+        f"got {shown(X)}"
     )
 
 
 def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
-    """Validated array for loops: `values` itself if it already is what `checked` returns, else a copy; about 1 us.
+    """Validated array for loops: `values` itself if it already is what `checked` returns, else a
+    copy; about 1 us.
 
     Args:
         values: Real numbers.
@@ -216,7 +234,9 @@ def number(value: Any, name: str) -> float:
 
 
 def spread_directions(count: int) -> Array:
-    """Unit vectors (count, 3) spread evenly over the sphere: the six axes first, then a Fibonacci spiral."""
+    """Unit vectors (count, 3) spread evenly over the sphere: the six axes first, then a Fibonacci
+    spiral.
+    """
     axes = np.vstack([np.eye(3), -np.eye(3)])
     rest = count - len(axes)
     if rest <= 0:
@@ -228,7 +248,12 @@ def spread_directions(count: int) -> Array:
 
 
 def finite_number(
-    value: Any, name: str, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
+    value: Any,
+    name: str,
+    *,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    most: float = math.inf,
 ) -> float:
     """`value` as a finite float within bounds.
 
@@ -298,7 +323,9 @@ def one_of(value: Any, allowed: Iterable[str], name: str) -> str:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """Pose (4, 4) with rotation `R` (3, 3), default identity, and position `p` (3,) [m], default zero."""
+    """Pose (4, 4) with rotation `R` (3, 3), default identity, and position `p` (3,) [m], default
+    zero.
+    """
     X = np.eye(4)
     if R is not None:
         X[:3, :3] = R
@@ -328,7 +355,9 @@ def skew(v: ArrayLike) -> Array:
 
 
 def cross(a: Array, b: Array) -> tuple[float, float, float]:
-    """Cross product of two vectors (3,), as `np.cross` to the bit; that takes as long as a physics step."""
+    """Cross product of two vectors (3,), as `np.cross` to the bit; that takes as long as a physics
+    step.
+    """
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
@@ -386,7 +415,9 @@ def rotation_from_quat_wxyz(quat_wxyz: ArrayLike) -> Array:
 
 
 def quat_wxyz_from_rotation(R: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of `R`; by the largest component [Shepperd 1978], so it is exact near pi."""
+    """Unit quaternion (w, x, y, z) of `R`; by the largest component [Shepperd 1978], so it is exact
+    near pi.
+    """
     return np.array(_quaternion(R))
 
 
@@ -406,7 +437,8 @@ def _quaternion(R: Array) -> tuple[float, float, float, float]:
 
 
 def rotation_from_z(z: ArrayLike, x_hint: ArrayLike) -> Array:
-    """Rotation (3, 3) whose z axis is `z` (3,) and whose x axis is `x_hint` (3,) made perpendicular to it.
+    """Rotation (3, 3) whose z axis is `z` (3,) and whose x axis is `x_hint` (3,) made perpendicular
+    to it.
 
     Raises:
         ConfigurationError: Either is zero, or they are parallel.

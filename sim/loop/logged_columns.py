@@ -29,11 +29,13 @@ REFERENCE: Columns = {
     "state": ((), ""),
     "set_force": ((), "N"),
     "path_s": ((), "m"),
-    "p_command": (_XYZ, "m"),  # commanded tip, extrapolated by its velocity; NaN while the arm holds joint angles
+    # commanded tip, extrapolated by its velocity; NaN while the arm holds joint angles
+    "p_command": (_XYZ, "m"),
     "v_command": (_XYZ, "m/s"),
     "p_WB_reference": (_XYZ, "m"),
 }
-OBJECT: Columns = {"p_WT": (_XYZ, "m"), "quat_WT_wxyz": (("w", "x", "y", "z"), "")}  # true, if it can move
+# true, if it can move
+OBJECT: Columns = {"p_WT": (_XYZ, "m"), "quat_WT_wxyz": (("w", "x", "y", "z"), "")}
 EVERY_STEP = (*SCALARS, *VECTORS, *REFERENCE)  # series of every recording, full or not
 WIDTHS = {  # [columns] of each
     name: max(1, len(labels)) for name, (labels, _) in {**SCALARS, **VECTORS, **REFERENCE}.items()
@@ -48,7 +50,8 @@ def slow_columns(vehicle: Vehicle) -> Columns:
         "tau_drive": (vehicle.joint_names, "N m"),
         "thrust": (vehicle.thruster_names, "N"),
         "current": (_XYZ, "m/s"),
-        "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),  # true, of the arm on the hull, hull axes
+        # true, of the arm on the hull, hull axes
+        "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),
         "p_WB_estimate": (_XYZ, "m"),
         "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
         "position_sigma": (_XYZ, "m"),  # of the estimated hull position, as the estimator states it

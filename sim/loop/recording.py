@@ -1,7 +1,8 @@
 """Recording of a run: time series filled by the step loop, read by metrics and reports afterwards.
 
-`Recorder` observes `uuv.sim.loop.rollout` and costs a few microseconds a step; `Recording` is its frozen result. Times
-are in s from the start of the run. All other quantities are in SI units and W unless a name says otherwise.
+`Recorder` observes `uuv.sim.loop.rollout` and costs a few microseconds a step; `Recording` is its
+frozen result. Times are in s from the start of the run. All other quantities are in SI units and W
+unless a name says otherwise.
 """
 
 import hashlib
@@ -19,9 +20,25 @@ from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.messages import AbortCode, Command, ObjectMotion, Promise, Reference, Target, WorkState
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ObjectMotion,
+    Promise,
+    Reference,
+    Target,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
-from uuv.sim.loop.logged_columns import EVERY_STEP, OBJECT, REFERENCE, SCALARS, VECTORS, Columns, slow_columns
+from uuv.sim.loop.logged_columns import (
+    EVERY_STEP,
+    OBJECT,
+    REFERENCE,
+    SCALARS,
+    VECTORS,
+    Columns,
+    slow_columns,
+)
 from uuv.sim.loop.rollout import Moment, ticks_per_period
 
 STATES = tuple(WorkState)  # the series "state" holds indices into it
@@ -76,7 +93,9 @@ class RecordedSeries:
             ConfigurationError: It was not recorded; the message lists the series.
         """
         if name not in self.series:
-            raise ConfigurationError(f"no series {name!r} was recorded; there are {', '.join(sorted(self.series))}")
+            raise ConfigurationError(
+                f"no series {name!r} was recorded; there are {', '.join(sorted(self.series))}"
+            )
         return self.series[name]
 
     def __contains__(self, name: str) -> bool:
@@ -108,10 +127,11 @@ class Recording(RecordedSeries):
     collided: str = ""  # what collided first, and when; empty: nothing did
 
     def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
-        """SHA-256 over times and values of the series `names`, bit for bit; by default over the whole trajectory.
+        """SHA-256 over times and values of the series `names`, bit for bit; by default over the
+        whole trajectory.
 
-        Names that were not recorded are skipped; the order of `names` has no effect. The digest does not depend on the
-        slower series, the byte order, or the bits of NaN.
+        Names that were not recorded are skipped; the order of `names` has no effect. The digest
+        does not depend on the slower series, the byte order, or the bits of NaN.
         """
         digest = hashlib.sha256()
         for name in sorted(set(names) & set(self.series)):
@@ -166,7 +186,8 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     Args:
         record: `RecorderRecord`, or its fields as a plain tuple.
         time: [s]
-        scalars: True normal force of the contact, its least and most of a substep [N]; saturated; collision.
+        scalars: True normal force of the contact, its least and most of a substep [N]; saturated;
+            collision.
         reference: From `Recorder.refer`.
         felt_force: (3,) [N] estimated contact force, W.
         felt_normal: [N] estimated normal force.
@@ -174,7 +195,15 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     rows, written, p_pad, R_WG, p_WB, quat_WB_wxyz, contact_force_W, p_WT, quat_WT_wxyz = record
     row = rows[written[0]]
     normal, least, most, saturated, collision = scalars
-    row[0], row[1], row[2], row[3], row[4], row[5], row[6] = time, reference, normal, least, most, saturated, collision
+    row[0], row[1], row[2], row[3], row[4], row[5], row[6] = (
+        time,
+        reference,
+        normal,
+        least,
+        most,
+        saturated,
+        collision,
+    )
     row[7] = felt_normal
     for k in range(3):
         row[8 + k], row[11 + k], row[14 + k] = p_pad[k], R_WG[k, 2], p_WB[k]
@@ -191,9 +220,10 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
 class Recorder:
     """Observer of `uuv.sim.loop.rollout` that keeps a run in memory.
 
-    At the loop's rate it keeps what the metrics need. If `full`, it also keeps joints, torques, thrusts, current, the
-    estimate and the controller's internal values every `period`, and the poses of all bodies every `pose_period`. Of an
-    object that can move it keeps the true pose at the loop's rate.
+    At the loop's rate it keeps what the metrics need. If `full`, it also keeps joints, torques,
+    thrusts, current, the estimate and the controller's internal values every `period`, and the
+    poses of all bodies every `pose_period`. Of an object that can move it keeps the true pose at
+    the loop's rate.
     """
 
     _OF_THE_RUN = frozenset({"_vehicle", "_truth", "_record"})  # not saved: bound to one plant
@@ -217,10 +247,13 @@ class Recorder:
             pose_period: Of the body poses [s].
 
         Raises:
-            ConfigurationError: A period is no multiple of `timestep`, or `timestep` no multiple of the model's.
+            ConfigurationError: A period is no multiple of `timestep`, or `timestep` no multiple of
+                the model's.
         """
         self._timestep = float(model.opt.timestep) if timestep is None else timestep
-        self._substeps = ticks_per_period(self._timestep, float(model.opt.timestep), "recorder's timestep")
+        self._substeps = ticks_per_period(
+            self._timestep, float(model.opt.timestep), "recorder's timestep"
+        )
         self._vehicle = vehicle = Vehicle.of(model)
         self._bodies = tuple(model.body(b).name for b in range(model.nbody))
         self._geoms = tuple(of_geom(model, g) for g in range(model.ngeom))
@@ -237,7 +270,8 @@ class Recorder:
         self._columns = {**SCALARS, **VECTORS, **(OBJECT if self._object >= 0 else {})}
         self._rows = np.empty((_ROWS, 2 + _total_width(self._columns)))
         self._believed: dict[str, _Block] = {}
-        self._record: tuple[np.ndarray, ...] = ()  # RecorderRecord; a plain tuple goes to a kernel faster
+        # RecorderRecord; a plain tuple goes to a kernel faster
+        self._record: tuple[np.ndarray, ...] = ()
         self._truth: Any = None
         self._reference: Reference | None = None
         self._target: Target | None = None
@@ -284,10 +318,25 @@ class Recorder:
         if moment.target is not None and moment.target is not self._target:
             self._target = moment.target
             self._targets.append(moment.target)
-        if moment.motion is not None and (not self._motions or moment.motion is not self._motions[-1]):
+        if moment.motion is not None and (
+            not self._motions or moment.motion is not self._motions[-1]
+        ):
             self._motions.append(moment.motion)
-        scalars = truth.contact_normal, truth.contact_least, truth.contact_most, truth.saturated, truth.collision
-        write_row(self._record, truth.time, scalars, self.refer(moment.reference), contact.force_W, contact.normal)
+        scalars = (
+            truth.contact_normal,
+            truth.contact_least,
+            truth.contact_most,
+            truth.saturated,
+            truth.collision,
+        )
+        write_row(
+            self._record,
+            truth.time,
+            scalars,
+            self.refer(moment.reference),
+            contact.force_W,
+            contact.normal,
+        )
         if not self._full:
             return
         if moment.tick % self._ticks == 0:
@@ -304,14 +353,17 @@ class Recorder:
         return (self._ticks, self._pose_ticks) if self._full else ()
 
     def ready(self, rows: int) -> Array:
-        """Make room for so many more rows of `write_row`; the table that they go to, another one if it has grown."""
+        """Make room for so many more rows of `write_row`; the table that they go to, another one if
+        it has grown.
+        """
         while self._written[0] + rows > len(self._rows):
             self._rows = _doubled(self._rows)
             self._record = (self._rows, *self._record[1:])
         return self._rows
 
     def record(self, truth: Any) -> RecorderRecord:
-        """Rows of the loop's rate and arrays of `truth` for `write_row`; the rows are replaced when `ready` grows them.
+        """Rows of the loop's rate and arrays of `truth` for `write_row`; the rows are replaced when
+        `ready` grows them.
 
         A step that is written so must have no new target and be none of the slower rows.
         """
@@ -320,7 +372,9 @@ class Recorder:
         return RecorderRecord(*self._record)
 
     def refer(self, reference: Reference) -> int:
-        """Record a reference if it is new, which it is at the planner's rate; its index for `write_row`."""
+        """Record a reference if it is new, which it is at the planner's rate; its index for
+        `write_row`.
+        """
         if reference is not self._reference:
             self._refer(reference)
         return self._references.count - 1
@@ -336,18 +390,26 @@ class Recorder:
         rows = self._rows[: self._written[0]].copy()
         time = rows[:, 0].copy()
         reference = self._references.table()[rows[:, 1].astype(np.int64)]
-        series = _split(time, rows[:, 2:], self._columns) | _split(time, reference[:, 1:], REFERENCE)
-        series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series["v_command"].value
+        series = _split(time, rows[:, 2:], self._columns) | _split(
+            time, reference[:, 1:], REFERENCE
+        )
+        series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series[
+            "v_command"
+        ].value
         if self._full:
             slow, poses = self._slow.table(), self._poses.table()
             for body in range(len(self._bodies)):
                 _without_sign_jumps(poses[:, 1 + 7 * body :][:, 3:7])
             series |= _split(slow[:, 0], slow[:, 1:], self._slow_columns)
-            series["body_pose"] = Series(time=poses[:, 0], value=poses[:, 1:], unit="m, wxyz", labels=self._bodies)
+            series["body_pose"] = Series(
+                time=poses[:, 0], value=poses[:, 1:], unit="m, wxyz", labels=self._bodies
+            )
         for name, block in self._believed.items():
             table = block.table()
             labels = tuple(map(str, range(block.width - 1))) if block.width > 2 else ()
-            series[f"believed.{name}"] = Series(time=table[:, 0], value=table[:, 1:], unit="", labels=labels)
+            series[f"believed.{name}"] = Series(
+                time=table[:, 0], value=table[:, 1:], unit="", labels=labels
+            )
         for name, item in series.items():
             if name.startswith("quat_"):
                 _without_sign_jumps(item.value)
@@ -387,7 +449,12 @@ class Recorder:
     def _refer(self, reference: Reference) -> None:
         """Record a new reference, and an event if the planner's state is new."""
         if self._reference is None or reference.state is not self._reference.state:
-            event = Event(time=reference.time, state=reference.state, note=reference.note, abort=reference.abort)
+            event = Event(
+                time=reference.time,
+                state=reference.state,
+                note=reference.note,
+                abort=reference.abort,
+            )
             self._events.append(event)
         self._reference = reference
         self._goes_by = reference.target or self._goes_by
@@ -441,7 +508,8 @@ def _doubled(table: Array) -> Array:
 
 
 def _without_sign_jumps(quat: Array) -> None:
-    """Give each unit quaternion (N, 4) the sign that is nearer to the one before it, in place; q and -q are one turn.
+    """Give each unit quaternion (N, 4) the sign that is nearer to the one before it, in place; q
+    and -q are one turn.
 
     Rows without numbers are passed over.
     """

@@ -23,7 +23,14 @@ from uuv.sim.interfaces.messages import (
     Target,
     WorkState,
 )
-from uuv.sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder, TargetFollower
+from uuv.sim.interfaces.protocols import (
+    Controller,
+    Estimator,
+    Planner,
+    Sensor,
+    TargetFinder,
+    TargetFollower,
+)
 
 LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are requested
 
@@ -31,8 +38,8 @@ LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are req
 class SteppedPlant(Protocol):
     """Plant interface that the loop requires.
 
-    A run that is to be saved asks it for `save` and `resume` as well (`uuv.sim.plant.plant.Plant`). A
-    wrapper without a state of its own needs neither, if its attribute `plant` is what it wraps.
+    A run that is to be saved asks it for `save` and `resume` as well (`uuv.sim.plant.plant.Plant`).
+    A wrapper without a state of its own needs neither, if its attribute `plant` is what it wraps.
     """
 
     timestep: float  # [s]
@@ -49,9 +56,9 @@ class SteppedPlant(Protocol):
 class Observer(Protocol):
     """Read-only observer that is called at every step.
 
-    One with an attribute `slow_ticks`, a tuple of numbers of ticks, needs to be called only at their multiples and
-    where frame, target or state of the work changes. Any other is called at every tick, also by compiled ones, which
-    takes its time.
+    One with an attribute `slow_ticks`, a tuple of numbers of ticks, needs to be called only at
+    their multiples and where frame, target or state of the work changes. Any other is called at
+    every tick, also by compiled ones, which takes its time.
     """
 
     def observe(self, moment: "Moment") -> None:
@@ -83,7 +90,8 @@ class Parts:
     finder: TargetFinder | None
     planner: Planner
     controller: Controller
-    follower: TargetFollower | None = None  # of the object while the vehicle scans; None: nothing follows it
+    # of the object while the vehicle scans; None: nothing follows it
+    follower: TargetFollower | None = None
 
 
 def ticks_per_period(period: float, timestep: float, name: str) -> int:
@@ -104,14 +112,17 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
     ticks = round(ratio)
     if ticks < 1 or abs(ratio - ticks) > 1e-6 * ratio:
         raise ConfigurationError(
-            f"{name}: period {period:g} s is not a whole multiple of the physics step {timestep:g} s; set the model's "
+            f"{name}: period {period:g} s is not a whole multiple of the physics step "
+            f"{timestep:g} s; set the model's "
             f'<option timestep="{period:g}"/>, or a whole part of it'
         )
     return ticks
 
 
 def at_rest_after_work(moment: Moment) -> bool:
-    """True once the planner is in DONE or ABORT and asks for no motion of the arm: the usual end of a run."""
+    """True once the planner is in DONE or ABORT and asks for no motion of the arm: the usual end of
+    a run.
+    """
     reference = moment.reference
     over = reference.state is WorkState.DONE or reference.state is WorkState.ABORT
     return over and not reference.v_WG_W.any() and not reference.qd.any()
@@ -127,7 +138,9 @@ def _keeper(plant: Any) -> Any:
     """The plant, or what it wraps: the outermost that can be saved."""
     while not hasattr(plant, "save"):
         if not hasattr(plant, "plant"):
-            raise ConfigurationError(f"saved run: plant {type(plant).__name__} has neither save() nor `plant`")
+            raise ConfigurationError(
+                f"saved run: plant {type(plant).__name__} has neither save() nor `plant`"
+            )
         plant = plant.plant
     return plant
 
@@ -139,7 +152,8 @@ class Ticks(Protocol):
         """Run ticks from `tick` up to `end` as far as possible.
 
         Args:
-            run: its states and messages change as if `Rollout.decide` and `act` had run these ticks.
+            run: its states and messages change as if `Rollout.decide` and `act` had run these
+                ticks.
             tick: first one.
             end: one after the last one.
 
@@ -171,7 +185,11 @@ class Rollout:
     _OF_THE_RUN = frozenset({"plant", "parts", "observers", "truth"})  # not saved: each has its own
 
     def __init__(
-        self, plant: SteppedPlant, parts: Parts, rng: np.random.Generator, observers: Sequence[Observer] = ()
+        self,
+        plant: SteppedPlant,
+        parts: Parts,
+        rng: np.random.Generator,
+        observers: Sequence[Observer] = (),
     ) -> None:
         """Make the states of all parts from their first measurements.
 
@@ -186,19 +204,33 @@ class Rollout:
         """
         dt, sensors = plant.timestep, parts.sensors
         self.plant, self.parts, self.observers = plant, parts, observers
-        self._every = [ticks_per_period(s.period, dt, type(s).__name__) if s.period > 0.0 else 0 for s in sensors]
-        self._delay = [
-            ticks_per_period(s.delay, dt, f"delay of {type(s).__name__}") if s.delay > 0.0 else 0 for s in sensors
+        self._every = [
+            ticks_per_period(s.period, dt, type(s).__name__) if s.period > 0.0 else 0
+            for s in sensors
         ]
-        self._estimator_ticks = ticks_per_period(parts.estimator.period, dt, type(parts.estimator).__name__)
+        self._delay = [
+            ticks_per_period(s.delay, dt, f"delay of {type(s).__name__}") if s.delay > 0.0 else 0
+            for s in sensors
+        ]
+        self._estimator_ticks = ticks_per_period(
+            parts.estimator.period, dt, type(parts.estimator).__name__
+        )
         self._look_ticks = ticks_per_period(LOOK_PERIOD, dt, "the time between looks")
-        self.planner_ticks = ticks_per_period(parts.planner.period, dt, type(parts.planner).__name__)
-        self.controller_ticks = ticks_per_period(parts.controller.period, dt, type(parts.controller).__name__)
-        self.sensor_states = [s.init(stream) for s, stream in zip(sensors, rng.spawn(len(sensors)), strict=True)]
+        self.planner_ticks = ticks_per_period(
+            parts.planner.period, dt, type(parts.planner).__name__
+        )
+        self.controller_ticks = ticks_per_period(
+            parts.controller.period, dt, type(parts.controller).__name__
+        )
+        self.sensor_states = [
+            s.init(stream) for s, stream in zip(sensors, rng.spawn(len(sensors)), strict=True)
+        ]
         self._finder_state = parts.finder.init() if parts.finder else None
         follower = parts.follower
         self._follower_state = follower.init() if follower else None
-        self._follower_ticks = ticks_per_period(follower.period, dt, type(follower).__name__) if follower else 0
+        self._follower_ticks = (
+            ticks_per_period(follower.period, dt, type(follower).__name__) if follower else 0
+        )
         self._followed: set[float] = set()  # time stamps of frames that the finder does not see
         self.motion: ObjectMotion | None = None
         self.truth = plant.observe()
@@ -222,7 +254,8 @@ class Rollout:
         self.command: Command | None = None
         self.frame: Look | None = None
         self._asked = 0  # tick at which the present request for frames began
-        self._seen_from: dict[float, StateEstimate] = {}  # estimate at exposure, by the time stamp of a delayed frame
+        # estimate at exposure, by the time stamp of a delayed frame
+        self._seen_from: dict[float, StateEstimate] = {}
         self._arrived: list[Measurement] = []  # since the estimator's last step
         self._on_the_way: dict[int, list[Measurement]] = {}
         self._slow = [every for every in self._every if every > 1]
@@ -327,7 +360,9 @@ class Rollout:
 
     @property
     def following(self) -> bool:
-        """True while frames are taken for the follower: the vehicle scans, and has found the object."""
+        """True while frames are taken for the follower: the vehicle scans, and has found the
+        object.
+        """
         if self.parts.follower is None or self.target is None or self.reference is None:
             return False
         return self.target.accepted and self.reference.state is WorkState.SCAN
@@ -338,7 +373,9 @@ class Rollout:
         return bool(self._arrived)
 
     def next_due(self, tick: int) -> int:
-        """Tick from `tick` on at which a slow sensor measures, a measurement arrives, or a frame is requested."""
+        """Tick from `tick` on at which a slow sensor measures, a measurement arrives, or a frame is
+        requested.
+        """
         if self.looking or self.told:
             return tick
         due = min((tick + -tick % every for every in self._slow), default=tick + self._look_ticks)
@@ -348,7 +385,12 @@ class Rollout:
         """Let the sensors that are due measure, and collect what arrives."""
         scan = self.command is not None and self.command.scan
         followed = self.following and not tick % self._follower_ticks
-        truth, states, sensors, arrived = self.truth, self.sensor_states, self.parts.sensors, self._arrived
+        truth, states, sensors, arrived = (
+            self.truth,
+            self.sensor_states,
+            self.parts.sensors,
+            self._arrived,
+        )
         for i, every in enumerate(self._every):
             if every:
                 if tick % every:
@@ -376,7 +418,9 @@ class Rollout:
     def _estimate(self, tick: int) -> None:
         """Step the estimator; a frame that has arrived goes to the finder."""
         if tick % self._estimator_ticks == 0:
-            self.estimator_state, self.estimate = self.parts.estimator.step(self.estimator_state, self._arrived)
+            self.estimator_state, self.estimate = self.parts.estimator.step(
+                self.estimator_state, self._arrived
+            )
             for measurement in self._arrived:
                 if isinstance(measurement, Look):
                     self.frame = measurement
@@ -392,7 +436,9 @@ class Rollout:
             self._finder_state, found = finder.step(self._finder_state, then, frame)
             self.target = found or self.target  # None: the finder needs more frames first
         if follower is not None and self.target is not None and self.target.accepted:
-            self._follower_state, motion = follower.step(self._follower_state, then, self.target, frame)
+            self._follower_state, motion = follower.step(
+                self._follower_state, then, self.target, frame
+            )
             self.motion = motion or self.motion
 
 
@@ -464,7 +510,8 @@ def rollout(
 ) -> Moment:
     """Run until `until` is true, or until `duration` is over.
 
-    Every sensor gets its own random stream, spawned from `rng`, so adding one does not change the others.
+    Every sensor gets its own random stream, spawned from `rng`, so adding one does not change the
+    others.
 
     Args:
         plant: Plant, or a wrapper of one.
@@ -472,8 +519,10 @@ def rollout(
         duration: Longest simulated time [s].
         rng: Source of all random streams.
         observers: Called at every step, in order; with `compiled`, where something slow is due.
-        until: Called at the end of every step; the run ends where it is true. With `compiled`, as the observers.
-        compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs part by part.
+        until: Called at the end of every step; the run ends where it is true. With `compiled`, as
+            the observers.
+        compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs
+            part by part.
 
     Returns:
         The last moment.

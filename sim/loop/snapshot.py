@@ -101,7 +101,12 @@ def _address(array: np.ndarray) -> int:
 
 
 def _view(
-    owner: np.ndarray, offset: int, shape: tuple[int, ...], strides: tuple[int, ...], dtype: np.dtype, writeable: bool
+    owner: np.ndarray,
+    offset: int,
+    shape: tuple[int, ...],
+    strides: tuple[int, ...],
+    dtype: np.dtype,
+    writeable: bool,
 ) -> np.ndarray:
     """View of `owner` that begins `offset` bytes after it."""
     memory_order = np.argsort([-stride for stride in owner.strides], kind="stable")

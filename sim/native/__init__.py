@@ -1,1 +1,3 @@
-"""C functions that MuJoCo calls within its step, compiled by numba: water, gears, thrusters, soil."""
+"""C functions that MuJoCo calls within its step, compiled by numba: water, gears, thrusters,
+soil.
+"""

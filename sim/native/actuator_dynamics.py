@@ -16,7 +16,15 @@ import mujoco
 from numba import types
 
 from uuv.models.site import soil_bed
-from uuv.models.water.thrusters import HEADER, PASSED, SLEW_RATE, SPEED, STAMP, STAMP_VALUE, TIME_CONSTANT
+from uuv.models.water.thrusters import (
+    HEADER,
+    PASSED,
+    SLEW_RATE,
+    SPEED,
+    STAMP,
+    STAMP_VALUE,
+    TIME_CONSTANT,
+)
 from uuv.sim.interfaces.kernels import c_function
 from uuv.sim.native import soil_force
 from uuv.sim.native.mujoco_layout import offsets

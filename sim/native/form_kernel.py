@@ -1,4 +1,6 @@
-"""Compiled wrench of a body's forms (`uuv.models.water.forms`), from the records behind its row of user data."""
+"""Compiled wrench of a body's forms (`uuv.models.water.forms`), from the records behind its row of
+user data.
+"""
 
 import math
 from typing import Any
@@ -18,7 +20,9 @@ Address = Any  # integer of the size of a pointer
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def form_wrench(row: Address, size: int, nuser: int, mass_at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+def form_wrench(
+    row: Address, size: int, nuser: int, mass_at: int, v: Vector, w: Vector
+) -> tuple[Vector, Vector]:
     """Force [N] and torque [N m] of all forms of one body at its origin, body axes.
 
     Args:
@@ -149,7 +153,8 @@ def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
     turn = 0.0
     if low * (low + rise) < 0.0:
         turn = -low / rise
-    zeroth, first = 0.0, 0.0  # integrals of |u| u and of s |u| u over s from 0 to 1, exact either side of the turn
+    # integrals of |u| u and of s |u| u over s from 0 to 1, exact either side of the turn
+    zeroth, first = 0.0, 0.0
     for begin, width in ((0.0, turn), (turn, 1.0 - turn)):
         for side in (-1.0, 1.0):
             s = begin + width * (0.5 + side * _GAUSS)
@@ -163,7 +168,11 @@ def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
         zeroth * start[1] + first * along[1],
         zeroth * start[2] + first * along[2],
     )
-    force = bluff * zeroth * direction[0], bluff * zeroth * direction[1], bluff * zeroth * direction[2]
+    force = (
+        bluff * zeroth * direction[0],
+        bluff * zeroth * direction[1],
+        bluff * zeroth * direction[2],
+    )
     torque = cross(lever, direction)
     return force, (bluff * torque[0], bluff * torque[1], bluff * torque[2])
 

@@ -1,8 +1,10 @@
-"""Memory layout of `mjModel` and `mjData`, taken from MuJoCo's introspection and verified on live objects.
+"""Memory layout of `mjModel` and `mjData`, taken from MuJoCo's introspection and verified on live
+objects.
 
-A native callback gets two raw pointers. Their layout changes with every MuJoCo release, so no offset is written here:
-the structs are rebuilt from `mujoco.introspect.structs`. `verify` compares every pointer of a compiled model with the
-array that MuJoCo's own Python binding shows for that field.
+A native callback gets two raw pointers. Their layout changes with every MuJoCo release, so no
+offset is written here: the structs are rebuilt from `mujoco.introspect.structs`. `verify` compares
+every pointer of a compiled model with the array that MuJoCo's own Python binding shows for that
+field.
 """
 
 import ctypes
@@ -65,7 +67,9 @@ def structure(name: str) -> type[ctypes.Structure]:
 
 
 def offset(struct: str, path: str) -> int:
-    """Offset [bytes] of a field of `struct`; `path` is dotted for nested structs (`opt.gravity`)."""
+    """Offset [bytes] of a field of `struct`; `path` is dotted for nested structs
+    (`opt.gravity`).
+    """
     here: Any = structure(struct)
     total = 0
     for name in path.split("."):
@@ -81,32 +85,46 @@ def offsets(struct: str, *paths: str) -> Any:
 
 
 def verify(model_fields: Collection[str], data_fields: Collection[str]) -> None:
-    """Compare the rebuilt structs with live objects: every comparable field, and at least the fields named.
+    """Compare the rebuilt structs with live objects: every comparable field, and at least the
+    fields named.
 
     Raises:
-        HydrodynamicsError: A field differs, or a named one cannot be compared. The message has MuJoCo's version.
+        HydrodynamicsError: A field differs, or a named one cannot be compared. The message has
+            MuJoCo's version.
     """
     model = mujoco.MjModel.from_xml_string(_PROBE)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    differing = [*_differences("mjModel", model, model_fields), *_differences("mjData", data, data_fields)]
-    gravity = ctypes.c_double.from_address(model._address + offset("mjModel", "opt.gravity") + 16).value
+    differing = [
+        *_differences("mjModel", model, model_fields),
+        *_differences("mjData", data, data_fields),
+    ]
+    gravity = ctypes.c_double.from_address(
+        model._address + offset("mjModel", "opt.gravity") + 16
+    ).value
     if gravity != model.opt.gravity[2]:
         differing.append("mjModel.opt.gravity")
     if differing:
         raise HydrodynamicsError(
-            f"MuJoCo {mujoco.__version__}: fields are not where its introspection says: {', '.join(differing[:5])}"
+            f"MuJoCo {mujoco.__version__}: fields are not where its introspection says: "
+            f"{', '.join(differing[:5])}"
         )
 
 
-def _differences(name: str, live: mujoco.MjModel | mujoco.MjData, needed: Collection[str]) -> list[str]:
+def _differences(
+    name: str, live: mujoco.MjModel | mujoco.MjData, needed: Collection[str]
+) -> list[str]:
     struct = structure(name).from_address(live._address)
     differing, compared = [], set[str]()
     for field in structs.STRUCTS[name].fields:
         if not isinstance(field, ast_nodes.StructFieldDecl):
             continue
         shown = getattr(live, field.name, None)
-        if isinstance(field.type, ast_nodes.PointerType) and isinstance(shown, np.ndarray) and shown.size:
+        if (
+            isinstance(field.type, ast_nodes.PointerType)
+            and isinstance(shown, np.ndarray)
+            and shown.size
+        ):
             address = getattr(struct, field.name)
             if address is None and field.name not in needed:
                 continue  # not allocated by MuJoCo; the binding shows zeros of its own
@@ -117,10 +135,14 @@ def _differences(name: str, live: mujoco.MjModel | mujoco.MjData, needed: Collec
             compared.add(field.name)
             if getattr(struct, field.name) != shown:
                 differing.append(f"{name}.{field.name}")
-    return differing + [f"{name}.{field} (cannot be compared)" for field in needed if field not in compared]
+    return differing + [
+        f"{name}.{field} (cannot be compared)" for field in needed if field not in compared
+    ]
 
 
-def _fields(declaration: ast_nodes.StructDecl | ast_nodes.AnonymousStructDecl) -> list[ast_nodes.StructFieldDecl]:
+def _fields(
+    declaration: ast_nodes.StructDecl | ast_nodes.AnonymousStructDecl,
+) -> list[ast_nodes.StructFieldDecl]:
     fields = [field for field in declaration.fields if isinstance(field, ast_nodes.StructFieldDecl)]
     if len(fields) != len(declaration.fields):
         raise HydrodynamicsError(f"MuJoCo {mujoco.__version__}: a struct holds an anonymous member")
@@ -145,4 +167,6 @@ def _ctype(node: Any) -> Any:
             return structure(node.name)
         if node.name.startswith("mjt"):
             return ctypes.c_int  # an enumeration
-    raise HydrodynamicsError(f"MuJoCo {mujoco.__version__}: its introspection names a type unknown here: {node}")
+    raise HydrodynamicsError(
+        f"MuJoCo {mujoco.__version__}: its introspection names a type unknown here: {node}"
+    )

@@ -1,4 +1,6 @@
-"""Loads and calls by raw address in compiled code, which reaches MuJoCo without its Python binding."""
+"""Loads and calls by raw address in compiled code, which reaches MuJoCo without its Python
+binding.
+"""
 
 from collections.abc import Callable
 from typing import Any, cast
@@ -9,7 +11,8 @@ from numba.extending import intrinsic
 
 
 def loader(result: types.Type, kind: ir.Type, scale: int) -> Callable[[int, int], Any]:
-    """Intrinsic f(address, index) that loads a value from `index` times `scale` bytes after `address`.
+    """Intrinsic f(address, index) that loads a value from `index` times `scale` bytes after
+    `address`.
 
     Args:
         result: Numba type of the value.
@@ -36,7 +39,9 @@ pointer = loader(types.intp, ir.IntType(64), 1)  # index in bytes
 
 
 def _storer() -> Callable[[int, int, float], None]:
-    """Intrinsic f(address, index, value) that stores a float64 at 8 * `index` bytes after `address`."""
+    """Intrinsic f(address, index, value) that stores a float64 at 8 * `index` bytes after
+    `address`.
+    """
 
     def store(_typing: Any, _address: Any, _index: Any, _value: Any) -> Any:
         def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
@@ -69,7 +74,9 @@ numbers_at = _numbers()
 
 
 def _stepper() -> Callable[[int, int, int], Any]:
-    """Intrinsic f(function, model, data) that calls the C function `void (const mjModel*, mjData*)` at an address."""
+    """Intrinsic f(function, model, data) that calls the C function `void (const mjModel*, mjData*)`
+    at an address.
+    """
 
     def call(_typing: Any, _function: Any, _model: Any, _data: Any) -> Any:
         def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
@@ -84,4 +91,5 @@ def _stepper() -> Callable[[int, int, int], Any]:
     return cast(Any, intrinsic(call))
 
 
-call_physics = _stepper()  # `mj_step1` or `mj_step2`, whose addresses are in `uuv.sim.plant.readout.places_of`
+# `mj_step1` or `mj_step2`, whose addresses are in `uuv.sim.plant.readout.places_of`
+call_physics = _stepper()

@@ -1,17 +1,19 @@
-"""Native passive callback: added mass into `d.M`; drag, buoyancy, velocity terms into `qfrc_passive`.
+"""Native passive callback: added mass into `d.M`; drag, buoyancy, velocity terms into
+`qfrc_passive`.
 
 Friction of the gears comes first (`uuv.sim.native.gear_kernel`).
 
-Numba compiles it to a bare C function that MuJoCo calls without the GIL. Its only state is a note in
-the model of the warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack and is linear in
-the number of bodies.
+Numba compiles it to a bare C function that MuJoCo calls without the GIL. Its only state is a note
+in the model of the warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack and is linear
+in the number of bodies.
 
-It follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 inertias and wrenches
-are taken to world axes at the tree's centre of mass, the reference point of `cdof` and `cvel`, four
-bodies at a time. They are then summed up to the parents and projected on each joint's axis.
+It follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 inertias and
+wrenches are taken to world axes at the tree's centre of mass, the reference point of `cdof` and
+`cvel`, four bodies at a time. They are then summed up to the parents and projected on each joint's
+axis.
 
-Every offset is a closure variable of `build`, and the store keys machine code by their values. A kept kernel therefore
-never runs with another layout of MuJoCo or of the coefficients.
+Every offset is a closure variable of `build`, and the store keys machine code by their values. A
+kept kernel therefore never runs with another layout of MuJoCo or of the coefficients.
 """
 
 import math
@@ -25,7 +27,15 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from uuv.models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, NO_CURRENT, TOO_FAST, TOO_HIGH
+from uuv.models.hydrodynamics import (
+    INDEFINITE,
+    LAYOUT,
+    MAX_STATIONS,
+    MAX_STRIPS,
+    NO_CURRENT,
+    TOO_FAST,
+    TOO_HIGH,
+)
 from uuv.sim.interfaces.kernels import c_function
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.native import gear_kernel, native_motion, soil_force
@@ -77,18 +87,27 @@ SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum", "mj_warning", "mj
 _mark_stack = types.ExternalFunction("mj_markStack", types.void(types.intp))
 _free_stack = types.ExternalFunction("mj_freeStack", types.void(types.intp))
 _stack_numbers = types.ExternalFunction("mj_stackAllocNum", types.intp(types.intp, types.intp))
-_count_warning = types.ExternalFunction("mj_warning", types.void(types.intp, types.int32, types.int32))
+_count_warning = types.ExternalFunction(
+    "mj_warning", types.void(types.intp, types.int32, types.int32)
+)
 _print_warning = types.ExternalFunction("mju_warning", types.void(types.intp))
 
 SINGULAR = 1e-15  # pivot below which mj_factorM warns (mjMINVAL)
 NEVER = 1e300  # stands for no limit of speed [(m/s)^2] or height [m]
 
-FAST_TEXT = "uuv.sim.hydrodynamics: a body moves through the water faster than its drag was judged for at this timestep"
+FAST_TEXT = (
+    "uuv.sim.hydrodynamics: a body moves through the water faster than its drag was "
+    "judged for at this timestep"
+)
 NO_CURRENT_TEXT = "uuv.sim.hydrodynamics: data.userdata holds no current in its place"
-HIGH_TEXT = "uuv.sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is no free surface"
+HIGH_TEXT = (
+    "uuv.sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is "
+    "no free surface"
+)
 
 Indices = tuple[int, int, int, int]
-Blocks = tuple[Matrix, Matrix, Matrix]  # B (linear-linear), C (linear-angular), J (angular-angular) of a 6x6 inertia
+# B (linear-linear), C (linear-angular), J (angular-angular) of a 6x6 inertia
+Blocks = tuple[Matrix, Matrix, Matrix]
 
 
 def _text(text: str) -> Callable[[], int]:
@@ -96,7 +115,9 @@ def _text(text: str) -> Callable[[], int]:
 
     def address(_typing: Any) -> Any:
         def codegen(context: Any, builder: Any, _signature: Any, _args: Any) -> ir.Value:
-            return builder.ptrtoint(context.insert_const_string(builder.module, text), ir.IntType(64))
+            return builder.ptrtoint(
+                context.insert_const_string(builder.module, text), ir.IntType(64)
+            )
 
         return types.intp(), codegen
 
@@ -109,7 +130,9 @@ _no_current_text = _text(NO_CURRENT_TEXT)
 
 @_inline
 def _gathered(address: int, at: Indices, shift: int) -> tuple[Number, Number, Number, Number]:
-    """Load four numbers at offset `shift` from each of the four rows at `at`; transposed, so that lane k is row k."""
+    """Load four numbers at offset `shift` from each of the four rows at `at`; transposed, so that
+    lane k is row k.
+    """
     return transposed_four(
         load_four(address, at[0] + shift),
         load_four(address, at[1] + shift),
@@ -119,7 +142,9 @@ def _gathered(address: int, at: Indices, shift: int) -> tuple[Number, Number, Nu
 
 
 @_inline
-def _scattered(address: int, at: Indices, shift: int, x: tuple[Number, Number, Number, Number]) -> None:
+def _scattered(
+    address: int, at: Indices, shift: int, x: tuple[Number, Number, Number, Number]
+) -> None:
     """Inverse of `_gathered`: store four numbers at offset `shift` of each row."""
     rows = transposed_four(x[0], x[1], x[2], x[3])
     put_four(address, at[0] + shift, rows[0])
@@ -143,15 +168,27 @@ def _lanes6(address: int, at: Indices, shift: int) -> tuple[Vector, Vector]:
 
 @_inline
 def _lanes9(address: int, at: Indices, shift: int) -> Matrix:
-    x, y, z = _gathered(address, at, shift), _gathered(address, at, shift + 4), _gathered(address, at, shift + 5)
+    x, y, z = (
+        _gathered(address, at, shift),
+        _gathered(address, at, shift + 4),
+        _gathered(address, at, shift + 5),
+    )
     return (x[0], x[1], x[2]), (x[3], y[0], y[1]), (y[2], y[3], z[3])
 
 
 @_inline
 def _body_blocks(user: int, rows: Indices, at: int) -> Blocks:
     """Blocks of the symmetric 6x6 matrices that are packed as upper triangles at `at`."""
-    p, q, r = _gathered(user, rows, at), _gathered(user, rows, at + 4), _gathered(user, rows, at + 8)
-    s, t, u = _gathered(user, rows, at + 12), _gathered(user, rows, at + 16), _gathered(user, rows, at + 17)
+    p, q, r = (
+        _gathered(user, rows, at),
+        _gathered(user, rows, at + 4),
+        _gathered(user, rows, at + 8),
+    )
+    s, t, u = (
+        _gathered(user, rows, at + 12),
+        _gathered(user, rows, at + 16),
+        _gathered(user, rows, at + 17),
+    )
     B = _symmetric(p[0], p[1], p[2], q[2], q[3], r[3])
     C = (p[3], q[0], q[1]), (r[0], r[1], r[2]), (s[0], s[1], s[2])
     return B, C, _symmetric(s[3], t[0], t[1], t[2], t[3], u[3])
@@ -183,7 +220,9 @@ def _put_body(scratch: int, at: Indices, blocks: Blocks, force: Vector, torque: 
 
 @_inline
 def _at_reference(B: Matrix, C: Matrix, J: Matrix, r: Vector) -> Blocks:
-    """Blocks shifted to the point at `-r` from the present one: T^T A T with T = [[I, -r x], [0, I]]."""
+    """Blocks shifted to the point at `-r` from the present one: T^T A T with T = [[I, -r x], [0,
+    I]].
+    """
     C1 = _plus(C[0], _cross(r, B[0])), _plus(C[1], _cross(r, B[1])), _plus(C[2], _cross(r, B[2]))
     columns, old = _transposed(C1), _transposed(C)
     left = _transposed((_cross(r, columns[0]), _cross(r, columns[1]), _cross(r, columns[2])))
@@ -202,8 +241,12 @@ def _applied(B: Matrix, C: Matrix, J: Matrix, v: Vector, w: Vector) -> tuple[Vec
 
 
 @_inline
-def _drag(user: int, rows: Indices, D: int, quadratic_at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """Linear (6x6 at `D`) and quadratic damping (force, torque) of relative twists, all in body axes."""
+def _drag(
+    user: int, rows: Indices, D: int, quadratic_at: int, v: Vector, w: Vector
+) -> tuple[Vector, Vector]:
+    """Linear (6x6 at `D`) and quadratic damping (force, torque) of relative twists, all in body
+    axes.
+    """
     q, p = _lanes6(user, rows, quadratic_at)
     a, b, c = _lanes6(user, rows, D), _lanes6(user, rows, D + 6), _lanes6(user, rows, D + 12)
     force = (
@@ -229,10 +272,12 @@ def _stations(user: int, strip: int) -> int:
 def _strip_drag(
     user: int, strips: Indices, v: Vector, w: Vector, nodes: Array, weights: Array
 ) -> tuple[Vector, Vector]:
-    """Drag (force, torque) of one segment of each body, in body axes; a row of zeros means no segment.
+    """Drag (force, torque) of one segment of each body, in body axes; a row of zeros means no
+    segment.
 
-    At the fraction s of a segment the flow across it is a + s b, with b = w x (end - start). The flow along it is the
-    same everywhere. The stations therefore reduce to three sums of |a + s b|, weighted by 1, s and s^2.
+    At the fraction s of a segment the flow across it is a + s b, with b = w x (end - start). The
+    flow along it is the same everywhere. The stations therefore reduce to three sums of |a + s b|,
+    weighted by 1, s and s^2.
     """
     start = _lanes3(user, strips, 0)
     along = _minus(_lanes3(user, strips, 3), start)
@@ -272,12 +317,13 @@ def _subtract(row: int, other: int, factor: float, count: int) -> None:
 
 @_inline
 def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, colind: int) -> int:
-    """Factor M = L^T D L into `LD` and 1 / D into `inverse`, as mj_factorM leaves them [Featherstone 2008, table 6.3].
+    """Factor M = L^T D L into `LD` and 1 / D into `inverse`, as mj_factorM leaves them
+    [Featherstone 2008, table 6.3].
 
     Returns the last degree of freedom at which M is not positive definite, or -1.
 
-    A row holds a joint's ancestors in order, so an ancestor's row has the pattern of its beginning. Plain dense
-    subtraction, four numbers at a time, then does; it pays on long chains.
+    A row holds a joint's ancestors in order, so an ancestor's row has the pattern of its beginning.
+    Plain dense subtraction, four numbers at a time, then does; it pays on long chains.
     """
     last = _i32(rowadr, nv - 1) + _i32(rownnz, nv - 1)
     for k in range(0, last - 3, 4):
@@ -333,7 +379,8 @@ def _is_new(user: int, seen_at: int, what: int) -> bool:
 
 
 def build() -> Any:
-    """Compile the callback for the running MuJoCo and `LAYOUT`: a numba CFunc `void(mjModel*, mjData*)`.
+    """Compile the callback for the running MuJoCo and `LAYOUT`: a numba CFunc `void(mjModel*,
+    mjData*)`.
 
     `SYMBOLS` must be registered with LLVM before.
     """
@@ -344,7 +391,10 @@ def build() -> Any:
     dofnum_at, dofadr_at = model.body_dofnum, model.body_dofadr
     rownnz_at, rowadr_at, colind_at = model.M_rownnz, model.M_rowadr, model.M_colind
     gravity_at = offset("mjModel", "opt.gravity")
-    disable_at, gravity_off = offset("mjModel", "opt.disableflags"), int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    disable_at, gravity_off = (
+        offset("mjModel", "opt.disableflags"),
+        int(mujoco.mjtDisableBit.mjDSBL_GRAVITY),
+    )
     qvel_at, xpos_at, xmat_at, com_at = data.qvel, data.xpos, data.xmat, data.subtree_com
     cdof_at, cdof_dot_at, cvel_at = data.cdof, data.cdof_dot, data.cvel
     nv_at, factored_at, inverse_at = model.nv, data.qLD, data.qLDiagInv
@@ -354,7 +404,8 @@ def build() -> Any:
     stamp, size = LAYOUT.stamp_value, LAYOUT.size
     own_density_at = LAYOUT.body_density
     density_at = LAYOUT.density
-    volume_at, mass_at = LAYOUT.volume, LAYOUT.added_mass  # the centre of buoyancy follows the volume
+    # the centre of buoyancy follows the volume
+    volume_at, mass_at = LAYOUT.volume, LAYOUT.added_mass
     linear_at = LAYOUT.linear_damping
     quadratic_at = LAYOUT.quadratic_damping
     strip_count_at, strips_at, strip_size = LAYOUT.strip_count, LAYOUT.strips, LAYOUT.strip_size
@@ -369,8 +420,9 @@ def build() -> Any:
         x, weight = np.polynomial.legendre.leggauss(n)
         nodes[n, :n], weights[n, :n] = 0.5 + 0.5 * x, 0.5 * weight
 
-    # Scratch per body: added mass (21), force (3), torque (3), a zero, acceleration with qacc = 0 (angular 3,
-    # linear 3), and 1 if it or a descendant carries coefficients. Behind all bodies: indices of those that carry.
+    # Scratch per body: added mass (21), force (3), torque (3), a zero, acceleration with qacc = 0
+    # (angular 3, linear 3), and 1 if it or a descendant carries coefficients. Behind all bodies:
+    # indices of those that carry.
     wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
 
     soil = soil_force.build_push()
@@ -404,7 +456,11 @@ def build() -> Any:
             density = _f64(user, density_at)
             ceiling = _f64(user, ceiling_at)
             if _f64(user, rate_at + 1) > 0.0:  # speed at which the drag rate equals 1 / timestep
-                limit = max((1.0 / _f64(m + timestep_at, 0) - _f64(user, rate_at)) / _f64(user, rate_at + 1), 0.0)
+                limit = max(
+                    (1.0 / _f64(m + timestep_at, 0) - _f64(user, rate_at))
+                    / _f64(user, rate_at + 1),
+                    0.0,
+                )
                 fastest = limit * limit
             if not known and _is_new(user, seen_at, NO_CURRENT):
                 _print_warning(_no_current_text())
@@ -436,7 +492,8 @@ def build() -> Any:
         if count == 0:
             _free_stack(d)
             return
-        for k in range(count, count + 3):  # pad the last four with copies of the last body, computed to no effect
+        # pad the last four with copies of the last body, computed to no effect
+        for k in range(count, count + 3):
             _put(carrying, k, _f64(carrying, count - 1))
 
         too_fast, too_high = all_four(0.0), all_four(0.0)
@@ -451,9 +508,12 @@ def build() -> Any:
             p = _lanes3(xpos, (3 * i, 3 * i1, 3 * i2, 3 * i3), 0)
             r = _minus(p, _lanes3(com, roots, 0))
             B, C, J = _body_blocks(user, row, mass_at)
-            B, C, J = _at_reference(_turned_symmetric(R, B), _turned(R, C), _turned_symmetric(R, J), r)
+            B, C, J = _at_reference(
+                _turned_symmetric(R, B), _turned(R, C), _turned_symmetric(R, J), r
+            )
 
-            # About the tree's centre of mass, in world axes: twist, relative twist, momentum of the water.
+            # About the tree's centre of mass, in world axes: twist, relative twist, momentum of the
+            # water.
             w, v = _lanes6(cvel, (6 * i, 6 * i1, 6 * i2, 6 * i3), 0)
             a_w, a_v = _lanes6(scratch, here, acceleration)
             current = _plus(wind, _scaled(p[2], shear))
@@ -469,7 +529,11 @@ def build() -> Any:
             Rt = _transposed(R)
             v_B, w_B = _times(Rt, _plus(v, _cross(w, r))), _times(Rt, w)
             drag_f, drag_t = _drag(user, row, linear_at, quadratic_at, v_B, w_B)
-            too_fast = too_fast + at_least(_dot(v_B, v_B) - fastest, 0.0) + at_least(_dot(w_B, w_B) - fastest, 0.0)
+            too_fast = (
+                too_fast
+                + at_least(_dot(v_B, v_B) - fastest, 0.0)
+                + at_least(_dot(w_B, w_B) - fastest, 0.0)
+            )
             too_high = too_high + at_least(p[2] - ceiling, 0.0)
             strips = 0
             for n in row:
@@ -483,7 +547,8 @@ def build() -> Any:
             f = _plus(f, drag_f)
             t = _plus(t, _plus(_times(R, drag_t), _cross(r, drag_f)))
 
-            # Buoyancy, and the pressure gradient that accelerates the water, at the centre of buoyancy.
+            # Buoyancy, and the pressure gradient that accelerates the water, at the centre of
+            # buoyancy.
             volume, x, y, z = _gathered(user, row, volume_at)
             own = four_of(
                 _f64(user, row[0] + own_density_at),
@@ -510,7 +575,12 @@ def build() -> Any:
                 v1 = _minus(v1, _plus(wind, _scaled(place[2], shear)))
                 back = _transposed(turn)
                 f1, t1 = form_wrench(
-                    row1, size, nuser, mass_at, _times(back, _plus(v1, _cross(w1, lever))), _times(back, w1)
+                    row1,
+                    size,
+                    nuser,
+                    mass_at,
+                    _times(back, _plus(v1, _cross(w1, lever))),
+                    _times(back, w1),
                 )
                 f1 = _times(turn, f1)
                 t1 = _plus(_times(turn, t1), _cross(lever, f1))
@@ -529,7 +599,11 @@ def build() -> Any:
             if over > 0.0 and gravity[2] < 0.0 and _is_new(user, seen_at, TOO_HIGH):
                 _print_warning(_high_text())
 
-        rownnz, rowadr, colind = _pointer(m, rownnz_at), _pointer(m, rowadr_at), _pointer(m, colind_at)
+        rownnz, rowadr, colind = (
+            _pointer(m, rownnz_at),
+            _pointer(m, rowadr_at),
+            _pointer(m, colind_at),
+        )
         for i in range(nbody - 1, 0, -1):
             here = scratch + 8 * stride * i
             if _f64(here, loaded) == 0.0:

@@ -1,8 +1,10 @@
 """SIMD type of four float64 lanes for numba: the same arithmetic on four bodies at a time.
 
-`FOUR` is LLVM's <4 x double>: AVX takes it in one register, SSE2 and NEON in two. It supports +, -, *, /, `abs` and
-`math.sqrt`, also with a float64 on one side, so a function written for floats compiles for it unchanged. Lanes are
-independent: a result does not depend on the other three. A multiply and an add may be fused, as in the scalar code.
+`FOUR` is LLVM's <4 x double>: AVX takes it in one register, SSE2 and NEON in two. It supports +, -,
+*, /, `abs` and `math.sqrt`, also with a float64 on one side, so a function written for floats
+compiles for it unchanged. Lanes are
+independent: a result does not depend on the other three. A multiply and an add may be fused, as in
+the scalar code.
 """
 
 import math
@@ -44,7 +46,10 @@ def _binary(function: Any, operation: str) -> None:
         return typer
 
     def lowering(_context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        a, b = (x if t is FOUR else _splat(builder, x) for x, t in zip(args, signature.args, strict=True))
+        a, b = (
+            x if t is FOUR else _splat(builder, x)
+            for x, t in zip(args, signature.args, strict=True)
+        )
         return getattr(builder, operation)(a, b, flags=_FLAGS)
 
     type_callable(function)(typing)
@@ -61,14 +66,18 @@ def _unary(function: Any, llvm_name: str) -> None:
 
     def lowering(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         kind = ir.FunctionType(_VECTOR, [_VECTOR])
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"{llvm_name}.v4f64"), args)
+        return builder.call(
+            cgutils.get_or_insert_function(builder.module, kind, f"{llvm_name}.v4f64"), args
+        )
 
     type_callable(function)(typing)
     lower_builtin(function, _FourType)(lowering)
 
 
 def _splat(builder: Any, number: Any) -> Any:
-    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0))
+    one = builder.insert_element(
+        ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0)
+    )
     return _shuffle(builder, one, one, (0, 0, 0, 0))
 
 
@@ -148,9 +157,13 @@ def transposed_four(typingctx, a, b, c, d):
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         a, b, c, d = args
         low, high = (0, 4, 2, 6), (1, 5, 3, 7)
-        pairs = [_shuffle(builder, x, y, lanes) for x, y in ((a, b), (c, d)) for lanes in (low, high)]
+        pairs = [
+            _shuffle(builder, x, y, lanes) for x, y in ((a, b), (c, d)) for lanes in (low, high)
+        ]
         halves = [
-            _shuffle(builder, pairs[k], pairs[k + 2], lanes) for lanes in ((0, 1, 4, 5), (2, 3, 6, 7)) for k in (0, 1)
+            _shuffle(builder, pairs[k], pairs[k + 2], lanes)
+            for lanes in ((0, 1, 4, 5), (2, 3, 6, 7))
+            for k in (0, 1)
         ]
         return context.make_tuple(builder, signature.return_type, halves)
 

@@ -1,7 +1,8 @@
 """Vectors of three numbers as tuples, inlined into the kernels of the water.
 
-Plain tuples stay in registers; numba's arrays would go through memory. A number is one float, or four lanes
-(`uuv.sim.native.simd4`): the same function then serves one body or four. An address is an integer.
+Plain tuples stay in registers; numba's arrays would go through memory. A number is one float, or
+four lanes (`uuv.sim.native.simd4`): the same function then serves one body or four. An address is
+an integer.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,5 @@
-"""A step of the plant in compiled code, which calls MuJoCo by address: no Python, and the GIL may be released.
+"""A step of the plant in compiled code, which calls MuJoCo by address: no Python, and the GIL may
+be released.
 
 `advance` and `observe` do what `Plant.step` and `Plant.observe` do, with the same kernels on the
 same arrays, so both ways give the same bits and may take turns. Parts in Python are called as hooks
@@ -24,7 +25,9 @@ from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 
 
 class Flow(NamedTuple):
-    """Current of the water: rows made ahead (`uuv.sim.water.current.Current`), and where the next one goes."""
+    """Current of the water: rows made ahead (`uuv.sim.water.current.Current`), and where the next
+    one goes.
+    """
 
     velocity: Array  # (N, 3) [m/s]
     acceleration: Array  # (N, 3) [m/s^2]
@@ -44,7 +47,8 @@ class Watch(NamedTuple):
     mark: Array  # (1,) WET_MARK: the last forward pass included the water
     tick: np.ndarray  # (1,) steps of the plant since its start
     failed: np.ndarray  # (1,) bool: a hook has raised an error, which `Plant.check` raises
-    least_gain: float  # [s] a smaller advance of the time means that MuJoCo reset a diverged simulation
+    # [s] a smaller advance of the time means that MuJoCo reset a diverged simulation
+    least_gain: float
 
 
 class PlantRecord(NamedTuple):
@@ -74,12 +78,16 @@ def verdict(time, before, least_gain, warned, mark):
 
 @kernel
 def observe(plant):
-    """Update the kinematics to the current time, as `Plant.observe`; True if `Plant.check` must be called now."""
+    """Update the kinematics to the current time, as `Plant.observe`; True if `Plant.check` must be
+    called now.
+    """
     places, watch = plant.readout.places, plant.watch
     _call_hook(plant.placed, watch)
     call_physics(places[STEP1], places[MODEL], places[DATA])
     time = f64(places[DATA] + places[TIME], 0)
-    doubtful = verdict(time, watch.time[0], watch.least_gain, watch.seen[0] != watch.told[0], watch.mark[0])
+    doubtful = verdict(
+        time, watch.time[0], watch.least_gain, watch.seen[0] != watch.told[0], watch.mark[0]
+    )
     watch.time[0], watch.observed[0] = time, True
     return doubtful or watch.failed[0]
 
@@ -124,7 +132,9 @@ def advance(plant, joint_torque, thrusters):
 
 @kernel
 def next_flow(flow):
-    """Write the water of the next step from its row, before `observe` computes its forces; a `Flow` or its fields."""
+    """Write the water of the next step from its row, before `observe` computes its forces; a `Flow`
+    or its fields.
+    """
     velocity, acceleration, row, wind, current_acceleration, current_W = flow
     at = row[0]
     for k in range(3):

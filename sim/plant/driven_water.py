@@ -125,7 +125,9 @@ class DrivenWater:
             ConfigurationError: They have.
         """
         if self._in_data and self._head[0] == 0.0:
-            raise ConfigurationError("plant: its data was reset, and the current in it; call its reset() or start()")
+            raise ConfigurationError(
+                "plant: its data was reset, and the current in it; call its reset() or start()"
+            )
 
     def _of_model(self) -> bytes:
         return self._model_wind.tobytes() + self._model_flow.tobytes()
@@ -184,7 +186,9 @@ class WithWater:
         """
         at = self.vehicle.hull_qpos
         p_WB = np.array(self.data.qpos[at : at + 3])
-        return self._water.at(checked(p_W, (3,), "p_W [m]"), p_WB, int(self._watch.tick[0]) * self.timestep)
+        return self._water.at(
+            checked(p_W, (3,), "p_W [m]"), p_WB, int(self._watch.tick[0]) * self.timestep
+        )
 
 
 def check_current(current: Current, timestep: float) -> None:
@@ -194,8 +198,11 @@ def check_current(current: Current, timestep: float) -> None:
         ConfigurationError: What was given.
     """
     if not isinstance(current, Current):
-        raise ConfigurationError(f"current: expected a uuv.sim.water.current.Current, got {current!r}")
+        raise ConfigurationError(
+            f"current: expected a uuv.sim.water.current.Current, got {current!r}"
+        )
     if current.timestep not in (None, timestep):
         raise ConfigurationError(
-            f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, {timestep} s"
+            f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, "
+            f"{timestep} s"
         )

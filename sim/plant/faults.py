@@ -1,12 +1,13 @@
-"""Fault injection: wrappers around plant, sensors and finder that keep the interface of the wrapped part.
+"""Fault injection: wrappers around plant, sensors and finder that keep the interface of the wrapped
+part.
 
 - `FaultyPlant`: a thruster that fails, sticks or weakens.
 - `FaultySensor`: any sensor that falls silent, freezes, drifts, jumps, spikes, turns or gives NaN.
 - `MisplacedFinder`: a finder that reports the wrong place with full confidence.
 - `changing`: a current that changes, for `uuv.sim.water.current.Current`.
 
-Each acts while its `Onset` is active. Perception and control learn of a fault through measurements only. A wrapped part
-draws the same random numbers as without the wrapper.
+Each acts while its `Onset` is active. Perception and control learn of a fault through measurements
+only. A wrapped part draws the same random numbers as without the wrapper.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +28,8 @@ from uuv.sim.plant.onset import Onset
 from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks, PlantState
 from uuv.sim.plant.truth import Truth
 
-# -- sensors -----------------------------------------------------------------------------------------------------------
+# -- sensors
+# -----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +43,9 @@ class Reading:
 
 
 class SensorFault(Protocol):
-    """Fault model of a sensor: maps a reading to the faulty measurement, or to None if nothing is sent."""
+    """Fault model of a sensor: maps a reading to the faulty measurement, or to None if nothing is
+    sent.
+    """
 
     def __call__(self, reading: Reading) -> Measurement | None:
         """Measurement after the fault; None: no message."""
@@ -68,7 +72,9 @@ class Frozen:
         measurement = reading.measurement
         for name in self.fields:
             kept = getattr(reading.sound, name, None)
-            measurement = _changed(measurement, name, self.index, lambda _, kept=kept: _part(kept, self.index))
+            measurement = _changed(
+                measurement, name, self.index, lambda _, kept=kept: _part(kept, self.index)
+            )
         return measurement
 
 
@@ -82,7 +88,9 @@ class Fixed:
 
     def __call__(self, reading: Reading) -> Any:
         """Measurement with the constant field."""
-        return _changed(reading.measurement, self.field, self.index, lambda old: np.full_like(old, self.value))
+        return _changed(
+            reading.measurement, self.field, self.index, lambda old: np.full_like(old, self.value)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,13 +105,18 @@ class Offset:
     def __call__(self, reading: Reading) -> Any:
         """Measurement with the offset field."""
         return _changed(
-            reading.measurement, self.field, self.index, lambda old: old + self.jump + self.rate * reading.elapsed
+            reading.measurement,
+            self.field,
+            self.index,
+            lambda old: old + self.jump + self.rate * reading.elapsed,
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Turned:
-    """Attitude of the inertial unit is turned about an axis of the hull by `jump`, and by `rate` more every second."""
+    """Attitude of the inertial unit is turned about an axis of the hull by `jump`, and by `rate`
+    more every second.
+    """
 
     index: int  # axis of the hull: 0, 1 or 2
     jump: float = 0.0  # [rad]
@@ -113,7 +126,9 @@ class Turned:
         """Measurement with the turned attitude."""
         angle = np.zeros(3)
         angle[self.index] = self.jump + self.rate * reading.elapsed
-        return replace(reading.measurement, R_WB=readonly(reading.measurement.R_WB @ exp_so3(angle)))
+        return replace(
+            reading.measurement, R_WB=readonly(reading.measurement.R_WB @ exp_so3(angle))
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +144,9 @@ class Spikes:
         """Measurement with or without a spike."""
         hit = reading.rng.uniform() < self.probability
         way = 1.0 if reading.rng.uniform() < 0.5 else -1.0
-        return _changed(reading.measurement, self.field, self.index, lambda old: old + hit * way * self.size)
+        return _changed(
+            reading.measurement, self.field, self.index, lambda old: old + hit * way * self.size
+        )
 
 
 def _part(value: Any, index: int | None) -> Any:
@@ -144,7 +161,9 @@ def _changed(measurement: Any, name: str, index: int | None, change: Callable[[A
     kind = type(measurement).__name__
     names = [item.name for item in fields(measurement)]
     if name not in names:
-        raise ConfigurationError(f"fault: a {kind} has no field {name!r}; it has {', '.join(names)}")
+        raise ConfigurationError(
+            f"fault: a {kind} has no field {name!r}; it has {', '.join(names)}"
+        )
     old = np.asarray(getattr(measurement, name))
     if index is None:
         new = np.array(change(old), dtype=np.float64)
@@ -152,14 +171,18 @@ def _changed(measurement: Any, name: str, index: int | None, change: Callable[[A
         new = np.array(old, dtype=np.float64)
         new[index] = change(old[index])
     else:
-        raise ConfigurationError(f"fault: {name} of a {kind} has shape {old.shape}, no element {index}")
+        raise ConfigurationError(
+            f"fault: {name} of a {kind} has shape {old.shape}, no element {index}"
+        )
     new.setflags(write=False)
     return replace(measurement, **{name: new if old.ndim else float(new)})
 
 
 @dataclass(slots=True, eq=False)
 class FaultySensorState:
-    """State of the wrapped sensor, random stream of the fault, and last measurement before the fault."""
+    """State of the wrapped sensor, random stream of the fault, and last measurement before the
+    fault.
+    """
 
     sensor: Any
     rng: np.random.Generator
@@ -177,9 +200,12 @@ class FaultySensor:
     def init(self, rng: np.random.Generator) -> FaultySensorState:
         """Initial state; the fault's random stream is separate from the sensor's."""
         inner = self._sensor.init(rng)
-        return FaultySensorState(inner, rng.spawn(1)[0])  # spawned last, so that the sensor's streams do not change
+        # spawned last, so that the sensor's streams do not change
+        return FaultySensorState(inner, rng.spawn(1)[0])
 
-    def resume(self, fresh: FaultySensorState, saved: Any, last: Measurement | None) -> FaultySensorState:
+    def resume(
+        self, fresh: FaultySensorState, saved: Any, last: Measurement | None
+    ) -> FaultySensorState:
         """State that goes on from `saved`.
 
         That is a state of this sensor, or of the wrapped one while this fault had not begun.
@@ -197,7 +223,9 @@ class FaultySensor:
         fresh.sound = last
         return fresh
 
-    def step(self, state: FaultySensorState, truth: Truth) -> tuple[FaultySensorState, Measurement | None]:
+    def step(
+        self, state: FaultySensorState, truth: Truth
+    ) -> tuple[FaultySensorState, Measurement | None]:
         """Measurement of the wrapped sensor, changed by the fault while it is active."""
         state.sensor, measurement = self._sensor.step(state.sensor, truth)
         if measurement is None:
@@ -217,12 +245,15 @@ def _layers(state: Any) -> int:
     return 1 + _layers(state.sensor) if isinstance(state, FaultySensorState) else 0
 
 
-# -- plant -------------------------------------------------------------------------------------------------------------
+# -- plant
+# -------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThrusterFault:
-    """Thruster that gives `share` of the commanded thrust (0: none), or, if `stuck`, keeps one command."""
+    """Thruster that gives `share` of the commanded thrust (0: none), or, if `stuck`, keeps one
+    command.
+    """
 
     thruster: int
     onset: Onset
@@ -238,7 +269,8 @@ class FaultyPlant:
         """Wrap `plant`.
 
         Raises:
-            ConfigurationError: A thruster does not exist, or a share or command is out of its range.
+            ConfigurationError: A thruster does not exist, or a share or command is out of its
+                range.
         """
         self.plant, self.faults = plant, tuple(faults)
         self.timestep, self._sound = plant.timestep, plant
@@ -249,9 +281,13 @@ class FaultyPlant:
                     f"fault: there is no thruster {fault.thruster}; there are {len(names)}: {names}"
                 )
             if not 0.0 <= fault.share <= 1.0:
-                raise ConfigurationError(f"fault: share of a thruster's thrust must be in [0, 1], got {fault.share}")
+                raise ConfigurationError(
+                    f"fault: share of a thruster's thrust must be in [0, 1], got {fault.share}"
+                )
             if fault.command is not None and not -1.0 <= fault.command <= 1.0:
-                raise ConfigurationError(f"fault: command of a stuck thruster must be in [-1, 1], got {fault.command}")
+                raise ConfigurationError(
+                    f"fault: command of a stuck thruster must be in [-1, 1], got {fault.command}"
+                )
         self._curves = curves(plant.vehicle.thruster_table)
         self._last = np.zeros(len(names))
 
@@ -265,7 +301,9 @@ class FaultyPlant:
 
     def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
         """As `Plant.record`, with the active faults."""
-        return self.plant.record(replace(hooks, commanded=(*hooks.commanded, self._in_compiled_step)))
+        return self.plant.record(
+            replace(hooks, commanded=(*hooks.commanded, self._in_compiled_step))
+        )
 
     def step(self, command: Command) -> None:
         """As `Plant.step`, with the thruster commands changed by the active faults."""
@@ -285,7 +323,9 @@ class FaultyPlant:
                 thrusters[i] = self._last[i] if fault.command is None else fault.command
             elif fault.share < 1.0:
                 wanted = float(np.clip(thrusters[i], -1.0, 1.0))
-                thrusters[i] = command_for(self._curves[i], fault.share * thrust_at(self._curves[i], wanted))
+                thrusters[i] = command_for(
+                    self._curves[i], fault.share * thrust_at(self._curves[i], wanted)
+                )
         self._last = thrusters
         return thrusters
 
@@ -294,7 +334,8 @@ class FaultyPlant:
         return FaultyPlantState(self.plant.save(), self._last)
 
     def resume(self, saved: "FaultyPlantState | PlantState", command: Command | None) -> None:
-        """Go on from what `save` returned, of an equal plant or of the wrapped one before any fault.
+        """Go on from what `save` returned, of an equal plant or of the wrapped one before any
+        fault.
 
         Args:
             saved: state to go on from.
@@ -332,7 +373,9 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
         ConfigurationError: The ramp is not positive.
     """
     if not (np.isfinite(ramp) and ramp > 0.0 and np.isfinite(factor)):
-        raise ConfigurationError(f"current: a ramp must be > 0 s and a factor finite, got {ramp} s and {factor}")
+        raise ConfigurationError(
+            f"current: a ramp must be > 0 s and a factor finite, got {ramp} s and {factor}"
+        )
 
     def rise(elapsed: float) -> tuple[float, float]:
         x = min(max(elapsed / ramp, 0.0), 1.0)
@@ -346,11 +389,14 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
     return profile
 
 
-# -- perception --------------------------------------------------------------------------------------------------------
+# -- perception
+# --------------------------------------------------------------------------------------------------------
 
 
 class MisplacedFinder:
-    """Finder (`uuv.sim.interfaces.protocols.TargetFinder`) whose targets are shifted, at unchanged confidence."""
+    """Finder (`uuv.sim.interfaces.protocols.TargetFinder`) whose targets are shifted, at unchanged
+    confidence.
+    """
 
     def __init__(self, finder: TargetFinder, shift_W: ArrayLike, onset: Onset) -> None:
         """Shift all targets found in frames within the onset's time.
@@ -383,5 +429,7 @@ class MisplacedFinder:
             return state, target
         X_WT: Array = np.array(target.X_WT)
         X_WT[:3, 3] += self._shift_W
-        path = None if target.path is None else replace(target.path, p=target.path.p + self._shift_W)
+        path = (
+            None if target.path is None else replace(target.path, p=target.path.p + self._shift_W)
+        )
         return state, replace(target, X_WT=X_WT, path=path)

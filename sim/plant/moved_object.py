@@ -71,10 +71,11 @@ def swing(amplitude: ArrayLike, frequency: float) -> Motion:
 
 
 class MovedObjectPlant:
-    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) in which a body on a free joint moves as prescribed.
+    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) in which a body on a free joint moves as
+    prescribed.
 
-    Position and velocity of its joint are set before every step of the loop, so that contact and friction see how fast
-    the surface moves.
+    Position and velocity of its joint are set before every step of the loop, so that contact and
+    friction see how fast the surface moves.
     """
 
     def __init__(self, plant: Any, body: str, motion: Motion) -> None:
@@ -95,9 +96,18 @@ class MovedObjectPlant:
         model, number = sound.model, mujoco.mj_name2id(sound.model, mujoco.mjtObj.mjOBJ_BODY, body)
         joint = int(model.body_jntadr[number]) if number >= 0 else -1
         if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
-            raise ConfigurationError(f"moved object: the scene has no body {body!r} on a free joint")
-        self._qpos, self._dof, self._motion = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint]), motion
-        self._p, self._R = np.array(model.body_pos[number]), rotation_from_quat_wxyz(model.body_quat[number])
+            raise ConfigurationError(
+                f"moved object: the scene has no body {body!r} on a free joint"
+            )
+        self._qpos, self._dof, self._motion = (
+            int(model.jnt_qposadr[joint]),
+            int(model.jnt_dofadr[joint]),
+            motion,
+        )
+        self._p, self._R = (
+            np.array(model.body_pos[number]),
+            rotation_from_quat_wxyz(model.body_quat[number]),
+        )
 
     def observe(self) -> Truth:
         """As `Plant.observe`, with the body where it is now."""
@@ -119,7 +129,9 @@ class MovedObjectPlant:
     def _place(self) -> None:
         """Write place and velocity of the body at this time."""
         data, dt = self._sound.data, self.timestep
-        (p, phi), (p_next, phi_next) = (self._motion(t) for t in (float(data.time), float(data.time) + dt))
+        (p, phi), (p_next, phi_next) = (
+            self._motion(t) for t in (float(data.time), float(data.time) + dt)
+        )
         R, R_next = exp_so3(phi) @ self._R, exp_so3(phi_next) @ self._R
         data.qpos[self._qpos : self._qpos + 3] = self._p + p
         data.qpos[self._qpos + 3 : self._qpos + 7] = quat_wxyz_from_rotation(R)

@@ -14,7 +14,8 @@ from uuv.sim.loop.rollout import Moment
 class Onset:
     """Start and duration of a fault: at a given time, or at an event of the task.
 
-    Give `at`; or give `state` (and `force`) and pass it to the rollout as an observer; or call `begin`.
+    Give `at`; or give `state` (and `force`) and pass it to the rollout as an observer; or call
+    `begin`.
     """
 
     at: float | None = None  # [s]
@@ -25,7 +26,9 @@ class Onset:
     began: float = field(default=np.inf, init=False)  # [s]
 
     def __post_init__(self) -> None:
-        for name in ("force", "after", "duration") if self.at is None else ("at", "after", "duration"):
+        for name in (
+            ("force", "after", "duration") if self.at is None else ("at", "after", "duration")
+        ):
             value = number(getattr(self, name), f"onset {name}")
             if not value >= 0.0:
                 raise ConfigurationError(f"onset {name}: must be >= 0, got {value}")

@@ -33,7 +33,8 @@ class PlantHooks:
     """What wrappers of a plant do at every step, when the step is compiled."""
 
     placed: tuple[Callable[[], None], ...] = ()  # put bodies in place, before `observe`
-    commanded: tuple[Callable[[], None], ...] = ()  # change `Plant.commanded`, before the thrusters take it
+    # change `Plant.commanded`, before the thrusters take it
+    commanded: tuple[Callable[[], None], ...] = ()
 
 
 NO_HOOKS = PlantHooks()
@@ -50,7 +51,9 @@ class PlantState:
 
 
 class Plant(WithWater):
-    """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps` steps of the physics."""
+    """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps` steps
+    of the physics.
+    """
 
     def __init__(
         self,
@@ -69,16 +72,17 @@ class Plant(WithWater):
             model: Model compiled by `uuv.sim.hydrodynamics.compile`.
             current: Current of the water.
             X_WB: Initial hull pose (4, 4); default: the model's.
-            reaction_ticks: Measure the wrench of the arm on the hull (`reaction_wrench`) every so many steps; 0:
-                never.
-            substeps: Physics steps per `timestep`, under one command and one current. Stiff contact needs short steps,
-                the loop around the plant does not.
-            data: State of `model` that another simulation owns and steps: it calls `begin` and `finish` around its own
-                step. None: the plant has its own.
+            reaction_ticks: Measure the wrench of the arm on the hull (`reaction_wrench`) every so
+                many steps; 0: never.
+            substeps: Physics steps per `timestep`, under one command and one current. Stiff contact
+                needs short steps, the loop around the plant does not.
+            data: State of `model` that another simulation owns and steps: it calls `begin` and
+                `finish` around its own step. None: the plant has its own.
             names: What the vehicle's parts are called in `model`.
 
         Raises:
-            ConfigurationError: An argument is invalid, or the model has no vehicle (`uuv.models.vehicle`).
+            ConfigurationError: An argument is invalid, or the model has no vehicle
+                (`uuv.models.vehicle`).
             HydrodynamicsError: `uuv.sim.hydrodynamics.check` refuses the model, its contact weights
                 are those of the dry mass, or the wrench cannot be measured.
 
@@ -94,13 +98,23 @@ class Plant(WithWater):
         self.data = mujoco.MjData(model) if data is None else data
         self.substeps = substeps
         self.timestep = substeps * float(model.opt.timestep)
-        least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] a smaller advance means a reset
+        # [s] a smaller advance means a reset
+        least_gain = self.timestep - 0.5 * float(model.opt.timestep)
 
         # Water, and the marks by which a simulation that went wrong is noticed; a model without
         # coefficients has no row for them and needs none.
         wet = hydrodynamics.carries_hydrodynamics(model)
-        if not wet and vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity):
-            warnings.warn("the vehicle has no hydrodynamic coefficients: it falls as in a vacuum", PhysicsWarning, 2)
+        if (
+            not wet
+            and vehicle.hull_dof >= 0
+            and not model.opt.density
+            and np.any(model.opt.gravity)
+        ):
+            warnings.warn(
+                "the vehicle has no hydrodynamic coefficients: it falls as in a vacuum",
+                PhysicsWarning,
+                2,
+            )
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
         self._watch = _watch_of(model, self.data, water, least_gain)
 
@@ -116,7 +130,9 @@ class Plant(WithWater):
 
         # What is measured at every so many steps, and what is called in Python at every step.
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
-        self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
+        self._reaction = (
+            ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
+        )
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
@@ -146,14 +162,16 @@ class Plant(WithWater):
             self.start(current)
 
     def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
-        """Restart at time 0 and at rest, arm at home, like a new plant of the same model. Call `observe` next.
+        """Restart at time 0 and at rest, arm at home, like a new plant of the same model. Call
+        `observe` next.
 
         Args:
             current: Current of the water.
             X_WB: Initial hull pose (4, 4); default: that with which the plant was made.
 
         Raises:
-            ConfigurationError: `current` is no Current or has another timestep, or `X_WB` is no pose.
+            ConfigurationError: `current` is no Current or has another timestep, or `X_WB` is no
+                pose.
         """
         check_current(current, self.timestep)
         X_WB = self._start if X_WB is None else X_WB
@@ -180,22 +198,32 @@ class Plant(WithWater):
         data, truth = self.data, self.truth
         self._flow = self._water.start(current)
         self._watch.tick[0], self._watch.failed[0] = 0, False
-        # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple more slowly.
-        self._as_tuples = tuple(self._drive), tuple(self._readout), tuple(self._flow), tuple(self._soil)
+        # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple
+        # more slowly.
+        self._as_tuples = (
+            tuple(self._drive),
+            tuple(self._readout),
+            tuple(self._flow),
+            tuple(self._soil),
+        )
         self._drive.stop()
         self._soil.reset()
         self._blow()  # overwrite the flow of the last step
         self._watch.time[0] = data.time
         self._watch.observed[0] = False
         truth.arm_wrench_B[:] = np.nan
-        truth.tau_friction[:] = self._contacts[:] = 0.0  # none yet, whatever constraints `data` still has
+        # none yet, whatever constraints `data` still has
+        truth.tau_friction[:] = self._contacts[:] = 0.0
         truth.collided[:] = -1.0
         self.publish()
 
     def save(self) -> PlantState:
         """All that changes, as it is: to be copied before the next step, but for `data`, a copy."""
         return PlantState(
-            data=copy.copy(self.data), arrays=self._changing, tick=self.tick, current=self._water.current.save()
+            data=copy.copy(self.data),
+            arrays=self._changing,
+            tick=self.tick,
+            current=self._water.current.save(),
         )
 
     def resume(self, saved: PlantState, _command: Command | None = None) -> None:
@@ -213,21 +241,26 @@ class Plant(WithWater):
         Warns as `uuv.sim.hydrodynamics.check_motion` does.
 
         Raises:
-            HydrodynamicsError: The simulation diverged, or the water no longer acts because the callback was replaced.
+            HydrodynamicsError: The simulation diverged, or the water no longer acts because the
+                callback was replaced.
         """
         mujoco.mj_step1(self.model, self.data)
         time = float(self.data.time)
         watch, truth = self._watch, self.truth
         warned = watch.seen[0] != watch.told[0]
         before = truth.time - self.timestep if again else truth.time
-        if watch.failed[0] or verdict.py_func(time, before, watch.least_gain, warned, watch.mark[0]):
+        if watch.failed[0] or verdict.py_func(
+            time, before, watch.least_gain, warned, watch.mark[0]
+        ):
             self.check()
         truth.time = watch.time[0] = time
         watch.observed[0] = True
         return truth
 
     def check(self) -> None:
-        """Warn or raise an error as `observe` does, after `uuv.sim.plant.compiled_step.observe` asked for it."""
+        """Warn or raise an error as `observe` does, after `uuv.sim.plant.compiled_step.observe`
+        asked for it.
+        """
         if self._watch.failed[0]:
             self._watch.failed[0] = False
             self.hooks.check(RAISED)
@@ -237,13 +270,17 @@ class Plant(WithWater):
             hydrodynamics.check_wet(self.model, self.data)
 
     def step(self, command: Command) -> None:
-        """Apply the command for one `timestep`; `observe` must have been called since the last step.
+        """Apply the command for one `timestep`; `observe` must have been called since the last
+        step.
 
         Raises:
-            ConfigurationError: `observe` was not called, or a command has the wrong shape or is not finite.
+            ConfigurationError: `observe` was not called, or a command has the wrong shape or is not
+                finite.
         """
         if not self._watch.observed[0]:
-            raise ConfigurationError("plant: call observe() before each step(): it computes what the step integrates")
+            raise ConfigurationError(
+                "plant: call observe() before each step(): it computes what the step integrates"
+            )
         self.begin(command)
         model, data, truth, last = self.model, self.data, self.truth, self.substeps - 1
         _, readout, _, soil = self._as_tuples
@@ -268,14 +305,18 @@ class Plant(WithWater):
             ConfigurationError: A command has the wrong shape or is not finite.
         """
         truth = self.truth
-        joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
+        joint_torque = fitting(
+            command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]"
+        )
         thrusters = fitting(command.thrusters, truth.propeller_speed.shape, "thruster command")
         self._drive.commanded[:] = thrusters
         truth.saturated = command_thrusters(self._as_tuples[0])
         self.data.ctrl[self._joint_ctrl] = joint_torque
 
     def finish(self) -> None:
-        """Read gears and contacts, and set the next flow: the part of a step after its integration."""
+        """Read gears and contacts, and set the next flow: the part of a step after its
+        integration.
+        """
         drive, readout, flow, _ = self._as_tuples
         last = self.substeps - 1
         self._watch.observed[0] = False
@@ -291,19 +332,24 @@ class Plant(WithWater):
         self._contact()
 
     def spans(self) -> str:
-        """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty if they can."""
+        """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty
+        if they can.
+        """
         if spacing(self.vehicle.dof) > 1:
             return "the arm's joints have others between them"
         return ""
 
     def ready(self) -> int:
-        """Number of steps that the compiled stages may take before the next call; generates gusts ahead."""
+        """Number of steps that the compiled stages may take before the next call; generates gusts
+        ahead.
+        """
         self._water.check()
         steps = self._water.current.ready()
         return steps if self._reaction is None else min(steps, -self.tick % self._reaction_ticks)
 
     def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
-        """Arrays of the compiled stages (`uuv.sim.plant.compiled_step`), valid until the next `reset`.
+        """Arrays of the compiled stages (`uuv.sim.plant.compiled_step`), valid until the next
+        `reset`.
 
         Args:
             hooks: of the wrappers of this plant, called at every step.
@@ -340,7 +386,9 @@ class Plant(WithWater):
 
     @property
     def commanded(self) -> Array:
-        """Thruster commands (m,) of the present step, live: a hook may change them before they act."""
+        """Thruster commands (m,) of the present step, live: a hook may change them before they
+        act.
+        """
         return self._drive.commanded
 
     @property
@@ -350,13 +398,18 @@ class Plant(WithWater):
 
     def publish(self) -> None:
         """Bring the numbers of `truth` up to date after compiled steps; its arrays are live."""
-        self.truth.time, self.truth.saturated = float(self._watch.time[0]), bool(self._drive.saturated[0])
+        self.truth.time, self.truth.saturated = (
+            float(self._watch.time[0]),
+            bool(self._drive.saturated[0]),
+        )
         self._contact()
 
     def _contact(self) -> None:
         """Publish the contacts of the step that has ended."""
         truth = self.truth
-        truth.contact_normal, _, _, _, collision, truth.contact_least, truth.contact_most = self._contacts.tolist()
+        truth.contact_normal, _, _, _, collision, truth.contact_least, truth.contact_most = (
+            self._contacts.tolist()
+        )
         truth.collision = bool(collision)
 
     def _blow(self) -> None:
@@ -367,7 +420,8 @@ class Plant(WithWater):
 
 
 def parts_in_python(plant: Any) -> tuple[str, ...]:
-    """What a plant calls in plain Python at every compiled step: its wrappers, and what moves its water.
+    """What a plant calls in plain Python at every compiled step: its wrappers, and what moves its
+    water.
 
     Args:
         plant: a `Plant`, or a wrapper of one.
@@ -389,7 +443,8 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
         raise ConfigurationError(f"plant: expected a compiled mujoco.MjModel, got {model!r}")
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         raise ConfigurationError(
-            "the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast"
+            "the plant splits each step in two, which RK4 cannot: use Euler, implicit or "
+            "implicitfast"
         )
     if not isinstance(substeps, int) or substeps < 1:
         raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
@@ -410,7 +465,9 @@ def _watch_of(model: mujoco.MjModel, data: mujoco.MjData, water: Array, least_ga
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
-    """Row (n,) of each joint's gear among MuJoCo's friction constraints, -1 without friction; empty if none has any."""
+    """Row (n,) of each joint's gear among MuJoCo's friction constraints, -1 without friction; empty
+    if none has any.
+    """
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS:
         return np.zeros(0, dtype=np.int64)
     dry = np.asarray(model.dof_frictionloss) > 0.0
@@ -420,7 +477,9 @@ def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
 
 def _block(addresses: np.ndarray) -> slice | np.ndarray:
     """Addresses as a slice where they are consecutive, which is faster to write through."""
-    if len(addresses) and np.array_equal(addresses, np.arange(addresses[0], addresses[0] + len(addresses))):
+    if len(addresses) and np.array_equal(
+        addresses, np.arange(addresses[0], addresses[0] + len(addresses))
+    ):
         return slice(int(addresses[0]), int(addresses[0]) + len(addresses))
     return addresses
 

@@ -1,16 +1,16 @@
 """Joint reaction wrench of a subtree on its parent, including water, contacts and constraints.
 
-MuJoCo's force and torque sensors miss everything in `qfrc_passive`, and so the water. Newton's second law for the
-whole subtree gives the wrench that its joint transmits, of any type of joint:
+MuJoCo's force and torque sensors miss everything in `qfrc_passive`, and so the water. Newton's
+second law for the whole subtree gives the wrench that its joint transmits, of any type of joint:
 
     wrench on the parent = sum of (water + weight + contacts and other external forces - rate of momentum)
 
-`mj_rnePostConstraint` sums all but water, soil, thrusters on sites and gravity compensation, from the accelerations
-`data.qacc`. The water is summed here body by body in body axes, independently of the passive callback: the equation in
-`uuv.sim.hydrodynamics` with the total acceleration.
+`mj_rnePostConstraint` sums all but water, soil, thrusters on sites and gravity compensation, from
+the accelerations `data.qacc`. The water is summed here body by body in body axes, independently of
+the passive callback: the equation in `uuv.sim.hydrodynamics` with the total acceleration.
 
-Forces at joints (motors, springs, limits, `qfrc_applied`) act between the two bodies that the joint connects, and are
-part of what it transmits. An external force belongs in `xfrc_applied`.
+Forces at joints (motors, springs, limits, `qfrc_applied`) act between the two bodies that the joint
+connects, and are part of what it transmits. An external force belongs in `xfrc_applied`.
 """
 
 from typing import NamedTuple
@@ -41,9 +41,13 @@ _NOTHING = np.zeros(3)  # no gravity [m/s^2], or no torque [N m]
 
 
 class ReactionWrench:
-    """Measurement of the wrench of one subtree on its parent; set up once per model, 10 to 20 us per measurement."""
+    """Measurement of the wrench of one subtree on its parent; set up once per model, 10 to 20 us
+    per measurement.
+    """
 
-    def __init__(self, model: mujoco.MjModel, body: int | str, frame: int | str | None = None) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, body: int | str, frame: int | str | None = None
+    ) -> None:
         """Set up the measurement.
 
         Args:
@@ -53,9 +57,9 @@ class ReactionWrench:
 
         Raises:
             ConfigurationError: A body is unknown, or `body` is the world.
-            HydrodynamicsError: The model has forces whose share on the subtree is not known here. These are flexes,
-                spatial tendons, gravity compensation by actuators, and actuators on slider-cranks, on contacts or
-                between two sites.
+            HydrodynamicsError: The model has forces whose share on the subtree is not known here.
+                These are flexes, spatial tendons, gravity compensation by actuators, and actuators
+                on slider-cranks, on contacts or between two sites.
         """
         self._model, self._body = model, _body(model, body)
         self._frame = self._body if frame is None else _body(model, frame)
@@ -63,7 +67,8 @@ class ReactionWrench:
             raise ConfigurationError("reaction: the world has no parent")
         _refuse(model)
         last = self._body + 1
-        while last < model.nbody and model.body_parentid[last] >= self._body:  # bodies come depth first
+        # bodies come depth first
+        while last < model.nbody and model.body_parentid[last] >= self._body:
             last += 1
         carried = range(self._body, last)
         self._span = last
@@ -75,35 +80,43 @@ class ReactionWrench:
         self._thrusters = [
             i
             for i in range(model.nu)
-            if model.actuator_trntype[i] == sites and model.site_bodyid[model.actuator_trnid[i, 0]] in carried
+            if model.actuator_trntype[i] == sites
+            and model.site_bodyid[model.actuator_trnid[i, 0]] in carried
         ]
         soil = soil_bed.actuator_of(model)
         face = int(model.actuator_trnid[soil, 0]) if soil >= 0 else -1
-        self._dug = face if face >= 0 and model.site_bodyid[face] in carried else -1  # site in the soil
+        # site in the soil
+        self._dug = face if face >= 0 and model.site_bodyid[face] in carried else -1
         self._lifted = [i for i in carried if model.body_gravcomp[i] != 0.0]
         self._total = np.zeros(6)
 
-    def wrench(self, data: mujoco.MjData, qvel: Array | None = None, soil_W: Array | None = None) -> Array:
-        """Wrench (6,) [N, N m] on the parent, (force; torque) at the origin and in the axes of the frame's body.
+    def wrench(
+        self, data: mujoco.MjData, qvel: Array | None = None, soil_W: Array | None = None
+    ) -> Array:
+        """Wrench (6,) [N, N m] on the parent, (force; torque) at the origin and in the axes of the
+        frame's body.
 
         Writes `data.cacc`, `cfrc_int` and `cfrc_ext`, as MuJoCo's sensors do.
 
         Args:
             data: As `mj_forward` leaves it.
-            qvel: Joint velocities (nv,) at the time of the forces. Needed after `mj_step`, which advances the
-                velocities one step beyond all else.
-            soil_W: Force (3,) [N] of the soil on the tool, W. Needed after `mj_step` likewise, if the model has soil.
+            qvel: Joint velocities (nv,) at the time of the forces. Needed after `mj_step`, which
+                advances the velocities one step beyond all else.
+            soil_W: Force (3,) [N] of the soil on the tool, W. Needed after `mj_step` likewise, if
+                the model has soil.
 
         Returns:
             The wrench.
 
         Raises:
-            HydrodynamicsError: The velocities are not those of the forces, the force of the soil is missing, or the
-                model is wet and the callback is not installed.
+            HydrodynamicsError: The velocities are not those of the forces, the force of the soil is
+                missing, or the model is wet and the callback is not installed.
         """
         model = self._model
         if self._wet and not hydrodynamics.is_installed():
-            raise HydrodynamicsError("reaction: the water did not act; call uuv.sim.hydrodynamics.install()")
+            raise HydrodynamicsError(
+                "reaction: the water did not act; call uuv.sim.hydrodynamics.install()"
+            )
         if qvel is None:
             mujoco.mj_rnePostConstraint(model, data)
             velocity = data.qvel
@@ -116,7 +129,8 @@ class ReactionWrench:
         cvel = data.cvel
         if _mismatch(body, self._span, *self._joints, data.cdof, cvel, velocity) > _STALE:
             raise HydrodynamicsError(
-                "reaction: data.qvel is not the velocity of the instant of its forces; call mj_forward first, or give "
+                "reaction: data.qvel is not the velocity of the instant of its forces; call "
+                "mj_forward first, or give "
                 "the velocity before the step as qvel"
             )
         com, xpos, xmat = data.subtree_com[self._root], data.xpos, data.xmat
@@ -128,7 +142,11 @@ class ReactionWrench:
             _add_water(self._water, data.userdata, motion, com, gravity, total)
         for i in self._thrusters:
             site = model.actuator_trnid[i, 0]
-            gear = data.actuator_force[i] * model.actuator_gear[i].reshape(2, 3) @ data.site_xmat[site].reshape(3, 3).T
+            gear = (
+                data.actuator_force[i]
+                * model.actuator_gear[i].reshape(2, 3)
+                @ data.site_xmat[site].reshape(3, 3).T
+            )
             _add(total, gear[0], gear[1], data.site_xpos[site] - com)
         if self._dug >= 0:
             _add(total, self._soil(data, qvel, soil_W), _NOTHING, data.site_xpos[self._dug] - com)
@@ -142,13 +160,17 @@ class ReactionWrench:
         if soil_W is not None:
             return soil_W
         if qvel is not None:
-            raise HydrodynamicsError("reaction: after a step the soil's state is ahead of its force: give it as soil_W")
+            raise HydrodynamicsError(
+                "reaction: after a step the soil's state is ahead of its force: give it as soil_W"
+            )
         contact = SoilContact.of(self._model, data)
         feel_soil(contact)
         return contact.force[1:]
 
 
-def wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: int | str | None = None) -> Array:
+def wrench(
+    model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: int | str | None = None
+) -> Array:
     """Single measurement: `ReactionWrench(model, body, frame).wrench(data)`.
 
     Args:
@@ -195,9 +217,14 @@ def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
             for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
                 share = 0.5 * weight * length
                 place = strip.start + 0.5 * (1.0 + node) * along
-                stations.append([k, *place, *(along / length), share * strip.normal, share * strip.tangential])
+                stations.append(
+                    [k, *place, *(along / length), share * strip.normal, share * strip.tangential]
+                )
     first = model.body_user.ctypes.data
-    rows = [first + 8 * model.nuser_body * i if body.terms else 0 for i, body in zip(wet, bodies, strict=True)]
+    rows = [
+        first + 8 * model.nuser_body * i if body.terms else 0
+        for i, body in zip(wet, bodies, strict=True)
+    ]
     return _Water(
         bodies=np.array(wet, dtype=np.int64),
         matrices=matrices,
@@ -219,19 +246,26 @@ def _body(model: mujoco.MjModel, body: int | str) -> int:
             raise ConfigurationError(f"reaction: no such body: {body}; the model has {names}")
         return number
     if not 0 <= body < model.nbody:
-        raise ConfigurationError(f"reaction: no such body: {body}; the model has 0 to {model.nbody - 1}")
+        raise ConfigurationError(
+            f"reaction: no such body: {body}; the model has 0 to {model.nbody - 1}"
+        )
     return int(body)
 
 
 def _refuse(model: mujoco.MjModel) -> None:
-    """Raise HydrodynamicsError, naming them, for forces whose share on a subtree is not known here."""
+    """Raise HydrodynamicsError, naming them, for forces whose share on a subtree is not known
+    here.
+    """
     kinds, trn = model.actuator_trntype, mujoco.mjtTrn
     found = {
         "flexes": model.nflex > 0,
-        "spatial tendons": model.nwrap > 0 and np.any(model.wrap_type != mujoco.mjtWrap.mjWRAP_JOINT),
+        "spatial tendons": model.nwrap > 0
+        and np.any(model.wrap_type != mujoco.mjtWrap.mjWRAP_JOINT),
         "slider-cranks": np.any(kinds == trn.mjTRN_SLIDERCRANK),
         "actuators on contacts (transmission body)": np.any(kinds == trn.mjTRN_BODY),
-        "actuators between two sites (refsite)": np.any((kinds == trn.mjTRN_SITE) & (model.actuator_trnid[:, 1] >= 0)),
+        "actuators between two sites (refsite)": np.any(
+            (kinds == trn.mjTRN_SITE) & (model.actuator_trnid[:, 1] >= 0)
+        ),
         "gravity compensation by actuators (actuatorgravcomp)": np.any(model.jnt_actgravcomp),
     }
     if names := [name for name, present in found.items() if present]:
@@ -294,7 +328,9 @@ def _in_frame(total, R, p, com):
 
 @kernel
 def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
-    """Largest difference between the twists in `cvel` and those from `qvel`, relative to the largest speed."""
+    """Largest difference between the twists in `cvel` and those from `qvel`, relative to the
+    largest speed.
+    """
     worst, largest = 0.0, 1e-3
     for i in range(first, end):
         for k in range(6):
@@ -343,7 +379,8 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
         u = _turned_back(R, current)
         w_W, wdot_W = _three(cvel[i], 0), _three(cacc[i], 0)
         w, wdot = _turned_back(R, w_W), _turned_back(R, wdot_W)
-        # `cacc` is the spatial acceleration, less gravity; converted to the rate of the twist at the body origin.
+        # `cacc` is the spatial acceleration, less gravity; converted to the rate of the twist at
+        # the body origin.
         a = _sum(_three(cacc[i], 3), _sum(_cross(wdot_W, r), _scaled(-1.0, weightless)))
         a = _sum(_turned_back(R, a), _cross(w, u))
         v = _sum(_turned_back(R, _sum(_three(cvel[i], 3), _cross(w_W, r))), _scaled(-1.0, u))
@@ -356,7 +393,12 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
                 momentum[n] += added[n, m] * nu[m]
                 f[n] -= added[n, m] * nudot[m] + linear[n, m] * nu[m]
         p = _three(momentum, 0)
-        _add(f, _scaled(-1.0, _cross(w, p)), _scaled(-1.0, _cross(w, _three(momentum, 3))), (0.0, 0.0, 0.0))
+        _add(
+            f,
+            _scaled(-1.0, _cross(w, p)),
+            _scaled(-1.0, _cross(w, _three(momentum, 3))),
+            (0.0, 0.0, 0.0),
+        )
         _add(f, (0.0, 0.0, 0.0), _scaled(-1.0, _cross(v, p)), (0.0, 0.0, 0.0))
         while station < len(stations) and stations[station, 0] == k:
             row = stations[station]
@@ -365,7 +407,8 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
             along = _dot(slip, axis)
             across = _sum(slip, _scaled(-along, axis))
             drag = _sum(
-                _scaled(-row[7] * np.sqrt(_dot(across, across)), across), _scaled(-row[8] * abs(along) * along, axis)
+                _scaled(-row[7] * np.sqrt(_dot(across, across)), across),
+                _scaled(-row[8] * abs(along) * along, axis),
             )
             _add(f, drag, (0.0, 0.0, 0.0), place)
             station += 1

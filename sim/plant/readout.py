@@ -1,7 +1,8 @@
 """Gear friction and contacts read from MuJoCo's memory after each step, in one compiled call.
 
-MuJoCo's binding builds new arrays of all contacts at each access, which takes as long as the physics. The kernel reads
-them in place; the offsets come from `uuv.sim.native.mujoco_layout` and are compared with the binding once.
+MuJoCo's binding builds new arrays of all contacts at each access, which takes as long as the
+physics. The kernel reads them in place; the offsets come from `uuv.sim.native.mujoco_layout` and
+are compared with the binding once.
 """
 
 import ctypes
@@ -20,12 +21,30 @@ from uuv.sim.native.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, the output of `gears_and_contacts`
 NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps
-COLLISION, LEAST, MOST = 4, 5, 6  # 1 if another part touched; smallest and largest normal force of a substep [N]
+# 1 if another part touched; smallest and largest normal force of a substep [N]
+COLLISION, LEAST, MOST = 4, 5, 6
 CONTACTS = 7  # number of entries
 
-# Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets; SIZE of a contact
-DATA, PAD, PYRAMIDS, NCON, NE, NEFC, CONTACT, EFC_FORCE, SIZE, FRAME, FRICTION, DIM, GEOM, EFC_ADDRESS = range(14)
-TIME, MODEL, STEP1, STEP2 = range(14, 18)  # offset in MjData; addresses of MjModel, mj_step1 and mj_step2
+# Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets;
+# SIZE of a contact
+(
+    DATA,
+    PAD,
+    PYRAMIDS,
+    NCON,
+    NE,
+    NEFC,
+    CONTACT,
+    EFC_FORCE,
+    SIZE,
+    FRAME,
+    FRICTION,
+    DIM,
+    GEOM,
+    EFC_ADDRESS,
+) = range(14)
+# offset in MjData; addresses of MjModel, mj_step1 and mj_step2
+TIME, MODEL, STEP1, STEP2 = range(14, 18)
 
 _PROBE = """
 <mujoco>
@@ -63,7 +82,10 @@ def _offsets() -> tuple[int, ...]:
     names = ("frame", "friction", "dim", "geom", "efc_address")
     in_contact = [offset("mjContact", name) for name in names]
     _compare(names)
-    steps = [ctypes.cast(getattr(library(), name), ctypes.c_void_p).value or 0 for name in ("mj_step1", "mj_step2")]
+    steps = [
+        ctypes.cast(getattr(library(), name), ctypes.c_void_p).value or 0
+        for name in ("mj_step1", "mj_step2")
+    ]
     size = ctypes.sizeof(structure("mjContact"))
     return (0, 0, 0, *in_data, size, *in_contact, offset("mjData", "time"), 0, *steps)
 
@@ -74,7 +96,10 @@ def _compare(names: tuple[str, ...]) -> None:
     mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
     of_data, kind = structure("mjData").from_address(data._address), structure("mjContact")
-    counts = {name: getattr(of_data, name) == getattr(data, name) for name in ("time", "ncon", "ne", "nefc")}
+    counts = {
+        name: getattr(of_data, name) == getattr(data, name)
+        for name in ("time", "ncon", "ne", "nefc")
+    }
     counts["efc_force"] = of_data.efc_force == data.efc_force.ctypes.data
     live = data.contact[0]
     seen = kind.from_address(of_data.contact)
@@ -82,26 +107,32 @@ def _compare(names: tuple[str, ...]) -> None:
         counts[name] = np.array_equal(np.ravel(getattr(live, name)), np.ravel(getattr(seen, name)))
     if not all(counts.values()):
         wrong = ", ".join(name for name, equal in counts.items() if not equal)
-        raise HydrodynamicsError(f"MuJoCo {mujoco.__version__}: contacts are not where its introspection says: {wrong}")
+        raise HydrodynamicsError(
+            f"MuJoCo {mujoco.__version__}: contacts are not where its introspection says: {wrong}"
+        )
 
 
 class Readout(NamedTuple):
     """Gears and contacts of one plant; the last three are outputs."""
 
     places: np.ndarray  # (18,) of `places_of`
-    gears: np.ndarray  # (n,) row of each joint's gear among the friction constraints, -1: no friction; or (0,)
+    # (n,) row of each joint's gear among the friction constraints, -1: no friction; or (0,)
+    gears: np.ndarray
     own_geom: np.ndarray  # (ngeom,) mask, True for geoms of the vehicle
     added: Array  # (4,) [N] normal force, and force in W, to be added to those of each substep
     tau_friction: Array  # (n,) [N m] friction torque on each joint
     contacts: Array  # (CONTACTS,) accumulated over the substeps
-    collided: Array  # (3,) geoms of the vehicle and of the world that collided first, and when [s]; negative: none yet
+    # (3,) geoms of the vehicle and of the world that collided first, and when [s]; negative: none
+    # yet
+    collided: Array
 
 
 @kernel
 def gears_and_contacts(readout, substep, substeps):
     """Read friction and contacts of the substep that has ended.
 
-    The means in `contacts` are complete after the last of `substeps`; `substep` 0 starts a new step.
+    The means in `contacts` are complete after the last of `substeps`; `substep` 0 starts a new
+    step.
 
     Args:
         readout: `Readout`, or its fields as a plain tuple.
@@ -136,7 +167,11 @@ def gears_and_contacts(readout, substep, substeps):
                 sign = 1.0 if two == places[PAD] else -1.0
                 for k in range(3):  # the rows of the contact frame are the axes of the force
                     at = here + places[FRAME]
-                    turned = f64(at, k) * force[0] + f64(at, 3 + k) * force[1] + f64(at, 6 + k) * force[2]
+                    turned = (
+                        f64(at, k) * force[0]
+                        + f64(at, 3 + k) * force[1]
+                        + f64(at, 6 + k) * force[2]
+                    )
                     total[FORCE + k] += sign * turned
             else:
                 contacts[COLLISION] = 1.0
@@ -149,12 +184,17 @@ def gears_and_contacts(readout, substep, substeps):
         contacts[k] += total[k]
         if substep == substeps - 1:
             contacts[k] /= substeps
-    contacts[LEAST], contacts[MOST] = min(contacts[LEAST], total[NORMAL]), max(contacts[MOST], total[NORMAL])
+    contacts[LEAST], contacts[MOST] = (
+        min(contacts[LEAST], total[NORMAL]),
+        max(contacts[MOST], total[NORMAL]),
+    )
 
 
 @kernel
 def _contact_force(efc_force, friction, dim, pyramids, force):
-    """Normal and tangential forces (3,) [N] of one contact in its frame, from its constraint forces."""
+    """Normal and tangential forces (3,) [N] of one contact in its frame, from its constraint
+    forces.
+    """
     force[1] = force[2] = 0.0
     if dim == 1 or not pyramids:
         for k in range(min(dim, 3)):

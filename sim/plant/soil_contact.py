@@ -31,7 +31,13 @@ class SoilContact(NamedTuple):
         site = int(model.actuator_trnid[actuator, 0])
         first = int(model.actuator_actadr[actuator])
         state = data.act[first : first + soil_bed.STATE]
-        return cls(soil_bed.numbers_of(model), data.site_xpos[site], data.site_xmat[site], state, np.zeros(4))
+        return cls(
+            soil_bed.numbers_of(model),
+            data.site_xpos[site],
+            data.site_xmat[site],
+            state,
+            np.zeros(4),
+        )
 
     def reset(self) -> None:
         """Set the tool to be outside the soil."""
@@ -40,7 +46,9 @@ class SoilContact(NamedTuple):
 
 @kernel
 def feel_soil(soil):
-    """Write the force of the next physics step; `soil` is a `SoilContact`, or its fields as a tuple."""
+    """Write the force of the next physics step; `soil` is a `SoilContact`, or its fields as a
+    tuple.
+    """
     numbers, p, turn, state, force = soil
     if numbers.shape[0] == 0:
         return

@@ -1,4 +1,6 @@
-"""Thrusters of one plant in compiled code: commands into MuJoCo's controls, speeds and thrusts out of its data."""
+"""Thrusters of one plant in compiled code: commands into MuJoCo's controls, speeds and thrusts out
+of its data.
+"""
 
 from typing import NamedTuple, Self
 
@@ -10,12 +12,15 @@ from uuv.models.water.thrusters import ACTIVATIONS, SPEED, curves
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-SATURATED = 0.979  # share of full thrust that counts as saturated; thrust allocation stops slightly below 1
+# share of full thrust that counts as saturated; thrust allocation stops slightly below 1
+SATURATED = 0.979
 _CURVED = 0.9  # command from which a thrust may be saturated
 
 
 class Drive(NamedTuple):
-    """Thrusters of one plant; the arrays of MuJoCo are views, the others are written by the kernels."""
+    """Thrusters of one plant; the arrays of MuJoCo are views, the others are written by the
+    kernels.
+    """
 
     curves: Array  # (m, ...) static curves
     commanded: Array  # (m,) commands of the step, input
@@ -29,7 +34,9 @@ class Drive(NamedTuple):
     saturated: np.ndarray  # (1,) bool: a command was at its limit
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, thrusters: tuple[np.ndarray, Array]) -> Self:
+    def of(
+        cls, model: mujoco.MjModel, data: mujoco.MjData, thrusters: tuple[np.ndarray, Array]
+    ) -> Self:
         """Record of thrusters, given as `uuv.models.water.thrusters.read` does, at rest."""
         actuators, table = thrusters
         m = len(actuators)
@@ -56,7 +63,8 @@ class Drive(NamedTuple):
 
 @kernel
 def command_thrusters(drive):
-    """Set the controls of the thrusters of a `Drive`, or of its fields as a tuple, to what is commanded.
+    """Set the controls of the thrusters of a `Drive`, or of its fields as a tuple, to what is
+    commanded.
 
     Returns:
         True if a command was at its limit.

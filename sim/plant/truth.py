@@ -13,10 +13,12 @@ from uuv.sim.plant.thrusters import Drive
 
 
 class Truth:
-    """True state at the start of the plant's step. Live views: read them before the next step, keep none.
+    """True state at the start of the plant's step. Live views: read them before the next step, keep
+    none.
 
-    Positions and velocities are those of `time`. Accelerations and torques are those of the preceding physics step, at
-    which a sensor would have sampled them. Contact covers all substeps of the preceding step of the plant.
+    Positions and velocities are those of `time`. Accelerations and torques are those of the
+    preceding physics step, at which a sensor would have sampled them. Contact covers all substeps
+    of the preceding step of the plant.
     """
 
     __slots__ = (
@@ -73,7 +75,8 @@ class Truth:
     thrust: Array  # (m,) [N] in the last physics step
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
-    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, at its origin; NaN if the plant does not measure it
+    # (6,) [N, N m] of the arm on the hull, at its origin; NaN if the plant does not measure it
+    arm_wrench_B: Array
     p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the hull
     R_WG: Array  # (3, 3) tool axes
     p_pad: Array  # (3,) [m] face of the pad, which moves along the tool axis on its spring
@@ -82,11 +85,14 @@ class Truth:
     contact_most: float  # [N] largest sum of a substep
     contact_force_W: Array  # (3,) [N] of the world on the pad, mean over the substeps
     collision: bool  # another part of the vehicle touched the world in any substep
-    collided: Array  # (3,) geoms of vehicle and world that did so first, and when [s]; negative: none did yet
+    # (3,) geoms of vehicle and world that did so first, and when [s]; negative: none did yet
+    collided: Array
     vehicle: Vehicle
 
     @classmethod
-    def of(cls, data: mujoco.MjData, vehicle: Vehicle, drive: Drive, contacts: Array, pad_site: int) -> Self:
+    def of(
+        cls, data: mujoco.MjData, vehicle: Vehicle, drive: Drive, contacts: Array, pad_site: int
+    ) -> Self:
         """Truth whose arrays are views, made once to avoid lookups in the loop.
 
         Args:
@@ -135,7 +141,8 @@ def _view(array: Array, addresses: np.ndarray) -> Array:
     first, step = int(addresses[0]), spacing(addresses)
     if not step:
         raise ConfigurationError(
-            "between the driven joints of the arm there must be equally many others, none or one after each"
+            "between the driven joints of the arm there must be equally many others, none or one "
+            "after each"
         )
     return array[first : first + step * len(addresses) : step]
 

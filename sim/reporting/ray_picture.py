@@ -1,4 +1,6 @@
-"""Pictures of a scene by ray casting, for machines without OpenGL: plain shading, one light from above."""
+"""Pictures of a scene by ray casting, for machines without OpenGL: plain shading, one light from
+above.
+"""
 
 import math
 
@@ -9,8 +11,10 @@ from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.reporting.rerun_scene import body_mesh
 
-_LIGHT = np.array([0.25, -0.35, 0.9]) / np.linalg.norm([0.25, -0.35, 0.9])  # direction to the light, W
-_AMBIENT, _HEAD, _TOP = 0.35, 0.3, 0.45  # shares of the light: from all sides, from the camera, from above
+# direction to the light, W
+_LIGHT = np.array([0.25, -0.35, 0.9]) / np.linalg.norm([0.25, -0.35, 0.9])
+# shares of the light: from all sides, from the camera, from above
+_AMBIENT, _HEAD, _TOP = 0.35, 0.3, 0.45
 
 
 class RayPicture:
@@ -24,14 +28,19 @@ class RayPicture:
         """
         self._size = height, width
         self._fovy = math.radians(float(model.vis.global_.fovy))
-        shapes = [(body, mesh) for body in range(model.nbody) if (mesh := body_mesh(model, body)) is not None]
+        shapes = [
+            (body, mesh)
+            for body in range(model.nbody)
+            if (mesh := body_mesh(model, body)) is not None
+        ]
         self._of = np.concatenate([np.full(len(mesh[0]), body) for body, mesh in shapes])
         self._corners = np.concatenate([mesh[0] for _, mesh in shapes])
         self._colours = np.concatenate([mesh[2][::3, :3] for _, mesh in shapes]) / 255.0
         self._triangles = np.arange(len(self._corners)).reshape(-1, 3)
 
     def render(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> tuple[np.ndarray, Array]:
-        """Colours (h, w, 3), 0 to 255, and depth (h, w) [m] along the view; black and inf where nothing is.
+        """Colours (h, w, 3), 0 to 255, and depth (h, w) [m] along the view; black and inf where
+        nothing is.
 
         Args:
             data: With up-to-date kinematics.
@@ -48,14 +57,20 @@ class RayPicture:
         normal = hit["normal"] * np.sign(facing)[:, None]
         light = _AMBIENT + _HEAD * np.abs(facing) + _TOP * np.clip(normal @ _LIGHT, 0.0, None)
         picture = np.zeros((len(ways), 3))
-        picture[seen] = 255.0 * np.minimum(1.0, self._colours[hit["triangle"][seen]] * light[seen, None])
+        picture[seen] = 255.0 * np.minimum(
+            1.0, self._colours[hit["triangle"][seen]] * light[seen, None]
+        )
         return picture.astype(np.uint8).reshape(*self._size, 3), hit["t"].reshape(self._size)
 
     def _rays(self, camera: mujoco.MjvCamera) -> tuple[Array, Array]:
         """Direction of the view (3,), and rays (h, w, 3) whose length along it is 1; W."""
         azimuth, elevation = math.radians(camera.azimuth), math.radians(camera.elevation)
         ahead = np.array(
-            [math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation)]
+            [
+                math.cos(elevation) * math.cos(azimuth),
+                math.cos(elevation) * math.sin(azimuth),
+                math.sin(elevation),
+            ]
         )
         right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
         down = np.cross(ahead, right)

@@ -64,7 +64,8 @@ def write_report(
             drawn,
             _drives(recording),
             _gains(list(gains)),
-            f"<section><h2>How the run was made</h2>{_provenance(recording, assessment, options, again)}</section>",
+            "<section><h2>How the run was "
+            f"made</h2>{_provenance(recording, assessment, options, again)}</section>",
         )
     )
     write_whole(path, page(title, body))
@@ -77,8 +78,10 @@ def _series(recording: Recording, bounds: Bounds | None) -> str:
     if not drawn:
         return ""
     about = (
-        "First shown from the approach on: double-click to see the whole run, drag to zoom, in all panels at once. A "
-        "click on a name hides its line. Shaded: the tool works. Dashed: bounds; a force error counts from "
+        "First shown from the approach on: double-click to see the whole run, drag to zoom, in "
+        "all panels at once. A "
+        "click on a name hides its line. Shaded: the tool works. Dashed: bounds; a force error "
+        "counts from "
         f"{SETTLING:g} s after each change of the set force."
     )
     return f"<section><h2>Time series</h2>{drawn}<p class=caption>{about}</p></section>"
@@ -89,30 +92,46 @@ def _drives(recording: Recording) -> str:
     rows = []
     forward, reverse = np.asarray(recording.vehicle.thruster_table)[:, :2].T
     limits = np.asarray(recording.vehicle.torque_limits)
-    for name, unit, low, high in (("thrust", "N", -reverse, forward), ("tau_drive", "N m", -limits, limits)):
+    for name, unit, low, high in (
+        ("thrust", "N", -reverse, forward),
+        ("tau_drive", "N m", -limits, limits),
+    ):
         if name not in recording or not recording[name].labels:
             continue
         for i, label in enumerate(recording[name].labels):
             value = recording[name].value[:, i]
             share = np.where(value > 0.0, value / high[i], value / low[i]).max()
-            rows.append((label.replace("_", " "), f"{value.min():.1f}", f"{value.max():.1f}", unit, f"{share:.0%}"))
+            rows.append(
+                (
+                    label.replace("_", " "),
+                    f"{value.min():.1f}",
+                    f"{value.max():.1f}",
+                    unit,
+                    f"{share:.0%}",
+                )
+            )
     if not rows:
         return ""
     columns = ("drive", "least", "greatest", "unit", "most of its limit")
-    return f"<section><h2>Thrusters and joints against their limits</h2>{table(columns, rows)}</section>"
+    return (
+        "<section><h2>Thrusters and joints against their "
+        f"limits</h2>{table(columns, rows)}</section>"
+    )
 
 
 def _gains(rows: list[tuple[str, str, str, str]]) -> str:
     if not rows:
         return ""
     cells = "".join(
-        f"<tr><td>{text(part)}</td><td>{text(name.replace('_', ' '))}</td><td class=n>{text(value)}</td>"
+        f"<tr><td>{text(part)}</td><td>{text(name.replace('_', ' '))}</td><td "
+        f"class=n>{text(value)}</td>"
         f"<td>{text(about)}</td></tr>"
         for part, name, value, about in rows
     )
     head = "<tr><th>part</th><th>gain</th><th class=n>value</th><th>unit, meaning</th></tr>"
     return (
-        f"<section><details><summary>Gains of the controller</summary><table>{head}{cells}</table></details></section>"
+        "<section><details><summary>Gains of the "
+        f"controller</summary><table>{head}{cells}</table></details></section>"
     )
 
 
@@ -125,7 +144,8 @@ def _headline(title: str, recording: Recording, assessment: Assessment) -> str:
     return (
         f"<header><h1>{text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>"
         + (f"<ul class=reasons>{reasons}</ul>" if reasons else "")
-        + f"<p class=caption>{recording.duration:.1f} s simulated in {timings['wall_s']:.1f} s{pace}; "
+        + f"<p class=caption>{recording.duration:.1f} s simulated in {timings['wall_s']:.1f} "
+        f"s{pace}; "
         f"seed {run['seed']}; ended in state {text(run['state'])}.</p></header>"
     )
 
@@ -137,14 +157,18 @@ def _checks(assessment: Assessment) -> str:
         for check in assessment.checks
         for value, bound in (figures_of(check),)
     )
-    head = "<tr><th>figure</th><th class=n>value</th><th class=n>bound</th><th>unit</th><th></th></tr>"
+    head = (
+        "<tr><th>figure</th><th class=n>value</th><th class=n>bound</th><th>unit</th><th></th></tr>"
+    )
     return f"<table>{head}{rows}</table>"
 
 
 def _verdict(check: Requirement) -> str:
     if check.bound is None:
         return ""
-    return "<span class=accepted>ok</span>" if check.ok else "<span class=not-accepted>missed</span>"
+    return (
+        "<span class=accepted>ok</span>" if check.ok else "<span class=not-accepted>missed</span>"
+    )
 
 
 def _segments(assessment: Assessment) -> str:
@@ -154,7 +178,9 @@ def _segments(assessment: Assessment) -> str:
     keys = ("set_n", "force_error_rms_n", "force_error_max_n", "lost_s", "duration_s")
     heads = ("set [N]", "error, RMS [N]", "error, peak [N]", "contact lost [s]", "duration [s]")
     rows = "".join(
-        "<tr>" + "".join(f"<td class=n>{'–' if s[k] is None else format(s[k], '.2f')}</td>" for k in keys) + "</tr>"
+        "<tr>"
+        + "".join(f"<td class=n>{'–' if s[k] is None else format(s[k], '.2f')}</td>" for k in keys)
+        + "</tr>"
         for s in segments
     )
     return f"<table><tr>{''.join(f'<th class=n>{head}</th>' for head in heads)}</tr>{rows}</table>"
@@ -176,21 +202,30 @@ def _uncertainty(assessment: Assessment) -> str:
     ]
     if any(stated[f"path_{way}_max_m"] is not None for way in _WAYS):
         rows += [
-            (f"surface under the path, {said}", shown(f"path_{way}_max_m", 1e3), shown(f"path_{way}_p95_m", 1e3), "mm")
+            (
+                f"surface under the path, {said}",
+                shown(f"path_{way}_max_m", 1e3),
+                shown(f"path_{way}_p95_m", 1e3),
+                "mm",
+            )
             for way, said in _WAYS.items()
         ]
     cells = "".join(
-        f"<tr><td>{text(name)}</td><td class=n>{most}</td><td class=n>{p95}</td><td>{unit}</td></tr>"
+        f"<tr><td>{text(name)}</td><td class=n>{most}</td><td "
+        f"class=n>{p95}</td><td>{unit}</td></tr>"
         for name, most, p95, unit in rows
     )
     head = (
-        "<tr><th>stated standard deviation, mean of the finds</th><th class=n>largest</th><th class=n>95 %</th>"
+        "<tr><th>stated standard deviation, mean of the finds</th><th class=n>largest</th><th "
+        "class=n>95 %</th>"
         "<th></th></tr>"
     )
     error = stated["normalised_error"]
     return (
-        f"<table>{head}{cells}</table><p class=caption>Not determined by what was in view: {text(stated['free'])}. The "
-        f"mean's true error squared, over the covariance and per degree of freedom: {error:.2f}.</p>"
+        f"<table>{head}{cells}</table><p class=caption>Not determined by what was in view: "
+        f"{text(stated['free'])}. The "
+        "mean's true error squared, over the covariance and per degree of freedom: "
+        f"{error:.2f}.</p>"
     )
 
 
@@ -202,14 +237,17 @@ def _motion(assessment: Assessment) -> str:
     said = "it rested"
     if motion["noticed_s"] is not None:
         said = (
-            f"at {motion['noticed_s']:.1f} s it was seen to have moved; in the end by {1e3 * motion['distance_m']:.1f} "
+            f"at {motion['noticed_s']:.1f} s it was seen to have moved; in the end by "
+            f"{1e3 * motion['distance_m']:.1f} "
             f"mm (standard deviation {1e3 * motion['distance_sigma_m']:.1f} mm), turned by "
             f"{np.degrees(motion['turn_rad']):.1f} deg"
         )
     return f"<p>The object was followed in {motion['frames']} frames: {text(said)}.</p>"
 
 
-def _provenance(recording: Recording, assessment: Assessment, options: Mapping[str, Any], again: str) -> str:
+def _provenance(
+    recording: Recording, assessment: Assessment, options: Mapping[str, Any], again: str
+) -> str:
     return provenance(
         {
             **({"run it again": again} if again else {}),
@@ -225,4 +263,7 @@ def _physics_step(recording: Recording) -> str:
     loop = f"{recording.timestep * 1e3:g} ms"
     if recording.substeps == 1:
         return loop
-    return f"{recording.timestep / recording.substeps * 1e3:.4g} ms, {recording.substeps} to the loop's step of {loop}"
+    return (
+        f"{recording.timestep / recording.substeps * 1e3:.4g} ms, {recording.substeps} to the "
+        f"loop's step of {loop}"
+    )

@@ -17,7 +17,9 @@ _POINTS = 900  # of a line
 
 
 def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure of what was found of the object, in its frame; nothing without a find."""
+    """Title, caption and figure of what was found of the object, in its frame; nothing without a
+    find.
+    """
     if not recording.targets:
         return
     X_TW = inverse(truth.X_WT)
@@ -28,37 +30,62 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
     figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
     for axes, (across, up) in zip(figure.subplots(1, 2), ((0, 2), (1, 2)), strict=True):
         view = [across, up]
-        faces = PolyCollection(list(vertices[truth.model.triangles][:, :, view]), facecolor="#dddddd", edgecolor="none")
+        faces = PolyCollection(
+            list(vertices[truth.model.triangles][:, :, view]), facecolor="#dddddd", edgecolor="none"
+        )
         faces.set_rasterized(True)
         axes.add_collection(faces)
         for (name, points), color in zip(
             _thinned(recording.clouds, X_TW).items(), (SKY, PURPLE, GREEN, BLUE), strict=False
         ):
             axes.scatter(
-                *points[:, view].T, s=1.0, color=color, linewidths=0, label=name.replace("_", " "), rasterized=True
+                *points[:, view].T,
+                s=1.0,
+                color=color,
+                linewidths=0,
+                label=name.replace("_", " "),
+                rasterized=True,
             )
         if path is not None:
             planned = transform_points(X_TW, path.p)[:, view]
-            axes.plot(*planned.T, color=INK, linewidth=3.0, label="path planned", solid_capstyle="butt")
+            axes.plot(
+                *planned.T, color=INK, linewidth=3.0, label="path planned", solid_capstyle="butt"
+            )
         if work.any():
-            axes.plot(*done[:: max(1, len(done) // _POINTS), view].T, color=ORANGE, linewidth=1.2, label="path done")
+            axes.plot(
+                *done[:: max(1, len(done) // _POINTS), view].T,
+                color=ORANGE,
+                linewidth=1.2,
+                label="path done",
+            )
         axes.set_aspect("equal")
         axes.set_xlabel(f"{'xyz'[across]} [m]")
         axes.set_ylabel(f"{'xyz'[up]} [m]")
         axes.margins(0.05)
         _bare(axes)
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False, fontsize=9, markerscale=5)
+    figure.legend(
+        handles,
+        labels,
+        loc="outside upper center",
+        ncols=5,
+        frameon=False,
+        fontsize=9,
+        markerscale=5,
+    )
     yield (
         "Object, as found",
-        "In the frame of the true object: its true shape in grey, the clouds of its identification, the path that was "
+        "In the frame of the true object: its true shape in grey, the clouds of its "
+        "identification, the path that was "
         "planned and the one that the tip took.",
         figure,
     )
 
 
 def _thinned(clouds: Mapping[str, Array], X_TW: Array, most: int = 6000) -> dict[str, Array]:
-    return {name: transform_points(X_TW, p[:: max(1, len(p) // most)]) for name, p in clouds.items()}
+    return {
+        name: transform_points(X_TW, p[:: max(1, len(p) // most)]) for name, p in clouds.items()
+    }
 
 
 def _bare(axes: Axes) -> None:

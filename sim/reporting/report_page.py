@@ -1,4 +1,6 @@
-"""HTML layout common to all reports: style, embedded figures and provenance, in one self-contained file."""
+"""HTML layout common to all reports: style, embedded figures and provenance, in one self-contained
+file.
+"""
 
 import base64
 import html
@@ -32,7 +34,10 @@ def section(title: str, figure: Figure, caption: str) -> str:
     Returns:
         HTML.
     """
-    return f"<section><h2>{text(title)}</h2>{picture(figure, title)}<p class=caption>{text(caption)}</p></section>"
+    return (
+        f"<section><h2>{text(title)}</h2>{picture(figure, title)}<p "
+        f"class=caption>{text(caption)}</p></section>"
+    )
 
 
 def picture(figure: Figure, name: str) -> str:
@@ -47,15 +52,25 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """HTML table of text cells; all columns but the first are right-aligned numbers."""
     head = "".join(f"<th{_class(i)}>{text(name)}</th>" for i, name in enumerate(columns))
     lines = (
-        "<tr>" + "".join(f"<td{_class(i)}>{text(cell)}</td>" for i, cell in enumerate(row)) + "</tr>" for row in rows
+        "<tr>"
+        + "".join(f"<td{_class(i)}>{text(cell)}</td>" for i, cell in enumerate(row))
+        + "</tr>"
+        for row in rows
     )
     return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
 
 
 def provenance(given: Mapping[str, Any]) -> str:
     """HTML table of `given`, the package versions, the commit and the machine."""
-    rows = {**given, **versions(), **commit(), "machine": f"{platform.system()} {platform.machine()}"}
-    cells = "".join(f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows.items())
+    rows = {
+        **given,
+        **versions(),
+        **commit(),
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+    cells = "".join(
+        f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows.items()
+    )
     return f"<table>{cells}</table>"
 
 

@@ -1,8 +1,9 @@
 """Visual log of a run, written during the run: `run.rrd` for the Rerun viewer, timeline "sim_time".
 
-Rows are gathered in memory and sent as columns a few times per second of wall time. This costs the loop little, and a
-killed run loses less than a second of work. Rerun is imported only when a log is opened. If the log can no longer be
-written (the disk is full), it is abandoned with one line on stderr and the run continues.
+Rows are gathered in memory and sent as columns a few times per second of wall time. This costs the
+loop little, and a killed run loses less than a second of work. Rerun is imported only when a log is
+opened. If the log can no longer be written (the disk is full), it is abandoned with one line on
+stderr and the run continues.
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,13 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.messages import DepthImage, ObjectMotion, Reference, Target, WorkState
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
-from uuv.sim.interfaces.spatial import Array, inverse, pose, quat_wxyz_from_rotation, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    inverse,
+    pose,
+    quat_wxyz_from_rotation,
+    transform_points,
+)
 from uuv.sim.loop.rollout import Moment, ticks_per_period
 from uuv.sim.reporting.rerun_rows import PoseRows, SeriesRows
 from uuv.sim.reporting.rerun_scene import (
@@ -38,11 +45,13 @@ from uuv.sim.reporting.rerun_scene import (
 from uuv.sim.reporting.rerun_stream import LogStream
 
 _ENLARGED = 20.0  # [-] scale at which a few millimetres show beside an object of half a metre
-FLUSH_WALL_S = 0.4  # [s] of wall time between flushes; a killed run loses this plus the time of writing
+# [s] of wall time between flushes; a killed run loses this plus the time of writing
+FLUSH_WALL_S = 0.4
 
 
 class RerunLog:
-    """Observer of `uuv.sim.loop.rollout` that writes an .rrd file; use it as a context manager, or call `close`.
+    """Observer of `uuv.sim.loop.rollout` that writes an .rrd file; use it as a context manager, or
+    call `close`.
 
     Poses are logged every `pose_period`, series every `period`.
     """
@@ -72,8 +81,8 @@ class RerunLog:
             bounds: Bounds to draw; None: none.
 
         Raises:
-            ConfigurationError: The folder does not exist, the model has no vehicle, or a period is no multiple of
-                `timestep`.
+            ConfigurationError: The folder does not exist, the model has no vehicle, or a period is
+                no multiple of `timestep`.
             MissingLibraryError: Rerun is not installed.
         """
         with wanted():
@@ -96,7 +105,10 @@ class RerunLog:
         sites = model.actuator_trnid[vehicle.thruster_actuators, 0]
         places = inverse(pose(data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]))
         thrusters_B = transform_points(places, data.site_xpos[sites])
-        self._series, self._poses = SeriesRows(vehicle, bounds), PoseRows(vehicle, moving, thrusters_B)
+        self._series, self._poses = (
+            SeriesRows(vehicle, bounds),
+            PoseRows(vehicle, moving, thrusters_B),
+        )
         self._cloud_colors: dict[str, tuple[int, int, int]] = {}
         self._state: WorkState | None = None
         self._target: Target | None = None
@@ -113,7 +125,10 @@ class RerunLog:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -178,7 +193,9 @@ class RerunLog:
         points = np.asarray(points_W, dtype=np.float32)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
-        self._stream.event(f"world/clouds/{name}", rr.Points3D(points, colors=color or own, radii=radius), time)
+        self._stream.event(
+            f"world/clouds/{name}", rr.Points3D(points, colors=color or own, radii=radius), time
+        )
 
     def log_mesh(
         self,
@@ -197,16 +214,22 @@ class RerunLog:
             time: From which it is shown [s].
             colours: (V, 3) of the vertices, in [0, 1]; None: one colour.
         """
-        vertices = np.asarray(vertices_W, dtype=np.float32) + np.array([0.0, 0.0, LIFT], dtype=np.float32)
+        vertices = np.asarray(vertices_W, dtype=np.float32) + np.array(
+            [0.0, 0.0, LIFT], dtype=np.float32
+        )
         mesh = self._rr.Mesh3D(
             vertex_positions=vertices,
             triangle_indices=np.asarray(triangles, dtype=np.uint32),
-            vertex_colors=None if colours is None else np.rint(255.0 * np.asarray(colours)).astype(np.uint8),
+            vertex_colors=None
+            if colours is None
+            else np.rint(255.0 * np.asarray(colours)).astype(np.uint8),
             albedo_factor=SKY if colours is None else None,
         )
         self._stream.event(f"world/found/{name}", mesh, time)
 
-    def log_arrows(self, name: str, origins_W: ArrayLike, vectors_W: ArrayLike, time: float = 0.0) -> None:
+    def log_arrows(
+        self, name: str, origins_W: ArrayLike, vectors_W: ArrayLike, time: float = 0.0
+    ) -> None:
         """Show arrows under "world/found/<name>".
 
         Args:
@@ -245,12 +268,18 @@ class RerunLog:
         rr, state = self._rr, reference.state
         self._state = state
         level = "INFO" if reference.abort is None else "WARN"
-        text = f"{state.value}: {reference.note}" if reference.note not in ("", self._note) else state.value
+        text = (
+            f"{state.value}: {reference.note}"
+            if reference.note not in ("", self._note)
+            else state.value
+        )
         self._note = reference.note
         if self._frame is not None and state is not WorkState.SCAN:  # it would hide the work
             self._stream.event("world/camera/depth", rr.Clear(recursive=False), time)
             self._frame = None
-        self._stream.event("state/log", rr.TextLog(text, level=level, color=STATE_COLORS[state]), time)
+        self._stream.event(
+            "state/log", rr.TextLog(text, level=level, color=STATE_COLORS[state]), time
+        )
         self._stream.event("state/now", rr.StateChange(state=state.value), time)
         self.flush()
 
@@ -262,13 +291,19 @@ class RerunLog:
         if target.covariance is not None:
             text += f"; {_deviations(target.covariance)}"
             self._show_ellipsoid("found", target.covariance, time)
-        self._stream.event("state/log", rr.TextLog(text, level="INFO" if target.accepted else "WARN"), time)
+        self._stream.event(
+            "state/log", rr.TextLog(text, level="INFO" if target.accepted else "WARN"), time
+        )
         if target.path is not None:
             lifted = target.path.p - LIFT * target.path.z
-            self._stream.event("world/path/planned", rr.LineStrips3D([lifted], colors=YELLOW, radii=0.004), time)
+            self._stream.event(
+                "world/path/planned", rr.LineStrips3D([lifted], colors=YELLOW, radii=0.004), time
+            )
 
     def _decided(self, target: Target, time: float) -> None:
-        """Log the mean of the finds, by which the work goes, with its covariance and that of the path."""
+        """Log the mean of the finds, by which the work goes, with its covariance and that of the
+        path.
+        """
         self._goes_by = target
         if target.covariance is None:
             return
@@ -282,7 +317,11 @@ class RerunLog:
     def _look(self, image: DepthImage, X_WB: Array, time: float) -> None:
         """Show a depth frame where the camera took it, every second pixel."""
         rr, X_WC = self._rr, X_WB @ image.X_BC
-        depth = np.nan_to_num(1e3 * image.depth[::2, ::2], nan=0.0, posinf=0.0).clip(0.0, 65535.0).astype(np.uint16)
+        depth = (
+            np.nan_to_num(1e3 * image.depth[::2, ::2], nan=0.0, posinf=0.0)
+            .clip(0.0, 65535.0)
+            .astype(np.uint16)
+        )
         height, width = depth.shape
         K = image.K / 2.0
         K[2, 2] = 1.0
@@ -295,7 +334,8 @@ class RerunLog:
 
     def _moved(self, motion: ObjectMotion, time: float) -> None:
         text = (
-            f"the object has moved by {1e3 * motion.distance:.1f} mm (sigma {1e3 * motion.distance_sigma:.1f} mm) and "
+            f"the object has moved by {1e3 * motion.distance:.1f} mm (sigma "
+            f"{1e3 * motion.distance_sigma:.1f} mm) and "
             f"turned by {np.degrees(motion.turn):.1f} deg"
         )
         self._stream.event("state/log", self._rr.TextLog(text, level="WARN"), time)
@@ -308,7 +348,12 @@ class RerunLog:
         color = SKY if name == "found" else YELLOW
         for suffix, scale, fill, label in (
             ("", 1.0, rr.components.FillMode.Solid, None),
-            ("_enlarged", _ENLARGED, rr.components.FillMode.MajorWireframe, f"95 %, {_ENLARGED:.0f} times enlarged"),
+            (
+                "_enlarged",
+                _ENLARGED,
+                rr.components.FillMode.MajorWireframe,
+                f"95 %, {_ENLARGED:.0f} times enlarged",
+            ),
         ):
             shape = rr.Ellipsoids3D(
                 centers=[covariance.center],
@@ -325,4 +370,7 @@ class RerunLog:
 def _deviations(covariance: PoseCovariance) -> str:
     """Standard deviations of a pose in words."""
     position, turn = covariance.held_sigmas
-    return f"sigma {1e3 * position:.1f} mm, {np.degrees(turn):.2f} deg; free: {covariance.free_in_words}"
+    return (
+        f"sigma {1e3 * position:.1f} mm, {np.degrees(turn):.2f} deg; free: "
+        f"{covariance.free_in_words}"
+    )

@@ -1,7 +1,9 @@
-"""Start of Rerun's viewer and command line without usage data, which they send to their makers by default.
+"""Start of Rerun's viewer and command line without usage data, which they send to their makers by
+default.
 
-Writing a log sends nothing. Rerun's own switch, `rerun analytics disable`, writes into the user's home. Processes
-started here get CI=1 instead, under which they neither send usage data nor write there.
+Writing a log sends nothing. Rerun's own switch, `rerun analytics disable`, writes into the user's
+home. Processes started here get CI=1 instead, under which they neither send usage data nor write
+there.
 """
 
 import os
@@ -21,7 +23,8 @@ _PATIENCE = 20.0  # [s] longest time for compaction
 
 
 def send_to(rr: Any, stream: Any, file: Path, *, view: bool) -> None:
-    """Send a recording to a file, with `view` also to a viewer; where none starts, a line on stderr says so.
+    """Send a recording to a file, with `view` also to a viewer; where none starts, a line on stderr
+    says so.
 
     Args:
         rr: The module `rerun`.
@@ -33,7 +36,9 @@ def send_to(rr: Any, stream: Any, file: Path, *, view: bool) -> None:
         stream.set_sinks(rr.FileSink(str(file)), rr.GrpcSink())
         return
     if view:
-        print(f"view: the Rerun viewer did not start here; afterwards: rerun {file}", file=sys.stderr)
+        print(
+            f"view: the Rerun viewer did not start here; afterwards: rerun {file}", file=sys.stderr
+        )
     stream.save(str(file))
 
 
@@ -66,17 +71,25 @@ def _listens(patience: float) -> bool:
 
 
 def compact(file: Path) -> bool:
-    """Rewrite a closed log in fewer, larger chunks, which a viewer loads faster; True if it was rewritten.
+    """Rewrite a closed log in fewer, larger chunks, which a viewer loads faster; True if it was
+    rewritten.
 
     1528 chunks of 8 MB become 52 of 6 MB, in about a second. On failure the log stays as it is.
     """
     smaller = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
         with file.open("rb") as log:
-            if log.read(3) != b"RRF" or file.stat().st_size < _SMALL:  # a file that is no log would come out empty
+            # a file that is no log would come out empty
+            if log.read(3) != b"RRF" or file.stat().st_size < _SMALL:
                 return False
         command = [str(_program()), "rrd", "optimize", str(file), "-o", str(smaller)]
-        subprocess.run(command, capture_output=True, check=True, timeout=_PATIENCE, env=os.environ | {"CI": "1"})
+        subprocess.run(
+            command,
+            capture_output=True,
+            check=True,
+            timeout=_PATIENCE,
+            env=os.environ | {"CI": "1"},
+        )
         smaller.replace(file)
         return True
     except (ImportError, OSError, subprocess.SubprocessError):
@@ -86,7 +99,10 @@ def compact(file: Path) -> bool:
 
 
 def _program() -> Path:
-    """Path of Rerun's binary without its Python wrapper, which loses the exit code. ImportError if not installed."""
+    """Path of Rerun's binary without its Python wrapper, which loses the exit code.
+
+    ImportError if not installed.
+    """
     import rerun_cli
 
     folder = Path(rerun_cli.__file__ or "").parent

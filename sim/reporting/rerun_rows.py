@@ -14,14 +14,16 @@ from uuv.sim.reporting.rerun_scene import LIFT
 from uuv.sim.reporting.rerun_stream import LogStream
 
 JET_SCALE = 1 / 250.0  # [m]/[N] of the thrusters' jets
-FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must be visible beyond the wrist
+# [m]/[N] of force arrows: those of the tool must be visible beyond the wrist
+FORCE_SCALE = 1 / 150.0
 CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
 _NOWHERE = np.full(3, np.nan)
 _STILL = np.zeros(3)
 
 
 class SeriesRows:
-    """Forces along and across the tool, path error, drift of the hull, thrusts, joints, and errors of the estimate.
+    """Forces along and across the tool, path error, drift of the hull, thrusts, joints, and errors
+    of the estimate.
 
     Before the tare a felt force is only the bias of the torque sensors: it is left out.
     """
@@ -39,7 +41,11 @@ class SeriesRows:
         """Keep one step."""
         truth, reference, contact = moment.truth, moment.reference, moment.command.contact
         self._tared |= reference.tare
-        felt, felt_W = (contact.normal, contact.force_W) if self._tared and not reference.tare else (np.nan, _NOWHERE)
+        felt, felt_W = (
+            (contact.normal, contact.force_W)
+            if self._tared and not reference.tare
+            else (np.nan, _NOWHERE)
+        )
         commanded = _NOWHERE
         if reference.state is WorkState.WORK and reference.X_WG is not None:
             commanded = reference.X_WG[:3, 3] + (truth.time - reference.time) * reference.v_WG_W
@@ -67,10 +73,14 @@ class SeriesRows:
         if not self._rows:
             return
         parts = _columns(self._rows, self._widths)
-        time, force, error, velocity, axis, drift, thrust, q, tau, felt_W, true_W, off, sigma = parts
+        time, force, error, velocity, axis, drift, thrust, q, tau, felt_W, true_W, off, sigma = (
+            parts
+        )
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         tangent = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 1e-6)
-        deviation = [np.sum(error * way, axis=1) for way in (tangent, np.cross(axis, tangent), axis)]
+        deviation = [
+            np.sum(error * way, axis=1) for way in (tangent, np.cross(axis, tangent), axis)
+        ]
         across = [np.linalg.norm(np.cross(axis, of_W), axis=1) for of_W in (felt_W, true_W)]
         for name, values in (
             ("force", force),
@@ -85,13 +95,19 @@ class SeriesRows:
             stream.columns(f"series/{name}", time[:, 0], _rr().Scalars.columns(scalars=values))
         if self._bound is not None:
             both = np.tile([self._bound, -self._bound], (2, 1))
-            stream.columns("series/path_error/bound", time[[0, -1], 0], _rr().Scalars.columns(scalars=both))
+            stream.columns(
+                "series/path_error/bound", time[[0, -1], 0], _rr().Scalars.columns(scalars=both)
+            )
 
 
 class PoseRows:
-    """Poses of the vehicle's bodies, arrows of forces, jets and current, and the worked part of the path."""
+    """Poses of the vehicle's bodies, arrows of forces, jets and current, and the worked part of the
+    path.
+    """
 
-    def __init__(self, vehicle: Vehicle, moving: Sequence[tuple[int, str]], thrusters_B: Array) -> None:
+    def __init__(
+        self, vehicle: Vehicle, moving: Sequence[tuple[int, str]], thrusters_B: Array
+    ) -> None:
         """Take the bodies.
 
         Args:
@@ -136,25 +152,32 @@ class PoseRows:
             return
         rr, rows, k = _rr(), len(self._rows), len(self._entities)
         parts = _columns(self._rows, self._widths)
-        time, working, p, quat_wxyz, tip, axis, contact, base, hull, arm, current, R_WB, thrust = parts
+        time, working, p, quat_wxyz, tip, axis, contact, base, hull, arm, current, R_WB, thrust = (
+            parts
+        )
         time = time[:, 0]
         p, quat_wxyz = p.reshape(rows, k, 3), quat_wxyz.reshape(rows, k, 4)
         for i, entity in enumerate(self._entities):
             xyzw = np.roll(quat_wxyz[:, i], -1, axis=1)  # Rerun's order
-            stream.columns(entity, time, rr.Transform3D.columns(translation=p[:, i], quaternion=xyzw))
+            stream.columns(
+                entity, time, rr.Transform3D.columns(translation=p[:, i], quaternion=xyzw)
+            )
         above = hull + np.array([0.0, 0.0, 0.6])
         for name, origin, vector in (
             ("contact", tip, FORCE_SCALE * contact),
             ("arm_on_hull", base, FORCE_SCALE * arm),
             ("current", above, CURRENT_SCALE * current),
         ):
-            stream.columns(f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector))
+            stream.columns(
+                f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector)
+            )
         R_WB = R_WB.reshape(rows, 3, 3)
         places = np.einsum("nij,kj->nki", R_WB, self._thrusters_B) + hull[:, None]
         jets = -JET_SCALE * thrust[:, :, None] * np.einsum("nij,kj->nki", R_WB, self._pushes_B)
         arrows = rr.Arrows3D.columns(origins=places.reshape(-1, 3), vectors=jets.reshape(-1, 3))
         stream.columns("world/arrows/jets", time, arrows.partition([len(self._thrusters_B)] * rows))
-        self._send_done(stream, time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)  # over the planned one
+        # over the planned one
+        self._send_done(stream, time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)
 
     def _send_done(self, stream: LogStream, time: Array, working: np.ndarray, tip: Array) -> None:
         """Send the path pieces worked since the last pose; the view shows all up to its time."""
@@ -163,7 +186,9 @@ class PoseRows:
         if not working.any():
             return
         pieces = np.stack([start, tip], axis=1)[working]
-        stream.columns("world/path/done", time[working], _rr().LineStrips3D.columns(strips=list(pieces)))
+        stream.columns(
+            "world/path/done", time[working], _rr().LineStrips3D.columns(strips=list(pieces))
+        )
 
 
 def _columns(rows: list[Array], widths: Sequence[int]) -> list[Array]:

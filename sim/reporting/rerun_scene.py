@@ -20,21 +20,46 @@ TIMELINE = "sim_time"
 LIFT = 0.006  # [m] offset of drawn paths from the surface, which would hide them
 
 BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, YELLOW = map(
-    rgb, (palette.BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE, palette.SKY, palette.VERMILION, palette.YELLOW)
+    rgb,
+    (
+        palette.BLUE,
+        palette.ORANGE,
+        palette.GREEN,
+        palette.PURPLE,
+        palette.SKY,
+        palette.VERMILION,
+        palette.YELLOW,
+    ),
 )
 GREY = (160, 160, 160)
 LINES = (SKY, ORANGE, GREEN, VERMILION, PURPLE, YELLOW, BLUE, GREY)
 STATE_COLORS = dict(
     zip(
         WorkState,
-        (GREY, SKY, BLUE, GREY, YELLOW, ORANGE, GREEN, YELLOW, ORANGE, PURPLE, PURPLE, SKY, VERMILION),
+        (
+            GREY,
+            SKY,
+            BLUE,
+            GREY,
+            YELLOW,
+            ORANGE,
+            GREEN,
+            YELLOW,
+            ORANGE,
+            PURPLE,
+            PURPLE,
+            SKY,
+            VERMILION,
+        ),
         strict=True,
     )
 )
 
 
 def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] | None:
-    """Triangle corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms; None without any."""
+    """Triangle corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms; None
+    without any.
+    """
     corners, normals, colors = [], [], []
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     for geom in range(first, first + count):
@@ -52,7 +77,11 @@ def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarra
         corners.append(surface.corners.reshape(-1, 3) @ R_BG.T + model.geom_pos[geom])
         normals.append(surface.normals.reshape(-1, 3) @ R_BG.T)
         colors.append(np.tile(np.round(255 * rgba).astype(np.uint8), (len(corners[-1]), 1)))
-    return (np.concatenate(corners), np.concatenate(normals), np.concatenate(colors)) if corners else None
+    return (
+        (np.concatenate(corners), np.concatenate(normals), np.concatenate(colors))
+        if corners
+        else None
+    )
 
 
 def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Array:
@@ -74,18 +103,26 @@ def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> A
 
 
 def _plane(size: Array) -> tuple[Array, np.ndarray]:
-    """Rectangle for a plane geom, at most 8 m wide, so that the initial view shows the objects on it."""
+    """Rectangle for a plane geom, at most 8 m wide, so that the initial view shows the objects on
+    it.
+    """
     x, y = (min(half, 4.0) if half > 0.0 else 4.0 for half in size[:2])
-    return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array(
+        [[0, 1, 2], [0, 2, 3]]
+    )
 
 
 def blueprint(middle: Array) -> Any:
-    """Viewer layout: 3D view around `middle` (3,) [m], time series of the work beside it, states below."""
+    """Viewer layout: 3D view around `middle` (3,) [m], time series of the work beside it, states
+    below.
+    """
     import rerun as rr
     import rerun.blueprint as rrb
 
     so_far = rr.VisibleTimeRange(
-        TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0)
+        TIMELINE,
+        start=rr.TimeRangeBoundary.infinite(),
+        end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
     )
     legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
 
@@ -97,7 +134,9 @@ def blueprint(middle: Array) -> Any:
         name="Scene",
         background=(24, 34, 46),
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(position=middle + np.array([2.0, -3.2, 1.4]), look_target=middle),
+        eye_controls=rrb.EyeControls3D(
+            position=middle + np.array([2.0, -3.2, 1.4]), look_target=middle
+        ),
         overrides={"world/path/done": rrb.VisibleTimeRanges(so_far)},
     )
     return rrb.Blueprint(
@@ -139,7 +178,9 @@ def blueprint(middle: Array) -> Any:
     )
 
 
-def draw(log: StaticLog, model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> list[tuple[int, str]]:
+def draw(
+    log: StaticLog, model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle
+) -> list[tuple[int, str]]:
     """Log the shape of every body once.
 
     Args:
@@ -162,7 +203,10 @@ def draw(log: StaticLog, model: mujoco.MjModel, data: mujoco.MjData, vehicle: Ve
         mesh = body_mesh(model, body)
         if mesh is not None:
             vertices, normals, colors = mesh
-            log(f"{entity}/shape", rr.Mesh3D(vertex_positions=vertices, vertex_normals=normals, vertex_colors=colors))
+            log(
+                f"{entity}/shape",
+                rr.Mesh3D(vertex_positions=vertices, vertex_normals=normals, vertex_colors=colors),
+            )
         if carried:
             moving.append((body, entity))
         else:
@@ -174,7 +218,9 @@ def draw(log: StaticLog, model: mujoco.MjModel, data: mujoco.MjData, vehicle: Ve
         ("jets", GREEN, 0.015),
         ("current", SKY, 0.02),
     ):
-        style = rr.Arrows3D.from_fields(colors=color, radii=radius, labels=name.replace("_", " "), show_labels=False)
+        style = rr.Arrows3D.from_fields(
+            colors=color, radii=radius, labels=name.replace("_", " "), show_labels=False
+        )
         log(f"world/arrows/{name}", style)
     log("world/path/done", rr.LineStrips3D.from_fields(colors=GREEN, radii=0.009))
     return moving
@@ -197,7 +243,10 @@ def describe_series(log: StaticLog, vehicle: Vehicle) -> None:
         "thrust": tuple(f"{name} [N]" for name in vehicle.thruster_names),
         "joint_angle": tuple(f"{name} [deg]" for name in vehicle.joint_names),
         "joint_torque": tuple(f"{name} [N m]" for name in vehicle.joint_names),
-        "navigation": (*(f"error {axis} [mm]" for axis in "xyz"), *(f"sigma {axis} [mm]" for axis in "xyz")),
+        "navigation": (
+            *(f"error {axis} [mm]" for axis in "xyz"),
+            *(f"sigma {axis} [mm]" for axis in "xyz"),
+        ),
         "path_error/bound": ("bound [mm]", "bound [mm]"),
     }
     for name, labels in names.items():
@@ -210,6 +259,7 @@ def describe_series(log: StaticLog, vehicle: Vehicle) -> None:
     log(
         "state/now",
         rr.StateConfiguration(
-            values=[state.value for state in WorkState], colors=[STATE_COLORS[state] for state in WorkState]
+            values=[state.value for state in WorkState],
+            colors=[STATE_COLORS[state] for state in WorkState],
         ),
     )

@@ -1,4 +1,6 @@
-"""File of a visual log: what is sent to it, and how a file that can no longer be written is given up."""
+"""File of a visual log: what is sent to it, and how a file that can no longer be written is given
+up.
+"""
 
 import ctypes
 import os
@@ -11,11 +13,14 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.reporting.rerun_program import compact, send_to
 from uuv.sim.reporting.rerun_scene import TIMELINE
 
-ROOM = 4 << 20  # [bytes] cut off a log that filled the disk, so that metrics and report can be written
+# [bytes] cut off a log that filled the disk, so that metrics and report can be written
+ROOM = 4 << 20
 
 
 class LogStream:
-    """A Rerun recording in a file; after a failed write it is abandoned, with one line on stderr."""
+    """A Rerun recording in a file; after a failed write it is abandoned, with one line on
+    stderr.
+    """
 
     def __init__(self, path: Path, title: str, *, view: bool) -> None:
         """Open the file.
@@ -52,7 +57,9 @@ class LogStream:
 
     def columns(self, entity: str, time: Array, columns: Any) -> None:
         """Send many values of an entity, at times (N,) [s]."""
-        self._stream.send_columns(entity, indexes=[self._rr.TimeColumn(TIMELINE, duration=time)], columns=columns)
+        self._stream.send_columns(
+            entity, indexes=[self._rr.TimeColumn(TIMELINE, duration=time)], columns=columns
+        )
 
     def flush(self) -> None:
         """Write all that was sent.
@@ -65,7 +72,8 @@ class LogStream:
             self._whole.append(self._path.stat().st_size)
 
     def give_up(self, reason: str, time: float) -> None:
-        """Abandon the log with one message; keep the readable part of the file, less ROOM if the disk is full.
+        """Abandon the log with one message; keep the readable part of the file, less ROOM if the
+        disk is full.
 
         Args:
             reason: why it can no longer be written.
@@ -73,7 +81,10 @@ class LogStream:
         """
         full = shutil.disk_usage(self._path.parent).free < ROOM
         self.lost = "no space left" if full else reason
-        print(f"run log: lost from {time:.1f} s on, the run goes on ({self.lost}): {self._path}", file=sys.stderr)
+        print(
+            f"run log: lost from {time:.1f} s on, the run goes on ({self.lost}): {self._path}",
+            file=sys.stderr,
+        )
         # Closing or destroying a stream whose writer is dead can block forever: keep it alive.
         self._rr.unregister_shutdown()
         for each in (self._stream, getattr(self._stream, "inner", None)):

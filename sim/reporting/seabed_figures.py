@@ -1,4 +1,6 @@
-"""Figures of a report on work in the seabed: vehicle over the ground, forces and depth, tip motion."""
+"""Figures of a report on work in the seabed: vehicle over the ground, forces and depth, tip
+motion.
+"""
 
 from collections.abc import Iterator
 
@@ -26,7 +28,8 @@ def seabed_figures(recording: Recording, truth: TrueGround) -> Iterator[tuple[st
         Title, caption and figure.
     """
     caption = (
-        "Section along the hull's heading, as it is at work, else at the end: the true ground, the scan within "
+        "Section along the hull's heading, as it is at work, else at the end: the true ground, "
+        "the scan within "
         f"{_BESIDE:g} m of the section, the targets as found, hull and arm."
     )
     yield "Vehicle at its height", caption, _section(recording, truth)
@@ -53,8 +56,12 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
     heading = R_WB[:2, 0] / np.linalg.norm(R_WB[:2, 0])
 
     def seen(points: Array) -> Array:
-        """Coordinates (N, 2) [m] along the heading from the hull, and up from the middle of the terrain."""
-        return np.column_stack([(points[:, :2] - p_WB[:2]) @ heading, points[:, 2] - truth.ground.center_W[2]])
+        """Coordinates (N, 2) [m] along the heading from the hull, and up from the middle of the
+        terrain.
+        """
+        return np.column_stack(
+            [(points[:, :2] - p_WB[:2]) @ heading, points[:, 2] - truth.ground.center_W[2]]
+        )
 
     figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
     axes = figure.subplots()
@@ -63,7 +70,13 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
     off = float((tip[:2] - p_WB[:2]) @ beside)
     along = np.linspace(-1.6, 1.8, 400)
     xy = p_WB[:2] + along[:, None] * heading + off * beside
-    axes.plot(along, truth.ground.height(xy) - truth.ground.center_W[2], color=INK, linewidth=1.2, label="true ground")
+    axes.plot(
+        along,
+        truth.ground.height(xy) - truth.ground.center_W[2],
+        color=INK,
+        linewidth=1.2,
+        label="true ground",
+    )
     scan = recording.clouds.get("scan", np.zeros((0, 3)))
     near = np.abs((scan[:, :2] - p_WB[:2]) @ beside - off) < _BESIDE
     scan = seen(scan[near])
@@ -71,12 +84,21 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
     axes.plot(*scan[within].T, ".", color=FAINT, markersize=2, label="scan")
     (x0, _, z0), (x1, _, z1) = truth.hull_box
     corners = np.array([[x0, 0, z0], [x1, 0, z0], [x1, 0, z1], [x0, 0, z1], [x0, 0, z0]])
-    axes.plot(*seen(transform_points(pose(R_WB, p_WB), corners)).T, color=ORANGE, linewidth=1.5, label="hull")
+    axes.plot(
+        *seen(transform_points(pose(R_WB, p_WB), corners)).T,
+        color=ORANGE,
+        linewidth=1.5,
+        label="hull",
+    )
     if "body_pose" in recording:
         poses = recording["body_pose"]
-        now = poses.value[np.searchsorted(poses.time, recording["p_WB"].time[row]) - 1].reshape(-1, 7)
+        now = poses.value[np.searchsorted(poses.time, recording["p_WB"].time[row]) - 1].reshape(
+            -1, 7
+        )
         links = [i for i, name in enumerate(poses.labels) if name.startswith(("arm_base", "link"))]
-        axes.plot(*seen(np.vstack([now[links, :3], tip])).T, "o-", color=BLUE, markersize=3, label="arm")
+        axes.plot(
+            *seen(np.vstack([now[links, :3], tip])).T, "o-", color=BLUE, markersize=3, label="arm"
+        )
     targets = recording.clouds.get("targets")
     if targets is not None:
         axes.plot(*seen(targets).T, "^", color=VERMILION, label="targets")
@@ -91,8 +113,12 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
     time = recording["p_pad"].time[rows]
     figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
     force, depth, hull = figure.subplots(3, 1, sharex=True)
-    force.plot(time, recording["felt_normal"].scalar[rows], color=ORANGE, linewidth=0.8, label="felt")
-    force.plot(time, recording["contact_normal"].scalar[rows], color=BLUE, linewidth=0.8, label="true")
+    force.plot(
+        time, recording["felt_normal"].scalar[rows], color=ORANGE, linewidth=0.8, label="felt"
+    )
+    force.plot(
+        time, recording["contact_normal"].scalar[rows], color=BLUE, linewidth=0.8, label="true"
+    )
     if truth.push is not None:
         force.axhline(truth.push, color=FAINT, linewidth=0.8, linestyle="--")
     force.set_ylabel("push [N]")
@@ -102,7 +128,9 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
     depth.set_ylabel("depth [mm]")
     p_WB = recording["p_WB"].value[rows]
     for axis, color, label in ((2, VERMILION, "up"), (0, BLUE, "x"), (1, GREEN, "y")):
-        hull.plot(time, 1e3 * (p_WB[:, axis] - p_WB[0, axis]), color=color, linewidth=0.8, label=label)
+        hull.plot(
+            time, 1e3 * (p_WB[:, axis] - p_WB[0, axis]), color=color, linewidth=0.8, label=label
+        )
     hull.set_ylabel("hull [mm]")
     hull.set_xlabel("time [s]")
     hull.legend(frameon=False, fontsize=9, ncols=3)
@@ -111,7 +139,14 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
             for axes in (force, depth, hull):
                 axes.axvline(event.time, color=FAINT, linewidth=0.6)
             label = f" {event.state.value}"
-            force.text(event.time, 1.01, label, transform=force.get_xaxis_transform(), fontsize=8, rotation=30)
+            force.text(
+                event.time,
+                1.01,
+                label,
+                transform=force.get_xaxis_transform(),
+                fontsize=8,
+                rotation=30,
+            )
     return figure
 
 
@@ -122,8 +157,12 @@ def _profile(recording: Recording, truth: TrueGround) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.5), layout="constrained")
     axes = figure.subplots()
     level = truth.ground.center_W[2]
-    axes.plot(s, 1e3 * (truth.ground.height(asked) - level), color=INK, linewidth=1.2, label="true ground")
-    axes.plot(s, 1e3 * (asked[:, 2] - level), color=ORANGE, linewidth=1.0, linestyle="--", label="asked")
+    axes.plot(
+        s, 1e3 * (truth.ground.height(asked) - level), color=INK, linewidth=1.2, label="true ground"
+    )
+    axes.plot(
+        s, 1e3 * (asked[:, 2] - level), color=ORANGE, linewidth=1.0, linestyle="--", label="asked"
+    )
     axes.plot(s, 1e3 * (tip[:, 2] - level), color=BLUE, linewidth=1.0, label="tip")
     axes.set_xlabel("along the path [m]")
     axes.set_ylabel("height [mm]")

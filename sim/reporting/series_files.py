@@ -1,4 +1,5 @@
-"""Files of tables of series: Parquet, or .npz without the package pyarrow; what is read may be anyone's.
+"""Files of tables of series: Parquet, or .npz without the package pyarrow; what is read may be
+anyone's.
 
 A column has a name, values, a unit, and the series that it is part of.
 """
@@ -28,13 +29,24 @@ if TYPE_CHECKING:
 
 ENDINGS = (".parquet", ".npz")
 MOST_NUMBERS = 40_000_000  # of a run: half an hour at the loop's rate is 37 million
-_MOST_BYTES = 8 * MOST_NUMBERS  # of the content of a file; a file is packed to less than half of that
+# of the content of a file; a file is packed to less than half of that
+_MOST_BYTES = 8 * MOST_NUMBERS
 _ABOUT = "about"  # entry of an .npz file: unit and series of each column, in JSON
 _LONGEST_NAME = 200  # [characters] of a column
-# Encodings that `write_table` uses. Others unfold without bound: a word stored once is a million words in memory.
+# Encodings that `write_table` uses. Others unfold without bound: a word stored once is a million
+# words in memory.
 _ENCODINGS = {"PLAIN", "RLE", "BYTE_STREAM_SPLIT"}
 # What NumPy and zipfile raise at a file that is cut or forged.
-_BROKEN = (OSError, ValueError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_BROKEN = (
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    MemoryError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +101,9 @@ def write_table(file: Path, columns: Sequence[Column]) -> None:
         use_dictionary=False,
         write_page_checksum=True,
         column_encoding={
-            column.name: "BYTE_STREAM_SPLIT" for column in columns if np.issubdtype(column.values.dtype, np.floating)
+            column.name: "BYTE_STREAM_SPLIT"
+            for column in columns
+            if np.issubdtype(column.values.dtype, np.floating)
         },
     )
     write_whole(file.with_suffix(".parquet"), content.getvalue())
@@ -99,7 +113,8 @@ def read_table(file: Path) -> dict[str, Column]:
     """Columns of a table by name: numbers or texts, all of one length.
 
     Raises:
-        ConfigurationError: The file is none that `write_table` makes, is cut, or has more than `MOST_NUMBERS` values.
+        ConfigurationError: The file is none that `write_table` makes, is cut, or has more than
+            `MOST_NUMBERS` values.
         MissingLibraryError: It is a Parquet file, and the package pyarrow is not installed.
     """
     what = f"series {shown(str(file))}"
@@ -115,7 +130,9 @@ def read_table(file: Path) -> dict[str, Column]:
             raise ConfigurationError(f"{what}: {shown(column.unit)} is no unit")
         if column.values.dtype.kind == "O":  # of Arrow: texts, or numbers with gaps
             if not all(isinstance(each, str) for each in column.values):
-                raise ConfigurationError(f"{what}: {shown(column.name)} is neither numbers nor texts")
+                raise ConfigurationError(
+                    f"{what}: {shown(column.name)} is neither numbers nor texts"
+                )
             checked(column.values.tolist(), column.name)
         elif column.values.dtype.kind not in "bifuU":
             raise ConfigurationError(f"{what}: {shown(column.name)} is neither numbers nor texts")
@@ -137,11 +154,17 @@ def arrow_table(file: Path) -> "pa.Table":
     try:
         stored = pq.ParquetFile(pa.BufferReader(raw), page_checksum_verification=True)
         told = stored.metadata
-        parts = [told.row_group(i).column(k) for i in range(told.num_row_groups) for k in range(told.num_columns)]
+        parts = [
+            told.row_group(i).column(k)
+            for i in range(told.num_row_groups)
+            for k in range(told.num_columns)
+        ]
         unpacked = sum(part.total_uncompressed_size for part in parts)
         if told.num_rows * told.num_columns > MOST_NUMBERS or unpacked > _MOST_BYTES:
             raise ConfigurationError(f"{what}: more than {MOST_NUMBERS} values")
-        if any(part.has_dictionary_page or not _ENCODINGS.issuperset(part.encodings) for part in parts):
+        if any(
+            part.has_dictionary_page or not _ENCODINGS.issuperset(part.encodings) for part in parts
+        ):
             raise ConfigurationError(f"{what}: encoded otherwise than a run writes it")
         table = stored.read()
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
@@ -157,7 +180,9 @@ def _from_parquet(table: "pa.Table") -> list[Column]:
     columns = []
     for field in table.schema:
         told = field.metadata or {}
-        about = {key: told.get(key.encode(), b"").decode(errors="replace") for key in ("unit", "series")}
+        about = {
+            key: told.get(key.encode(), b"").decode(errors="replace") for key in ("unit", "series")
+        }
         columns.append(Column(field.name, table[field.name].to_numpy(), **about))
     return columns
 
@@ -171,7 +196,9 @@ def _from_npz(file: Path, what: str) -> list[Column]:
         with np.load(raw) as stored:  # which unpickles nothing
             about = parsed_json(str(stored[_ABOUT]), f"{what}: about")
             names = TableReader("about").made(_Abouts, {"columns": about}).columns
-            return [Column(name, stored[name], each.unit, each.series) for name, each in names.items()]
+            return [
+                Column(name, stored[name], each.unit, each.series) for name, each in names.items()
+            ]
     except (*_BROKEN, RecursionError) as error:
         if isinstance(error, ConfigurationError):
             raise

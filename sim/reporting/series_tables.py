@@ -1,7 +1,7 @@
 """Series and events of a run as tables in its folder, one for each rate, with units.
 
-`write_series` leaves them beside the log, as Parquet, or as .npz without the package pyarrow; `PastRun` reads them
-back, and everything else of a run's folder.
+`write_series` leaves them beside the log, as Parquet, or as .npz without the package pyarrow;
+`PastRun` reads them back, and everything else of a run's folder.
 """
 
 import html
@@ -20,7 +20,14 @@ from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import one_of, shown
 from uuv.sim.interfaces.tables import TableReader
-from uuv.sim.reporting.series_files import ENDINGS, MOST_NUMBERS, Column, arrow_table, read_table, write_table
+from uuv.sim.reporting.series_files import (
+    ENDINGS,
+    MOST_NUMBERS,
+    Column,
+    arrow_table,
+    read_table,
+    write_table,
+)
 from uuv.sim.runs.run_folder import checked_format
 
 if TYPE_CHECKING:  # the figures of a run are read without the kernels of what recorded it
@@ -32,9 +39,11 @@ if TYPE_CHECKING:  # the figures of a run are read without the kernels of what r
 METRICS = "metrics.json"  # in the folder of a run
 STATES = (*WorkState, "interrupted", "crashed")  # in which a run may end
 LOOP, SLOW, POSES, EVENTS = "loop", "slow", "poses", "events"
-LATE = "_late"  # after the name of a table whose series begin later than those of another of its rate
+# after the name of a table whose series begin later than those of another of its rate
+LATE = "_late"
 _FILE = "series_"  # before the name of a table of series
-_NAMES = {"body_pose": POSES, "contact_normal": LOOP}  # series whose rate names a table; the other rate is SLOW
+# series whose rate names a table; the other rate is SLOW
+_NAMES = {"body_pose": POSES, "contact_normal": LOOP}
 
 
 def write_series(recording: "Recording", folder: Path) -> None:
@@ -52,7 +61,8 @@ def write_series(recording: "Recording", folder: Path) -> None:
     }
     times = Column("time", np.array([event.time for event in events]), "s")
     write_table(
-        folder / EVENTS, [times, *(Column(name, np.array(words, dtype=np.str_)) for name, words in texts.items())]
+        folder / EVENTS,
+        [times, *(Column(name, np.array(words, dtype=np.str_)) for name, words in texts.items())],
     )
 
 
@@ -72,13 +82,17 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
             labels = series.labels
             if name == "body_pose":
                 labels = tuple(
-                    f"{body}.{part}" for body in series.labels for part in ("x", "y", "z", "qw", "qx", "qy", "qz")
+                    f"{body}.{part}"
+                    for body in series.labels
+                    for part in ("x", "y", "z", "qw", "qx", "qy", "qz")
                 )
             width = series.value.shape[1]
             if len(labels) != width:
                 labels = tuple(map(str, range(width))) if width > 1 else ()
             words = [f"{name}.{label}" for label in labels] or [name]
-            made[title] += [Column(word, series.value[:, i], series.unit, name) for i, word in enumerate(words)]
+            made[title] += [
+                Column(word, series.value[:, i], series.unit, name) for i, word in enumerate(words)
+            ]
     return made
 
 
@@ -87,7 +101,9 @@ class PastRun:
     """A run in its folder: figures, scenario, series and events; a notebook shows it as a card."""
 
     folder: Path
-    _kept: dict[str, dict[str, Column]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _kept: dict[str, dict[str, Column]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @classmethod
     def of(cls, folder: str | Path) -> "PastRun":
@@ -105,8 +121,8 @@ class PastRun:
         """Content of metrics.json.
 
         Raises:
-            ConfigurationError: It cannot be read, or is of a later format, or lacks what every run has
-            (`uuv.sim.evaluation.run_metrics.EveryRun`).
+            ConfigurationError: It cannot be read, or is of a later format, or lacks what every run
+                has (`uuv.sim.evaluation.run_metrics.EveryRun`).
         """
         file = self.folder / METRICS
         content = json_of(file, "metrics")
@@ -126,20 +142,25 @@ class PastRun:
             ConfigurationError: The run gave none.
         """
         if (simulated := self.metrics["run"]["simulated_s"]) is None:
-            raise ConfigurationError(f"{self.folder}/{METRICS}: run.simulated_s is null: the run crashed")
+            raise ConfigurationError(
+                f"{self.folder}/{METRICS}: run.simulated_s is null: the run crashed"
+            )
         return float(simulated)
 
     @property
     def rates(self) -> tuple[str, ...]:
-        """Names of the tables of series: LOOP at the loop's rate, SLOW at 50 Hz, POSES of all bodies at 25 Hz.
+        """Names of the tables of series: LOOP at the loop's rate, SLOW at 50 Hz, POSES of all
+        bodies at 25 Hz.
 
-        Series that begin later, such as an estimate of the controller after the tare, have a table with LATE.
+        Series that begin later, such as an estimate of the controller after the tare, have a table
+        with LATE.
         """
         files = [file for ending in ENDINGS for file in self.folder.glob(f"{_FILE}*{ending}")]
         return tuple(sorted({file.stem.removeprefix(_FILE) for file in files}))
 
     def table(self, rate: str = LOOP) -> "pa.Table":
-        """Series of one rate, or EVENTS; `.to_pandas()` makes a data frame of it, where pandas is installed.
+        """Series of one rate, or EVENTS; `.to_pandas()` makes a data frame of it, where pandas is
+        installed.
 
         Raises:
             ConfigurationError: There is no such table.
@@ -171,7 +192,9 @@ class PastRun:
         """
         values = self.column(name, rate)
         if values.dtype.kind not in "bifu":
-            raise ConfigurationError(f"{self.folder}: the column {shown(name)} of {rate!r} is not numeric")
+            raise ConfigurationError(
+                f"{self.folder}: the column {shown(name)} of {rate!r} is not numeric"
+            )
         return values
 
     def units(self, rate: str = LOOP) -> dict[str, str]:
@@ -183,7 +206,8 @@ class PastRun:
         """All series and events, as functions of `uuv.sim.evaluation` take them.
 
         Raises:
-            ConfigurationError: The run was made with --no-record, or a series of every step has another shape.
+            ConfigurationError: The run was made with --no-record, or a series of every step has
+                another shape.
         """
         from uuv.sim.loop.recording import RecordedSeries, Series
 
@@ -192,7 +216,9 @@ class PastRun:
             columns = self._columns(rate)
             time = self.numbers("time", rate)
             if not np.isfinite(time).all() or (np.diff(time) < 0.0).any():
-                raise ConfigurationError(f"{self.folder}: the times of its series {rate!r} do not rise")
+                raise ConfigurationError(
+                    f"{self.folder}: the times of its series {rate!r} do not rise"
+                )
             parts: dict[str, list[Column]] = {}
             for column in columns.values():
                 if column.series:
@@ -209,7 +235,8 @@ class PastRun:
         """Changes of the state of the work, at least one, in order of time.
 
         Raises:
-            ConfigurationError: There is no such table, or it has a state or cause that there is not.
+            ConfigurationError: There is no such table, or it has a state or cause that there is
+                not.
         """
         from uuv.sim.loop.recording import Event
 
@@ -228,14 +255,20 @@ class PastRun:
         return tuple(made)
 
     def _check_layout(self, series: "Mapping[str, Series]") -> None:
-        """Refuses series of every step that have another number of columns, or of rows than the state of the work."""
+        """Refuses series of every step that have another number of columns, or of rows than the
+        state of the work.
+        """
         from uuv.sim.loop.logged_columns import WIDTHS
 
         if "state" not in series:
-            raise ConfigurationError(f"{self.folder}: its tables are of another version, without the series 'state'")
+            raise ConfigurationError(
+                f"{self.folder}: its tables are of another version, without the series 'state'"
+            )
         for name, width in WIDTHS.items():
             if name in series and series[name].value.shape != (len(series["state"].time), width):
-                raise ConfigurationError(f"{self.folder}: the series {name!r} must have {width} columns of loop's rate")
+                raise ConfigurationError(
+                    f"{self.folder}: the series {name!r} must have {width} columns of loop's rate"
+                )
         for name in ("arm_wrench", "believed.arm_wrench_B"):
             if name in series and series[name].value.shape[1] != 6:
                 raise ConfigurationError(f"{self.folder}: the series {name!r} must have 6 columns")
@@ -243,7 +276,9 @@ class PastRun:
     def _texts(self, columns: Mapping[str, Column], name: str) -> list[str]:
         """Values of a column of texts of the events."""
         if name not in columns or columns[name].values.dtype.kind not in "OU":
-            raise ConfigurationError(f"{self.folder}: the table {EVENTS!r} has no column {shown(name)} of texts")
+            raise ConfigurationError(
+                f"{self.folder}: the table {EVENTS!r} has no column {shown(name)} of texts"
+            )
         return list(map(str, columns[name].values))
 
     def _columns(self, rate: str) -> dict[str, Column]:
@@ -251,7 +286,9 @@ class PastRun:
             read = read_table(self._file(rate))
             there = [column for table in (*self._kept.values(), read) for column in table.values()]
             if sum(column.values.size for column in there) > MOST_NUMBERS:
-                raise ConfigurationError(f"{self.folder}: its tables have more than {MOST_NUMBERS} values")
+                raise ConfigurationError(
+                    f"{self.folder}: its tables have more than {MOST_NUMBERS} values"
+                )
             self._kept[rate] = read
         return self._kept[rate]
 
@@ -260,7 +297,9 @@ class PastRun:
         for ending in ENDINGS:
             if (file := self.folder / f"{stem}{ending}").exists():
                 return file
-        known = ", ".join((*self.rates, EVENTS)) if self.rates else "none: it was run with --no-record"
+        known = (
+            ", ".join((*self.rates, EVENTS)) if self.rates else "none: it was run with --no-record"
+        )
         raise ConfigurationError(f"{self.folder}: no series {rate!r}; there are {known}")
 
     def _repr_html_(self) -> str:
@@ -281,7 +320,9 @@ class PastRun:
 
 
 def card(title: str, accepted: bool, failed: Any, rows: Any) -> str:
-    """HTML of a run for notebooks: title, verdict and figures; readable on light and dark ground."""
+    """HTML of a run for notebooks: title, verdict and figures; readable on light and dark
+    ground.
+    """
     said = "accepted" if accepted else "not accepted: " + "; ".join(map(str, failed))
     colour = "#2e9e5b" if accepted else "#d1495b"
     right = ' style="text-align:right"'
@@ -299,5 +340,9 @@ def card_of(title: str, assessment: "Assessment") -> str:
     """Card of a run that is in memory."""
     from uuv.sim.reporting.results_table import figures_of
 
-    rows = [(check.name, figures_of(check)[0], check.unit) for check in assessment.checks if check.value is not None]
+    rows = [
+        (check.name, figures_of(check)[0], check.unit)
+        for check in assessment.checks
+        if check.value is not None
+    ]
     return card(title, assessment.accepted, assessment.failed, rows)

@@ -1,4 +1,6 @@
-"""Interactive time series of one run, or of two laid over each other: one time axis for all, with zoom, by Plotly."""
+"""Interactive time series of one run, or of two laid over each other: one time axis for all, with
+zoom, by Plotly.
+"""
 
 import html
 from collections.abc import Iterator, Mapping, Sequence
@@ -56,13 +58,21 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
         bounds: Bounds to draw; None: none.
     """
     start = _starts(list(runs.values()))
-    drawn = {name: {panel.title: panel for panel in panels(recorded, bounds)} for name, recorded in runs.items()}
+    drawn = {
+        name: {panel.title: panel for panel in panels(recorded, bounds)}
+        for name, recorded in runs.items()
+    }
     titles = list(dict.fromkeys(title for found in drawn.values() for title in found))
     if not titles:
         return ""
     figure = make_subplots(rows=len(titles), shared_xaxes=True, vertical_spacing=0.16 / len(titles))
     for row, title in enumerate(titles, start=1):
-        _draw(figure, row, {k: found[title] for k, found in enumerate(drawn.values()) if title in found}, start)
+        _draw(
+            figure,
+            row,
+            {k: found[title] for k, found in enumerate(drawn.values()) if title in found},
+            start,
+        )
     first = next(iter(runs.values()))
     _shade(figure, first, start[0])
     touched = next((event.time for event in first.events if event.state in CONTACT), None)
@@ -109,8 +119,13 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
         yield Panel(
             "tangential force [N]",
             [
-                Line(said, time, np.linalg.norm(tangential(recorded, name), axis=1)[contact], colour)
-                for said, name, colour in (("felt", "felt_force", ORANGE), ("true", "contact_force", BLUE))
+                Line(
+                    said, time, np.linalg.norm(tangential(recorded, name), axis=1)[contact], colour
+                )
+                for said, name, colour in (
+                    ("felt", "felt_force", ORANGE),
+                    ("true", "contact_force", BLUE),
+                )
             ],
         )
         work = recorded.within(WorkState.WORK)
@@ -120,15 +135,24 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             yield Panel("force error [N]", [line], _both(bounds and bounds.force_error_max))
     if (error := path_error(recorded)) is not None:
         judged = bounds is not None and np.isfinite(bounds.path_deviation)
-        parts = (("along", error.along), ("across", error.lateral), ("along the tool axis", error.normal))
+        parts = (
+            ("along", error.along),
+            ("across", error.lateral),
+            ("along the tool axis", error.normal),
+        )
         yield Panel(
             "tip from its path [mm]",
-            [Line(name, error.time, 1e3 * value, _COLOURS[i]) for i, (name, value) in enumerate(parts)],
+            [
+                Line(name, error.time, 1e3 * value, _COLOURS[i])
+                for i, (name, value) in enumerate(parts)
+            ],
             _both(1e3 * bounds.path_deviation if bounds is not None and judged else None),
         )
     if (motion := hull_motion(recorded)) is not None:
         time, displacement, turn = motion
-        lines = [Line(axis, time, 1e3 * displacement[:, i], _COLOURS[i]) for i, axis in enumerate(_AXES)]
+        lines = [
+            Line(axis, time, 1e3 * displacement[:, i], _COLOURS[i]) for i, axis in enumerate(_AXES)
+        ]
         yield Panel("hull from its place [mm]", lines)
         yield Panel("turn of the hull [deg]", [Line("turn", time, np.degrees(turn), BLUE)])
     for name, title, scale in (
@@ -142,7 +166,12 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             yield Panel(
                 title,
                 [
-                    Line(label.replace("_", " "), series.time, scale * series.value[:, i], CYCLE[i % len(_COLOURS)])
+                    Line(
+                        label.replace("_", " "),
+                        series.time,
+                        scale * series.value[:, i],
+                        CYCLE[i % len(_COLOURS)],
+                    )
                     for i, label in enumerate(series.labels)
                 ],
             )
@@ -157,7 +186,11 @@ def _arm_wrench(recorded: RecordedSeries) -> Iterator[Panel]:
         lines = []
         for i, axis in enumerate(_AXES):
             lines.append(Line(axis, true.time, true.value[:, first + i], _COLOURS[i]))
-            lines.append(Line(f"{axis} believed", believed.time, believed.value[:, first + i], _COLOURS[i + 3]))
+            lines.append(
+                Line(
+                    f"{axis} believed", believed.time, believed.value[:, first + i], _COLOURS[i + 3]
+                )
+            )
         yield Panel(title, lines)
 
 
@@ -166,14 +199,21 @@ def _both(bound: float | None) -> tuple[float, ...]:
 
 
 def _starts(runs: Sequence[RecordedSeries]) -> list[float]:
-    """Time [s] that is drawn as 0, of each run: 0 for one alone, the start of the work where all have worked."""
-    begun = [next((event.time for event in run.events if event.state is WorkState.WORK), None) for run in runs]
+    """Time [s] that is drawn as 0, of each run: 0 for one alone, the start of the work where all
+    have worked.
+    """
+    begun = [
+        next((event.time for event in run.events if event.state is WorkState.WORK), None)
+        for run in runs
+    ]
     if len(runs) == 1 or None in begun:
         return [0.0] * len(runs)
     return [float(time) for time in begun if time is not None]
 
 
-def _draw(figure: go.Figure, row: int, of_runs: Mapping[int, Panel], start: Sequence[float]) -> None:
+def _draw(
+    figure: go.Figure, row: int, of_runs: Mapping[int, Panel], start: Sequence[float]
+) -> None:
     """One panel with the lines of all runs, by their number, and its bounds."""
     told: set[str] = set()  # names in the legend
     legend = f"legend{row}" if row > 1 else "legend"
@@ -199,7 +239,11 @@ def _draw(figure: go.Figure, row: int, of_runs: Mapping[int, Panel], start: Sequ
     panel = next(iter(of_runs.values()))
     figure.update_yaxes(title_text=panel.title, row=row, col=1)
     for bound in panel.bounds:
-        drawn: dict[str, Any] = {"line": {"color": VERMILION, "width": 1, "dash": "dash"}, "row": row, "col": 1}
+        drawn: dict[str, Any] = {
+            "line": {"color": VERMILION, "width": 1, "dash": "dash"},
+            "row": row,
+            "col": 1,
+        }
         figure.add_hline(bound, **drawn)
 
 
@@ -209,16 +253,28 @@ def _legends(figure: go.Figure, count: int) -> dict[str, dict[str, object]]:
     for row in range(1, count + 1):
         top = figure.layout["yaxis" if row == 1 else f"yaxis{row}"].domain[1]
         place = {"x": 1.0, "xanchor": "right", "y": top, "yanchor": "bottom", "orientation": "h"}
-        made["legend" if row == 1 else f"legend{row}"] = {**place, "bgcolor": "rgba(0,0,0,0)", "font": {"size": 11}}
+        made["legend" if row == 1 else f"legend{row}"] = {
+            **place,
+            "bgcolor": "rgba(0,0,0,0)",
+            "font": {"size": 11},
+        }
     return made
 
 
 def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:
-    """Shades the work state of the first run, and names the states that are long enough to be read."""
+    """Shades the work state of the first run, and names the states that are long enough to be
+    read.
+    """
     ends = [event.time for event in recorded.events[1:]] + [recorded.duration]
     for event, end in zip(recorded.events, ends, strict=True):
         if event.state is WorkState.WORK:
-            shade: dict[str, Any] = {"fillcolor": SKY, "opacity": 0.12, "line_width": 0, "row": "all", "col": 1}
+            shade: dict[str, Any] = {
+                "fillcolor": SKY,
+                "opacity": 0.12,
+                "line_width": 0,
+                "row": "all",
+                "col": 1,
+            }
             figure.add_vrect(event.time - start, end - start, **shade)
         if event.state is WorkState.WORK or end - event.time > 0.05 * recorded.duration:
             figure.add_annotation(

@@ -1,7 +1,8 @@
-"""Common start and end of every scenario script: options, import check, signals, one-line errors and exit codes.
+"""Common start and end of every scenario script: options, import check, signals, one-line errors
+and exit codes.
 
-Exit codes: 0 done; 1 done, outside its bounds; 2 bad input; 70 an error of the program; 130 and 143 ended by Ctrl-C and
-by SIGTERM; 141 the reader of its output is gone.
+Exit codes: 0 done; 1 done, outside its bounds; 2 bad input; 70 an error of the program; 130 and 143
+ended by Ctrl-C and by SIGTERM; 141 the reader of its output is gone.
 """
 
 import contextlib
@@ -21,14 +22,22 @@ from typing import Any, ClassVar, NoReturn, TypeVar, cast
 
 from uuv.sim.interfaces.errors import UuvError, did_you_mean, one_line
 from uuv.sim.interfaces.extras import missing
-from uuv.sim.runs.process import BAD_INPUT, children_kept_from_the_working_folder, quiet_pipe, reader_is_gone
+from uuv.sim.runs.process import (
+    BAD_INPUT,
+    children_kept_from_the_working_folder,
+    quiet_pipe,
+    reader_is_gone,
+)
 from uuv.sim.runs.run_folder import give_back
 
-ROOMS = ("models", "sim", "perception", "controllers", "calib")  # packages of `uuv`, folders of a checkout
+# packages of `uuv`, folders of a checkout
+ROOMS = ("models", "sim", "perception", "controllers", "calib")
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
-TRACEBACK = "--traceback"  # option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
+# option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
+TRACEBACK = "--traceback"
 _HOME = Path(__file__).resolve().parents[2]
-# A dotted key of a scenario file in a message; part of a path, of a quoted value or of MODULE:NAME it is none.
+# A dotted key of a scenario file in a message; part of a path, of a quoted value or of MODULE:NAME
+# it is none.
 _KEY = re.compile(r"(?<![\w./\\'\"-])[a-z]\w*(?:\.[a-z]\w*)+(?!\w|[/\\(-]|[.:]\w)")
 _OF_OUTPUT = ("json",)  # an option whose name ends the names of files, which are no keys
 
@@ -39,11 +48,15 @@ Options = TypeVar("Options")
 class RunOptions:
     """Options of every run that change no figure."""
 
-    groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest"}  # title: names of the options
-    keys: ClassVar[Mapping[str, str]] = {}  # of a scenario file, by the option; others end with the option's name
+    # title: names of the options
+    groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest"}
+    # of a scenario file, by the option; others end with the option's name
+    keys: ClassVar[Mapping[str, str]] = {}
 
     out: Path | None = None
-    """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by default."""
+    """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by
+    default.
+    """
     view: bool = False
     """Open the Rerun viewer while the run goes on."""
     record: bool = True
@@ -52,7 +65,8 @@ class RunOptions:
     """Limit of the simulated time [s]; default: 1.5 times what the job needs, and at least 400."""
 
 
-_typed: type[Any] = RunOptions  # class of the options that this process read last: the words of its command line
+# class of the options that this process read last: the words of its command line
+_typed: type[Any] = RunOptions
 
 
 class Interrupted(KeyboardInterrupt):
@@ -70,7 +84,10 @@ class Interrupted(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def signals(act: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
-    """Handle SIGINT and SIGTERM by `act`; signals that were ignored (nohup) stay ignored. Main thread only."""
+    """Handle SIGINT and SIGTERM by `act`; signals that were ignored (nohup) stay ignored.
+
+    Main thread only.
+    """
     before: dict[int, Any] = {}
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -88,7 +105,8 @@ def interrupt(number: int, _frame: FrameType | None = None) -> NoReturn:
 
 
 def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
-    """Parse `args` (default: the command line) into a `kind` with tyro; a mistake ends in one line and exit code 2.
+    """Parse `args` (default: the command line) into a `kind` with tyro; a mistake ends in one line
+    and exit code 2.
 
     TRACEBACK is removed first: `run_scenario` evaluates it.
     """
@@ -103,11 +121,18 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         if stop.code != BAD_INPUT:
             raise  # --help
         # tyro draws a box, in colour on a terminal: title, message, a horizontal rule, help.
-        rows = (row.strip(" │|") for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:])
+        rows = (
+            row.strip(" │|")
+            for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:]
+        )
         parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
         mistake = next((part for part in parts if part.strip()), "bad options")
         if mistake.strip().startswith("Missing from"):
-            lacking = (entry.split()[0] for entry in mistake.partition(":")[2].split("(required)") if entry.split())
+            lacking = (
+                entry.split()[0]
+                for entry in mistake.partition(":")[2].split("(required)")
+                if entry.split()
+            )
             mistake = f"{', '.join(lacking)}: missing"
         unknown = re.search(r"Unrecognized options?: (--[\w-]+)", mistake)
         known = [f"--{each.name.replace('_', '-')}" for each in fields(cast(Any, kind))]
@@ -133,7 +158,8 @@ def with_options(message: str, kind: type[Any]) -> str:
     """A message about keys of a scenario file, with the option of a command line that sets each.
 
     Args:
-        message: Such as "task.range [m]: must be positive". One that begins with an option is left as it is.
+        message: Such as "task.range [m]: must be positive". One that begins with an option is left
+            as it is.
         kind: Class of the options.
 
     Returns:
@@ -169,8 +195,9 @@ def with_options(message: str, kind: type[Any]) -> str:
 def run_scenario(main: Callable[[], int | None]) -> NoReturn:
     """Run `main` and exit with its return code; an error ends in one line and an exit code.
 
-    UuvError, or an optional package that is not installed: 2. Any other error: 70, with its place; 2 if it was raised
-    in a user's own module. SIGINT 130, SIGTERM 143. A closed pipe ends it quietly, 141.
+    UuvError, or an optional package that is not installed: 2. Any other error: 70, with its place;
+    2 if it was raised in a user's own module. SIGINT 130, SIGTERM 143. A closed pipe ends it
+    quietly, 141.
     """
     with children_kept_from_the_working_folder(), quiet_pipe():
         _exit(main)
@@ -197,7 +224,9 @@ def _exit(main: Callable[[], int | None]) -> NoReturn:
     except KeyboardInterrupt as stop:
         give_back()
         print("interrupted", file=sys.stderr)
-        raise SystemExit(stop.code if isinstance(stop, Interrupted) else Interrupted().code) from None
+        raise SystemExit(
+            stop.code if isinstance(stop, Interrupted) else Interrupted().code
+        ) from None
     except Exception as error:
         give_back()
         raise _failure(error) from None
@@ -205,14 +234,18 @@ def _exit(main: Callable[[], int | None]) -> NoReturn:
 
 
 def _failure(error: Exception) -> SystemExit:
-    """Exit for an unexpected error, told in one line, after its traceback where that is asked for."""
+    """Exit for an unexpected error, told in one line, after its traceback where that is asked
+    for.
+    """
     if TRACEBACK in sys.argv or os.environ.get("UUV_TRACEBACK"):
         traceback.print_exc()
     return _refusal(*_blame(error))
 
 
 def _blame(error: Exception) -> tuple[str, int]:
-    """Message and exit code of an unexpected error: raised in a user's own module, else in the program."""
+    """Message and exit code of an unexpected error: raised in a user's own module, else in the
+    program.
+    """
     said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
     places = list(_places(error.__traceback__))
     folders = [_HOME / name for name in ("uuv", *ROOMS, "scripts")]
@@ -228,7 +261,9 @@ def _blame(error: Exception) -> tuple[str, int]:
 
 
 def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]]:
-    """Frame, line and file of each level of a traceback, outermost first; levels without a file are skipped."""
+    """Frame, line and file of each level of a traceback, outermost first; levels without a file are
+    skipped.
+    """
     for frame, line in traceback.walk_tb(trace):
         if not frame.f_code.co_filename.startswith("<"):
             yield frame, line, Path(frame.f_code.co_filename).resolve()
@@ -236,8 +271,14 @@ def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]
 
 def is_installed(file: Path) -> bool:
     """Return True if `file` belongs to Python itself or to an installed package."""
-    own = [Path(path).resolve() for name in ("stdlib", "platstdlib") if (path := sysconfig.get_path(name))]
-    return not {"site-packages", "dist-packages"}.isdisjoint(file.parts) or any(map(file.is_relative_to, own))
+    own = [
+        Path(path).resolve()
+        for name in ("stdlib", "platstdlib")
+        if (path := sysconfig.get_path(name))
+    ]
+    return not {"site-packages", "dist-packages"}.isdisjoint(file.parts) or any(
+        map(file.is_relative_to, own)
+    )
 
 
 def _refusal(reason: str, code: int = BAD_INPUT) -> SystemExit:

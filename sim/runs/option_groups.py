@@ -1,4 +1,5 @@
-"""Options of a command in groups: `tyro` shows each group under its title, and one class still holds them all.
+"""Options of a command in groups: `tyro` shows each group under its title, and one class still
+holds them all.
 
 A class of options, or a base of it, tells its groups by `groups`: title, and names of its fields.
 What a field means stands below it, or in `abouts` of a class that is made at run time.
@@ -37,12 +38,18 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
     parts = []
     for title, group in members.items():
         part = make_dataclass(title, group, kw_only=True)
-        whole = all(each.default is not MISSING or each.default_factory is not MISSING for each in fields(part))
-        hint = Annotated[part, tyro.conf.OmitArgPrefixes, tyro.conf.arg(help="")]  # else tyro looks for its source
+        whole = all(
+            each.default is not MISSING or each.default_factory is not MISSING
+            for each in fields(part)
+        )
+        # else tyro looks for its source
+        hint = Annotated[part, tyro.conf.OmitArgPrefixes, tyro.conf.arg(help="")]
         parts.append((title, hint, field(default_factory=part) if whole else field()))
     grouped = make_dataclass("Grouped", parts, kw_only=True)
     found = tyro.cli(grouped, args=args, description=inspect.getdoc(kind))
-    return kind(**{name: value for title in members for name, value in vars(getattr(found, title)).items()})
+    return kind(
+        **{name: value for title in members for name, value in vars(getattr(found, title)).items()}
+    )
 
 
 def _titles(kind: type) -> dict[str, str]:
@@ -52,8 +59,14 @@ def _titles(kind: type) -> dict[str, str]:
         for title, names in vars(base).get("groups", {}).items():
             named |= {name: title for name in names.split() if name not in named}
     titles = {each.name: named.get(each.name, REST) for each in fields(kind)}
-    order = sorted(dict.fromkeys(titles.values()), key=lambda title: (title != REST, title == "output"))
-    return {name: title for wanted in order for name, title in titles.items() if title == wanted} if named else {}
+    order = sorted(
+        dict.fromkeys(titles.values()), key=lambda title: (title != REST, title == "output")
+    )
+    return (
+        {name: title for wanted in order for name, title in titles.items() if title == wanted}
+        if named
+        else {}
+    )
 
 
 def _default(each: Field[Any]) -> Any:
@@ -73,14 +86,18 @@ def _told(kind: type) -> dict[str, str]:
             continue
         for declared, below in pairwise(body.body):
             match declared, below:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(said))):
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
+                    value=ast.Constant(value=str(said))
+                ):
                     told[name] = " ".join(said.split())
     return told
 
 
 @cache
 def _classes(file: str) -> Mapping[str, ast.ClassDef]:
-    """Source of each class of a module's file; read once, where `inspect.getsource` would read it for every class."""
+    """Source of each class of a module's file; read once, where `inspect.getsource` would read it
+    for every class.
+    """
     try:
         tree = ast.parse(Path(file).read_text(encoding="utf-8"))
     except (OSError, SyntaxError):  # of a plug-in that has changed since it was imported

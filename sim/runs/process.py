@@ -1,4 +1,5 @@
-"""The process of a command: the system that it runs on, and a reader of its output who has had enough.
+"""The process of a command: the system that it runs on, and a reader of its output who has had
+enough.
 
 Standard library alone: this is the first thing that a command imports.
 """
@@ -16,27 +17,35 @@ _NOT_POSIX = ("win32", "cygwin")
 
 
 def refuse_foreign_system() -> None:
-    """Ends the process with one line on Windows: signals, file locks and worker processes are those of POSIX."""
+    """Ends the process with one line on Windows: signals, file locks and worker processes are those
+    of POSIX.
+    """
     if sys.platform in _NOT_POSIX:
         print(
-            "error: Windows is not supported; run this under WSL 2 (wsl --install) or in a Linux container",
+            "error: Windows is not supported; run this under WSL 2 (wsl --install) or in a Linux "
+            "container",
             file=sys.stderr,
         )
         raise SystemExit(BAD_INPUT)
 
 
 def parts_from_the_working_folder() -> None:
-    """Lets own parts, MODULE:ATTRIBUTE, be found where one works, after everything that is installed.
+    """Lets own parts, MODULE:ATTRIBUTE, be found where one works, after everything that is
+    installed.
 
-    First on the path, a csv.py or a folder `models` beside one's data would be run in place of Python's or of ours.
+    First on the path, a csv.py or a folder `models` beside one's data would be run in place of
+    Python's or of ours.
     """
     here = os.getcwd()
-    sys.path[:] = [each for each in sys.path if each and os.path.realpath(each) != os.path.realpath(here)] + [here]
+    sys.path[:] = [
+        each for each in sys.path if each and os.path.realpath(each) != os.path.realpath(here)
+    ] + [here]
 
 
 @contextmanager
 def children_kept_from_the_working_folder() -> Iterator[None]:
-    """Lets Pythons that are started within, by `-m` and `-c`, not look for modules where they work first.
+    """Lets Pythons that are started within, by `-m` and `-c`, not look for modules where they work
+    first.
 
     The environment is then as before: a program that ran a command goes on in its own.
     """
@@ -53,7 +62,8 @@ def children_kept_from_the_working_folder() -> Iterator[None]:
 
 @contextmanager
 def quiet_pipe() -> Iterator[None]:
-    """Ends the process without a word where the reader of its output is gone, as in `uuv list | head -1`.
+    """Ends the process without a word where the reader of its output is gone, as in `uuv list |
+    head -1`.
 
     Raises:
         SystemExit: The reader is gone; the code is that of other programs that SIGPIPE ends.
@@ -65,7 +75,8 @@ def quiet_pipe() -> Iterator[None]:
         except SystemExit as stop:
             stopped = stop
         if stopped is None or not reader_is_gone(stopped):
-            sys.stdout.flush()  # else the interpreter meets the closed pipe at its very end, and says so
+            # else the interpreter meets the closed pipe at its very end, and says so
+            sys.stdout.flush()
     except BrokenPipeError as error:
         if not reader_is_gone(error):
             raise
@@ -81,7 +92,9 @@ def quiet_pipe() -> Iterator[None]:
 
 
 def reader_is_gone(error: BaseException) -> bool:
-    """True if `error` means that nobody reads stdout or stderr any more, and not some other pipe of the process."""
+    """True if `error` means that nobody reads stdout or stderr any more, and not some other pipe of
+    the process.
+    """
     if isinstance(error, SystemExit):  # of rich, which has turned stdout away already
         return isinstance(error.__context__, BrokenPipeError)
     if not isinstance(error, BrokenPipeError):

@@ -1,4 +1,6 @@
-"""Provenance of a result: options, versions, commit and model, which two comparable results must share."""
+"""Provenance of a result: options, versions, commit and model, which two comparable results must
+share.
+"""
 
 import hashlib
 import platform
@@ -16,7 +18,18 @@ import numpy as np
 
 from uuv.sim.runs.command_line import ROOMS
 
-PACKAGES = ("uuv-arm", "mujoco", "numpy", "scipy", "numba", "llvmlite", "open3d-cpu", "open3d", "embreex", "rerun-sdk")
+PACKAGES = (
+    "uuv-arm",
+    "mujoco",
+    "numpy",
+    "scipy",
+    "numba",
+    "llvmlite",
+    "open3d-cpu",
+    "open3d",
+    "embreex",
+    "rerun-sdk",
+)
 HOME = Path(__file__).resolve().parents[2]  # of the packages
 _CODE = ("uuv", *ROOMS, "scripts", "pyproject.toml", "uv.lock")
 _WHERE = ("out", "view", "workers", "anew", "json")  # options without effect on results
@@ -29,7 +42,8 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
 
     Args:
         scenario: Name of the scenario.
-        options: Its options, a dataclass or nested tables; those without effect on results are left out.
+        options: Its options, a dataclass or nested tables; those without effect on results are left
+            out.
         model: Adds the model's digest.
 
     Returns:
@@ -51,12 +65,17 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
 @cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the installed packages that a result may depend on."""
-    return {"python": platform.python_version(), **{p: found for p in PACKAGES if (found := _version(p)) is not None}}
+    return {
+        "python": platform.python_version(),
+        **{p: found for p in PACKAGES if (found := _version(p)) is not None},
+    }
 
 
 @cache
 def commit() -> dict[str, Any]:
-    """Commit of the checkout as {"commit": hash, "dirty": code differs from it}; empty outside a checkout."""
+    """Commit of the checkout as {"commit": hash, "dirty": code differs from it}; empty outside a
+    checkout.
+    """
     if shutil.which("git") is None or not (HOME / ".git").exists():
         return {}
     head = _git("rev-parse", "HEAD")
@@ -76,7 +95,12 @@ def model_digest(model: mujoco.MjModel) -> str:
 def _git(*words: str) -> str | None:
     try:
         told = subprocess.run(
-            ["git", "--no-optional-locks", *words], cwd=HOME, capture_output=True, text=True, check=True, timeout=10.0
+            ["git", "--no-optional-locks", *words],
+            cwd=HOME,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=10.0,
         )
     except (OSError, subprocess.SubprocessError):
         return None

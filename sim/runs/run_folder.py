@@ -47,7 +47,8 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
         The folder.
 
     Raises:
-        ConfigurationError: The name is none of a folder, `out` is not empty, or the folder cannot be created.
+        ConfigurationError: The name is none of a folder, `out` is not empty, or the folder cannot
+            be created.
     """
     folder_name(scenario, "name")
     if out is not None:
@@ -62,7 +63,9 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
         except OSError as error:
             raise _cannot(out, error) from error
         if used or not _claim(out, scenario):
-            raise ConfigurationError(f"--out {out}: is in use already; each run needs a new or empty folder of its own")
+            raise ConfigurationError(
+                f"--out {out}: is in use already; each run needs a new or empty folder of its own"
+            )
         _claimed.append(_Claimed(out, made))
         return out
     name = f"{datetime.now():%Y%m%d-%H%M%S}" + ("" if seed is None else f"-{seed}")
@@ -78,19 +81,25 @@ def checked_format(document: Any, what: str) -> None:
     """Refuses a document, tables of a run's folder, of a later format.
 
     Raises:
-        ConfigurationError: Its format is none, or one that came after FORMAT; the message begins with `what`.
+        ConfigurationError: Its format is none, or one that came after FORMAT; the message begins
+            with `what`.
     """
     number = document.get(FORMAT_KEY, 1) if isinstance(document, Mapping) else 1
     if not isinstance(number, int) or isinstance(number, bool) or number < 1:
-        raise ConfigurationError(f"{what}: {FORMAT_KEY}: must be a whole number >= 1, got {shown(number)}")
+        raise ConfigurationError(
+            f"{what}: {FORMAT_KEY}: must be a whole number >= 1, got {shown(number)}"
+        )
     if number > FORMAT:
         raise ConfigurationError(
-            f"{what}: {FORMAT_KEY} {number}, of a later version of uuv; this one reads 1 to {FORMAT}"
+            f"{what}: {FORMAT_KEY} {number}, of a later version of uuv; this one reads 1 to "
+            f"{FORMAT}"
         )
 
 
 def _next_to_others(home: Path, name: str) -> Path:
-    """Create the folder `name` in `home`, or `name`.2 and so on if another run began in the same second."""
+    """Create the folder `name` in `home`, or `name`.2 and so on if another run began in the same
+    second.
+    """
     for again in count(1):
         folder = home / (name if again == 1 else f"{name}.{again}")
         try:
@@ -117,7 +126,9 @@ def claimed_folder() -> Path:
 
 
 def works_in(folder: Path) -> None:
-    """Note that the results of this process go to `folder`, which holds those of earlier ones too: a study resumed."""
+    """Note that the results of this process go to `folder`, which holds those of earlier ones too:
+    a study resumed.
+    """
     _claimed.append(_Claimed(folder, made=False))
 
 
@@ -144,7 +155,9 @@ def give_back() -> None:
 
 
 def point_to(latest: Path, name: str) -> None:
-    """Let `latest` point to `name` beside it: by a link or, without links, by a file that holds the name."""
+    """Let `latest` point to `name` beside it: by a link or, without links, by a file that holds the
+    name.
+    """
     part = latest.with_name(f".{latest.name}.{os.getpid()}")
     try:
         part.unlink(missing_ok=True)
@@ -157,14 +170,17 @@ def point_to(latest: Path, name: str) -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock on `folder` against other processes; it ends with this process at the latest.
+    """Hold an exclusive lock on `folder` against other processes; it ends with this process at the
+    latest.
 
     Raises:
         ConfigurationError: Another process holds it, or the file system has no locks.
     """
     try:
         # A link is not followed: the file it leads to would be emptied.
-        number = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+        number = os.open(
+            folder / ".lock", os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666
+        )
         lock = os.fdopen(number, "r+")
     except OSError as error:
         raise _cannot(folder, error) from error
@@ -172,10 +188,14 @@ def alone_in(folder: Path) -> Iterator[None]:
         try:
             locked = _locked(file.fileno())
         except OSError as error:
-            raise ConfigurationError(f"{folder}: its file system gives no lock ({error.strerror})") from error
+            raise ConfigurationError(
+                f"{folder}: its file system gives no lock ({error.strerror})"
+            ) from error
         if not locked:
             file.seek(0)
-            raise ConfigurationError(f"{folder}: process {file.read().strip() or '?'} is at work in it")
+            raise ConfigurationError(
+                f"{folder}: process {file.read().strip() or '?'} is at work in it"
+            )
         file.truncate(0)
         file.write(f"{os.getpid()}\n")
         file.flush()
@@ -183,7 +203,10 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def _locked(file: int) -> bool:
-    """Return True if this process now has the lock on an open file. Raises OSError where locks are not supported."""
+    """Return True if this process now has the lock on an open file.
+
+    Raises OSError where locks are not supported.
+    """
     try:
         import fcntl
     except ImportError:  # Windows
@@ -203,15 +226,23 @@ def _locked(file: int) -> bool:
 
 
 def _claim(folder: Path, scenario: str) -> bool:
-    """Return True if this process is the first to begin a run in `folder`; ConfigurationError if read-only."""
-    begun = {"scenario": scenario, "begun": datetime.now(UTC).isoformat(timespec="seconds"), "command": sys.argv}
+    """Return True if this process is the first to begin a run in `folder`; ConfigurationError if
+    read-only.
+    """
+    begun = {
+        "scenario": scenario,
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": sys.argv,
+    }
     try:
         with (folder / BEGUN).open("x", encoding="utf-8") as file:
             file.write(json.dumps(begun, indent=2) + "\n")
     except FileExistsError:
         return False
     except OSError as error:
-        raise ConfigurationError(f"--out {folder}: cannot be written to ({error.strerror})") from error
+        raise ConfigurationError(
+            f"--out {folder}: cannot be written to ({error.strerror})"
+        ) from error
     return True
 
 

@@ -1,4 +1,6 @@
-"""Atomic file writing: content goes to a temporary file in the same folder, is synced, then renamed."""
+"""Atomic file writing: content goes to a temporary file in the same folder, is synced, then
+renamed.
+"""
 
 import json
 import os
@@ -9,7 +11,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 
 
 def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None = None) -> None:
-    """Write `content`, text in UTF-8, to `file` atomically: a reader sees the old file or the new one, never a part.
+    """Write `content`, text in UTF-8, to `file` atomically: a reader sees the old file or the new
+    one, never a part.
 
     Args:
         file: File to write.
@@ -20,7 +23,9 @@ def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None 
         ConfigurationError: The file cannot be written (no such folder, no right, no space).
     """
     path = Path(file)
-    part = (path if part_in is None else part_in / path.name).with_name(f".{path.name}.{os.getpid()}")
+    part = (path if part_in is None else part_in / path.name).with_name(
+        f".{path.name}.{os.getpid()}"
+    )
     try:
         try:
             part.unlink(missing_ok=True)

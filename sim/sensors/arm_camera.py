@@ -1,11 +1,12 @@
 """Small stereo camera on the arm's last link, which tracks the surface beside the contact.
 
-It reports how it has moved over the object since a key picture. Every picture casts a coarse grid of rays on the world.
-What they hit predicts the normal equations that a direct alignment of intensity and depth would have
-(`uuv.perception.navigation.surface_alignment`): texture gives motion across the view, shape along the surface's
-normals. Their inverse, with the factors of an error model fitted to rendered pairs (`ErrorModel`), is the covariance of
-the error that is drawn, and of the message. A direction that the view does not observe has no information: along the
-generator of a plain barrel.
+It reports how it has moved over the object since a key picture. Every picture casts a coarse grid
+of rays on the world. What they hit predicts the normal equations that a direct alignment of
+intensity and depth would have (`uuv.perception.navigation.surface_alignment`): texture gives motion
+across the view, shape along the surface's normals. Their inverse, with the factors of an error
+model fitted to rendered pairs (`ErrorModel`), is the covariance of the error that is drawn, and of
+the message. A direction that the view does not observe has no information: along the generator of a
+plain barrel.
 """
 
 from dataclasses import dataclass, field
@@ -21,19 +22,30 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import SurfaceMotionMeasurement
 from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
 from uuv.sim.interfaces.tables import TableReader
-from uuv.sim.sensors.textured_view import ALBEDO, BACKSCATTER, BLUR, LAMP_RANGE, SmallStereo, Texture, Turbidity
+from uuv.sim.sensors.textured_view import (
+    ALBEDO,
+    BACKSCATTER,
+    BLUR,
+    LAMP_RANGE,
+    SmallStereo,
+    Texture,
+    Turbidity,
+)
 from uuv.sim.sensors.view_conditions import ViewConditions
 from uuv.sim.sensors.visible_world import Rays, VisibleWorld, body_id, site_on_body
 
 TABLE = Path(__file__).with_suffix(".toml")
 GRID = 10  # [px] between the rays of the prediction
-ROTATION = 1e-4  # [rad] standard deviation of the rotation between two pictures, by attitude reference and encoders
+# [rad] standard deviation of the rotation between two pictures, by attitude reference and encoders
+ROTATION = 1e-4
 FINE_BLUR = 0.8  # [px] of the intensity in the tracker
 LEAST_GRADIENT = 4.0  # [-] times that by noise, of a pixel that the tracker uses
-CELL = 35.0  # [px] pixels whose errors count as one in the prediction; the fitted factors refer to it
+# [px] pixels whose errors count as one in the prediction; the fitted factors refer to it
+CELL = 35.0
 WEAKEST = 2e-3  # [m] standard deviation of a direction from which on it counts as not observed
 OBSERVED = 1.0  # [1/m^2] information beyond that of rounding
-KEY_SHIFT = 0.25  # share of the view's width, or of the range along the view, from which on a new key is taken
+# share of the view's width, or of the range along the view, from which on a new key is taken
+KEY_SHIFT = 0.25
 KEY_TURN = 0.2  # [rad] the same of its rotation
 MOST_LOST = 5  # pictures lost in a row that end a track
 LEAST_SEEN = 0.25  # share of the view with a surface that a track needs
@@ -45,11 +57,14 @@ _EXPONENTS = {"schema": {"items": {"minimum": -100, "maximum": 100}}}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorModel:
-    """Errors of the tracker in units of the prediction, fitted to rendered pairs by `fit_arm_camera.py`.
+    """Errors of the tracker in units of the prediction, fitted to rendered pairs by
+    `fit_arm_camera.py`.
 
-    The variance of texture is exp(texture . x) times the predicted one, that of shape exp(shape . x). The condition x
-    is: 1, shift since the key over the width of the view, share of the view hidden by silt, logarithm of the ratio of
-    gradient to noise. A picture is lost with probability 1 / (1 + exp(-lost . x)).
+    The variance of texture is exp(texture . x) times the predicted one, that of shape exp(shape .
+    x). The condition x
+    is: 1, shift since the key over the width of the view, share of the view hidden by silt,
+    logarithm of the ratio of gradient to noise. A picture is lost with probability 1 / (1 +
+    exp(-lost . x)).
     """
 
     texture: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
@@ -84,7 +99,8 @@ def fitted() -> ErrorModel:
 
 
 def beside_tool() -> Array:
-    """Default pose X_GC (4, 4) of the camera in tool axes: 11 cm beside the tool axis, 17 cm behind the face.
+    """Default pose X_GC (4, 4) of the camera in tool axes: 11 cm beside the tool axis, 17 cm behind
+    the face.
 
     It looks at the surface 5 cm beside the contact, 0.33 rad from the tool axis.
     """
@@ -103,7 +119,9 @@ class Prediction:
     range: float  # [m] median depth; NaN without a surface
 
     def information(self, texture: float, shape: float) -> Array:
-        """Information (3, 3) [1/m^2] of the position, camera axes, with these factors on the variances."""
+        """Information (3, 3) [1/m^2] of the position, camera axes, with these factors on the
+        variances.
+        """
         A = self.texture / texture + self.shape / shape
         A[3:, 3:] += np.eye(3) / ROTATION**2
         marginal = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
@@ -119,11 +137,20 @@ class Prediction:
 
     def chance_lost(self, errors: ErrorModel) -> float:
         """Probability that the picture is lost."""
-        return float(1.0 / (1.0 + np.exp(-np.dot(errors.lost, self.condition)))) if self.seen >= LEAST_SEEN else 1.0
+        return (
+            float(1.0 / (1.0 + np.exp(-np.dot(errors.lost, self.condition))))
+            if self.seen >= LEAST_SEEN
+            else 1.0
+        )
 
 
 def predict(
-    camera: SmallStereo, depth: Array, hidden: np.ndarray, texture: Texture, water: Turbidity, shift: float
+    camera: SmallStereo,
+    depth: Array,
+    hidden: np.ndarray,
+    texture: Texture,
+    water: Turbidity,
+    shift: float,
 ) -> Prediction:
     """Predict the normal equations of an alignment from what a coarse grid of rays hits.
 
@@ -140,7 +167,13 @@ def predict(
     seen = float(good.mean())
     if good.sum() < 4:
         nothing = np.zeros((6, 6))
-        return Prediction(texture=nothing, shape=nothing.copy(), condition=np.zeros(4), seen=0.0, range=float("nan"))
+        return Prediction(
+            texture=nothing,
+            shape=nothing.copy(),
+            condition=np.zeros(4),
+            seen=0.0,
+            range=float("nan"),
+        )
     inverse_depth = np.where(good, 1.0 / np.where(good, depth, 1.0), np.nan)
     wv, wu = np.gradient(inverse_depth, GRID)
     f, z = camera.focal, depth
@@ -152,7 +185,9 @@ def predict(
     share = (1.0 - water.cloud) * GRID**2 / CELL
     # Texture: gradient of the intensity relative to its mean, against noise.
     p, n, zg = points[good], -rays[good], z[good]
-    cosine = np.clip(np.abs(np.sum(np.where(shaped[..., None], normals, 0.0)[good] * n, axis=1)), 0.3, 1.0)
+    cosine = np.clip(
+        np.abs(np.sum(np.where(shaped[..., None], normals, 0.0)[good] * n, axis=1)), 0.3, 1.0
+    )
     light = ALBEDO * (LAMP_RANGE / zg) ** 2 * cosine * np.exp(-2.0 * water.attenuation * zg)
     veil = BACKSCATTER * -np.expm1(-2.0 * water.attenuation * zg)
     white = camera.intensity_noise / (light + veil)
@@ -166,22 +201,35 @@ def predict(
         H_texture += np.einsum("n,ni,nj->ij", weight, row, row)
     # Shape: distance along the normal, in inverse depth.
     p, n, zs = points[shaped], normals[shaped], z[shaped]
-    dimmed = camera.stereo.disparity_sigma / (f * camera.stereo.baseline) * np.exp(water.attenuation * zs)
+    dimmed = (
+        camera.stereo.disparity_sigma
+        / (f * camera.stereo.baseline)
+        * np.exp(water.attenuation * zs)
+    )
     along = np.sum(n * p, axis=1) / zs
     unit = 1.0 / (np.where(np.abs(along) > 0.2, along, np.inf) * zs**2)
     row = np.concatenate([n * unit[:, None], np.cross(p, n) * unit[:, None]], axis=1)
     H_shape = np.einsum("n,ni,nj->ij", share / dimmed**2, row, row)
     range_m = float(np.median(zg))
     ratio = float(np.log(np.sqrt(np.maximum(np.mean(square), 1e-12)) / np.mean(slope)))
-    condition = np.array([1.0, shift * f / (range_m * camera.width), water.cloud, np.clip(ratio, -2.0, 4.0)])
-    return Prediction(texture=H_texture, shape=H_shape, condition=condition, seen=seen, range=range_m)
+    condition = np.array(
+        [1.0, shift * f / (range_m * camera.width), water.cloud, np.clip(ratio, -2.0, 4.0)]
+    )
+    return Prediction(
+        texture=H_texture, shape=H_shape, condition=condition, seen=seen, range=range_m
+    )
 
 
 def gradient_square(texture: Texture, pixel: Array) -> Array:
-    """Mean square (n,) of the gradient of a texture along one image axis [1/px^2], by footprint (n,) [m] of a pixel."""
-    square = np.sum(texture.waves[:, :3] ** 2, axis=1) / 3.0  # of the wave number along one axis, mean over directions
+    """Mean square (n,) of the gradient of a texture along one image axis [1/px^2], by footprint
+    (n,) [m] of a pixel.
+    """
+    # of the wave number along one axis, mean over directions
+    square = np.sum(texture.waves[:, :3] ** 2, axis=1) / 3.0
     phase = square[:, None] * pixel**2
-    return texture.contrast**2 * np.mean(phase * np.exp(-2.0 * phase * (BLUR**2 + FINE_BLUR**2)), axis=0)
+    return texture.contrast**2 * np.mean(
+        phase * np.exp(-2.0 * phase * (BLUR**2 + FINE_BLUR**2)), axis=0
+    )
 
 
 def _image_rows(p: Array, z: Array, focal: float, axis: int) -> Array:
@@ -200,8 +248,10 @@ class ArmCameraState:
     rng: np.random.Generator
     scale: float  # error of the scale in this run
     key_time: float = -np.inf  # [s]
-    X_OK: Array = field(default_factory=lambda: np.eye(4))  # true pose of the key camera in the object
-    key_error: Array = field(default_factory=lambda: np.zeros(3))  # (3,) standard normal, common to the key's pictures
+    # true pose of the key camera in the object
+    X_OK: Array = field(default_factory=lambda: np.eye(4))
+    # (3,) standard normal, common to the key's pictures
+    key_error: Array = field(default_factory=lambda: np.zeros(3))
     tracking: bool = False
     lost: int = 0  # pictures in a row
     cloud: float = 0.0  # share of the view hidden now
@@ -209,7 +259,9 @@ class ArmCameraState:
 
 
 class ArmCamera:
-    """Stereo camera on the arm's last link (`Sensor`); gives motion over the surface since a key picture."""
+    """Stereo camera on the arm's last link (`Sensor`); gives motion over the surface since a key
+    picture.
+    """
 
     def __init__(
         self,
@@ -229,7 +281,8 @@ class ArmCamera:
         Args:
             model: Compiled world.
             tip: Name of the tool's site.
-            surface: Name of the body that the camera tracks; what else it sees counts as the same body.
+            surface: Name of the body that the camera tracks; what else it sees counts as the same
+                body.
             X_GC: (4, 4) camera in tool axes; default `beside_tool`.
             conditions: Of the view.
             camera: Image and lens.
@@ -242,17 +295,24 @@ class ArmCamera:
             MissingLibraryError: There is no ray caster.
         """
         if not (period > 0.0 and delay >= 0.0):
-            raise ConfigurationError(f"arm camera: period must be > 0 and delay >= 0, got {period} and {delay}")
+            raise ConfigurationError(
+                f"arm camera: period must be > 0 and delay >= 0, got {period} and {delay}"
+            )
         self.period, self.delay = period, delay
         self.camera, self.conditions = camera or SmallStereo(), conditions or ViewConditions()
         self._errors = errors or fitted()
         link, X_LG = site_on_body(model, tip, "arm camera")
-        self._link, self._surface = body_id(model, link, "arm camera"), body_id(model, surface, "arm camera")
+        self._link, self._surface = (
+            body_id(model, link, "arm camera"),
+            body_id(model, surface, "arm camera"),
+        )
         self.X_LC = X_LG @ (beside_tool() if X_GC is None else X_GC)
         self._texture = Texture.of(0, self.conditions.texture)
         rays = self.camera.rays(GRID)
         self._rays = Rays.of(rays, self.camera.near)
-        vehicle = [b for b in range(model.nbody) if model.body_rootid[b] == model.body_rootid[self._link]]
+        vehicle = [
+            b for b in range(model.nbody) if model.body_rootid[b] == model.body_rootid[self._link]
+        ]
         self._world = VisibleWorld(model, exclude=set(vehicle))
         self._hidden = np.isfinite(tool_in_view(model, self._link, self.X_LC, self._rays))
 
@@ -266,14 +326,19 @@ class ArmCamera:
         X_WO = pose(truth.xmat[self._surface].reshape(3, 3), truth.xpos[self._surface])
         return X_WC, inverse(X_WO) @ X_WC
 
-    def step(self, state: ArmCameraState, truth: Any) -> tuple[ArmCameraState, SurfaceMotionMeasurement | None]:
+    def step(
+        self, state: ArmCameraState, truth: Any
+    ) -> tuple[ArmCameraState, SurfaceMotionMeasurement | None]:
         """One picture; None while no surface is in range, or the picture is lost."""
         X_WC, X_OC = self.camera_pose(truth)
         time, rng = float(truth.time), state.rng
         water = Turbidity(
-            attenuation=self.conditions.attenuation, cloud=silt(state, self.conditions, time, self.period)
+            attenuation=self.conditions.attenuation,
+            cloud=silt(state, self.conditions, time, self.period),
         )
-        depth, _ = self._world.cast(X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3))
+        depth, _ = self._world.cast(
+            X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3)
+        )
         X_KC = inverse(state.X_OK) @ X_OC
         view = predict(
             self.camera,
@@ -304,15 +369,21 @@ class ArmCamera:
             self._new_key(state, time, X_OC)
         return state, message
 
-    def _error(self, state: ArmCameraState, information_C: Array, drawn: tuple[Array, Array]) -> Array:
-        """Error (3,) [m] of the position, camera axes: part of it common to all pictures of the key."""
+    def _error(
+        self, state: ArmCameraState, information_C: Array, drawn: tuple[Array, Array]
+    ) -> Array:
+        """Error (3,) [m] of the position, camera axes: part of it common to all pictures of the
+        key.
+        """
         values, axes = np.linalg.eigh(information_C)
         spread = np.where(values > OBSERVED, 1.0 / np.sqrt(np.maximum(values, OBSERVED)), 0.0)
         common = self._errors.common
         normal = np.sqrt(common) * state.key_error + np.sqrt(1.0 - common) * drawn[0]
         if drawn[1][1] < self._errors.outliers:
             normal = normal * self._errors.outlier_factor
-        return axes @ (spread * (axes.T @ normal)) + np.where(values.max() > OBSERVED, self._errors.bias, 0.0)
+        return axes @ (spread * (axes.T @ normal)) + np.where(
+            values.max() > OBSERVED, self._errors.bias, 0.0
+        )
 
     @staticmethod
     def _new_key(state: ArmCameraState, time: float, X_OC: Array) -> None:
@@ -335,14 +406,18 @@ def _message(
 
 
 def with_scale(information: Array, X_KC: Array, scale: float) -> Array:
-    """Information (3, 3), camera axes, less what an unknown scale takes of it: variance (scale x motion)^2 along it."""
+    """Information (3, 3), camera axes, less what an unknown scale takes of it: variance (scale x
+    motion)^2 along it.
+    """
     d = scale * (X_KC[:3, :3].T @ X_KC[:3, 3])
     taken = information @ d
     return information - np.outer(taken, taken) / (1.0 + d @ taken)
 
 
 def leaves_key(camera: SmallStereo, X_KC: Array, range_m: float) -> bool:
-    """True if the view has moved so far from its key picture that the present one shall be the key."""
+    """True if the view has moved so far from its key picture that the present one shall be the
+    key.
+    """
     across = float(np.hypot(X_KC[0, 3], X_KC[1, 3])) * camera.focal / (range_m * camera.width)
     along = abs(float(X_KC[2, 3])) / range_m
     turn = float(np.arccos(np.clip(0.5 * (np.trace(X_KC[:3, :3]) - 1.0), -1.0, 1.0)))
@@ -350,7 +425,8 @@ def leaves_key(camera: SmallStereo, X_KC: Array, range_m: float) -> bool:
 
 
 def silt(state: Any, conditions: ViewConditions, time: float, period: float) -> float:
-    """Share of the view that silt hides now; clouds come as a Poisson process and last for an exponential time.
+    """Share of the view that silt hides now; clouds come as a Poisson process and last for an
+    exponential time.
 
     Args:
         state: With `rng`, `cloud` and `cloud_until`, changed in place.
@@ -365,7 +441,9 @@ def silt(state: Any, conditions: ViewConditions, time: float, period: float) -> 
 
 
 def tool_in_view(model: mujoco.MjModel, link: int, X_LC: Array, rays: Rays) -> Array:
-    """Depth (h, w) [m] of the last link and the tool that it carries in the camera's view; inf where they are not."""
+    """Depth (h, w) [m] of the last link and the tool that it carries in the camera's view; inf
+    where they are not.
+    """
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
     mujoco.mj_kinematics(model, data)

@@ -15,7 +15,15 @@ from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import Array, checked_pose, pose, readonly, rotation_from_quat_wxyz
 from uuv.sim.sensors.refraction import FlatPort, PortCalibration, StereoReader, in_water
 from uuv.sim.sensors.stereo_noise import StereoNoise, add_noise
-from uuv.sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, names, site_on_body
+from uuv.sim.sensors.visible_world import (
+    ALL,
+    BodyPoses,
+    Rays,
+    Visible,
+    body_id,
+    names,
+    site_on_body,
+)
 
 NEAR = 0.02  # [m] no surface closer than this to the camera's plane is seen
 NOISE = StereoNoise()
@@ -25,30 +33,39 @@ NOISE = StereoNoise()
 class Optics:
     """Image, lens, and the flat port before it (`uuv.sim.sensors.refraction`).
 
-    Without `port` the camera is an exactly known pinhole. Behind a port, frames are rectified by `calibration`. Their
-    `K` and camera pose are then those of the calibration, right or wrong.
+    Without `port` the camera is an exactly known pinhole. Behind a port, frames are rectified by
+    `calibration`. Their `K` and camera pose are then those of the calibration, right or wrong.
     """
 
     width: int = 640  # [px]
     height: int = 480  # [px]
     focal: float = 554.0  # [px] of the lens; the principal point is the centre of the image
     port: FlatPort | None = None  # flat port before the lens
-    calibration: PortCalibration | None = None  # for rectification; None with a port: the best in water
+    # for rectification; None with a port: the best in water
+    calibration: PortCalibration | None = None
 
     def __post_init__(self) -> None:
         width, height, focal = self.width, self.height, self.focal
-        whole = all(isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height))
+        whole = all(
+            isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height)
+        )
         if not (whole and 0.0 < focal < np.inf):
-            raise ConfigurationError(f"depth camera: {width} x {height} px with focal {focal} px is no camera")
+            raise ConfigurationError(
+                f"depth camera: {width} x {height} px with focal {focal} px is no camera"
+            )
         if self.calibration is not None and self.port is None:
-            raise ConfigurationError("depth camera: a calibration corrects for a port; there is none")
+            raise ConfigurationError(
+                "depth camera: a calibration corrects for a port; there is none"
+            )
 
     @property
     def rectified(self) -> PortCalibration:
         """Calibration of the frames; that of the bare lens without a port."""
         if self.port is None:
             return PortCalibration(focal=self.focal)
-        return self.calibration or in_water(self.port, self.focal, 0.5 * float(np.hypot(self.width, self.height)))
+        return self.calibration or in_water(
+            self.port, self.focal, 0.5 * float(np.hypot(self.width, self.height))
+        )
 
 
 OPTICS = Optics()
@@ -56,14 +73,18 @@ OPTICS = Optics()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthCameraState:
-    """State of the camera's noise; a frame depends on it and the truth only, so a run can be replayed."""
+    """State of the camera's noise; a frame depends on it and the truth only, so a run can be
+    replayed.
+    """
 
     seed: int
     frame: int
 
 
 class DepthCamera:
-    """Depth camera fixed to a body of a compiled model; delivers one frame per request (`period` 0)."""
+    """Depth camera fixed to a body of a compiled model; delivers one frame per request (`period`
+    0).
+    """
 
     period = 0.0  # [s], on request
 
@@ -96,7 +117,9 @@ class DepthCamera:
             MissingLibraryError: There is no ray caster.
         """
         if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1]):
-            raise ConfigurationError(f"depth camera: range_limits must be 0 < near < far, got {range_limits}")
+            raise ConfigurationError(
+                f"depth camera: range_limits must be 0 < near < far, got {range_limits}"
+            )
         if not delay >= 0.0:
             raise ConfigurationError(f"depth camera: delay must not be negative, got {delay}")
         self.delay = delay
@@ -104,7 +127,12 @@ class DepthCamera:
         self._X_BC = checked_pose(X_BC, "X_BC")
         self._range = range_limits
         self._noise = noise
-        calibration, port, width, height = optics.rectified, optics.port, optics.width, optics.height
+        calibration, port, width, height = (
+            optics.rectified,
+            optics.port,
+            optics.width,
+            optics.height,
+        )
         f = calibration.focal
         self._K = readonly([[f, 0, 0.5 * (width - 1)], [0, f, 0.5 * (height - 1)], [0, 0, 1]])
         self._X_BC_said = self._X_BC
@@ -119,7 +147,9 @@ class DepthCamera:
             self._X_BC_said = readonly(self._X_BC @ pose(None, [0.0, 0.0, calibration.center]))
             start, way = port.rays(calibration.raw(tangents, optics.focal))
             tangent_x = np.ascontiguousarray(tangents[0, :, 0])
-            self._reader = StereoReader.of(port, calibration, optics.focal, (noise or NOISE).baseline, tangent_x)
+            self._reader = StereoReader.of(
+                port, calibration, optics.focal, (noise or NOISE).baseline, tangent_x
+            )
         self._ways = way
         self._starts = start
 
@@ -163,10 +193,16 @@ class DepthCamera:
         index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
         if index < 0:
             raise ConfigurationError(
-                f"depth camera: no camera {camera!r}; there are {names(model, 'camera', model.ncam)}"
+                f"depth camera: no camera {camera!r}; there are "
+                f"{names(model, 'camera', model.ncam)}"
             )
         R_BC = rotation_from_quat_wxyz(model.cam_quat[index]) @ np.diag([1.0, -1.0, -1.0])
-        return cls(model, model.body(model.cam_bodyid[index]).name, pose(R_BC, model.cam_pos[index]), **options)
+        return cls(
+            model,
+            model.body(model.cam_bodyid[index]).name,
+            pose(R_BC, model.cam_pos[index]),
+            **options,
+        )
 
     @property
     def K(self) -> Array:
@@ -177,12 +213,20 @@ class DepthCamera:
         """Draw the seed of this camera's noise from `rng`."""
         return DepthCameraState(seed=int(rng.integers(2**63)), frame=0)
 
-    def step(self, state: DepthCameraState, truth: BodyPoses) -> tuple[DepthCameraState, DepthImage]:
-        """One frame of the world at `truth`; the same state and truth always give the same frame."""
+    def step(
+        self, state: DepthCameraState, truth: BodyPoses
+    ) -> tuple[DepthCameraState, DepthImage]:
+        """One frame of the world at `truth`; the same state and truth always give the same
+        frame.
+        """
         depth, cosine = self.render(truth.xpos, truth.xmat)
         if self._noise is not None:
             depth = add_noise(
-                depth, cosine, float(self._K[0, 0]), self._noise, np.random.default_rng([state.seed, state.frame])
+                depth,
+                cosine,
+                float(self._K[0, 0]),
+                self._noise,
+                np.random.default_rng([state.seed, state.frame]),
             )
         depth = depth.astype(np.float64)
         depth[~((depth >= self._range[0]) & (depth <= self._range[1]))] = np.nan
@@ -191,7 +235,8 @@ class DepthCamera:
         return DepthCameraState(seed=state.seed, frame=state.frame + 1), image
 
     def render(self, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Noise-free depth image; with a port, the depth that the calibration computes from exact disparities.
+        """Noise-free depth image; with a port, the depth that the calibration computes from exact
+        disparities.
 
         Args:
             xpos: Body origins (nbody, 3) [m] in W.

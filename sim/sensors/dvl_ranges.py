@@ -20,7 +20,8 @@ class DvlBeams:
     """Janus array: beams evenly around the vertical, the first ahead to port, and their errors."""
 
     count: int = 4
-    slant: float = float(np.radians(30.0))  # [rad] of each beam from the vertical; 20 to 30 deg for most arrays
+    # [rad] of each beam from the vertical; 20 to 30 deg for most arrays
+    slant: float = float(np.radians(30.0))
     noise: float = 0.01  # white, share of the range: an order of magnitude
     dropouts: float = 0.02  # share of the pings without an echo, per beam
     limits: tuple[float, float] = (0.3, 50.0)  # [m]
@@ -29,16 +30,22 @@ class DvlBeams:
     def __post_init__(self) -> None:
         if not (self.count >= 1 and 0.0 <= self.slant < 0.5 * np.pi):
             raise ConfigurationError(
-                f"Doppler log: count >= 1 and slant in [0, pi/2) rad must hold, got {self.count}, {self.slant}"
+                f"Doppler log: count >= 1 and slant in [0, pi/2) rad must hold, got {self.count}, "
+                f"{self.slant}"
             )
         if not (0.0 <= self.noise < 1.0 and 0.0 <= self.dropouts <= 1.0):
             raise ConfigurationError(
-                f"Doppler log: noise in [0, 1), dropouts in [0, 1], got {self.noise} and {self.dropouts}"
+                f"Doppler log: noise in [0, 1), dropouts in [0, 1], got {self.noise} and "
+                f"{self.dropouts}"
             )
         if not 0.0 < self.limits[0] < self.limits[1] < np.inf:
-            raise ConfigurationError(f"Doppler log: limits must be 0 < near < far [m], got {self.limits}")
+            raise ConfigurationError(
+                f"Doppler log: limits must be 0 < near < far [m], got {self.limits}"
+            )
         if not all(1 <= beam <= self.count for beam in self.dead):
-            raise ConfigurationError(f"Doppler log: dead beams must be of 1 to {self.count}, got {self.dead}")
+            raise ConfigurationError(
+                f"Doppler log: dead beams must be of 1 to {self.count}, got {self.dead}"
+            )
 
     def axes(self) -> Array:
         """Unit axes (count, 3) of the beams in hull axes, downwards."""
@@ -83,24 +90,40 @@ class DvlRanges:
         Raises:
             ConfigurationError: A body is unknown.
         """
-        world = VisibleWorld(model, exclude={body_id(model, name, "Doppler log") for name in exclude})
-        return cls(world, body_id(model, body, "Doppler log"), checked(p_BD, (3,), "p_BD"), beams or DvlBeams())
+        world = VisibleWorld(
+            model, exclude={body_id(model, name, "Doppler log") for name in exclude}
+        )
+        return cls(
+            world,
+            body_id(model, body, "Doppler log"),
+            checked(p_BD, (3,), "p_BD"),
+            beams or DvlBeams(),
+        )
 
     def init(self, rng: np.random.Generator) -> np.random.Generator:
         """Initial state: the random stream."""
         return rng
 
-    def step(self, state: np.random.Generator, truth: BodyPoses) -> tuple[np.random.Generator, DvlRangesMeasurement]:
+    def step(
+        self, state: np.random.Generator, truth: BodyPoses
+    ) -> tuple[np.random.Generator, DvlRangesMeasurement]:
         """Measure the slant ranges."""
         beams, axes = self.beams, self.beams.axes()
         xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
         X_WD = pose(R_W[self.body], xpos[self.body]) @ pose(p=self.p_BD)
-        hit, _ = self.world.cast(X_WD, Rays.of(axes[None, :, None].astype(np.float32), NEAR), xpos, R_W)
-        ranges = hit.reshape(-1).astype(np.float64) * (1.0 + beams.noise * state.standard_normal(beams.count))
+        hit, _ = self.world.cast(
+            X_WD, Rays.of(axes[None, :, None].astype(np.float32), NEAR), xpos, R_W
+        )
+        ranges = hit.reshape(-1).astype(np.float64) * (
+            1.0 + beams.noise * state.standard_normal(beams.count)
+        )
         silent = state.random(beams.count) < beams.dropouts
         silent[[beam - 1 for beam in beams.dead]] = True
         silent |= ~((ranges >= beams.limits[0]) & (ranges <= beams.limits[1]))
         ranges[silent] = np.nan
         return state, DvlRangesMeasurement(
-            time=float(truth.time), ranges=readonly(ranges), axes_B=readonly(axes), p_BD=readonly(self.p_BD)
+            time=float(truth.time),
+            ranges=readonly(ranges),
+            axes_B=readonly(axes),
+            p_BD=readonly(self.p_BD),
         )

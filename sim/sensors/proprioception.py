@@ -46,15 +46,24 @@ class SensorState:
 
 
 _CONSTANTS = [("bias", np.float64, _MOST_JOINTS)]  # drawn for this run, in the sensor's units
-_NOISE = [("drawn", np.float64, _BLOCK), ("used", np.int64)]  # standard normal numbers, and how many of them are used
+# standard normal numbers, and how many of them are used
+_NOISE = [("drawn", np.float64, _BLOCK), ("used", np.int64)]
 
 ENCODERS = np.dtype(
     (
         np.record,
-        [*_CONSTANTS, ("resolution", np.float64), ("rate_noise", np.float64), ("rate_resolution", np.float64), *_NOISE],
+        [
+            *_CONSTANTS,
+            ("resolution", np.float64),
+            ("rate_noise", np.float64),
+            ("rate_resolution", np.float64),
+            *_NOISE,
+        ],
     )
 )
-TORQUE_SENSORS = np.dtype((np.record, [*_CONSTANTS, ("noise", np.float64), ("resolution", np.float64), *_NOISE]))
+TORQUE_SENSORS = np.dtype(
+    (np.record, [*_CONSTANTS, ("noise", np.float64), ("resolution", np.float64), *_NOISE])
+)
 IMU = np.dtype(
     (
         np.record,
@@ -72,7 +81,9 @@ IMU = np.dtype(
 
 
 class FastState:
-    """State of a sensor that samples at every step of the loop: a record for its compiled function, and a stream."""
+    """State of a sensor that samples at every step of the loop: a record for its compiled function,
+    and a stream.
+    """
 
     __slots__ = ("_count", "_drawn", "_rng", "_used", "record", "stated")
 
@@ -105,7 +116,9 @@ class FastState:
         return int(_BLOCK - self._used[0]) // max(self._count, 1)
 
     def draw(self, count: int) -> Array:
-        """Make sure that noise of `count` numbers is drawn for the next sample, and return the record."""
+        """Make sure that noise of `count` numbers is drawn for the next sample, and return the
+        record.
+        """
         self._count = count
         if self._used[0] + count > _BLOCK:
             self._rng.standard_normal(out=self._drawn)
@@ -114,7 +127,9 @@ class FastState:
 
 
 def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
-    """Raise ConfigurationError unless all numbers of `sensor` are finite and >= 0, and those named in `above` > 0."""
+    """Raise ConfigurationError unless all numbers of `sensor` are finite and >= 0, and those named
+    in `above` > 0.
+    """
     for item in fields(sensor):
         if item.type is not float:
             continue
@@ -127,7 +142,9 @@ def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
 
 
 def _constant(rng: np.random.Generator, count: int) -> Array:
-    """Standard normal numbers of a stream separate from the noise, so that drawing them does not change the noise."""
+    """Standard normal numbers of a stream separate from the noise, so that drawing them does not
+    change the noise.
+    """
     return rng.spawn(1)[0].standard_normal(count)
 
 
@@ -213,7 +230,9 @@ class JointTorqueSensors:
 
     def init(self, rng: np.random.Generator) -> FastState:
         """Draw the biases of this run."""
-        return FastState(TORQUE_SENSORS, self, rng, rng.uniform(-self.bias, self.bias, _MOST_JOINTS))
+        return FastState(
+            TORQUE_SENSORS, self, rng, rng.uniform(-self.bias, self.bias, _MOST_JOINTS)
+        )
 
     def channel(self) -> str:
         """Place of its record among those that the compiled ticks sample."""
@@ -238,7 +257,8 @@ class JointTorqueSensors:
 
 @kernel
 def transmit(record, tau_drive, tau_friction, armature, qdd, damping, qd, tau_read):
-    """Sample the torque at the gear outputs: drive torque less rotor inertia, gear friction and damping.
+    """Sample the torque at the gear outputs: drive torque less rotor inertia, gear friction and
+    damping.
 
     Args:
         record: (1,) of TORQUE_SENSORS.
@@ -260,11 +280,14 @@ def transmit(record, tau_drive, tau_friction, armature, qdd, damping, qd, tau_re
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imu:
-    """Inertial unit with fibre-optic gyros: specific force, angular velocity and attitude at the hull's origin."""
+    """Inertial unit with fibre-optic gyros: specific force, angular velocity and attitude at the
+    hull's origin.
+    """
 
     period: float = 0.002  # [s]
     delay: float = 0.0  # [s]
-    acceleration_noise: float = 2e-3  # [m/s^2] white, per sample: 9 ug per root Hz, a quartz accelerometer
+    # [m/s^2] white, per sample: 9 ug per root Hz, a quartz accelerometer
+    acceleration_noise: float = 2e-3
     acceleration_bias: float = 0.005  # [m/s^2] constant over a run, standard deviation
     acceleration_resolution: float = 0.0  # [m/s^2]; 0 for none
     rate_noise: float = 2e-4  # [rad/s] white, per sample
@@ -280,7 +303,9 @@ class Imu:
         """Draw the biases of this run."""
         bias = rng.standard_normal(6)
         rate = self.rate_bias * _constant(rng, 3)
-        errors = np.concatenate([self.acceleration_bias * bias[:3], self.attitude_bias * bias[3:], rate])
+        errors = np.concatenate(
+            [self.acceleration_bias * bias[:3], self.attitude_bias * bias[3:], rate]
+        )
         state = FastState(IMU, self, rng, errors)
         state.stated = ImuNoise(
             acceleration=_white(self.acceleration_noise, self.acceleration_resolution),
@@ -300,7 +325,9 @@ class Imu:
         """Measure specific force, angular velocity and attitude."""
         force_B, w_B, R = np.empty(3), np.empty(3), np.empty((3, 3))
         sense_motion(state.draw(9), truth.R_WB, truth.acceleration, truth.w_WB_B, force_B, w_B, R)
-        return state, ImuMeasurement(time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R, noise=state.stated)
+        return state, ImuMeasurement(
+            time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R, noise=state.stated
+        )
 
 
 @kernel
@@ -310,7 +337,8 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
     Args:
         record: (1,) of IMU.
         R_WB: (3, 3) true attitude.
-        acceleration: (6,) or (3,) [m/s^2] true one of the hull's origin in W; only the first three count.
+        acceleration: (6,) or (3,) [m/s^2] true one of the hull's origin in W; only the first three
+            count.
         w_B: (3,) [rad/s] true angular velocity in B.
         force_read: (3,) [m/s^2] result, in B.
         w_read: (3,) [rad/s] result, in B.
@@ -324,9 +352,12 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
         for j in range(3):
             force += R_WB[j, i] * (acceleration[j] + (GRAVITY if j == 2 else 0.0))
         force_read[i] = _in_steps(force, sensor.acceleration_resolution)
-        w_read[i] = _in_steps(w_B[i] + bias[6 + i] + sensor.rate_noise * noise[3 + i], sensor.rate_resolution)
+        w_read[i] = _in_steps(
+            w_B[i] + bias[6 + i] + sensor.rate_noise * noise[3 + i], sensor.rate_resolution
+        )
         phi[i] = bias[3 + i] + sensor.attitude_noise * noise[6 + i]
-    # Second order in the error, which is below a milliradian: within 1e-10 of a rotation, far below the noise.
+    # Second order in the error, which is below a milliradian: within 1e-10 of a rotation, far below
+    # the noise.
     for j in range(3):
         k, m = (j + 1) % 3, (j + 2) % 3
         own = 1.0 - 0.5 * (phi[k] ** 2 + phi[m] ** 2)
@@ -356,7 +387,9 @@ class Dvl:
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, DvlMeasurement]:
         """Measure the velocity over ground."""
         v = truth.R_WB.T @ truth.v_WB_W + state.bias + self.noise * state.normal(3)
-        return state, DvlMeasurement(time=truth.time, v_WB_B=_quantised(v, self.resolution), noise=state.stated)
+        return state, DvlMeasurement(
+            time=truth.time, v_WB_B=_quantised(v, self.resolution), noise=state.stated
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -386,7 +419,8 @@ class PressureDepth:
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, PressureMeasurement]:
         """Measure pressure and depth."""
         depth = -float(truth.p_WB[2] + truth.R_WB[2] @ self.p_BS)
-        water = self.water_density * self.gravity * max(depth, 0.0)  # above the surface there is air
+        # above the surface there is air
+        water = self.water_density * self.gravity * max(depth, 0.0)
         pressure = self.surface + water + state.bias + self.noise * state.normal(1)
         pressure = float(_quantised(pressure, self.resolution)[0])
         depth = (pressure - self.assumed_surface) / (self.assumed_density * self.gravity)
@@ -404,7 +438,9 @@ class WanderState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisionDrift:
-    """Position of the hull relative to the scene from the cameras: delayed, with white and Gauss-Markov errors."""
+    """Position of the hull relative to the scene from the cameras: delayed, with white and
+    Gauss-Markov errors.
+    """
 
     period: float = 0.1  # [s]
     delay: float = 0.1  # [s]
@@ -419,13 +455,21 @@ class VisionDrift:
     def init(self, rng: np.random.Generator) -> WanderState:
         """Draw the initial slow error."""
         walk = rng.spawn(1)[0]
-        stated = VisionNoise(white=_white(self.noise, self.resolution), wander=self.bias, wander_time=self.bias_time)
-        return WanderState(SensorState(rng, np.zeros(0), stated=stated), walk, self.bias * walk.standard_normal(3))
+        stated = VisionNoise(
+            white=_white(self.noise, self.resolution), wander=self.bias, wander_time=self.bias_time
+        )
+        return WanderState(
+            SensorState(rng, np.zeros(0), stated=stated), walk, self.bias * walk.standard_normal(3)
+        )
 
     def step(self, state: WanderState, truth: Truth) -> tuple[WanderState, VisionMeasurement]:
         """Measure the position of the hull and advance the slow error."""
         p = truth.p_WB + state.error + self.noise * state.noise.normal(3)
         if self.bias > 0.0:
             kept = np.exp(-self.period / self.bias_time)
-            state.error = kept * state.error + self.bias * np.sqrt(1.0 - kept**2) * state.walk.standard_normal(3)
-        return state, VisionMeasurement(time=truth.time, p_WB=_quantised(p, self.resolution), noise=state.noise.stated)
+            state.error = kept * state.error + self.bias * np.sqrt(
+                1.0 - kept**2
+            ) * state.walk.standard_normal(3)
+        return state, VisionMeasurement(
+            time=truth.time, p_WB=_quantised(p, self.resolution), noise=state.noise.stated
+        )

@@ -1,9 +1,11 @@
-"""Stereo pair behind a flat port: Snell's law for each pixel, and the pinhole calibration of the refracted image.
+"""Stereo pair behind a flat port: Snell's law for each pixel, and the pinhole calibration of the
+refracted image.
 
-Both cameras look through the same flat port, whose normal is their optical axis. A ray that leaves the lens at the
-tangent s continues in water at the tangent s_w = s / sqrt(n^2 (1 + s^2) - s^2), from Snell's law sin a = n sin w. It
-crosses the port off the axis. In water the camera therefore has no single centre of projection, and a pinhole model is
-only a fit [Treibitz 2012], [Shortis 2015].
+Both cameras look through the same flat port, whose normal is their optical axis. A ray that leaves
+the lens at the tangent s continues in water at the tangent s_w = s / sqrt(n^2 (1 + s^2) - s^2),
+from Snell's law sin a = n sin w. It crosses the port off the axis. In water the camera therefore
+has no single centre of projection, and a pinhole model is only a fit [Treibitz 2012], [Shortis
+2015].
 """
 
 from collections.abc import Sequence
@@ -41,10 +43,14 @@ class FlatPort:
     def __post_init__(self) -> None:
         for name in ("distance", "thickness"):
             if not 0.0 <= getattr(self, name) < np.inf:
-                raise ConfigurationError(f"flat port: {name} must not be negative [m], got {getattr(self, name)}")
+                raise ConfigurationError(
+                    f"flat port: {name} must not be negative [m], got {getattr(self, name)}"
+                )
         for name in ("n_water", "n_glass"):
             if not 1.0 <= getattr(self, name) < 3.0:
-                raise ConfigurationError(f"flat port: {name} must lie in [1, 3), got {getattr(self, name)}")
+                raise ConfigurationError(
+                    f"flat port: {name} must lie in [1, 3), got {getattr(self, name)}"
+                )
 
     def rays(self, tangents: ArrayLike) -> tuple[Array, Array]:
         """Trace rays through the port.
@@ -53,7 +59,8 @@ class FlatPort:
             tangents: x/z and y/z (..., 2) of the rays in air, from the lens at the origin.
 
         Returns:
-            Points (..., 3) [m] where the rays leave the port, and their directions (..., 3) in water, with z = 1.
+            Points (..., 3) [m] where the rays leave the port, and their directions (..., 3) in
+            water, with z = 1.
         """
         t = np.asarray(tangents, dtype=np.float64)
         square = (t**2).sum(axis=-1, keepdims=True)
@@ -61,7 +68,8 @@ class FlatPort:
         water = t / np.sqrt(self.n_water**2 * (1.0 + square) - square)
         one = np.ones_like(square)
         start = np.concatenate(
-            [self.distance * t + self.thickness * glass, (self.distance + self.thickness) * one], axis=-1
+            [self.distance * t + self.thickness * glass, (self.distance + self.thickness) * one],
+            axis=-1,
         )
         return start, np.concatenate([water, one], axis=-1)
 
@@ -78,7 +86,9 @@ class FlatPort:
         Raises:
             ConfigurationError: A point is not beyond the port.
         """
-        rho, depth = np.broadcast_arrays(np.asarray(radius, dtype=np.float64), np.asarray(z, dtype=np.float64))
+        rho, depth = np.broadcast_arrays(
+            np.asarray(radius, dtype=np.float64), np.asarray(z, dtype=np.float64)
+        )
         if not np.all(depth > self.distance + self.thickness):
             raise ConfigurationError("flat port: points must lie in the water, beyond the port")
         flat = _tangents(
@@ -89,15 +99,17 @@ class FlatPort:
     @property
     def numbers(self) -> _Port:
         """For compiled functions."""
-        return _Port(float(self.distance), float(self.thickness), float(self.n_glass), float(self.n_water))
+        return _Port(
+            float(self.distance), float(self.thickness), float(self.n_glass), float(self.n_water)
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortCalibration:
     """Camera model of the stereo software: a pinhole with radial distortion.
 
-    r = f t (1 + k1 t^2 + k2 t^4): r [px] is the distance from the centre of the raw image, t the tangent of the ray
-    assigned to the pixel.
+    r = f t (1 + k1 t^2 + k2 t^4): r [px] is the distance from the centre of the raw image, t the
+    tangent of the ray assigned to the pixel.
     """
 
     focal: float  # [px]
@@ -107,10 +119,14 @@ class PortCalibration:
 
     def __post_init__(self) -> None:
         if not (0.0 < self.focal < np.inf and np.isfinite([self.k1, self.k2, self.center]).all()):
-            raise ConfigurationError(f"calibration: focal must be positive and all numbers finite, got {self}")
+            raise ConfigurationError(
+                f"calibration: focal must be positive and all numbers finite, got {self}"
+            )
 
     def raw(self, tangents: ArrayLike, focal: float) -> Array:
-        """Tangents (..., 2) in the air behind the port for rectified ones; `focal` [px] is that of the lens."""
+        """Tangents (..., 2) in the air behind the port for rectified ones; `focal` [px] is that of
+        the lens.
+        """
         t = np.asarray(tangents, dtype=np.float64)
         square = (t**2).sum(axis=-1, keepdims=True)
         return t * (self.focal / focal) * (1.0 + square * (self.k1 + square * self.k2))
@@ -122,9 +138,14 @@ def in_air(focal: float) -> PortCalibration:
 
 
 def in_water(
-    port: FlatPort, focal: float, corner: float, ranges: Sequence[float] = (0.5, 1.0, 2.0), move_center: bool = True
+    port: FlatPort,
+    focal: float,
+    corner: float,
+    ranges: Sequence[float] = (0.5, 1.0, 2.0),
+    move_center: bool = True,
 ) -> PortCalibration:
-    """Pinhole with distortion that best fits calibration boards seen through `port`; least squares in pixels.
+    """Pinhole with distortion that best fits calibration boards seen through `port`; least squares
+    in pixels.
 
     Args:
         port: The flat port.
@@ -140,7 +161,9 @@ def in_water(
         ConfigurationError: A board is not in the water, or a number is not positive.
     """
     if not (focal > 0.0 and corner > 0.0 and len(ranges)):
-        raise ConfigurationError(f"calibration: focal, corner and ranges must be positive, got {focal}, {corner}")
+        raise ConfigurationError(
+            f"calibration: focal, corner and ranges must be positive, got {focal}, {corner}"
+        )
     way = port.rays([corner / focal, 0.0])[1][0]
     z = np.asarray(ranges, dtype=np.float64)[:, None]
     radius = z * way * np.linspace(0.02, 1.0, 50)
@@ -159,16 +182,20 @@ def in_water(
         from scipy import optimize
 
         span = port.distance + port.thickness
-        found = optimize.minimize_scalar(lambda c: fit(c)[1], bounds=(-span, span), options={"xatol": 1e-7})
+        found = optimize.minimize_scalar(
+            lambda c: fit(c)[1], bounds=(-span, span), options={"xatol": 1e-7}
+        )
         center = float(found.x)
     (f, f_k1, f_k2), _ = fit(center)
     return PortCalibration(focal=float(f), k1=float(f_k1 / f), k2=float(f_k2 / f), center=center)
 
 
 class StereoReader(NamedTuple):
-    """Depth that stereo reads through a flat port; both cameras look through it, and `baseline` is between them.
+    """Depth that stereo reads through a flat port; both cameras look through it, and `baseline` is
+    between them.
 
-    Both images are rectified by one calibration. Depth is baseline / (difference of the rectified x tangents).
+    Both images are rectified by one calibration. Depth is baseline / (difference of the rectified x
+    tangents).
     """
 
     tangent_x: Array  # (W,) rectified x tangents of the columns
@@ -180,7 +207,12 @@ class StereoReader(NamedTuple):
 
     @classmethod
     def of(
-        cls, port: FlatPort, calibration: PortCalibration, focal: float, baseline: float, tangent_x: Array
+        cls,
+        port: FlatPort,
+        calibration: PortCalibration,
+        focal: float,
+        baseline: float,
+        tangent_x: Array,
     ) -> "StereoReader":
         """Set up the reader.
 
@@ -195,21 +227,33 @@ class StereoReader(NamedTuple):
             The reader.
         """
         scale = float(calibration.focal / focal)
-        return cls(tangent_x, port.numbers, scale, float(calibration.k1), float(calibration.k2), float(baseline))
+        return cls(
+            tangent_x,
+            port.numbers,
+            scale,
+            float(calibration.k1),
+            float(calibration.k2),
+            float(baseline),
+        )
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Depth (H, W) [m], float32, of points (H, W, 3) [m] in the left camera's frame; inf for points at infinity."""
+        """Depth (H, W) [m], float32, of points (H, W, 3) [m] in the left camera's frame; inf for
+        points at infinity.
+        """
         return _read(np.ascontiguousarray(points, dtype=np.float64), self)
 
 
 @kernel
 def _tangent(rho: float, z: float, port: _Port) -> float:
-    """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), which grows with s."""
+    """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), which
+    grows with s.
+    """
     distance, thickness, n_glass, n_water = port
     if rho == 0.0:
         return 0.0
     depth = z - distance - thickness
-    # The sum is concave, and the start, from its slope at the axis, lies below the root: Newton does not overshoot.
+    # The sum is concave, and the start, from its slope at the axis, lies below the root: Newton
+    # does not overshoot.
     s = rho / (distance + thickness / n_glass + depth / n_water)
     for _ in range(_STEPS):
         square = s * s

@@ -1,6 +1,7 @@
 """Multibeam 3D sonar by ray casting, with finite beam width and echo errors.
 
-It can be mounted on any body of any compiled model (primitives, meshes, height fields, visual-only geoms):
+It can be mounted on any body of any compiled model (primitives, meshes, height fields, visual-only
+geoms):
 
     sonar = Sonar(model, "world", X_WS)                      # S has OpenCV axes: x right, y down, z ahead
     points_S = sonar.ping(data, np.random.default_rng(0))    # (H, W, 3) [m], NaN without an echo
@@ -30,10 +31,11 @@ _ON_RING = 6  # number of rays on the ring
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarBeams:
-    """Grid of beams, evenly spaced in azimuth (columns, about y) and elevation (rows), and the echo that each reports.
+    """Grid of beams, evenly spaced in azimuth (columns, about y) and elevation (rows), and the echo
+    that each reports.
 
-    The range of the "first" echo is that of the nearest surface in the beam. That of the "strongest" is that of the
-    largest area across the beam within one range cell.
+    The range of the "first" echo is that of the nearest surface in the beam. That of the
+    "strongest" is that of the largest area across the beam within one range cell.
     """
 
     rows: int = 72
@@ -44,15 +46,26 @@ class SonarBeams:
     echo: Literal["first", "strongest"] = "strongest"
 
     def __post_init__(self) -> None:
-        if not all(isinstance(count, int | np.integer) and count >= 1 for count in (self.rows, self.columns)):
-            raise ConfigurationError(f"sonar: needs whole rows and columns of beams, got {self.rows} x {self.columns}")
+        if not all(
+            isinstance(count, int | np.integer) and count >= 1
+            for count in (self.rows, self.columns)
+        ):
+            raise ConfigurationError(
+                f"sonar: needs whole rows and columns of beams, got {self.rows} x {self.columns}"
+            )
         for name in ("elevation", "azimuth"):
             if not 0.0 <= getattr(self, name) < np.deg2rad(175.0):
-                raise ConfigurationError(f"sonar: {name} must lie in [0, 175) deg, got {getattr(self, name)} rad")
+                raise ConfigurationError(
+                    f"sonar: {name} must lie in [0, 175) deg, got {getattr(self, name)} rad"
+                )
         if not 0.0 <= self.width <= np.deg2rad(30.0):
-            raise ConfigurationError(f"sonar: beam width must lie in [0, 30] deg, got {self.width} rad")
+            raise ConfigurationError(
+                f"sonar: beam width must lie in [0, 30] deg, got {self.width} rad"
+            )
         if self.echo not in ("first", "strongest"):
-            raise ConfigurationError(f"sonar: echo must be 'first' or 'strongest', got {self.echo!r}")
+            raise ConfigurationError(
+                f"sonar: echo must be 'first' or 'strongest', got {self.echo!r}"
+            )
 
     @property
     def pitch(self) -> float:
@@ -62,31 +75,47 @@ class SonarBeams:
     def axes(self) -> Array:
         """Unit axes (rows, columns, 3) of the beams in S."""
         down = np.linspace(-0.5, 0.5, self.rows) * self.elevation if self.rows > 1 else np.zeros(1)
-        right = np.linspace(-0.5, 0.5, self.columns) * self.azimuth if self.columns > 1 else np.zeros(1)
+        right = (
+            np.linspace(-0.5, 0.5, self.columns) * self.azimuth if self.columns > 1 else np.zeros(1)
+        )
         elevation, azimuth = np.meshgrid(down, right, indexing="ij")
         return np.stack(
-            [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)], axis=-1
+            [
+                np.cos(elevation) * np.sin(azimuth),
+                np.sin(elevation),
+                np.cos(elevation) * np.cos(azimuth),
+            ],
+            axis=-1,
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarNoise:
-    """Error model of the echoes: orders of magnitude from range cell and beam width, as no maker publishes them."""
+    """Error model of the echoes: orders of magnitude from range cell and beam width, as no maker
+    publishes them.
+    """
 
     range_share: float = 0.003  # standard deviation of the range, as a share of it
     range_cell: float = 0.01  # [m] to which ranges are rounded; 0: no rounding
-    pointing: float = 0.25  # standard deviation of a beam's direction about each axis, as a share of its width
+    # standard deviation of a beam's direction about each axis, as a share of its width
+    pointing: float = 0.25
     outliers: float = 0.03  # share of the beams that report a random range within the limits
     max_incidence: float = np.deg2rad(75.0)  # [rad] from the surface normal; no echo beyond it
 
     def __post_init__(self) -> None:
         for name in ("range_share", "range_cell", "pointing"):
             if not 0.0 <= getattr(self, name) < np.inf:
-                raise ConfigurationError(f"sonar noise: {name} must not be negative, got {getattr(self, name)}")
+                raise ConfigurationError(
+                    f"sonar noise: {name} must not be negative, got {getattr(self, name)}"
+                )
         if not 0.0 <= self.outliers <= 1.0:
-            raise ConfigurationError(f"sonar noise: outliers must lie in [0, 1], got {self.outliers}")
+            raise ConfigurationError(
+                f"sonar noise: outliers must lie in [0, 1], got {self.outliers}"
+            )
         if not 0.0 < self.max_incidence <= 0.5 * np.pi:
-            raise ConfigurationError(f"sonar noise: max_incidence must lie in (0, pi/2], got {self.max_incidence}")
+            raise ConfigurationError(
+                f"sonar noise: max_incidence must lie in (0, pi/2], got {self.max_incidence}"
+            )
 
 
 BEAMS, NOISE = SonarBeams(), SonarNoise()
@@ -94,7 +123,9 @@ BEAMS, NOISE = SonarBeams(), SonarNoise()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarState:
-    """State of the sonar's noise; a ping depends on it and the truth only, so a run can be replayed."""
+    """State of the sonar's noise; a ping depends on it and the truth only, so a run can be
+    replayed.
+    """
 
     seed: int
     ping: int
@@ -139,7 +170,9 @@ class Sonar:
             MissingLibraryError: There is no ray caster.
         """
         if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1] < np.inf):
-            raise ConfigurationError(f"sonar: range_limits must be 0 < near < far, got {range_limits}")
+            raise ConfigurationError(
+                f"sonar: range_limits must be 0 < near < far, got {range_limits}"
+            )
         if not delay >= 0.0:
             raise ConfigurationError(f"sonar: delay must not be negative, got {delay}")
         self.delay = delay
@@ -149,7 +182,9 @@ class Sonar:
         self._world = visible.world(model, "sonar")
         self._axes = beams.axes()
         # Two axes across each beam, for the rays on the ring.
-        right = np.stack([self._axes[..., 2], np.zeros(self._axes.shape[:2]), -self._axes[..., 0]], axis=-1)
+        right = np.stack(
+            [self._axes[..., 2], np.zeros(self._axes.shape[:2]), -self._axes[..., 0]], axis=-1
+        )
         self._right = right / np.linalg.norm(right, axis=-1, keepdims=True)
         self._down = np.cross(self._axes, self._right)
         # Two-way share of the beam's power on its axis and on each ray of the ring.
@@ -181,7 +216,9 @@ class Sonar:
         return SonarState(seed=int(rng.integers(2**63)), ping=0)
 
     def step(self, state: SonarState, truth: BodyPoses) -> tuple[SonarState, SonarScan]:
-        """One ping of the world at `truth`; the same state and truth always give the same echoes."""
+        """One ping of the world at `truth`; the same state and truth always give the same
+        echoes.
+        """
         points = self.ping(truth, np.random.default_rng([state.seed, state.ping]))
         scan = SonarScan(time=float(truth.time), points=points, X_BS=self._X_BS)
         return SonarState(seed=state.seed, ping=state.ping + 1), scan
@@ -249,11 +286,14 @@ class Sonar:
 
 
 @kernel
-def _strongest(distance: np.ndarray, cosine: np.ndarray, weight: np.ndarray, cell: float) -> np.ndarray:
+def _strongest(
+    distance: np.ndarray, cosine: np.ndarray, weight: np.ndarray, cell: float
+) -> np.ndarray:
     """Range (H, W) [m] of the strongest echo: rays that return within one range cell are added up.
 
-    A ray's power is its share of the beam times the cosine of incidence. By Lambert's law an area scatters back with
-    the square of the cosine, and the area in the beam grows with its inverse. The range is the mean of the echo's rays.
+    A ray's power is its share of the beam times the cosine of incidence. By Lambert's law an area
+    scatters back with the square of the cosine, and the area in the beam grows with its inverse.
+    The range is the mean of the echo's rays.
     """
     rows, columns, rays = distance.shape
     result = np.full((rows, columns), np.inf)

@@ -1,4 +1,6 @@
-"""Survey of the site: where the object stands is known beforehand, and told when a scan is asked for."""
+"""Survey of the site: where the object stands is known beforehand, and told when a scan is asked
+for.
+"""
 
 from typing import Any
 
@@ -34,4 +36,6 @@ class Survey:
     def step(self, state: Any, truth: Truth) -> tuple[None, SurveyedPose]:
         """Pose of the object now."""
         R_WT = rotation_from_quat_wxyz(truth.xquat[self._body])
-        return None, SurveyedPose(time=truth.time, X_WT=readonly(pose(R_WT, truth.xpos[self._body])))
+        return None, SurveyedPose(
+            time=truth.time, X_WT=readonly(pose(R_WT, truth.xpos[self._body]))
+        )

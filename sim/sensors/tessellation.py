@@ -8,14 +8,54 @@ from uuv.sim.interfaces.spatial import Array
 
 SAGITTA = 2e-4  # [m] largest distance of a tessellated curved primitive from the true surface
 
-_BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+_BOX_CORNERS = np.array(
+    [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64
+)
 _BOX_FACES = np.array(
-    [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3]
+    [
+        0,
+        1,
+        3,
+        0,
+        3,
+        2,
+        4,
+        6,
+        7,
+        4,
+        7,
+        5,
+        0,
+        4,
+        5,
+        0,
+        5,
+        1,
+        2,
+        3,
+        7,
+        2,
+        7,
+        6,
+        0,
+        2,
+        6,
+        0,
+        6,
+        4,
+        1,
+        5,
+        7,
+        1,
+        7,
+        3,
+    ]
 ).reshape(-1, 3)
 
 
 def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
-    """Triangles of any geom except a plane; curved primitives are within SAGITTA of the true surface.
+    """Triangles of any geom except a plane; curved primitives are within SAGITTA of the true
+    surface.
 
     Args:
         model: Compiled model.
@@ -55,7 +95,9 @@ def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
         z = np.concatenate([z[: middle + 1] - size[1], z[middle:] + size[1]])
         radius = np.concatenate([radius[: middle + 1], radius[middle:]])
         return _lathe(z, radius, size[0])
-    raise ConfigurationError(f"geom {model.geom(geom).name!r} has a type that has no surface here: {kind}")
+    raise ConfigurationError(
+        f"geom {model.geom(geom).name!r} has a type that has no surface here: {kind}"
+    )
 
 
 def _sides(radius: float) -> int:
@@ -78,7 +120,12 @@ def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
     sides = _sides(scale)
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     rings = np.stack(
-        [np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle)), np.repeat(z[:, None], sides, axis=1)], -1
+        [
+            np.outer(radius, np.cos(angle)),
+            np.outer(radius, np.sin(angle)),
+            np.repeat(z[:, None], sides, axis=1),
+        ],
+        -1,
     )
     i = np.arange(sides)
     j = (i + 1) % sides
@@ -87,7 +134,9 @@ def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
     second = np.stack([low + j, low + sides + j, low + sides + i], -1).reshape(-1, 3)
     vertices, faces = rings.reshape(-1, 3), np.vstack([first, second])
     corner = vertices[faces]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    area = np.linalg.norm(
+        np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
+    )
     return vertices, faces[area > 0.0]  # at the poles one triangle of each pair has no area
 
 
@@ -99,6 +148,11 @@ def _height_field(model: mujoco.MjModel, field: int) -> tuple[Array, np.ndarray]
     x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
     z = top * model.hfield_data[start : start + rows * columns]
     index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
+    a, b, c, d = (
+        index[:-1, :-1].ravel(),
+        index[:-1, 1:].ravel(),
+        index[1:, 1:].ravel(),
+        index[1:, :-1].ravel(),
+    )
     faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return np.column_stack([x.ravel(), y.ravel(), z]), faces

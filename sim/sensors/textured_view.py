@@ -1,9 +1,11 @@
-"""Rendered pictures of a small stereo camera with a lamp in turbid water: intensity and measured depth, by ray casting.
+"""Rendered pictures of a small stereo camera with a lamp in turbid water: intensity and measured
+depth, by ray casting.
 
-Surfaces carry a solid texture: a sum of plane waves with random directions and phases, band-limited, fixed to the
-object. It stands for paint, rust and growth. The lamp is beside the lens, so brightness falls with range and incidence,
-and the shading moves with the camera. Turbidity dims the light on its way out and back, and adds backscatter
-[Jaffe 1990]. A cloud of silt hides part of the view and drifts with a texture of its own.
+Surfaces carry a solid texture: a sum of plane waves with random directions and phases,
+band-limited, fixed to the object. It stands for paint, rust and growth. The lamp is beside the
+lens, so brightness falls with range and incidence, and the shading moves with the camera. Turbidity
+dims the light on its way out and back, and adds backscatter [Jaffe 1990]. A cloud of silt hides
+part of the view and drifts with a texture of its own.
 
 Frame C has OpenCV axes: x right, y down, z along the optical axis.
 """
@@ -40,7 +42,8 @@ class SmallStereo:
         finite_number(self.intensity_noise, "small stereo camera: intensity_noise", above=0.0)
         if not (self.width > 8 and self.height > 8 and 0.0 < self.near < self.far):
             raise ConfigurationError(
-                f"small stereo camera: {self.width} x {self.height} px from {self.near} to {self.far} m is no camera"
+                f"small stereo camera: {self.width} x {self.height} px from {self.near} to "
+                f"{self.far} m is no camera"
             )
 
     def rays(self, step: int = 1) -> Array:
@@ -58,7 +61,9 @@ class Texture:
     contrast: float  # of the reflectance, share of its mean
 
     @classmethod
-    def of(cls, seed: int, contrast: float, band: tuple[float, float] = (0.006, 0.04), count: int = 48) -> "Texture":
+    def of(
+        cls, seed: int, contrast: float, band: tuple[float, float] = (0.006, 0.04), count: int = 48
+    ) -> "Texture":
         """Draw a texture.
 
         Args:
@@ -71,15 +76,20 @@ class Texture:
         rng = np.random.default_rng(seed)
         way = rng.standard_normal((count, 3))
         way /= np.linalg.norm(way, axis=1, keepdims=True)
-        number = 2.0 * np.pi / np.exp(rng.uniform(float(np.log(band[0])), float(np.log(band[1])), count))
-        return cls(np.column_stack([number[:, None] * way, rng.uniform(0.0, 2.0 * np.pi, count)]), contrast)
+        number = (
+            2.0 * np.pi / np.exp(rng.uniform(float(np.log(band[0])), float(np.log(band[1])), count))
+        )
+        return cls(
+            np.column_stack([number[:, None] * way, rng.uniform(0.0, 2.0 * np.pi, count)]), contrast
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turbidity:
     """Optical conditions before the camera."""
 
-    attenuation: float = 0.4  # [1/m] of a beam of light: 0.15 clear ocean, 0.4 coast, 2.2 harbour [Petzold 1972]
+    # [1/m] of a beam of light: 0.15 clear ocean, 0.4 coast, 2.2 harbour [Petzold 1972]
+    attenuation: float = 0.4
     cloud: float = 0.0  # share of the view hidden by a drifting cloud of silt
 
     def __post_init__(self) -> None:
@@ -107,7 +117,8 @@ def expose(
 
     Args:
         camera: The camera.
-        hits: Exact depth (h, w) [m], inf without a surface, and cosine of the angle of incidence (h, w).
+        hits: Exact depth (h, w) [m], inf without a surface, and cosine of the angle of incidence
+            (h, w).
         X_TC: (4, 4) camera in the axes of the textured object.
         texture: Of every surface in view.
         water: Optical conditions.
@@ -122,7 +133,9 @@ def expose(
     points = transform_points(X_TC, (camera.rays() * depth[..., None]).reshape(-1, 3))
     pattern = np.zeros(len(points))
     if texture.contrast > 0.0:
-        pattern = _waves(points, np.repeat(BLUR / camera.focal, len(points)) * depth.ravel(), texture.waves)
+        pattern = _waves(
+            points, np.repeat(BLUR / camera.focal, len(points)) * depth.ravel(), texture.waves
+        )
     reflected = ALBEDO * np.clip(1.0 + texture.contrast * pattern.reshape(depth.shape), 0.0, None)
     light = (LAMP_RANGE / depth) ** 2 * cosine * np.exp(-2.0 * water.attenuation * depth)
     veil = BACKSCATTER * -np.expm1(-2.0 * water.attenuation * np.where(seen, depth, camera.far))
@@ -137,13 +150,17 @@ def expose(
     if water.cloud > 0.0:
         hidden, drift = _cloud(depth.shape, water.cloud, rng)
         image = np.where(hidden, drift, image)
-        noisy = np.where(hidden, np.where(rng.random(depth.shape) < 0.5, np.inf, 0.5 * noisy), noisy)
+        noisy = np.where(
+            hidden, np.where(rng.random(depth.shape) < 0.5, np.inf, 0.5 * noisy), noisy
+        )
     image = image + camera.intensity_noise * rng.standard_normal(depth.shape)
     good = (noisy >= camera.near) & (noisy <= camera.far)
     return Picture(image.astype(np.float32), np.where(good, noisy, np.nan).astype(np.float32))
 
 
-def _cloud(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _cloud(
+    shape: tuple[int, ...], share: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Mask (h, w) of a blob that hides `share` of the view, and its brightness (h, w)."""
     v, u = np.indices(shape)
     middle = rng.uniform(0.0, 1.0, 2) * shape
@@ -152,7 +169,9 @@ def _cloud(shape: tuple[int, ...], share: float, rng: np.random.Generator) -> tu
     hidden = away <= np.quantile(away, share)
     own = Texture.of(int(rng.integers(2**31)), 0.3, band=(8.0, 40.0), count=12)
     flat = np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)]).astype(np.float64)
-    drift = BACKSCATTER * (1.0 + own.contrast * _waves(flat, np.zeros(u.size), own.waves).reshape(shape))
+    drift = BACKSCATTER * (
+        1.0 + own.contrast * _waves(flat, np.zeros(u.size), own.waves).reshape(shape)
+    )
     return hidden, drift
 
 
@@ -166,5 +185,9 @@ def _waves(points, blur, waves):
         square = 0.5 * (a * a + b * b + c * c)
         for i in range(len(points)):
             damped = np.exp(-square * blur[i] * blur[i])
-            out[i] += scale * damped * np.cos(a * points[i, 0] + b * points[i, 1] + c * points[i, 2] + phase)
+            out[i] += (
+                scale
+                * damped
+                * np.cos(a * points[i, 0] + b * points[i, 1] + c * points[i, 2] + phase)
+            )
     return out

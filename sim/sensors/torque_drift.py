@@ -1,4 +1,6 @@
-"""Joint torque sensors with coloured noise and drift, around sensors with white noise and a constant bias."""
+"""Joint torque sensors with coloured noise and drift, around sensors with white noise and a
+constant bias.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -21,14 +23,19 @@ class DriftState:
 
 
 class DriftingTorqueSensors:
-    """Torque sensors (`uuv.sim.interfaces.protocols.Sensor`) whose reading also wanders and drifts."""
+    """Torque sensors (`uuv.sim.interfaces.protocols.Sensor`) whose reading also wanders and
+    drifts.
+    """
 
-    def __init__(self, sensors: JointTorqueSensors, *, sigma: float, time: float, drift: float) -> None:
+    def __init__(
+        self, sensors: JointTorqueSensors, *, sigma: float, time: float, drift: float
+    ) -> None:
         """Wrap `sensors`.
 
         Args:
             sensors: Sensors with white noise and bias; they draw as without the wrapper.
-            sigma: [N m] standard deviation of the coloured noise (first-order Gauss-Markov), each sensor its own.
+            sigma: [N m] standard deviation of the coloured noise (first-order Gauss-Markov), each
+                sensor its own.
             time: [s] its correlation time.
             drift: [N m/s] standard deviation of a constant rate of change, each sensor its own.
 
@@ -37,7 +44,9 @@ class DriftingTorqueSensors:
         """
         self.sound, self.period, self.delay = sensors, sensors.period, sensors.delay
         self._sigma = finite_number(sigma, "torque sensors: sigma [N m]", least=0.0)
-        self._kept = float(np.exp(-sensors.period / finite_number(time, "torque sensors: time [s]", above=0.0)))
+        self._kept = float(
+            np.exp(-sensors.period / finite_number(time, "torque sensors: time [s]", above=0.0))
+        )
         self._drift = finite_number(drift, "torque sensors: drift [N m/s]", least=0.0)
 
     def init(self, rng: np.random.Generator) -> DriftState:

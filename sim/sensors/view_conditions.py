@@ -1,4 +1,6 @@
-"""What a camera on the arm sees beside the object's shape: a value, read without the camera's kernels."""
+"""What a camera on the arm sees beside the object's shape: a value, read without the camera's
+kernels.
+"""
 
 from dataclasses import dataclass
 
@@ -9,11 +11,13 @@ from uuv.sim.interfaces.spatial import finite_number
 class ViewConditions:
     """What the camera sees beside the object's shape."""
 
-    texture: float = 0.2  # standard deviation of the surface's reflectance, share of its mean; 0: plain
+    # standard deviation of the surface's reflectance, share of its mean; 0: plain
+    texture: float = 0.2
     attenuation: float = 0.4  # [1/m] of a beam of light
     cloud_rate: float = 0.05  # [1/s] of clouds of silt; each hides a share drawn between 0 and 1
     cloud_time: float = 1.0  # [s] mean time that one lasts
-    scale: float = 1e-3  # standard deviation of the error of the stereo calibration's scale, constant over a run
+    # standard deviation of the error of the stereo calibration's scale, constant over a run
+    scale: float = 1e-3
 
     def __post_init__(self) -> None:
         for name in ("texture", "attenuation", "cloud_rate", "cloud_time", "scale"):

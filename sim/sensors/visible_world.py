@@ -1,8 +1,8 @@
 """Ray casting on a compiled model: every geom that a viewer shows is visible to the sensors.
 
-Embree casts the rays: no display or GL may be assumed, and `mj_multiRay` takes 20 times as long and misses visual-only
-geoms. Most rays miss most of a scene. So rays are grouped in tiles and triangles in clusters, and a tile is cast only
-if its cone meets a cluster.
+Embree casts the rays: no display or GL may be assumed, and `mj_multiRay` takes 20 times as long and
+misses visual-only geoms. Most rays miss most of a scene. So rays are grouped in tiles and triangles
+in clusters, and a tile is cast only if its cone meets a cluster.
 """
 
 from collections.abc import Collection
@@ -21,7 +21,8 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_quat_wxyz
 from uuv.sim.sensors.tessellation import tessellate
 
-VISIBLE_GROUPS = (0, 1, 2)  # geom groups that MuJoCo's renderer shows; models keep collision shapes in 3 and above
+# geom groups that MuJoCo's renderer shows; models keep collision shapes in 3 and above
+VISIBLE_GROUPS = (0, 1, 2)
 
 _TILE = 16  # rays along the side of a tile
 _CLUSTERS = 400  # largest number of clusters of a mesh; more cost as much as they save
@@ -29,7 +30,9 @@ _CLUSTER = 16  # smallest number of triangles in a cluster
 
 
 class BodyPoses(Protocol):
-    """World poses of all bodies: `uuv.sim.plant.truth.Truth`, or an MjData after `mj_kinematics`."""
+    """World poses of all bodies: `uuv.sim.plant.truth.Truth`, or an MjData after
+    `mj_kinematics`.
+    """
 
     @property
     def time(self) -> float:
@@ -51,7 +54,8 @@ class BodyPoses(Protocol):
 class Rays:
     """Rays of a sensor in its frame S, and the bounding cones of its tiles; created by `of`."""
 
-    directions: np.ndarray  # (H, W, ..., 3) float32, of any length, which is the unit of the distances
+    # (H, W, ..., 3) float32, of any length, which is the unit of the distances
+    directions: np.ndarray
     origins: np.ndarray  # [m] the same shape, or (1, 3) for all
     near: float  # no hit at less than this distance
     tile: np.ndarray  # (N,) tile of each ray
@@ -70,17 +74,29 @@ class Rays:
             The rays.
         """
         way = np.ascontiguousarray(directions, dtype=np.float32)
-        start = np.zeros((1, 3), np.float32) if origins is None else np.ascontiguousarray(origins, dtype=np.float32)
+        start = (
+            np.zeros((1, 3), np.float32)
+            if origins is None
+            else np.ascontiguousarray(origins, dtype=np.float32)
+        )
         height, width = way.shape[:2]
         columns = -(-width // _TILE)
         tile = (np.arange(height)[:, None] // _TILE) * columns + np.arange(width) // _TILE
         tile = np.repeat(tile.ravel(), int(np.prod(way.shape[2:-1])))
-        return cls(way, start, near, tile, _cones(way.reshape(-1, 3), start.reshape(-1, 3), tile, int(tile[-1]) + 1))
+        return cls(
+            way,
+            start,
+            near,
+            tile,
+            _cones(way.reshape(-1, 3), start.reshape(-1, 3), tile, int(tile[-1]) + 1),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Visible:
-    """What a sensor can see of a model; transparent geoms (alpha 0), flexes and skins are invisible to all."""
+    """What a sensor can see of a model; transparent geoms (alpha 0), flexes and skins are invisible
+    to all.
+    """
 
     exclude: Collection[str] = ()  # names of invisible bodies
     groups: Collection[int] = VISIBLE_GROUPS  # visible geom groups
@@ -92,21 +108,32 @@ class Visible:
             ConfigurationError: A body to exclude is unknown.
             MissingLibraryError: There is no ray caster.
         """
-        return VisibleWorld(model, exclude={body_id(model, name, sensor) for name in self.exclude}, groups=self.groups)
+        return VisibleWorld(
+            model,
+            exclude={body_id(model, name, sensor) for name in self.exclude},
+            groups=self.groups,
+        )
 
 
 ALL = Visible()
 
 
 class VisibleWorld:
-    """Visible surfaces of a model for ray casting: static ones in one scene, each moving body in a scene of its own."""
+    """Visible surfaces of a model for ray casting: static ones in one scene, each moving body in a
+    scene of its own.
+    """
 
     def __init__(
-        self, model: mujoco.MjModel, *, exclude: Collection[int] = (), groups: Collection[int] = VISIBLE_GROUPS
+        self,
+        model: mujoco.MjModel,
+        *,
+        exclude: Collection[int] = (),
+        groups: Collection[int] = VISIBLE_GROUPS,
     ) -> None:
         """Collect the visible surfaces; scenes are built of them when the first rays are cast.
 
-        Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read now only.
+        Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read now
+        only.
 
         Args:
             model: Compiled model.
@@ -124,7 +151,11 @@ class VisibleWorld:
         self._planes: list[tuple[Array, Array]] = []  # pose in W, half lengths
         for geom in range(model.ngeom):
             body = int(model.geom_bodyid[geom])
-            if body in exclude or int(model.geom_group[geom]) not in groups or _alpha(model, geom) == 0.0:
+            if (
+                body in exclude
+                or int(model.geom_group[geom]) not in groups
+                or _alpha(model, geom) == 0.0
+            ):
                 continue
             X_BG = pose(rotation_from_quat_wxyz(model.geom_quat[geom]), model.geom_pos[geom])
             X_WB = pose(data.xmat[body].reshape(3, 3), data.xpos[body])
@@ -145,12 +176,15 @@ class VisibleWorld:
         self._middle_W = np.zeros(3)
         if static:
             vertices, faces = joined(static)
-            # Embree uses single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
+            # Embree uses single precision, which far from W's origin is too coarse: 0.1 mm at 3 km
+            # of depth.
             self._middle_W = vertices.mean(axis=0)
             self._static = _Surface(0, vertices, faces, self._middle_W)
         self._moving = [_Surface(body, *joined(parts)) for body, parts in moving.items()]
 
-    def cast(self, X_WS: Array, rays: Rays, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
+    def cast(
+        self, X_WS: Array, rays: Rays, xpos: Array, xmat: Array
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Cast all rays.
 
         Args:
@@ -160,8 +194,8 @@ class VisibleWorld:
             xmat: Rotations of the bodies to W (nbody, 9).
 
         Returns:
-            Distance to the first surface in lengths of the ray's direction, and cosine of the angle of incidence there.
-            Both have the rays' shape and float32; inf and 1 without a hit.
+            Distance to the first surface in lengths of the ray's direction, and cosine of the angle
+            of incidence there. Both have the rays' shape and float32; inf and 1 without a hit.
         """
         way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
         distance = np.full(len(way), np.inf, dtype=np.float32)
@@ -177,14 +211,24 @@ class VisibleWorld:
             R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
             _draw_plane(R_SG, p_SG, size, way, start, rays.near, distance, cosine)
         if self._moving:
-            self._cast_moving(X_WS, rays, xpos, np.asarray(xmat).reshape(-1, 3, 3), distance, cosine)
+            self._cast_moving(
+                X_WS, rays, xpos, np.asarray(xmat).reshape(-1, 3, 3), distance, cosine
+            )
         shape = rays.directions.shape[:-1]
         return distance.reshape(shape), cosine.reshape(shape)
 
     def _cast_moving(
-        self, X_WS: Array, rays: Rays, xpos: Array, R_W: Array, distance: np.ndarray, cosine: np.ndarray
+        self,
+        X_WS: Array,
+        rays: Rays,
+        xpos: Array,
+        R_W: Array,
+        distance: np.ndarray,
+        cosine: np.ndarray,
     ) -> None:
-        """Cast on the moving bodies, each in its own frame B, and merge into `distance` and `cosine` (N,)."""
+        """Cast on the moving bodies, each in its own frame B, and merge into `distance` and
+        `cosine` (N,).
+        """
         for part in self._moving:
             X_BS = inverse(pose(R_W[part.body], xpos[part.body])) @ X_WS
             centers = (part.clusters[:, :3] - X_BS[:3, 3]) @ X_BS[:3, :3]
@@ -193,9 +237,16 @@ class VisibleWorld:
 
     @staticmethod
     def _cast_chosen(
-        scene: RayScene, X_FS: Array, rays: Rays, tiles: np.ndarray, distance: np.ndarray, cosine: np.ndarray
+        scene: RayScene,
+        X_FS: Array,
+        rays: Rays,
+        tiles: np.ndarray,
+        distance: np.ndarray,
+        cosine: np.ndarray,
     ) -> None:
-        """Cast the rays of the chosen tiles (T,) on `scene` (frame F); merge into `distance`, `cosine` (N,)."""
+        """Cast the rays of the chosen tiles (T,) on `scene` (frame F); merge into `distance`,
+        `cosine` (N,).
+        """
         chosen = np.flatnonzero(tiles[rays.tile])
         if not len(chosen):
             return
@@ -245,7 +296,9 @@ def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:
     """
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
-        raise ConfigurationError(f"{sensor}: no body {name!r}; there are {names(model, 'body', model.nbody)}")
+        raise ConfigurationError(
+            f"{sensor}: no body {name!r}; there are {names(model, 'body', model.nbody)}"
+        )
     return int(index)
 
 
@@ -265,7 +318,9 @@ def site_on_body(model: mujoco.MjModel, site: str, sensor: str) -> tuple[str, Ar
     """
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
     if index < 0:
-        raise ConfigurationError(f"{sensor}: no site {site!r}; there are {names(model, 'site', model.nsite)}")
+        raise ConfigurationError(
+            f"{sensor}: no site {site!r}; there are {names(model, 'site', model.nsite)}"
+        )
     X_BS = pose(rotation_from_quat_wxyz(model.site_quat[index]), model.site_pos[index])
     return model.body(model.site_bodyid[index]).name, X_BS
 
@@ -294,13 +349,17 @@ def _cluster_size(faces: np.ndarray) -> int:
 
 
 def _clusters(vertices: Array, faces: np.ndarray) -> Array:
-    """Bounding spheres (C, 4), centre and radius [m], of runs of triangles that follow each other."""
+    """Bounding spheres (C, 4), centre and radius [m], of runs of triangles that follow each
+    other.
+    """
     first = np.arange(0, len(faces), _cluster_size(faces))
     corners = vertices[faces]
     low = np.minimum.reduceat(corners.min(axis=1), first)
     high = np.maximum.reduceat(corners.max(axis=1), first)
     center = 0.5 * (low + high)
-    away = np.linalg.norm(corners - center[np.arange(len(faces)) // _cluster_size(faces)][:, None], axis=2).max(axis=1)
+    away = np.linalg.norm(
+        corners - center[np.arange(len(faces)) // _cluster_size(faces)][:, None], axis=2
+    ).max(axis=1)
     return np.column_stack([center, np.maximum.reduceat(away, first)])
 
 
@@ -309,7 +368,9 @@ def _spheres(centers: Array, radii: Array) -> np.ndarray:
 
 
 def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> np.ndarray:
-    """Bounding cones (T, 8) of the rays (N, 3) of each tile, with the sphere that holds their origins."""
+    """Bounding cones (T, 8) of the rays (N, 3) of each tile, with the sphere that holds their
+    origins.
+    """
     unit = way / np.linalg.norm(way, axis=1, keepdims=True)
     axis = np.column_stack([np.bincount(tile, unit[:, i], count) for i in range(3)])
     axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
@@ -332,16 +393,24 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
     for i in range(len(cones)):
         cos_half, sin_half = np.cos(cones[i, 7]), np.sin(cones[i, 7])
         for j in range(len(spheres)):
-            x, y, z = spheres[j, 0] - cones[i, 0], spheres[j, 1] - cones[i, 1], spheres[j, 2] - cones[i, 2]
+            x, y, z = (
+                spheres[j, 0] - cones[i, 0],
+                spheres[j, 1] - cones[i, 1],
+                spheres[j, 2] - cones[i, 2],
+            )
             reach = spheres[j, 3] + cones[i, 3]
             along = x * cones[i, 4] + y * cones[i, 5] + z * cones[i, 6]
             square = x * x + y * y + z * z
             beside = np.sqrt(max(square - along * along, 0.0))
-            # The nearest point of the cone is its apex, or else on its mantle, at the distance of the first sum.
+            # The nearest point of the cone is its apex, or else on its mantle, at the distance of
+            # the first sum.
             if (
                 square <= reach * reach
                 or cones[i, 7] >= 0.5 * np.pi
-                or (beside * cos_half - along * sin_half <= reach and along * cos_half + beside * sin_half >= 0.0)
+                or (
+                    beside * cos_half - along * sin_half <= reach
+                    and along * cos_half + beside * sin_half >= 0.0
+                )
             ):
                 tiles[i] = True
                 break
@@ -349,7 +418,9 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def _gathered(way: np.ndarray, start: np.ndarray, chosen: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+def _gathered(
+    way: np.ndarray, start: np.ndarray, chosen: np.ndarray, near: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Origins, shifted by `near` along the ray, and directions of the chosen rays, (M, 3) each."""
     origins = np.empty((len(chosen), 3), dtype=np.float32)
     directions = np.empty((len(chosen), 3), dtype=np.float32)
@@ -394,7 +465,9 @@ def _draw_plane(
     distance: np.ndarray,
     cosine: np.ndarray,
 ) -> None:
-    """Intersect the rays with a one-sided plane geom, as in MuJoCo; half lengths `size` of 0 are infinite."""
+    """Intersect the rays with a one-sided plane geom, as in MuJoCo; half lengths `size` of 0 are
+    infinite.
+    """
     common = len(start) == 1
     for ray in range(len(way)):
         x, y, z = way[ray, 0], way[ray, 1], way[ray, 2]

@@ -22,14 +22,16 @@ Profile = Callable[[float], tuple[float, float]]
 
 _BLOCK = 4096  # steps generated at a time
 _FEWEST = 20.0  # [steps] in the period of a wave
-_PROFILE_TIMES = (0.37, 1.13, 2.71, 5.9, 11.3)  # [s] at which the rate of a profile is compared with its factor
+# [s] at which the rate of a profile is compared with its factor
+_PROFILE_TIMES = (0.37, 1.13, 2.71, 5.9, 11.3)
 _LONGEST = 1e12  # [steps] longest time constant; beyond it the filter's pole is lost in rounding
 _ALONG = 1e-3  # [s] before and after, between which the acceleration of a flow field is taken
 
 
 @kernel
 def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
-    """First-order filter of the columns of `signal` (N, 3), in place, with its `state` (3,); as scipy.signal.lfilter.
+    """First-order filter of the columns of `signal` (N, 3), in place, with its `state` (3,); as
+    scipy.signal.lfilter.
 
     SciPy's takes as long to import as a fifth of the program.
     """
@@ -42,18 +44,23 @@ def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wave:
-    """Regular wave of long length: the water around the vehicle swings to and fro along one direction."""
+    """Regular wave of long length: the water around the vehicle swings to and fro along one
+    direction.
+    """
 
     amplitude_W: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] of the velocity, world axes
     frequency: float = 0.1  # [Hz]
-    phase: float = 0.0  # [rad] at the start; 0: the water stands still and begins to move along the amplitude
+    # [rad] at the start; 0: the water stands still and begins to move along the amplitude
+    phase: float = 0.0
 
     def __post_init__(self) -> None:
         checked(self.amplitude_W, (3,), "amplitude of the wave [m/s]")
         number(self.phase, "phase of the wave [rad]")
         frequency = number(self.frequency, "frequency of the wave [Hz]")
         if not 0.0 < frequency < np.inf:
-            raise ConfigurationError(f"frequency of the wave: must be finite and > 0 Hz, got {frequency}")
+            raise ConfigurationError(
+                f"frequency of the wave: must be finite and > 0 Hz, got {frequency}"
+            )
 
     def velocity(self, time: ArrayLike) -> Array:
         """Velocity (N, 3) [m/s] of the water at `time` (N,) [s]."""
@@ -67,8 +74,8 @@ STILL = Wave()
 class Current:
     """Velocity and acceleration of the water, one sample a step of the plant, for all bodies.
 
-    Gusts are white noise through two equal first-order filters: their acceleration, which the pressure-gradient force
-    needs, is then finite. `gust` is their standard deviation per axis.
+    Gusts are white noise through two equal first-order filters: their acceleration, which the
+    pressure-gradient force needs, is then finite. `gust` is their standard deviation per axis.
     `with_flow` adds a velocity that depends on the place of the hull.
 
     `velocity` [m/s] and `acceleration` [m/s^2], each (N, 3), hold the steps generated ahead,
@@ -99,12 +106,13 @@ class Current:
             time_constant: Of the gusts [s].
             timestep: Step of the plant [s].
             rng: Random generator; needed for gusts only.
-            profile: Function of the time t [s] since the start. It returns a factor on the whole current and the
-                factor's rate of change [1/s].
+            profile: Function of the time t [s] since the start. It returns a factor on the whole
+                current and the factor's rate of change [1/s].
 
         Raises:
-            ConfigurationError: A number is not finite or has the wrong sign, the time constant has too few or too many
-                steps, the wave has too few, gusts lack a generator, or the profile's rate is not that of its factor.
+            ConfigurationError: A number is not finite or has the wrong sign, the time constant has
+                too few or too many steps, the wave has too few, gusts lack a generator, or the
+                profile's rate is not that of its factor.
         """
         self._mean = checked(mean_W, (3,), "current [m/s]")
         gust, dt = number(gust, "gust [m/s]"), number(timestep, "timestep of the current [s]")
@@ -125,8 +133,9 @@ class Current:
             )
         a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
         self._gain, self._pole = float(b), float(a)
-        # Stationary start: standard deviations of both filter states for unit white noise (gain b and pole a, twice),
-        # from Lyapunov's equation; scaled so that the second state has the gust's.
+        # Stationary start: standard deviations of both filter states for unit white noise (gain b
+        # and pole a, twice), from Lyapunov's equation; scaled so that the second state has the
+        # gust's.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
         rows = _BLOCK if self._varies else 1
@@ -188,7 +197,9 @@ class Current:
 
     @property
     def timestep(self) -> float | None:
-        """Step of the plant [s] that it was made for; None for a steady current, which suits any step."""
+        """Step of the plant [s] that it was made for; None for a steady current, which suits any
+        step.
+        """
         return self._dt if self._varies or self.profile is not None else None
 
     def _refill(self) -> None:
@@ -199,7 +210,9 @@ class Current:
             for state in self._filters:
                 _filter(self._gain, self._pole, varying, state)
         if self._wave is not None:
-            varying += self._wave.velocity(np.arange(self._generated, self._generated + _BLOCK) * self._dt)
+            varying += self._wave.velocity(
+                np.arange(self._generated, self._generated + _BLOCK) * self._dt
+            )
         self.velocity[:] = self._mean + varying
         self.acceleration[:] = np.diff(varying, axis=0, prepend=self._before[None]) / self._dt
         self._before, self._generated, self.row[0] = varying[-1], self._generated + _BLOCK, 0
@@ -225,7 +238,9 @@ class Current:
         self._ticks = steps
 
     def ready(self) -> int:
-        """Number of steps that may now be taken from the rows; generates new ones after the last."""
+        """Number of steps that may now be taken from the rows; generates new ones after the
+        last.
+        """
         if not self._varies:
             return sys.maxsize
         if self.row[0] == _BLOCK:
@@ -233,7 +248,9 @@ class Current:
         return _BLOCK - int(self.row[0])
 
     def step(self) -> tuple[Array, Array]:
-        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the plant's next step, world axes."""
+        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the plant's next step,
+        world axes.
+        """
         self.ready()
         at = self.row[0]
         velocity, acceleration = self.velocity[at].copy(), self.acceleration[at].copy()
@@ -277,7 +294,8 @@ def _check_gusts(gust: float, rng: object, time_constant: float, dt: float) -> N
         raise ConfigurationError(f"timestep of the current: must be finite and > 0 s, got {dt}")
     if not 10.0 * dt < time_constant <= _LONGEST * dt:
         raise ConfigurationError(
-            f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no more than "
+            f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no "
+            "more than "
             f"{_LONGEST:.0e} of them"
         )
 
@@ -293,7 +311,8 @@ def _product(first: Profile, second: Profile) -> Profile:
 
 
 def _check_profile(profile: Profile) -> None:
-    """Refuses a profile without two numbers, or with a rate that differs from the factor's at most of some times.
+    """Refuses a profile without two numbers, or with a rate that differs from the factor's at most
+    of some times.
 
     A profile may have steps and bends, so that a single time proves nothing.
     """
@@ -301,7 +320,9 @@ def _check_profile(profile: Profile) -> None:
     wrong: list[str] = []
     for time in _PROFILE_TIMES:
         try:
-            (before, _), (_, rate), (after, _) = (profile(time + shift) for shift in (-span, 0.0, span))
+            (before, _), (_, rate), (after, _) = (
+                profile(time + shift) for shift in (-span, 0.0, span)
+            )
             slope = (after - before) / (2.0 * span)
         except (TypeError, ValueError) as error:
             raise ConfigurationError(
@@ -309,12 +330,15 @@ def _check_profile(profile: Profile) -> None:
             ) from error
 
         if not np.isfinite([before, rate, after]).all():
-            raise ConfigurationError(f"profile of the current: not finite at {time} s, got {before}, rate {rate}")
+            raise ConfigurationError(
+                f"profile of the current: not finite at {time} s, got {before}, rate {rate}"
+            )
         if abs(slope - rate) > 0.02 * max(abs(slope), abs(rate)) + 1e-6:
             wrong.append(f"at {time} s it says {rate:.4g}, the factor changes by {slope:.4g} 1/s")
 
     if 2 * len(wrong) > len(_PROFILE_TIMES):
         raise ConfigurationError(
-            f"profile of the current: its rate is not the factor's, at {len(wrong)} of {len(_PROFILE_TIMES)} times; "
+            f"profile of the current: its rate is not the factor's, at {len(wrong)} of "
+            f"{len(_PROFILE_TIMES)} times; "
             f"{wrong[-1]}"
         )

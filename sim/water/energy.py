@@ -1,4 +1,6 @@
-"""Search for a motion in which the damping of a body feeds energy in, which only its cross terms can do."""
+"""Search for a motion in which the damping of a body feeds energy in, which only its cross terms
+can do.
+"""
 
 import numpy as np
 
@@ -41,9 +43,11 @@ def damping_wrench(body: BodyHydrodynamics, nu: Array) -> Array:
 
 
 def largest_power(body: BodyHydrodynamics) -> tuple[float, Array] | None:
-    """Largest power [W] that damping feeds into the body, and the twist (6,) at which; None if none was found.
+    """Largest power [W] that damping feeds into the body, and the twist (6,) at which; None if none
+    was found.
 
-    Sampled at speeds up to 3 m/s and rad/s: a search, not a proof. Without cross terms there is none.
+    Sampled at speeds up to 3 m/s and rad/s: a search, not a proof. Without cross terms there is
+    none.
     """
     cross = [form for form in body.terms if isinstance(form, CrossTerms)]
     if not cross:
@@ -51,16 +55,24 @@ def largest_power(body: BodyHydrodynamics) -> tuple[float, Array] | None:
     rng = np.random.default_rng(0)
     direction = rng.normal(size=(_SAMPLES, 6))
     involved = np.unique(np.concatenate([form.terms[:, :3].ravel() for form in cross]).astype(int))
-    direction[::2] *= np.isin(np.arange(6), involved)  # half of them in the components that the terms couple
+    # half of them in the components that the terms couple
+    direction[::2] *= np.isin(np.arange(6), involved)
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     nu = np.vstack([speed * direction for speed in _SPEEDS])
     power = np.sum(nu * damping_wrench(body, nu), axis=1)
     # In proportion to the speed cubed, so that slow motions count as much as fast ones.
     best = nu[int(np.argmax(power / np.linalg.norm(nu, axis=1) ** 3))]
     for step in 0.5 ** np.arange(_ROUNDS):
-        near = best + step * np.linalg.norm(best) * rng.normal(size=(100, 6)) * np.isin(np.arange(6), involved)
-        near = np.vstack([best, near * (np.linalg.norm(best) / np.linalg.norm(near, axis=1))[:, None]])
+        near = best + step * np.linalg.norm(best) * rng.normal(size=(100, 6)) * np.isin(
+            np.arange(6), involved
+        )
+        near = np.vstack(
+            [best, near * (np.linalg.norm(best) / np.linalg.norm(near, axis=1))[:, None]]
+        )
         best = near[int(np.argmax(np.sum(near * damping_wrench(body, near), axis=1)))]
     found = float(best @ damping_wrench(body, best[None])[0])
-    gross = sum(float(np.abs(form.terms[:, 4]).sum()) for form in cross) * float(np.linalg.norm(best)) ** 3
+    gross = (
+        sum(float(np.abs(form.terms[:, 4]).sum()) for form in cross)
+        * float(np.linalg.norm(best)) ** 3
+    )
     return (found, best) if found > _SHARE * gross else None

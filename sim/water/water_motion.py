@@ -76,8 +76,8 @@ def set_current(
         shear: (3,) [1/s] dv/dz.
 
     Raises:
-        ConfigurationError: The model has no place for it, `data` is not of the model, or numbers have
-            another shape, are not finite or exceed `LARGEST`.
+        ConfigurationError: The model has no place for it, `data` is not of the model, or numbers
+            have another shape, are not finite or exceed `LARGEST`.
     """
     rows = _rows(model, data)
     if rows is None:
@@ -170,11 +170,15 @@ def _rows(model: mujoco.MjModel, data: "mujoco.MjData | Batch | Array") -> Array
         ConfigurationError: The model has no hydrodynamics, or `data` is not of the model.
     """
     if not (isinstance(model, mujoco.MjModel) and is_wet(model)):
-        raise ConfigurationError(f"current: expected a compiled model with hydrodynamics, got {shown(model)}")
+        raise ConfigurationError(
+            f"current: expected a compiled model with hydrodynamics, got {shown(model)}"
+        )
 
     numbers: Any = getattr(data, "userdata", data)
     if not (isinstance(numbers, np.ndarray) and numbers.dtype == np.float64 and numbers.ndim):
-        raise ConfigurationError(f"current: expected an MjData or a userdata of float64, got {shown(data)}")
+        raise ConfigurationError(
+            f"current: expected an MjData or a userdata of float64, got {shown(data)}"
+        )
     if numbers.shape[-1] != model.nuserdata:
         raise ConfigurationError(
             f"current: data with {numbers.shape[-1]} numbers of userdata is not of this model, "
@@ -198,5 +202,7 @@ def _fitted(values: ArrayLike, many: tuple[int, ...], name: str) -> Array:
     if fitted is None or vectors.shape[-1:] != (3,):
         raise ConfigurationError(f"{name}: expected shape {(*many, 3)}, got {vectors.shape}")
     if not np.all(np.abs(vectors) <= LARGEST):
-        raise ConfigurationError(f"{name}: must be finite and at most {LARGEST:g} in size, got {shown(vectors)}")
+        raise ConfigurationError(
+            f"{name}: must be finite and at most {LARGEST:g} in size, got {shown(vectors)}"
+        )
     return fitted

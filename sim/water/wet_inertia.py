@@ -1,15 +1,17 @@
 """Joint-space inertia of a wet model, M + A, its inverse, and drag over it, block by block.
 
-Bodies of different kinematic trees share no degree of freedom, so M + A and the slope of the drag are block diagonal,
-and the cost is linear in the number of trees. A model of up to LARGEST_SMALL degrees of freedom is one block all the
-same: the vehicles are such models, and the last digits of their trajectories depend on the rounding of the whole
-inverse. How a block is solved depends on its degrees of freedom:
+Bodies of different kinematic trees share no degree of freedom, so M + A and the slope of the drag
+are block diagonal, and the cost is linear in the number of trees. A model of up to LARGEST_SMALL
+degrees of freedom is one block all the
+same: the vehicles are such models, and the last digits of their trajectories depend on the rounding
+of the whole inverse. How a block is solved depends on its degrees of freedom:
 
 - Up to LARGEST_SMALL: by LAPACK.
-- More: by MuJoCo's sparse factor, whose cost is the square of the tree's depth for each degree of freedom. The largest
-  rate of the drag is by Lanczos iteration.
-- Up to LARGEST_INVERSE, contact weights are from LAPACK's inverse all the same. M + A of a long chain is so
-  ill-conditioned (1e9 with 200 links) that weights by two factorisations differ in the ninth digit.
+- More: by MuJoCo's sparse factor, whose cost is the square of the tree's depth for each degree of
+  freedom. The largest rate of the drag is by Lanczos iteration.
+- Up to LARGEST_INVERSE, contact weights are from LAPACK's inverse all the same. M + A of a long
+  chain is so ill-conditioned (1e9 with 200 links) that weights by two factorisations differ in the
+  ninth digit.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -33,13 +35,18 @@ LARGEST_INVERSE = 320  # degrees of freedom
 
 _ROWS = 256  # right-hand sides that are solved for at a time, which bounds the memory
 _RATE_TOLERANCE = 1e-6  # relative, of the drag rate of a large block
-_LANCZOS_VECTORS = 40  # ARPACK's 20 take three times as many iterations where eigenvalues cluster, as in long chains
+# ARPACK's 20 take three times as many iterations where eigenvalues cluster, as in long chains
+_LANCZOS_VECTORS = 40
 
 
 class BlockSums:
-    """Sums over the wet bodies of a model in joint space, at a state, as blocks that do not couple."""
+    """Sums over the wet bodies of a model in joint space, at a state, as blocks that do not
+    couple.
+    """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, bodies: Mapping[int, BodyHydrodynamics]) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, bodies: Mapping[int, BodyHydrodynamics]
+    ) -> None:
         """Takes the Jacobians of the bodies.
 
         Args:
@@ -51,7 +58,8 @@ class BlockSums:
         self.data = data
         self.bodies = bodies
 
-        # Degrees of freedom of each block, and the block of each movable body and degree of freedom.
+        # Degrees of freedom of each block, and the block of each movable body and degree of
+        # freedom.
         if model.nv <= LARGEST_SMALL:
             self.dofs = [slice(0, model.nv)]
             self.block_of = [0] * model.nbody
@@ -71,7 +79,9 @@ class BlockSums:
         self._jacobians = {i: self._at_origin(i) for i in bodies}
 
     def at_center_of_mass(self, body: int) -> Array:
-        """Jacobian (6, n) of the centre of mass of `body`, in world axes, for its block; valid until the next call."""
+        """Jacobian (6, n) of the centre of mass of `body`, in world axes, for its block; valid
+        until the next call.
+        """
         mujoco.mj_jacBodyCom(self.model, self.data, self._rows[:3], self._rows[3:], body)
         return self._rows[:, self.dofs[self.block_of[body]]]
 
@@ -80,7 +90,9 @@ class BlockSums:
         return self.dofs[block].stop - self.dofs[block].start
 
     def block(self, block: int, matrix_of: Callable[[BodyHydrodynamics], Array]) -> Array:
-        """Sum of J_b^T X_b J_b (n, n) of a block, with X_b (6, 6) in body axes at the body origin."""
+        """Sum of J_b^T X_b J_b (n, n) of a block, with X_b (6, 6) in body axes at the body
+        origin.
+        """
         total = np.zeros((self.count(block), self.count(block)))
         for i in self.bodies_of[block]:
             X = matrix_of(self.bodies[i])
@@ -104,11 +116,14 @@ class BlockSums:
         ends = np.cumsum([0, *(len(self.movers[i]) for i in bodies for _ in range(6))])
         values = [self._jacobians[i].ravel() for i in bodies]
         return csr_array(
-            (np.concatenate(values), np.concatenate(columns), ends), shape=(6 * len(bodies), self.count(block))
+            (np.concatenate(values), np.concatenate(columns), ends),
+            shape=(6 * len(bodies), self.count(block)),
         )
 
     def force(self, wrench_of: Callable[[int, BodyHydrodynamics], Array]) -> Array:
-        """Sum of J_b^T f_b (nv,), with f_b (6,) in body axes at the body origin, of a body's index and coefficients."""
+        """Sum of J_b^T f_b (nv,), with f_b (6,) in body axes at the body origin, of a body's index
+        and coefficients.
+        """
         total = np.zeros(self.model.nv)
         for i, body in self.bodies.items():
             total[self.movers[i]] += self._jacobians[i].T @ wrench_of(i, body)
@@ -136,25 +151,31 @@ class WetInertia:
         """Factors M + A.
 
         Args:
-            sums: Sums at the state, whose `data.M` has the dry inertia. Its `data.M` and `data.qLD` become those of
-                M + A if a block is large.
+            sums: Sums at the state, whose `data.M` has the dry inertia. Its `data.M` and `data.qLD`
+                become those of M + A if a block is large.
 
         Raises:
             HydrodynamicsError: M + A is not positive definite.
         """
         self.sums = sums
-        blocks = [_dry_block(sums, k) + sums.block(k, lambda body: body.added_mass) for k in range(len(sums.dofs))]
+        blocks = [
+            _dry_block(sums, k) + sums.block(k, lambda body: body.added_mass)
+            for k in range(len(sums.dofs))
+        ]
         self.diagonal = np.concatenate([np.diag(block) for block in blocks])  # (nv,) of M + A
         try:
             self._blocks = _factored(sums, blocks)
         except np.linalg.LinAlgError as error:
             raise HydrodynamicsError(
-                f"the inertia with the added mass is not positive definite at qpos0 (its diagonal runs from "
+                "the inertia with the added mass is not positive definite at qpos0 (its diagonal "
+                "runs from "
                 f"{self.diagonal.min():.3g} to {self.diagonal.max():.3g})"
             ) from error
 
     def of_body(self, body: int) -> Array:
-        """Mobility (6,) of the centre of mass of a movable body along the world axes, linear and angular."""
+        """Mobility (6,) of the centre of mass of a movable body along the world axes, linear and
+        angular.
+        """
         return self._blocks[self.sums.block_of[body]].mobility(self.sums.at_center_of_mass(body))
 
     def of_dofs(self) -> Array:
@@ -162,12 +183,20 @@ class WetInertia:
         return np.concatenate([block.diagonal() for block in self._blocks])
 
     def along(self, columns: Indices, values: Array) -> float:
-        """Mobility along a row of nv numbers, given by its `columns` and their `values`, such as that of a tendon."""
-        return sum(self._blocks[k].along(dofs, part) for k, dofs, part in self._parts(columns, values))
+        """Mobility along a row of nv numbers, given by its `columns` and their `values`, such as
+        that of a tendon.
+        """
+        return sum(
+            self._blocks[k].along(dofs, part) for k, dofs, part in self._parts(columns, values)
+        )
 
     def accelerations(self, columns: Indices, values: Array) -> Array:
-        """inv(M + A) f of the blocks that a force f touches, given by its `columns` and their `values`."""
-        parts = [self._blocks[k].solve(dofs, part) for k, dofs, part in self._parts(columns, values)]
+        """inv(M + A) f of the blocks that a force f touches, given by its `columns` and their
+        `values`.
+        """
+        parts = [
+            self._blocks[k].solve(dofs, part) for k, dofs, part in self._parts(columns, values)
+        ]
         return np.concatenate([np.zeros(0), *parts])
 
     def drag_rate(self, slope_of: Callable[[BodyHydrodynamics], Array]) -> float:
@@ -179,7 +208,9 @@ class WetInertia:
         return max(block.largest_rate(slope_of) for block in self._blocks)
 
     def _parts(self, columns: Indices, values: Array) -> Iterator[tuple[int, Indices, Array]]:
-        """Index of each block that a row touches, its columns counted within the block, and their values."""
+        """Index of each block that a row touches, its columns counted within the block, and their
+        values.
+        """
         owners = self.sums.owners[columns]
         for k in np.unique(owners):
             mine = owners == k
@@ -237,14 +268,18 @@ class _SmallBlock:
 
 
 class _LargeBlock:
-    """A block that MuJoCo's sparse factor solves, and whose mobilities are from an inverse if that is not too large."""
+    """A block that MuJoCo's sparse factor solves, and whose mobilities are from an inverse if that
+    is not too large.
+    """
 
     def __init__(self, sums: BlockSums, index: int, block: Array) -> None:
         """Takes `block`, which is a part of the inertia that `sums.data` has the factor of."""
         self._sums = sums
         self._index = index
         self._block = block
-        self._inverse: np.ndarray | None = np.linalg.inv(block) if len(block) <= LARGEST_INVERSE else None
+        self._inverse: np.ndarray | None = (
+            np.linalg.inv(block) if len(block) <= LARGEST_INVERSE else None
+        )
 
     def mobility(self, rows: Array) -> Array:
         if self._inverse is not None:
@@ -259,7 +294,9 @@ class _LargeBlock:
             return np.diag(self._inverse)
         count = len(self._block)
         starts = range(0, count, _ROWS)
-        return np.concatenate([self.mobility(np.eye(min(_ROWS, count - k), count, k)) for k in starts])
+        return np.concatenate(
+            [self.mobility(np.eye(min(_ROWS, count - k), count, k)) for k in starts]
+        )
 
     def solve(self, dofs: Indices, values: Array) -> Array:
         force = np.zeros((1, len(self._block)))
@@ -287,7 +324,8 @@ class _LargeBlock:
         largest = eigsh(
             LinearOperator(shape, matvec=drag, dtype=float),
             k=1,
-            M=csr_array(self._block),  # sparse: threads of BLAS would wait for each other at each product
+            # sparse: threads of BLAS would wait for each other at each product
+            M=csr_array(self._block),
             Minv=LinearOperator(shape, matvec=inverse, dtype=float),
             which="LA",
             ncv=_LANCZOS_VECTORS,
@@ -316,7 +354,8 @@ def _factored(sums: BlockSums, blocks: list[Array]) -> list[_Block]:
     if any(len(block) > LARGEST_SMALL for block in blocks):
         _factor_by_mujoco(sums, blocks)
     return [
-        (_SmallBlock if len(block) <= LARGEST_SMALL else _LargeBlock)(sums, k, block) for k, block in enumerate(blocks)
+        (_SmallBlock if len(block) <= LARGEST_SMALL else _LargeBlock)(sums, k, block)
+        for k, block in enumerate(blocks)
     ]
 
 
@@ -330,18 +369,22 @@ def _factor_by_mujoco(sums: BlockSums, blocks: list[Array]) -> None:
         entries, rows, columns = _entries(sums.model, dofs)
         sums.data.M[entries] = block[rows, columns]
     mujoco.mj_factorM(sums.model, sums.data)
-    if sums.data.warning[mujoco.mjtWarning.mjWARN_INERTIA].number or not np.all(sums.data.qLDiagInv > 0.0):
+    if sums.data.warning[mujoco.mjtWarning.mjWARN_INERTIA].number or not np.all(
+        sums.data.qLDiagInv > 0.0
+    ):
         raise np.linalg.LinAlgError("a pivot of the factor is not positive")
 
 
 def _mobility(inverse: np.ndarray, rows: Array) -> Array:
-    # Over all columns of the block, also zeros: in a long chain the terms cancel, and another order of summation would
-    # change the eleventh digit.
+    # Over all columns of the block, also zeros: in a long chain the terms cancel, and another order
+    # of summation would change the eleventh digit.
     return np.einsum("ij,jk,ik->i", rows, inverse, rows)
 
 
 def _square(dofs: Indices) -> tuple[Any, ...]:
-    """Index of the rows and columns `dofs`, ascending, of a matrix; as a view where they are neighbours."""
+    """Index of the rows and columns `dofs`, ascending, of a matrix; as a view where they are
+    neighbours.
+    """
     if len(dofs) and dofs[-1] - dofs[0] == len(dofs) - 1:
         part = slice(int(dofs[0]), int(dofs[-1]) + 1)
         return part, part
@@ -357,7 +400,8 @@ def _dry_block(sums: BlockSums, index: int) -> Array:
 
 
 def _entries(model: mujoco.MjModel, dofs: slice) -> tuple[slice, Indices, Indices]:
-    """Entries of `data.M` that belong to the block of `dofs`: their place, and their rows and columns within the block.
+    """Entries of `data.M` that belong to the block of `dofs`: their place, and their rows and
+    columns within the block.
 
     `data.M` holds the lower triangle by rows, and of each row the columns of the ancestors.
     """
@@ -370,9 +414,15 @@ def _entries(model: mujoco.MjModel, dofs: slice) -> tuple[slice, Indices, Indice
 
 def _moving_dofs(model: mujoco.MjModel) -> list[Indices]:
     """Degrees of freedom that move each body, ascending: its own and those of its ancestors."""
-    parents, starts, counts = model.body_parentid.tolist(), model.body_dofadr.tolist(), model.body_dofnum.tolist()
+    parents, starts, counts = (
+        model.body_parentid.tolist(),
+        model.body_dofadr.tolist(),
+        model.body_dofnum.tolist(),
+    )
     movers: list[Indices] = [np.zeros(0, dtype=int)]
     for parent, start, count in zip(parents[1:], starts[1:], counts[1:], strict=True):
         inherited = movers[parent]
-        movers.append(np.concatenate([inherited, np.arange(start, start + count)]) if count else inherited)
+        movers.append(
+            np.concatenate([inherited, np.arange(start, start + count)]) if count else inherited
+        )
     return movers

@@ -1,8 +1,10 @@
-"""Tolerance bands of behaviour figures: what another seed may give, derived from how the figures spread over seeds.
+"""Tolerance bands of behaviour figures: what another seed may give, derived from how the figures
+spread over seeds.
 
-A band is a prediction interval of Student's t for one more run, at a false-alarm rate of FALSE_ALARMS a figure. Figures
-that are positive in every run spread by factors (errors, peaks, times) and are taken as logarithms. A figure that is
-the same in every run is held to ROUNDING. A truth value, such as a verdict, that is the same in every run is held on
+A band is a prediction interval of Student's t for one more run, at a false-alarm rate of
+FALSE_ALARMS a figure. Figures that are positive in every run spread by factors (errors, peaks,
+times) and are taken as logarithms. A figure that is the same in every run is held to ROUNDING. A
+truth value, such as a verdict, that is the same in every run is held on
 the seeds that it was seen on: what share of other seeds it holds on, a dozen runs cannot tell.
 """
 
@@ -13,17 +15,22 @@ from typing import Any
 import numpy as np
 from scipy.stats import t
 
-FALSE_ALARMS = 1e-5  # of one figure of one clean run: one in some 400 runs of all cases, of 250 figures each
+# of one figure of one clean run: one in some 400 runs of all cases, of 250 figures each
+FALSE_ALARMS = 1e-5
 LEAST_SEEDS = 8
 ROUNDING = 1e-9  # relative, and absolute in the figure's unit, of what no seed changes
-_LEAST_SPREAD = 1e-3  # of a logarithm, or relative to the mean: other BLAS kernels and platforms move figures by less
+# of a logarithm, or relative to the mean: other BLAS kernels and platforms move figures by less
+_LEAST_SPREAD = 1e-3
 
 Figures = Mapping[str, float | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Band:
-    """Allowed range of one figure. The numbers that it was derived from stand beside it in the file."""
+    """Allowed range of one figure.
+
+    The numbers that it was derived from stand beside it in the file.
+    """
 
     low: float
     high: float
@@ -35,7 +42,10 @@ class Band:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Band":
-        """Band of a figure that took `values` over as many seeds. Raises ValueError for fewer than LEAST_SEEDS."""
+        """Band of a figure that took `values` over as many seeds.
+
+        Raises ValueError for fewer than LEAST_SEEDS.
+        """
         truth = isinstance(values[0], bool)
         v = np.asarray(values, dtype=np.float64)
         n = len(v)
@@ -44,29 +54,44 @@ class Band:
         if np.ptp(v) <= ROUNDING * np.abs(v).max():
             margin = ROUNDING * (1.0 + abs(v[0]))
             low, middle, high = float(v[0] - margin), float(v[0]), float(v[0] + margin)
-            return cls(low=low, high=high, middle=middle, spread=0.0, factor=False, seeds=n, truth=truth)
+            return cls(
+                low=low, high=high, middle=middle, spread=0.0, factor=False, seeds=n, truth=truth
+            )
         factor = bool(v.min() > 0.0)
         x = np.log(v) if factor else v
         spread = float(x.std(ddof=1))
         least = _LEAST_SPREAD if factor else _LEAST_SPREAD * float(np.abs(v).max())
-        half = float(t.ppf(1.0 - 0.5 * FALSE_ALARMS, n - 1) * np.sqrt(1.0 + 1.0 / n)) * max(spread, least)
+        half = float(t.ppf(1.0 - 0.5 * FALSE_ALARMS, n - 1) * np.sqrt(1.0 + 1.0 / n)) * max(
+            spread, least
+        )
         low, middle, high = x.mean() - half, x.mean(), x.mean() + half
         if factor:
             low, middle, high = np.exp([low, middle, high])
-        return cls(low=float(low), high=float(high), middle=float(middle), spread=spread, factor=factor, seeds=n)
+        return cls(
+            low=float(low),
+            high=float(high),
+            middle=float(middle),
+            spread=spread,
+            factor=factor,
+            seeds=n,
+        )
 
     def fault(self, value: float) -> str:
         """What is wrong with `value`, in a few words; empty if it lies within."""
         if self.low <= value <= self.high:
             return ""
         side = "above" if value > self.high else "below"
-        return f"{value:.4g}, {side} {self.low:.4g} to {self.high:.4g} (over {self.seeds} seeds {self.middle:.4g})"
+        return (
+            f"{value:.4g}, {side} {self.low:.4g} to {self.high:.4g} (over {self.seeds} seeds "
+            f"{self.middle:.4g})"
+        )
 
 
 def bands_of(runs: Sequence[Figures]) -> dict[str, Band | None]:
     """Bands of all figures that every run has; None for those that no run lived to produce.
 
-    A figure that only some runs have, and a truth value that differs, are left out: nothing of them could be held.
+    A figure that only some runs have, and a truth value that differs, are left out: nothing of them
+    could be held.
     """
     names = dict.fromkeys(name for run in runs for name in run)
     found: dict[str, Band | None] = {}

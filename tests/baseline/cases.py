@@ -1,7 +1,9 @@
-"""The short scenarios whose figures the baseline holds: each a function from a seed to figures by name.
+"""The short scenarios whose figures the baseline holds: each a function from a seed to figures by
+name.
 
-They come in by the doors that users take (the scenarios' own options, `perception.identify`, `calib.identify`,
-`uuv.controllers.mkps.solve`) and give back every number that a run's metrics hold, but its wall times.
+They come in by the doors that users take (the scenarios' own options, `perception.identify`,
+`calib.identify`, `uuv.controllers.mkps.solve`) and give back every number that a run's metrics
+hold, but its wall times.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +28,14 @@ from uuv.calib.verification import kabsch
 from uuv.clouds.object_scenes import object_scene
 from uuv.controllers.mkps import Chain, solve
 from uuv.experiment.local_processes import run_all
-from uuv.jobs import clean_barrel, clean_object, clean_pile, insert_sampler, inspect_object, sample_seabed
+from uuv.jobs import (
+    clean_barrel,
+    clean_object,
+    clean_pile,
+    insert_sampler,
+    inspect_object,
+    sample_seabed,
+)
 from uuv.models.arms import published_arms
 from uuv.perception import identify
 from uuv.runner import Run, run
@@ -74,15 +83,22 @@ def rock(seed: int) -> Figures:
 
 
 def force_steps(seed: int) -> Figures:
-    """The mean of three abrupt steps of the set force from 60 to 90 N while the tool moves along the barrel."""
+    """The mean of three abrupt steps of the set force from 60 to 90 N while the tool moves along
+    the barrel.
+    """
     low, high, steps = 60.0, 90.0, 3
     scenario = clean_barrel(seed=seed, length=0.36, forces=(low, high) * steps)
     assert isinstance(scenario.task, SurfaceWorkTask)
-    recording = run(assemble(replace(scenario, task=replace(scenario.task, force_rate=1e6)))).recording
+    recording = run(
+        assemble(replace(scenario, task=replace(scenario.task, force_rate=1e6)))
+    ).recording
     responses = steps_up(recording, low, high)["true"]
     work = recording.within(WorkState.WORK)
     error = (recording["contact_normal"].scalar - recording["set_force"].scalar)[work]
-    figures = {"steps": float(len(responses)), "force_error_rms_n": float(np.sqrt(np.mean(error**2)))}
+    figures = {
+        "steps": float(len(responses)),
+        "force_error_rms_n": float(np.sqrt(np.mean(error**2))),
+    }
     if not len(responses):
         return figures
     mean = responses.mean(axis=0)
@@ -108,12 +124,19 @@ def inspection(seed: int) -> Figures:
 
 
 def identification(name: str, seed: int) -> Figures:
-    """Two scenes of the object, white and stereo noise: errors over all, and along the line of sight with its sign."""
+    """Two scenes of the object, white and stereo noise: errors over all, and along the line of
+    sight with its sign.
+    """
     figures: dict[str, float | None] = {}
     for sensor in ("white", "stereo"):
         scenes = [object_scene(name, 2 * seed + k, sensor) for k in range(2)]
-        found = [identify(s.scan, s.target, s.approach, s.orientation, sensor=s.sensor.model) for s in scenes]
-        errors = np.array([scene.error(one.X_sensor_target) for scene, one in zip(scenes, found, strict=True)])
+        found = [
+            identify(s.scan, s.target, s.approach, s.orientation, sensor=s.sensor.model)
+            for s in scenes
+        ]
+        errors = np.array(
+            [scene.error(one.X_sensor_target) for scene, one in zip(scenes, found, strict=True)]
+        )
         farther = [  # [m] mean distance by which the found points lie behind the true ones
             np.linalg.norm(transform_points(one.X_sensor_target, s.target.center))
             - np.linalg.norm(transform_points(s.X_CT, s.target.center))
@@ -129,16 +152,30 @@ def identification(name: str, seed: int) -> Figures:
 
 
 def calibration(seed: int) -> Figures:
-    """63 touches of a UR10e by hand, one distance known: what the identified arm's tip is off in new postures."""
+    """63 touches of a UR10e by hand, one distance known: what the identified arm's tip is off in
+    new postures.
+    """
     rng = np.random.default_rng(seed)
     source = nominal("ur10e", Path(), None, None)
-    case = simulated(source, points=3, touches=21, noise=HAND_NOISE, pin="off-axis", known=True, errors=seed, rng=rng)
+    case = simulated(
+        source,
+        points=3,
+        touches=21,
+        noise=HAND_NOISE,
+        pin="off-axis",
+        known=True,
+        errors=seed,
+        rng=rng,
+    )
     assert case.truth is not None
     found = calibrate(list(case.touches.series), source.arm, distances=case.distances)
     q = rng.uniform(-np.pi, np.pi, (200, source.arm.n))
     true = case.truth.arm.tips(q, case.truth.tcp)
     figures = {"noise_m": found.noise, "cost_m2": found.cost, "free": float(len(found.names))}
-    for name, arm, tcp in (("nominal", source.arm, found.nominal_tcp), ("identified", found.arm, found.tcp)):
+    for name, arm, tcp in (
+        ("nominal", source.arm, found.nominal_tcp),
+        ("identified", found.arm, found.tcp),
+    ):
         tips = arm.tips(q, tcp)
         off = transform_points(kabsch(tips, true), tips) - true  # the base of either is nobody's
         figures[f"{name}_tip_rms_m"] = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
@@ -146,7 +183,9 @@ def calibration(seed: int) -> Figures:
 
 
 def inverse_kinematics(seed: int) -> Figures:
-    """Poses that four published arms can take, cold starts: iterations, restarts, misses and what errors are left."""
+    """Poses that four published arms can take, cold starts: iterations, restarts, misses and what
+    errors are left.
+    """
     rng = np.random.default_rng(seed)
     figures: dict[str, float | None] = {}
     for name in ("puma560", "ur10e", "panda", "gen3"):
@@ -178,7 +217,9 @@ def inverse_kinematics(seed: int) -> Figures:
 
 
 def hover_envelope(seed: int) -> Figures:
-    """The tool pushed with 90 N at full reach in three directions, with and without compensation."""
+    """The tool pushed with 90 N at full reach in three directions, with and without
+    compensation.
+    """
     case = Push(
         directions_B=spread_directions(6)[[0, 2, 4]],
         q=np.array(POSTURES["down"]),

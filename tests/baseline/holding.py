@@ -1,4 +1,6 @@
-"""One test for all files of the baseline: a case's figures at its first seed, or fresh ones, lie within their bands."""
+"""One test for all files of the baseline: a case's figures at its first seed, or fresh ones, lie
+within their bands.
+"""
 
 from collections.abc import Sequence
 
@@ -14,7 +16,11 @@ def check(name: str, fresh_seeds: Sequence[int]) -> None:
     said = []
     for seed in fresh_seeds or (SEED,):
         said += [
-            f"{name}, seed {seed}: {line}" for line in faults(CASES[name](seed), store.read()[name], fresh=seed != SEED)
+            f"{name}, seed {seed}: {line}"
+            for line in faults(CASES[name](seed), store.read()[name], fresh=seed != SEED)
         ]
-    advice = "outside the band, better or worse; if meant: ./uvw run tests/baseline/record.py --reason ..."
+    advice = (
+        "outside the band, better or worse; if meant: ./uvw run tests/baseline/record.py "
+        "--reason ..."
+    )
     assert not said, "\n".join([advice, *said])

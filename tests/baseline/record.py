@@ -4,8 +4,8 @@
     ./uvw run tests/baseline/record.py --reason "..." --only pile traces      # these alone
     ./uvw run tests/baseline/record.py --judge 1000 1010    # fresh seeds against the bands; writes nothing
 
-A reason is asked for, lands in the file, and the difference is printed for the changelog. Judging exits with 1 if
-any figure lies outside its band.
+A reason is asked for, lands in the file, and the difference is printed for the changelog. Judging
+exits with 1 if any figure lies outside its band.
 """
 
 import argparse
@@ -53,14 +53,19 @@ def all_figures(tasks: list[Task], workers: int) -> dict[str, dict[int, Figures]
     return {name: dict(sorted(runs.items())) for name, runs in found.items()}
 
 
-def differences(name: str, before: dict[str, Band | None], after: dict[str, Band | None]) -> list[str]:
+def differences(
+    name: str, before: dict[str, Band | None], after: dict[str, Band | None]
+) -> list[str]:
     """A line for each figure of a case that moved by more than a spread, came, or went."""
     lines = []
     for figure in dict.fromkeys([*before, *after]):
         old, new = before.get(figure), after.get(figure)
         if old is None or new is None:
             if (figure in before) != (figure in after) or old is not new:
-                lines.append(f"{name} {figure}: {_said(old, figure in before)} -> {_said(new, figure in after)}")
+                lines.append(
+                    f"{name} {figure}: {_said(old, figure in before)} -> "
+                    f"{_said(new, figure in after)}"
+                )
         elif abs(new.middle - old.middle) > 0.02 * abs(old.middle) or new.seeds != old.seeds:
             lines.append(f"{name} {figure}: {_said(old, True)} -> {_said(new, True)}")
     return lines
@@ -74,7 +79,9 @@ def _said(band: Band | None, there: bool) -> str:
 
 def rewrite(reason: str, only: list[str], workers: int) -> None:
     names = [name for name in CASES if not only or name in only]
-    tasks = [(name, seed) for name in names for seed in range(QUICK_SEEDS if name in QUICK else SEEDS)]
+    tasks = [
+        (name, seed) for name in names for seed in range(QUICK_SEEDS if name in QUICK else SEEDS)
+    ]
     found = all_figures(tasks, workers)
     held = store.read() if store.FILE.exists() else {}
     for name in names:
@@ -91,7 +98,9 @@ def rewrite(reason: str, only: list[str], workers: int) -> None:
 
 
 def judge(first: int, last: int, only: list[str], workers: int) -> int:
-    """Say every figure of seeds `first` to `last` - 1 that lies outside its band, as runs end; the exit code."""
+    """Say every figure of seeds `first` to `last` - 1 that lies outside its band, as runs end; the
+    exit code.
+    """
     held = store.read()
     names = [name for name in CASES if name in held and (not only or name in only)]
     tasks = [(name, seed) for seed in range(first, last) for name in names]
@@ -106,10 +115,14 @@ def judge(first: int, last: int, only: list[str], workers: int) -> int:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--reason", help="why the behaviour may change; lands in the file")
-    what.add_argument("--judge", nargs=2, type=int, metavar=("FIRST", "LAST"), help="seeds FIRST to LAST - 1")
+    what.add_argument(
+        "--judge", nargs=2, type=int, metavar=("FIRST", "LAST"), help="seeds FIRST to LAST - 1"
+    )
     parser.add_argument("--only", nargs="+", default=[], choices=[*CASES, TRACES], metavar="CASE")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     options = parser.parse_args()

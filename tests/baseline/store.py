@@ -27,9 +27,15 @@ def write(cases: Mapping[str, Mapping[str, Band | None]], *, reason: str, date: 
     reasons = [{"date": date, "reason": reason}, *before][:_KEPT_REASONS]
     parts = []
     for case, figures in cases.items():
-        rows = ",\n".join(f"   {json.dumps(name)}: {json.dumps(_row(band))}" for name, band in figures.items())
+        rows = ",\n".join(
+            f"   {json.dumps(name)}: {json.dumps(_row(band))}" for name, band in figures.items()
+        )
         parts.append(f"  {json.dumps(case)}: {{\n{rows}\n  }}")
-    text = f'{{\n "reasons": {json.dumps(reasons, indent=1)},\n "cases": {{\n' + ",\n".join(parts) + "\n }\n}\n"
+    text = (
+        f'{{\n "reasons": {json.dumps(reasons, indent=1)},\n "cases": {{\n'
+        + ",\n".join(parts)
+        + "\n }\n}\n"
+    )
     FILE.write_text(text, encoding="utf-8")
 
 
@@ -37,4 +43,7 @@ def _row(band: Band | None) -> dict[str, Any] | None:
     if band is None:
         return None
     digits = 17 if band.spread == 0.0 else 7  # what no seed changes is held to rounding
-    return {name: float(f"{v:.{digits}g}") if type(v) is float else v for name, v in asdict(band).items()}
+    return {
+        name: float(f"{v:.{digits}g}") if type(v) is float else v
+        for name, v in asdict(band).items()
+    }

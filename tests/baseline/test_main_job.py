@@ -5,7 +5,9 @@ import pytest
 import holding
 import traces
 
-ANOTHER = pytest.mark.long(guarded_by="tests/baseline/test_main_job.py::test_figures_keep_their_bands")
+ANOTHER = pytest.mark.long(
+    guarded_by="tests/baseline/test_main_job.py::test_figures_keep_their_bands"
+)
 TRANSVERSE = pytest.param("barrel_transverse", marks=ANOTHER)
 STEPS = pytest.param("force_steps", marks=ANOTHER)
 

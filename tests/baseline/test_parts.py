@@ -1,4 +1,6 @@
-"""Identification, calibration, inverse kinematics, the hover: figures of short runs against the behaviour baseline."""
+"""Identification, calibration, inverse kinematics, the hover: figures of short runs against the
+behaviour baseline.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""Open-loop trajectories against those held: samples everywhere, bits on the platform that wrote them."""
+"""Open-loop trajectories against those held: samples everywhere, bits on the platform that wrote
+them.
+"""
 
 import pytest
 

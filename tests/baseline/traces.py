@@ -1,8 +1,10 @@
-"""Trajectories that a change of structure must leave bit for bit: open loop of three models, and the loop closed.
+"""Trajectories that a change of structure must leave bit for bit: open loop of three models, and
+the loop closed.
 
-Each has a digest of all its numbers and a few samples. The digest holds on the platform that wrote it (system,
-processor, MuJoCo, numpy, numba). Elsewhere the samples of the open loop hold to a tolerance; those of the closed
-loop do not, for a rounding error grows there until the hull takes another of two equal places: what differs is said.
+Each has a digest of all its numbers and a few samples. The digest holds on the platform that wrote
+it (system, processor, MuJoCo, numpy, numba). Elsewhere the samples of the open loop hold to a
+tolerance; those of the closed loop do not, for a rounding error grows there until the hull takes
+another of two equal places: what differs is said.
 """
 
 import hashlib
@@ -26,7 +28,8 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array
 
 FILE = Path(__file__).with_name("traces.json")
-OFF = "UUV_NO_DIGEST"  # environment variable that leaves trajectories out, e.g. to see what else tells a change
+# environment variable that leaves trajectories out, e.g. to see what else tells a change
+OFF = "UUV_NO_DIGEST"
 SECONDS = 3.0  # of the open loop
 SAMPLES = 8
 OPEN_TOLERANCE = 1e-11  # [m, rad, m/s, rad/s] MuJoCo 3.17.0 and 4.0.0 differ by 1e-13
@@ -44,7 +47,11 @@ class Trace:
     def of(cls, table: Array, tolerance: float | None) -> "Trace":
         """Trace of `table` (N, k), one row a step."""
         rows = np.linspace(0, len(table) - 1, SAMPLES + 1).astype(int)[1:]
-        return cls(digest=hashlib.sha256(table.tobytes()).hexdigest(), samples=table[rows], tolerance=tolerance)
+        return cls(
+            digest=hashlib.sha256(table.tobytes()).hexdigest(),
+            samples=table[rows],
+            tolerance=tolerance,
+        )
 
     def difference(self, held: "Trace") -> str:
         """How this one differs from the one `held`; empty if it is the same bit for bit."""
@@ -60,13 +67,18 @@ class Trace:
 
 
 def here() -> dict[str, str]:
-    """What bits depend on. Hosts of one processor name can offer different instructions, by which libraries choose."""
-    offered = sorted(name for name, there in llvmlite.binding.get_host_cpu_features().items() if there)
+    """What bits depend on. Hosts of one processor name can offer different instructions, by which
+    libraries choose.
+    """
+    offered = sorted(
+        name for name, there in llvmlite.binding.get_host_cpu_features().items() if there
+    )
     return {
         "system": f"{platform.system()} {platform.machine()}",
         "processor": llvmlite.binding.get_host_cpu_name(),
         "instructions": hashlib.sha256(",".join(offered).encode()).hexdigest()[:12],
-        "python": ".".join(platform.python_version_tuple()[:2]),  # of whose byte code numba makes machine code
+        # of whose byte code numba makes machine code
+        "python": ".".join(platform.python_version_tuple()[:2]),
         "mujoco": mujoco.__version__,
         "numpy": np.__version__,
         "numba": numba.__version__,
@@ -74,12 +86,16 @@ def here() -> dict[str, str]:
 
 
 def open_loop(name: str) -> Trace:
-    """Position and velocity of a named model whose actuators swing, each at its own pace, in a current."""
+    """Position and velocity of a named model whose actuators swing, each at its own pace, in a
+    current.
+    """
     hydrodynamics.install()
     model = hydrodynamics.compile(models.load(name))
     model.opt.wind[:] = (0.2, -0.1, 0.05)
     data = mujoco.MjData(model)
-    largest = np.where(model.actuator_ctrllimited > 0, np.abs(model.actuator_ctrlrange).max(axis=1), 10.0)
+    largest = np.where(
+        model.actuator_ctrllimited > 0, np.abs(model.actuator_ctrlrange).max(axis=1), 10.0
+    )
     pace = 0.5 + 0.3 * np.arange(model.nu)  # [Hz]
     steps = round(SECONDS / model.opt.timestep)
     table = np.empty((steps, model.nq + model.nv))
@@ -102,14 +118,19 @@ def closed_loop() -> Trace:
 
 OPEN = ("uuv_puma", "bluerov2_heavy_alpha5", "phoenix_smart3s")
 CLOSED = "main_job"
-TRACES: Mapping[str, Callable[[], Trace]] = {**{name: partial(open_loop, name) for name in OPEN}, CLOSED: closed_loop}
+TRACES: Mapping[str, Callable[[], Trace]] = {
+    **{name: partial(open_loop, name) for name in OPEN},
+    CLOSED: closed_loop,
+}
 
 
 def read() -> tuple[dict[str, Trace], bool]:
     """The traces held, and whether bits must agree here."""
     held = json.loads(FILE.read_text(encoding="utf-8"))
     found = {
-        name: Trace(digest=row["digest"], samples=np.array(row["samples"]), tolerance=row["tolerance"])
+        name: Trace(
+            digest=row["digest"], samples=np.array(row["samples"]), tolerance=row["tolerance"]
+        )
         for name, row in held["traces"].items()
     }
     return found, held["written_on"] == here()
@@ -127,12 +148,16 @@ def rewrite(*, reason: str, date: str) -> Iterator[str]:
             yield f"trace {name}: {said}"
         samples = [[float(v) for v in row] for row in trace.samples]
         rows[name] = {"digest": trace.digest, "tolerance": trace.tolerance, "samples": samples}
-    text = json.dumps({"date": date, "reason": reason, "written_on": here(), "traces": rows}, indent=1)
+    text = json.dumps(
+        {"date": date, "reason": reason, "written_on": here(), "traces": rows}, indent=1
+    )
     FILE.write_text(text + "\n", encoding="utf-8")
 
 
 def check(name: str) -> None:
-    """Fail with a sentence where the trajectory is not that held; skip with one where it need not be, or OFF is set."""
+    """Fail with a sentence where the trajectory is not that held; skip with one where it need not
+    be, or OFF is set.
+    """
     if os.environ.get(OFF):
         pytest.skip(f"{OFF} is set")
     held, bits = read()
@@ -140,7 +165,12 @@ def check(name: str) -> None:
     said = found.difference(kept)
     if not bits:
         if kept.tolerance is None:
-            pytest.skip(f"{name}, on another platform than it was written on: {said or 'the same bits'}")
+            pytest.skip(
+                f"{name}, on another platform than it was written on: {said or 'the same bits'}"
+            )
         if found.samples.shape == kept.samples.shape and found.off(kept) <= kept.tolerance:
             return
-    assert not said, f"{name}: {said}; if this is meant: ./uvw run tests/baseline/record.py --only traces --reason ..."
+    assert not said, (
+        f"{name}: {said}; if this is meant: ./uvw run tests/baseline/record.py "
+        "--only traces --reason ..."
+    )

@@ -1,11 +1,12 @@
-"""Every door for files, options and Python arguments, and what is thrown at it; `test_fuzz_doors.py` runs it.
+"""Every door for files, options and Python arguments, and what is thrown at it;
+`test_fuzz_doors.py` runs it.
 
     ./uvw run tests/fuzz/fuzz_doors.py --inputs 200                     # of each door, fixed seeds
     ./uvw run tests/fuzz/fuzz_doors.py --inputs 200 --seed 77 --door urdf
 
-An input is right if what comes out is whole and finite, or one of our errors in one line of at most 300 characters.
-Any other exception, a warning of numpy's, a number that is none, or more than LONGEST seconds is a finding. One input
-is repeated by its door, seed and number.
+An input is right if what comes out is whole and finite, or one of our errors in one line of at most
+300 characters. Any other exception, a warning of numpy's, a number that is none, or more than
+LONGEST seconds is a finding. One input is repeated by its door, seed and number.
 """
 
 import argparse
@@ -76,13 +77,15 @@ class RefusedError(UuvError):
 
 
 class Door(NamedTuple):
-    """One way in. `throw(rng, folder)` makes an input from `rng` and gives it to the door; what comes out is returned,
-    to be looked through for numbers that are none."""
+    """One way in. `throw(rng, folder)` makes an input from `rng` and gives it to the door; what
+    comes out is returned, to be looked through for numbers that are none.
+    """
 
     name: str
     throw: Callable[[Rng, Path], Any]
     share: float = 1.0  # of the inputs that a quick door gets
-    warm: Callable[[], Any] | None = None  # a first call, to compile what the door leads to, off the clock
+    # a first call, to compile what the door leads to, off the clock
+    warm: Callable[[], Any] | None = None
 
 
 class FindingError(AssertionError):
@@ -90,14 +93,18 @@ class FindingError(AssertionError):
 
 
 class Overdue(BaseException):
-    """An input took too long; no Exception, so that no `except Exception` on the way swallows it."""
+    """An input took too long; no Exception, so that no `except Exception` on the way swallows
+    it.
+    """
 
 
 # What comes out
 
 
 def whole(value: Any, depth: int = 0) -> None:
-    """Raise FindingError where `value` holds a number that is none; None, words and infinite limits pass."""
+    """Raise FindingError where `value` holds a number that is none; None, words and infinite limits
+    pass.
+    """
     if isinstance(value, np.ndarray):
         if value.dtype.kind == "f" and np.isnan(value).any():
             raise FindingError(f"an array {value.shape} with NaN")
@@ -135,7 +142,10 @@ def at_most(seconds: float) -> Iterator[None]:
 
 
 def attempt(door: Door, seed: int, number: int) -> str:
-    """Throw input `number` of `seed` at `door`: "passed", or what our error says. Raises FindingError otherwise."""
+    """Throw input `number` of `seed` at `door`: "passed", or what our error says.
+
+    Raises FindingError otherwise.
+    """
     if door.warm is not None and door.name not in _WARMED:
         _WARMED.add(door.name)
         with contextlib.suppress(UuvError):
@@ -259,14 +269,20 @@ def wrong(rng: Rng, value: Any) -> Any:
     if array.dtype == object and array.size:
         array.flat[int(rng.integers(array.size))] = one_of(rng, NUMBERS)
     elif kind == 4:
-        array = array * 10.0 ** rng.integers(-300, 300) if np.abs(array).max(initial=0.0) < 1e8 else -array
+        array = (
+            array * 10.0 ** rng.integers(-300, 300)
+            if np.abs(array).max(initial=0.0) < 1e8
+            else -array
+        )
     elif kind == 5:
         array = np.asfortranarray(array[..., None] if rng.random() < 0.3 else array)
         array.setflags(write=False)
     elif kind == 6:
         array = array.astype(one_of(rng, [">f8", "f4", "i4", "f2", "O", "U8", "c16", "?", "i1"]))
     elif kind == 7:
-        array = np.ones([(), (1,), (3,), (4,), (6,), (3, 3), (4, 4), (6, 4), (1, 1, 1)][int(rng.integers(9))])
+        array = np.ones(
+            [(), (1,), (3,), (4,), (6,), (3, 3), (4, 4), (6, 4), (1, 1, 1)][int(rng.integers(9))]
+        )
     elif kind == 8:
         array = np.repeat(array, int(rng.integers(0, 4)), axis=0) if array.ndim else -array
     return array.tolist() if rng.random() < 0.3 or array.ndim == 0 else array
@@ -334,7 +350,8 @@ WORDS: list[bytes] = [
 
 def mutated(rng: Rng, raw: bytes) -> bytes:
     """A valid file `raw` with one to four things done to it."""
-    gentle = rng.random() < 0.6  # one value in place of another: what follows the grammar gets past the parser
+    # one value in place of another: what follows the grammar gets past the parser
+    gentle = rng.random() < 0.6
     for _ in range(1 if gentle else int(rng.integers(1, 5))):
         at, end = sorted(int(k) for k in rng.integers(0, len(raw) + 1, 2))
         end = min(end, at + int(10 ** rng.uniform(0.0, 3.0)))
@@ -348,23 +365,39 @@ def mutated(rng: Rng, raw: bytes) -> bytes:
         elif kind == 3:
             raw = raw[:at] + one_of(rng, WORDS) + raw[at:]
         elif kind == 4:
-            raw = raw[:at] + rng.integers(0, 256, min(8, len(raw) - at), dtype=np.uint8).tobytes() + raw[at + 8 :]
+            raw = (
+                raw[:at]
+                + rng.integers(0, 256, min(8, len(raw) - at), dtype=np.uint8).tobytes()
+                + raw[at + 8 :]
+            )
         elif kind == 5:
             lines = raw.split(b"\n")
             i, j = (int(k) for k in rng.integers(0, len(lines), 2))
             lines[i], lines[j] = lines[j], lines[i]
             raw = b"\n".join(lines)
         else:  # mostly a number in place of a number, a word in place of a word
-            found = list(re.finditer(rb"-?\d+\.?\d*(e-?\d+)?" if kind < 8 else rb"[A-Za-z_]{2,}", raw))
+            found = list(
+                re.finditer(rb"-?\d+\.?\d*(e-?\d+)?" if kind < 8 else rb"[A-Za-z_]{2,}", raw)
+            )
             if found:
                 spot = one_of(rng, found)
-                other = one_of(rng, [word.group() for word in found]) if rng.random() < 0.3 else one_of(rng, WORDS[:17])
-                raw = raw[: spot.start()] + (other if gentle else one_of(rng, WORDS)) + raw[spot.end() :]
+                other = (
+                    one_of(rng, [word.group() for word in found])
+                    if rng.random() < 0.3
+                    else one_of(rng, WORDS[:17])
+                )
+                raw = (
+                    raw[: spot.start()]
+                    + (other if gentle else one_of(rng, WORDS))
+                    + raw[spot.end() :]
+                )
     return raw
 
 
 def thrown(rng: Rng, folder: Path, valid: Mapping[str, bytes]) -> Path:
-    """One of the `valid` files, mutated, in `folder`; rarely a name that there is not, or a folder."""
+    """One of the `valid` files, mutated, in `folder`; rarely a name that there is not, or a
+    folder.
+    """
     name = one_of(rng, sorted(valid))
     file = folder / name
     odd = rng.random()
@@ -385,7 +418,8 @@ _VEHICLE = """
 <body name="a" pos="0 0 -.1"><joint name="j1" axis="0 0 1" range="-2 2" limited="true"/>
 <geom type="capsule" fromto="0 0 0 .3 0 0" size=".04" mass="3"/>
 <body name="b" pos=".3 0 0"><joint name="j2" axis="0 1 0" range="-2 2" limited="true"/>
-<geom name="pad" type="sphere" size=".04" mass="1"/><site name="tip" pos=".1 0 0" quat=".7071 0 .7071 0"/>
+<geom name="pad" type="sphere" size=".04" mass="1"/>
+  <site name="tip" pos=".1 0 0" quat=".7071 0 .7071 0"/>
 </body></body></body></body></worldbody>
 <actuator><motor name="j1" joint="j1" ctrlrange="-50 50" ctrllimited="true"/>
 <motor name="j2" joint="j2" ctrlrange="-50 50" ctrllimited="true"/>
@@ -394,9 +428,11 @@ _VEHICLE = """
 """
 _URDF = b"""<?xml version="1.0" encoding="utf-8"?>
 <robot name="r"><link name="base"/><link name="l1"/><link name="l2"/><link name="tip"/>
-<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0 0.3" rpy="0 0 0.1"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/>
+  <origin xyz="0 0 0.3" rpy="0 0 0.1"/>
 <axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
-<joint name="j2" type="prismatic"><parent link="l1"/><child link="l2"/><origin xyz="0.2 0 0" rpy="1.5 0 0"/>
+<joint name="j2" type="prismatic"><parent link="l1"/><child link="l2"/>
+  <origin xyz="0.2 0 0" rpy="1.5 0 0"/>
 <axis xyz="0 1 0"/><limit lower="0" upper="0.5" effort="1" velocity="1"/></joint>
 <joint name="j3" type="continuous"><parent link="l2"/><child link="tip"/><origin xyz="0 0 0.2"/>
 <axis xyz="1 0 0"/></joint></robot>"""
@@ -466,14 +502,18 @@ _SCENARIO = scenario_file.to_toml(
 )
 _OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 _PLY = (
-    b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 4\n"
+    b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float "
+    b"z\nelement face 4\n"
     b"property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
     b"3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 )
 _OFF = b"OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 _FACET = b"facet normal 0 0 1\nouter loop\nvertex %s\nvertex %s\nvertex %s\nendloop\nendfacet\n"
 _STL = (
-    b"solid a\n" + _FACET % (b"0 0 0", b"0 1 0", b"1 0 0") + _FACET % (b"0 0 0", b"1 0 0", b"0 0 1") + b"endsolid a\n"
+    b"solid a\n"
+    + _FACET % (b"0 0 0", b"0 1 0", b"1 0 0")
+    + _FACET % (b"0 0 0", b"1 0 0", b"0 0 1")
+    + b"endsolid a\n"
 )
 _BINARY_STL = (
     bytes(80)
@@ -486,9 +526,13 @@ _BINARY_STL = (
 def _cloud_files() -> dict[str, bytes]:
     points = np.random.default_rng(0).normal([0.0, 0.0, 2.0], 0.3, (40, 3)).astype("<f4")
     rows = "\n".join(" ".join(f"{x:.4f}" for x in row) for row in points).encode()
-    ply = "ply\nformat {} 1.0\nelement vertex 40\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    ply = (
+        "ply\nformat {} 1.0\nelement vertex 40\nproperty float x\nproperty float y\nproperty "
+        "float z\nend_header\n"
+    )
     pcd = (
-        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 40\nHEIGHT 1\n"
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH "
+        "40\nHEIGHT 1\n"
         "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 40\nDATA {}\n"
     )
     return {
@@ -509,9 +553,14 @@ def _touch_files() -> dict[str, bytes]:
         "a.csv": "\n".join(rows).encode(),
         "b.csv": "\n".join(["j1,j2,j3", *rows]).encode(),
         "c.csv": "\n".join(
-            ["point;j1[deg];j2[deg];j3[deg]", *(f"p{k % 2};" + r.replace(",", ";") for k, r in enumerate(rows))]
+            [
+                "point;j1[deg];j2[deg];j3[deg]",
+                *(f"p{k % 2};" + r.replace(",", ";") for k, r in enumerate(rows)),
+            ]
         ).encode(),
-        "d.tsv": "\n\n".join("\n".join(rows[k : k + 4]).replace(",", "\t") for k in (0, 4, 8)).encode(),
+        "d.tsv": "\n\n".join(
+            "\n".join(rows[k : k + 4]).replace(",", "\t") for k in (0, 4, 8)
+        ).encode(),
     }
 
 
@@ -524,8 +573,18 @@ VALID: dict[str, dict[str, bytes]] = {
     "vehicle": {"a.xml": _VEHICLE.encode(), "b.mjcf": _VEHICLE.encode()},
     "mesh": {"a.obj": _OBJ, "a.ply": _PLY, "a.off": _OFF, "a.stl": _STL, "b.stl": _BINARY_STL},
     "cloud": _cloud_files(),
-    "urdf": {"a.urdf": _URDF, "b.xml": _URDF, "c.urdf": _URDF.replace(b"utf-8", b"latin-1").replace(b'"r"', b'"\xe9"')},
-    "arm": {"a.csv": _DH, "b.txt": _DH.replace(b",", b" "), "a.yaml": _YAML, "b.yml": _UR, "a.xml": _VEHICLE.encode()},
+    "urdf": {
+        "a.urdf": _URDF,
+        "b.xml": _URDF,
+        "c.urdf": _URDF.replace(b"utf-8", b"latin-1").replace(b'"r"', b'"\xe9"'),
+    },
+    "arm": {
+        "a.csv": _DH,
+        "b.txt": _DH.replace(b",", b" "),
+        "a.yaml": _YAML,
+        "b.yml": _UR,
+        "a.xml": _VEHICLE.encode(),
+    },
     "touches": _touch_files(),
     "targets": {"a.txt": b"# B\n0 0 0\n0.5, 0, 0.1\n1;0;0\nz 0 0 1\n", "b.csv": b"0 0 0\n"},
 }
@@ -535,7 +594,14 @@ def give(door: str, file: Path, rng: Rng | None = None) -> Any:
     """What comes out of a `door` for files (a key of VALID) that is given `file`."""
     if door == "vehicle":
         model = vehicle_spec(str(file)).compile()
-        out = [model.qpos0, model.body_mass, model.body_inertia, model.geom_size, model.body_pos, model.site_pos]
+        out = [
+            model.qpos0,
+            model.body_mass,
+            model.body_inertia,
+            model.geom_size,
+            model.body_pos,
+            model.site_pos,
+        ]
         return [*map(np.array, out), Vehicle.of(model)]
     if door == "parts":
         parts = read_parts(file)
@@ -591,14 +657,18 @@ _DH_ROWS = [[0.0, 0.3, 0.0, 1.57], [0.0, 0.0, 0.4, 0.0], [0.1, 0.0, 0.3, 0.2]]
 _CHAIN = Chain.from_arm(published_arms.load("puma560"))
 _TARGET = _CHAIN.forward([0.1, 0.2, -0.3, 0.4, 0.5, 0.6])
 _BALL = targets.named("rock")
-_GRID = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 12), np.linspace(-0.5, 0.5, 12)), axis=-1).reshape(-1, 2)
+_GRID = np.stack(
+    np.meshgrid(np.linspace(-0.5, 0.5, 12), np.linspace(-0.5, 0.5, 12)), axis=-1
+).reshape(-1, 2)
 _GROUND = np.column_stack([_GRID, 0.01 * np.sin(9.0 * _GRID[:, 0]) - 1.0])
 _WALL = np.column_stack([_GRID, 1.5 + 0.1 * _GRID[:, 0]])
 _PUMA = models.load("uuv_puma").compile()
 _PUMA_TOUCHES = [np.random.default_rng(k).uniform(-1.0, 1.0, (6, 3)) for k in range(2)]
 
 
-def _vary(function: Callable[..., Any], given: Callable[[], dict[str, Any]]) -> Callable[[Rng, Path], Any]:
+def _vary(
+    function: Callable[..., Any], given: Callable[[], dict[str, Any]]
+) -> Callable[[Rng, Path], Any]:
     def throw(rng: Rng, _folder: Path) -> Any:
         return function(**spoilt(rng, given()))
 
@@ -638,7 +708,9 @@ def _identify(**how: Any) -> Any:
 
 
 def _calibrate(**how: Any) -> Any:
-    fit = MapFit(**{name: how.pop(name) for name in ("noise", "robust", "max_iterations") if name in how})
+    fit = MapFit(
+        **{name: how.pop(name) for name in ("noise", "robust", "max_iterations") if name in how}
+    )
     found = calibrate(**how, method=fit)
     return [found.dh, found.tcp, found.cost, found.noise, found.points, found.sigma]
 
@@ -653,8 +725,15 @@ def _shapes(what: str, **how: Any) -> Any:
 
 
 def _python_doors() -> Iterator[Door]:
-    def door(name: str, function: Callable[..., Any], given: dict[str, Any], share: float = 1.0) -> Door:
-        return Door(f"python: {name}", _vary(function, lambda: dict(given)), share, lambda: function(**given))
+    def door(
+        name: str, function: Callable[..., Any], given: dict[str, Any], share: float = 1.0
+    ) -> Door:
+        return Door(
+            f"python: {name}",
+            _vary(function, lambda: dict(given)),
+            share,
+            lambda: function(**given),
+        )
 
     yield door(
         "Chain.from_dh",
@@ -664,14 +743,24 @@ def _python_doors() -> Iterator[Door]:
     yield door(
         "Chain.from_vectors",
         Chain.from_vectors,
-        {"M": np.ones((3, 3)), "e": np.eye(3), "p": [1, 0, 2], "L": [[-1.0] * 3, [1.0] * 3], "tool": np.eye(4)},
+        {
+            "M": np.ones((3, 3)),
+            "e": np.eye(3),
+            "p": [1, 0, 2],
+            "L": [[-1.0] * 3, [1.0] * 3],
+            "tool": np.eye(4),
+        },
     )
     yield door(
         "Chain.from_mjcf",
         lambda **how: Chain.from_mjcf(_PUMA, **how),
         {"base_body": "arm_base", "tip_site": "tip", "exclude": ["pad"]},
     )
-    yield door("Chain.from_urdf", Chain.from_urdf, {"urdf": _URDF.decode(), "base_link": "base", "tip_link": "l2"})
+    yield door(
+        "Chain.from_urdf",
+        Chain.from_urdf,
+        {"urdf": _URDF.decode(), "base_link": "base", "tip_link": "l2"},
+    )
     yield door("Chain.forward", _CHAIN.forward, {"q": np.zeros(6)})
     yield door(
         "solve",
@@ -717,7 +806,9 @@ def _python_doors() -> Iterator[Door]:
             "method": "hybrid",
         },
     )
-    yield door("calib.Arm.from_dh", Arm.from_dh, {"dh": _DH_ROWS, "joint_types": "rrp", "beta": [0.0] * 3})
+    yield door(
+        "calib.Arm.from_dh", Arm.from_dh, {"dh": _DH_ROWS, "joint_types": "rrp", "beta": [0.0] * 3}
+    )
     yield door(
         "calib.Arm.from_axes",
         Arm.from_axes,
@@ -755,7 +846,11 @@ def _python_doors() -> Iterator[Door]:
     yield door(
         "ModelPath",
         ModelPath,
-        {"p": np.arange(12.0).reshape(4, 3), "a": [[0.0, 0.0, 1.0]] * 4, "b": [[1.0, 0.0, 0.0]] * 4},
+        {
+            "p": np.arange(12.0).reshape(4, 3),
+            "a": [[0.0, 0.0, 1.0]] * 4,
+            "b": [[1.0, 0.0, 0.0]] * 4,
+        },
     )
     yield door(
         "TargetModel.from_file",
@@ -809,7 +904,11 @@ def _python_doors() -> Iterator[Door]:
     yield door(
         "path_shapes.laid_on",
         lambda **how: laid_on(_BALL, **how),
-        {"curve": line([-0.05, 0.0, 1.0], [0.05, 0.0, 1.0]), "direction": [0.0, 0.0, -1.0], "before": 0.5},
+        {
+            "curve": line([-0.05, 0.0, 1.0], [0.05, 0.0, 1.0]),
+            "direction": [0.0, 0.0, -1.0],
+            "before": 0.5,
+        },
         0.3,
     )
     yield door(
@@ -827,7 +926,12 @@ def _python_doors() -> Iterator[Door]:
     yield door(
         "Current",
         Current,
-        {"mean_W": [0.1, 0.0, 0.0], "gust": 0.03, "timestep": 0.002, "rng": np.random.default_rng(0)},
+        {
+            "mean_W": [0.1, 0.0, 0.0],
+            "gust": 0.03,
+            "timestep": 0.002,
+            "rng": np.random.default_rng(0),
+        },
     )
     yield door("vehicle_spec", vehicle_spec, {"vehicle": "uuv_puma"}, 0.5)
     yield door("uuv.models.load", models.load, {"name": "uuv_puma"}, 0.5)
@@ -839,7 +943,9 @@ def _python_doors() -> Iterator[Door]:
 
 
 def _options_stage(name: str, options: Any, args: list[str]) -> Any:
-    """The scenario that a job makes of its options; nothing of another command, which is not cheap."""
+    """The scenario that a job makes of its options; nothing of another command, which is not
+    cheap.
+    """
     if name not in BY_NAME:
         return None
     job, words = BY_NAME[name], typed(args)
@@ -850,7 +956,15 @@ def _options_stage(name: str, options: Any, args: list[str]) -> Any:
     return made.site.pose(np.random.default_rng(0))
 
 
-VERBS = ("calibrate", "plan-seabed", "identify object", "identify friction", "identify water", "campaign", "benchmark")
+VERBS = (
+    "calibrate",
+    "plan-seabed",
+    "identify object",
+    "identify friction",
+    "identify water",
+    "campaign",
+    "benchmark",
+)
 SCRIPTS = (
     "experiments.contact.step_response",
     "experiments.contact.contact",
@@ -925,7 +1039,11 @@ def _options_door(name: str) -> Door:
                 options = startup.parse(kind, args)
         except SystemExit as stop:
             text = said.getvalue()
-            if stop.code != startup.BAD_INPUT or text.count("\n") != 1 or len(text) > LONGEST_MESSAGE + 10:
+            if (
+                stop.code != startup.BAD_INPUT
+                or text.count("\n") != 1
+                or len(text) > LONGEST_MESSAGE + 10
+            ):
                 raise FindingError(f"options {args}: code {stop.code}, {text!r}") from stop
             raise RefusedError(text.strip()) from None
         return _options_stage(name, options, args)
@@ -942,7 +1060,9 @@ DOORS: tuple[Door, ...] = (
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--inputs", type=int, default=100, help="of each door; slow ones get a share")
+    parser.add_argument(
+        "--inputs", type=int, default=100, help="of each door; slow ones get a share"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--door", default="", help="part of a door's name")

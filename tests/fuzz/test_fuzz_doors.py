@@ -1,4 +1,5 @@
-"""Every door against thousands of odd inputs: a whole, finite result, or one line of ours. No other error, no hang.
+"""Every door against thousands of odd inputs: a whole, finite result, or one line of ours. No other
+error, no hang.
 
     UUV_FUZZ=500 ./uvw run pytest tests/fuzz                        # as many of each door, in place of a few
     UUV_FUZZ=500 UUV_FUZZ_SEED=fresh ./uvw run pytest tests/fuzz    # a new seed, which a finding tells
@@ -47,14 +48,17 @@ def test_what_is_thrown_is_met(door: Door) -> None:
             became.append(attempt(door, SEED, number))
         except FindingError as finding:
             pytest.fail(
-                f"./uvw run tests/fuzz/fuzz_doors.py --inputs 1 --seed {SEED} --first {number} --door {door.name!r}: "
+                f"./uvw run tests/fuzz/fuzz_doors.py --inputs 1 --seed {SEED} --first {number} "
+                f"--door {door.name!r}: "
                 f"{finding}"
             )
     print(door.name, sum(one == "passed" for one in became), "of", len(became), "passed")
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="the system has no timers")
-def test_what_takes_too_long_is_a_finding_whatever_catches_exceptions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_takes_too_long_is_a_finding_whatever_catches_exceptions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def slow(_rng: np.random.Generator, _folder: Path) -> None:
         with contextlib.suppress(Exception):
             time.sleep(5.0)
@@ -74,7 +78,9 @@ def test_valid_files_pass(kind: str, tmp_path: Path) -> None:
             pytest.fail(f"{kind} {name}: {error}")
 
 
-@pytest.mark.parametrize("file", sorted(CORPUS.glob("*/*")), ids=lambda file: f"{file.parent.name}-{file.name}")
+@pytest.mark.parametrize(
+    "file", sorted(CORPUS.glob("*/*")), ids=lambda file: f"{file.parent.name}-{file.name}"
+)
 def test_files_that_were_met_badly_are_refused_by_name(file: Path) -> None:
     """The name of each ends in two words of the answer: `what-it-is.WORDS.ending`."""
     words = file.suffixes[0].strip(".").replace("_", " ")
@@ -97,13 +103,19 @@ PAST: list[tuple[Callable[[], Any], str]] = [
     (lambda: IkOptions(max_restarts=10**400), "max_restarts: must be a whole number"),
     (lambda: solve(CHAIN, np.eye(4), []), "q0: expected shape"),
     (lambda: solve(CHAIN, np.eye(4), np.zeros(6), method=untyped(np.zeros(3))), "method: allowed"),
-    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), position_tolerance=untyped("x")), "position_tolerance"),
+    (
+        lambda: solve(CHAIN, np.eye(4), np.zeros(6), position_tolerance=untyped("x")),
+        "position_tolerance",
+    ),
     (lambda: MapFit(noise=untyped("x")), "noise .m.: expected a number, got 'x'"),
     (lambda: MapFit(noise=1e-296), "noise .m.: must be finite, >= 1e-09"),
     (lambda: MapFit(noise=10**400), "noise .m.: expected a number"),
     (lambda: MapFit(robust=untyped(np.zeros(2))), "robust: must be True or False"),
     (lambda: calibrate(TOUCHES, DH, distances=untyped([(0, 1)])), "distances: expected"),
-    (lambda: TargetModel.from_file(__file__, scale=untyped("1")), "scale: expected a number, got '1'"),
+    (
+        lambda: TargetModel.from_file(__file__, scale=untyped("1")),
+        "scale: expected a number, got '1'",
+    ),
     (lambda: TargetModel.from_file("n" * 300 + ".stl"), "file name too long"),
     (lambda: TargetModel.from_file(untyped(10**400)), "expected the name of a file"),
     (lambda: targets.of(untyped(1j)), "object: expected a name or a mesh file"),

@@ -1,4 +1,6 @@
-"""The race of identification: every method runs on the same scene, and the figures are those of its rows."""
+"""The race of identification: every method runs on the same scene, and the figures are those of its
+rows.
+"""
 
 import json
 import subprocess

@@ -1,4 +1,6 @@
-"""The benchmark of unseen objects against other libraries: figures are those of its rows, absent peers are named."""
+"""The benchmark of unseen objects against other libraries: figures are those of its rows, absent
+peers are named.
+"""
 
 import json
 from pathlib import Path
@@ -16,13 +18,27 @@ from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, rotation_from_z, 
 def test_two_scenes_with_the_peers_that_are_installed(script, tmp_path: Path):
     quick = ("icp", "small_gicp", "fpfh")
     run = script(
-        "experiments.identification.unseen.unseen_peers", "--runs", 2, "--seed", 7, "--out", tmp_path, "--peers", *quick
+        "experiments.identification.unseen.unseen_peers",
+        "--runs",
+        2,
+        "--seed",
+        7,
+        "--out",
+        tmp_path,
+        "--peers",
+        *quick,
     )
     assert run.returncode == 0, run.stderr
     there = [name for name in quick if not PEERS[name].missing]
     for name in set(quick) - set(there):
-        assert f"left out: {PEERS[name].title}, not installed: {', '.join(PEERS[name].missing)}" in run.stdout
-    rows, figures = read_rows(tmp_path), json.loads((tmp_path / "metrics.json").read_text())["methods"]
+        assert (
+            f"left out: {PEERS[name].title}, not installed: {', '.join(PEERS[name].missing)}"
+            in run.stdout
+        )
+    rows, figures = (
+        read_rows(tmp_path),
+        json.loads((tmp_path / "metrics.json").read_text())["methods"],
+    )
     assert len(rows) == 2
     assert set(figures) == {"ours", *there}
     for name, each in figures.items():
@@ -30,7 +46,10 @@ def test_two_scenes_with_the_peers_that_are_installed(script, tmp_path: Path):
         assert each["found"] == sum(one["found"] for one in of)
         assert each["errors"] == 0
         assert each["find_ms"] == pytest.approx(1e3 * median(one["find_s"] for one in of))
-        assert sum(found for label, (found, _) in each["found_of"].items() if ":" not in label) == each["found"]
+        assert (
+            sum(found for label, (found, _) in each["found_of"].items() if ":" not in label)
+            == each["found"]
+        )
     assert figures["ours"]["found"] == 2
 
 
@@ -41,7 +60,8 @@ def test_a_peer_finds_three_blocks_without_noise(name: str):
     if peer.missing:
         pytest.skip(f"not installed: {', '.join(peer.missing)}")
     model = _three_blocks(np.random.default_rng(1))
-    R_TS = rotation_from_z(-np.ones(3), np.eye(3)[0])  # one of the views in which KISS-Matcher sees the model
+    # one of the views in which KISS-Matcher sees the model
+    R_TS = rotation_from_z(-np.ones(3), np.eye(3)[0])
     X_ST = pose(R_TS.T, [0.0, 0.0, 1.2])
     center = transform_points(X_ST, model.center)
     R = X_ST[:3, :3] @ exp_so3([0.0, 0.1, 0.0])
@@ -82,4 +102,6 @@ def _three_blocks(rng: np.random.Generator) -> Model:
                 points.append(p + middle)
                 normals.append(np.tile(sign * np.eye(3)[axis], (len(p), 1)))
     p = np.vstack(points)
-    return Model(points=p, normals=np.vstack(normals), spacing=0.005, radius=0.32, center=np.zeros(3))
+    return Model(
+        points=p, normals=np.vstack(normals), spacing=0.005, radius=0.32, center=np.zeros(3)
+    )

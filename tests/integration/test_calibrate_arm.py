@@ -1,4 +1,6 @@
-"""The calibration as a user runs it: what it leaves behind, and what it says of bad files, in one line."""
+"""The calibration as a user runs it: what it leaves behind, and what it says of bad files, in one
+line.
+"""
 
 import json
 import os
@@ -34,8 +36,12 @@ def touched() -> tuple[Arm, list[np.ndarray]]:
 
 
 def test_touching_by_contact_finds_the_arm(calibrate, tmp_path, within):
-    """A ball in nests of three balls, the hull clamped: only the encoders' steps stand between arm and truth."""
-    run = calibrate("--arm", "uuv_puma", "--touching", "clamped", "--quick", "--no-record", "--out", tmp_path)
+    """A ball in nests of three balls, the hull clamped: only the encoders' steps stand between arm
+    and truth.
+    """
+    run = calibrate(
+        "--arm", "uuv_puma", "--touching", "clamped", "--quick", "--no-record", "--out", tmp_path
+    )
     assert run.returncode == 0, run.stdout + run.stderr
     metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
     assert metrics["contact"]["missed"] == 0
@@ -46,14 +52,18 @@ def test_touching_by_contact_finds_the_arm(calibrate, tmp_path, within):
 
 def test_files_of_a_run_are_the_arm_that_it_found(calibrate, root, tmp_path, touched, within):
     true, series = touched
-    folder = write_touches(tmp_path / "in", ["a", "b", "c"], [np.degrees(q) for q in series[:3]], JOINTS)
+    folder = write_touches(
+        tmp_path / "in", ["a", "b", "c"], [np.degrees(q) for q in series[:3]], JOINTS
+    )
     out = tmp_path / "out"
     run = calibrate("--arm", "ur10e", "--touches", folder, "--out", out)
     assert run.returncode == 0, run.stdout + run.stderr
     assert "degrees" in run.stdout
     assert "18 of 27" in run.stdout
     metrics = json.loads((out / "metrics.json").read_text())
-    validate(metrics, json.loads((root / "calib" / "schemas" / "calibration.schema.json").read_text()))
+    validate(
+        metrics, json.loads((root / "calib" / "schemas" / "calibration.schema.json").read_text())
+    )
     assert metrics["accepted"]
     assert metrics["touches"]["count"] == 36
     assert metrics["fit"]["cost_m2"] < 0.05 * metrics["fit"]["cost_nominal_m2"]
@@ -64,13 +74,17 @@ def test_files_of_a_run_are_the_arm_that_it_found(calibrate, root, tmp_path, tou
         tcp = read_arm(out / "arm.yaml").tcp if name in ("arm.yaml", "dh.csv") else np.zeros(3)
         tips[name] = source.arm.tips(q, tcp)
         within(f"{name} [m]", tips[name] - tips["arm.yaml"], 1e-9)  # 1e-11: twelve digits
-    spread = [float(np.linalg.norm(p - p.mean(axis=0), axis=1).max()) for p in np.split(tips["arm.yaml"], 3)]
+    spread = [
+        float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
+        for p in np.split(tips["arm.yaml"], 3)
+    ]
     assert max(spread) < 1e-3
     page = (out / "report.html").read_text()
     assert "scale" in page
     assert page.count("<img") == 3
     # Only lengths that touching sees may be compared with the truth: shape, up to scale.
-    within("alpha3 [rad]", read_arm(out / "arm.yaml").arm.table[2, 3] - true.table[2, 3], 1.5e-3)  # 1.5e-4
+    # 1.5e-4
+    within("alpha3 [rad]", read_arm(out / "arm.yaml").arm.table[2, 3] - true.table[2, 3], 1.5e-3)
 
 
 def rows(*values: str) -> str:
@@ -104,18 +118,27 @@ def test_bad_files_end_in_one_line(calibrate, tmp_path, name):
 
 
 def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, within):
-    """One payload for each point. Without compliances the fit takes the sag for geometry; the tracker sees both."""
+    """One payload for each point.
+
+    Without compliances the fit takes the sag for geometry; the tracker sees both.
+    """
     bent = ("--true-compliance", "5e-5", "--payload", "0", "5", "10", "--no-record")
     told = {}
     for name, more in (("rigid", ()), ("elastic", ("--compliance",))):
         run = calibrate(*bent, *more, "--out", tmp_path / name)
         told[name] = json.loads((tmp_path / name / "metrics.json").read_text(encoding="utf-8"))
         assert run.returncode == 0, run.stdout + run.stderr
-    validate(told["elastic"], json.loads((root / "calib" / "schemas" / "calibration.schema.json").read_text()))
+    validate(
+        told["elastic"],
+        json.loads((root / "calib" / "schemas" / "calibration.schema.json").read_text()),
+    )
     rigid, elastic = (told[name]["tracker"]["identified"] for name in ("rigid", "elastic"))
     assert rigid > 5.0 * elastic  # measured 0.89 and 0.069 mm
     within("moves of the flange [m]", elastic, 1.2e-4)
-    assert told["rigid"]["pairs"]["identified_mean_m"] > 5.0 * told["elastic"]["pairs"]["identified_mean_m"]
+    assert (
+        told["rigid"]["pairs"]["identified_mean_m"]
+        > 5.0 * told["elastic"]["pairs"]["identified_mean_m"]
+    )
     found = np.array(told["elastic"]["fit"]["compliance_rad_nm"])
     within("compliances of shoulder and elbow", found[1:3] / 5e-5 - 1.0, 0.1)  # 0.03
 
@@ -125,8 +148,14 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
     [
         (("--compliance", "--payload", "1"), "--payload: 3 are needed, got 1"),
         (("--payload", "0", "5", "10"), "--payload and --link-mass go with --compliance"),
-        (("--touches", "README.md", "--true-gears", "0.001"), "--touches and --true-compliance, --true-gears"),
-        (("--touching", "clamped", "--arm", "uuv_puma", "--true-seating", "1e-4"), "not with touching by contact"),
+        (
+            ("--touches", "README.md", "--true-gears", "0.001"),
+            "--touches and --true-compliance, --true-gears",
+        ),
+        (
+            ("--touching", "clamped", "--arm", "uuv_puma", "--true-seating", "1e-4"),
+            "not with touching by contact",
+        ),
         (("--true-seating", "1"), "--true-seating [m]"),
         (("--flow", "CylinderWake"), "--flow: water moves nothing here; with --touching hovering"),
         (("--compliance", "--method", "paper"), "--compliance and --method paper"),
@@ -153,18 +182,23 @@ def test_planned_touches_can_be_read_and_tell_more_than_random_ones(calibrate, t
     assert "planned touches [deg]" in run.stdout
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     expected = metrics["plan"]["expected_error_m"]
-    assert expected["planned"] < 0.8 * expected["random_median"]  # measured 0.29 to 0.44 on five seeds
+    # measured 0.29 to 0.44 on five seeds
+    assert expected["planned"] < 0.8 * expected["random_median"]
     assert expected["random_median"] < expected["before"]
     read = read_touches(tmp_path / "out" / "plan.csv", joint_types="r" * 6, joint_names=JOINTS)
     assert read.count == 12
     arm = read_arm(next((tmp_path / "out").glob("*.xml"))).arm
     places = {point["name"]: point["position_m"] for point in metrics["plan"]["points"]}
     for name, q in zip(read.names, read.series, strict=True):
-        assert arm.tips(q, np.zeros(3)) == pytest.approx(np.tile(places[name], (len(q), 1)), abs=1e-6)
+        assert arm.tips(q, np.zeros(3)) == pytest.approx(
+            np.tile(places[name], (len(q), 1)), abs=1e-6
+        )
 
 
 def test_a_plan_goes_on_from_the_touches_so_far(calibrate, tmp_path, touched):
-    """Of the points that were touched: each planned posture brings the identified tip to its point."""
+    """Of the points that were touched: each planned posture brings the identified tip to its
+    point.
+    """
     folder = write_touches(tmp_path / "in", ["a", "b", "c"], [q[:4] for q in touched[1]], JOINTS)
     run = calibrate("--plan", 6, "--touches", folder, "--out", tmp_path / "out")
     assert run.returncode == 0, run.stdout + run.stderr
@@ -175,7 +209,8 @@ def test_a_plan_goes_on_from_the_touches_so_far(calibrate, tmp_path, touched):
     read = read_touches(tmp_path / "out" / "plan.csv", joint_types="r" * 6, joint_names=JOINTS)
     for name, q in zip(read.names, read.series, strict=True):
         mine = true.tips(q, np.array([0.06, 0.0, 0.15]))
-        assert np.abs(mine - places[name]).max() < 0.01  # the true arm comes near, before it is jogged
+        # the true arm comes near, before it is jogged
+        assert np.abs(mine - places[name]).max() < 0.01
 
 
 @pytest.mark.parametrize(
@@ -191,7 +226,9 @@ def test_a_plan_that_cannot_be_is_one_line(calibrate, tmp_path, options, said):
     assert run.stderr == f"error: {said}\n"
 
 
-@pytest.mark.skipif(not REAL, reason="UUV_REAL_TOUCHES names no clone with the touches of real arms")
+@pytest.mark.skipif(
+    not REAL, reason="UUV_REAL_TOUCHES names no clone with the touches of real arms"
+)
 def test_real_arm(calibrate, tmp_path):
     data = Path(REAL) / "data" / "panda_3"
     held = [path for path in sorted(data.iterdir()) if path.is_dir() and path.name != "frontleft"]

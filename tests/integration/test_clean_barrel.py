@@ -18,8 +18,18 @@ BOUNDS = Bounds()
 
 
 def clean_barrel(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "scripts/clean_barrel.py", "--quick", "--no-record", "--out", str(out), *options]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300, check=False)
+    command = [
+        sys.executable,
+        "scripts/clean_barrel.py",
+        "--quick",
+        "--no-record",
+        "--out",
+        str(out),
+        *options,
+    ]
+    return subprocess.run(
+        command, cwd=root, capture_output=True, text=True, timeout=300, check=False
+    )
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -29,7 +39,9 @@ def _compiled() -> None:
 
 
 @pytest.fixture(scope="module")
-def metrics(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def metrics(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Any]:
     """metrics.json of one run by the command."""
     out = tmp_path_factory.mktemp("run")
     done = clean_barrel(request.config.rootpath, out)
@@ -45,7 +57,10 @@ def test_figures_keep_their_bounds(metrics):
     assert metrics["run"]["state"] == "done"
     assert metrics["identification"]["accepted"] is True
     assert metrics["identification"]["position_error_m"] <= 0.005
-    assert metrics["identification"]["position_error_m"] <= 0.005 * metrics["identification"]["range_m"]
+    assert (
+        metrics["identification"]["position_error_m"]
+        <= 0.005 * metrics["identification"]["range_m"]
+    )
     assert metrics["contact"]["force_error_rms_n"] <= 3.0
     assert metrics["contact"]["force_error_max_n"] <= 9.0
     assert metrics["contact"]["lost_s"] == 0.0
@@ -88,7 +103,12 @@ NAMELESS = """
     ("options", "vehicle", "said"),
     [
         pytest.param(["--path", "spiral"], None, "'spiral'", id="unknown path"),
-        pytest.param(["--forces", "-60"], None, "--forces (task.forces) [N]: must be positive", id="negative force"),
+        pytest.param(
+            ["--forces", "-60"],
+            None,
+            "--forces (task.forces) [N]: must be positive",
+            id="negative force",
+        ),
         pytest.param(
             [*KNOWN, "--least-chance", "1"],
             None,
@@ -96,10 +116,17 @@ NAMELESS = """
             id="place not certain enough",
             marks=pytest.mark.long(guarded_by=UNCERTAIN),
         ),
-        pytest.param(["--least-chance", "1.5"], None, "--least-chance (task.promise.least), a chance", id="no chance"),
+        pytest.param(
+            ["--least-chance", "1.5"],
+            None,
+            "--least-chance (task.promise.least), a chance",
+            id="no chance",
+        ),
         pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),
         pytest.param([*KNOWN, "--forces", "60"], short_armed, "out of reach", id="out of reach"),
-        pytest.param([], lambda: NAMELESS, "thrusters, body 'arm_base' (carries the arm)", id="no names"),
+        pytest.param(
+            [], lambda: NAMELESS, "thrusters, body 'arm_base' (carries the arm)", id="no names"
+        ),
         pytest.param([], lambda: "<mujoco", "not an MJCF", id="not an MJCF"),
         pytest.param(["--vehicle", "nautilus"], None, "uuv_puma", id="unknown vehicle"),
         pytest.param(["--current", "nan", "0", "0"], None, "current", id="current is no number"),
@@ -117,7 +144,9 @@ def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, vehicle, sa
     assert "Traceback" not in done.stdout + done.stderr
 
 
-def test_with_a_camera_on_the_arm_the_tool_keeps_its_place(request: pytest.FixtureRequest, tmp_path: Path):
+def test_with_a_camera_on_the_arm_the_tool_keeps_its_place(
+    request: pytest.FixtureRequest, tmp_path: Path
+):
     """In gusts and with a small force; measured: path 1.2 mm and force 0.19 N RMS. Without the
     camera the path is 1.9 mm off."""
     options = ("--arm-camera", "--gust", "0.04", "--seed", "5", "--forces", "20")
@@ -142,8 +171,12 @@ def test_with_a_camera_on_the_arm_the_tool_keeps_its_place(request: pytest.Fixtu
         pytest.param(("--wave", "0", "0.1", "0", "--wave-frequency", "0.15"), id="wave across"),
     ],
 )
-def test_the_tool_stays_in_contact(request: pytest.FixtureRequest, tmp_path: Path, options: tuple[str, ...], within):
-    """A small force, a fast tool, and a wave along the lone sway thruster, which is not taken for its loss."""
+def test_the_tool_stays_in_contact(
+    request: pytest.FixtureRequest, tmp_path: Path, options: tuple[str, ...], within
+):
+    """A small force, a fast tool, and a wave along the lone sway thruster, which is not taken for
+    its loss.
+    """
     done = clean_barrel(request.config.rootpath, tmp_path / "out", *options)
     assert done.returncode == 0, done.stdout + done.stderr
     contact = json.loads((tmp_path / "out" / "metrics.json").read_text())["contact"]

@@ -1,4 +1,6 @@
-"""The pile as a user runs it, with the arm on the vehicle's side: pressed, and cleaned without contact."""
+"""The pile as a user runs it, with the arm on the vehicle's side: pressed, and cleaned without
+contact.
+"""
 
 import json
 import subprocess
@@ -19,12 +21,24 @@ RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03", "--
 
 
 def clean_pile(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "scripts/clean_pile.py", "--quick", "--no-record", "--out", str(out), *options]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=600, check=False)
+    command = [
+        sys.executable,
+        "scripts/clean_pile.py",
+        "--quick",
+        "--no-record",
+        "--out",
+        str(out),
+        *options,
+    ]
+    return subprocess.run(
+        command, cwd=root, capture_output=True, text=True, timeout=600, check=False
+    )
 
 
 @pytest.fixture(scope="module")
-def run_of(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str, Any]]:
+def run_of(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str], dict[str, Any]]:
     """metrics.json of a run by its name; each is done once."""
 
     @cache

@@ -17,7 +17,8 @@ _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
 def typed(page: Path) -> list[tuple[str, str]]:
     """Language and text of each block of a page that stands for itself."""
     blocks = _BLOCK.findall(page.read_text(encoding="utf-8"))
-    typed_in = [(kind, text) for kind, text in blocks if kind in ("", "python")]  # no files, no output
+    # no files, no output
+    typed_in = [(kind, text) for kind, text in blocks if kind in ("", "python")]
     return [(kind, text) for kind, text in typed_in if not _PLACEHOLDER.search(text)]
 
 
@@ -31,7 +32,11 @@ def test_what_a_page_says_works(page: str, root: Path, tmp_path: Path):
     for kind, text in blocks:
         lines = [text] if kind == "python" else text.splitlines()
         for line in lines:
-            words = [sys.executable, "-c", line] if kind == "python" else shlex.split(line, comments=True)
+            words = (
+                [sys.executable, "-c", line]
+                if kind == "python"
+                else shlex.split(line, comments=True)
+            )
             if not words:
                 continue
             if words[0] == "uuv":

@@ -1,4 +1,6 @@
-"""Two faults in a closed loop at full push: one that the work rides through, one that it retreats from."""
+"""Two faults in a closed loop at full push: one that the work rides through, one that it retreats
+from.
+"""
 
 import sys
 
@@ -34,7 +36,11 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
     assert frozen.states[-1][1] is WorkState.DONE
     assert lost.found[0][1:] == ("thruster", "heave_front")
     assert lost.found[0][0] < 2.0
-    assert [state for _, state, _ in lost.states] == [WorkState.WORK, WorkState.RETREAT, WorkState.ABORT]
+    assert [state for _, state, _ in lost.states] == [
+        WorkState.WORK,
+        WorkState.RETREAT,
+        WorkState.ABORT,
+    ]
     assert "thruster heave_front is lost" in lost.states[-1][2]
     for trace in (frozen, lost):
         assert not trace.blew_up
@@ -47,7 +53,9 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
 @pytest.mark.long
 @pytest.mark.usefixtures("scripts")
 def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
-    """With the thrusters merely stopped the current holds the tool on the object, here for 2.4 s."""
+    """With the thrusters merely stopped the current holds the tool on the object, here for 2.4
+    s.
+    """
     from experiments.faults.fault_cases import Trace, run_branched
     from uuv import jobs
 
@@ -56,6 +64,7 @@ def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
     run_branched(scenario, ("IMU silent",), traces.append)
     (trace,) = traces
     left = next(time for time, state, _ in trace.states if state is WorkState.RETREAT)
-    assert trace.rows[-1, 0] > left + SAFETY.leave_time + SAFETY.rise_time  # the thrusters have stopped
+    # the thrusters have stopped
+    assert trace.rows[-1, 0] > left + SAFETY.leave_time + SAFETY.rise_time
     assert not trace.rows[trace.rows[:, 0] > left + 1.0, 10].any()  # 0.59 s measured
     assert not trace.rows[:, 8].any()

@@ -1,4 +1,6 @@
-"""A gyro or an attitude that is wrong, in the whole loop: named, and the work goes on or is left."""
+"""A gyro or an attitude that is wrong, in the whole loop: named, and the work goes on or is
+left.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,9 @@ SHORT = "tests/integration/test_gyro_faults.py::test_before_the_contact_a_gyro_i
     ("failure", "kind", "state", "code"),
     [
         (
-            SensorFailure(sensor="imu", effect="offset", field="w_WB_B", index=2, value=0.1, at=2.0),
+            SensorFailure(
+                sensor="imu", effect="offset", field="w_WB_B", index=2, value=0.1, at=2.0
+            ),
             FaultKind.GYRO,
             WorkState.SETTLE,
             None,
@@ -33,7 +37,8 @@ SHORT = "tests/integration/test_gyro_faults.py::test_before_the_contact_a_gyro_i
 )
 def test_before_the_contact_a_gyro_is_done_without(failure, kind, state, code):
     result = run_through(
-        assemble(replace(jobs.clean_barrel(quick=True, seed=2), perturbations=(failure,))), longest=2.4
+        assemble(replace(jobs.clean_barrel(quick=True, seed=2), perturbations=(failure,))),
+        longest=2.4,
     )
     faults = result.last.command.faults
     assert [fault.kind for fault in faults] == [kind]
@@ -49,7 +54,9 @@ def test_at_work_a_gyro_that_jumps_leaves_the_tool_on_its_path(path: str):
     at_work = saved(jobs.clean_barrel(quick=True, path=path, forces=(90.0,)), "work")
     onset = at_work.time + 3.0
     for axis, size in ((2, 0.1), (0, 0.03), (1, -0.03)):
-        jump = SensorFailure(sensor="imu", effect="offset", field="w_WB_B", index=axis, value=size, at=onset)
+        jump = SensorFailure(
+            sensor="imu", effect="offset", field="w_WB_B", index=axis, value=size, at=onset
+        )
         done = run(at_work.with_failures(jump))
         assert done.recording.final.state is WorkState.DONE
         faults = done.result.last.command.faults

@@ -36,9 +36,13 @@ def test_gears_that_differ_from_belief_are_found(verb, tmp_path):
     ("options", "said"),
     [
         pytest.param(
-            ["--seconds", "3"], "--seconds (task.seconds) [s]: must be finite, >= 10, <= 300, got 3", id="too short"
+            ["--seconds", "3"],
+            "--seconds (task.seconds) [s]: must be finite, >= 10, <= 300, got 3",
+            id="too short",
         ),
-        pytest.param(["--vehicle", "bluerov2_heavy"], "body 'arm_base' (carries the arm)", id="no arm"),
+        pytest.param(
+            ["--vehicle", "bluerov2_heavy"], "body 'arm_base' (carries the arm)", id="no arm"
+        ),
     ],
 )
 def test_what_cannot_be_is_one_line_and_code_2(verb, tmp_path, options, said):

@@ -19,7 +19,14 @@ def test_a_cloud_with_blemishes_is_searched(verb, scene, tmp_path):
     points = points[np.isfinite(points).all(axis=1)]
     rows = np.vstack([points, points[:100], np.zeros((20, 3)), np.full((30, 3), np.nan)])
     np.savetxt(tmp_path / "cloud.xyz", 1e3 * rows, "%.2f")
-    known = ("--object", "starfish", "--cloud", tmp_path / "cloud.xyz", "--approach", *scene.approach)
+    known = (
+        "--object",
+        "starfish",
+        "--cloud",
+        tmp_path / "cloud.xyz",
+        "--approach",
+        *scene.approach,
+    )
     refused = verb("identify", "object", *known, "--out", tmp_path / "out")
     assert refused.returncode == 2
     assert "millimetres" in refused.stderr
@@ -36,7 +43,14 @@ def test_a_cloud_with_blemishes_is_searched(verb, scene, tmp_path):
 def test_object_and_cloud_in_different_units(verb, scene, tmp_path):
     np.savetxt(tmp_path / "cloud.xyz", 0.001 * scene.scan.points.reshape(-1, 3)[::50])
     done = verb(
-        "identify", "object", "--object", "barrel", "--cloud", tmp_path / "cloud.xyz", "--out", tmp_path / "out"
+        "identify",
+        "object",
+        "--object",
+        "barrel",
+        "--cloud",
+        tmp_path / "cloud.xyz",
+        "--out",
+        tmp_path / "out",
     )
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
@@ -53,7 +67,18 @@ def test_objects_by_name_or_file(tmp_path):
     guarded_by="tests/unit/perception/toolpath/test_deformation.py::test_growth_and_dent_are_found_as_they_are"
 )
 def test_deformed_object_is_mapped(verb, tmp_path):
-    done = verb("identify", "object", "--object", "rock", "--fouled", 0.04, "--dented", 0.03, "--out", tmp_path)
+    done = verb(
+        "identify",
+        "object",
+        "--object",
+        "rock",
+        "--fouled",
+        0.04,
+        "--dented",
+        0.03,
+        "--out",
+        tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "identification.json").read_text("utf-8"))["deformation"]
     assert {np.sign(region["largest_m"]) for region in found["regions"]} == {1.0, -1.0}
@@ -64,7 +89,17 @@ def test_deformed_object_is_mapped(verb, tmp_path):
 
 
 def test_which_of_several_objects_it_is(verb, tmp_path):
-    done = verb("identify", "object", "--object", "starfish", "--among", "starfish", "valve", "--out", tmp_path)
+    done = verb(
+        "identify",
+        "object",
+        "--object",
+        "starfish",
+        "--among",
+        "starfish",
+        "valve",
+        "--out",
+        tmp_path,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     said = json.loads((tmp_path / "identification.json").read_text())
     assert said["object"] == "starfish"

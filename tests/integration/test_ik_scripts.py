@@ -1,4 +1,6 @@
-"""The scripts around inverse kinematics as a user runs them: short ones, their figures and files."""
+"""The scripts around inverse kinematics as a user runs them: short ones, their figures and
+files.
+"""
 
 import json
 from pathlib import Path
@@ -7,14 +9,22 @@ import pytest
 
 
 def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path) -> None:
-    done = script("experiments.papers.track_singularity", "--quick", "--speed-limit", "0.12", "--out", tmp_path)
+    done = script(
+        "experiments.papers.track_singularity",
+        "--quick",
+        "--speed-limit",
+        "0.12",
+        "--out",
+        tmp_path,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     runs = json.loads((tmp_path / "metrics.json").read_text())["runs"]
     assert runs["without"]["largest_joint_speed"] > 3.0 * 0.12  # measured 3.0
     assert runs["without"]["checked_position_error_m"] < 1e-5
     assert runs["with"]["largest_joint_speed"] <= 0.12 * (1.0 + 1e-9)
-    assert runs["with"]["off_the_path_s"] > 0.0  # what the passing costs: measured 2.5 s, 1.4 mm and 0.6 deg
+    # what the passing costs: measured 2.5 s, 1.4 mm and 0.6 deg
+    assert runs["with"]["off_the_path_s"] > 0.0
     assert runs["with"]["checked_position_error_m"] < 0.02
     assert runs["with"]["checked_orientation_error_rad"] < 0.1
     assert runs["with"]["position_error_at_the_end_m"] < 1e-5
@@ -37,13 +47,34 @@ def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> Non
 
 
 def test_the_benchmark_writes_its_tables(script, tmp_path: Path) -> None:
-    options = ("--arms", "puma560", "--targets", "10", "--rates", "50", "--limits", "180", "--links", "6", "24", "48")
-    done = script("experiments.kinematics.ik", *options, "--repeats", "1", "--no-peers", "--out", tmp_path)
-    assert done.returncode in (0, 1), done.stdout + done.stderr  # 1: too few targets for the rate of jacobian_free
+    options = (
+        "--arms",
+        "puma560",
+        "--targets",
+        "10",
+        "--rates",
+        "50",
+        "--limits",
+        "180",
+        "--links",
+        "6",
+        "24",
+        "48",
+    )
+    done = script(
+        "experiments.kinematics.ik", *options, "--repeats", "1", "--no-peers", "--out", tmp_path
+    )
+    # 1: too few targets for the rate of jacobian_free
+    assert done.returncode in (0, 1), done.stdout + done.stderr
     assert done.stderr == ""
     results = json.loads((tmp_path / "bench_ik.json").read_text())
     assert min(row["rate"] for row in results["rates"] if row["method"] == "hybrid") == 1.0
-    assert {row["method"] for row in results["race"]} >= {"hybrid", "jacobian_free", "plain", "compiled DLS"}
+    assert {row["method"] for row in results["race"]} >= {
+        "hybrid",
+        "jacobian_free",
+        "plain",
+        "compiled DLS",
+    }
     assert "Solve rate" in (tmp_path / "bench_ik.md").read_text()
     assert (tmp_path / "bench_ik.png").stat().st_size > 10_000
 
@@ -55,7 +86,9 @@ def test_the_benchmark_writes_its_tables(script, tmp_path: Path) -> None:
         ("experiments.papers.track_singularity", ("--speed", "0"), "--speed"),
     ],
 )
-def test_bad_input_ends_in_one_line(script, name: str, options: tuple[str, ...], culprit: str) -> None:
+def test_bad_input_ends_in_one_line(
+    script, name: str, options: tuple[str, ...], culprit: str
+) -> None:
     done = script(name, *options)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

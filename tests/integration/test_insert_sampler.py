@@ -1,4 +1,6 @@
-"""The insertion as a user runs it: one whole run that must feel its way in, its figures, and bad inputs in one line."""
+"""The insertion as a user runs it: one whole run that must feel its way in, its figures, and bad
+inputs in one line.
+"""
 
 import json
 
@@ -19,7 +21,9 @@ def _compiled() -> None:
 
 @pytest.mark.long  # the baseline runs the same job
 def test_a_sampler_goes_in_and_comes_out(script, tmp_path):
-    """Aimed 5 mm beside the hole as found, more than the clearance: it cannot go in without touching and giving way."""
+    """Aimed 5 mm beside the hole as found, more than the clearance: it cannot go in without
+    touching and giving way.
+    """
     done = script("insert_sampler", "--quick", "--no-record", "--out", tmp_path, "--error", 5, 0)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "accepted" in done.stdout

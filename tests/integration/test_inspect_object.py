@@ -1,4 +1,6 @@
-"""An inspection flight as a user runs it: once around, its figures, and what is refused in one line."""
+"""An inspection flight as a user runs it: once around, its figures, and what is refused in one
+line.
+"""
 
 import json
 
@@ -19,7 +21,9 @@ def _compiled() -> None:
 
 @pytest.mark.long  # the baseline runs the same job
 def test_it_flies_once_around(script, tmp_path):
-    done = script("inspect_object", "--no-record", "--out", tmp_path, "--object", "starfish", "--distance", 1)
+    done = script(
+        "inspect_object", "--no-record", "--out", tmp_path, "--object", "starfish", "--distance", 1
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     metrics = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
     jsonschema.validate(metrics, schema())

@@ -1,4 +1,6 @@
-"""An object that moves, or gives way to the tool, is worked within the bounds or refused for what it is."""
+"""An object that moves, or gives way to the tool, is worked within the bounds or refused for what
+it is.
+"""
 
 from dataclasses import replace
 
@@ -14,10 +16,14 @@ from uuv.sim.interfaces.messages import AbortCode, WorkState
 
 
 def work_on(*perturbations, **options) -> Run:
-    return run(assemble(replace(clean_barrel(seed=1, quick=True, **options), perturbations=perturbations)))
+    return run(
+        assemble(replace(clean_barrel(seed=1, quick=True, **options), perturbations=perturbations))
+    )
 
 
-@pytest.mark.long(guarded_by="tests/unit/controllers/tasks/test_arrival.py::test_what_does_not_agree_is_left_out")
+@pytest.mark.long(
+    guarded_by="tests/unit/controllers/tasks/test_arrival.py::test_what_does_not_agree_is_left_out"
+)
 def test_object_that_swings_is_refused_before_contact():
     recording = work_on(MovingObject(amplitude=(0.0, 0.02, 0.0), frequency=0.1)).recording
     assert recording.final.abort is AbortCode.OBJECT_MOVES
@@ -28,7 +34,9 @@ def test_object_that_swings_is_refused_before_contact():
 
 
 def test_free_object_is_let_go_within_three_seconds_of_contact():
-    recording = work_on(MountedObject(stiffness=0.0), current=(0.0, 0.0, 0.0), gust=0.0, sensor="survey").recording
+    recording = work_on(
+        MountedObject(stiffness=0.0), current=(0.0, 0.0, 0.0), gust=0.0, sensor="survey"
+    ).recording
     assert recording.final.abort is AbortCode.GIVES_WAY
     first = np.argmax(recording["contact_normal"].scalar > 0.0)
     touched, p_WT = recording["contact_normal"].time[first], recording["p_WT"].value

@@ -18,7 +18,9 @@ from uuv.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 
 
 def test_true_surface_of_a_ball(within):
-    """Distances along the tool, normals, and their mean over a pad, which on a ball is the normal in its middle."""
+    """Distances along the tool, normals, and their mean over a pad, which on a ball is the normal
+    in its middle.
+    """
     radius = 0.5
     unit, triangles = sphere(5)
     ball = TargetModel(name="ball", vertices=radius * unit, triangles=triangles)
@@ -30,9 +32,14 @@ def test_true_surface_of_a_ball(within):
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     height = rng.uniform(-0.03, 0.03, 20)
     p = (radius + height)[:, None] * outward
-    within("distance [m]", surface.distances(p, -outward) - height, 3e-3)  # the sagitta of a side: 0.25 mm
+    # the sagitta of a side: 0.25 mm
+    within("distance [m]", surface.distances(p, -outward) - height, 3e-3)
     within("normal [rad]", paths.angles(surface.normals(p), outward), 1e-2)
-    within("distance beside the axis [m]", surface.distances(1.2 * radius * outward, x) - 0.2 * radius, 3e-3)
+    within(
+        "distance beside the axis [m]",
+        surface.distances(1.2 * radius * outward, x) - 0.2 * radius,
+        3e-3,
+    )
     on = radius * outward
     within("mean normal [rad]", paths.angles(surface.mean_normals(on, x, -outward), outward), 1e-2)
 
@@ -55,7 +62,9 @@ def test_row_tells_refused_and_unseen():
 
 
 def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPatch):
-    """Measured: 0.6 to 0.9 mm RMS where the model is 4 to 10 mm off; the tilt of the tool 2.3 to 2.8 deg RMS."""
+    """Measured: 0.6 to 0.9 mm RMS where the model is 4 to 10 mm off; the tilt of the tool 2.3 to
+    2.8 deg RMS.
+    """
     monkeypatch.setattr(paths, "_PATCHES", 1)
     known = rock()
     path = known.path("across")
@@ -76,12 +85,18 @@ def placed(scenario: Scenario) -> PlacedSurfaceWork:
     return scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
 
 
-BOTH = pytest.mark.long(guarded_by="tests/integration/test_path_scripts.py::test_work_on_what_the_sea_has_left")
+BOTH = pytest.mark.long(
+    guarded_by="tests/integration/test_path_scripts.py::test_work_on_what_the_sea_has_left"
+)
 
 
-@pytest.mark.parametrize(("fouled", "dented"), [(0.03, 0.0), (0.0, 0.03), pytest.param(0.02, 0.02, marks=BOTH)])
+@pytest.mark.parametrize(
+    ("fouled", "dented"), [(0.03, 0.0), (0.0, 0.03), pytest.param(0.02, 0.02, marks=BOTH)]
+)
 def test_work_on_what_the_sea_has_left(fouled: float, dented: float):
-    """The vehicle knows the clean barrel; what stands there lies off it along the path, both ways where both are."""
+    """The vehicle knows the clean barrel; what stands there lies off it along the path, both ways
+    where both are.
+    """
     work = placed(clean_barrel(seed=1, fouled=fouled, dented=dented))
     there = work.truth.model
     off = signed_distance(work.target.vertices, work.target.triangles, there.vertices)
@@ -89,7 +104,11 @@ def test_work_on_what_the_sea_has_left(fouled: float, dented: float):
     path = work.target.path(work.truth.path)
     assert np.linalg.norm(near[:, None] - path.p[::10], axis=-1).min(axis=1).max() < 0.3
     for height, sign in ((fouled, 1.0), (dented, -1.0)):
-        assert (0.3 * height - 1e-3 < (sign * off).max() < height + 1e-3) if height else (sign * off).max() < 1e-3
+        assert (
+            (0.3 * height - 1e-3 < (sign * off).max() < height + 1e-3)
+            if height
+            else (sign * off).max() < 1e-3
+        )
 
 
 def test_clean_job_has_nothing_else_there():

@@ -40,7 +40,9 @@ def test_bad_files_end_in_one_line(verb, files):
 
 
 def test_study_of_terrains(script, tmp_path):
-    done = script("experiments.seabed.seabed", "--runs", 2, "--workers", 1, "--beam", 2, "--out", tmp_path)
+    done = script(
+        "experiments.seabed.seabed", "--runs", 2, "--workers", 1, "--beam", 2, "--out", tmp_path
+    )
     assert done.returncode == 0, done.stderr
     runs = read_rows(tmp_path)
     assert [run["kind"] for run in runs] == ["flat", "ripples"]

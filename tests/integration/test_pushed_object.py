@@ -1,4 +1,6 @@
-"""An object that is pushed while the vehicle looks at it is noticed in the running job, by the door of a user."""
+"""An object that is pushed while the vehicle looks at it is noticed in the running job, by the door
+of a user.
+"""
 
 from dataclasses import replace
 
@@ -29,7 +31,9 @@ IN_FRAMES = pytest.mark.long(
     ],
 )
 def test_push_is_noticed_within_a_second_and_measured(by, within):
-    scenario = replace(clean_barrel(seed=1, follow=True), perturbations=(PushedObject(at=AT, by=by, ramp=RAMP),))
+    scenario = replace(
+        clean_barrel(seed=1, follow=True), perturbations=(PushedObject(at=AT, by=by, ramp=RAMP),)
+    )
     assembly = assemble(scenario)
     ran = run_through(assembly, longest=UNTIL)
     assert ran.part_by_part
@@ -73,5 +77,9 @@ def test_bad_input():
         PushedObject(at=1.0, by=(np.nan, 0.0, 0.0))
     with pytest.raises(ConfigurationError, match="stays where it was pushed"):
         PushedObject(at=1.0, duration=2.0)
-    with pytest.raises(ConfigurationError, match=r"sensing\.follow: takes depth frames; the sensor is 'sonar'"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"sensing\.follow: takes depth frames; the "
+        r"sensor is 'sonar'",
+    ):
         assemble(clean_barrel(sensor="sonar", follow=True))

@@ -1,4 +1,6 @@
-"""The visual log can be read back: closed, after an exception, and after a kill in the middle of writing."""
+"""The visual log can be read back: closed, after an exception, and after a kill in the middle of
+writing.
+"""
 
 import signal
 import subprocess
@@ -37,13 +39,17 @@ from uuv.sim.reporting.rerun_log import RerunLog
 
 X_WT = pose(p=[1.0, 0.1, -1.5])
 PERIOD = 0.002  # [s]
-DEPTH = DepthImage(time=0.2, depth=np.full((48, 64), 1.5), K=np.diag([50.0, 50.0, 1.0]), X_BC=np.eye(4))
+DEPTH = DepthImage(
+    time=0.2, depth=np.full((48, 64), 1.5), K=np.diag([50.0, 50.0, 1.0]), X_BC=np.eye(4)
+)
 
 
 def scene() -> mujoco.MjModel:
     spec = models.load("uuv_puma")
     barrel().add_to(spec, X_WT)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1], pos=[0.0, 0.0, -2.3])
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1], pos=[0.0, 0.0, -2.3]
+    )
     return spec.compile()
 
 
@@ -61,10 +67,21 @@ def moments(model: mujoco.MjModel):
         on_scan=np.zeros(n, dtype=bool),
     )
     doubt = PoseCovariance(
-        matrix=1e-6 * np.eye(6), free=np.zeros((0, 6)), center=X_WT[:3, 3], radius=0.5, size_sigma=1.0
+        matrix=1e-6 * np.eye(6),
+        free=np.zeros((0, 6)),
+        center=X_WT[:3, 3],
+        radius=0.5,
+        size_sigma=1.0,
     )
     target = Target(
-        time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=path, covariance=doubt
+        time=0.0,
+        X_WT=X_WT,
+        accepted=True,
+        check_m=0.001,
+        range_m=1.2,
+        reason="",
+        path=path,
+        covariance=doubt,
     )
     truth = SimpleNamespace(
         time=0.0,
@@ -83,11 +100,20 @@ def moments(model: mujoco.MjModel):
     )
     zero = np.zeros(6)
     estimate = StateEstimate(
-        time=0.0, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3), q=zero, qd=zero, tau=zero
+        time=0.0,
+        X_WB=np.eye(4),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+        a_WB_B=np.zeros(3),
+        q=zero,
+        qd=zero,
+        tau=zero,
     )
     contact = ContactEstimate(normal=59.0)
     load = HullLoad(arm_wrench_B=np.array([0.0, 0.0, -80.0, 0.0, 0.0, 0.0]))
-    command = Command(time=0.0, joint_torque=zero, thrusters=zero, scan=False, contact=contact, hull_load=load)
+    command = Command(
+        time=0.0, joint_torque=zero, thrusters=zero, scan=False, contact=contact, hull_load=load
+    )
     tick = 0
     while True:
         truth.time = tick * PERIOD
@@ -120,7 +146,11 @@ def last_times(file: Path) -> dict[str, float]:
     last: dict[str, float] = defaultdict(lambda: -np.inf)
     for chunk in RrdReader(file).stream().to_chunks():
         batch = chunk.to_record_batch()
-        times = batch.column("sim_time").cast("int64").to_numpy() * 1e-9 if "sim_time" in batch.schema.names else []
+        times = (
+            batch.column("sim_time").cast("int64").to_numpy() * 1e-9
+            if "sim_time" in batch.schema.names
+            else []
+        )
         last[chunk.entity_path] = max(last[chunk.entity_path], *times, -np.inf)
     return dict(last)
 
@@ -138,10 +168,13 @@ def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
             if moment.truth.time > 2.0:
                 break
     last = last_times(file)
-    series_shown = "force path_error path_error/bound hull_drift thrust joint_angle joint_torque navigation"
+    series_shown = (
+        "force path_error path_error/bound hull_drift thrust joint_angle joint_torque navigation"
+    )
     for series in series_shown.split():
         assert last[f"/series/{series}"] == pytest.approx(2.0)
-    for suffix in ("", "_enlarged"):  # ellipsoids of the find, and of the mean once the work goes by it
+    # ellipsoids of the find, and of the mean once the work goes by it
+    for suffix in ("", "_enlarged"):
         assert last[f"/world/uncertainty/found{suffix}"] == pytest.approx(0.0)
         assert last[f"/world/uncertainty/mean{suffix}"] == pytest.approx(0.4, abs=0.01)
     for entity in (
@@ -180,7 +213,8 @@ def test_exception_in_the_run_leaves_a_whole_log(tmp_path: Path):
         run()
     last = last_times(file)
     assert last["/series/force"] == pytest.approx(1.0)
-    assert last["/series/path_error/bound"] == -np.inf  # none was given: its colour is there, no value
+    # none was given: its colour is there, no value
+    assert last["/series/path_error/bound"] == -np.inf
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
@@ -188,8 +222,9 @@ def test_exception_in_the_run_leaves_a_whole_log(tmp_path: Path):
 def test_log_that_cannot_be_written_is_given_up_in_one_line(
     full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    """As Rerun does on a full disk: from then on every flush raises. What came before can be read; room is made where
-    the disk is full."""
+    """As Rerun does on a full disk: from then on every flush raises. What came before can be read;
+    room is made where the disk is full.
+    """
     file = tmp_path / "run.rrd"
     model = scene()
     if full:

@@ -1,4 +1,6 @@
-"""Sampling the seabed as a user runs it: a core, and clouds and files over which the vehicle does not descend."""
+"""Sampling the seabed as a user runs it: a core, and clouds and files over which the vehicle does
+not descend.
+"""
 
 import json
 from types import SimpleNamespace
@@ -97,7 +99,9 @@ def not_numbers(rng):
 )
 def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):
     np.savetxt(tmp_path / "cloud.txt", cloud(np.random.default_rng(0)))
-    done = script("sample_seabed", "--no-record", "--out", tmp_path / "out", "--cloud", tmp_path / "cloud.txt")
+    done = script(
+        "sample_seabed", "--no-record", "--out", tmp_path / "out", "--cloud", tmp_path / "cloud.txt"
+    )
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.count("\n") == 1
     assert said in done.stderr
@@ -118,7 +122,9 @@ def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):
 )
 def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_path, text, said):
     (tmp_path / "cloud.txt").write_text(text, "utf-8")
-    done = script("sample_seabed", "--no-record", "--out", tmp_path / "out", "--cloud", tmp_path / "cloud.txt")
+    done = script(
+        "sample_seabed", "--no-record", "--out", tmp_path / "out", "--cloud", tmp_path / "cloud.txt"
+    )
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.count("\n") == 1
     assert said in done.stderr
@@ -126,15 +132,27 @@ def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_pa
 
 
 def test_the_story_of_a_drag_has_its_profile_with_both_axes():
-    """The finder's state and an estimate with a plane, as in a run, to a log that notes what it is shown."""
+    """The finder's state and an estimate with a plane, as in a run, to a log that notes what it is
+    shown.
+    """
     from uuv.tasks.seabed_sampling import SeabedRecorder
 
     rng = np.random.default_rng(2)
     finder = SeabedFinder([[-0.2, 0.0, -1.5], [0.2, 0.1, -1.5]], cloud_W=flat(rng))
     zero = np.zeros(3)
-    plane = GroundPlane(time=0.0, p_W=zero, normal_W=np.array([0.0, 0.0, 1.0]), scatter=0.0, beams=4, silent=())
+    plane = GroundPlane(
+        time=0.0, p_W=zero, normal_W=np.array([0.0, 0.0, 1.0]), scatter=0.0, beams=4, silent=()
+    )
     estimate = StateEstimate(
-        time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero, tau=zero, ground=plane
+        time=0.0,
+        X_WB=np.eye(4),
+        v_WB_B=zero,
+        w_WB_B=zero,
+        a_WB_B=zero,
+        q=zero,
+        qd=zero,
+        tau=zero,
+        ground=plane,
     )
     scan = SonarScan(time=0.0, points=np.zeros((1, 1, 3)), X_BS=np.eye(4))
     found, _ = finder.step(finder.init(), estimate, scan)
@@ -145,7 +163,9 @@ def test_the_story_of_a_drag_has_its_profile_with_both_axes():
         log_arrows=lambda name, _, vectors, *__: shown.update({name: vectors}),
     )
     recorder = SimpleNamespace(add_cloud=lambda *_: None)
-    moment = SimpleNamespace(frame=scan, found=found, estimate=estimate, truth=SimpleNamespace(time=0.0))
+    moment = SimpleNamespace(
+        frame=scan, found=found, estimate=estimate, truth=SimpleNamespace(time=0.0)
+    )
     SeabedRecorder(untyped(recorder), untyped(log)).observe(untyped(moment))
     assert shown.keys() == {"scan", "coarse_plane", "seabed", "targets", "profile_a", "profile_n"}
     assert len(shown["profile_a"]) == len(shown["profile_n"]) > 2
@@ -156,7 +176,10 @@ def test_without_a_plane_from_the_doppler_log_it_does_not_come_near(script, tmp_
     done = script("sample_seabed", "--no-record", "--out", tmp_path, "--dead-beams", 1, 4)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.count("\n") == 1
-    assert "2 of the Doppler log's beams see it, 3 not in a line are needed, silent: 1, 4" in done.stderr
+    assert (
+        "2 of the Doppler log's beams see it, 3 not in a line are needed, silent: 1, 4"
+        in done.stderr
+    )
     metrics = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
     assert metrics["hull"]["ground_gap_m"] > 2.5  # it starts 3.3 m up or higher
 

@@ -1,4 +1,6 @@
-"""A tool that stops on its path: it stands still while it says so, and what it says reaches navigation."""
+"""A tool that stops on its path: it stands still while it says so, and what it says reaches
+navigation.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -47,8 +49,12 @@ def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
     assert len({m.time for m in told}) == len(told)
     work, path_s, pad = recording.within(WorkState.WORK), recording["path_s"], recording["p_pad"]
     s, time = path_s.scalar, path_s.time
-    still = np.flatnonzero(work[1:] & (np.diff(s) < 1e-9) & (s[1:] > 1e-3) & (s[1:] < s.max() - 1e-3))
-    stops = [time[rows[[0, -1]]] for rows in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1)]
+    still = np.flatnonzero(
+        work[1:] & (np.diff(s) < 1e-9) & (s[1:] > 1e-3) & (s[1:] < s.max() - 1e-3)
+    )
+    stops = [
+        time[rows[[0, -1]]] for rows in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1)
+    ]
     settle, lasting = StopLimits().settle, StopLimits().lasting
     stops = [(begin, end) for begin, end in stops if end - begin > settle + 0.9 * lasting]
     assert len(stops) >= 3
@@ -91,7 +97,9 @@ def test_a_fault_while_the_tool_stands_ends_the_work_without_harm():
     force = recording["contact_most"]
     begun = recording.within(WorkState.WORK)
     assert outcome.result.last.reference.state is WorkState.ABORT
-    assert (FaultKind.ENCODER, 1) in [(fault.kind, fault.index) for fault in outcome.result.last.command.faults]
+    assert (FaultKind.ENCODER, 1) in [
+        (fault.kind, fault.index) for fault in outcome.result.last.command.faults
+    ]
     assert force.time[begun].max() < stop.time + 0.5
     assert force.scalar[force.time > stop.time].max() < 1.1 * 60.0
     assert force.scalar[force.time > stop.time + 1.0].max() == 0.0

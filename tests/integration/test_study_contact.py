@@ -1,4 +1,6 @@
-"""The contact study as a user runs it: two short runs, then gone on with by another number of workers."""
+"""The contact study as a user runs it: two short runs, then gone on with by another number of
+workers.
+"""
 
 import json
 import subprocess
@@ -14,8 +16,18 @@ SOFT = ("--ranges.stiffness", "1e4", "2e4")  # keeps the physics at its longest 
 
 
 def study(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "scripts/experiments/contact/contact.py", "--quick", "--out", str(out), *SOFT, *options]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=600, check=False)
+    command = [
+        sys.executable,
+        "scripts/experiments/contact/contact.py",
+        "--quick",
+        "--out",
+        str(out),
+        *SOFT,
+        *options,
+    ]
+    return subprocess.run(
+        command, cwd=root, capture_output=True, text=True, timeout=600, check=False
+    )
 
 
 def rows(out: Path) -> dict[int, dict]:
@@ -31,7 +43,9 @@ def test_two_runs_are_the_same_whoever_does_them(root, tmp_path):
     assert done.returncode in (0, 1), done.stdout + done.stderr
     assert done.stderr == ""
     metrics = json.loads((tmp_path / "two" / "metrics.json").read_text(encoding="utf-8"))
-    schema = json.loads((root / "sim/schemas/study_contact.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        (root / "sim/schemas/study_contact.schema.json").read_text(encoding="utf-8")
+    )
     jsonschema.validate(metrics, schema)
     assert metrics["runs"] == 2
     assert done.returncode == (0 if metrics["accepted"] else 1)

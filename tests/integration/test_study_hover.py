@@ -1,4 +1,6 @@
-"""The pushed vehicle: what compensation and lead are worth with the real navigation, and a thruster that is lost."""
+"""The pushed vehicle: what compensation and lead are worth with the real navigation, and a thruster
+that is lost.
+"""
 
 from dataclasses import replace
 from importlib import import_module
@@ -24,15 +26,22 @@ def pushing() -> Any:
 def down(pushing) -> Any:
     """Up at the tip, 1.5 m ahead of the hull's middle: heave and much pitch."""
     return pushing.PushCase(
-        directions_B=np.array([[0.0, 0.0, 1.0]]), q=AHEAD, current_W=(0.2, 0.1, 0.0), settle=8.0, push=3.0, rest=1.0
+        directions_B=np.array([[0.0, 0.0, 1.0]]),
+        q=AHEAD,
+        current_W=(0.2, 0.1, 0.0),
+        settle=8.0,
+        push=3.0,
+        rest=1.0,
     )
 
 
 def test_each_method_keeps_the_hull_nearer_to_its_place(pushing, down):
-    """Measured: 14.6 mm and 0.8 deg; without compensation 30 mm and 4.7 deg; without lead 1.9 deg and the larger error
-    of force."""
+    """Measured: 14.6 mm and 0.8 deg; without compensation 30 mm and 4.7 deg; without lead 1.9 deg
+    and the larger error of force.
+    """
     whole, bare, late = (
-        pushing.run(case) for case in (down, replace(down, compensation=False), replace(down, response=1e6))
+        pushing.run(case)
+        for case in (down, replace(down, compensation=False), replace(down, response=1e6))
     )
     assert whole.excursion[0] < 0.03
     assert whole.tilt[0] < 0.04
@@ -45,13 +54,17 @@ def test_each_method_keeps_the_hull_nearer_to_its_place(pushing, down):
 def test_a_known_loss_is_survived_upright(pushing, down):
     """The front heave thruster stops under the push: told of it, the rest keep the hull upright."""
     whole = pushing.run(replace(down, directions_B=np.array([[1.0, 0.0, 0.0]])))
-    lost = pushing.run(replace(down, directions_B=np.array([[1.0, 0.0, 0.0]]), lost=0, noticed=0.5, rest=4.0))
+    lost = pushing.run(
+        replace(down, directions_B=np.array([[1.0, 0.0, 0.0]]), lost=0, noticed=0.5, rest=4.0)
+    )
     assert lost.turn[0] > whole.turn[0]  # a surge thruster: the heading is what goes
     assert lost.tilt[0] < np.radians(5.0)
 
 
 def test_drives_bear_what_the_jacobian_says(pushing):
-    """Torques of a push by its moment about each joint, measured by moving the joint a little; gravity left aside."""
+    """Torques of a push by its moment about each joint, measured by moving the joint a little;
+    gravity left aside.
+    """
     model = models.load("uuv_puma").compile()
     vehicle, arm = Vehicle.of(model), ArmDynamics(model)
     directions = spread_directions(14)

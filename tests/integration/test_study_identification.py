@@ -7,14 +7,24 @@ from uuv.experiment import read_rows
 
 
 def test_one_scene_of_each_sensor(script, tmp_path: Path):
-    run = script("experiments.identification.identification", "--objects", "manifold", "--runs", 1, "--out", tmp_path)
+    run = script(
+        "experiments.identification.identification",
+        "--objects",
+        "manifold",
+        "--runs",
+        1,
+        "--out",
+        tmp_path,
+    )
     assert run.returncode == 0, run.stderr
     rows = read_rows(tmp_path)
     assert [row["sensor"] for row in rows] == ["stereo", "white", "sonar"]
     figures = json.loads((tmp_path / "metrics.json").read_text())["figures"]
     for row in rows:
         assert figures[f"manifold, {row['sensor']}"]["median_mm"] == 1e3 * row["position_m"]
-        assert row["found"] == (row["position_m"] < 0.01 * row["range_m"] and row["angle_deg"] < 5.0)
+        assert row["found"] == (
+            row["position_m"] < 0.01 * row["range_m"] and row["angle_deg"] < 5.0
+        )
     assert (tmp_path / "report.html").stat().st_size > 10_000
 
 

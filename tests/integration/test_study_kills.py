@@ -1,4 +1,6 @@
-"""A study killed twenty times, its workers and nodes too: no run is lost or doubled, and the rows are whole."""
+"""A study killed twenty times, its workers and nodes too: no run is lost or doubled, and the rows
+are whole.
+"""
 
 import os
 import signal
@@ -18,7 +20,8 @@ from uuv.experiment import read_rows
 from uuv.experiment.cluster_keeper import kept_cluster
 
 KILLS, CASES = 20, 400
-RAY_CASES = 3000  # twice what comes until the last kill: a new node takes seconds, in which the other one goes on
+# twice what comes until the last kill: a new node takes seconds, in which the other one goes on
+RAY_CASES = 3000
 LEFT = 20.0  # [s] until a cluster has ended; Ray's own agents take 60 s
 SIGNALS = (signal.SIGKILL, signal.SIGTERM)
 STUDY = """
@@ -39,7 +42,9 @@ if __name__ == "__main__":
 
 pytestmark = [
     pytest.mark.long,
-    pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="looks for processes in /proc"),
+    pytest.mark.skipif(
+        not Path("/proc/self/environ").exists(), reason="looks for processes in /proc"
+    ),
 ]
 
 
@@ -61,7 +66,9 @@ def descendants(ancestor: int) -> set[int]:
     parents = dict[int, int]()
     for entry in Path("/proc").glob("[0-9]*"):
         try:
-            parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            parents[int(entry.name)] = int(
+                (entry / "stat").read_text().rpartition(")")[2].split()[1]
+            )
         except OSError:
             continue
     found, more = set[int](), {ancestor}
@@ -134,9 +141,15 @@ def killed_often(
     command = [sys.executable, str(script), str(out), str(cases), engine]
     rng, seen = np.random.default_rng(0), 0
     for kill in range(KILLS):
-        with subprocess.Popen(command, cwd=root, env=environment, stdout=subprocess.DEVNULL) as head:
+        with subprocess.Popen(
+            command, cwd=root, env=environment, stdout=subprocess.DEVNULL
+        ) as head:
             began, wanted = time.monotonic(), seen + int(rng.integers(1, 12))
-            while len(there(out)) < wanted and head.poll() is None and time.monotonic() - began < 120.0:
+            while (
+                len(there(out)) < wanted
+                and head.poll() is None
+                and time.monotonic() - began < 120.0
+            ):
                 time.sleep(float(rng.uniform(0.0, 0.1)))
             assert head.poll() is None, "it ended by itself"
             time.sleep(float(rng.uniform(0.0, 0.3)))
@@ -154,17 +167,29 @@ def killed_often(
         assert sorted(found) == sorted(pq.read_table(out / "rows")["case"].to_pylist())
         seen = len(found)
     before = seen
-    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=root, env=environment, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert sorted(there(out)) == list(range(cases))
     begun = len(out.with_suffix(".log").read_text().splitlines())
     # Done again: what was under way on two workers, and after the death of one or of a node.
     assert cases <= begun <= cases + 4 * KILLS
-    print(f"{engine}: {KILLS} kills: {cases} rows, {before} at the last kill, {begun - cases} runs begun again")
+    print(
+        f"{engine}: {KILLS} kills: {cases} rows, {before} at the last kill, {begun - cases} "
+        "runs begun again"
+    )
 
 
 def test_local_processes(root, tmp_path):
-    killed_often(root, tmp_path, "processes", CASES, {"KILL_TEST": str(tmp_path)}, lambda: processes(str(tmp_path)))
+    killed_often(
+        root,
+        tmp_path,
+        "processes",
+        CASES,
+        {"KILL_TEST": str(tmp_path)},
+        lambda: processes(str(tmp_path)),
+    )
 
 
 @pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")
@@ -175,7 +200,9 @@ def test_a_ray_cluster_of_two_nodes(root, tmp_path, monkeypatch):
         monkeypatch.setenv(name, value)
     before = descendants(os.getpid())
     with kept_cluster() as folder:  # ends the agents of a node that was killed, too
-        cluster = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "temp_dir": folder})
+        cluster = cluster_utils.Cluster(
+            initialize_head=True, head_node_args={"num_cpus": 1, "temp_dir": folder}
+        )
         nodes = [cluster.add_node(num_cpus=1)]
 
         def another_node() -> None:

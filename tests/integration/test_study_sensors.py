@@ -9,7 +9,9 @@ from uuv.experiment import read_rows
 
 @pytest.mark.long
 def test_one_scene(script, tmp_path: Path):
-    run = script("experiments.identification.sensors", "--runs", 1, "--workers", 1, "--out", tmp_path)
+    run = script(
+        "experiments.identification.sensors", "--runs", 1, "--workers", 1, "--out", tmp_path
+    )
     assert run.returncode == 0, run.stderr
     (row,) = read_rows(tmp_path)
     rows = row["sensors"]

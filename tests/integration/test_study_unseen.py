@@ -26,12 +26,16 @@ def test_scenes_without_the_object(script, tmp_path: Path):
 
 @pytest.mark.long
 def test_all_kinds_of_scenes(script, tmp_path: Path):
-    rows, metrics = run_study(script, tmp_path, "--runs", 4, "--wrong", 4, "--piles", 1, "--sonar", 1, "--start", "any")
+    rows, metrics = run_study(
+        script, tmp_path, "--runs", 4, "--wrong", 4, "--piles", 1, "--sonar", 1, "--start", "any"
+    )
     assert len(rows) == 4 + 4 + 5 + 1
     there = [row for row in rows if row["content"] == "present" and row["sensor"] != "sonar"]
     assert metrics["present"]["all"]["scenes"] == len(there) == 4
     assert metrics["present"]["all"]["found"] == sum(row["found"] for row in there)
-    assert metrics["present"]["all"]["identify_ms"] == pytest.approx(1e3 * median(row["identify_s"] for row in there))
+    assert metrics["present"]["all"]["identify_ms"] == pytest.approx(
+        1e3 * median(row["identify_s"] for row in there)
+    )
     for row in there:
         near = row["position_m"] < 0.005 + 0.003 * row["range_m"] and row["angle_deg"] < 3.0
         assert row["found"] == near

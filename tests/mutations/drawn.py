@@ -1,8 +1,10 @@
-"""Mutants drawn at random from the source: every place where one of these operators applies is as likely as another.
+"""Mutants drawn at random from the source: every place where one of these operators applies is as
+likely as another.
 
-Operators: comparisons turned or made (un)strict, + and -, * and /, factors of `@` swapped, sign dropped, numbers moved
-by one or scaled or negated, booleans flipped, `.T` dropped, `and` and `or`, conditions negated, the first two arguments
-or returned values swapped, a statement dropped. Strings, annotations, imports, decorators and messages are left alone.
+Operators: comparisons turned or made (un)strict, + and -, * and /, factors of `@` swapped, sign
+dropped, numbers moved by one or scaled or negated, booleans flipped, `.T` dropped, `and` and `or`,
+conditions negated, the first two arguments or returned values swapped, a statement dropped.
+Strings, annotations, imports, decorators and messages are left alone.
 """
 
 import ast
@@ -28,7 +30,13 @@ _COMPARED = {
     ast.In: (ast.NotIn,),
     ast.NotIn: (ast.In,),
 }
-_COMBINED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult}
+_COMBINED = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.Pow: ast.Mult,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +73,19 @@ def _changes(node: ast.AST) -> Iterator[ast.AST]:
         case ast.Constant(value=int(value)):
             yield from (changed(value=value + 1), changed(value=value - 1))
         case ast.Constant(value=float(value)):
-            yield from (changed(value=1.5 * value if value else 1.0), changed(value=-value if value else -1.0))
+            yield from (
+                changed(value=1.5 * value if value else 1.0),
+                changed(value=-value if value else -1.0),
+            )
         case ast.Attribute(attr="T", value=value):
             yield value
         case ast.BoolOp(op=op):
             yield changed(op=ast.Or() if isinstance(op, ast.And) else ast.And())
         case ast.IfExp(test=test):
             yield changed(test=ast.UnaryOp(op=ast.Not(), operand=test))
-        case ast.Call(args=[first, second, *rest]) if not any(isinstance(a, ast.Starred) for a in (first, second)):
+        case ast.Call(args=[first, second, *rest]) if not any(
+            isinstance(a, ast.Starred) for a in (first, second)
+        ):
             yield changed(args=[second, first, *rest])
         case ast.Return(value=ast.Tuple(elts=[first, second, *rest])):
             yield changed(value=ast.Tuple(elts=[second, first, *rest], ctx=ast.Load()))
@@ -86,7 +99,9 @@ def _changes(node: ast.AST) -> Iterator[ast.AST]:
 
 def _visited(node: ast.AST) -> Iterator[ast.AST]:
     """All nodes below that may be changed."""
-    if isinstance(node, (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Global, ast.Nonlocal, ast.Assert)):
+    if isinstance(
+        node, (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Global, ast.Nonlocal, ast.Assert)
+    ):
         return
     yield node
     if isinstance(node, ast.Raise):
@@ -118,14 +133,20 @@ def _places(root: Path, file: str) -> Iterator[_Place]:
             assert isinstance(at, (ast.expr, ast.stmt))
             assert at.end_lineno is not None
             assert at.end_col_offset is not None
-            start, end = starts[at.lineno - 1] + at.col_offset, starts[at.end_lineno - 1] + at.end_col_offset
+            start, end = (
+                starts[at.lineno - 1] + at.col_offset,
+                starts[at.end_lineno - 1] + at.end_col_offset,
+            )
             yield _Place(file, at.lineno, start, end, others)
 
 
 def _mutant(root: Path, place: _Place, other: ast.AST) -> Mutant | None:
     """The changed file; None where it would say the same."""
     source = (root / place.file).read_bytes()
-    old, text = source[place.start : place.end].decode(), ast.unparse(ast.fix_missing_locations(other))
+    old, text = (
+        source[place.start : place.end].decode(),
+        ast.unparse(ast.fix_missing_locations(other)),
+    )
     if isinstance(other, ast.expr):
         text = f"({text})"
     new = source[: place.start] + text.encode() + source[place.end :]
@@ -140,7 +161,9 @@ def files(root: Path) -> list[str]:
 
 
 def draw(root: Path, count: int, seed: int) -> list[Mutant]:
-    """`count` different mutants over all rooms under `seed`, places weighing alike whatever may be done to them."""
+    """`count` different mutants over all rooms under `seed`, places weighing alike whatever may be
+    done to them.
+    """
     places = [place for file in files(root) for place in _places(root, file)]
     rng, drawn = np.random.default_rng(seed), []
     for i in rng.permutation(len(places)):

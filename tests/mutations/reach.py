@@ -1,9 +1,9 @@
 """Which tests reach a name: a graph of top-level names over all files, read from the source alone.
 
-A node is (module, top-level name); a class is one node. What a statement mentions are its edges: names of its own file,
-names that it imports, attributes of modules, fixtures by their parameters, and modules named by a string
-(`uuv.models.load("uuv_puma")`, `script("clean_barrel")`, `uncompiled("uuv.calib.kernels")`). It is a guide to what is
-worth running, not a proof.
+A node is (module, top-level name); a class is one node. What a statement mentions are its edges:
+names of its own file, names that it imports, attributes of modules, fixtures by their parameters,
+and modules named by a string (`uuv.models.load("uuv_puma")`, `script("clean_barrel")`,
+`uncompiled("uuv.calib.kernels")`). It is a guide to what is worth running, not a proof.
 """
 
 import ast
@@ -27,7 +27,11 @@ class _Module:
 def _defined(statement: ast.stmt) -> list[str]:
     if isinstance(statement, (ast.FunctionDef, ast.ClassDef, ast.AsyncFunctionDef)):
         return [statement.name]
-    return [n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+    return [
+        n.id
+        for n in ast.walk(statement)
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+    ]
 
 
 class Reach:
@@ -47,8 +51,11 @@ class Reach:
                 for statement in statements:
                     for used in self._mentioned(module, statement):
                         self._users[used].add((module.name, name))
-                    if isinstance(statement, (ast.For, ast.Expr)):  # done on import, for all that is imported
-                        self._users[(module.name, name)].update((module.name, other) for other in module.names)
+                    # done on import, for all that is imported
+                    if isinstance(statement, (ast.For, ast.Expr)):
+                        self._users[(module.name, name)].update(
+                            (module.name, other) for other in module.names
+                        )
 
     def _read(self, root: Path, path: Path) -> None:
         relative = path.relative_to(root)
@@ -73,13 +80,19 @@ class Reach:
         self._modules[name] = module
 
     def _find(self, dotted: str) -> list[Node]:
-        """Nodes that a dotted name may mean: a module's name, a name behind a package's lazy door, a whole module."""
+        """Nodes that a dotted name may mean: a module's name, a name behind a package's lazy door,
+        a whole module.
+        """
         module = dotted
         while module and module not in self._modules:
             module = module.rpartition(".")[0]
         if not module:  # tests and scripts import their neighbours by a bare name
             first, _, rest = dotted.partition(".")
-            found = [n for n in self._by_stem.get(first, ()) if self._modules[n].path.startswith(("tests", "scripts"))]
+            found = [
+                n
+                for n in self._by_stem.get(first, ())
+                if self._modules[n].path.startswith(("tests", "scripts"))
+            ]
             return [node for n in found for node in self._find(f"{n}.{rest}" if rest else n)]
         name = dotted[len(module) + 1 :].partition(".")[0]
         if not name:
@@ -88,7 +101,11 @@ class Reach:
             return [(module, name)]
         if name in self._modules[module].imports:
             return self._find(self._modules[module].imports[name])
-        return [(m.name, name) for m in self._modules.values() if m.name.startswith(f"{module}.") and name in m.names]
+        return [
+            (m.name, name)
+            for m in self._modules.values()
+            if m.name.startswith(f"{module}.") and name in m.names
+        ]
 
     def _mentioned(self, module: _Module, statement: ast.stmt) -> set[Node]:
         found: set[Node] = set()
@@ -99,7 +116,10 @@ class Reach:
                 while isinstance(inner, ast.Attribute):
                     parts.append(inner.attr)
                     inner = inner.value
-                if isinstance(inner, ast.Name) and module.imports.get(inner.id, "") in self._modules:
+                if (
+                    isinstance(inner, ast.Name)
+                    and module.imports.get(inner.id, "") in self._modules
+                ):
                     dotted = ".".join([module.imports[inner.id], *reversed(parts)])
             elif isinstance(node, (ast.Name, ast.arg)):
                 name = node.id if isinstance(node, ast.Name) else node.arg
@@ -108,10 +128,22 @@ class Reach:
                 elif name in module.imports and module.imports[name] not in self._modules:
                     dotted = module.imports[name]
                 elif isinstance(node, ast.arg) and module.name.startswith("tests."):
-                    found.update((m, name) for m in self._by_stem["conftest"] if name in self._modules[m].names)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in self._modules:
+                    found.update(
+                        (m, name)
+                        for m in self._by_stem["conftest"]
+                        if name in self._modules[m].names
+                    )
+            elif (
+                isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and node.value in self._modules
+            ):
                 dotted = node.value  # `uncompiled("uuv.controllers.ik.sweeps")`
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
+            elif (
+                isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and node.value.isidentifier()
+            ):
                 for named in self._by_stem.get(node.value, ()):
                     if self._modules[named].path.startswith(("models/", "scripts/")):
                         found.update(self._find(named))
@@ -126,11 +158,15 @@ class Reach:
             (module.name, name)
             for name, statements in module.names.items()
             for s in statements
-            if min([s.lineno, *(d.lineno for d in getattr(s, "decorator_list", ()))]) <= line <= (s.end_lineno or 0)
+            if min([s.lineno, *(d.lineno for d in getattr(s, "decorator_list", ()))])
+            <= line
+            <= (s.end_lineno or 0)
         ]
 
     def tests(self, path: str, line: int) -> list[str]:
-        """Tests (pytest's ids) that reach this line: those of the file's own name first, then the nearest ones."""
+        """Tests (pytest's ids) that reach this line: those of the file's own name first, then the
+        nearest ones.
+        """
         start = self.names_at(path, line)
         steps = dict.fromkeys(start, 0)
         queue = deque(start)
@@ -140,12 +176,17 @@ class Reach:
                 if user not in steps:
                     steps[user] = steps[node] + 1
                     queue.append(user)
-        stem, mirror = Path(path).stem.removesuffix("_kernel"), f"tests/unit/{Path(path).parent.as_posix()}/"
+        stem, mirror = (
+            Path(path).stem.removesuffix("_kernel"),
+            f"tests/unit/{Path(path).parent.as_posix()}/",
+        )
         ranked = []
         for (name, top), count in steps.items():
             module = self._modules[name]
             if top.startswith("test_") and Path(module.path).name.startswith("test_"):
                 own = stem in Path(module.path).stem
                 whole = "integration" in module.path or "baseline" in module.path
-                ranked.append((not own, whole, not module.path.startswith(mirror), count, module.path, top))
+                ranked.append(
+                    (not own, whole, not module.path.startswith(mirror), count, module.path, top)
+                )
         return [f"{path}::{top}" for *_, path, top in sorted(ranked)]

@@ -1,10 +1,13 @@
-"""Do the tests bite? Changes a copy of the source, one change at a time, and runs the tests that should see it.
+"""Do the tests bite? Changes a copy of the source, one change at a time, and runs the tests that
+should see it.
 
     ./uvw run tests/mutations/run.py                        the list in listed.toml, each with the tests that it names
     ./uvw run tests/mutations/run.py --drawn 200 --seed 1   mutants drawn over all rooms, with the tests that reach them
 
-Prints a line for each and exits 0 only if all were seen. `--out FILE` keeps the results as they come and takes up again
-where it stopped. Only tests of figures and properties count: traces and digests are off (UUV_NO_DIGEST).
+Prints a line for each and exits 0 only if all were seen. `--out FILE` keeps the results as they
+come and takes up again
+where it stopped. Only tests of figures and properties count: traces and digests are off
+(UUV_NO_DIGEST).
 """
 
 import argparse
@@ -47,16 +50,25 @@ MOST_FILES = 12  # of tests for a drawn mutant, the nearest first
 
 
 def listed() -> list[dict[str, Any]]:
-    """Entries of the list with the changed text of each file. Raises ValueError where one does not fit its file."""
+    """Entries of the list with the changed text of each file.
+
+    Raises ValueError where one does not fit its file.
+    """
     entries = tomllib.loads(LISTED.read_text())["mutant"]
     for entry in entries:
         source = (ROOT / entry["file"]).read_text()
         if source.count(entry["old"]) != 1:
-            raise ValueError(f"{entry['file']}: {source.count(entry['old'])} times in it, not once: {entry['old']!r}")
-        missing = [test for test in entry["tests"] if not (ROOT / test.partition("::")[0]).is_file()]
+            raise ValueError(
+                f"{entry['file']}: {source.count(entry['old'])} times in it, not "
+                f"once: {entry['old']!r}"
+            )
+        missing = [
+            test for test in entry["tests"] if not (ROOT / test.partition("::")[0]).is_file()
+        ]
         if missing or not entry["tests"] or not entry["why"] or entry["old"] == entry["new"]:
             raise ValueError(
-                f"{entry['file']}, {entry['old']!r}: needs another text, existing tests {missing}, a reason"
+                f"{entry['file']}, {entry['old']!r}: needs another text, existing tests "
+                f"{missing}, a reason"
             )
         entry["text"] = source.replace(entry["old"], entry["new"])
         entry["line"] = source[: source.index(entry["old"])].count("\n") + 1
@@ -74,12 +86,15 @@ def chosen(count: int, seed: int) -> list[dict[str, Any]]:
                 continue
             seen += [] if file in seen else [file]
             tests.append(test)
-        entries.append({name: getattr(mutant, name) for name in mutant.__slots__} | {"tests": tests})
+        entries.append(
+            {name: getattr(mutant, name) for name in mutant.__slots__} | {"tests": tests}
+        )
     return entries
 
 
 class Watch:
-    """A pytest plugin: stops at the first failure or when the time is spent, and writes down what happened.
+    """A pytest plugin: stops at the first failure or when the time is spent, and writes down what
+    happened.
 
     What numba takes to compile the changed file and its callers is no time of tests.
     """
@@ -98,7 +113,10 @@ class Watch:
 
     def pytest_collection_modifyitems(self, items: list[Any]) -> None:
         def rank(item: Any) -> int:
-            return next((i for i, test in enumerate(self.order) if item.nodeid.startswith(test)), len(self.order))
+            return next(
+                (i for i, test in enumerate(self.order) if item.nodeid.startswith(test)),
+                len(self.order),
+            )
 
         items.sort(key=rank)
         self.found["collected"] = len(items)
@@ -123,7 +141,9 @@ class Watch:
 
 
 def run_tests(folder: Path, tests: list[str], budget: float, *options: str) -> dict[str, Any]:
-    """Run `tests` on the tree in `folder`, in a process of its own that has the libraries loaded already."""
+    """Run `tests` on the tree in `folder`, in a process of its own that has the libraries loaded
+    already.
+    """
     report = folder.with_suffix(".json")
     report.unlink(missing_ok=True)
     pid = os.fork()
@@ -158,7 +178,8 @@ def run_tests(folder: Path, tests: list[str], budget: float, *options: str) -> d
         fate = "unseen"  # within the budget; more tests are left
     elif status == 0:
         fate = "survived"
-    elif status < 0 or status in (1, 2) or found["by"]:  # failed, or crashed, or did not even collect
+    elif status < 0 or status in (1, 2) or found["by"]:
+        # failed, or crashed, or did not even collect
         fate, found["by"] = "killed", found["by"] or f"exit {status}"
     else:
         fate = f"pytest's exit code {status}"
@@ -188,35 +209,58 @@ class Copy:
             shutil.copy2(ROOT / entry["file"], path)
 
 
-def work(entries: list[dict[str, Any]], tasks: Any, results: Any, folder: Path, budget: float, *options: str) -> None:
+def work(
+    entries: list[dict[str, Any]],
+    tasks: Any,
+    results: Any,
+    folder: Path,
+    budget: float,
+    *options: str,
+) -> None:
     """One worker: a copy of its own, mutants until there are none."""
     tree = Copy(folder)
     while (index := tasks.get()) >= 0:
         try:
             result = tree.judge(entries[index], budget, *options)
-        except Exception as error:  # one mutant that the runner cannot judge does not hold up the others
+        except Exception as error:
+            # one mutant that the runner cannot judge does not hold up the others
             result = {"fate": f"not judged: {error!r}", "by": "", "seconds": 0.0, "tests_run": 0}
         results.put((index, result))
 
 
 def state_of(*options: object) -> str:
-    """A digest of all sources and tests and of the options: results kept in a file hold for it alone."""
+    """A digest of all sources and tests and of the options: results kept in a file hold for it
+    alone.
+    """
     digest = hashlib.sha256(repr(options).encode())
     for path in sorted(ROOT.rglob("*")):
-        if path.suffix in (".py", ".toml", ".xml", ".json") and path.relative_to(ROOT).parts[0] not in LEFT_OUT:
+        if (
+            path.suffix in (".py", ".toml", ".xml", ".json")
+            and path.relative_to(ROOT).parts[0] not in LEFT_OUT
+        ):
             digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--drawn", type=int, metavar="N", help="draw N mutants over all rooms, not the list")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--drawn", type=int, metavar="N", help="draw N mutants over all rooms, not the list"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the draw")
-    parser.add_argument("--test-seed", type=int, metavar="K", help="run the tests on this seed, not the fixed ones")
+    parser.add_argument(
+        "--test-seed", type=int, metavar="K", help="run the tests on this seed, not the fixed ones"
+    )
     parser.add_argument("--only", default="", help="regular expression on FILE:LINE OLD")
     parser.add_argument("-j", "--jobs", type=int, default=1)
-    parser.add_argument("--budget", type=float, default=60.0, help="CPU seconds of tests for a mutant")
-    parser.add_argument("--out", type=Path, help="keep results here, one JSON a line, and go on from them")
+    parser.add_argument(
+        "--budget", type=float, default=60.0, help="CPU seconds of tests for a mutant"
+    )
+    parser.add_argument(
+        "--out", type=Path, help="keep results here, one JSON a line, and go on from them"
+    )
     options = parser.parse_args()
     entries = chosen(options.drawn, options.seed) if options.drawn else listed()
     entries = [e for e in entries if re.search(options.only, f"{e['file']}:{e['line']} {e['old']}")]
@@ -225,7 +269,10 @@ def main() -> None:
     if options.out and options.out.exists():
         kept = [json.loads(line) for line in options.out.read_text().splitlines()]
         if any(result.pop("state") != state for result in kept):
-            parser.error(f"--out {options.out}: holds results of other code, tests or options: give a new file")
+            parser.error(
+                f"--out {options.out}: holds results of other code, tests or options: "
+                "give a new file"
+            )
         known = {tuple(result["key"]): result for result in kept}
     rows: list[dict[str, Any]] = []
 
@@ -239,7 +286,11 @@ def main() -> None:
         rows.append(result)
         line = f"{entry['file']}:{entry['line']}"
         change = f"{entry['old'].strip()!r} -> {entry['new'].strip()!r}"
-        print(f"{result['fate']:9s} {result['seconds']:6.1f} s  {line:42s} {change[:150]}  {result['by']}", flush=True)
+        print(
+            f"{result['fate']:9s} {result['seconds']:6.1f} s  {line:42s} {change[:150]}  "
+            f"{result['by']}",
+            flush=True,
+        )
 
     waiting = []
     for index, entry in enumerate(entries):
@@ -251,7 +302,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         workers = [
             context.Process(
-                target=work, args=(entries, tasks, results, Path(folder) / f"tree{i}", options.budget, *given)
+                target=work,
+                args=(entries, tasks, results, Path(folder) / f"tree{i}", options.budget, *given),
             )
             for i in range(min(options.jobs, len(waiting)))
         ]
@@ -271,10 +323,18 @@ def main() -> None:
             worker.join()
         by = sorted({r["by"] for r in rows if "::" in r["by"]})
         if by and waiting:
-            clean = run_tests(Path(folder) / "tree0", [re.sub(r"\[.*", "", test) for test in by], 1e4, *given)
+            clean = run_tests(
+                Path(folder) / "tree0", [re.sub(r"\[.*", "", test) for test in by], 1e4, *given
+            )
             if clean["fate"] != "survived":
-                sys.exit(f"error: fails without any change, so what it saw is worth nothing: {clean['by']}")
-            print(f"the {len(by)} tests that saw something pass without a change: {clean['seconds']} s")
+                sys.exit(
+                    "error: fails without any change, so what it saw is worth nothing: "
+                    f"{clean['by']}"
+                )
+            print(
+                f"the {len(by)} tests that saw something pass without a change: "
+                f"{clean['seconds']} s"
+            )
     fates = Counter(row["fate"] for row in rows)
     seen = fates["killed"] + fates["timeout"]
     print(f"{seen} of {len(rows)} seen ({100.0 * seen / max(len(rows), 1):.1f} %): {dict(fates)}")

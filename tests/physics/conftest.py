@@ -1,7 +1,7 @@
 """Every physics test runs with the callback installed.
 
-`@pytest.mark.check(name, reference)` puts a test on the validation page: `uuv validate` runs those tests
-and shows one line for each name. What `within` was given travels there in the test's report.
+`@pytest.mark.check(name, reference)` puts a test on the validation page: `uuv validate` runs those
+tests and shows one line for each name. What `within` was given travels there in the test's report.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,11 +19,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Equations are tested on bodies that nobody could build; what is said of those has tests of its own."""
+    """Equations are tested on bodies that nobody could build; what is said of those has tests of
+    its own.
+    """
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(
-                pytest.mark.filterwarnings(f"ignore::{PhysicsWarning.__module__}.{PhysicsWarning.__name__}")
+                pytest.mark.filterwarnings(
+                    f"ignore::{PhysicsWarning.__module__}.{PhysicsWarning.__name__}"
+                )
             )
 
 

@@ -36,8 +36,12 @@ def random_coefficients(rng: np.random.Generator) -> BodyHydrodynamics:
     )
 
 
-def random_spec(rng: np.random.Generator, *, most: int = 12) -> tuple[mujoco.MjSpec, dict[str, BodyHydrodynamics]]:
-    """3 to `most` bodies on free, ball, hinge and slide joints, two on one body, welded, branched, fixed, dry."""
+def random_spec(
+    rng: np.random.Generator, *, most: int = 12
+) -> tuple[mujoco.MjSpec, dict[str, BodyHydrodynamics]]:
+    """3 to `most` bodies on free, ball, hinge and slide joints, two on one body, welded, branched,
+    fixed, dry.
+    """
     spec = mujoco.MjSpec.from_string('<mujoco><option timestep="1e-4"/></mujoco>')
     bodies = [spec.worldbody]
     coefficients: dict[str, BodyHydrodynamics] = {}
@@ -57,7 +61,10 @@ def random_spec(rng: np.random.Generator, *, most: int = 12) -> tuple[mujoco.MjS
         for name in kind.split():
             if name != "weld":
                 joint = body.add_joint(type=getattr(mujoco.mjtJoint, f"mjJNT_{name.upper()}"))
-                joint.axis, joint.pos = rng.normal(size=3), 0.1 * rng.normal(size=3) * (name != "free")
+                joint.axis, joint.pos = (
+                    rng.normal(size=3),
+                    0.1 * rng.normal(size=3) * (name != "free"),
+                )
                 joint.armature = rng.uniform(0.0, 0.1) * (name in {"hinge", "slide"})
         if rng.uniform() < 0.85:
             coefficients[body.name] = random_coefficients(rng)

@@ -1,4 +1,6 @@
-"""Added mass as part of the inertia: closed forms, conservation, equivalence with a heavier body."""
+"""Added mass as part of the inertia: closed forms, conservation, equivalence with a heavier
+body.
+"""
 
 import mujoco
 import numpy as np
@@ -18,8 +20,10 @@ CHAIN = """
   <option timestep="0.002" integrator="RK4" gravity="0 0 0"> <flag contact="disable"/> </option>
   <worldbody>
     <body name="a"> <freejoint/> <geom type="box" size=".3 .2 .1" mass="20" pos=".1 0 .05"/>
-      <body name="b" pos=".4 0 0"> <joint type="ball"/> <geom type="capsule" size=".05 .2" pos=".2 .1 0" mass="5"/>
-        <body name="c" pos=".4 .1 0"> <joint axis="1 2 3"/> <geom type="box" size=".1 .2 .1" mass="3" pos=".1 0 0"/>
+      <body name="b" pos=".4 0 0"> <joint type="ball"/>
+        <geom type="capsule" size=".05 .2" pos=".2 .1 0" mass="5"/>
+        <body name="c" pos=".4 .1 0"> <joint axis="1 2 3"/>
+          <geom type="box" size=".1 .2 .1" mass="3" pos=".1 0 0"/>
         </body>
       </body>
     </body>
@@ -31,12 +35,17 @@ CHAIN = """
 def chain(rng: np.random.Generator) -> mujoco.MjModel:
     """Three bodies with full random added masses, no drag, no gravity."""
     spec = mujoco.MjSpec.from_string(CHAIN)
-    water.attach(spec, {name: BodyHydrodynamics(volume=0.01, added_mass=semidefinite(rng, 1.0)) for name in "abc"})
+    water.attach(
+        spec,
+        {name: BodyHydrodynamics(volume=0.01, added_mass=semidefinite(rng, 1.0)) for name in "abc"},
+    )
     return hydrodynamics.compile(spec)
 
 
 def moving(model: mujoco.MjModel, rng: np.random.Generator, speed: float) -> mujoco.MjData:
-    """In motion, the vector of speeds [m/s, rad/s] being `speed` long: what the integrator misses grows with it."""
+    """In motion, the vector of speeds [m/s, rad/s] being `speed` long: what the integrator misses
+    grows with it.
+    """
     data = mujoco.MjData(model)
     direction = rng.normal(size=model.nv)
     data.qvel = speed * direction / np.linalg.norm(direction)
@@ -52,7 +61,9 @@ def kinetic_energy(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 def momentum(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Linear [N s] and angular [N m s] momentum (6,) of bodies and water about the world origin, body by body."""
+    """Linear [N s] and angular [N m s] momentum (6,) of bodies and water about the world origin,
+    body by body.
+    """
     total = np.zeros(6)
     for i in range(1, model.nbody):
         R, p = data.xmat[i].reshape(3, 3), data.xpos[i]
@@ -69,7 +80,9 @@ def momentum(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return total
 
 
-@pytest.mark.check("rise of a buoyant sphere, 1 s: every integrator and solver", "(rho V - m) g t / (m + m_A)")
+@pytest.mark.check(
+    "rise of a buoyant sphere, 1 s: every integrator and solver", "(rho V - m) g t / (m + m_A)"
+)
 @pytest.mark.parametrize("integrator", ["EULER", "RK4", "IMPLICIT", "IMPLICITFAST", "DISCRETE"])
 @pytest.mark.parametrize("solver", ["CG", "NEWTON"])
 def test_buoyant_body_accelerates_with_its_added_mass(integrator, solver, within):
@@ -80,7 +93,9 @@ def test_buoyant_body_accelerates_with_its_added_mass(integrator, solver, within
     )
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
     spec.option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver}")
-    water.attach(spec, {"ball": water.sphere(0.1, drag_coefficient=0.0, water_density=1000.0)}, 1000.0)
+    water.attach(
+        spec, {"ball": water.sphere(0.1, drag_coefficient=0.0, water_density=1000.0)}, 1000.0
+    )
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
     for _ in range(500):
@@ -99,8 +114,11 @@ def test_energy_of_a_free_chain_is_constant(rng, within):
     mujoco.mj_step(model, data, 5000)
     mujoco.mj_forward(model, data)
     assert np.linalg.norm(data.qpos - start) > 0.5
-    # Measured up to 3e-14 and 9e-8 over 40 and 250 seeds. Before 4.0, RK4 is second order in a free body's orientation.
-    within("relative, after 10 s", kinetic_energy(model, data) / before - 1.0, 3e-13 if NEWER else 1e-6)
+    # Measured up to 3e-14 and 9e-8 over 40 and 250 seeds. Before 4.0, RK4 is second order in a free
+    # body's orientation.
+    within(
+        "relative, after 10 s", kinetic_energy(model, data) / before - 1.0, 3e-13 if NEWER else 1e-6
+    )
 
 
 @pytest.mark.check("momentum of a free chain and its water", "constant")
@@ -114,12 +132,15 @@ def test_momentum_of_bodies_and_water_is_constant(rng, within):
     mujoco.mj_forward(model, data)
     assert np.linalg.norm(data.qpos - start) > 0.1
     change = (momentum(model, data) - before) / np.linalg.norm(before)
-    within("relative momentum after 2 s", change, 1e-12 if NEWER else 2e-7)  # measured up to 1e-13, 1.4e-8
+    # measured up to 1e-13, 1.4e-8
+    within("relative momentum after 2 s", change, 1e-12 if NEWER else 2e-7)
 
 
 @pytest.mark.check("work of the added Coriolis terms", "zero")
 def test_velocity_terms_are_powerless(rng, within):
-    """The power of the velocity terms is what the changing inertia stores: qvel . f = -1/2 qvel . dA/dt qvel."""
+    """The power of the velocity terms is what the changing inertia stores: qvel . f = -1/2 qvel .
+    dA/dt qvel.
+    """
     model = chain(rng)
     data = moving(model, rng, 3.0)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
@@ -131,21 +152,29 @@ def test_velocity_terms_are_powerless(rng, within):
             there.qpos = data.qpos
             mujoco.mj_integratePos(model, there.qpos, data.qvel, sign * k * h)
             mujoco.mj_fwdPosition(model, there)
-            rate += sign * weight * data.qvel @ hydrodynamics.added_inertia(model, there) @ data.qvel
+            rate += (
+                sign * weight * data.qvel @ hydrodynamics.added_inertia(model, there) @ data.qvel
+            )
     powers = data.qvel * data.qfrc_passive
     assert np.max(np.abs(powers)) > 0.1
     error = (np.sum(powers) + 0.5 * rate / (60.0 * h)) / np.sum(np.abs(powers))
-    within("relative power", error, 1e-10)  # measured up to 8e-12 over 250 seeds, of the differences
+    # measured up to 8e-12 over 250 seeds, of the differences
+    within("relative power", error, 1e-10)
 
 
 @pytest.mark.check("tumbling ellipsoid, RK4 at 1 ms", "Kirchhoff's equations, SciPy")
 def test_free_ellipsoid_tumbles_as_kirchhoff_says(within):
-    """Kirchhoff's equations P' = P x w, H' = H x w + P x v, integrated by SciPy (Lamb, Hydrodynamics, art. 124)."""
+    """Kirchhoff's equations P' = P x w, H' = H x w + P x v, integrated by SciPy (Lamb,
+    Hydrodynamics, art. 124).
+    """
     spec = mujoco.MjSpec.from_string(
         '<mujoco><option timestep="0.001" integrator="RK4"/><worldbody>'
-        '<body name="e"><freejoint/><geom type="ellipsoid" size=".3 .2 .1" density="1000"/></body></worldbody></mujoco>'
+        '<body name="e"><freejoint/><geom type="ellipsoid" size=".3 .2 .1" '
+        'density="1000"/></body></worldbody></mujoco>'
     )
-    water.attach(spec, {"e": water.ellipsoid([0.3, 0.2, 0.1], drag_coefficient=0, water_density=1000)}, 1000)
+    water.attach(
+        spec, {"e": water.ellipsoid([0.3, 0.2, 0.1], drag_coefficient=0, water_density=1000)}, 1000
+    )
     model = hydrodynamics.compile(spec)
     A = water.unpack(model.body_user[1]).added_mass
     G = A + np.diag([*[model.body_mass[1]] * 3, *model.body_inertia[1]])
@@ -172,7 +201,8 @@ def test_free_ellipsoid_tumbles_as_kirchhoff_says(within):
 def test_munk_moment_turns_a_slender_body_broadside(rng, within):
     """N = -(Y' - X') u v in body axes: a body that moves bow up is turned further up."""
     spec = mujoco.MjSpec.from_string(
-        '<mujoco><worldbody><body name="e"><freejoint/><geom type="ellipsoid" size=".5 .1 .1" density="1000"/>'
+        '<mujoco><worldbody><body name="e"><freejoint/><geom type="ellipsoid" size=".5 .1 .1" '
+        'density="1000"/>'
         "</body></worldbody></mujoco>"
     )
     body = water.ellipsoid([0.5, 0.1, 0.1], drag_coefficient=0, water_density=1000)
@@ -193,7 +223,9 @@ def test_munk_moment_turns_a_slender_body_broadside(rng, within):
 
 @pytest.mark.check("chain with drag in a steady current, 1 s", "still water in a moving frame")
 def test_steady_current_is_a_moving_frame(rng, within):
-    """Bodies that drift with the water move as in still water: added mass, damping and drag see the relative flow."""
+    """Bodies that drift with the water move as in still water: added mass, damping and drag see the
+    relative flow.
+    """
     spec = mujoco.MjSpec.from_string(CHAIN)
     for name in "abc":
         body = BodyHydrodynamics(
@@ -228,9 +260,12 @@ def test_steady_current_is_a_moving_frame(rng, within):
 
 @pytest.mark.check("body of water in an accelerating flow", "accelerates with the flow")
 def test_accelerating_flow_carries_neutral_water_along(within):
-    """A body that is water itself (m = rho V) takes exactly the acceleration of the flow, whatever its added mass."""
+    """A body that is water itself (m = rho V) takes exactly the acceleration of the flow, whatever
+    its added mass.
+    """
     spec = mujoco.MjSpec.from_string(
-        '<mujoco><worldbody><body name="e"><freejoint/><geom type="ellipsoid" size=".3 .2 .1" density="1000"/>'
+        '<mujoco><worldbody><body name="e"><freejoint/><geom type="ellipsoid" size=".3 .2 .1" '
+        'density="1000"/>'
         "</body></worldbody></mujoco>"
     )
     body = water.ellipsoid([0.3, 0.2, 0.1], water_density=1000)
@@ -249,12 +284,15 @@ CRASH = """
   <option timestep="0.002" gravity="0 0 0" integrator="{integrator}" cone="{cone}"/>
   <worldbody>
     <geom type="plane" size="5 5 1"/>
-    <body name="box" pos="0 0 .3"> <freejoint/> <inertial pos="0 0 0" mass="{mass}" diaginertia="{i} {i} {i}"/>
+    <body name="box" pos="0 0 .3"> <freejoint/>
+      <inertial pos="0 0 0" mass="{mass}" diaginertia="{i} {i} {i}"/>
       <geom type="box" size=".1 .15 .05" friction=".5"/>
       <body name="rod" pos=".1 0 0"> <joint name="j" axis="0 1 0" range="-30 30" damping=".1"/>
-        <inertial pos="0 0 0" mass="{rod}" diaginertia=".1 .1 .1"/> <geom size=".04" pos=".1 0 0"/> </body>
+        <inertial pos="0 0 0" mass="{rod}" diaginertia=".1 .1 .1"/> <geom size=".04" pos=".1 0 0"/>
+          </body>
     </body>
-    <body name="pebble" pos=".02 .03 .5"> <freejoint/> <inertial pos="0 0 0" mass="{rod}" diaginertia="{i} {i} {i}"/>
+    <body name="pebble" pos=".02 .03 .5"> <freejoint/>
+      <inertial pos="0 0 0" mass="{rod}" diaginertia="{i} {i} {i}"/>
       <geom size=".05"/> </body>
   </worldbody>
   <actuator> <position joint="j" kp="5" dampratio="1"/> </actuator>
@@ -263,20 +301,39 @@ CRASH = """
 
 
 def thrown(*, wet: bool, integrator: str = "Euler", cone: str = "pyramidal") -> mujoco.MjModel:
-    """The world of CRASH: light bodies with isotropic added mass, or as much heavier ones without."""
+    """The world of CRASH: light bodies with isotropic added mass, or as much heavier ones
+    without.
+    """
     mass, rod, i = (1, 0.5, 0.2) if wet else (21, 2.5, 0.5)
-    spec = mujoco.MjSpec.from_string(CRASH.format(integrator=integrator, cone=cone, mass=mass, rod=rod, i=i))
+    spec = mujoco.MjSpec.from_string(
+        CRASH.format(integrator=integrator, cone=cone, mass=mass, rod=rod, i=i)
+    )
     if wet:
-        added = {"box": [20.0] * 3 + [0.3] * 3, "rod": [2.0] * 3 + [0.0] * 3, "pebble": [2.0] * 3 + [0.3] * 3}
-        water.attach(spec, {k: BodyHydrodynamics(volume=0.0, added_mass=np.diag(v)) for k, v in added.items()})
+        added = {
+            "box": [20.0] * 3 + [0.3] * 3,
+            "rod": [2.0] * 3 + [0.0] * 3,
+            "pebble": [2.0] * 3 + [0.3] * 3,
+        }
+        water.attach(
+            spec,
+            {k: BodyHydrodynamics(volume=0.0, added_mass=np.diag(v)) for k, v in added.items()},
+        )
     return hydrodynamics.compile(spec)
 
 
 @pytest.mark.check("weights of contacts, limits and servos", "those of a heavier dry body")
 def test_isotropic_added_mass_has_the_weights_of_a_heavier_body(within):
-    """All that MuJoCo derives from the inertia: softness of contacts and limits, servo damping, solver scale."""
+    """All that MuJoCo derives from the inertia: softness of contacts and limits, servo damping,
+    solver scale.
+    """
     light, heavy = thrown(wet=True), thrown(wet=False)
-    for name in ("body_invweight0", "dof_invweight0", "dof_M0", "actuator_acc0", "actuator_biasprm"):
+    for name in (
+        "body_invweight0",
+        "dof_invweight0",
+        "dof_M0",
+        "actuator_acc0",
+        "actuator_biasprm",
+    ):
         within(name, getattr(light, name) - getattr(heavy, name), 1e-14)
     within("meaninertia", light.stat.meaninertia / heavy.stat.meaninertia - 1.0, 1e-14)
 
@@ -285,7 +342,9 @@ def test_isotropic_added_mass_has_the_weights_of_a_heavier_body(within):
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast", "discrete"])
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 def test_isotropic_added_mass_is_a_heavier_body_in_contact(integrator, cone, within):
-    """One throw at the floor, a pebble thrown after it, a limit, a servo: 1 kg + 20 kg of water, or 21 kg."""
+    """One throw at the floor, a pebble thrown after it, a limit, a servo: 1 kg + 20 kg of water, or
+    21 kg.
+    """
     paths, touched = [], 0
     for wet in (True, False):
         model = thrown(wet=wet, integrator=integrator, cone=cone)
@@ -299,5 +358,10 @@ def test_isotropic_added_mass_is_a_heavier_body_in_contact(integrator, cone, wit
             path.append(data.qpos.copy())
         paths.append(np.array(path))
     assert touched > 20
-    # Measured up to 1e-14. "implicit" alone differentiates the velocity terms, and MuJoCo knows only the dry ones.
-    within(f"position [m, rad], {integrator}", paths[0] - paths[1], 1e-3 if integrator == "implicit" else 1e-13)
+    # Measured up to 1e-14. "implicit" alone differentiates the velocity terms, and MuJoCo knows
+    # only the dry ones.
+    within(
+        f"position [m, rad], {integrator}",
+        paths[0] - paths[1],
+        1e-3 if integrator == "implicit" else 1e-13,
+    )

@@ -1,4 +1,6 @@
-"""Own Newton-Euler of the arm against the plant: random vehicles in random motion, the hull's momentum included."""
+"""Own Newton-Euler of the arm against the plant: random vehicles in random motion, the hull's
+momentum included.
+"""
 
 from dataclasses import dataclass
 
@@ -25,7 +27,8 @@ from uuv.sim.interfaces.spatial import Array, inverse, pose
 from uuv.sim.plant.reaction_wrench import wrench
 
 STATES = 3
-PUSHES = ["none", "wrench", "contact"]  # on the tip: nothing, some 50 N and 50 N m, a rock that it runs into
+# on the tip: nothing, some 50 N and 50 N m, a rock that it runs into
+PUSHES = ["none", "wrench", "contact"]
 RADIUS = 0.05  # [m] of the balls that touch
 NOISE, FLOOR = 0.01, 0.1  # of the torque sensors: share of the reading, [N m]
 
@@ -39,7 +42,12 @@ def random_water(rng: np.random.Generator, scale: float) -> BodyHydrodynamics:
         linear_damping=semidefinite(rng, scale) + scale * (skewed - skewed.T),
         quadratic_damping=scale * rng.uniform(0.0, 2.0, 6),
         strips=tuple(
-            StripDrag(start=rng.normal(size=3), end=rng.normal(size=3), normal=20.0 * scale, tangential=scale)
+            StripDrag(
+                start=rng.normal(size=3),
+                end=rng.normal(size=3),
+                normal=20.0 * scale,
+                tangential=scale,
+            )
             for _ in range(rng.integers(0, 3))
         ),
     )
@@ -47,25 +55,41 @@ def random_water(rng: np.random.Generator, scale: float) -> BodyHydrodynamics:
 
 def wet(spec: mujoco.MjSpec, rng: np.random.Generator) -> mujoco.MjSpec:
     """`spec` with other coefficients on every body, some left dry."""
-    bodies = {b.name: random_water(rng, 100.0 if b.name == "hull" else 1.0) for b in spec.bodies[1:]}
+    bodies = {
+        b.name: random_water(rng, 100.0 if b.name == "hull" else 1.0) for b in spec.bodies[1:]
+    }
     dry = [name for name in bodies if name != "hull" and rng.uniform() < 0.15]
     water.attach(spec, {name: body for name, body in bodies.items() if name not in dry})
-    spec.option.timestep = 1e-6  # nothing is stepped; the check of the drag against the step must not stand in the way
+    # nothing is stepped; the check of the drag against the step must not stand in the way
+    spec.option.timestep = 1e-6
     return spec
 
 
 def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
-    """A hull with a serial arm of hinges and slides off their bodies' origins, welded bodies and moving branches."""
+    """A hull with a serial arm of hinges and slides off their bodies' origins, welded bodies and
+    moving branches.
+    """
     spec = mujoco.MjSpec()
 
     def body(parent: mujoco.MjsBody, name: str, joint: str) -> mujoco.MjsBody:
-        b = parent.add_body(name=name, pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4), explicitinertial=1)
+        b = parent.add_body(
+            name=name, pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4), explicitinertial=1
+        )
         b.mass, b.inertia = rng.uniform(0.5, 5.0), rng.uniform(0.08, 0.12, 3)
         b.ipos, b.iquat = 0.1 * rng.normal(size=3), rng.normal(size=4)
         if joint:
             j = b.add_joint(name=name, type=getattr(mujoco.mjtJoint, f"mjJNT_{joint.upper()}"))
-            j.axis, j.pos, j.range, j.limited = rng.normal(size=3), 0.2 * rng.normal(size=3), [-1e3, 1e3], 1
-            j.armature, j.damping, j.stiffness = rng.uniform(0.0, 0.5), [rng.uniform(), 0, 0], [rng.uniform(), 0, 0]
+            j.axis, j.pos, j.range, j.limited = (
+                rng.normal(size=3),
+                0.2 * rng.normal(size=3),
+                [-1e3, 1e3],
+                1,
+            )
+            j.armature, j.damping, j.stiffness = (
+                rng.uniform(0.0, 0.5),
+                [rng.uniform(), 0, 0],
+                [rng.uniform(), 0, 0],
+            )
         return b
 
     hull = body(spec.worldbody, "hull", "")
@@ -77,13 +101,19 @@ def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
         joint = "hinge" if i == 0 else rng.choice(["hinge", "hinge", "slide", ""])
         at = body(at, f"link{i}", joint)
         if joint:
-            motor = spec.add_actuator(name=f"link{i}", target=f"link{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor = spec.add_actuator(
+                name=f"link{i}", target=f"link{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT
+            )
             motor.ctrlrange, motor.ctrllimited = [-100, 100], 1
         carried.append(at)
     at.add_site(name="tip", pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4))
     for i in range(int(rng.integers(1, 4))):
         carried.append(
-            body(carried[int(rng.integers(0, len(carried)))], f"branch{i}", rng.choice(["hinge", "slide", ""]))
+            body(
+                carried[int(rng.integers(0, len(carried)))],
+                f"branch{i}",
+                rng.choice(["hinge", "slide", ""]),
+            )
         )
     return spec
 
@@ -121,11 +151,16 @@ class Moving:
         if push == "contact":
             add_rock(spec)
         model = hydrodynamics.compile(spec)
-        vehicle, arm, data = Vehicle.of(model), ArmDynamics(model, passive=True), mujoco.MjData(model)
+        vehicle, arm, data = (
+            Vehicle.of(model),
+            ArmDynamics(model, passive=True),
+            mujoco.MjData(model),
+        )
         model.opt.wind = rng.normal(size=3)
         mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
         joints = [model.joint(name) for name in arm.joint_names]
-        for joint in joints:  # within the limits, so that nothing but gears, springs and motors acts
+        # within the limits, so that nothing but gears, springs and motors acts
+        for joint in joints:
             low, high = joint.range
             if high - low < 10.0:
                 data.qpos[joint.qposadr[0]] = rng.uniform(0.9 * low, 0.9 * high)
@@ -136,12 +171,18 @@ class Moving:
         dofs = [int(joint.dofadr[0]) for joint in joints]
         given = data.qfrc_applied[dofs]
         tip, p_tip = int(model.site_bodyid[vehicle.tip]), data.site_xpos[vehicle.tip].copy()
-        f_tip_W = 50.0 * rng.normal(size=6) * np.repeat([push in ("force", "wrench"), push == "wrench"], 3)
+        f_tip_W = (
+            50.0
+            * rng.normal(size=6)
+            * np.repeat([push in ("force", "wrench"), push == "wrench"], 3)
+        )
         lever = p_tip - data.xipos[tip]
         data.xfrc_applied[tip] = [*f_tip_W[:3], *(f_tip_W[3:] + np.cross(lever, f_tip_W[:3]))]
         if push == "contact":
             away = rng.normal(size=3)
-            data.mocap_pos[0] = p_tip + 2.0 * RADIUS * away / np.linalg.norm(away) * rng.uniform(0.8, 0.99)
+            data.mocap_pos[0] = p_tip + 2.0 * RADIUS * away / np.linalg.norm(away) * rng.uniform(
+                0.8, 0.99
+            )
         mujoco.mj_forward(model, data)
         assert data.nefc == data.nf or push == "contact"
         assert data.ncon == (push == "contact")
@@ -150,8 +191,12 @@ class Moving:
             mujoco.mj_contactForce(model, data, i, f)
             sign = 1.0 if model.geom_bodyid[data.contact.geom[i, 1]] == tip else -1.0
             force, torque = sign * frame.T @ f[:3], sign * frame.T @ f[3:]
-            f_tip_W += np.concatenate([force, torque + np.cross(data.contact.pos[i] - p_tip, force)])
-        stiffness = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[[j.id for j in joints], 0]
+            f_tip_W += np.concatenate(
+                [force, torque + np.cross(data.contact.pos[i] - p_tip, force)]
+            )
+        stiffness = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[
+            [j.id for j in joints], 0
+        ]
         damping = np.asarray(model.dof_damping).reshape(model.nv, -1)[dofs, 0]
         q = np.array([data.qpos[j.qposadr[0]] for j in joints])
         spring = np.array([model.qpos_spring[j.qposadr[0]] for j in joints])
@@ -159,11 +204,15 @@ class Moving:
         dry[np.asarray(model.dof_frictionloss) > 0.0] = data.efc_force[data.ne : data.ne + data.nf]
         tau = given + dry[dofs] - stiffness * (q - spring) - damping * data.qvel[dofs]
         tau -= model.dof_armature[dofs] * data.qacc[dofs]
-        return cls(model=model, data=data, arm=arm, vehicle=vehicle, dofs=dofs, tau=tau, f_tip_W=f_tip_W)
+        return cls(
+            model=model, data=data, arm=arm, vehicle=vehicle, dofs=dofs, tau=tau, f_tip_W=f_tip_W
+        )
 
     @property
     def X_WB(self) -> Array:
-        return pose(self.data.xmat[self.vehicle.hull].reshape(3, 3), self.data.xpos[self.vehicle.hull])
+        return pose(
+            self.data.xmat[self.vehicle.hull].reshape(3, 3), self.data.xpos[self.vehicle.hull]
+        )
 
     @property
     def q(self) -> Array:
@@ -202,7 +251,9 @@ def vehicle_of(request: pytest.FixtureRequest):
     return request.param
 
 
-@pytest.mark.check("joint torques of arms on a moving hull, pushed, in contact", "own recursive Newton-Euler")
+@pytest.mark.check(
+    "joint torques of arms on a moving hull, pushed, in contact", "own recursive Newton-Euler"
+)
 @pytest.mark.parametrize("push", PUSHES)
 def test_torques(vehicle_of, push, rng, within):
     worst = 0.0
@@ -213,7 +264,9 @@ def test_torques(vehicle_of, push, rng, within):
     within("relative torque", worst, 3e-11)  # measured up to 3e-12, in contact
 
 
-@pytest.mark.check("wrench of the arm on the hull: Newton-Euler", "the hull alone moves alike under it")
+@pytest.mark.check(
+    "wrench of the arm on the hull: Newton-Euler", "the hull alone moves alike under it"
+)
 @pytest.mark.parametrize("push", PUSHES)
 def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, push, rng, within):
     worst = 0.0
@@ -234,14 +287,18 @@ def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, pus
         alone.opt.wind = moving.model.opt.wind
         data = mujoco.MjData(alone)
         data.qpos, data.qvel = moving.data.qpos[:7], moving.data.qvel[:6]
-        data.qfrc_applied = moving.data.qfrc_applied[dof : dof + 6] + np.concatenate([R @ wrench_B[:3], wrench_B[3:]])
+        data.qfrc_applied = moving.data.qfrc_applied[dof : dof + 6] + np.concatenate(
+            [R @ wrench_B[:3], wrench_B[3:]]
+        )
         mujoco.mj_forward(alone, data)
         worst = max(worst, relative(data.qacc, moving.data.qacc[:6]))
-    within("relative acceleration of the hull", worst, 2e-12)  # measured up to 2.2e-13 over 200 seeds of 6 cases
+    # measured up to 2.2e-13 over 200 seeds of 6 cases
+    within("relative acceleration of the hull", worst, 2e-12)
 
 
 @pytest.mark.check(
-    "wrench of the arm on the hull: measured by uuv.sim.plant.reaction_wrench", "own recursive Newton-Euler"
+    "wrench of the arm on the hull: measured by uuv.sim.plant.reaction_wrench",
+    "own recursive Newton-Euler",
 )
 @pytest.mark.parametrize("push", PUSHES)
 def test_reaction_is_the_wrench_of_newton_and_euler(vehicle_of, push, rng, within):
@@ -263,7 +320,11 @@ def test_tip_kinematics(vehicle_of, rng, within):
         J_W = np.zeros((6, model.nv))
         mujoco.mj_jacSite(model, data, J_W[:3], J_W[3:], tip)
         turn = np.kron(np.eye(2), moving.X_WB[:3, :3])
-        within("tip pose", moving.X_WB @ X_BG - pose(data.site_xmat[tip].reshape(3, 3), data.site_xpos[tip]), 1e-13)
+        within(
+            "tip pose",
+            moving.X_WB @ X_BG - pose(data.site_xmat[tip].reshape(3, 3), data.site_xpos[tip]),
+            1e-13,
+        )
         within("tip Jacobian", turn @ J_B - J_W[:, moving.dofs], 1e-13)
 
 
@@ -272,7 +333,8 @@ def test_joints_that_do_not_rest_at_zero(rng, within):
     spec = wet(random_vehicle(rng), rng)
     for joint in spec.joints:
         if joint.name in {body.name for body in spec.bodies}:
-            joint.ref = rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0)  # [deg], or [m] of a slide
+            # [deg], or [m] of a slide
+            joint.ref = rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0)
     moving = Moving.of(spec, rng, "wrench")
     assert np.all(np.abs(moving.model.qpos0[7:]) > 0.3)
     within("relative torque", relative(moving.inverse(moving.wrench_tip_G())[0], moving.tau), 3e-11)
@@ -284,7 +346,14 @@ def test_joints_that_do_not_rest_at_zero(rng, within):
     mujoco.mj_inverse(model, data)
     R_WB, still = data.xmat[vehicle.hull].reshape(3, 3), np.zeros(6)
     tau, _ = held.inverse(
-        q, rest, rest, R_WB=R_WB, nu_B=still, a_B=still, v_current_W=np.array(model.opt.wind), wrench_tip_G=still
+        q,
+        rest,
+        rest,
+        R_WB=R_WB,
+        nu_B=still,
+        a_B=still,
+        v_current_W=np.array(model.opt.wind),
+        wrench_tip_G=still,
     )
     springs = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[vehicle.joints, 0]
     wanted = data.qfrc_inverse[vehicle.dof] - springs * (q - model.qpos_spring[vehicle.qpos])
@@ -292,7 +361,9 @@ def test_joints_that_do_not_rest_at_zero(rng, within):
 
 
 def felt(moving: Moving, bias: Array) -> tuple[Array, Array, Array]:
-    """`unfiltered_tip_force` with all of the motion known: force (3,) in hull axes, external torques, Jacobian."""
+    """`unfiltered_tip_force` with all of the motion known: force (3,) in hull axes, external
+    torques, Jacobian.
+    """
     arm, n = moving.arm, moving.arm.n
     nu_B, a_B = moving.hull_motion()
     a_B[:3] -= np.cross(nu_B[3:], nu_B[:3])
@@ -306,7 +377,9 @@ def felt(moving: Moving, bias: Array) -> tuple[Array, Array, Array]:
 
 
 def test_known_force_is_felt(vehicle_of, rng, within):
-    """A pure force on the tip comes back from the plant's torques alone, but for the weak prior of 1 kN."""
+    """A pure force on the tip comes back from the plant's torques alone, but for the weak prior of
+    1 kN.
+    """
     worst = 0.0
     for _ in range(STATES):
         moving = Moving.of(wet(vehicle_of(rng), rng), rng, "force")
@@ -326,38 +399,69 @@ def test_felt_force_is_that_of_the_plain_least_squares(vehicle_of, rng, within):
         f_B, tau_e, J_B = felt(moving, bias)
         sigma = FLOOR + NOISE * np.abs(moving.tau)
         expected, _ = force_from_torques.tip_force(tau_e - bias, J_B[:3], sigma)
-        # Weighted by the information, since some postures hardly let the force be felt in some direction.
+        # Weighted by the information, since some postures hardly let the force be felt in some
+        # direction.
         information = (J_B[:3] / sigma**2) @ J_B[:3].T
-        within("relative force", relative(information @ f_B, information @ expected), 1e-9)  # measured up to 7e-12
+        # measured up to 7e-12
+        within("relative force", relative(information @ f_B, information @ expected), 1e-9)
 
 
 def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, within):
     """With filters shorter than the step it is the least squares again."""
     moving = Moving.of(wet(models.load("uuv_puma"), rng), rng, "wrench")
     arm, n, R = moving.arm, moving.arm.n, moving.X_WB[:3, :3]
-    (nu_B, a_B), qd, qdd = moving.hull_motion(), moving.data.qvel[moving.dofs], moving.data.qacc[moving.dofs]
+    (nu_B, a_B), qd, qdd = (
+        moving.hull_motion(),
+        moving.data.qvel[moving.dofs],
+        moving.data.qacc[moving.dofs],
+    )
     lag, f_W = 0.01, np.empty(3)
     sensed = SensedArm.start(qd - lag * qdd, nu_B[3:] - lag * a_B[3:])
     normal = estimate_tip_force(
         tuple(arm.parameters),
-        (moving.X_WB, nu_B[:3], nu_B[3:], a_B[:3], np.array(moving.model.opt.wind), moving.q, qd, moving.tau),
+        (
+            moving.X_WB,
+            nu_B[:3],
+            nu_B[3:],
+            a_B[:3],
+            np.array(moving.model.opt.wind),
+            moving.q,
+            qd,
+            moving.tau,
+        ),
         (np.zeros(n), np.full(n, FLOOR), NOISE),
         (0.02, lag, 0.015),
         tuple(sensed),
         f_W,
     )
-    tau_e, wrench_B, f_B, f_G, J_B = sensed.tau_e, sensed.wrench_B, sensed.f_B, sensed.f_G, sensed.J_B
+    tau_e, wrench_B, f_B, f_G, J_B = (
+        sensed.tau_e,
+        sensed.wrench_B,
+        sensed.f_B,
+        sensed.f_G,
+        sensed.J_B,
+    )
     within("acceleration", relative(sensed.qdd, qdd), 1e-13)  # measured up to 1e-14
     expected_tau, expected_wrench = arm.inverse(
-        moving.q, qd, qdd, R_WB=R, nu_B=nu_B, a_B=a_B, v_current_W=moving.model.opt.wind, wrench_tip_G=np.zeros(6)
+        moving.q,
+        qd,
+        qdd,
+        R_WB=R,
+        nu_B=nu_B,
+        a_B=a_B,
+        v_current_W=moving.model.opt.wind,
+        wrench_tip_G=np.zeros(6),
     )
-    within("torques", relative(tau_e, expected_tau - moving.tau), 1e-12)  # measured up to 2e-14: a lag is a difference
+    # measured up to 2e-14: a lag is a difference
+    within("torques", relative(tau_e, expected_tau - moving.tau), 1e-12)
     within("wrench", relative(wrench_B, expected_wrench), 1e-12)  # measured up to 3e-14
     sigma = FLOOR + NOISE * np.abs(moving.tau)
     expected, _ = force_from_torques.tip_force(tau_e, J_B[:3], sigma)
-    # Weighted by the information, since some postures hardly let the force be felt in some direction.
+    # Weighted by the information, since some postures hardly let the force be felt in some
+    # direction.
     information = (J_B[:3] / sigma**2) @ J_B[:3].T
-    within("force, hull axes", relative(information @ f_B, information @ expected), 1e-11)  # measured up to 9e-14
+    # measured up to 9e-14
+    within("force, hull axes", relative(information @ f_B, information @ expected), 1e-11)
     R_WG = moving.data.site_xmat[moving.vehicle.tip].reshape(3, 3)
     within("force, world axes", relative(f_W, R @ f_B), 1e-13)  # measured up to 4e-16
     within("force, tool axes", relative(f_G, R_WG.T @ R @ f_B), 1e-13)  # measured up to 1e-15
@@ -366,10 +470,13 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
 
 @pytest.mark.parametrize("moving_hull", [True, False])
 def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
-    """Whatever the hull's speed, or from rest its acceleration, the tip of MuJoCo's model has none."""
+    """Whatever the hull's speed, or from rest its acceleration, the tip of MuJoCo's model has
+    none.
+    """
     model = models.load("uuv_puma").compile()
     data, vehicle = mujoco.MjData(model), Vehicle.of(model)
-    n, free = len(vehicle.joints), np.s_[:6]  # MuJoCo turns a free body in its own axes, and moves it in the world's
+    # MuJoCo turns a free body in its own axes, and moves it in the world's
+    n, free = len(vehicle.joints), np.s_[:6]
     worst = 0.0
     for _ in range(20):
         data.qpos[vehicle.qpos] = vehicle.q_ready + rng.uniform(-0.3, 0.3, n)
@@ -403,4 +510,5 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
         carried = np.linalg.norm(J_W @ rates)
         rates[vehicle.dof] = qd if moving_hull else qdd
         worst = max(worst, float(np.linalg.norm(J_W @ rates)) / carried)
-    within("share of the hull's motion", worst, 1e-3)  # measured up to 2e-5: the damping of the inverse
+    # measured up to 2e-5: the damping of the inverse
+    within("share of the hull's motion", worst, 1e-3)

@@ -1,4 +1,6 @@
-"""Any way to run any wet model is the same run: batches, copies, files, islands, integrators, a flow that changes."""
+"""Any way to run any wet model is the same run: batches, copies, files, islands, integrators, a
+flow that changes.
+"""
 
 import copy
 import pickle
@@ -21,7 +23,8 @@ from uuv.sim.water.current import Current
 NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)
 INTEGRATORS = ["EULER", "RK4", "IMPLICIT", "IMPLICITFAST"]
 
-# Two vehicles, one with an arm that has every kind of joint, a fixed-base arm, a mocap body, bodies without joints.
+# Two vehicles, one with an arm that has every kind of joint, a fixed-base arm, a mocap body, bodies
+# without joints.
 WORLD = """
 <mujoco>
   <option timestep="0.002"/>
@@ -29,28 +32,39 @@ WORLD = """
     <geom type="plane" size="9 9 1" pos="0 0 -.35"/>
     <body name="hull"> <freejoint/> <geom type="box" size=".5 .3 .2" mass="110"/> <site name="eye"/>
       <body name="frame" pos="0 0 .3"> <geom type="box" size=".1 .1 .1" mass="3"/> </body>
-      <body name="upper" pos=".5 0 0"> <joint type="ball"/> <geom type="capsule" size=".05 .2" pos=".2 0 .1" mass="5"/>
-        <body name="rail" pos=".4 0 .2"> <joint name="s" type="slide" axis="1 0 0"/> <geom size=".1" mass="4"/>
-          <body name="wrist" pos=".2 0 0"> <joint name="y"/> <joint name="p" axis="0 1 0" range="-60 60"/>
+      <body name="upper" pos=".5 0 0"> <joint type="ball"/>
+        <geom type="capsule" size=".05 .2" pos=".2 0 .1" mass="5"/>
+        <body name="rail" pos=".4 0 .2"> <joint name="s" type="slide" axis="1 0 0"/>
+          <geom size=".1" mass="4"/>
+          <body name="wrist" pos=".2 0 0"> <joint name="y"/>
+            <joint name="p" axis="0 1 0" range="-60 60"/>
             <geom size=".06" mass="2"/> <site name="tip"/> </body> </body> </body>
     </body>
-    <body name="eel" pos="0 3 0"> <joint type="slide" axis="1 0 0"/> <joint type="slide" axis="0 1 0"/>
-      <joint type="slide" axis="0 0 1"/> <joint type="ball"/> <geom type="ellipsoid" size=".3 .1 .1" mass="12"/> </body>
+    <body name="eel" pos="0 3 0"> <joint type="slide" axis="1 0 0"/>
+      <joint type="slide" axis="0 1 0"/>
+      <joint type="slide" axis="0 0 1"/> <joint type="ball"/>
+        <geom type="ellipsoid" size=".3 .1 .1" mass="12"/> </body>
     <body name="buoy" pos="0 3 1.5"> <freejoint/> <geom size=".1" mass="2"/> </body>
     <body name="post" pos="3 0 0"> <geom size=".1"/>
       <body name="boom" pos="0 0 .2"> <joint name="b" axis="0 1 0" damping="1"/>
         <geom type="capsule" size=".05" fromto="0 0 0 0 0 .8" mass="6"/>
         <body name="jib" pos="0 0 .8"> <joint name="j" axis="1 0 0"/>
           <geom type="capsule" size=".04" fromto="0 0 0 .5 0 0" mass="3"/> </body> </body> </body>
-    <body name="target" mocap="true" pos="5 0 0"> <geom size=".1" contype="0" conaffinity="0"/> </body>
+    <body name="target" mocap="true" pos="5 0 0"> <geom size=".1" contype="0" conaffinity="0"/>
+      </body>
   </worldbody>
-  <equality> <connect body1="eel" body2="buoy" anchor="0 0 1.5"/> <joint joint1="j" joint2="b" polycoef="0 .3 0 0 0"/>
+  <equality> <connect body1="eel" body2="buoy" anchor="0 0 1.5"/>
+    <joint joint1="j" joint2="b" polycoef="0 .3 0 0 0"/>
   </equality>
-  <tendon> <spatial name="line" stiffness="20" damping="2" springlength=".5"> <site site="eye"/> <site site="tip"/>
-    </spatial> <fixed name="pair" armature=".05"> <joint joint="y" coef="1"/> <joint joint="p" coef=".5"/> </fixed>
+  <tendon> <spatial name="line" stiffness="20" damping="2" springlength=".5"> <site site="eye"/>
+    <site site="tip"/>
+    </spatial> <fixed name="pair" armature=".05"> <joint joint="y" coef="1"/>
+      <joint joint="p" coef=".5"/> </fixed>
   </tendon>
-  <actuator> <position joint="b" kp="60" dampratio="1"/> <velocity joint="s" kv="5"/> <motor tendon="pair"/>
-    <motor name="screw" site="eye" gear=".6 0 .8 0 0 0"/> <general joint="j" dyntype="integrator" gear=".2"/>
+  <actuator> <position joint="b" kp="60" dampratio="1"/> <velocity joint="s" kv="5"/>
+    <motor tendon="pair"/>
+    <motor name="screw" site="eye" gear=".6 0 .8 0 0 0"/>
+      <general joint="j" dyntype="integrator" gear=".2"/>
   </actuator>
   <keyframe> <key name="bent" ctrl=".5 .1 .3 .8 .1"/> </keyframe>
 </mujoco>
@@ -69,7 +83,11 @@ def full(seed: int, size: float) -> BodyHydrodynamics:
         quadratic_damping=rng.uniform(0.0, 3.0, 6),
         strips=(
             water.StripDrag(
-                start=np.zeros(3), end=rng.normal(size=3), normal=3.0, tangential=1.0, stations=seed % 8 + 1
+                start=np.zeros(3),
+                end=rng.normal(size=3),
+                normal=3.0,
+                tangential=1.0,
+                stations=seed % 8 + 1,
             ),
             water.StripDrag(start=rng.normal(size=3), end=np.zeros(3), normal=2.0),
         )[: seed % 3],
@@ -79,9 +97,19 @@ def full(seed: int, size: float) -> BodyHydrodynamics:
 def world(integrator: str = "IMPLICITFAST") -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(WORLD)
     spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
-    sizes = {"hull": 20.0, "frame": 0.5, "upper": 1.0, "rail": 1.0, "wrist": 0.5, "eel": 3.0, "buoy": 1.0}
+    sizes = {
+        "hull": 20.0,
+        "frame": 0.5,
+        "upper": 1.0,
+        "rail": 1.0,
+        "wrist": 0.5,
+        "eel": 3.0,
+        "buoy": 1.0,
+    }
     sizes |= {"post": 1.0, "boom": 1.0, "jib": 1.0, "target": 1.0}
-    water.attach(spec, {name: full(i, size) for i, (name, size) in enumerate(sizes.items())}, 1010.0)
+    water.attach(
+        spec, {name: full(i, size) for i, (name, size) in enumerate(sizes.items())}, 1010.0
+    )
     water.set_current(spec, [0.2, -0.1, 0.05], [0.05, 0.02, -0.03], [0.1, 0.05, 0.0])
     figures: dict[str, Any] = {
         "dead_band": 0.1,
@@ -128,18 +156,26 @@ def test_batch_is_one_by_one_whatever_its_threads(persistent):
 
 
 def test_batch_takes_a_current_and_a_body_of_its_own_for_each(within):
-    """`expand` gives simulations their own wind and their own rows of coefficients: terminal speeds tell."""
+    """`expand` gives simulations their own wind and their own rows of coefficients: terminal speeds
+    tell.
+    """
     spec = mujoco.MjSpec.from_string(
         '<mujoco><option timestep="0.002"/><worldbody>'
         '<body name="ball"><freejoint/><geom size=".1" mass="4"/></body></worldbody></mujoco>'
     )
-    body = BodyHydrodynamics(volume=4.0 / water.SEA_WATER, linear_damping=np.array([40.0] * 3 + [1.0] * 3))
+    body = BodyHydrodynamics(
+        volume=4.0 / water.SEA_WATER, linear_damping=np.array([40.0] * 3 + [1.0] * 3)
+    )
     water.attach(spec, {"ball": body})
     batch = mujoco.batch.Batch(hydrodynamics.compile(spec), nsim=3, nthread=2)
     batch.expand("opt.wind")[:] = [[0.3, 0.0, 0.0], [0.0, -0.2, 0.0], [0.0, 0.0, 0.0]]
     batch.expand("body_user")[2, 1, water.LAYOUT.volume] += 0.001
     batch.step(nstep=3000)
-    expected = [[0.3, 0.0, 0.0], [0.0, -0.2, 0.0], [0.0, 0.0, water.SEA_WATER * 0.001 * 9.81 / 40.0]]
+    expected = [
+        [0.3, 0.0, 0.0],
+        [0.0, -0.2, 0.0],
+        [0.0, 0.0, water.SEA_WATER * 0.001 * 9.81 / 40.0],
+    ]
     within("terminal speed [m/s]", batch.bind("qvel")[:, :3] - expected, 1e-14)  # measured 1e-15
 
 
@@ -159,7 +195,9 @@ def test_copies_and_files_of_a_model_run_alike(tmp_path: Path):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_every_integrator_goes_to_the_same_motion(integrator, within):
-    """At a tenth of the step all agree with RK4 to their order; and islands or none change nothing but rounding."""
+    """At a tenth of the step all agree with RK4 to their order; and islands or none change nothing
+    but rounding.
+    """
     model = hydrodynamics.compile(world(integrator))
     alone = run(model, 100)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
@@ -191,7 +229,9 @@ def test_model_compiled_plainly_runs_wet_and_is_told_of(within):
 
 
 def test_mjcf_keeps_the_water_to_six_digits(within):
-    """Coefficients, density and steady current; also of strips whose added mass is only just semidefinite."""
+    """Coefficients, density and steady current; also of strips whose added mass is only just
+    semidefinite.
+    """
     spec = world()
     water.set_current(spec, [0.2, -0.1, 0.05])
     tiny = BodyHydrodynamics(volume=2e-4, quadratic_damping=np.array([3e-4] * 3 + [1e-6] * 3))
@@ -204,22 +244,34 @@ def test_mjcf_keeps_the_water_to_six_digits(within):
     assert list(here) == list(there)
     for name, body in here.items():
         scale = max(np.max(np.abs(body.added_mass)), 1e-300)
-        within(f"added mass of {name}", (there[name].added_mass - body.added_mass) / scale, 1e-5)  # 3e-6
+        # 3e-6
+        within(f"added mass of {name}", (there[name].added_mass - body.added_mass) / scale, 1e-5)
     loaded = hydrodynamics.compile(again)
-    within("rows", (loaded.body_user - model.body_user) / np.maximum(np.abs(model.body_user), 1e-6), 5e-5)  # 5e-6
+    # 5e-6
+    within(
+        "rows",
+        (loaded.body_user - model.body_user) / np.maximum(np.abs(model.body_user), 1e-6),
+        5e-5,
+    )
     start = [mujoco.MjData(each) for each in (model, loaded, mujoco.MjModel.from_xml_string(text))]
-    for each, data in zip((model, loaded, mujoco.MjModel.from_xml_string(text)), start, strict=True):
+    for each, data in zip(
+        (model, loaded, mujoco.MjModel.from_xml_string(text)), start, strict=True
+    ):
         mujoco.mj_forward(each, data)
     scale = np.max(np.abs(start[0].qfrc_passive))
-    within("forces, compiled by us", (start[1].qfrc_passive - start[0].qfrc_passive) / scale, 4e-7)  # 4e-8
+    # 4e-8
+    within("forces, compiled by us", (start[1].qfrc_passive - start[0].qfrc_passive) / scale, 4e-7)
     within("forces, loaded plainly", (start[2].qfrc_passive - start[0].qfrc_passive) / scale, 4e-7)
 
 
 def test_attached_specs_bring_their_water(within):
-    """A wet arm attached to a dry scene, twice, by prefixes, moves as it does alone; so do its servos."""
+    """A wet arm attached to a dry scene, twice, by prefixes, moves as it does alone; so do its
+    servos.
+    """
     arm = """<mujoco><worldbody><body name="link"><joint name="j" axis="0 1 0"/>
       <geom type="capsule" size=".04" fromto="0 0 0 .4 0 0" mass="3"/></body></worldbody>
-      <actuator><motor name="spare" joint="j"/><position name="servo" joint="j" kp="30" dampratio=".8"/></actuator>
+      <actuator><motor name="spare" joint="j"/>
+        <position name="servo" joint="j" kp="30" dampratio=".8"/></actuator>
       </mujoco>"""
 
     def wet() -> mujoco.MjSpec:
@@ -254,7 +306,9 @@ def test_welded_child_is_part_of_its_parent(within):
     for welded in (True, False):
         spec = mujoco.MjSpec.from_string(model)
         if welded:
-            body = BodyHydrodynamics(volume=0.03, center_of_buoyancy=c, added_mass=A, linear_damping=D)
+            body = BodyHydrodynamics(
+                volume=0.03, center_of_buoyancy=c, added_mass=A, linear_damping=D
+            )
             water.attach(spec, {"tank": body})
         else:
             data = mujoco.MjData(plain := spec.copy().compile())
@@ -274,12 +328,16 @@ def test_welded_child_is_part_of_its_parent(within):
         mujoco.mj_forward(compiled, data)
         results.append((speed, data.qacc.copy()))
     within(
-        "acceleration, relative", (results[0][1] - results[1][1]) / np.max(np.abs(results[0][1])), 3e-15
+        "acceleration, relative",
+        (results[0][1] - results[1][1]) / np.max(np.abs(results[0][1])),
+        3e-15,
     )  # measured 3e-16
 
 
 def test_flex_beside_and_under_water(within):
-    """Bodies of a flex with coefficients sink as single spheres do; a dry flex beside them is left alone."""
+    """Bodies of a flex with coefficients sink as single spheres do; a dry flex beside them is left
+    alone.
+    """
     grid = """<flexcomp name="{}" type="grid" dim="2" count="3 3 1" spacing=".2 .2 .2" radius=".01" mass="1.8"
       pos="0 0 {}"><edge equality="true"/></flexcomp>"""
     spec = mujoco.MjSpec.from_string(
@@ -294,17 +352,24 @@ def test_flex_beside_and_under_water(within):
     assert model.nflex == 2
     wet = np.array([model.body(int(i)).name.startswith("wet") for i in model.dof_bodyid[2::3]])
     assert wet.sum() == 9
-    within("wet", data.qacc[2::3][wet] + 9.81 * (0.2 - displaced) / (0.2 + 0.5 * displaced), 1e-14)  # measured 1e-15
+    # measured 1e-15
+    within("wet", data.qacc[2::3][wet] + 9.81 * (0.2 - displaced) / (0.2 + 0.5 * displaced), 1e-14)
     within("dry", data.qacc[2::3][~wet] + 9.81, 1e-14)
 
 
 def test_current_that_changes_carries_a_drifting_body_along(within):
-    """A neutral body without drag, in gusts: added mass and pressure gradient alone give it the water's speed."""
+    """A neutral body without drag, in gusts: added mass and pressure gradient alone give it the
+    water's speed.
+    """
     spec = mujoco.MjSpec.from_string(
         '<mujoco><option timestep="0.002"/><worldbody><body name="e"><freejoint/>'
         '<geom type="ellipsoid" size=".3 .2 .1" density="1000"/></body></worldbody></mujoco>'
     )
-    water.attach(spec, {"e": water.ellipsoid([0.3, 0.2, 0.1], drag_coefficient=0.0, water_density=1000.0)}, 1000.0)
+    water.attach(
+        spec,
+        {"e": water.ellipsoid([0.3, 0.2, 0.1], drag_coefficient=0.0, water_density=1000.0)},
+        1000.0,
+    )
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
     flow = Current([0.2, -0.1, 0.0], gust=0.1, time_constant=0.5, rng=np.random.default_rng(7))
@@ -325,7 +390,8 @@ def test_shear_is_felt_at_each_bodys_height(within):
     """A post in a sheared current: each link drags with the water of its own height."""
     spec = mujoco.MjSpec.from_string(
         """<mujoco><worldbody><body name="low"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
-        <body name="high" pos="0 0 4"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
+        <body name="high" pos="0 0 4"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/>
+          </body>
         </worldbody></mujoco>"""
     )
     body = BodyHydrodynamics(volume=0.0, linear_damping=np.full(6, 3.0))
@@ -341,17 +407,30 @@ def test_options_that_came_later_are_told_of():
     model = hydrodynamics.compile(world())
     assert hydrodynamics.check_installed(model)
     model.opt.density = 1000.0
-    with pytest.warns(RuntimeWarning, match=r"cannot be run with density 1000.0 \(MuJoCo's own fluid would act too\)"):
+    with pytest.warns(
+        RuntimeWarning,
+        match=r"cannot be run with density 1000.0 \(MuJoCo's own "
+        r"fluid would act too\)",
+    ):
         assert not hydrodynamics.check_installed(model)
 
 
 def test_a_simulation_that_blew_up_is_told_of():
-    """Far above the speed at which the step was judged, explicit drag overshoots; MuJoCo alone would only reset."""
+    """Far above the speed at which the step was judged, explicit drag overshoots; MuJoCo alone
+    would only reset.
+    """
     spec = mujoco.MjSpec.from_string(
         '<mujoco><option timestep="0.002"/><worldbody>'
         '<body name="ball"><freejoint/><geom size=".1" mass="4"/></body></worldbody></mujoco>'
     )
-    water.attach(spec, {"ball": BodyHydrodynamics(volume=0.004, quadratic_damping=np.array([60.0] * 3 + [0.0] * 3))})
+    water.attach(
+        spec,
+        {
+            "ball": BodyHydrodynamics(
+                volume=0.004, quadratic_damping=np.array([60.0] * 3 + [0.0] * 3)
+            )
+        },
+    )
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 10)
@@ -359,6 +438,8 @@ def test_a_simulation_that_blew_up_is_told_of():
     data.qvel[0] = 1e3
     mujoco.mj_step(model, data, 50)
     with pytest.raises(
-        hydrodynamics.HydrodynamicsError, match=r"became unstable .* \(body 'ball'\) .* timestep 0.002 s"
+        hydrodynamics.HydrodynamicsError,
+        match=r"became unstable .* \(body 'ball'\) .* timestep "
+        r"0.002 s",
     ):
         hydrodynamics.check_motion(model, data)

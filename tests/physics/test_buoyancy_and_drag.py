@@ -21,7 +21,8 @@ VEHICLE = """
 <mujoco>
   <option timestep="0.01" integrator="implicitfast"/>
   <worldbody>
-    <body name="hull" pos="0 0 -5"> <freejoint/> <geom type="box" size=".5 .3 .2" mass="80" pos=".02 -.01 -.03"/>
+    <body name="hull" pos="0 0 -5"> <freejoint/>
+      <geom type="box" size=".5 .3 .2" mass="80" pos=".02 -.01 -.03"/>
       <body name="upper" pos=".4 0 -.2"> <joint axis="0 1 0" damping="5" stiffness="300"/>
         <geom type="capsule" size=".04 .2" pos="0 0 -.25" mass="6"/>
         <body name="lower" pos="0 0 -.5"> <joint axis="0 1 0" damping="5" stiffness="300"/>
@@ -72,12 +73,15 @@ def test_righting_acceleration(within):
     mujoco.mj_forward(model, data)
     inertia = model.body_inertia[1, 1] + body.added_mass[4, 4]
     expected = -80.0 * 9.81 * h * np.sin(pitch) / inertia
-    within("relative pitch acceleration", data.qacc[4] / expected - 1.0, 1e-11)  # rounding of the angle
+    # rounding of the angle
+    within("relative pitch acceleration", data.qacc[4] / expected - 1.0, 1e-11)
 
 
 @pytest.mark.check("righting period from 60 degrees, RK4", "4 K(k) sqrt((I + I_A) / (m g h))")
 def test_righting_period(within):
-    """From 60 degrees, at rest, a trimmed body swings as a pendulum of inertia I + I_A: T = 4 K(k) / omega_0."""
+    """From 60 degrees, at rest, a trimmed body swings as a pendulum of inertia I + I_A: T = 4 K(k)
+    / omega_0.
+    """
     h, pitch = 0.05, np.pi / 3.0
     spec = mujoco.MjSpec.from_string(FREE.format(geom='type="ellipsoid" size=".5 .2 .2" mass="80"'))
     body = water.ellipsoid([0.5, 0.2, 0.2], drag_coefficient=0.0, water_density=RHO)
@@ -96,11 +100,14 @@ def test_righting_period(within):
         lowest = min(lowest, float(data.qpos[5]))
     assert lowest < -0.49
     # At rest again, so a period that is wrong by dT shows as a rate of rate^2 sin(60 deg) dT.
-    within("relative period", data.qvel[4] / (rate**2 * np.sin(pitch) * period), 1e-10)  # measured 1e-11
+    # measured 1e-11
+    within("relative period", data.qvel[4] / (rate**2 * np.sin(pitch) * period), 1e-10)
     within("pose [m, -]", data.qpos - begin, 3e-12)  # measured 3e-13
 
 
-@pytest.mark.check("drift to the speed of the current, RK4", "u_0 / (1 + k u_0 t / (m + m_A)) of slip")
+@pytest.mark.check(
+    "drift to the speed of the current, RK4", "u_0 / (1 + k u_0 t / (m + m_A)) of slip"
+)
 def test_drift_to_the_speed_of_the_current(within):
     """Drag alone: the slip u of a neutral sphere decays as u_0 / (1 + k u_0 t / (m + m_A))."""
     radius = 0.1
@@ -115,7 +122,8 @@ def test_drift_to_the_speed_of_the_current(within):
     k = 0.5 * RHO * 0.47 * np.pi * radius**2
     slip = 0.5 / (1.0 + k * 0.5 * 60.0 / (1.5 * displaced))
     assert slip < 0.015
-    within("speed after 60 s [m/s]", data.qvel[:3] - [0.5 - slip, 0.0, 0.0], 5e-15)  # measured 3e-16
+    # measured 3e-16
+    within("speed after 60 s [m/s]", data.qvel[:3] - [0.5 - slip, 0.0, 0.0], 5e-15)
 
 
 @pytest.mark.check("trimmed vehicle with an arm, 60 s", "stays where it is")
@@ -124,7 +132,11 @@ def test_trimmed_vehicle_stays_for_a_minute(bend, within):
     """Weight equals buoyancy and both act on one vertical, at home or with the arm bent."""
     spec = mujoco.MjSpec.from_string(VEHICLE)
     link = water.cylinder(0.04, [0, 0, 0], [0, 0, -0.5], water_density=RHO)
-    water.attach(spec, {"hull": water.box([1.0, 0.6, 0.4], water_density=RHO), "upper": link, "lower": link}, RHO)
+    water.attach(
+        spec,
+        {"hull": water.box([1.0, 0.6, 0.4], water_density=RHO), "upper": link, "lower": link},
+        RHO,
+    )
     home = np.array([0, 0, -5, 1, 0, 0, 0, bend, -bend])
     for i, joint in enumerate(spec.joints[1:]):
         joint.springref = home[7 + i]
@@ -133,18 +145,27 @@ def test_trimmed_vehicle_stays_for_a_minute(bend, within):
     data = mujoco.MjData(model)
     data.qpos = home
     mujoco.mj_forward(model, data)
-    hold = -data.qfrc_passive[6:] + data.qfrc_bias[6:]  # a static arm needs torque against its net weight
+    # a static arm needs torque against its net weight
+    hold = -data.qfrc_passive[6:] + data.qfrc_bias[6:]
     for _ in range(6000):
         data.qfrc_applied[6:] = hold
         mujoco.mj_step(model, data)
     within("drift [m, rad]", data.qpos - home, 3e-14)  # measured up to 3e-15
 
 
-def test_trim_puts_the_buoyancy_of_the_whole_tree_above_its_weight_however_it_is_turned(rng, within):
-    """In a pose with every body tilted, and gravity aslant: the same volume, and the centres on one vertical."""
+def test_trim_puts_the_buoyancy_of_the_whole_tree_above_its_weight_however_it_is_turned(
+    rng, within
+):
+    """In a pose with every body tilted, and gravity aslant: the same volume, and the centres on one
+    vertical.
+    """
     spec = mujoco.MjSpec.from_string(VEHICLE)
     link = water.cylinder(0.04, [0, 0, 0], [0.1, 0.05, -0.5], water_density=RHO)
-    water.attach(spec, {"hull": water.box([1.0, 0.6, 0.4], water_density=RHO), "upper": link, "lower": link}, RHO)
+    water.attach(
+        spec,
+        {"hull": water.box([1.0, 0.6, 0.4], water_density=RHO), "upper": link, "lower": link},
+        RHO,
+    )
     spec.option.gravity = exp_so3(rng.uniform(-1.0, 1.0, 3)) @ [0.0, 0.0, -9.81]
     turned = quat_wxyz_from_rotation(exp_so3(rng.uniform(-2.0, 2.0, 3)))
     qpos = np.array([*rng.uniform(-3.0, 3.0, 3), *turned, *rng.uniform(-1.0, 1.0, 2)])
@@ -179,9 +200,13 @@ def test_simple_neutral_body_stays_for_a_minute(within):
 
 @pytest.mark.check("drag of a turning and of a slipping strip", "k w^2 L^4 / 4, k v^2 L")
 def test_drag_of_a_swinging_strip(within):
-    """About one end, k w |w| x^3 integrates to k w^2 L^4 / 4; across, k v^2 L acts in the middle."""
+    """About one end, k w |w| x^3 integrates to k w^2 L^4 / 4; across, k v^2 L acts in the
+    middle.
+    """
     k, L, w, v = 30.0, 0.6, 1.5, 0.8
-    strip = StripDrag(start=np.zeros(3), end=np.array([L, 0.0, 0.0]), normal=k, tangential=2.0, stations=2)
+    strip = StripDrag(
+        start=np.zeros(3), end=np.array([L, 0.0, 0.0]), normal=k, tangential=2.0, stations=2
+    )
     spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="50"'))
     water.attach(spec, {"hull": BodyHydrodynamics(volume=0.0, strips=strip)}, RHO)
     spec.option.gravity = [0.0, 0.0, 0.0]
@@ -203,7 +228,9 @@ def test_drag_follows_the_shear_of_the_current(rng, within):
     spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="3"'))
     linear, quadratic = np.array([3.0, 5.0, 7.0]), np.array([20.0, 30.0, 40.0])
     body = BodyHydrodynamics(
-        volume=0.0, linear_damping=np.array([*linear, 0, 0, 0]), quadratic_damping=np.array([*quadratic, 0, 0, 0])
+        volume=0.0,
+        linear_damping=np.array([*linear, 0, 0, 0]),
+        quadratic_damping=np.array([*quadratic, 0, 0, 0]),
     )
     water.attach(spec, {"hull": body}, RHO)
     start, shear = np.array([0.5, -0.3, 0.0]), np.array([0.1, 0.04, 0.0])
@@ -227,9 +254,13 @@ def test_drag_follows_the_shear_of_the_current(rng, within):
     within("force adrift, to that", adrift, 1e-14)  # measured up to 1e-15
 
 
-@pytest.mark.check("power of drag, full 6x6 and strips, 800 twists", "that of each part, by hand; never positive")
+@pytest.mark.check(
+    "power of drag, full 6x6 and strips, 800 twists", "that of each part, by hand; never positive"
+)
 def test_drag_never_feeds_energy(rng, within):
-    """With a full linear 6x6, quadratic rows and strips, the power of drag is that of its parts, each negative."""
+    """With a full linear 6x6, quadratic rows and strips, the power of drag is that of its parts,
+    each negative.
+    """
     skewed = rng.normal(size=(6, 6))
     spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="50"'))
     body = BodyHydrodynamics(
@@ -255,7 +286,8 @@ def test_drag_never_feeds_energy(rng, within):
         nu, u = np.concatenate([v, w]), v + np.cross(w, points)
         ahead = np.abs(u @ along)
         across = np.linalg.norm(u - np.outer(u @ along, along), axis=1)
-        lost = nu @ nu + body.quadratic_damping @ np.abs(nu) ** 3  # the skewed part of D does no work
+        # the skewed part of D does no work
+        lost = nu @ nu + body.quadratic_damping @ np.abs(nu) ** 3
         lost += weights @ (strip.normal * across**3 + strip.tangential * ahead**3)
         power = data.qvel @ data.qfrc_passive
         assert power < 0.0

@@ -1,4 +1,6 @@
-"""The callback serves every model and thread of the process alike, and MuJoCo's own tools see the wet inertia."""
+"""The callback serves every model and thread of the process alike, and MuJoCo's own tools see the
+wet inertia.
+"""
 
 import mujoco
 import mujoco.rollout
@@ -16,8 +18,10 @@ ARM = """
   <option timestep="0.002" integrator="{integrator}"/>
   <worldbody>
     <geom type="plane" size="5 5 1" pos="0 0 -.4"/>
-    <body name="hull"> <freejoint/> <geom type="box" size=".5 .3 .2" mass="{mass}"/> <site name="eye"/>
-      <body name="upper" pos=".5 0 0"> <joint name="j" axis="0 1 0" damping="1" armature=".1" range="-30 30"/>
+    <body name="hull"> <freejoint/> <geom type="box" size=".5 .3 .2" mass="{mass}"/>
+      <site name="eye"/>
+      <body name="upper" pos=".5 0 0">
+        <joint name="j" axis="0 1 0" damping="1" armature=".1" range="-30 30"/>
         <geom type="capsule" size=".04 .2" pos="0 0 -.25" mass="6"/>
         <body name="tool" pos="0 0 -.5"> <geom size=".05" mass="1"/> <site name="tip"/> </body>
       </body>
@@ -34,12 +38,20 @@ ARM = """
 """
 
 
-def spec_of(mass: float = 200.0, integrator: str = "implicitfast", coefficients: bool = True) -> mujoco.MjSpec:
+def spec_of(
+    mass: float = 200.0, integrator: str = "implicitfast", coefficients: bool = True
+) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(ARM.format(mass=mass, integrator=integrator))
     if coefficients:
         link = water.cylinder(0.04, [0, 0, 0], [0, 0, -0.5])
         solid = water.sphere(0.1)
-        bodies = {"hull": water.box([1.0, 0.6, 0.4]), "upper": link, "tool": solid, "dock": solid, "ghost": solid}
+        bodies = {
+            "hull": water.box([1.0, 0.6, 0.4]),
+            "upper": link,
+            "tool": solid,
+            "dock": solid,
+            "ghost": solid,
+        }
         water.attach(spec, bodies)
     return spec
 
@@ -68,7 +80,9 @@ def test_two_models_do_not_disturb_each_other(within):
     for step in range(300):
         for model, data, path in zip((wet, other, dry), states, alone, strict=True):
             mujoco.mj_step(model, data)
-            apart = max(apart, float(np.max(np.abs(np.concatenate([data.qpos, data.qvel]) - path[step]))))
+            apart = max(
+                apart, float(np.max(np.abs(np.concatenate([data.qpos, data.qvel]) - path[step])))
+            )
     within("difference", apart, 0.0)
     assert not np.allclose(alone[0], alone[1])
 
@@ -125,7 +139,9 @@ def test_islands_are_solved_apart_as_they_are_together(within):
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
 @pytest.mark.parametrize("flag", ["none", "invdiscrete"])
 def test_inverse_dynamics_agrees_with_forward(integrator, flag, within):
-    """With a contact, a limit, damping and armature; from a state alone, as a user would call it."""
+    """With a contact, a limit, damping and armature; from a state alone, as a user would call
+    it.
+    """
     model = hydrodynamics.compile(spec_of(integrator=integrator))
     data = mujoco.MjData(model)
     data.qvel[:7] = [0.3, 0.2, -0.5, 0.4, 0.3, -0.2, 1.0]
@@ -152,7 +168,9 @@ def test_inverse_dynamics_agrees_with_forward(integrator, flag, within):
 
 
 def test_passive_forces_again_without_a_new_inertia(within):
-    """mj_forwardSkip and finite differences call the callback twice for one inertia; the added mass counts once."""
+    """mj_forwardSkip and finite differences call the callback twice for one inertia; the added mass
+    counts once.
+    """
     model = hydrodynamics.compile(spec_of())
     data = mujoco.MjData(model)
     data.qvel[:] = 0.1
@@ -187,7 +205,9 @@ def test_inertia_is_factored_as_mujoco_factors_it(within):
 
 
 def test_static_and_mocap_bodies_feel_nothing(within):
-    """The dock and the ghost carry coefficients; nothing can move them, and the dry ball falls freely."""
+    """The dock and the ghost carry coefficients; nothing can move them, and the dry ball falls
+    freely.
+    """
     model = hydrodynamics.compile(spec_of())
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -201,7 +221,9 @@ def test_without_coefficients_the_weights_are_those_of_mujoco(within):
         body.simple = 0
     expected = plain.compile()
     spec = spec_of(coefficients=False)
-    water.attach(spec, {name: BodyHydrodynamics(volume=0.1) for name in ("hull", "upper", "tool", "dry")})
+    water.attach(
+        spec, {name: BodyHydrodynamics(volume=0.1) for name in ("hull", "upper", "tool", "dry")}
+    )
     model = hydrodynamics.compile(spec)
     weights = ["body_invweight0", "dof_invweight0", "tendon_invweight0"]
     for name in [*weights, "dof_M0", "actuator_acc0", "actuator_biasprm"]:

@@ -33,8 +33,12 @@ FLOATING = {"root": "<freejoint/>", "middle": '<joint type="ball"/>'}
 FIXED = {"root": '<joint axis="0 1 0"/>', "middle": '<joint type="slide" axis="1 1 0"/>'}
 
 
-def end_state(integrator: str, joints: dict[str, str], timestep: float) -> tuple[mujoco.MjModel, Array, Array]:
-    """Model, positions and velocities after TIME; smooth water: linear damping, buoyancy, shear, accelerating flow."""
+def end_state(
+    integrator: str, joints: dict[str, str], timestep: float
+) -> tuple[mujoco.MjModel, Array, Array]:
+    """Model, positions and velocities after TIME; smooth water: linear damping, buoyancy, shear,
+    accelerating flow.
+    """
     rng = np.random.default_rng(1)
     spec = mujoco.MjSpec.from_string(TREE.format(integrator=integrator, **joints))
     spec.option.timestep = timestep
@@ -71,7 +75,10 @@ def order(integrator: str, joints: dict[str, str], steps: tuple[float, float, fl
 @pytest.mark.parametrize("joints", [FLOATING, FIXED], ids=["floating", "fixed"])
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "discrete"])
 def test_first_order(integrator, joints, within):
-    within(f"order - 1, {integrator}", order(integrator, joints, (0.002, 0.001, 0.0005)) - 1.0, 0.04)  # measured 0.004
+    # measured 0.004
+    within(
+        f"order - 1, {integrator}", order(integrator, joints, (0.002, 0.001, 0.0005)) - 1.0, 0.04
+    )
 
 
 @pytest.mark.check("order of convergence: RK4, fixed base", "4")
@@ -79,7 +86,13 @@ def test_runge_kutta_on_a_fixed_base(within):
     within("order - 4", order("RK4", FIXED, (0.016, 0.008, 0.004)) - 4.0, 0.01)  # measured 0.0008
 
 
-@pytest.mark.check("order of convergence: RK4, floating with a ball joint", "4 from MuJoCo 4.0 on, 2 before")
+@pytest.mark.check(
+    "order of convergence: RK4, floating with a ball joint", "4 from MuJoCo 4.0 on, 2 before"
+)
 def test_runge_kutta_afloat(within):
     expected, tolerance = (4.0, 0.4) if NEWER else (2.0, 0.04)  # measured 0.05 and 0.0035
-    within(f"order - {expected:.0f}", order("RK4", FLOATING, (0.016, 0.008, 0.004)) - expected, tolerance)
+    within(
+        f"order - {expected:.0f}",
+        order("RK4", FLOATING, (0.016, 0.008, 0.004)) - expected,
+        tolerance,
+    )

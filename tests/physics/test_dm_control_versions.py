@@ -1,7 +1,8 @@
-"""Which parts of dm_control run on this MuJoCo: on 3 all, on 4 all but its physics; the door says so in one line.
+"""Which parts of dm_control run on this MuJoCo: on 3 all, on 4 all but its physics; the door says
+so in one line.
 
-`.ci/run` runs this folder on both. Each part is tried in a process of its own, for dm_control takes MuJoCo's warnings
-away from the terminal, on which other tests here wait for them.
+`.ci/run` runs this folder on both. Each part is tried in a process of its own, for dm_control takes
+MuJoCo's warnings away from the terminal, on which other tests here wait for them.
 """
 
 import subprocess

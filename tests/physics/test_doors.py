@@ -20,7 +20,8 @@ CROSSED = np.eye(6) + np.diag([1.0] * 5, 1)
 
 def ball(options: str = "") -> mujoco.MjSpec:
     return mujoco.MjSpec.from_string(
-        f'<mujoco>{options}<worldbody><body name="ball"><freejoint/><geom size=".1" mass="4"/></body>'
+        f'<mujoco>{options}<worldbody><body name="ball"><freejoint/><geom size=".1" '
+        'mass="4"/></body>'
         '<body name="rock"/></worldbody></mujoco>'
     )
 
@@ -36,8 +37,15 @@ def ball(options: str = "") -> mujoco.MjSpec:
         ({"added_mass": np.eye(3)}, r"added_mass: expected shape \(6, 6\), got \(3, 3\)"),
         ({"added_mass": NAN * np.eye(6)}, "added_mass: every number must be finite"),
         ({"linear_damping": -np.ones(6)}, "linear_damping: must not be negative"),
-        ({"linear_damping": np.ones(5)}, r"linear_damping: expected shape \(6,\) or \(6, 6\), got \(5,\)"),
-        ({"linear_damping": np.eye(6) - 4 * np.eye(6, k=1)}, "symmetric part of linear_damping: has a negative"),
+        (
+            {"linear_damping": np.ones(5)},
+            r"linear_damping: expected shape \(6,\) or \(6, 6\), got "
+            r"\(5,\)",
+        ),
+        (
+            {"linear_damping": np.eye(6) - 4 * np.eye(6, k=1)},
+            "symmetric part of linear_damping: has a negative",
+        ),
         ({"quadratic_damping": -np.ones(6)}, "quadratic_damping: must not be negative"),
         ({"strips": (StripDrag(**LINE),) * 3}, "strips: expected at most 2"),
         ({"strips": ("line",)}, "strips: expected at most 2 StripDrag"),
@@ -85,11 +93,21 @@ def test_coefficients_return_from_the_compiled_model():
     spec = ball()
     water.attach(spec, {"ball": body})
     back = water.unpack(spec.compile().body("ball").user)
-    for name in ("volume", "center_of_buoyancy", "added_mass", "linear_damping", "quadratic_damping"):
+    for name in (
+        "volume",
+        "center_of_buoyancy",
+        "added_mass",
+        "linear_damping",
+        "quadratic_damping",
+    ):
         assert np.array_equal(getattr(back, name), getattr(body, name)), name
     for there, here in zip(back.segments, body.segments, strict=True):
         assert np.array_equal(there.end, here.end)
-        assert (there.normal, there.tangential, there.stations) == (here.normal, here.tangential, here.stations)
+        assert (there.normal, there.tangential, there.stations) == (
+            here.normal,
+            here.tangential,
+            here.stations,
+        )
 
 
 def test_attach_names_what_is_wrong():
@@ -109,14 +127,31 @@ def test_attach_names_what_is_wrong():
     ("make", "says"),
     [
         (lambda: water.sphere(0.0), r"radius \[m\]: must be positive, got \[0.0\]"),
-        (lambda: water.sphere(0.1, drag_coefficient=-1.0), "drag_coefficient: must not be negative, got -1.0"),
-        (lambda: water.sphere(0.1, water_density=0.0), r"water_density .* must be positive, got 0.0"),
-        (lambda: water.sphere(0.1, center=[0.0, NAN, 0.0]), r"center \[m\]: every number must be finite"),
-        (lambda: water.ellipsoid([1.0, 1e-8, 1.0]), "semi_axes .* at least 1e-06 and 1e-06 of the longest"),
+        (
+            lambda: water.sphere(0.1, drag_coefficient=-1.0),
+            "drag_coefficient: must not be negative, got -1.0",
+        ),
+        (
+            lambda: water.sphere(0.1, water_density=0.0),
+            r"water_density .* must be positive, got "
+            r"0.0",
+        ),
+        (
+            lambda: water.sphere(0.1, center=[0.0, NAN, 0.0]),
+            r"center \[m\]: every number must be "
+            r"finite",
+        ),
+        (
+            lambda: water.ellipsoid([1.0, 1e-8, 1.0]),
+            "semi_axes .* at least 1e-06 and 1e-06 of the longest",
+        ),
         (lambda: water.box([1.0, 1.0]), r"size \[m\]: expected shape \(3,\), got \(2,\)"),
         (lambda: water.box([1.0, 1.0, 1e9]), r"size \[m\]: must not exceed 100000"),
         (lambda: water.cylinder(0.1, [0, 0, 0], [0, 0, 0]), "strip: start .* and end .* coincide"),
-        (lambda: water.cylinder(0.1, [0, 0, 0], [1, 0, 0], normal_coefficient=NAN), "normal_coefficient: every"),
+        (
+            lambda: water.cylinder(0.1, [0, 0, 0], [1, 0, 0], normal_coefficient=NAN),
+            "normal_coefficient: every",
+        ),
     ],
 )
 def test_shapes_are_checked(make, says):
@@ -139,7 +174,11 @@ def test_bodies_of_different_waters_are_refused():
         child = ball()
         water.attach(child, {"ball": water.sphere(0.1)}, density)
         scene.attach(child, prefix=f"{name}/", frame=scene.worldbody.add_frame())
-    with pytest.raises(ConfigurationError, match=r"different density .* sea/ball 1025, lake/ball 1000"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"different density .* sea/ball 1025, lake/ball "
+        r"1000",
+    ):
         hydrodynamics.compile(scene)
     water.attach(scene, {}, 1000.0)
     hydrodynamics.compile(scene)
@@ -163,12 +202,18 @@ def test_options_without_sense_are_refused(change: dict[str, Any], says):
 
 
 def test_volume_without_mass_is_refused_with_the_number():
-    """1 m^3 of buoyancy on 4 kg, and no added mass: 1025 * 9.81 / 4 m/s^2 make 50 m/s in 20 ms, 126 in 50 ms."""
+    """1 m^3 of buoyancy on 4 kg, and no added mass: 1025 * 9.81 / 4 m/s^2 make 50 m/s in 20 ms, 126
+    in 50 ms.
+    """
     spec = ball('<option timestep="0.02"/>')
     water.attach(spec, {"ball": BodyHydrodynamics(volume=1.0)})
     hydrodynamics.compile(spec)
     spec.option.timestep = 0.05
-    with pytest.raises(HydrodynamicsError, match=r"bring this model to 126 m/s .* in one step, more than 100"):
+    with pytest.raises(
+        HydrodynamicsError,
+        match=r"bring this model to 126 m/s .* in one step, "
+        r"more than 100",
+    ):
         hydrodynamics.compile(spec)
 
 
@@ -233,7 +278,11 @@ def test_drag_too_strong_for_the_step_is_refused_with_the_number():
     spec = ball()
     body = BodyHydrodynamics(volume=0.0, quadratic_damping=np.array([600.0, 0, 0, 0, 0, 0]))
     water.attach(spec, {"ball": body})
-    with pytest.raises(HydrodynamicsError, match=r"timestep 0.002 s .* 600 1/s, is 1.2, .* at most 0.00167 s"):
+    with pytest.raises(
+        HydrodynamicsError,
+        match=r"timestep 0.002 s .* 600 1/s, is 1.2, .* at "
+        r"most 0.00167 s",
+    ):
         hydrodynamics.compile(spec)
     spec.option.timestep = 0.0016
     hydrodynamics.compile(spec)
@@ -241,16 +290,23 @@ def test_drag_too_strong_for_the_step_is_refused_with_the_number():
 
 @pytest.mark.check("rate of strips in that refusal", "4 k L / m, 4 k L^3 / (12 I) at 2 m/s, rad/s")
 @pytest.mark.parametrize(
-    ("normal", "tangential", "length", "turns"), [(9e3, 0.0, 0.1, 0), (30.0, 9e3, 0.1, 0), (3e3, 0.0, 0.8, 1)]
+    ("normal", "tangential", "length", "turns"),
+    [(9e3, 0.0, 0.1, 0), (30.0, 9e3, 0.1, 0), (3e3, 0.0, 0.8, 1)],
 )
-def test_drag_of_strips_too_strong_for_the_step_is_refused(normal, tangential, length, turns, within):
+def test_drag_of_strips_too_strong_for_the_step_is_refused(
+    normal, tangential, length, turns, within
+):
     """A strip through the middle of the ball: across, along, and where it is long, turning."""
     spec = ball()
     end = np.array([0.5 * length, 0.0, 0.0])
     strip = StripDrag(start=-end, end=end, normal=normal, tangential=tangential)
     water.attach(spec, {"ball": BodyHydrodynamics(volume=0.0, strips=strip)})
     inertia = 0.4 * 4.0 * 0.1**2
-    rate = 4.0 * normal * length**3 / 12.0 / inertia if turns else 4.0 * max(normal, tangential) * length / 4.0
+    rate = (
+        4.0 * normal * length**3 / 12.0 / inertia
+        if turns
+        else 4.0 * max(normal, tangential) * length / 4.0
+    )
     spec.option.timestep = 1.01 / rate
     with pytest.raises(HydrodynamicsError, match="the rate of the drag") as refusal:
         hydrodynamics.compile(spec)

@@ -1,5 +1,6 @@
-"""Forms of the water (`uuv.models.water.forms`): plain formulas at random states, power, symmetry, closed forms,
-doors."""
+"""Forms of the water (`uuv.models.water.forms`): plain formulas at random states, power, symmetry,
+closed forms, doors.
+"""
 
 import re
 from dataclasses import replace
@@ -17,7 +18,14 @@ from uuv.models import load
 from uuv.models.files import gz_sim
 from uuv.models.hydrodynamics import LAYOUT, BodyHydrodynamics
 from uuv.models.vehicles import reach_alpha_5
-from uuv.models.water.forms import CrossTerms, FadingDamping, Form, LiftDrag, MunkFactor, PlanarStrip
+from uuv.models.water.forms import (
+    CrossTerms,
+    FadingDamping,
+    Form,
+    LiftDrag,
+    MunkFactor,
+    PlanarStrip,
+)
 from uuv.perturbations.vehicle import Water
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
@@ -46,12 +54,16 @@ def lift_drag(rng: np.random.Generator, **figures: float) -> LiftDrag:
         "stall": rng.uniform(0.2, 1.5),
     }
     sweep = int(rng.choice([-2, 0, 2]))
-    return LiftDrag(**(drawn | figures), sweep=sweep, point=rng.normal(size=3), forward=forward, upward=upward)
+    return LiftDrag(
+        **(drawn | figures), sweep=sweep, point=rng.normal(size=3), forward=forward, upward=upward
+    )
 
 
 def random_forms(rng: np.random.Generator) -> tuple[Form, ...]:
     """One of each kind; the cross terms are any."""
-    terms = np.column_stack([rng.integers(0, 6, (4, 3)), rng.integers(0, 2, 4), rng.normal(size=4)]).astype(float)
+    terms = np.column_stack(
+        [rng.integers(0, 6, (4, 3)), rng.integers(0, 2, 4), rng.normal(size=4)]
+    ).astype(float)
     return (
         MunkFactor(factor=rng.uniform(size=3)),
         FadingDamping(linear=rng.uniform(size=6), rate=float(rng.uniform(0.0, 3.0))),
@@ -67,7 +79,9 @@ def random_forms(rng: np.random.Generator) -> tuple[Form, ...]:
 
 
 def of_lift(form: LiftDrag, u: Array) -> Array:
-    """Lift and drag by vectors alone, as gz-sim's LiftDrag has them: without components along forward and upward."""
+    """Lift and drag by vectors alone, as gz-sim's LiftDrag has them: without components along
+    forward and upward.
+    """
     span = np.cross(form.forward, form.upward)
     plane = u - (u @ span) * span
     V, speed = float(np.linalg.norm(plane)), float(np.linalg.norm(u))
@@ -134,8 +148,15 @@ def floating(body: BodyHydrodynamics) -> mujoco.MjModel:
     return hydrodynamics.compile(spec)
 
 
-def acted(forms: Form | tuple[Form, ...], nus: Array, added: Array | None = None, wind: Array | None = None) -> Array:
-    """Wrenches (n, 6) of the forms on a free body by mj_forward at twists (n, 6): with them less without them."""
+def acted(
+    forms: Form | tuple[Form, ...],
+    nus: Array,
+    added: Array | None = None,
+    wind: Array | None = None,
+) -> Array:
+    """Wrenches (n, 6) of the forms on a free body by mj_forward at twists (n, 6): with them less
+    without them.
+    """
     A = np.zeros((6, 6)) if added is None else added
     found = np.zeros((len(nus), 6))
     for share, some in ((1.0, forms), (-1.0, ())):
@@ -151,12 +172,18 @@ def acted(forms: Form | tuple[Form, ...], nus: Array, added: Array | None = None
 
 @pytest.mark.check("forms of the water on random trees", "plain formulas")
 def test_forms_are_their_formulas_on_random_trees(rng, within):
-    """Kernel and NumPy method at random states, with current and shear; forms of other bodies leave a body alone."""
+    """Kernel and NumPy method at random states, with current and shear; forms of other bodies leave
+    a body alone.
+    """
     worst = method = 0.0
     for _ in range(6):
         spec, bodies = random_spec(rng)
         bare = hydrodynamics.compile(spec.copy())
-        given = {name: replace(body, forms=random_forms(rng)) for name, body in bodies.items() if rng.uniform() < 0.7}
+        given = {
+            name: replace(body, forms=random_forms(rng))
+            for name, body in bodies.items()
+            if rng.uniform() < 0.7
+        }
         water.attach(spec, given)
         model = hydrodynamics.compile(spec)
         data, without = mujoco.MjData(model), mujoco.MjData(bare)
@@ -179,12 +206,18 @@ def test_forms_are_their_formulas_on_random_trees(rng, within):
                 for form in body.terms:
                     wrench = plain(form, nu, body.added_mass)
                     other = form.wrench(nu[None, :3], nu[None, 3:], body.added_mass)[0]
-                    method = max(method, float(np.max(np.abs(other - wrench)) / (1.0 + np.max(np.abs(wrench)))))
+                    method = max(
+                        method,
+                        float(np.max(np.abs(other - wrench)) / (1.0 + np.max(np.abs(wrench)))),
+                    )
                     tau += J_B.T @ wrench
-            error = np.max(np.abs(data.qfrc_passive - without.qfrc_passive - tau)) / (1.0 + np.max(np.abs(tau)))
+            error = np.max(np.abs(data.qfrc_passive - without.qfrc_passive - tau)) / (
+                1.0 + np.max(np.abs(tau))
+            )
             worst = max(worst, float(error))
     within("kernel against the formulas, relative", worst, 1e-9)  # measured up to 2e-12
-    within("method against the formulas, relative", method, 1e-9)  # up to 2.4e-11: the strip's integral cancels here
+    # up to 2.4e-11: the strip's integral cancels here
+    within("method against the formulas, relative", method, 1e-9)
 
 
 def test_a_body_without_forms_has_the_row_that_it_always_had():
@@ -194,7 +227,8 @@ def test_a_body_without_forms_has_the_row_that_it_always_had():
     assert floating(replace(body, forms=MunkFactor())).nuser_body == LAYOUT.size + 2 + 3
 
 
-# ------------------------------------------------------------------------------------------------------------- power
+# -------------------------------------------------------------------------------------------------------------
+# power
 
 
 @pytest.mark.check("Munk factors: power of couple and force", "zero for any factors")
@@ -208,7 +242,11 @@ def test_the_munk_pair_has_no_power_and_the_couple_alone_has(rng, within):
     assert np.min(of_couple) < -1.0  # ... and takes at another
     gone = acted(MunkFactor(factor=np.zeros(3)), nus, A)
     p = nus @ A[:3].T
-    within("factor 0 takes all of it", gone - np.hstack([np.cross(nus[:, 3:], p), np.cross(nus[:, :3], p)]), 1e-12)
+    within(
+        "factor 0 takes all of it",
+        gone - np.hstack([np.cross(nus[:, 3:], p), np.cross(nus[:, :3], p)]),
+        1e-12,
+    )
     within("factor 1 changes nothing", acted(MunkFactor(), nus, A), 0.0)
 
 
@@ -231,16 +269,21 @@ def test_the_other_damping_takes_power(rng):
         assert np.all(np.sum(acted(form, nus) * nus, axis=1) <= 0.0)
 
 
-# ----------------------------------------------------------------------------------------------- symmetry, invariance
+# -----------------------------------------------------------------------------------------------
+# symmetry, invariance
 
 
 def mirrored(form: Form) -> Form:
     """The form of the body seen in the plane y = 0."""
     flip = MIRROR[:3]
     if isinstance(form, LiftDrag):
-        return replace(form, point=flip * form.point, forward=flip * form.forward, upward=flip * form.upward)
+        return replace(
+            form, point=flip * form.point, forward=flip * form.forward, upward=flip * form.upward
+        )
     if isinstance(form, PlanarStrip):
-        return replace(form, start=flip * form.start, end=flip * form.end, direction=flip * form.direction)
+        return replace(
+            form, start=flip * form.start, end=flip * form.end, direction=flip * form.direction
+        )
     if isinstance(form, CrossTerms):
         i, j, k = form.terms[:, :3].T.astype(int)
         signs = MIRROR[i] * MIRROR[j] * np.where(form.terms[:, 3] == 1.0, 1.0, MIRROR[k])
@@ -251,13 +294,17 @@ def mirrored(form: Form) -> Form:
 def test_a_mirrored_body_feels_the_mirrored_wrench(rng, within):
     nus, A = rng.normal(size=(10, 6)), semidefinite(rng, 1.0)
     for form in random_forms(rng):
-        there, here = acted(mirrored(form), nus * MIRROR, MIRROR[:, None] * A * MIRROR), acted(form, nus, A)
+        there, here = (
+            acted(mirrored(form), nus * MIRROR, MIRROR[:, None] * A * MIRROR),
+            acted(form, nus, A),
+        )
         within(f"{type(form).__name__}: mirrored", there - here * MIRROR, 1e-11)
         assert np.max(np.abs(here)) > 1e-2
 
 
 @pytest.mark.check(
-    "forms of the water: a body moving in still water, and at rest in a current", "the same acceleration"
+    "forms of the water: a body moving in still water, and at rest in a current",
+    "the same acceleration",
 )
 def test_forms_do_not_tell_a_current_from_a_motion(rng, within):
     body = replace(random_coefficients(rng), forms=random_forms(rng))
@@ -268,18 +315,25 @@ def test_forms_do_not_tell_a_current_from_a_motion(rng, within):
         found = []
         for moving in (1.0, 0.0):
             data.qpos[3:7] = quat / np.linalg.norm(quat)
-            data.qvel, model.opt.wind = np.concatenate([moving * velocity, spin]), (moving - 1.0) * velocity
+            data.qvel, model.opt.wind = (
+                np.concatenate([moving * velocity, spin]),
+                (moving - 1.0) * velocity,
+            )
             mujoco.mj_forward(model, data)
             found.append(np.array(data.qacc))
         within("acceleration", found[0] - found[1], 1e-11)  # of some 10
 
 
-# -------------------------------------------------------------------------------------------------------- closed forms
+# --------------------------------------------------------------------------------------------------------
+# closed forms
 
 
-def on_rails(body: BodyHydrodynamics, joints: str, mass: float = 2.0, gravity: float = 0.0) -> mujoco.MjModel:
+def on_rails(
+    body: BodyHydrodynamics, joints: str, mass: float = 2.0, gravity: float = 0.0
+) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_string(
-        f'<mujoco><option gravity="0 0 {-gravity}" timestep="4e-4"/><worldbody><body name="hull">{joints}'
+        f'<mujoco><option gravity="0 0 {-gravity}" timestep="4e-4"/><worldbody><body '
+        f'name="hull">{joints}'
         f'<inertial mass="{mass}" pos="0 0 0" diaginertia="1 1 1"/></body></worldbody></mujoco>'
     )
     water.attach(spec, {"hull": body})
@@ -288,7 +342,9 @@ def on_rails(body: BodyHydrodynamics, joints: str, mass: float = 2.0, gravity: f
 
 def test_fading_damping_lets_a_push_go_on_at_its_speed(within):
     form = FadingDamping(linear=np.array([5.0, 0, 0, 0, 0, 0]), rate=0.5)
-    model = on_rails(BodyHydrodynamics(volume=0.0, forms=form), '<joint type="slide" axis="1 0 0"/>')
+    model = on_rails(
+        BodyHydrodynamics(volume=0.0, forms=form), '<joint type="slide" axis="1 0 0"/>'
+    )
     data = mujoco.MjData(model)
     data.qfrc_applied = 5.0 * 0.8 * np.exp(-0.4)  # the force that 0.8 m/s takes
     mujoco.mj_step(model, data, 100_000)
@@ -306,7 +362,11 @@ def test_a_wing_glides_at_the_angle_of_its_coefficients(within):
         lift, drag = wing.coefficients(np.array([angle]))
         return float(lift[0]), float(drag[0])
 
-    steady = float(brentq(lambda angle: np.tan(angle) - coefficients(angle)[1] / coefficients(angle)[0], 0.02, 0.6))
+    steady = float(
+        brentq(
+            lambda angle: np.tan(angle) - coefficients(angle)[1] / coefficients(angle)[0], 0.02, 0.6
+        )
+    )
     speed = np.sqrt(20.0 / (0.5 * 1000.0 * 0.3 * np.hypot(*coefficients(steady))))
     data = mujoco.MjData(model)
     data.qvel = [0.2, -0.05]
@@ -317,9 +377,13 @@ def test_a_wing_glides_at_the_angle_of_its_coefficients(within):
 
 
 def test_a_rod_spins_down_by_its_planar_strip(within):
-    """I w' = -k L^4 / 32 w^2 about the middle; along the strip, and across its direction, nothing acts."""
+    """I w' = -k L^4 / 32 w^2 about the middle; along the strip, and across its direction, nothing
+    acts.
+    """
     strip = PlanarStrip(start=-0.5 * X, end=0.5 * X, direction=Y, drag=40.0)
-    model = on_rails(BodyHydrodynamics(volume=0.0, forms=strip), '<joint type="hinge" axis="0 0 1"/>')
+    model = on_rails(
+        BodyHydrodynamics(volume=0.0, forms=strip), '<joint type="hinge" axis="0 0 1"/>'
+    )
     data = mujoco.MjData(model)
     data.qvel[0] = 2.0
     mujoco.mj_step(model, data, 5000)
@@ -337,15 +401,26 @@ def test_a_diagonal_cross_term_is_quadratic_damping(rng, within):
     within("wrench", acted(CrossTerms(terms=terms), nus) + numbers * np.abs(nus) * nus, 1e-15)
 
 
-# ---------------------------------------------------------------------------------------------------------- other doors
+# ----------------------------------------------------------------------------------------------------------
+# other doors
 
 
 def test_parameters_of_gz_sim_act_as_in_its_plugin(rng, within):
-    """Force = + (xU + xUabsV |v| + xUV v) u and so on, as its source has it, with mass and damping apart."""
+    """Force = + (xU + xUabsV |v| + xUV v) u and so on, as its source has it, with mass and damping
+    apart.
+    """
     forces, speeds = "xyzkmn", "UVWPQR"
     given = {f"{forces[i]}{speeds[i]}": -float(rng.uniform(1, 2)) for i in range(6)}
     given |= {f"{forces[i]}{speeds[i]}abs{speeds[i]}": -float(rng.uniform(1, 2)) for i in range(6)}
-    given |= {"xUabsV": -0.3, "yVR": 0.4, "nUV": -0.2, "kPQ": 0.1, "mWabsQ": 0.5, "xUU": 0.1, "yVabsV": 0.7}
+    given |= {
+        "xUabsV": -0.3,
+        "yVR": 0.4,
+        "nUV": -0.2,
+        "kPQ": 0.1,
+        "mWabsQ": 0.5,
+        "xUU": 0.1,
+        "yVabsV": 0.7,
+    }
     body = gz_sim.body_hydrodynamics({**given, "xDotU": -3.0, "nDotR": -0.5}, volume=0.02)
     assert (body.added_mass[0, 0], body.added_mass[5, 5]) == (3.0, 0.5)
     nus = rng.normal(size=(20, 6))
@@ -355,15 +430,32 @@ def test_parameters_of_gz_sim_act_as_in_its_plugin(rng, within):
         factor = np.ones(20) if not rest else nus[:, speeds.index(rest[-1])]
         expected[:, i] += value * (np.abs(factor) if "abs" in rest else factor) * nus[:, j]
     within("damping", energy.damping_wrench(body, nus) - expected, 1e-14)
-    with pytest.raises(ConfigurationError, match=r"unknown parameter 'xUabV' \(did you mean xUabsV\?\)"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"unknown parameter 'xUabV' \(did you mean "
+        r"xUabsV\?\)",
+    ):
         gz_sim.body_hydrodynamics({"xUabV": 1.0}, volume=0.02)
 
 
 def test_lift_and_drag_by_gz_sims_names():
     form = LiftDrag.of_gz(
-        {"cla": 4.0, "cda": 0.2, "alpha_stall": 0.3, "cla_stall": -2.0, "area": 0.5, "cp": [0.1, 0, 0]}
+        {
+            "cla": 4.0,
+            "cda": 0.2,
+            "alpha_stall": 0.3,
+            "cla_stall": -2.0,
+            "area": 0.5,
+            "cp": [0.1, 0, 0],
+        }
     )
-    assert (form.lift_slope, form.drag_slope, form.stall, form.stalled_slope, form.sweep) == (4.0, 0.2, 0.3, -2.0, 2)
+    assert (form.lift_slope, form.drag_slope, form.stall, form.stalled_slope, form.sweep) == (
+        4.0,
+        0.2,
+        0.3,
+        -2.0,
+        2,
+    )
     assert form.stalled_drag_slope == 1.0
     with pytest.raises(ConfigurationError, match=r"unknown parameter 'cal' \(did you mean cla\?\)"):
         LiftDrag.of_gz({"cal": 1.0})
@@ -399,13 +491,22 @@ def test_rows_and_mjcf_keep_the_forms(rng):
         (lambda: CrossTerms(terms=np.zeros((70, 5))), "at most 64"),
         (lambda: CrossTerms.of_gz({"xU": 1.0}), "expected names like xUabsV"),
         (lambda: PlanarStrip(start=X, end=X, direction=Y, drag=1.0), "coincide"),
-        (lambda: BodyHydrodynamics(volume=1.0, forms=untyped(("lift",))), "forms: expected any of MunkFactor"),
-        (lambda: BodyHydrodynamics(volume=1.0, forms=(MunkFactor(), MunkFactor())), "at most one MunkFactor"),
+        (
+            lambda: BodyHydrodynamics(volume=1.0, forms=untyped(("lift",))),
+            "forms: expected any of MunkFactor",
+        ),
+        (
+            lambda: BodyHydrodynamics(volume=1.0, forms=(MunkFactor(), MunkFactor())),
+            "at most one MunkFactor",
+        ),
         (
             lambda: water.unpack([*water.pack(BodyHydrodynamics(volume=1.0)), 9.0, 2.0, 1.0, 1.0]),
             "no record of a known",
         ),
-        (lambda: water.unpack([*water.pack(BodyHydrodynamics(volume=1.0)), 1.0, 30.0, 1.0]), "no record of a known"),
+        (
+            lambda: water.unpack([*water.pack(BodyHydrodynamics(volume=1.0)), 1.0, 30.0, 1.0]),
+            "no record of a known",
+        ),
     ],
 )
 def test_a_wrong_form_is_refused_in_one_line(make, said):
@@ -414,7 +515,9 @@ def test_a_wrong_form_is_refused_in_one_line(make, said):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("tail", [[1.0, 50.0], [np.nan, 3.0], [1.0, -1.0], [1.0, np.nan], [77.0, 3.0], [np.inf, 1e300]])
+@pytest.mark.parametrize(
+    "tail", [[1.0, 50.0], [np.nan, 3.0], [1.0, -1.0], [1.0, np.nan], [77.0, 3.0], [np.inf, 1e300]]
+)
 def test_a_spoilt_record_does_not_lead_the_kernel_out_of_its_row(tail):
     model = floating(BodyHydrodynamics(volume=0.0, forms=MunkFactor()))
     model.body_user[1, LAYOUT.size :][:2] = tail
@@ -424,7 +527,8 @@ def test_a_spoilt_record_does_not_lead_the_kernel_out_of_its_row(tail):
     assert np.all(np.isfinite(data.qvel))
 
 
-# --------------------------------------------------------------------------------------------------------- judgement
+# ---------------------------------------------------------------------------------------------------------
+# judgement
 
 
 def test_the_slope_that_a_time_step_is_judged_by_bounds_every_form(rng):
@@ -443,11 +547,14 @@ def test_the_slope_that_a_time_step_is_judged_by_bounds_every_form(rng):
                 nu *= speed / np.max(np.abs(nu), axis=1)[:, None]
             way = rng.normal(size=(60, 6))
             step = 1e-6
-            ahead, behind = (form.wrench(at[:, :3], at[:, 3:], A) for at in (nu + step * way, nu - step * way))
+            ahead, behind = (
+                form.wrench(at[:, :3], at[:, 3:], A) for at in (nu + step * way, nu - step * way)
+            )
             damping = -np.sum(way * (ahead - behind), axis=1) / (2.0 * step)
             if isinstance(form, MunkFactor):
                 continue  # it has no power
-            if isinstance(form, LiftDrag) and form.sweep < 0:  # no slope bounds it where the flow runs along the span
+            # no slope bounds it where the flow runs along the span
+            if isinstance(form, LiftDrag) and form.sweep < 0:
                 across = nu[:, :3] @ np.cross(form.forward, form.upward)
                 damping[np.abs(across) > 0.9 * speed] = 0.0
             bound = np.einsum("ni,ij,nj->n", way, form.slope(speed), way)
@@ -467,16 +574,20 @@ def test_a_step_too_long_for_a_form_is_refused():
 
 def test_cross_terms_that_feed_energy_in_are_told():
     quadratic = np.full(6, 2.0)
-    calm = BodyHydrodynamics(volume=0.0, quadratic_damping=quadratic, forms=CrossTerms.of_gz({"yVabsR": -1.0}))
+    calm = BodyHydrodynamics(
+        volume=0.0, quadratic_damping=quadratic, forms=CrossTerms.of_gz({"yVabsR": -1.0})
+    )
     assert not [each for each in hydrodynamics.doubts(floating(calm)) if "cross" in each]
-    wild = replace(calm, forms=CrossTerms.of_gz({"yUV": 5.0}))  # + 5 u v^2, against 2 |v|^3 and 2 |u|^3
+    # + 5 u v^2, against 2 |v|^3 and 2 |u|^3
+    wild = replace(calm, forms=CrossTerms.of_gz({"yUV": 5.0}))
     (said,) = [each for each in hydrodynamics.doubts(floating(wild)) if "cross" in each]
     found = re.search(r"feed in (\S+) W at the twist \((.*?)\)", said)
     assert found
     twist = np.array([float(x) for x in found[2].split(",")])
     power = float(twist @ energy.damping_wrench(wild, twist[None])[0])
     assert power == pytest.approx(float(found[1]), rel=0.1)  # the twist is told with two digits
-    # At |v| = r |u| it is 5 r^2 - 2 r^3 - 2 per |u|^3: the search finds a motion near the best of all.
+    # At |v| = r |u| it is 5 r^2 - 2 r^3 - 2 per |u|^3: the search finds a motion near the best of
+    # all.
     ratio = np.linspace(0.1, 5.0, 5000)
     best = np.max((5.0 * ratio**2 - 2.0 * ratio**3 - 2.0) / (1.0 + ratio**2) ** 1.5)
     assert power / float(np.linalg.norm(twist)) ** 3 == pytest.approx(best, rel=0.05)
@@ -484,17 +595,25 @@ def test_cross_terms_that_feed_energy_in_are_told():
         floating(wild)
 
 
-# --------------------------------------------------------------------------------------------------- others who model
+# ---------------------------------------------------------------------------------------------------
+# others who model
 
 
 def test_the_reaction_of_a_free_vehicle_with_forms_is_nothing(rng, within):
     """Of the hull on the world in all directions, of a link on the hull about its free hinge."""
     spec = mujoco.MjSpec.from_string(
         '<mujoco><worldbody><body name="hull"><freejoint/><geom size=".3" mass="20"/>'
-        '<body name="link" pos=".4 .1 0"><joint axis="0 0 1"/><geom size=".1" pos=".2 0 0" mass="3"/></body></body>'
+        '<body name="link" pos=".4 .1 0"><joint axis="0 0 1"/><geom size=".1" pos=".2 0 0" '
+        'mass="3"/></body></body>'
         '</worldbody><option timestep="1e-4"/></mujoco>'
     )
-    water.attach(spec, {name: replace(random_coefficients(rng), forms=random_forms(rng)) for name in ("hull", "link")})
+    water.attach(
+        spec,
+        {
+            name: replace(random_coefficients(rng), forms=random_forms(rng))
+            for name in ("hull", "link")
+        },
+    )
     water.set_current(spec, rng.normal(size=3), rng.normal(size=3), rng.normal(size=3))
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
@@ -525,13 +644,19 @@ def test_perturbed_water_keeps_its_forms():
 
 
 def test_a_model_that_knows_no_forms_says_so():
-    row = water.pack(BodyHydrodynamics(volume=1.0, forms=(MunkFactor(), FadingDamping(linear=np.ones(6), rate=1.0))))
+    row = water.pack(
+        BodyHydrodynamics(
+            volume=1.0, forms=(MunkFactor(), FadingDamping(linear=np.ones(6), rate=1.0))
+        )
+    )
     with pytest.warns(PhysicsWarning, match="the arm leaves out .*FadingDamping, MunkFactor"):
         assert not water.without_forms(row, "the arm").terms
 
 
 def test_thrust_margin_counts_the_forms():
-    """In a current: without its couple an added mass takes no thrust, and a strip that drags takes more."""
+    """In a current: without its couple an added mass takes no thrust, and a strip that drags takes
+    more.
+    """
     spec = load("bluerov2_heavy_alpha5")
     hull, current = water.attached(spec)["hull"], np.array([0.4, 0.4, 0.0])
     no_couple = MunkFactor(factor=np.zeros(3))

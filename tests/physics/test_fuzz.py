@@ -1,4 +1,5 @@
-"""Malformed coefficients and models: each either works, or is refused by our own error. No crash, no NaN, no hang.
+"""Malformed coefficients and models: each either works, or is refused by our own error. No crash,
+no NaN, no hang.
 
 `UUV_FUZZ=2000 ./uvw run pytest tests/physics/test_fuzz.py` runs as many cases for each seed.
 """
@@ -18,7 +19,17 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import UuvError
 
 CASES = int(os.environ.get("UUV_FUZZ", "60"))
-BAD_NUMBERS: list[Any] = [float("nan"), float("inf"), -float("inf"), -1.0, -1e-12, 1e300, 1e18, 1e-300, 10**400]
+BAD_NUMBERS: list[Any] = [
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    -1.0,
+    -1e-12,
+    1e300,
+    1e18,
+    1e-300,
+    10**400,
+]
 BAD_THINGS: list[Any] = [
     None,
     "much",
@@ -48,7 +59,9 @@ def wrong(rng: np.random.Generator, value: Any) -> Any:
     elif kind == 3:
         array = rng.normal(size=array.shape) * 10.0 ** rng.integers(-12, 13)
     elif kind == 4:
-        array = np.ones([(), (1,), (3,), (5,), (6,), (7,), (3, 3), (6, 6), (6, 7), (6, 6, 1)][rng.integers(10)])
+        array = np.ones(
+            [(), (1,), (3,), (5,), (6,), (7,), (3, 3), (6, 6), (6, 7), (6, 6, 1)][rng.integers(10)]
+        )
     elif kind == 5:
         array = -array
     elif kind == 6:
@@ -57,11 +70,19 @@ def wrong(rng: np.random.Generator, value: Any) -> Any:
 
 
 def some(rng: np.random.Generator, given: dict[str, Any], odds: float) -> dict[str, Any]:
-    return {name: wrong(rng, value) if rng.random() < odds else value for name, value in given.items()}
+    return {
+        name: wrong(rng, value) if rng.random() < odds else value for name, value in given.items()
+    }
 
 
 def strip(rng: np.random.Generator, odds: float) -> Any:
-    numbers = {"start": rng.normal(size=3), "end": rng.normal(size=3), "normal": 2.0, "tangential": 0.1, "stations": 3}
+    numbers = {
+        "start": rng.normal(size=3),
+        "end": rng.normal(size=3),
+        "normal": 2.0,
+        "tangential": 0.1,
+        "stations": 3,
+    }
     return StripDrag(**some(rng, numbers, odds))
 
 
@@ -82,15 +103,21 @@ def body(rng: np.random.Generator) -> BodyHydrodynamics:
         "volume": 0.004,
         "center_of_buoyancy": 0.1 * rng.normal(size=3),
         "added_mass": L @ L.T,
-        "linear_damping": rng.uniform(size=6) if rng.random() < 0.5 else 3.0 * np.eye(6) + turn - turn.T,
+        "linear_damping": rng.uniform(size=6)
+        if rng.random() < 0.5
+        else 3.0 * np.eye(6) + turn - turn.T,
         "quadratic_damping": rng.uniform(size=6),
-        "strips": tuple(strip(rng, 0.02) for _ in range(rng.integers(2 + (rng.random() < 0.05) * 2))),
+        "strips": tuple(
+            strip(rng, 0.02) for _ in range(rng.integers(2 + (rng.random() < 0.05) * 2))
+        ),
     }
     return BodyHydrodynamics(**some(rng, given, odds))
 
 
 def tree(rng: np.random.Generator) -> mujoco.MjSpec:
-    """A world of 1 to 8 bodies on any joints, with masses over twelve decades, and odd options now and then."""
+    """A world of 1 to 8 bodies on any joints, with masses over twelve decades, and odd options now
+    and then.
+    """
     spec = mujoco.MjSpec()
     bodies = [spec.worldbody]
     for i in range(rng.integers(1, 9)):
@@ -99,7 +126,11 @@ def tree(rng: np.random.Generator) -> mujoco.MjSpec:
         mass = 10.0 ** (rng.uniform(-6.0, 6.0) if rng.random() < 0.1 else rng.uniform(-1.0, 2.0))
         new.add_geom(size=[0.1, 0.1, 0.1], mass=mass, contype=int(rng.integers(2)))
         free = parent is spec.worldbody and rng.random() < 0.6
-        kinds = ["FREE"] if free else [["HINGE"], ["SLIDE"], ["BALL"], ["HINGE", "SLIDE"], []][rng.integers(5)]
+        kinds = (
+            ["FREE"]
+            if free
+            else [["HINGE"], ["SLIDE"], ["BALL"], ["HINGE", "SLIDE"], []][rng.integers(5)]
+        )
         for kind in kinds:
             new.add_joint(type=getattr(mujoco.mjtJoint, f"mjJNT_{kind}"), axis=rng.normal(size=3))
         bodies.append(new)
@@ -137,7 +168,11 @@ def attempt(rng: np.random.Generator) -> str:
             coefficients["nobody"] = water.sphere(0.1)
         water.attach(spec, coefficients, *([wrong(rng, 1025.0)] if rng.random() < 0.1 else []))
         if rng.random() < 0.3:
-            flow = {"velocity": rng.normal(size=3), "acceleration": rng.normal(size=3), "shear": rng.normal(size=3)}
+            flow = {
+                "velocity": rng.normal(size=3),
+                "acceleration": rng.normal(size=3),
+                "shear": rng.normal(size=3),
+            }
             water.set_current(spec, **some(rng, flow, 0.1))
         model = hydrodynamics.compile(spec)
         data = mujoco.MjData(model)
@@ -169,9 +204,12 @@ def test_malformed_coefficients_and_models(rng, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("strange", [np.nan, np.inf, -5.0, 1e300, 7e8])
 def test_spoilt_rows_of_a_compiled_model(strange):
-    """Numbers written into the table behind the door's back: `check` refuses, and the callback survives."""
+    """Numbers written into the table behind the door's back: `check` refuses, and the callback
+    survives.
+    """
     spec = mujoco.MjSpec.from_string(
-        '<mujoco><worldbody><body name="ball"><freejoint/><geom size=".1" mass="4"/></body></worldbody></mujoco>'
+        '<mujoco><worldbody><body name="ball"><freejoint/><geom size=".1" '
+        'mass="4"/></body></worldbody></mujoco>'
     )
     line = StripDrag(start=np.zeros(3), end=np.ones(3), normal=1.0)
     water.attach(spec, {"ball": BodyHydrodynamics(volume=0.004, added_mass=np.eye(6), strips=line)})

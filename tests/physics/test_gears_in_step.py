@@ -1,4 +1,6 @@
-"""Gear friction acts inside MuJoCo's step: a joint's bound follows Stribeck's curve of its speed."""
+"""Gear friction acts inside MuJoCo's step: a joint's bound follows Stribeck's curve of its
+speed.
+"""
 
 import math
 import pickle
@@ -161,7 +163,8 @@ def test_files_and_pickles_of_a_dry_model_bring_it(tmp_path: Path):
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 400)
     for line in (
-        f"from uuv.sim import hydrodynamics; model = mujoco.MjModel.from_binary_path({str(path)!r})",
+        "from uuv.sim import hydrodynamics; model = "
+        f"mujoco.MjModel.from_binary_path({str(path)!r})",
         f"import pickle; model = pickle.load(open({str(pickled)!r}, 'rb'))",
     ):
         code = f"""
@@ -171,7 +174,9 @@ data = mujoco.MjData(model)
 mujoco.mj_step(model, data, 400)
 print(data.qpos.tobytes().hex())
 """
-        ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        ran = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        )
         assert ran.stdout.strip() == data.qpos.tobytes().hex()
 
 

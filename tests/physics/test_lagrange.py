@@ -1,9 +1,10 @@
 """Underwater double pendulum and acrobot against Lagrange's equations, derived by hand.
 
-Two links in a vertical plane: hinges along z, gravity along -y, each link along its x axis from its hinge. With the
-planar inertia G (3, 3) over (v_x, v_y, w) of a link and its water about its hinge, the twist of the second link is
-S(b) (a', b') with S = [[l s, 0], [l c, 0], [1, 1]] (s, c of the elbow angle b), so the kinetic energy is
-1/2 (a', b') M(b) (a', b') with M = S^T G2 S + diag(G1_ww, 0), and
+Two links in a vertical plane: hinges along z, gravity along -y, each link along its x axis from its
+hinge. With the planar inertia G (3, 3) over (v_x, v_y, w) of a link and its water about its hinge,
+the twist of the second link is S(b) (a', b') with S = [[l s, 0], [l c, 0], [1, 1]] (s, c of the
+elbow angle b), so the kinetic energy is 1/2 (a', b') M(b) (a', b') with M = S^T G2 S + diag(G1_ww,
+0), and
 
     M (a'', b'') + (M11' a' b' + M12' b'^2, -1/2 M11' a'^2) + grad V = torques        (' of M: over b)
 """
@@ -20,9 +21,11 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.spatial import Array
 
 DENSITY, GRAVITY, LENGTH = 1000.0, 9.81, 0.8
-MASS, INERTIA, CENTER = (4.0, 3.0), (0.3, 0.2), (0.35, 0.3)  # [kg, kg m^2 about the centre of mass, m]
+# [kg, kg m^2 about the centre of mass, m]
+MASS, INERTIA, CENTER = (4.0, 3.0), (0.3, 0.2), (0.35, 0.3)
 VOLUME, LIFTED_AT = (0.003, 0.0035), (0.4, 0.25)  # [m^3, m]
-STIFFNESS, DAMPING, TARGET = 25.0, 1.5, 1.2  # of the acrobot's elbow drive [N m/rad, N m s/rad, rad]
+# of the acrobot's elbow drive [N m/rad, N m s/rad, rad]
+STIFFNESS, DAMPING, TARGET = 25.0, 1.5, 1.2
 
 LINKS = f"""
 <mujoco>
@@ -46,7 +49,9 @@ def pendulum(rng: np.random.Generator) -> tuple[mujoco.MjModel, list[Array]]:
     spec = mujoco.MjSpec.from_string(LINKS)
     bodies = {
         name: BodyHydrodynamics(
-            volume=VOLUME[i], center_of_buoyancy=np.array([LIFTED_AT[i], 0.0, 0.0]), added_mass=added[i]
+            volume=VOLUME[i],
+            center_of_buoyancy=np.array([LIFTED_AT[i], 0.0, 0.0]),
+            added_mass=added[i],
         )
         for i, name in enumerate(("upper", "lower"))
     }
@@ -63,20 +68,32 @@ def lagrange(added: list[Array], q: Array, qd: Array, torque: Array) -> Array:
     s, c, L = np.sin(q[1]), np.cos(q[1]), LENGTH
     reach, turn = G2[0, 2] * s + G2[1, 2] * c, G2[0, 2] * c - G2[1, 2] * s
     M12 = L * reach + G2[2, 2]
-    M11 = G1[2, 2] + L**2 * (G2[0, 0] * s**2 + 2 * G2[0, 1] * s * c + G2[1, 1] * c**2) + 2 * L * reach + G2[2, 2]
+    M11 = (
+        G1[2, 2]
+        + L**2 * (G2[0, 0] * s**2 + 2 * G2[0, 1] * s * c + G2[1, 1] * c**2)
+        + 2 * L * reach
+        + G2[2, 2]
+    )
     dM11 = 2 * L**2 * ((G2[0, 0] - G2[1, 1]) * s * c + G2[0, 1] * (c**2 - s**2)) + 2 * L * turn
     dM12 = L * turn
     net = [m - DENSITY * V for m, V in zip(MASS, VOLUME, strict=True)]
-    lever = [m * c - DENSITY * V * b for m, c, V, b in zip(MASS, CENTER, VOLUME, LIFTED_AT, strict=True)]
+    lever = [
+        m * c - DENSITY * V * b for m, c, V, b in zip(MASS, CENTER, VOLUME, LIFTED_AT, strict=True)
+    ]
     falls = GRAVITY * lever[1] * np.cos(q[0] + q[1])
     forces = torque - [
-        dM11 * qd[0] * qd[1] + dM12 * qd[1] ** 2 + GRAVITY * (lever[0] + net[1] * L) * np.cos(q[0]) + falls,
+        dM11 * qd[0] * qd[1]
+        + dM12 * qd[1] ** 2
+        + GRAVITY * (lever[0] + net[1] * L) * np.cos(q[0])
+        + falls,
         -0.5 * dM11 * qd[0] ** 2 + falls,
     ]
     return np.linalg.solve(np.array([[M11, M12], [M12, G2[2, 2]]]), forces).astype(np.float64)
 
 
-@pytest.mark.check("underwater double pendulum: acceleration", "Lagrange's equations, derived by hand")
+@pytest.mark.check(
+    "underwater double pendulum: acceleration", "Lagrange's equations, derived by hand"
+)
 def test_acceleration(rng, within):
     model, added = pendulum(rng)
     model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_ACTUATION
@@ -94,9 +111,17 @@ def test_acceleration(rng, within):
     ("driven", "tolerance"),  # measured 1.1e-12 and 1.7e-11
     [
         pytest.param(
-            False, 1e-11, marks=pytest.mark.check("underwater double pendulum: 3 s", "Lagrange's equations, SciPy")
+            False,
+            1e-11,
+            marks=pytest.mark.check(
+                "underwater double pendulum: 3 s", "Lagrange's equations, SciPy"
+            ),
         ),
-        pytest.param(True, 2e-10, marks=pytest.mark.check("underwater acrobot: 3 s", "Lagrange's equations, SciPy")),
+        pytest.param(
+            True,
+            2e-10,
+            marks=pytest.mark.check("underwater acrobot: 3 s", "Lagrange's equations, SciPy"),
+        ),
     ],
 )
 def test_motion(driven, tolerance, within):
@@ -107,7 +132,9 @@ def test_motion(driven, tolerance, within):
 
     def rates(_: float, x: Array) -> Array:
         servo = STIFFNESS * (TARGET - x[1]) - DAMPING * x[3]
-        return np.concatenate([x[2:], lagrange(added, x[:2], x[2:], np.array([0.0, servo if driven else 0.0]))])
+        return np.concatenate(
+            [x[2:], lagrange(added, x[:2], x[2:], np.array([0.0, servo if driven else 0.0]))]
+        )
 
     start = np.array([0.3, -0.5, 1.0, -2.0])
     exact = solve_ivp(rates, (0.0, 3.0), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]

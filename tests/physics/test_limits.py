@@ -33,15 +33,18 @@ ARM = """
 <mujoco>
   <worldbody>
     <body name="hull"> <freejoint/> <geom size=".2" mass="30"/> <site name="root"/>
-      <body name="link" pos=".3 0 0"> <joint name="j" axis="0 1 0"/> <geom size=".1" mass="3"/> <site name="wrist"/>
-        <body name="tool" pos=".2 0 0"> <joint name="k" axis="0 1 0"/> <geom size=".05" mass="1"/> <site name="tip"/>
+      <body name="link" pos=".3 0 0"> <joint name="j" axis="0 1 0"/> <geom size=".1" mass="3"/>
+        <site name="wrist"/>
+        <body name="tool" pos=".2 0 0"> <joint name="k" axis="0 1 0"/> <geom size=".05" mass="1"/>
+          <site name="tip"/>
           <body name="mount"> <joint type="slide" stiffness="1e3"/>
             <inertial pos="0 0 0" mass=".1" diaginertia="1 1 1"/>
           </body>
         </body>
       </body>
     </body>
-    <body name="crate" pos="5 0 0"> <freejoint/> <geom size=".1" mass="3"/> <site name="lid"/> </body>
+    <body name="crate" pos="5 0 0"> <freejoint/> <geom size=".1" mass="3"/> <site name="lid"/>
+      </body>
   </worldbody>
   <sensor> {sensors} </sensor>
 </mujoco>
@@ -75,10 +78,16 @@ def new_plant() -> Plant:
 
 def still(plant: Plant) -> Command:
     vehicle = plant.vehicle
-    return Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(len(vehicle.thruster_names)), scan=False)
+    return Command(
+        time=0.0,
+        joint_torque=np.zeros(6),
+        thrusters=np.zeros(len(vehicle.thruster_names)),
+        scan=False,
+    )
 
 
-# ------------------------------------------------------------------------------------------------------------------ dry
+# ------------------------------------------------------------------------------------------------------------------
+# dry
 
 
 def test_a_pickled_model_brings_its_water_into_a_new_process(root: Path, tmp_path: Path):
@@ -91,7 +100,9 @@ model, data = pickle.load(open({str(tmp_path / "wet.pkl")!r}, "rb"))
 mujoco.mj_step(model, data, 99)
 print(repr(float(data.qvel[2])))
 """
-    run = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True
+    )
     assert float(run.stdout) == after(model, 100).qvel[2] > 0.1
 
 
@@ -119,7 +130,9 @@ data = mujoco.MjData(model)
 mujoco.mj_step(model, data, 100)
 print(repr(float(data.qvel[2])))
 """
-    run = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True
+    )
     assert run.stdout.split() == ["None", repr(float(after(model, 100).qvel[2]))]
 
 
@@ -128,7 +141,11 @@ def test_a_loaded_file_is_refused_where_the_callback_is_not_installed(tmp_path: 
     model = mujoco.MjModel.from_binary_path(str(tmp_path / "wet.mjb"))
     hydrodynamics.uninstall()
     for refuse in (hydrodynamics.check, hydrodynamics.set_constants):
-        with pytest.raises(HydrodynamicsError, match=r"moves dry: call uuv\.sim\.hydrodynamics\.install\(\)"):
+        with pytest.raises(
+            HydrodynamicsError,
+            match=r"moves dry: call "
+            r"uuv\.sim\.hydrodynamics\.install\(\)",
+        ):
             refuse(model)
     with pytest.raises(HydrodynamicsError, match="moves dry"):
         hydrodynamics.check_wet(model, after(model, 1))
@@ -177,14 +194,23 @@ def test_flags_that_keep_mujoco_from_calling_are_met_in_the_plant():
 
 def test_sensors_that_do_not_see_the_water_are_named():
     sensors = '<force name="{0}f" site="{0}"/> <torque name="{0}t" site="{0}"/>'
-    fine = '<accelerometer site="tip"/> <touch site="tip"/> <jointactuatorfrc joint="j"/>' + sensors.format("lid")
+    fine = (
+        '<accelerometer site="tip"/> <touch site="tip"/> <jointactuatorfrc joint="j"/>'
+        + sensors.format("lid")
+    )
     arm(sensors=fine)  # the crate is dry
-    with pytest.warns(PhysicsWarning, match=r"do not see the water: wristf, wristt; .* uuv\.sim\.plant\.reaction"):
+    with pytest.warns(
+        PhysicsWarning,
+        match=r"do not see the water: wristf, wristt; .* "
+        r"uuv\.sim\.plant\.reaction",
+    ):
         arm(sensors=fine + sensors.format("wrist"))
 
 
 def test_sensors_that_are_not_named_read_true():
-    """An accelerometer reads what the motion shows: acceleration of its site less gravity, in its own axes."""
+    """An accelerometer reads what the motion shows: acceleration of its site less gravity, in its
+    own axes.
+    """
     model = arm(sensors='<accelerometer site="tip"/>')
     data = after(model, 200)
     data.qvel[:8] = [0.3, -0.2, 0.1, 0.2, 0.3, -0.4, 1.0, -2.0]
@@ -201,7 +227,8 @@ def test_sensors_that_are_not_named_read_true():
     assert np.linalg.norm(expected - R.T @ [0.0, 0.0, 9.81]) > 0.5
 
 
-# ---------------------------------------------------------------------------------------------- frozen, past its limits
+# ----------------------------------------------------------------------------------------------
+# frozen, past its limits
 
 
 def test_a_step_without_observe_is_refused():
@@ -243,7 +270,9 @@ def test_the_plant_refuses_an_indefinite_added_mass():
 
 @pytest.fixture
 def said(capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture) -> Callable[[], str]:
-    """MuJoCo's warnings since the last call; where dm_control has been imported they go to its log."""
+    """MuJoCo's warnings since the last call; where dm_control has been imported they go to its
+    log.
+    """
 
     def text() -> str:
         found = capfd.readouterr().err + caplog.text
@@ -295,12 +324,19 @@ def test_the_plant_tells_of_what_was_met(tmp_path: Path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("speed", "timestep", "tells"), [(9.9, 0.002, False), (10.1, 0.002, True), (4.9, 0.004, False), (5.1, 0.004, True)]
+    ("speed", "timestep", "tells"),
+    [(9.9, 0.002, False), (10.1, 0.002, True), (4.9, 0.004, False), (5.1, 0.004, True)],
 )
-def test_drag_beyond_what_the_step_was_judged_for_is_told(speed, timestep, tells, said, tmp_path, monkeypatch):
+def test_drag_beyond_what_the_step_was_judged_for_is_told(
+    speed, timestep, tells, said, tmp_path, monkeypatch
+):
     """3 kg and 75 |v| N make a slope of 150 |v| / 3 1/s: 500 1/s at 10 m/s, 250 1/s at 5 m/s."""
     monkeypatch.chdir(tmp_path)
-    model = ball(BodyHydrodynamics(volume=0.003, quadratic_damping=np.array([75.0, 75.0, 75.0, 0.0, 0.0, 0.0])))
+    model = ball(
+        BodyHydrodynamics(
+            volume=0.003, quadratic_damping=np.array([75.0, 75.0, 75.0, 0.0, 0.0, 0.0])
+        )
+    )
     model.opt.timestep = timestep
     model.opt.wind = [0.5, 0.0, 0.0]  # it is the speed through the water that counts
     data = mujoco.MjData(model)
@@ -310,12 +346,15 @@ def test_drag_beyond_what_the_step_was_judged_for_is_told(speed, timestep, tells
     if not tells:
         hydrodynamics.check_motion(model, data)
         return
-    with pytest.warns(PhysicsWarning, match=f"faster than {0.02 / timestep:g} m/s .* timestep of {timestep:g} s"):
+    with pytest.warns(
+        PhysicsWarning, match=f"faster than {0.02 / timestep:g} m/s .* timestep of {timestep:g} s"
+    ):
         hydrodynamics.check_motion(model, data)
     hydrodynamics.check_motion(model, data)
 
 
-# ---------------------------------------------------------------------------------------------------------------- slips
+# ----------------------------------------------------------------------------------------------------------------
+# slips
 
 
 def test_the_projects_own_models_are_above_doubt():
@@ -324,7 +363,11 @@ def test_the_projects_own_models_are_above_doubt():
 
 
 def test_litres_are_told_of():
-    with pytest.warns(PhysicsWarning, match=r"ball: 3 kg in 4.189 m\^3 make 0.716 kg/m\^3, outside 30 to 20000"):
+    with pytest.warns(
+        PhysicsWarning,
+        match=r"ball: 3 kg in 4.189 m\^3 make 0.716 kg/m\^3, "
+        r"outside 30 to 20000",
+    ):
         ball(BodyHydrodynamics(volume=4.189, added_mass=np.diag([2e3] * 3 + [10.0] * 3)))
 
 
@@ -362,7 +405,11 @@ def test_a_printed_added_mass_is_made_symmetric():
     """RexROV 2 as published differs by 0.001 in 3660."""
     printed = np.diag([779.79, 1222.0, 3659.9, 534.9, 842.69, 224.32])
     printed[0, 4], printed[4, 0] = -199.453, -199.454
-    with pytest.warns(PhysicsWarning, match=r"\[0, 4\] = -199.453, \[4, 0\] = -199.454; their mean is taken"):
+    with pytest.warns(
+        PhysicsWarning,
+        match=r"\[0, 4\] = -199.453, \[4, 0\] = -199.454; their "
+        r"mean is taken",
+    ):
         body = BodyHydrodynamics(volume=1.84, added_mass=printed)
     assert body.added_mass[0, 4] == body.added_mass[4, 0] == pytest.approx(-199.4535)
     printed[4, 0] += 3.7

@@ -1,4 +1,6 @@
-"""A model that MuJoCo loads from our MJCF by itself is the same vehicle in the same water, to MJCF's six digits."""
+"""A model that MuJoCo loads from our MJCF by itself is the same vehicle in the same water, to
+MJCF's six digits.
+"""
 
 from pathlib import Path
 
@@ -24,7 +26,9 @@ REST = np.zeros(6)
 
 @pytest.fixture(params=["from_xml_path", "MjSpec"])
 def pair(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[mujoco.MjModel, mujoco.MjModel]:
-    """Vehicle and arm in water that is not the default, compiled by us; and the same read back by MuJoCo alone."""
+    """Vehicle and arm in water that is not the default, compiled by us; and the same read back by
+    MuJoCo alone.
+    """
     spec = models.load("uuv_puma")
     water.attach(spec, {}, 998.0)
     ours, path = hydrodynamics.compile(spec), tmp_path / "wet.xml"
@@ -42,9 +46,19 @@ def test_controllers_and_reaction_feel_the_same_water(pair, within):
         hover.append(StationKeeping(model).static_wrench(TILTED))
         arm, vehicle, data = ArmDynamics(model), Vehicle.of(model), mujoco.MjData(model)
         q = vehicle.q_ready
-        model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # their weights are those of the dry mass
+        # their weights are those of the dry mass
+        model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
         holding.append(
-            arm.inverse(q, REST, REST, R_WB=TILTED, nu_B=REST, a_B=REST, v_current_W=np.zeros(3), wrench_tip_G=REST)[0]
+            arm.inverse(
+                q,
+                REST,
+                REST,
+                R_WB=TILTED,
+                nu_B=REST,
+                a_B=REST,
+                v_current_W=np.zeros(3),
+                wrench_tip_G=REST,
+            )[0]
         )
         data.qpos[3:7], data.qpos[vehicle.qpos] = quat_wxyz_from_rotation(TILTED), q
         mujoco.mj_forward(model, data)
@@ -60,7 +74,11 @@ def test_controllers_and_reaction_feel_the_same_water(pair, within):
 
 def test_a_plant_asks_for_its_constants_and_then_feels_gusts(pair):
     ours, plain = pair
-    with pytest.raises(HydrodynamicsError, match=r"contact weights of its dry mass: .*set_constants"):
+    with pytest.raises(
+        HydrodynamicsError,
+        match=r"contact weights of its dry mass: "
+        r".*set_constants",
+    ):
         Plant(plain, current=Current(np.zeros(3)))
     hydrodynamics.set_constants(plain)
     assert hydrodynamics.check_installed(plain)
@@ -71,7 +89,8 @@ def test_a_plant_asks_for_its_constants_and_then_feels_gusts(pair):
         assert np.any(hydrodynamics.current(model, plant.data).acceleration_W)
         plant.observe()
         pushed.append(plant.data.qfrc_passive[:3].copy())
-    np.testing.assert_allclose(pushed[1], pushed[0], rtol=0.0, atol=1e-5 * 3169.0)  # six digits of the buoyancy [N]
+    # six digits of the buoyancy [N]
+    np.testing.assert_allclose(pushed[1], pushed[0], rtol=0.0, atol=1e-5 * 3169.0)
 
 
 def test_its_options_and_waters_are_checked(pair):

@@ -1,7 +1,9 @@
-"""Random trees against an independent formulation: every body by itself, joint reactions as unknowns.
+"""Random trees against an independent formulation: every body by itself, joint reactions as
+unknowns.
 
-Positions and Jacobians of the bodies come from MuJoCo (mj_kinematics, mj_jacBody), accelerations from differences of
-those; what is independent is the dynamics: inertia, velocity terms, water, current, and how forces pass through joints.
+Positions and Jacobians of the bodies come from MuJoCo (mj_kinematics, mj_jacBody), accelerations
+from differences of those; what is independent is the dynamics: inertia, velocity terms, water,
+current, and how forces pass through joints.
 """
 
 import mujoco
@@ -18,7 +20,9 @@ RULES = [np.polynomial.legendre.leggauss(n) for n in range(1, MAX_STATIONS + 1)]
 
 def cross(a: Array, b: Array) -> Array:
     """numpy's own takes ten times as long."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def body_jacobians(model: mujoco.MjModel, qpos: Array) -> Array:
@@ -34,7 +38,9 @@ def body_jacobians(model: mujoco.MjModel, qpos: Array) -> Array:
 
 
 def body_accelerations(model: mujoco.MjModel, qpos: Array, qvel: Array) -> Array:
-    """(nbody, 6) accelerations of the body origins with qacc = 0: sixth-order differences of the kinematics."""
+    """(nbody, 6) accelerations of the body origins with qacc = 0: sixth-order differences of the
+    kinematics.
+    """
     h, total = 3e-3, np.zeros((model.nbody, 6))
     for k, weight in ((1, 45.0), (2, -9.0), (3, 1.0)):
         for sign in (1.0, -1.0):
@@ -44,8 +50,12 @@ def body_accelerations(model: mujoco.MjModel, qpos: Array, qvel: Array) -> Array
     return total / (60.0 * h)
 
 
-def forces(body: BodyHydrodynamics, model: mujoco.MjModel, z: float, R: Array, v_W: Array, w_W: Array) -> Array:
-    """Hydrodynamic wrench (6,) in body axes, without -A nudot: Kirchhoff's equations, drag and buoyancy."""
+def forces(
+    body: BodyHydrodynamics, model: mujoco.MjModel, z: float, R: Array, v_W: Array, w_W: Array
+) -> Array:
+    """Hydrodynamic wrench (6,) in body axes, without -A nudot: Kirchhoff's equations, drag and
+    buoyancy.
+    """
     shear = model.body_user[0, LAYOUT.current_shear :][:3]
     current = model.opt.wind + z * shear
     flow = model.body_user[0, LAYOUT.current_acceleration :][:3] + current[2] * shear
@@ -64,16 +74,25 @@ def forces(body: BodyHydrodynamics, model: mujoco.MjModel, z: float, R: Array, v
             point = strip.start + (node + 1.0) / 2.0 * along
             u_p = nu_r[:3] + cross(w, point)
             u_t, u_n = P @ u_p, u_p - P @ u_p
-            df = strip.normal * np.linalg.norm(u_n) * u_n + strip.tangential * np.linalg.norm(u_t) * u_t
+            df = (
+                strip.normal * np.linalg.norm(u_n) * u_n
+                + strip.tangential * np.linalg.norm(u_t) * u_t
+            )
             f -= weight / 2.0 * length * np.concatenate([df, cross(point, df)])
     lift = DENSITY * body.volume * R.T @ (flow - model.opt.gravity)
     return f + np.concatenate([lift, cross(body.center_of_buoyancy, lift)])
 
 
 def independent_acceleration(
-    model: mujoco.MjModel, coefficients: dict[int, BodyHydrodynamics], qpos: Array, qvel: Array, tau: Array
+    model: mujoco.MjModel,
+    coefficients: dict[int, BodyHydrodynamics],
+    qpos: Array,
+    qvel: Array,
+    tau: Array,
 ) -> Array:
-    """qacc (nv,) from G a - r = F for each body, a = J qacc + b for its motion, and sum J^T r = tau for its joints."""
+    """qacc (nv,) from G a - r = F for each body, a = J qacc + b for its motion, and sum J^T r = tau
+    for its joints.
+    """
     data = mujoco.MjData(model)
     data.qpos = qpos
     mujoco.mj_kinematics(model, data)
@@ -89,13 +108,17 @@ def independent_acceleration(
         here = slice(6 * i - 6, 6 * i)
         G[here, here] = np.block([[m * np.eye(3), -m * skew(c)], [m * skew(c), inertia]])
         F[here] = np.concatenate(
-            [m * model.opt.gravity - m * cross(w, cross(w, c)), m * cross(c, model.opt.gravity) - cross(w, inertia @ w)]
+            [
+                m * model.opt.gravity - m * cross(w, cross(w, c)),
+                m * cross(c, model.opt.gravity) - cross(w, inertia @ w),
+            ]
         )
         if i in coefficients:
             turn = np.kron(np.eye(2), R)
             G[here, here] += turn @ coefficients[i].added_mass @ turn.T
             F[here] += turn @ forces(coefficients[i], model, data.xpos[i, 2], R, v, w)
-            # nudot is the rate seen in body axes: R^T (a - w x v), so G a above counts A R^T (w x v) too much.
+            # nudot is the rate seen in body axes: R^T (a - w x v), so G a above counts A R^T (w x
+            # v) too much.
             F[here] += turn @ coefficients[i].added_mass[:, :3] @ R.T @ cross(w, v)
     Js = J[1:].reshape(count, model.nv)
     zero, eye = np.zeros, np.eye(count)
@@ -106,7 +129,9 @@ def independent_acceleration(
             [zero((model.nv, count)), np.diag(model.dof_armature), Js.T],
         ]
     )
-    solution: Array = np.linalg.solve(system, np.concatenate([F, bias[1:].ravel(), tau])).astype(np.float64)
+    solution: Array = np.linalg.solve(system, np.concatenate([F, bias[1:].ravel(), tau])).astype(
+        np.float64
+    )
     return solution[count : count + model.nv]
 
 
@@ -125,8 +150,13 @@ def test_acceleration_of_random_trees(rng, within):
         for _ in range(10):
             set_in_motion(model, data, rng)
             mujoco.mj_forward(model, data)
-            expected = independent_acceleration(model, coefficients, data.qpos, data.qvel, data.qfrc_applied)
+            expected = independent_acceleration(
+                model, coefficients, data.qpos, data.qvel, data.qfrc_applied
+            )
             largest = max(largest, float(np.max(np.abs(expected))))
-            worst = max(worst, float(np.max(np.abs(data.qacc - expected)) / np.max(np.abs(expected))))
+            worst = max(
+                worst, float(np.max(np.abs(data.qacc - expected)) / np.max(np.abs(expected)))
+            )
     assert largest > 1.0
-    within("relative qacc", worst, 2e-11)  # measured up to 1.1e-12 over 90 seeds, 22 000 states; once 3e-12
+    # measured up to 1.1e-12 over 90 seeds, 22 000 states; once 3e-12
+    within("relative qacc", worst, 2e-11)

@@ -1,6 +1,7 @@
 """Every named model: the figures of its source arrive, it is trimmed, stays, rights itself, hovers.
 
-The figures below are typed from the sources, in their axes (forward, starboard, down), apart from those in `models`.
+The figures below are typed from the sources, in their axes (forward, starboard, down), apart from
+those in `models`.
 """
 
 import json
@@ -24,18 +25,28 @@ from uuv.models.vehicles import published_hulls
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command
-from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, rotation_angle, skew
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    pose,
+    quat_wxyz_from_rotation,
+    rotation_angle,
+    skew,
+)
 from uuv.sim.loop.true_estimate import true_estimate
 from uuv.sim.plant.plant import Plant
 from uuv.sim.sensors.depth_camera import DepthCamera
 from uuv.sim.water.current import Current
 
-NAMES = sorted({models.VEHICLES.resolve(name) for name in models.available()})  # without the aliases
-FIXED = ["reach_alpha_5"]  # test_description_says_what_the_model_has holds these two lists against the models
+# without the aliases
+NAMES = sorted({models.VEHICLES.resolve(name) for name in models.available()})
+# test_description_says_what_the_model_has holds these two lists against the models
+FIXED = ["reach_alpha_5"]
 ONE_PROPELLER = ["remus100"]  # it holds no place
 FLOATING = [name for name in NAMES if name not in FIXED]
 HOVERING = [name for name in FLOATING if name not in ONE_PROPELLER]
-SIGNS = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # of a six-vector that changes from the source's axes to ours
+# of a six-vector that changes from the source's axes to ours
+SIGNS = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 L, RHO = 5.3, 1000.0  # PHOENIX
 
 SOURCES = {
@@ -63,10 +74,18 @@ SOURCES = {
         "buoyancy": (0, 0, 0),
         "linear": (0, 0, 0, 0, 0, 0),
         "inertia": np.array([[2038, 13.58, 13.58], [13.58, 13587, 13.58], [13.58, 13.58, 13587]]),
-        "quadratic": (0.5 * RHO * L**2 * 0.00385, 150 * L, 300 * L, 0, 300 * L**4 / 32, 150 * L**4 / 32),
+        "quadratic": (
+            0.5 * RHO * L**2 * 0.00385,
+            150 * L,
+            300 * L,
+            0,
+            300 * L**4 / 32,
+            150 * L**4 / 32,
+        ),
     },
 }
-# SIMURV 4.0, func/InverseDynamics_vehicle.m, as printed, with four digits: rigid body and water together.
+# SIMURV 4.0, func/InverseDynamics_vehicle.m, as printed, with four digits: rigid body and water
+# together.
 PHOENIX_M = np.array(
     [
         [6.019e3, 5.122e-8, -1.180e-2, -3.200e-5, 3.325e2, -6.731e-5],
@@ -77,8 +96,8 @@ PHOENIX_M = np.array(
         [-6.731e-5, -4.736e2, -4.750e-4, 8.467e1, 1.357e1, 2.069e4],
     ]
 )
-# Thrusts 1 to 8 to the wrench on the hull. Wu's matrix is printed. Of von Benzon's set the places are: the upright
-# four, all pushing up, give moments by hand; the level four are as Wu's.
+# Thrusts 1 to 8 to the wrench on the hull. Wu's matrix is printed. Of von Benzon's set the places
+# are: the upright four, all pushing up, give moments by hand; the level four are as Wu's.
 LEVEL_ARM = 0.06 * np.array([[1, -1, 1, -1], [1, 1, -1, -1]])
 WU_B = np.array(
     [
@@ -119,17 +138,28 @@ def rotation(quat_wxyz: Array) -> Array:
 
 def rigid(model: mujoco.MjModel, body: int) -> tuple[float, Array, Array]:
     """Mass, centre (3,) and inertia (3, 3) about the body's origin."""
-    R, m, c = rotation(model.body_iquat[body]), float(model.body_mass[body]), np.array(model.body_ipos[body])
+    R, m, c = (
+        rotation(model.body_iquat[body]),
+        float(model.body_mass[body]),
+        np.array(model.body_ipos[body]),
+    )
     return m, c, R @ np.diag(model.body_inertia[body]) @ R.T - m * skew(c) @ skew(c)
 
 
-# ------------------------------------------------------------------------------------------------------ what is there
+# ------------------------------------------------------------------------------------------------------
+# what is there
 
 
 def test_the_names_that_others_rely_on():
-    assert {"uuv_puma", "bluerov2_heavy", "phoenix_smart3s", "reach_alpha_5"} <= set(models.available())
+    assert {"uuv_puma", "bluerov2_heavy", "phoenix_smart3s", "reach_alpha_5"} <= set(
+        models.available()
+    )
     assert models.describe("bluerov2_heavy").name == "bluerov2_heavy_benzon2022"
-    with pytest.raises(ConfigurationError, match=r"unknown vehicle 'bluerov3'; there are .*bluerov2_heavy_wu2018"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"unknown vehicle 'bluerov3'; there are "
+        r".*bluerov2_heavy_wu2018",
+    ):
         models.describe("bluerov3")
 
 
@@ -139,7 +169,10 @@ def test_description_says_what_the_model_has(name):
     assert told.source
     assert (told.name, told.floating) == (name, name in FLOATING)
     assert (told.thrusters == 1) == (name in ONE_PROPELLER)
-    assert (told.dof, told.thrusters) == (model.nv, sum(n.startswith("thruster_") for n in actuators(model)))
+    assert (told.dof, told.thrusters) == (
+        model.nv,
+        sum(n.startswith("thruster_") for n in actuators(model)),
+    )
     assert told.mass == pytest.approx(float(np.sum(model.body_mass)))
     if told.floating:
         assert 1025.0 * told.volume == pytest.approx(told.mass, rel=1e-12)
@@ -158,21 +191,30 @@ def actuators(model: mujoco.MjModel) -> list[str]:
     return [model.actuator(i).name for i in range(model.nu)]
 
 
-# ------------------------------------------------------------------------------------------------- axes, and figures
+# -------------------------------------------------------------------------------------------------
+# axes, and figures
 
 
 def test_axes_turn_as_wrenches_and_twists_do(rng):
-    """Invariants that no sign table is needed for: power, energy, and that a moment is a lever times a force."""
+    """Invariants that no sign table is needed for: power, energy, and that a moment is a lever
+    times a force.
+    """
     M = rng.normal(size=(6, 6))
     M = M + M.T
-    nu, wrench, p, f = rng.normal(size=6), rng.normal(size=6), rng.normal(size=3), rng.normal(size=3)
+    nu, wrench, p, f = (
+        rng.normal(size=6),
+        rng.normal(size=6),
+        rng.normal(size=3),
+        rng.normal(size=3),
+    )
     turned = published_hulls.from_ned(nu)
     assert turned @ published_hulls.from_ned(wrench) == pytest.approx(nu @ wrench, abs=1e-13)
     assert turned @ published_hulls.from_ned(M) @ turned == pytest.approx(nu @ M @ nu, abs=1e-12)
     assert np.cross(published_hulls.from_ned(p), published_hulls.from_ned(f)) == pytest.approx(
         published_hulls.from_ned(np.cross(p, f))
     )
-    assert published_hulls.from_ned([1.0, 2.0, 3.0]).tolist() == [1.0, -2.0, -3.0]  # forward, starboard, down
+    # forward, starboard, down
+    assert published_hulls.from_ned([1.0, 2.0, 3.0]).tolist() == [1.0, -2.0, -3.0]
     assert published_hulls.from_ned(M) == pytest.approx(SIGNS[:, None] * M * SIGNS)
     assert published_hulls.from_ned(published_hulls.from_ned(M)) == pytest.approx(M)
     with pytest.raises(ConfigurationError, match=r"got shape \(4, 4\)"):
@@ -189,10 +231,17 @@ def test_figures_of_the_source_arrive_in_the_model(name, within):
     within("mass [kg]", m - source["mass"], 1e-12)
     within("centre of gravity [m]", SIGNS[:3] * c - source["gravity"], 1e-15)
     turned = SIGNS[:3, None] * inertia * SIGNS[:3]
-    within("inertia, relative", (turned - source["inertia"]) / np.max(inertia), 1e-13)  # measured 1e-14
-    within("centre of buoyancy, height [m]", -found.center_of_buoyancy[2] - source["buoyancy"][2], 1e-14)
+    # measured 1e-14
+    within("inertia, relative", (turned - source["inertia"]) / np.max(inertia), 1e-13)
+    within(
+        "centre of buoyancy, height [m]",
+        -found.center_of_buoyancy[2] - source["buoyancy"][2],
+        1e-14,
+    )
     within("linear damping", found.linear_damping - np.diag(source["linear"]), 1e-15)
-    assert found.quadratic_damping == pytest.approx(np.array(source["quadratic"], dtype=float), rel=1e-13)
+    assert found.quadratic_damping == pytest.approx(
+        np.array(source["quadratic"], dtype=float), rel=1e-13
+    )
     added = SIGNS[:, None] * found.added_mass * SIGNS
     if "added" in source:
         within("added mass", added - source["added"], 1e-15)
@@ -202,19 +251,36 @@ def test_figures_of_the_source_arrive_in_the_model(name, within):
         S = m * skew(SIGNS[:3] * c)
         total[:3, 3:], total[3:, :3] = -S, S
         scale = np.sqrt(np.outer(np.diag(PHOENIX_M), np.diag(PHOENIX_M)))
-        within("rigid body and water against the printed digits", (added + total - PHOENIX_M) / scale, 1e-3)  # 3e-4
+        # 3e-4
+        within(
+            "rigid body and water against the printed digits",
+            (added + total - PHOENIX_M) / scale,
+            1e-3,
+        )
 
 
-@pytest.mark.parametrize(("name", "B"), [("bluerov2_heavy_benzon2022", BENZON_B), ("bluerov2_heavy_wu2018", WU_B)])
+@pytest.mark.parametrize(
+    ("name", "B"), [("bluerov2_heavy_benzon2022", BENZON_B), ("bluerov2_heavy_wu2018", WU_B)]
+)
 def test_thrusters_act_as_the_source_says(name, B, within):
     found = Vehicle.of(compiled(name)).thruster_wrench
-    within("wrench per thrust [-, m]", SIGNS[:, None] * found - B, 3e-4)  # measured 1.1e-4: 0.06 for 0.0601
+    # measured 1.1e-4: 0.06 for 0.0601
+    within("wrench per thrust [-, m]", SIGNS[:, None] * found - B, 3e-4)
 
 
 def test_arm_of_phoenix_is_its_denavit_hartenberg_table(rng, within):
-    """The tip against the product of the table's matrices, base 1.5 m under the hull in the hull's published axes."""
+    """The tip against the product of the table's matrices, base 1.5 m under the hull in the hull's
+    published axes.
+    """
     H = np.pi / 2
-    table = [(0.15, -H, 0), (0.61, 0, 0), (0.11, -H, 0), (0, H, 0.61), (0, -H, -0.113), (0, 0, 0.103)]
+    table = [
+        (0.15, -H, 0),
+        (0.61, 0, 0),
+        (0.11, -H, 0),
+        (0, H, 0.61),
+        (0, -H, -0.113),
+        (0, 0, 0.103),
+    ]
     model = compiled("phoenix_smart3s")
     data, q = mujoco.MjData(model), rng.uniform(-np.pi, np.pi, 6)
     data.qpos[Vehicle.of(model).qpos] = q
@@ -227,7 +293,8 @@ def test_arm_of_phoenix_is_its_denavit_hartenberg_table(rng, within):
     within("axes", SIGNS[:3, None] * tip.xmat.reshape(3, 3) - X[:3, :3], 1e-14)
 
 
-# hkolano/PitchPrediction, urdf/blue_rov_hardware.urdf: the joints as printed, but for masses that MuJoCo asks for.
+# hkolano/PitchPrediction, urdf/blue_rov_hardware.urdf: the joints as printed, but for masses that
+# MuJoCo asks for.
 ALPHA_JOINTS = (
     ("0 0 0", "0 0 0"),
     ("0.020 0 0.046", "1.57075 1.3 0"),
@@ -238,8 +305,14 @@ ALPHA_JOINTS = (
 
 def test_arm_of_the_alpha_5_is_that_of_its_urdf(rng, within):
     """The jaws against MuJoCo's own reading of a URDF; its rounded right angles are off by 1e-4."""
-    link = '<link name="l{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-    joint = '<joint name="j{0}" type="continuous"><parent link="l{1}"/><child link="l{0}"/><axis xyz="0 0 1"/>'
+    link = (
+        '<link name="l{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/>'
+    )
+    joint = (
+        '<joint name="j{0}" type="continuous"><parent link="l{1}"/><child link="l{0}"/><axis '
+        'xyz="0 0 1"/>'
+    )
     parts = [(link + "</inertial></link>").format(0)]
     for i, (xyz, rpy) in enumerate(ALPHA_JOINTS, start=1):
         parts += [(link + "</inertial></link>").format(i), joint.format(i, i - 1)]
@@ -253,7 +326,11 @@ def test_arm_of_the_alpha_5_is_that_of_its_urdf(rng, within):
     wrist = theirs.body("l4")
     jaws = wrist.xpos + wrist.xmat.reshape(3, 3) @ [0.0, 0.0, -0.190]
     within("jaws [m]", ours.site(TIP_SITE).xpos - jaws, 1e-4)
-    within("tool axis", ours.site(TIP_SITE).xmat.reshape(3, 3)[:, 2] + wrist.xmat.reshape(3, 3)[:, 2], 5e-4)
+    within(
+        "tool axis",
+        ours.site(TIP_SITE).xmat.reshape(3, 3)[:, 2] + wrist.xmat.reshape(3, 3)[:, 2],
+        5e-4,
+    )
 
 
 def test_drag_of_the_alpha_5_in_uniform_flow_is_the_published():
@@ -292,11 +369,23 @@ def test_links_of_the_alpha_5_have_the_published_mass_and_water(name, within):
     within("relative mass", model.body_mass[body] / mass - 1.0, 1e-15)
     within("relative volume", found.volume / (1e-3 * volume) - 1.0, 1e-15)
     if added is not None:  # twice across, none along
-        within("relative added mass", np.linalg.eigvalsh(found.added_mass[:3, :3]) / added - [0.0, 1.0, 1.0], 1e-14)
+        within(
+            "relative added mass",
+            np.linalg.eigvalsh(found.added_mass[:3, :3]) / added - [0.0, 1.0, 1.0],
+            1e-14,
+        )
 
 
-# SIMURV 4.0, data/data_phoenix_smart3s.m: kg, radius and length [m] of each link; drag coefficient 0.6, fresh water.
-PHOENIX_LINKS = ((80, 0.2, 0.85), (80, 0.1, 1.0), (30, 0.15, 0.2), (50, 0.1, 0.8), (20, 0.15, 0.2), (25, 0.1, 0.3))
+# SIMURV 4.0, data/data_phoenix_smart3s.m: kg, radius and length [m] of each link; drag coefficient
+# 0.6, fresh water.
+PHOENIX_LINKS = (
+    (80, 0.2, 0.85),
+    (80, 0.1, 1.0),
+    (30, 0.15, 0.2),
+    (50, 0.1, 0.8),
+    (20, 0.15, 0.2),
+    (25, 0.1, 0.3),
+)
 
 
 @pytest.mark.parametrize("link", range(6))
@@ -310,7 +399,11 @@ def test_links_of_phoenix_have_the_published_mass_and_water(link, within):
     within("relative mass", model.body_mass[body] / mass - 1.0, 1e-15)
     within("relative volume", RHO * found.volume / displaced - 1.0, 1e-14)
     across_along = sorted([0.1 * mass, displaced, displaced])
-    within("relative added mass", np.linalg.eigvalsh(found.added_mass[:3, :3]) / across_along - 1.0, 1e-13)
+    within(
+        "relative added mass",
+        np.linalg.eigvalsh(found.added_mass[:3, :3]) / across_along - 1.0,
+        1e-13,
+    )
     (strip,) = found.segments
     within("length of the strip [m]", np.linalg.norm(strip.end - strip.start) - length, 1e-15)
     within("relative drag across", strip.normal / (0.5 * RHO * 0.6 * 2.0 * radius) - 1.0, 1e-15)
@@ -320,12 +413,24 @@ def test_links_of_phoenix_have_the_published_mass_and_water(link, within):
 def test_side_mounted_arm_is_the_same_arm_on_the_same_hull():
     """What differs is where arm and camera are, and the foam that trims it."""
     under, side = compiled("uuv_puma"), compiled("uuv_puma_side")
-    for name in ("body_mass", "body_inertia", "body_ipos", "jnt_range", "jnt_axis", "dof_armature", "dof_damping"):
+    for name in (
+        "body_mass",
+        "body_inertia",
+        "body_ipos",
+        "jnt_range",
+        "jnt_axis",
+        "dof_armature",
+        "dof_damping",
+    ):
         assert np.array_equal(getattr(under, name), getattr(side, name)), name
     assert np.array_equal(under.actuator_ctrlrange, side.actuator_ctrlrange)
     assert np.array_equal(under.key_qpos, side.key_qpos)
     assert np.array_equal(Vehicle.of(under).thruster_wrench, Vehicle.of(side).thruster_wrench)
-    moved = {side.body(b).name for b in range(side.nbody) if not np.allclose(under.body_pos[b], side.body_pos[b])}
+    moved = {
+        side.body(b).name
+        for b in range(side.nbody)
+        if not np.allclose(under.body_pos[b], side.body_pos[b])
+    }
     assert moved == {ARM_BASE_BODY}
     X_BA = Vehicle.of(side).X_BA
     assert X_BA[:3, 2].tolist() == [0.0, 1.0, 0.0]  # it works to port
@@ -359,13 +464,16 @@ def test_side_mounted_arm_folded_is_clear_of_jets_hull_and_camera():
     for geom in kept_off:
         gap = min(mujoco.mj_geomDistance(model, data, g, geom, 1.0, None) for g in arm)
         # The base's own housing stands on the hull.
-        assert gap > (-0.01 if model.geom(geom).name in ("hull_box", "foam") else 0.05), model.geom(geom).name
+        assert gap > (-0.01 if model.geom(geom).name in ("hull_box", "foam") else 0.05), model.geom(
+            geom
+        ).name
     camera = DepthCamera.at_site(model, "camera", noise=None)
     depth, _ = camera.render(data.xpos, data.xmat.reshape(-1, 9))
     assert not np.isfinite(depth).any()
 
 
-# ------------------------------------------------------------------------------------------------- statics and motion
+# -------------------------------------------------------------------------------------------------
+# statics and motion
 
 
 def braked(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -391,12 +499,18 @@ def braked(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def lever(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, Array]:
-    """Net buoyancy [N], and the centre of buoyancy from the centre of mass (3,) [m], of the whole model."""
+    """Net buoyancy [N], and the centre of buoyancy from the centre of mass (3,) [m], of the whole
+    model.
+    """
     displaced, moment = 0.0, np.zeros(3)
     for b in range(1, model.nbody):
         if (body := coefficients(model, b)) is not None:
             displaced += 1025.0 * body.volume
-            moment += 1025.0 * body.volume * (data.xpos[b] + data.xmat[b].reshape(3, 3) @ body.center_of_buoyancy)
+            moment += (
+                1025.0
+                * body.volume
+                * (data.xpos[b] + data.xmat[b].reshape(3, 3) @ body.center_of_buoyancy)
+            )
     weighed = float(np.sum(model.body_mass))
     center = np.sum(model.body_mass[:, None] * data.xipos, axis=0) / weighed
     return 9.81 * (displaced - weighed), moment / displaced - center
@@ -424,7 +538,9 @@ def test_left_alone_it_stays(name, within):
 
 @pytest.mark.parametrize("name", FIXED)
 def test_fixed_arm_is_held_by_the_torque_of_its_weight_in_water(name, within):
-    """The torques that hold it are the slope of its potential energy, and with them it stays for 60 s."""
+    """The torques that hold it are the slope of its potential energy, and with them it stays for 60
+    s.
+    """
     model = compiled(name)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key(HOME_KEY).id)
@@ -440,7 +556,10 @@ def test_fixed_arm_is_held_by_the_torque_of_its_weight_in_water(name, within):
                 total -= 9.81 * 1025.0 * body.volume * height[2]
         return total
 
-    slope = [(potential(home + step * e) - potential(home - step * e)) / (2.0 * step) for e in np.eye(model.nv)]
+    slope = [
+        (potential(home + step * e) - potential(home - step * e)) / (2.0 * step)
+        for e in np.eye(model.nv)
+    ]
     data.qpos = home
     mujoco.mj_forward(model, data)
     data.qacc[:] = 0.0
@@ -455,7 +574,9 @@ def test_fixed_arm_is_held_by_the_torque_of_its_weight_in_water(name, within):
 @pytest.mark.parametrize("name", FLOATING)
 @pytest.mark.parametrize("axis", [0, 1], ids=["roll", "pitch"])
 def test_heeled_it_rights_itself(name, axis):
-    """It comes back upright within one period 2 pi sqrt(I / m g h) of its water and mass, and never heels further."""
+    """It comes back upright within one period 2 pi sqrt(I / m g h) of its water and mass, and never
+    heels further.
+    """
     model, data = braked(name)
     _, arm = lever(model, data)
     inertia = (
@@ -485,19 +606,23 @@ def test_towed_hull_reaches_the_speed_of_its_damping(name, within):
     a, b, speed = SOURCES[name]["linear"][0], SOURCES[name]["quadratic"][0], 4.0
     data.xfrc_applied[model.body(HULL_BODY).id, 0] = force = a * speed + b * speed**2
     mass = float(model.body_mass[1]) + unpack(model.body_user[1]).added_mass[0, 0]
-    mujoco.mj_step(model, data, round(15.0 * mass / (a + 2.0 * b * speed) / model.opt.timestep))  # 15 time constants
+    # 15 time constants
+    mujoco.mj_step(model, data, round(15.0 * mass / (a + 2.0 * b * speed) / model.opt.timestep))
     exact = (-a + np.sqrt(a**2 + 4.0 * b * force)) / (2.0 * b)
     within("terminal surge, relative", data.qvel[0] / exact - 1.0, 5e-6)
 
 
-# -------------------------------------------------------------------------------------------------------------- hover
+# --------------------------------------------------------------------------------------------------------------
+# hover
 
 CONTROL_TICKS, CURRENT = 10, (0.15, 0.1, 0.05)  # steps between commands; [m/s]
 
 
 @pytest.mark.parametrize("name", HOVERING)
 def test_it_hovers(name, within):
-    """Hull and arm held at home in a current, from 0.3 m and 10 degrees away: by thrusters, or by the wrench."""
+    """Hull and arm held at home in a current, from 0.3 m and 10 degrees away: by thrusters, or by
+    the wrench.
+    """
     model = compiled(name)
     X_start = pose(exp_so3([0.1, -0.1, 0.1]), [0.2, -0.2, 0.1])
     plant = Plant(model, current=Current(np.array(CURRENT)), X_WB=X_start)
@@ -524,7 +649,9 @@ def test_it_hovers(name, within):
                     v_current_W=none,
                     wrench_tip_G=np.zeros(6),
                 )[1]
-            wrench = hover.step(state, true_estimate(true), np.eye(4), none, fed, CONTROL_TICKS * plant.timestep)
+            wrench = hover.step(
+                state, true_estimate(true), np.eye(4), none, fed, CONTROL_TICKS * plant.timestep
+            )
             if allocation is None:
                 plant.data.ctrl[wrench_actuators] = wrench
             else:
@@ -540,12 +667,15 @@ def test_it_hovers(name, within):
     assert np.linalg.norm(wrench) > 1.0  # the current is felt
 
 
-# ---------------------------------------------------------------------------------------------- your own vehicle
+# ----------------------------------------------------------------------------------------------
+# your own vehicle
 
 
 def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
     """The vehicle from scratch in docs/own_vehicle.md, as it stands there."""
-    section = (root / "docs" / "own_vehicle.md").read_text(encoding="utf-8").partition("## Vehicle")[2]
+    section = (
+        (root / "docs" / "own_vehicle.md").read_text(encoding="utf-8").partition("## Vehicle")[2]
+    )
     code = next(
         block
         for block in re.findall(r"^```python\n(.*?)^```", section, flags=re.M | re.S)
@@ -562,7 +692,9 @@ def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
     assert plant.truth.time > 20.0
     assert np.linalg.norm(plant.truth.current_W) > 0.1  # or to stay would be no feat
     within("own_vehicle.md: off the place [m]", np.linalg.norm(plant.truth.p_WB), 0.01)
-    within("own_vehicle.md: off the attitude [rad]", rotation_angle(np.eye(3), plant.truth.R_WB), 0.1)
+    within(
+        "own_vehicle.md: off the attitude [rad]", rotation_angle(np.eye(3), plant.truth.R_WB), 0.1
+    )
 
 
 def test_the_verb_lists_every_model(verb):

@@ -1,4 +1,6 @@
-"""Added mass by panels, and unions of shells, against closed forms, invariances and orders of convergence."""
+"""Added mass by panels, and unions of shells, against closed forms, invariances and orders of
+convergence.
+"""
 
 from functools import cache
 
@@ -28,19 +30,27 @@ def unit_sphere(times: int) -> tuple[Array, np.ndarray]:
     vertices = np.array([np.roll(row, k) for k in (0, 1, 2) for row in rows], dtype=np.float64)
     vertices /= np.linalg.norm(vertices[0])
     near = np.linalg.norm(vertices[:, None] - vertices, axis=-1) < 1.1  # the edge is 1.05
-    triples = [(i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] & near[j, k] & near[k, i]]
+    triples = [
+        (i, j, k)
+        for i in range(12)
+        for j in range(i)
+        for k in range(j)
+        if near[i, j] & near[j, k] & near[k, i]
+    ]
     faces = np.array(triples)
     a, b, c = vertices[faces].transpose(1, 0, 2)
-    faces[np.einsum("ij,ij->i", a, np.cross(b, c)) < 0.0] = faces[np.einsum("ij,ij->i", a, np.cross(b, c)) < 0.0][
-        :, ::-1
-    ]
+    faces[np.einsum("ij,ij->i", a, np.cross(b, c)) < 0.0] = faces[
+        np.einsum("ij,ij->i", a, np.cross(b, c)) < 0.0
+    ][:, ::-1]
     for _ in range(times):
         vertices, faces = closed_shells.split(vertices, faces, np.ones(len(faces), dtype=bool), 0.0)
         vertices = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
     return vertices * (SPHERE / closed_shells.volume(vertices, faces)) ** (1.0 / 3.0), faces
 
 
-def box(size: tuple[float, float, float], center: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
+def box(
+    size: tuple[float, float, float], center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Array:
     """Corners (12, 3, 3) of a box."""
     vertices, triangles = primitive("box", 0.5 * np.array(size))
     return (vertices + center)[triangles]
@@ -48,7 +58,15 @@ def box(size: tuple[float, float, float], center: tuple[float, float, float] = (
 
 @pytest.mark.check("panels: ellipsoids", "Lamb's integrals, art. 114, 115")
 @pytest.mark.parametrize(
-    "axes", [(1.0, 1.0, 1.0), (2.0, 1.0, 1.0), (10.0, 1.0, 1.0), (1.0, 1.0, 0.5), (1.0, 1.0, 0.1), (1.0, 0.6, 0.3)]
+    "axes",
+    [
+        (1.0, 1.0, 1.0),
+        (2.0, 1.0, 1.0),
+        (10.0, 1.0, 1.0),
+        (1.0, 1.0, 0.5),
+        (1.0, 1.0, 0.1),
+        (1.0, 0.6, 0.3),
+    ],
 )
 def test_ellipsoids_have_lambs_added_mass(axes, within):
     vertices, triangles = unit_sphere(3)
@@ -56,8 +74,10 @@ def test_ellipsoids_have_lambs_added_mass(axes, within):
     expected = water.ellipsoid(axes, water_density=RHO).added_mass.diagonal()
     known = expected > 0.0
     diagonal = found.added_mass.diagonal()
-    within("relative, 1280 panels", diagonal[known] / expected[known] - 1.0, 0.012)  # measured 0.0112, at 10:1 flat
-    within("about an axis of revolution", np.append(diagonal[~known] / RHO, 0.0), 5e-4)  # measured 2e-4
+    # measured 0.0112, at 10:1 flat
+    within("relative, 1280 panels", diagonal[known] / expected[known] - 1.0, 0.012)
+    # measured 2e-4
+    within("about an axis of revolution", np.append(diagonal[~known] / RHO, 0.0), 5e-4)
     within("off the diagonal", (found.added_mass - np.diag(diagonal)) / RHO, 1e-6)
 
 
@@ -66,8 +86,11 @@ def test_error_falls_with_the_square_of_the_panel(within):
     errors = []
     for times in (1, 2, 3):
         vertices, triangles = unit_sphere(times)
-        errors.append(panels.added_mass(vertices, triangles, 1.0).added_mass[0, 0] / (0.5 * SPHERE) - 1.0)
-    within("order less 2", np.log2(np.array(errors[:-1]) / errors[1:]) - 2.0, 0.05)  # measured 0.022
+        errors.append(
+            panels.added_mass(vertices, triangles, 1.0).added_mass[0, 0] / (0.5 * SPHERE) - 1.0
+        )
+    # measured 0.022
+    within("order less 2", np.log2(np.array(errors[:-1]) / errors[1:]) - 2.0, 0.05)
 
 
 @pytest.mark.check("panels: cube", "polarisability, [Sihvola 2004]")
@@ -81,13 +104,15 @@ def test_cube_has_its_published_factor(within):
 def test_cylinder_has_its_published_factor(slenderness, factor, within):
     vertices, triangles = primitive("cylinder", np.array([0.5, 0.5 * slenderness, 0.0]))
     volume, _, solution, _ = water_of_shells(vertices[triangles], density=1.0, panels=1600)
-    within("relative", solution.added_mass.diagonal()[:2] / (factor * volume) - 1.0, 0.01)  # two digits are published
+    # two digits are published
+    within("relative", solution.added_mass.diagonal()[:2] / (factor * volume) - 1.0, 0.01)
 
 
 @pytest.mark.check("panels: rotation and translation", "moved_added_mass")
 def test_added_mass_moves_with_the_surface(within):
     vertices, triangles = unit_sphere(2)
-    vertices = vertices * [1.0, 0.7, 0.4] + 0.1 * np.sin(3.0 * vertices[:, [1, 2, 0]])  # without any symmetry
+    # without any symmetry
+    vertices = vertices * [1.0, 0.7, 0.4] + 0.1 * np.sin(3.0 * vertices[:, [1, 2, 0]])
     still = panels.added_mass(vertices, triangles, RHO)
     R, p = exp_so3([0.4, -1.1, 0.7]), np.array([0.3, -2.0, 5.0])
     moved = panels.added_mass(vertices @ R.T + p, triangles, RHO).added_mass
@@ -106,7 +131,9 @@ def test_two_spheres_move_together_as_their_images_say(within):
     h = 2.0  # half of their distance
     aside = np.array([h, 0.0, 0.0])
     both = np.vstack([vertices - aside, vertices + aside])
-    found = panels.added_mass(both, np.vstack([triangles, triangles + len(vertices)]), 1.0).added_mass
+    found = panels.added_mass(
+        both, np.vstack([triangles, triangles + len(vertices)]), 1.0
+    ).added_mass
     alone = panels.added_mass(vertices, triangles, 1.0).added_mass[0, 0]
     along, across = found[0, 0] / (2.0 * alone), found[1, 1] / (2.0 * alone)
     within("along", along - (1.0 - 3.0 / 8.0 / h**3), 0.0015)  # the next term is of order h^-6
@@ -116,7 +143,9 @@ def test_two_spheres_move_together_as_their_images_say(within):
 @pytest.mark.check("union: overlap counted once", "the same box in one piece")
 def test_overlapping_shells_count_once(within):
     whole = box((0.6, 0.3, 0.2))
-    pieces = np.vstack([box((0.4, 0.3, 0.2), (-0.1, 0.0, 0.0)), box((0.3, 0.3, 0.2), (0.15, 0.0, 0.0))])
+    pieces = np.vstack(
+        [box((0.4, 0.3, 0.2), (-0.1, 0.0, 0.0)), box((0.3, 0.3, 0.2), (0.15, 0.0, 0.0))]
+    )
     pieces = np.vstack([pieces, box((0.2, 0.1, 0.1), (0.1, 0.05, 0.0))])  # within the others
     volume, center, solution, _ = water_of_shells(pieces, density=RHO, panels=800)
     one, middle, expected, _ = water_of_shells(whole, density=RHO, panels=800)
@@ -136,7 +165,8 @@ def test_union_of_spheres_has_the_volume_of_its_caps(within):
     lens = 2.0 * np.pi * (1.0 - d) ** 2 * (2.0 + d) / 3.0
     for axis in range(3):
         scan = scanned(corners, 240, axis)
-        within("volume", scan.volume / (2.0 * SPHERE - lens) - 1.0, 2e-4)  # 5120 flat triangles each
+        # 5120 flat triangles each
+        within("volume", scan.volume / (2.0 * SPHERE - lens) - 1.0, 2e-4)
         within("moment", scan.moment, 2e-4)
     silhouette = 2.0 * np.pi - 2.0 * np.arccos(d) + 2.0 * d * np.sqrt(1.0 - d**2)
     within("area", scanned(corners, 240, 2).area / silhouette - 1.0, 1e-3)
@@ -147,7 +177,9 @@ def test_union_of_spheres_has_the_volume_of_its_caps(within):
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.3, 0.5, -0.2)])
 def test_surface_of_a_union_is_closed_and_holds_its_volume(turn, within):
     vertices, triangles = primitive("capsule", np.array([0.1, 0.3, 0.0]))
-    corners = np.vstack([vertices[triangles], box((0.3, 0.2, 0.4), (0.1, 0.0, 0.1))]) @ exp_so3(turn).T
+    corners = (
+        np.vstack([vertices[triangles], box((0.3, 0.2, 0.4), (0.1, 0.0, 0.1))]) @ exp_so3(turn).T
+    )
     volume = scanned(corners, 240, 0).volume
     surface = union_surface(corners, volume, 1500)
     within("before", surface.held - 1.0, 0.005)
@@ -165,7 +197,9 @@ def test_box_has_the_areas_of_the_closed_form(within):
     within("bluntness", seen.bluntness - 1.0, 1e-12)
     fine, triangles = corners.reshape(-1, 3), np.arange(36).reshape(-1, 3)
     for _ in range(4):
-        fine, triangles = closed_shells.split(fine, triangles, np.ones(len(triangles), dtype=bool), 0.01)
+        fine, triangles = closed_shells.split(
+            fine, triangles, np.ones(len(triangles), dtype=bool), 0.01
+        )
     within("spin", spin_integral(fine, triangles) / expected[3:] - 1.0, 1e-9)
 
 
@@ -178,7 +212,8 @@ def test_bluntness_of_round_shapes(within):
     seen = silhouettes(vertices[triangles])
     within("cylinder", seen.bluntness - [2.0 / 3.0, 2.0 / 3.0, 1.0], 1e-3)
     within("coefficient across, L/d 5", seen.coefficients[0] - 0.74, 0.001)
-    within("coefficient along", seen.coefficients[2] - 0.92, 0.005)  # between 0.87 at 4 widths and 0.99 at 8
+    # between 0.87 at 4 widths and 0.99 at 8
+    within("coefficient along", seen.coefficients[2] - 0.92, 0.005)
 
 
 def test_surfaces_without_area_are_refused():
@@ -194,4 +229,5 @@ def test_a_plate_thinner_than_a_cell_is_not_lost(within):
     within("projected areas", surface.missed, 0.01)  # measured 0.003
     found = panels.added_mass(surface.vertices, surface.triangles, 1.0).added_mass[1, 1]
     expected = 0.579 * np.pi / 4.0 * 0.4**3 + 0.6383 * 0.008
-    within("across the plate", found / expected - 1.0, 0.08)  # measured 0.06: 1600 panels, not extrapolated
+    # measured 0.06: 1600 panels, not extrapolated
+    within("across the plate", found / expected - 1.0, 0.08)

@@ -1,7 +1,7 @@
 """A fixed-base arm against Pinocchio: its own kinematics and recursion, another code base.
 
-Pinocchio's inertia cannot hold an anisotropic added mass, so the water enters as a wrench on each body, computed from
-the velocities and accelerations that Pinocchio finds.
+Pinocchio's inertia cannot hold an anisotropic added mass, so the water enters as a wrench on each
+body, computed from the velocities and accelerations that Pinocchio finds.
 """
 
 from typing import Any
@@ -27,7 +27,12 @@ def random_arm(rng: np.random.Generator) -> tuple[mujoco.MjModel, list[BodyHydro
     spec = mujoco.MjSpec.from_string('<mujoco><option timestep="1e-4"/></mujoco>')
     at, bodies = spec.worldbody, []
     for i in range(6):
-        at = at.add_body(name=f"link{i}", pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4), explicitinertial=1)
+        at = at.add_body(
+            name=f"link{i}",
+            pos=0.3 * rng.normal(size=3),
+            quat=rng.normal(size=4),
+            explicitinertial=1,
+        )
         at.mass, at.inertia = rng.uniform(0.5, 3.0), rng.uniform(0.08, 0.12, 3)
         at.ipos, at.iquat = 0.1 * rng.normal(size=3), rng.normal(size=4)
         kind = "SLIDE" if rng.uniform() < 0.3 else "HINGE"
@@ -58,18 +63,24 @@ def in_pinocchio(pin: Any, model: mujoco.MjModel) -> Any:
         place = pin.SE3(turned(model.body_quat[i]), np.array(model.body_pos[i]))
         joint = arm.addJoint(joint, kind(np.array(model.jnt_axis[i - 1])), place, f"joint{i}")
         C = turned(model.body_iquat[i])
-        inertia = pin.Inertia(float(model.body_mass[i]), np.array(model.body_ipos[i]), C * model.body_inertia[i] @ C.T)
+        inertia = pin.Inertia(
+            float(model.body_mass[i]), np.array(model.body_ipos[i]), C * model.body_inertia[i] @ C.T
+        )
         arm.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
     return arm
 
 
 def wrench_of_water(body: BodyHydrodynamics, R: Array, nu: Array, nudot: Array) -> Array:
-    """On a body with twist `nu` and its rate `nudot`, all in body axes (Fossen 2011, ch. 6 and 8)."""
+    """On a body with twist `nu` and its rate `nudot`, all in body axes (Fossen 2011, ch. 6 and
+    8).
+    """
     w, u = nu[3:], R.T @ CURRENT
     slip = nu - np.concatenate([u, np.zeros(3)])
     rate = nudot + np.concatenate([np.cross(w, u), np.zeros(3)])
     p = body.added_mass @ slip
-    f = -body.added_mass @ rate - np.concatenate([np.cross(w, p[:3]), np.cross(w, p[3:]) + np.cross(slip[:3], p[:3])])
+    f = -body.added_mass @ rate - np.concatenate(
+        [np.cross(w, p[:3]), np.cross(w, p[3:]) + np.cross(slip[:3], p[:3])]
+    )
     f -= body.linear_damping @ slip + body.quadratic_damping * np.abs(slip) * slip
     for strip in body.segments:
         along = strip.end - strip.start
@@ -79,14 +90,19 @@ def wrench_of_water(body: BodyHydrodynamics, R: Array, nu: Array, nudot: Array) 
             place = strip.start + 0.5 * (1.0 + x) * along
             v = slip[:3] + np.cross(w, place)
             slide, across = axis @ v * axis, v - axis @ v * axis
-            drag = strip.normal * np.linalg.norm(across) * across + strip.tangential * np.linalg.norm(slide) * slide
+            drag = (
+                strip.normal * np.linalg.norm(across) * across
+                + strip.tangential * np.linalg.norm(slide) * slide
+            )
             f -= 0.5 * share * length * np.concatenate([drag, np.cross(place, drag)])
     lift = -DENSITY * body.volume * R.T @ GRAVITY
     return f + np.concatenate([lift, np.cross(body.center_of_buoyancy, lift)])
 
 
 def test_torques(rng, within):
-    pin: Any = pytest.importorskip("pinocchio", reason="needs Pinocchio: ./uvw run --group reference")
+    pin: Any = pytest.importorskip(
+        "pinocchio", reason="needs Pinocchio: ./uvw run --group reference"
+    )
     worst = 0.0
     for _ in range(10):
         model, bodies = random_arm(rng)
@@ -101,8 +117,13 @@ def test_torques(rng, within):
             pushes = pin.StdVec_Force()
             pushes.append(pin.Force.Zero())
             for i, body in enumerate(bodies, start=1):
-                f = wrench_of_water(body, there.oMi[i].rotation, there.v[i].vector, there.a[i].vector)
+                f = wrench_of_water(
+                    body, there.oMi[i].rotation, there.v[i].vector, there.a[i].vector
+                )
                 pushes.append(pin.Force(f[:3], f[3:]))
             tau = pin.rnea(arm, there, q, qd, qdd, pushes)
-            worst = max(worst, float(np.max(np.abs(tau - data.qfrc_applied)) / np.max(np.abs(data.qfrc_applied))))
+            worst = max(
+                worst,
+                float(np.max(np.abs(tau - data.qfrc_applied)) / np.max(np.abs(data.qfrc_applied))),
+            )
     within("relative torque", worst, 3e-12)  # measured up to 3e-13

@@ -1,4 +1,6 @@
-"""The wrench of a subtree on its parent: closed form, momentum of what is left, nothing on a free body."""
+"""The wrench of a subtree on its parent: closed form, momentum of what is left, nothing on a free
+body.
+"""
 
 import mujoco
 import numpy as np
@@ -27,10 +29,13 @@ LINK = """
 
 @pytest.mark.check("reaction of a link of 20 N that displaces 15 N", "5 N")
 @pytest.mark.parametrize(
-    "joint", ["", '<joint axis="0 1 0"/>', '<joint type="slide" axis="1 0 0"/>', '<joint type="ball"/>']
+    "joint",
+    ["", '<joint axis="0 1 0"/>', '<joint type="slide" axis="1 0 0"/>', '<joint type="ball"/>'],
 )
 def test_link_of_20_newtons_that_displaces_15(joint, within):
-    """It hangs at rest and pulls with 5 N; MuJoCo's force sensor, which does not see the water, says 20 N."""
+    """It hangs at rest and pulls with 5 N; MuJoCo's force sensor, which does not see the water,
+    says 20 N.
+    """
     spec = mujoco.MjSpec.from_string(LINK.format(joint=joint))
     spec.option.gravity = [0.0, 0.0, -10.0]
     body = BodyHydrodynamics(
@@ -42,16 +47,21 @@ def test_link_of_20_newtons_that_displaces_15(joint, within):
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    within("wrench [N, N m]", wrench(model, data, "link") - [0, 0, -5, 0, 0, 0], 1e-14)  # measured 1e-15
+    # measured 1e-15
+    within("wrench [N, N m]", wrench(model, data, "link") - [0, 0, -5, 0, 0, 0], 1e-14)
     R = data.body("base").xmat.reshape(3, 3)
     force = R.T @ [0.0, 0.0, -5.0]
     expected = np.concatenate([force, np.cross([0.1, 0.0, 0.0], force)])
-    within("wrench at the base [N, N m]", wrench(model, data, "link", frame="base") - expected, 1e-14)
+    within(
+        "wrench at the base [N, N m]", wrench(model, data, "link", frame="base") - expected, 1e-14
+    )
     assert abs(data.sensordata[2]) == pytest.approx(20.0)
 
 
 def touching(rng: np.random.Generator) -> mujoco.MjSpec:
-    """A random tree whose bodies collide with each other and with rocks; two of them are tied together."""
+    """A random tree whose bodies collide with each other and with rocks; two of them are tied
+    together.
+    """
     spec, _ = random_spec(rng)
     for body in spec.bodies[1:]:
         body.add_geom(size=[rng.uniform(0.1, 0.3), 0, 0], condim=int(rng.choice([1, 3, 4, 6])))
@@ -87,13 +97,20 @@ def outer_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
             (1.0, model.eq_obj1id[0], model.eq_data[0, :3]),
             (-1.0, model.eq_obj2id[0], model.eq_data[0, 3:6]),
         ):
-            push(int(body), sign * f, np.zeros(3), data.xpos[body] + data.xmat[body].reshape(3, 3) @ anchor)
+            push(
+                int(body),
+                sign * f,
+                np.zeros(3),
+                data.xpos[body] + data.xmat[body].reshape(3, 3) @ anchor,
+            )
     return total
 
 
 @pytest.mark.check("reaction of random subtrees in contact", "the rest moves alike under it")
 def test_what_is_left_moves_alike_under_the_wrench_alone(rng, within):
-    """A subtree is cut off a random tree in motion and contact, and only its wrench put on its parent."""
+    """A subtree is cut off a random tree in motion and contact, and only its wrench put on its
+    parent.
+    """
     worst, contacts, ties, cuts, kinds = 0.0, 0, 0, 0, set[str]()
     while cuts < 20 or contacts < 20 or ties < 5 or len(kinds) < 3:
         spec = touching(rng)
@@ -116,10 +133,14 @@ def test_what_is_left_moves_alike_under_the_wrench_alone(rng, within):
         f_W, lever = R @ f_B[:3], data.xpos[parent] - data.xipos[parent]
         applied[parent] += np.concatenate([f_W, R @ f_B[3:] + np.cross(lever, f_W)])
         contacts, ties = contacts + data.ncon, ties + bool(data.ne)
-        kinds.add(str(model.jnt_type[model.body_jntadr[body]]) if model.body_jntnum[body] else "weld")
+        kinds.add(
+            str(model.jnt_type[model.body_jntadr[body]]) if model.body_jntnum[body] else "weld"
+        )
 
         names, qacc = [model.body(i).name for i in left], data.qacc[dofs]
-        qpos = np.concatenate([np.array(data.joint(j).qpos) for j in range(model.njnt) if model.jnt_bodyid[j] in left])
+        qpos = np.concatenate(
+            [np.array(data.joint(j).qpos) for j in range(model.njnt) if model.jnt_bodyid[j] in left]
+        )
         qvel, qfrc = data.qvel[dofs], data.qfrc_applied[dofs]
         spec.delete(spec.equalities[0])
         spec.delete(spec.body(model.body(body).name))
@@ -130,7 +151,8 @@ def test_what_is_left_moves_alike_under_the_wrench_alone(rng, within):
         for i, name in zip(left, names, strict=True):
             alone.body(name).xfrc_applied = applied[i]
         mujoco.mj_forward(rest, alone)
-        left_over = np.zeros(rest.nv)  # as a force: what a nearly singular tree makes of rounding does not count
+        # as a force: what a nearly singular tree makes of rounding does not count
+        left_over = np.zeros(rest.nv)
         mujoco.mj_mulM(rest, alone, left_over, alone.qacc - qacc)
         worst = max(worst, float(np.max(np.abs(left_over)) / np.max(np.abs(applied))))
         cuts += 1
@@ -148,13 +170,16 @@ FREE = """
   <option tolerance="0" timestep="1e-3"/>
   <worldbody>
     <geom type="plane" size="5 5 1"/>
-    <body name="hull" pos="0 0 .1" gravcomp=".4"> <freejoint/> <geom type="box" size=".5 .3 .2" mass="60"/>
+    <body name="hull" pos="0 0 .1" gravcomp=".4"> <freejoint/>
+      <geom type="box" size=".5 .3 .2" mass="60"/>
       <site name="port" pos="-.4 .2 0" euler="0 80 10"/>
       <body name="arm" pos=".4 0 0"> <joint name="a" axis="0 1 0" armature=".1" damping="1"/>
-        <geom type="capsule" size=".04 .2" pos="0 0 -.25" mass="6"/> <site name="jet" pos="0 0 -.4"/> </body>
+        <geom type="capsule" size=".04 .2" pos="0 0 -.25" mass="6"/>
+          <site name="jet" pos="0 0 -.4"/> </body>
     </body>
   </worldbody>
-  <actuator> <motor site="port" gear="3 1 0 0 .5 0"/> <motor site="jet" gear="0 2 0 0 0 1"/> <motor joint="a"/>
+  <actuator> <motor site="port" gear="3 1 0 0 .5 0"/> <motor site="jet" gear="0 2 0 0 0 1"/>
+    <motor joint="a"/>
   </actuator>
 </mujoco>
 """
@@ -164,7 +189,11 @@ def free_vehicle(rng: np.random.Generator) -> tuple[mujoco.MjModel, mujoco.MjDat
     """On the floor, under way, with thrusters on sites, part of its weight held by `gravcomp`."""
     spec = mujoco.MjSpec.from_string(FREE)
     water.attach(
-        spec, {"hull": water.box([1.0, 0.6, 0.4]), "arm": water.cylinder(0.04, np.zeros(3), np.array([0, 0, -0.5]))}
+        spec,
+        {
+            "hull": water.box([1.0, 0.6, 0.4]),
+            "arm": water.cylinder(0.04, np.zeros(3), np.array([0, 0, -0.5])),
+        },
     )
     water.set_current(spec, rng.normal(size=3), rng.normal(size=3), 0.3 * rng.normal(size=3))
     model = hydrodynamics.compile(spec)
@@ -180,12 +209,15 @@ def free_vehicle(rng: np.random.Generator) -> tuple[mujoco.MjModel, mujoco.MjDat
 
 @pytest.mark.check("reaction of a free vehicle, in contact, thrusters on", "nothing")
 def test_free_vehicle_puts_nothing_on_the_world(rng, within):
-    """But for the generalised forces on its free joint, which count as a joint's; in contact, thrusters at work."""
+    """But for the generalised forces on its free joint, which count as a joint's; in contact,
+    thrusters at work.
+    """
     model, data = free_vehicle(rng)
     R = data.body("hull").xmat.reshape(3, 3)
     expected = -np.concatenate([R.T @ data.qfrc_applied[:3], data.qfrc_applied[3:6]])
     residual = wrench(model, data, "hull") - expected
-    within("over the contact forces", residual / np.max(np.abs(data.qfrc_constraint)), 2e-14)  # measured 2e-15
+    # measured 2e-15
+    within("over the contact forces", residual / np.max(np.abs(data.qfrc_constraint)), 2e-14)
 
 
 def test_after_a_step_it_is_the_wrench_of_that_step(rng):
@@ -215,7 +247,10 @@ def test_frame_is_only_another_view(rng, within):
 @pytest.mark.parametrize(
     ("extra", "says"),
     [
-        ('<tendon><spatial><site site="port"/><site site="jet"/></spatial></tendon>', "spatial tendons"),
+        (
+            '<tendon><spatial><site site="port"/><site site="jet"/></spatial></tendon>',
+            "spatial tendons",
+        ),
         ('<actuator><motor site="port" refsite="jet" gear="1 0 0 0 0 0"/></actuator>', "refsite"),
         ('<actuator><adhesion body="arm" ctrlrange="0 1"/></actuator>', "transmission body"),
     ],
@@ -227,7 +262,8 @@ def test_forces_that_are_not_known_are_refused_by_name(extra, says):
 
 
 @pytest.mark.parametrize(
-    ("body", "says"), [("leg", "no such body: leg; the model has hull, arm"), (7, "7"), (0, "world")]
+    ("body", "says"),
+    [("leg", "no such body: leg; the model has hull, arm"), (7, "7"), (0, "world")],
 )
 def test_bodies_that_are_not_there(body, says):
     with pytest.raises(ConfigurationError, match=says):

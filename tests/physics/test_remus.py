@@ -1,4 +1,6 @@
-"""REMUS 100 against the equations of its source (`experiments.water.remus100`), integrated by SciPy."""
+"""REMUS 100 against the equations of its source (`experiments.water.remus100`), integrated by
+SciPy.
+"""
 
 import math
 
@@ -17,7 +19,9 @@ FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 
 
 def test_accelerations_are_those_of_the_source(rng, within):
-    """To rounding where its sum of strips has nothing to sum and the propeller stands; else to the sum's coarseness."""
+    """To rounding where its sum of strips has nothing to sum and the propeller stands; else to the
+    sum's coarseness.
+    """
     model = hydrodynamics.compile(models.load("remus100"))
     data, hull = mujoco.MjData(model), 1
     for smooth in (True, False):
@@ -32,7 +36,9 @@ def test_accelerations_are_those_of_the_source(rng, within):
             R = np.empty(9)
             quat = np.empty(4)
             mujoco.mju_mulQuat(
-                quat, [math.cos(theta / 2), 0, -math.sin(theta / 2), 0], [math.cos(phi / 2), math.sin(phi / 2), 0, 0]
+                quat,
+                [math.cos(theta / 2), 0, -math.sin(theta / 2), 0],
+                [math.cos(phi / 2), math.sin(phi / 2), 0, 0],
             )
             mujoco.mju_quat2Mat(R, quat)
             R = R.reshape(3, 3)
@@ -40,17 +46,25 @@ def test_accelerations_are_those_of_the_source(rng, within):
             data.qvel = np.concatenate([R @ twist[:3], twist[3:]])
             wrench = remus100.fin_wrench(twist[:3], rudder, stern)
             force = R @ wrench[:3]
-            data.xfrc_applied[hull] = [*force, *(R @ wrench[3:] - np.cross(R @ model.body_ipos[hull], force))]
+            data.xfrc_applied[hull] = [
+                *force,
+                *(R @ wrench[3:] - np.cross(R @ model.body_ipos[hull], force)),
+            ]
             mujoco.mj_forward(model, data)
-            found = np.concatenate([R.T @ data.qacc[:3] - np.cross(twist[3:], twist[:3]), data.qacc[3:]])
+            found = np.concatenate(
+                [R.T @ data.qacc[:3] - np.cross(twist[3:], twist[:3]), data.qacc[3:]]
+            )
             worst = max(worst, float(np.max(np.abs(FLIP * found - expected))))
         if smooth:
             within("acceleration [m/s^2, rad/s^2]", worst, 1e-12)  # measured 4e-14
         else:
-            within("acceleration with its 21 strips [m/s^2, rad/s^2]", worst, 5e-3)  # measured 2.3e-3, of some 1
+            # measured 2.3e-3, of some 1
+            within("acceleration with its 21 strips [m/s^2, rad/s^2]", worst, 5e-3)
 
 
-@pytest.mark.check("REMUS 100, rudder put over, first 6 s", "PythonVehicleSimulator's equations, by SciPy")
+@pytest.mark.check(
+    "REMUS 100, rudder put over, first 6 s", "PythonVehicleSimulator's equations, by SciPy"
+)
 def test_the_first_seconds_are_those_of_the_source(within):
     rudder = math.radians(5.0)
     mine = remus.ours(6.0, rudder, 1000.0)

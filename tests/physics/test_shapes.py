@@ -12,7 +12,9 @@ RHO = 1000.0
 
 
 def lamb_k_factors(e: float) -> tuple[float, float, float]:
-    """k1 (along), k2 (across), k' (rotation across) of a prolate spheroid of eccentricity e (Lamb, art. 114, 115)."""
+    """k1 (along), k2 (across), k' (rotation across) of a prolate spheroid of eccentricity e (Lamb,
+    art. 114, 115).
+    """
     a0 = 2.0 * (1.0 - e**2) / e**3 * (0.5 * np.log((1.0 + e) / (1.0 - e)) - e)
     b0 = 1.0 / e**2 - (1.0 - e**2) / (2.0 * e**3) * np.log((1.0 + e) / (1.0 - e))
     turn = e**4 * (b0 - a0) / ((2.0 - e**2) * (2.0 * e**2 - (2.0 - e**2) * (b0 - a0)))
@@ -38,7 +40,14 @@ def test_prolate_spheroid_has_lambs_factors(ratio, within):
     k1, k2, k_turn = lamb_k_factors(np.sqrt(1.0 - 1.0 / ratio**2))
     displaced = RHO * 4.0 / 3.0 * np.pi * a * b * b
     inertia = displaced * (a * a + b * b) / 5.0
-    expected = [k1 * displaced, k2 * displaced, k2 * displaced, 0.0, k_turn * inertia, k_turn * inertia]
+    expected = [
+        k1 * displaced,
+        k2 * displaced,
+        k2 * displaced,
+        0.0,
+        k_turn * inertia,
+        k_turn * inertia,
+    ]
     # Lamb's closed form itself cancels near a sphere.
     error = (body.added_mass.diagonal() - expected) / np.array([displaced] * 3 + [inertia] * 3)
     within("relative added mass", error, 5e-14)  # measured 6e-15
@@ -46,7 +55,9 @@ def test_prolate_spheroid_has_lambs_factors(ratio, within):
 
 
 def lamb_rotation(axes: Array) -> Array:
-    """(3,) [m^2] added inertia of an ellipsoid about its axes over the displaced mass (Lamb, art. 115 (5))."""
+    """(3,) [m^2] added inertia of an ellipsoid about its axes over the displaced mass (Lamb, art.
+    115 (5)).
+    """
     alphas = lamb_alphas(axes)
     b2, c2 = np.roll(axes, -1) ** 2, np.roll(axes, -2) ** 2
     slip = np.roll(alphas, -2) - np.roll(alphas, -1)
@@ -67,7 +78,9 @@ def lamb_alphas(axes: Array) -> Array:
 
 
 def face_drag(width: float, height: float) -> float:
-    """[m^5] integral of |r|^3 over a face of `width` along the axis of a spin and `height` across it."""
+    """[m^5] integral of |r|^3 over a face of `width` along the axis of a spin and `height` across
+    it.
+    """
     return width * 2.0 * quad(lambda r: r**3, 0.0, height / 2.0)[0]
 
 
@@ -87,7 +100,9 @@ def test_ellipsoid_with_three_axes_against_lambs_integrals(within):
 
 @pytest.mark.check("cylinder: added mass, drag", "strip theory, slice by slice")
 def test_cylinder_is_a_sum_of_slices(within):
-    """Strip theory: every slice has the displaced mass across, none along; summed about the body origin."""
+    """Strip theory: every slice has the displaced mass across, none along; summed about the body
+    origin.
+    """
     start, end, r = np.array([0.1, -0.2, 0.3]), np.array([0.5, 0.1, 0.2]), 0.05
     body = water.cylinder(r, start, end, water_density=RHO)
     axis = (end - start) / np.linalg.norm(end - start)
@@ -111,28 +126,46 @@ def test_cylinder_is_a_sum_of_slices(within):
 
 @pytest.mark.check("box: added mass", "DNV-RP-C205, table D-2")
 def test_box_meets_the_table_of_dnv(within):
-    """Cube 0.68, square prism twice as long 0.36 of its volume, thin square plate 0.579 pi/4 a^3."""
+    """Cube 0.68, square prism twice as long 0.36 of its volume, thin square plate 0.579 pi/4
+    a^3.
+    """
     cube = water.box([0.5, 0.5, 0.5], water_density=RHO)
     within("cube", cube.added_mass.diagonal()[:3] / (RHO * 0.125) - 0.68, 1e-15)
     within("cube in rotation", cube.added_mass.diagonal()[3:], 1e-14)
-    within("prism", water.box([1.0, 0.5, 0.5], water_density=RHO).added_mass[0, 0] / (RHO * 0.25) - 0.36, 1e-15)
+    within(
+        "prism",
+        water.box([1.0, 0.5, 0.5], water_density=RHO).added_mass[0, 0] / (RHO * 0.25) - 0.36,
+        1e-15,
+    )
     plate = water.box([1e-6, 1.0, 1.0], water_density=RHO).added_mass[0, 0]
-    within("plate", plate / (RHO * 0.579 * np.pi / 4.0) - 1.0, 5e-6)  # measured 5e-7, of the thickness of 1e-6
+    # measured 5e-7, of the thickness of 1e-6
+    within("plate", plate / (RHO * 0.579 * np.pi / 4.0) - 1.0, 5e-6)
 
 
 @pytest.mark.check(
-    "box of three edges: rotation, drag", "Lamb's integrals of the ellipsoid in it; speed cubed over its faces"
+    "box of three edges: rotation, drag",
+    "Lamb's integrals of the ellipsoid in it; speed cubed over its faces",
 )
 def test_box_in_rotation_and_its_drag(within):
-    """About x, the faces that look along y and along z push back at the local speed of each strip, and so on."""
+    """About x, the faces that look along y and along z push back at the local speed of each strip,
+    and so on.
+    """
     edges = x, y, z = np.array([1.2, 0.7, 0.4])
     body = water.box(edges, drag_coefficient=0.9, water_density=RHO)
     within("volume", body.volume / (x * y * z) - 1.0, 1e-15)
     added = body.added_mass.diagonal()[3:] / (RHO * x * y * z)
     within("added inertia", added / lamb_rotation(edges / 2.0) - 1.0, 7e-15)  # measured 7e-16
     per_area = 0.5 * RHO * 0.9
-    within("drag", body.quadratic_damping[:3] / (per_area * np.array([y * z, x * z, x * y])) - 1.0, 2e-15)
-    spin = [face_drag(x, z) + face_drag(x, y), face_drag(y, z) + face_drag(y, x), face_drag(z, y) + face_drag(z, x)]
+    within(
+        "drag",
+        body.quadratic_damping[:3] / (per_area * np.array([y * z, x * z, x * y])) - 1.0,
+        2e-15,
+    )
+    spin = [
+        face_drag(x, z) + face_drag(x, y),
+        face_drag(y, z) + face_drag(y, x),
+        face_drag(z, y) + face_drag(z, x),
+    ]
     within("spin drag", body.quadratic_damping[3:] / (per_area * np.array(spin)) - 1.0, 2e-15)
 
 

@@ -1,4 +1,6 @@
-"""Soil acts inside MuJoCo's step: on a slide against its law, on an arm by virtual work, and in files and batches."""
+"""Soil acts inside MuJoCo's step: on a slide against its law, on an arm by virtual work, and in
+files and batches.
+"""
 
 import mujoco
 import mujoco.batch
@@ -16,7 +18,11 @@ from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 
 TUBE = core_tube(0.018, 0.002)
 GROUND = Seabed(
-    kind="flat", heights=np.zeros((21, 21)), half=1.0, center_W=np.array([0.2, -0.1, -0.5]), rocks=np.zeros((0, 3))
+    kind="flat",
+    heights=np.zeros((21, 21)),
+    half=1.0,
+    center_W=np.array([0.2, -0.1, -0.5]),
+    rocks=np.zeros((0, 3)),
 )
 
 SLIDE = """
@@ -30,8 +36,10 @@ SLIDE = """
 
 ARM = """
 <mujoco>
-  <worldbody> <body name="hull" pos="0 0 0.12" euler="5 -8 20"> <freejoint/> <geom size=".1" mass="5"/>
-    <body name="a"> <joint name="a" axis="0 1 0.2"/> <geom type="capsule" size=".02" fromto="0 0 0 .4 0 0"/>
+  <worldbody> <body name="hull" pos="0 0 0.12" euler="5 -8 20"> <freejoint/>
+    <geom size=".1" mass="5"/>
+    <body name="a"> <joint name="a" axis="0 1 0.2"/>
+      <geom type="capsule" size=".02" fromto="0 0 0 .4 0 0"/>
       <body name="b" pos=".4 0 0"> <joint name="b" axis="0 1 0"/>
         <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.7"/>
         <site name="tip" pos="0 0 -.7" xyaxes="1 0 0 0 -1 0"/> </body> </body>
@@ -57,7 +65,8 @@ def test_a_tube_sinks_until_the_soil_bears_it(within):
     depth = -0.01 - float(data.qpos[0])  # it begins 1 cm above the ground
     weight = 8.0 * 9.81
     within("weight held [N]", data.qfrc_passive[0] - weight, 1e-6)
-    within("depth [m]", depth - depth_for(mud(), TUBE, weight), 5e-4)  # measured 2.4e-4; the quake is 1e-3
+    # measured 2.4e-4; the quake is 1e-3
+    within("depth [m]", depth - depth_for(mud(), TUBE, weight), 5e-4)
 
 
 def test_joint_forces_are_those_of_virtual_work(within, rng):

@@ -28,13 +28,17 @@ X, MIDDLE = np.array([1.0, 0.0, 0.0]), np.zeros(3)
 class Unit:
     """One thruster at `p` (3,) [m] of a held hull, with its thrust along `axis` (3,)."""
 
-    def __init__(self, thruster: Thruster, timestep: float = STEP, *, p: Array = MIDDLE, axis: Array = X) -> None:
+    def __init__(
+        self, thruster: Thruster, timestep: float = STEP, *, p: Array = MIDDLE, axis: Array = X
+    ) -> None:
         row = thrusters.pack(thruster)
         wrench = np.concatenate([axis, np.cross(p, axis) + row[thrusters.TORQUE] * axis])
         self._held = HeldThrusters(row[None], wrench[:, None], timestep)
         self.model, self.data = self._held.model, self._held.data
 
-    def step(self, command: float, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> None:
+    def step(
+        self, command: float, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array
+    ) -> None:
         """One step of MuJoCo, in which the hull moves so."""
         self._held.step(np.array([command]), R_WB, v_WB_W, w_WB_B, current_W)
 
@@ -76,7 +80,9 @@ def test_step_response_is_that_of_a_first_order_lag(within):
     assert thrust[-1] > 180.0
 
 
-@pytest.mark.check("thruster: dead band, forward and reverse", "nothing within the band, each its own thrust")
+@pytest.mark.check(
+    "thruster: dead band, forward and reverse", "nothing within the band, each its own thrust"
+)
 def test_dead_band_and_both_directions(within):
     unit = one()
     within("thrust within the band [N]", [settled(unit, u) for u in (0.0, 0.05, -0.05)], 0.0)
@@ -84,10 +90,13 @@ def test_dead_band_and_both_directions(within):
     # Quadratic beyond the band: half of the way, a quarter of the thrust.
     command = np.array([1.0, -1.0, 0.525, -0.525, 0.24, -0.24])
     expected = np.array([300.0, -220.0, 75.0, -55.0, 12.0, -8.8])
-    within("relative thrust", [settled(unit, u) for u in command] / expected - 1.0, 4e-15)  # measured 4e-16
+    # measured 4e-16
+    within("relative thrust", [settled(unit, u) for u in command] / expected - 1.0, 4e-15)
 
 
-@pytest.mark.parametrize(("command", "flag"), [(0.989, False), (1.0, True), (1.7, True), (-1.0, True), (-0.9, False)])
+@pytest.mark.parametrize(
+    ("command", "flag"), [(0.989, False), (1.0, True), (1.7, True), (-1.0, True), (-0.9, False)]
+)
 def test_saturation_is_told_and_kept(command, flag):
     unit = Unit(Thruster(forward=300.0, reverse=220.0))
     drive = Drive.of(unit.model, unit.data, thrusters.read(unit.model))
@@ -99,7 +108,9 @@ def test_saturation_is_told_and_kept(command, flag):
 
 @pytest.mark.check("thruster: inflow", "Fossen 2011, bilinear thruster model")
 def test_inflow_takes_thrust_in_proportion_to_speed(rng, within):
-    """Fossen's bilinear model: T = T_nn |n| n - T_nu |n| u_a, u_a the water's speed along the thrust."""
+    """Fossen's bilinear model: T = T_nn |n| n - T_nu |n| u_a, u_a the water's speed along the
+    thrust.
+    """
     unit, errors = one(dead_band=0.0, inflow_loss=90.0), []
     for _ in range(100):
         R, n, ahead, current = (
@@ -125,11 +136,14 @@ def test_inflow_of_a_turning_hull_is_taken_where_the_thruster_stands():
 
 @pytest.mark.check("thruster: slew limit", "a ramp, and the lag's exact response to it")
 def test_slew_limit_is_a_ramp_before_the_lag(within):
-    """At 2 per second a step to 0.8 is a ramp of 0.4 s; behind a lag T the speed is that ramp's exact response."""
+    """At 2 per second a step to 0.8 is a ramp of 0.4 s; behind a lag T the speed is that ramp's
+    exact response.
+    """
     unit, rate, lag = one(dead_band=0.0, slew_rate=2.0), 2.0, 0.1
     thrust = [settled(unit, 0.8) for _ in range(400)]
     time = STEP * np.arange(1, 401)
-    within("thrust [N]", np.array(thrust) - 300.0 * np.minimum(rate * time, 0.8) ** 2, 3e-12)  # measured 3e-13
+    # measured 3e-13
+    within("thrust [N]", np.array(thrust) - 300.0 * np.minimum(rate * time, 0.8) ** 2, 3e-12)
     worst = []
     for step in (0.002, 0.001):
         unit = Unit(Thruster(forward=1.0, reverse=1.0, time_constant=lag, slew_rate=rate), step)
@@ -154,7 +168,8 @@ def test_slew_works_both_ways_and_reset_forgets():
     assert unit.speed == pytest.approx(0.01, abs=1e-15)
 
 
-# -------------------------------------------------------------------------------------------------------------- curves
+# --------------------------------------------------------------------------------------------------------------
+# curves
 
 
 def curve(thruster: Thruster) -> Array:
@@ -206,10 +221,13 @@ def test_polynomial_and_its_inverse(rng, within):
         unit = Thruster.of_polynomial(ahead.tolist(), astern.tolist(), dead_band=band)
         u = rng.uniform(-1.0, 1.0, 200)
         r = np.maximum(np.abs(u) - band, 0.0) / (1.0 - band)
-        value = np.where(u > 0.0, np.polyval([*ahead[::-1], 0.0], r), -np.polyval([*astern[::-1], 0.0], r))
+        value = np.where(
+            u > 0.0, np.polyval([*ahead[::-1], 0.0], r), -np.polyval([*astern[::-1], 0.0], r)
+        )
         within("thrust [N]", steady(unit, u) - value, 1e-11)  # measured 4e-13
         wanted = rng.uniform(-unit.reverse, unit.forward, 200)
-        within("inverse [N]", steady(unit, inverted(unit, wanted)) - wanted, 1e-11)  # measured 1e-13
+        # measured 1e-13
+        within("inverse [N]", steady(unit, inverted(unit, wanted)) - wanted, 1e-11)
 
 
 def test_a_quadratic_polynomial_is_the_plain_thruster():
@@ -231,13 +249,16 @@ def test_least_thrust_leaves_a_gap():
 
 @pytest.mark.check("T200 at 16 V", "the published table")
 def test_t200_is_the_published_table(within):
-    """The 16 V sheet, read at its own pulse widths; and its thrusts go with the square of its speeds."""
+    """The 16 V sheet, read at its own pulse widths; and its thrusts go with the square of its
+    speeds.
+    """
     unit = thrusters.t200(least_thrust=0.0)
     pulse = np.array([1100, 1340, 1468, 1472, 1500, 1528, 1532, 1660, 1900])
     given = [-39.91, -10.01, -0.36, 0.0, 0.0, 0.0, 0.40, 12.54, 51.44]
     within("thrust [N]", steady(unit, (pulse - 1500.0) / 400.0) - given, 2e-14)  # measured 2e-15
     assert (unit.forward, unit.reverse) == (51.44, 39.91)
-    # Thrust follows the square of the published speed to a few percent: an independent column of the same sheet.
+    # Thrust follows the square of the published speed to a few percent: an independent column of
+    # the same sheet.
     rpm = {1180: -3003, 1260: -2440, 1340: -1807, 1580: 1007, 1660: 1802, 1740: 2446, 1820: 3042}
     for width, speed in rpm.items():
         coefficient = 51.44 / 3533.0**2 if speed > 0 else 39.91 / 3465.0**2
@@ -247,7 +268,8 @@ def test_t200_is_the_published_table(within):
     assert steady(thrusters.t200(), np.array([0.081]))[0] > 0.36
 
 
-# ------------------------------------------------------------------------------------------------- torque and transport
+# -------------------------------------------------------------------------------------------------
+# torque and transport
 
 
 def driven(thruster: Thruster, gear: float = 1.0) -> mujoco.MjSpec:
@@ -276,7 +298,9 @@ def test_a_right_handed_propeller_turns_its_hull_left_handed(handedness, gear, w
 
 
 def test_inflow_is_not_taken_from_the_torque():
-    """A hull that rolls about the thrust axis brings no water through the propeller, whatever its torque."""
+    """A hull that rolls about the thrust axis brings no water through the propeller, whatever its
+    torque.
+    """
     unit = Unit(Thruster(forward=300.0, reverse=220.0, inflow_loss=90.0, torque_per_thrust=0.05))
     unit.step(0.5, np.eye(3), np.zeros(3), np.array([0.7, 0.0, 0.0]), np.zeros(3))
     assert unit.thrust == pytest.approx(75.0, rel=1e-12)
@@ -285,8 +309,17 @@ def test_inflow_is_not_taken_from_the_torque():
 @pytest.mark.parametrize(
     "thruster",
     [
-        Thruster(forward=300.0, reverse=220.0, dead_band=0.05, time_constant=0.15, inflow_loss=90.0, slew_rate=4.0),
-        Thruster.of_polynomial([1.0, 20.0, 3.0], [2.0, 15.0], dead_band=0.1, torque_per_thrust=0.02, handedness=-1),
+        Thruster(
+            forward=300.0,
+            reverse=220.0,
+            dead_band=0.05,
+            time_constant=0.15,
+            inflow_loss=90.0,
+            slew_rate=4.0,
+        ),
+        Thruster.of_polynomial(
+            [1.0, 20.0, 3.0], [2.0, 15.0], dead_band=0.1, torque_per_thrust=0.02, handedness=-1
+        ),
         thrusters.t200(-1),
     ],
 )
@@ -296,11 +329,20 @@ def test_everything_rides_in_the_model_and_its_xml(thruster):
         index, rows = thrusters.read(model)
         assert index.tolist() == [0]
         back = thrusters.unpack(rows[0])
-        for name in ("forward", "reverse", "time_constant", "slew_rate", "torque_per_thrust", "least_thrust"):
+        for name in (
+            "forward",
+            "reverse",
+            "time_constant",
+            "slew_rate",
+            "torque_per_thrust",
+            "least_thrust",
+        ):
             assert getattr(back, name) == pytest.approx(getattr(thruster, name), rel=1e-5)
         u = np.linspace(-1.0, 1.0, 41)
         assert steady(back, u) == pytest.approx(steady(thruster, u), rel=1e-4, abs=1e-4)
-        assert model.actuator_gear[0, 3] == pytest.approx(-thruster.handedness * thruster.torque_per_thrust)
+        assert model.actuator_gear[0, 3] == pytest.approx(
+            -thruster.handedness * thruster.torque_per_thrust
+        )
 
 
 def test_other_actuators_and_other_peoples_user_data_are_no_thrusters():
@@ -359,7 +401,8 @@ def test_tables_that_cannot_be(command, thrust, named):
 
 
 @pytest.mark.parametrize(
-    "coefficients", [[], [0.0, -3.0], [5.0, -4.0], [1.0, np.inf], [8.9, 0, 176, 0, -404.1, 0, 389.9, 0, -140.3]]
+    "coefficients",
+    [[], [0.0, -3.0], [5.0, -4.0], [1.0, np.inf], [8.9, 0, 176, 0, -404.1, 0, 389.9, 0, -140.3]],
 )
 def test_polynomials_that_do_not_rise(coefficients):
     with pytest.raises(ConfigurationError, match="polynomial"):
@@ -385,7 +428,8 @@ def test_table_for_an_actuator_that_is_not_there():
         thrusters.attach(models.load("uuv_puma"), {"bow": Thruster(forward=1.0, reverse=1.0)})
 
 
-# --------------------------------------------------------------------------------------------------------------- trim
+# ---------------------------------------------------------------------------------------------------------------
+# trim
 
 
 def at_home(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -397,7 +441,9 @@ def at_home(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
         joint, address = model.joint(i), int(model.jnt_qposadr[i])
         if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE:
             stiff = 3e4 if model.jnt_stiffness[i] == 0.0 else model.jnt_stiffness[i]
-            spec.joint(joint.name).stiffness = [stiff, 0, 0] if np.ndim(spec.joint(joint.name).stiffness) else stiff
+            spec.joint(joint.name).stiffness = (
+                [stiff, 0, 0] if np.ndim(spec.joint(joint.name).stiffness) else stiff
+            )
             spec.joint(joint.name).springref = home[address]
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
@@ -414,7 +460,11 @@ def test_weight_is_buoyancy_and_the_arm_of_righting_is_upright(name, within):
     for b in range(1, model.nbody):
         body = unpack(model.body_user[b])
         displaced += density * body.volume
-        moment += density * body.volume * (data.xpos[b] + data.xmat[b].reshape(3, 3) @ body.center_of_buoyancy)
+        moment += (
+            density
+            * body.volume
+            * (data.xpos[b] + data.xmat[b].reshape(3, 3) @ body.center_of_buoyancy)
+        )
     weighed = float(np.sum(model.body_mass))
     center = np.sum(model.body_mass[:, None] * data.xipos, axis=0) / weighed
     lever = moment / displaced - center
@@ -431,7 +481,8 @@ def test_trimmed_vehicle_stays_where_it_is(name, within):
     mujoco.mj_step(model, data, round(60.0 / model.opt.timestep))
     mujoco.mj_forward(model, data)
     within("drift in 60 s [m]", data.xpos[hull] - p, 5e-5)  # measured 4e-6
-    within("turn in 60 s [rad]", rotation_angle(R, data.xmat[hull].reshape(3, 3)), 1e-4)  # measured 7e-6, 0.0004 deg
+    # measured 7e-6, 0.0004 deg
+    within("turn in 60 s [rad]", rotation_angle(R, data.xmat[hull].reshape(3, 3)), 1e-4)
 
 
 def test_an_untrimmed_vehicle_would_not_stay():

@@ -110,7 +110,9 @@ def test_64_currents_in_one_rollout_are_64_runs(threads, currents, alone):
     workers = [mujoco.MjData(model) for _ in range(threads)]
     with mujoco.rollout.Rollout(nthread=threads) as rollout:
         starts = np.tile(start[0], (WORLDS, 1))
-        states, _ = rollout.rollout(model, workers, starts, control=control, control_spec=int(USERDATA))
+        states, _ = rollout.rollout(
+            model, workers, starts, control=control, control_spec=int(USERDATA)
+        )
     assert np.array_equal(states[:, -1, 1:], alone)
 
 

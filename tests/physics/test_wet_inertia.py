@@ -1,4 +1,6 @@
-"""What is derived from M + A block by block, against one dense inverse of the matrix that the callback makes."""
+"""What is derived from M + A block by block, against one dense inverse of the matrix that the
+callback makes.
+"""
 
 import time
 
@@ -15,20 +17,27 @@ from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.water import wet_inertia
 
-# Four trees: a moving base with two branches, a chain on a fixed base, a free body, and one without water. Bodies that
-# are welded to a moving one and to the world, a tendon and a servo across trees, and a tendon that is slack.
+# Four trees: a moving base with two branches, a chain on a fixed base, a free body, and one without
+# water. Bodies that are welded to a moving one and to the world, a tendon and a servo across trees,
+# and a tendon that is slack.
 TREES = """
 <mujoco>
   <option timestep="1e-3"/>
   <worldbody>
     <body name="base"> <freejoint/> <geom type="box" size=".3 .2 .1" mass="20"/>
-      <body name="left" pos=".3 .2 0"> <joint name="l1" axis="0 1 1"/> <geom size=".1" pos=".2 0 0" mass="3"/>
-        <body name="finger" pos=".4 0 0"> <joint type="ball"/> <geom size=".08" pos=".1 .1 0" mass="1"/> </body>
-        <body name="plate" pos=".1 .1 .1"> <geom type="box" size=".1 .1 .01" mass=".5"/> </body> </body>
-      <body name="right" pos=".3 -.2 0"> <joint name="r1" type="slide" axis="1 0 0"/> <geom size=".1" mass="2"/> </body>
+      <body name="left" pos=".3 .2 0"> <joint name="l1" axis="0 1 1"/>
+        <geom size=".1" pos=".2 0 0" mass="3"/>
+        <body name="finger" pos=".4 0 0"> <joint type="ball"/>
+          <geom size=".08" pos=".1 .1 0" mass="1"/> </body>
+        <body name="plate" pos=".1 .1 .1"> <geom type="box" size=".1 .1 .01" mass=".5"/> </body>
+          </body>
+      <body name="right" pos=".3 -.2 0"> <joint name="r1" type="slide" axis="1 0 0"/>
+        <geom size=".1" mass="2"/> </body>
     </body>
-    <body name="chain_1" pos="2 0 0"> <joint name="c1" axis="0 1 0" armature=".02"/> <geom size=".1" mass="2"/>
-      <body name="chain_2" pos=".5 0 0"> <joint name="c2" axis="0 0 1"/> <geom size=".1" pos=".3 0 0" mass="2"/>
+    <body name="chain_1" pos="2 0 0"> <joint name="c1" axis="0 1 0" armature=".02"/>
+      <geom size=".1" mass="2"/>
+      <body name="chain_2" pos=".5 0 0"> <joint name="c2" axis="0 0 1"/>
+        <geom size=".1" pos=".3 0 0" mass="2"/>
         <body name="chain_3" pos=".5 0 0">
           <joint name="c3" axis="1 0 1"/> <geom size=".1" pos="0 .2 0" mass="1"/> </body>
       </body> </body>
@@ -37,7 +46,8 @@ TREES = """
     <body name="post" pos="8 0 0"> <geom size=".2" mass="5"/> </body>
   </worldbody>
   <tendon>
-    <fixed name="across"> <joint joint="l1" coef="2"/> <joint joint="c2" coef="-1"/> <joint joint="r1" coef="3"/>
+    <fixed name="across"> <joint joint="l1" coef="2"/> <joint joint="c2" coef="-1"/>
+      <joint joint="r1" coef="3"/>
     </fixed>
     <fixed name="slack"> <joint joint="c1" coef="0"/> </fixed>
   </tendon>
@@ -72,8 +82,15 @@ def chain(links: int) -> mujoco.MjSpec:
     for i in range(links):
         parent = parent.add_body(name=f"link_{i}", pos=[0.2 if i else 0.0, 0, 0])
         parent.add_joint(axis=[0, i % 2, 1 - i % 2], armature=0.5)
-        parent.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.03, 0, 0], fromto=[0, 0, 0, 0.2, 0, 0], mass=2.0)
-    water.attach(spec, {f"link_{i}": water.cylinder(0.03, [0, 0, 0], [0.2, 0, 0]) for i in range(links)})
+        parent.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[0.03, 0, 0],
+            fromto=[0, 0, 0, 0.2, 0, 0],
+            mass=2.0,
+        )
+    water.attach(
+        spec, {f"link_{i}": water.cylinder(0.03, [0, 0, 0], [0.2, 0, 0]) for i in range(links)}
+    )
     return spec
 
 
@@ -101,7 +118,9 @@ def dense_constants(model: mujoco.MjModel) -> dict[str, Array]:
     for row, start, count in zip(tendons, model.ten_J_rowadr, model.ten_J_rownnz, strict=True):
         row[model.ten_J_colind[start : start + count]] = data.ten_J[start : start + count]
     moments = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
     return {
         "body_invweight0": bodies,
         "dof_invweight0": dofs,
@@ -115,7 +134,9 @@ WAYS = {"whole": (64, 320), "trees": (11, 320), "inverse of trees": (1, 320), "s
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("scene", [trees, lambda rng: random_spec(rng)[0], lambda _: stones(5), lambda _: chain(9)])
+@pytest.mark.parametrize(
+    "scene", [trees, lambda rng: random_spec(rng)[0], lambda _: stones(5), lambda _: chain(9)]
+)
 def test_constants_are_those_of_the_dense_inverse(scene, way: str, rng, monkeypatch, within):
     small, inverse = WAYS[way]
     monkeypatch.setattr(wet_inertia, "LARGEST_SMALL", small)
@@ -131,7 +152,9 @@ def test_constants_are_those_of_the_dense_inverse(scene, way: str, rng, monkeypa
 
 
 def test_a_vehicle_beside_a_loose_object_has_the_weights_of_the_whole_inverse_to_the_bit():
-    """The last digits of trajectories depend on them; trees that are inverted one by one round otherwise."""
+    """The last digits of trajectories depend on them; trees that are inverted one by one round
+    otherwise.
+    """
     spec = models.load("uuv_puma")
     loose = spec.worldbody.add_body(name="loose", pos=[2, 0, 0])
     loose.add_freejoint()
@@ -144,7 +167,10 @@ def test_a_vehicle_beside_a_loose_object_has_the_weights_of_the_whole_inverse_to
     inertia = np.zeros((model.nv, model.nv))
     for row, unit in zip(inertia, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, row, unit)
-    inverse, J = np.linalg.inv(inertia + hydrodynamics.added_inertia(model, data)), np.zeros((6, model.nv))
+    inverse, J = (
+        np.linalg.inv(inertia + hydrodynamics.added_inertia(model, data)),
+        np.zeros((6, model.nv)),
+    )
     for i in np.flatnonzero(model.body_weldid):
         mujoco.mj_jacBodyCom(model, data, J[:3], J[3:], i)
         mobility = np.einsum("ij,jk,ik->i", J, inverse, J)
@@ -156,7 +182,11 @@ def test_servos_across_trees_are_damped_by_the_wet_inertia(rng, within):
     model = hydrodynamics.compile(trees(rng))
     inverse_of_reflected = dense_constants(model)["tendon_invweight0"][model.tendon("across").id]
     kp = model.actuator_gainprm[2, 0]
-    within("damping", -model.actuator_biasprm[2, 2] / (2.0 * np.sqrt(kp / inverse_of_reflected)) - 1.0, 1e-14)
+    within(
+        "damping",
+        -model.actuator_biasprm[2, 2] / (2.0 * np.sqrt(kp / inverse_of_reflected)) - 1.0,
+        1e-14,
+    )
 
 
 @pytest.mark.parametrize("scene", [trees, lambda _: chain(70)])
@@ -175,7 +205,11 @@ def test_an_indefinite_inertia_is_refused_however_it_is_factored(small: int, rng
     monkeypatch.setattr(wet_inertia, "LARGEST_SMALL", small)
     model = hydrodynamics.compile(trees(rng))
     model.dof_armature[model.joint("c2").dofadr] = -1e3
-    with pytest.raises(HydrodynamicsError, match=r"not positive definite at qpos0 \(its diagonal runs from -"):
+    with pytest.raises(
+        HydrodynamicsError,
+        match=r"not positive definite at qpos0 \(its diagonal "
+        r"runs from -",
+    ):
         hydrodynamics.set_constants(model)
 
 

@@ -1,4 +1,6 @@
-"""A vehicle from the library is complete in its model: MuJoCo's own ways to step it all give the same motion."""
+"""A vehicle from the library is complete in its model: MuJoCo's own ways to step it all give the
+same motion.
+"""
 
 import multiprocessing
 from pathlib import Path
@@ -66,11 +68,15 @@ def test_rollout_and_batch_are_the_loop(model, controls):
             batch.step()
         assert all(np.array_equal(act, alone[-1, -model.na :]) for act in batch.bind("act"))
         at = 1  # behind the time
-        assert all(np.array_equal(qpos, alone[-1, at : at + model.nq]) for qpos in batch.bind("qpos"))
+        assert all(
+            np.array_equal(qpos, alone[-1, at : at + model.nq]) for qpos in batch.bind("qpos")
+        )
 
     data = [mujoco.MjData(model) for _ in range(2)]
     with mujoco.rollout.Rollout(nthread=2) as rollout:
-        states, _ = rollout.rollout([model] * 4, data, np.tile(start_of(model), (4, 1)), np.tile(controls, (4, 1, 1)))
+        states, _ = rollout.rollout(
+            [model] * 4, data, np.tile(start_of(model), (4, 1)), np.tile(controls, (4, 1, 1))
+        )
     for state in states:
         assert np.array_equal(state, alone)
 
@@ -98,7 +104,9 @@ def test_a_spawned_process_that_loads_the_binary_model_does_alike(model, control
     mujoco.mj_saveModel(model, str(tmp_path / "vehicle.mjb"))
     spawn = multiprocessing.get_context("spawn")
     answer = spawn.SimpleQueue()
-    child = spawn.Process(target=_stepped_from, args=(str(tmp_path / "vehicle.mjb"), controls, answer))
+    child = spawn.Process(
+        target=_stepped_from, args=(str(tmp_path / "vehicle.mjb"), controls, answer)
+    )
     child.start()
     states = answer.get()
     child.join()
@@ -106,7 +114,10 @@ def test_a_spawned_process_that_loads_the_binary_model_does_alike(model, control
 
 
 def test_derivatives_of_the_step_are_those_of_drive_and_lag(model, within):
-    """Command to drive: 1, within the slew rate. Command and speed to speed: 1 - d and d, d = exp(-dt / T)."""
+    """Command to drive: 1, within the slew rate.
+
+    Command and speed to speed: 1 - d and d, d = exp(-dt / T).
+    """
     data = mujoco.MjData(model)
     index, rows = thrusters.read(model)
     at, lag = model.actuator_actadr[index], rows[:, thrusters.TIME_CONSTANT]

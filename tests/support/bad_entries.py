@@ -1,4 +1,6 @@
-"""Entries of the benchmark that fail in every way, and one that looks for the truth in its own memory."""
+"""Entries of the benchmark that fail in every way, and one that looks for the truth in its own
+memory.
+"""
 
 import os
 import time
@@ -13,7 +15,8 @@ from uuv.controllers.whole_body.work_controller import WorkController
 
 FAIL_AT = 5  # step
 MASK = 0xA5  # over a sought pattern, so that the pattern itself is in no memory
-PATTERNS, FOUND = "BENCHMARK_TEST_PATTERNS", "BENCHMARK_TEST_FOUND"  # variables with the names of files
+# variables with the names of files
+PATTERNS, FOUND = "BENCHMARK_TEST_PATTERNS", "BENCHMARK_TEST_FOUND"
 
 
 class _Failing:
@@ -96,7 +99,9 @@ class EstimatesNoPose(RawEstimator):
 
 
 class SearchesItself(_Failing):
-    """Writes how often each masked pattern of the file PATTERNS occurs in the memory of its process."""
+    """Writes how often each masked pattern of the file PATTERNS occurs in the memory of its
+    process.
+    """
 
     def fail(self, state, command):
         if self.steps == FAIL_AT:

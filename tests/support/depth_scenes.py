@@ -7,7 +7,14 @@ import numpy as np
 
 from uuv.models.objects.targets import BARREL_LENGTH, TargetModel, revolve
 from uuv.sim.interfaces.messages import DepthImage, StateEstimate
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    inverse,
+    pose,
+    quat_wxyz_from_rotation,
+    rotation_from_z,
+)
 from uuv.sim.sensors.depth_camera import DepthCamera, StereoNoise
 
 DEFAULT_NOISE = StereoNoise()
@@ -63,27 +70,43 @@ def look(
 
 
 def seen_from(p_TC: Array, at_T: Array | None = None) -> Array:
-    """X_CT of a level camera at `p_TC` (3,) [m] in the target's frame that looks at `at_T`, default its origin."""
+    """X_CT of a level camera at `p_TC` (3,) [m] in the target's frame that looks at `at_T`, default
+    its origin.
+    """
     z = (np.zeros(3) if at_T is None else at_T) - p_TC
     return inverse(pose(rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0])), p_TC))
 
 
 def random_view(rng: np.random.Generator, near: float = 1.0, far: float = 1.5) -> Array:
     """X_CT from any side, 10 to 60 deg above the horizon, at `near` to `far` [m]."""
-    distance, climb, heading = rng.uniform([near, np.deg2rad(10), -np.pi], [far, np.deg2rad(60), np.pi])
-    p_TC = distance * np.array([np.cos(climb) * np.cos(heading), np.cos(climb) * np.sin(heading), np.sin(climb)])
+    distance, climb, heading = rng.uniform(
+        [near, np.deg2rad(10), -np.pi], [far, np.deg2rad(60), np.pi]
+    )
+    p_TC = distance * np.array(
+        [np.cos(climb) * np.cos(heading), np.cos(climb) * np.sin(heading), np.sin(climb)]
+    )
     return seen_from(p_TC, rng.normal(0.0, 0.05, 3))
 
 
 def coarse(rng: np.random.Generator, X_CT: Array, center_T: Array) -> tuple[Array, Array]:
     """A coarse detection: position 10 to 30 cm, orientation up to 30 deg wrong."""
     aside, axis = rng.normal(size=(2, 3))
-    approach = X_CT[:3, :3] @ center_T + X_CT[:3, 3] + aside / np.linalg.norm(aside) * rng.uniform(0.1, 0.3)
-    return approach, exp_so3(axis / np.linalg.norm(axis) * np.deg2rad(rng.uniform(0.0, 30.0))) @ X_CT[:3, :3]
+    approach = (
+        X_CT[:3, :3] @ center_T
+        + X_CT[:3, 3]
+        + aside / np.linalg.norm(aside) * rng.uniform(0.1, 0.3)
+    )
+    return approach, exp_so3(
+        axis / np.linalg.norm(axis) * np.deg2rad(rng.uniform(0.0, 30.0))
+    ) @ X_CT[:3, :3]
 
 
-def dented_barrel(depth: float, x: float = 0.05, azimuth: float = 0.0, width: float = 0.06) -> TargetModel:
-    """The barrel with a smooth dent of `depth` [m] (a bulge if negative) and Gaussian `width` [m]."""
+def dented_barrel(
+    depth: float, x: float = 0.05, azimuth: float = 0.0, width: float = 0.06
+) -> TargetModel:
+    """The barrel with a smooth dent of `depth` [m] (a bulge if negative) and Gaussian `width`
+    [m].
+    """
     half, radius, rim = 0.5 * BARREL_LENGTH, 0.3, 0.31
     shell = np.linspace(0.03 - half, half - 0.03, 141)
     xs = np.concatenate([[-half, -half, 0.03 - half], shell, [half - 0.03, half, half]])
@@ -100,4 +123,6 @@ def dented_barrel(depth: float, x: float = 0.05, azimuth: float = 0.0, width: fl
 def standing(X_WB: Array) -> StateEstimate:
     """A hull at rest at `X_WB` (4, 4), without an arm."""
     zero, none = np.zeros(3), np.zeros(0)
-    return StateEstimate(time=0.0, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=none, qd=none, tau=none)
+    return StateEstimate(
+        time=0.0, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=none, qd=none, tau=none
+    )

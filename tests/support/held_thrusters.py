@@ -1,4 +1,6 @@
-"""Thrusters of a hull that is too heavy to be moved, stepped by MuJoCo alone: the plant's own, under a set motion."""
+"""Thrusters of a hull that is too heavy to be moved, stepped by MuJoCo alone: the plant's own,
+under a set motion.
+"""
 
 import mujoco
 import numpy as np
@@ -17,7 +19,9 @@ class HeldThrusters:
         spec = mujoco.MjSpec()
         spec.option.timestep = timestep
         spec.option.gravity = np.zeros(3)
-        body = spec.worldbody.add_body(name="hull", mass=HEAVY, inertia=[HEAVY] * 3, explicitinertial=True)
+        body = spec.worldbody.add_body(
+            name="hull", mass=HEAVY, inertia=[HEAVY] * 3, explicitinertial=True
+        )
         body.add_freejoint()
 
         # A thruster stands anywhere on its line of action.
@@ -30,7 +34,9 @@ class HeldThrusters:
         self.model = hydrodynamics.compile(spec)
         self.data = mujoco.MjData(self.model)
 
-    def step(self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> None:
+    def step(
+        self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array
+    ) -> None:
         """One step of MuJoCo, in which the hull moves so."""
         self.data.qpos[:3] = 0.0
         self.data.qpos[3:] = quat_wxyz_from_rotation(R_WB)

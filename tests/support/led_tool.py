@@ -1,4 +1,6 @@
-"""A tool that is led through soil by hand: the force of the soil from its kernel, without a vehicle."""
+"""A tool that is led through soil by hand: the force of the soil from its kernel, without a
+vehicle.
+"""
 
 import numpy as np
 
@@ -20,6 +22,8 @@ class LedTool:
         self.state[:] = 0.0
 
     def step(self, p_W: Array, axis_W: Array) -> Array:
-        """Force (3,) [N] in W on the face at `p_W` (3,) [m]; `axis_W` (3,) is the unit axis out of the tool."""
+        """Force (3,) [N] in W on the face at `p_W` (3,) [m]; `axis_W` (3,) is the unit axis out of
+        the tool.
+        """
         force_W, self.state = press(self._numbers, np.array(p_W), np.array(axis_W), self.state)
         return force_W

@@ -1,4 +1,6 @@
-"""Which surface a camera sees by MuJoCo's ray caster: a judge that shares no code with uuv.models.meshes.visibility."""
+"""Which surface a camera sees by MuJoCo's ray caster: a judge that shares no code with
+uuv.models.meshes.visibility.
+"""
 
 from copy import copy
 
@@ -12,24 +14,32 @@ _SKIN = 2e-3  # [m] a hit this close to the sample is the sample
 
 
 class MujocoVisibility:
-    """Surface samples of an object at its place in W, and the cameras that see them, by MuJoCo's rays.
+    """Surface samples of an object at its place in W, and the cameras that see them, by MuJoCo's
+    rays.
 
-    Nothing is shared with `SurfaceSamples`: samples are stratified over the area instead of drawn at random, the object
-    is posed in W instead of the cameras in T, and rays are those of MuJoCo in double precision instead of Embree's.
+    Nothing is shared with `SurfaceSamples`: samples are stratified over the area instead of drawn
+    at random, the object is posed in W instead of the cameras in T, and rays are those of MuJoCo in
+    double precision instead of Embree's.
     """
 
-    def __init__(self, vertices_T: Array, triangles: np.ndarray, X_WT: Array, number: int = 2000) -> None:
+    def __init__(
+        self, vertices_T: Array, triangles: np.ndarray, X_WT: Array, number: int = 2000
+    ) -> None:
         a, b, c = (vertices_T[triangles[:, k]] @ X_WT[:3, :3].T + X_WT[:3, 3] for k in range(3))
         normal = np.cross(b - a, c - a)
         twice_area = np.linalg.norm(normal, axis=1)
         rng = np.random.default_rng(1)
         share = (np.arange(number) + rng.uniform(size=number)) / number
-        which = np.minimum(np.searchsorted(np.cumsum(twice_area) / twice_area.sum(), share), len(triangles) - 1)
+        which = np.minimum(
+            np.searchsorted(np.cumsum(twice_area) / twice_area.sum(), share), len(triangles) - 1
+        )
         u, v = rng.uniform(size=(2, number, 1))
         self.points_W = a[which] + np.sqrt(u) * ((1.0 - v) * (b - a)[which] + v * (c - a)[which])
         self.normals_W = normal[which] / twice_area[which, None]
         spec = mujoco.MjSpec()
-        spec.add_mesh(name="object", uservert=vertices_T.ravel(), userface=triangles.astype(np.int32).ravel())
+        spec.add_mesh(
+            name="object", uservert=vertices_T.ravel(), userface=triangles.astype(np.int32).ravel()
+        )
         quat_WT = np.empty(4)
         mujoco.mju_mat2Quat(quat_WT, X_WT[:3, :3].ravel())
         spec.worldbody.add_geom(
@@ -73,6 +83,17 @@ class MujocoVisibility:
         hit, geom = np.full(len(ways_W), -1.0), np.full(len(ways_W), -1, dtype=np.int32)
         rays = np.ascontiguousarray(ways_W).ravel()
         mujoco.mj_multiRay(
-            self._model, self._data, start_W.copy(), rays, None, 1, -1, geom, hit, None, len(ways_W), far
+            self._model,
+            self._data,
+            start_W.copy(),
+            rays,
+            None,
+            1,
+            -1,
+            geom,
+            hit,
+            None,
+            len(ways_W),
+            far,
         )
         return hit

@@ -1,4 +1,6 @@
-"""A hull on a prescribed motion under the sensors of the plant, for tests of the navigation filter."""
+"""A hull on a prescribed motion under the sensors of the plant, for tests of the navigation
+filter.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,7 +10,12 @@ from typing import Any
 import numpy as np
 
 from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
-from uuv.sim.interfaces.messages import EncoderMeasurement, Measurement, StateEstimate, TorqueMeasurement
+from uuv.sim.interfaces.messages import (
+    EncoderMeasurement,
+    Measurement,
+    StateEstimate,
+    TorqueMeasurement,
+)
 from uuv.sim.interfaces.spatial import GRAVITY, Array, exp_so3
 from uuv.sim.sensors import proprioception
 
@@ -24,7 +31,9 @@ def body(time: float = 0.0) -> list[Measurement]:
 
 
 class Hull:
-    """Sways by 5 cm in 12 s and turns by half a radian in 30 s; its integrals are those of samples held over a step."""
+    """Sways by 5 cm in 12 s and turns by half a radian in 30 s; its integrals are those of samples
+    held over a step.
+    """
 
     def __init__(self, step: float, sway: float = 1.0, turn: float = 1.0) -> None:
         self._step, self._turn = step, turn
@@ -65,7 +74,8 @@ class Course:
     R_error: Array  # (N, 3) [rad] small turn, hull axes
     estimates: list[StateEstimate]
     state: NavigationState
-    bias_B: Array  # (3,) [m/s^2] true bias of the accelerometer at the end, tilt of the reference included
+    # (3,) [m/s^2] true bias of the accelerometer at the end, tilt of the reference included
+    bias_B: Array
 
     @property
     def error(self) -> Array:
@@ -74,7 +84,9 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rig:
-    """Sensors and filter; a function of the tick and its measurements may spoil them on their way (`spoil`)."""
+    """Sensors and filter; a function of the tick and its measurements may spoil them on their way
+    (`spoil`).
+    """
 
     imu: proprioception.Imu = field(default_factory=proprioception.Imu)
     dvl: proprioception.Dvl | None = field(default_factory=proprioception.Dvl)
@@ -104,7 +116,9 @@ class Rig:
             truth = hull.truth
             for i, sensor in enumerate(parts):
                 if tick % every[i] == 0:
-                    on_the_way.setdefault(tick + late[i], []).append(sensor.step(states[i], truth)[1])
+                    on_the_way.setdefault(tick + late[i], []).append(
+                        sensor.step(states[i], truth)[1]
+                    )
             arrived = on_the_way.pop(tick, [])
             if spoil is not None:
                 arrived = spoil(tick, arrived)
@@ -112,7 +126,16 @@ class Rig:
             R = estimate.X_WB[:3, :3]
             E = truth.R_WB.T @ R
             turn = 0.5 * np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]])
-            rows.append([truth.time, *truth.p_WB, *truth.v_WB_W, *estimate.X_WB[:3, 3], *(R @ estimate.v_WB_B), *turn])
+            rows.append(
+                [
+                    truth.time,
+                    *truth.p_WB,
+                    *truth.v_WB_W,
+                    *estimate.X_WB[:3, 3],
+                    *(R @ estimate.v_WB_B),
+                    *turn,
+                ]
+            )
             estimates.append(estimate)
         table = np.array(rows)
         constant, truth = states[0].bias, hull.truth

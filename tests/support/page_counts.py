@@ -15,7 +15,9 @@ AIR = 8  # blank and comment lines for 100 lines of code in a file's functions, 
 UNBROKEN = 25  # lines of a function without a blank line or a comment, at most
 COLUMNS, PARAMETERS, FIELDS = 100, 8, 20
 CLASS_LINES, FUNCTION_LINES, FILE_LINES = 250, 60, 500
-EMPTY_NAMES = frozenset(("found", "said", "told", "given", "made", "own", "there", "wanted", "one", "each", "now"))
+EMPTY_NAMES = frozenset(
+    ("found", "said", "told", "given", "made", "own", "there", "wanted", "one", "each", "now")
+)
 KERNEL_DECORATORS = frozenset(("kernel", "jit", "njit", "inline", "inlined", "c_function"))
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -62,7 +64,9 @@ def walls(page: Page) -> Iterator[Offence]:
                 length += 1
                 continue
             if length > UNBROKEN:
-                yield Offence(number - length, 1, f"{length} lines of {function.name} without a pause")
+                yield Offence(
+                    number - length, 1, f"{length} lines of {function.name} without a pause"
+                )
             length = 0
 
 
@@ -126,8 +130,12 @@ def long_functions(page: Page) -> Iterator[Offence]:
     """Lines of a function beyond those allowed; those of compiled kernels do not count."""
     for node in page.nodes:
         if isinstance(node, Definition) and not _is_kernel(node):
-            inner = [item for item in ast.walk(node) if isinstance(item, Definition) and _is_kernel(item)]
-            yield from _excess(node, _length(node) - sum(map(_length, inner)), FUNCTION_LINES, "lines")
+            inner = [
+                item for item in ast.walk(node) if isinstance(item, Definition) and _is_kernel(item)
+            ]
+            yield from _excess(
+                node, _length(node) - sum(map(_length, inner)), FUNCTION_LINES, "lines"
+            )
 
 
 def long_files(page: Page) -> Iterator[Offence]:
@@ -165,7 +173,9 @@ def offences(path: Path) -> dict[str, list[Offence]]:
     """Offences of a file against each rule, in the order of its lines."""
     tree = parsed(path)
     page = Page(tree, list(ast.walk(tree)), path.read_text(encoding="utf-8").splitlines())
-    return {name: sorted(rule(page), key=lambda offence: offence.line) for name, rule in RULES.items()}
+    return {
+        name: sorted(rule(page), key=lambda offence: offence.line) for name, rule in RULES.items()
+    }
 
 
 def _excess(node: Function | ast.ClassDef, number: int, most: int, unit: str) -> Iterator[Offence]:
@@ -204,7 +214,10 @@ def _body_lines(page: Page, function: Function) -> Iterator[tuple[int, str]]:
     """Numbers and lines of a function's body, docstrings left out."""
     silent: set[int] = set()
     for node in ast.walk(function):
-        if isinstance(node, (*Definition, ast.ClassDef)) and ast.get_docstring(node, clean=False) is not None:
+        if (
+            isinstance(node, (*Definition, ast.ClassDef))
+            and ast.get_docstring(node, clean=False) is not None
+        ):
             silent |= {*range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)}
     for number in range(function.body[0].lineno, (function.end_lineno or 0) + 1):
         if number not in silent:

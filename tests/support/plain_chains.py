@@ -1,4 +1,6 @@
-"""Chains with their kernel memory, for tests of single kernels of `uuv.controllers.ik` in plain Python."""
+"""Chains with their kernel memory, for tests of single kernels of `uuv.controllers.ik` in plain
+Python.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -72,10 +74,17 @@ def drawn_chain(rng: np.random.Generator, types: str = "rporrr", limit: float = 
     """A chain of links, twists and a tool drawn at random."""
     n = len(types)
     dh = np.column_stack(
-        [rng.uniform(-3, 3, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0.2, 0.6, n), rng.uniform(-2, 2, n)]
+        [
+            rng.uniform(-3, 3, n),
+            rng.uniform(-0.3, 0.3, n),
+            rng.uniform(0.2, 0.6, n),
+            rng.uniform(-2, 2, n),
+        ]
     )
     limits = np.array([(-0.3, 0.4) if kind == "p" else (-limit, 0.9 * limit) for kind in types])
-    return Chain.from_dh(dh, types, limits=limits, tool=pose(exp_so3([0.4, -0.5, 0.3]), [0.02, -0.03, 0.1]))
+    return Chain.from_dh(
+        dh, types, limits=limits, tool=pose(exp_so3([0.4, -0.5, 0.3]), [0.02, -0.03, 0.1])
+    )
 
 
 def drawn_q(chain: Chain, rng: np.random.Generator) -> Array:
@@ -83,9 +92,13 @@ def drawn_q(chain: Chain, rng: np.random.Generator) -> Array:
 
 
 def by_exponentials(chain: Chain, q: Array) -> Array:
-    """Tip pose (4, 4) as the product of each joint's displacement in the base frame and the tip pose at zero."""
+    """Tip pose (4, 4) as the product of each joint's displacement in the base frame and the tip
+    pose at zero.
+    """
     X = np.eye(4)
-    for kind, axis, point, link, value in zip(chain.joint_types, chain.axes, chain.points, chain.links, q, strict=True):
+    for kind, axis, point, link, value in zip(
+        chain.joint_types, chain.axes, chain.points, chain.links, q, strict=True
+    ):
         R = exp_so3(value * axis)
         if kind == "r":
             X = X @ pose(R, point - R @ point)

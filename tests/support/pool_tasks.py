@@ -62,9 +62,15 @@ def dying(file: str) -> None:
 
 
 def slow_and_logged(case: tuple[int, str]) -> dict[str, Any]:
-    """Takes some 50 ms and adds a line to a log; now and then its row has a column that no other has."""
+    """Takes some 50 ms and adds a line to a log; now and then its row has a column that no other
+    has.
+    """
     number, file = case
     with Path(file).open("a") as log:
         log.write(f"{number}\n")
     time.sleep(0.05)
-    return {"case": number, "value": number / 7, **({f"only_{number}": 1.0} if number % 50 == 7 else {})}
+    return {
+        "case": number,
+        "value": number / 7,
+        **({f"only_{number}": 1.0} if number % 50 == 7 else {}),
+    }

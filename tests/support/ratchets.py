@@ -1,8 +1,10 @@
-"""Limits that only go down, tests/unit/house/ratchets.toml: how far folders and files are still from the rules.
+"""Limits that only go down: how far folders and files are still from the rules.
+
+They stand in tests/unit/house/ratchets.toml.
 
     ./uvw run tests/support/ratchets.py              what is worse than its limit, with the places
-    ./uvw run tests/support/ratchets.py --tighten    writes limits that have become smaller; never larger ones
-    ./uvw run tests/support/ratchets.py uuv/check    every offence in a folder or file, to mend them
+    ./uvw run tests/support/ratchets.py --tighten    writes limits that have become smaller
+    ./uvw run tests/support/ratchets.py uuv/check    every offence in a folder or file
 
 A folder or file that is not listed has no allowance: what is new obeys the rules.
 """
@@ -19,8 +21,9 @@ from source_tree import ROOT, name_of, sources
 
 FILE = ROOT / "tests" / "unit" / "house" / "ratchets.toml"
 HEAD = """\
-# How far folders are from the rules of CONTRIBUTING.md, section "Pages", and files from those of "Lists": no number
-# may grow. Written by ./uvw run tests/support/ratchets.py --tighten, which only makes them smaller.
+# How far folders are from the rules of CONTRIBUTING.md, section "Pages", and files from those
+# of "Lists": no number may grow. Written by ./uvw run tests/support/ratchets.py --tighten, which
+# only makes them smaller.
 """
 TABLES = "tables"  # rule of a file: names of a list that is written elsewhere
 Limits = Mapping[str, Mapping[str, int]]  # by folder or file, and rule
@@ -58,13 +61,15 @@ def worse(counted: Limits, allowed: Limits) -> list[tuple[str, str, int, int]]:
 
 
 def tightened(counted: Limits, allowed: Limits) -> dict[str, dict[str, int]]:
-    """The limits, each lowered to its count; those that have reached zero, and folders that are gone, left out."""
+    """The limits, each lowered to its count; those at zero, and folders that are gone, left out."""
     lowered = {
         folder: {rule: min(limit, counted[folder].get(rule, 0)) for rule, limit in numbers.items()}
         for folder, numbers in allowed.items()
         if folder in counted
     }
-    several = {folder: {rule: n for rule, n in numbers.items() if n} for folder, numbers in lowered.items()}
+    several = {
+        folder: {rule: n for rule, n in numbers.items() if n} for folder, numbers in lowered.items()
+    }
     return {folder: numbers for folder, numbers in several.items() if numbers}
 
 
@@ -72,14 +77,21 @@ def as_text(written: Limits) -> str:
     """The file of the limits, a line a folder."""
     lines = []
     for folder, numbers in sorted(written.items()):
-        pairs = ", ".join(f"{rule} = {numbers[rule]}" for rule in (*RULES, TABLES) if rule in numbers)
+        pairs = ", ".join(
+            f"{rule} = {numbers[rule]}" for rule in (*RULES, TABLES) if rule in numbers
+        )
         lines.append(f'"{folder}" = {{ {pairs} }}')
     return "\n".join([HEAD, *lines]) + "\n"
 
 
 def listing(files: Iterable[Path], rules: Iterable[str]) -> list[str]:
     """One line for each offence of the files against the rules."""
-    return [_line(path, rule, offence) for path in files for rule in rules for offence in offences(path)[rule]]
+    return [
+        _line(path, rule, offence)
+        for path in files
+        for rule in rules
+        for offence in offences(path)[rule]
+    ]
 
 
 def complaint(excess: Iterable[tuple[str, str, int, int]]) -> str:
@@ -98,9 +110,13 @@ def complaint(excess: Iterable[tuple[str, str, int, int]]) -> str:
 
 def main() -> int:
     """Compares, lists or tightens; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("place", nargs="?", help="a folder or a file: list all of its offences")
-    parser.add_argument("--tighten", action="store_true", help="write the limits that have become smaller")
+    parser.add_argument(
+        "--tighten", action="store_true", help="write the limits that have become smaller"
+    )
     options = parser.parse_args()
     if options.place:
         inside = [path for path in sources() if path.is_relative_to(Path(options.place).resolve())]

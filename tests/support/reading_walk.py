@@ -17,7 +17,8 @@ from types import CodeType, FrameType
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-_MOST = 100  # calls of a function that are looked at: later ones are handed the same kinds of things
+# calls of a function that are looked at: later ones are handed the same kinds of things
+_MOST = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +48,9 @@ class Walk:
         return "\n".join([*lines, f"{len(self.files)} files, {self.returns} returns"])
 
 
-def walk(call: Callable[[], Any], follows: Callable[[Any], bool], foundations: tuple[str, ...] = ()) -> Walk:
+def walk(
+    call: Callable[[], Any], follows: Callable[[Any], bool], foundations: tuple[str, ...] = ()
+) -> Walk:
     """The walk of a reader who follows a thing through a call.
 
     Args:

@@ -16,12 +16,17 @@ DT = 0.002  # [s]
 SPEED = 0.05  # [m/s]
 STEPS = 5000
 TIME = DT * np.arange(STEPS, dtype=np.float64)
-TRUTH = TrueObject(model=barrel(), path="longitudinal", X_WT=pose(exp_so3([0.1, -0.2, 0.3]), [1.0, 0.1, -1.5]))
+TRUTH = TrueObject(
+    model=barrel(), path="longitudinal", X_WT=pose(exp_so3([0.1, -0.2, 0.3]), [1.0, 0.1, -1.5])
+)
 VEHICLE = Vehicle.of(models.load("uuv_puma").compile())
-_ALSO = {"contact_least", "contact_most", "p_WB_reference", "p_WT", "quat_WT_wxyz"}  # series that there may be
+# series that there may be
+_ALSO = {"contact_least", "contact_most", "p_WB_reference", "p_WT", "quat_WT_wxyz"}
 
 
-def recorded(during: WorkState = WorkState.WORK, final: WorkState = WorkState.DONE, **changed: np.ndarray) -> Recording:
+def recorded(
+    during: WorkState = WorkState.WORK, final: WorkState = WorkState.DONE, **changed: np.ndarray
+) -> Recording:
     """10 s in one state at 60 N on a perfect path along the barrel, but for what is `changed`."""
     start_T = TRUTH.model.path("longitudinal").p[0]
     p_T = start_T + SPEED * TIME[:, None] * [1.0, 0.0, 0.0]
@@ -51,10 +56,17 @@ def recorded(during: WorkState = WorkState.WORK, final: WorkState = WorkState.DO
     for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
         values.setdefault(name, values["contact_normal"])
     series = {
-        name: Series(time=TIME, value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1), unit="", labels=())
+        name: Series(
+            time=TIME,
+            value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1),
+            unit="",
+            labels=(),
+        )
         for name, value in values.items()
     }
-    found = Target(time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None)
+    found = Target(
+        time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None
+    )
     note = "felt force 170 N" if final is WorkState.ABORT else ""
     return Recording(
         timestep=DT,

@@ -1,4 +1,5 @@
-"""The map of rooms in CONTRIBUTING.md, as the tree is: what each package is for, and the order of imports.
+"""The map of rooms in CONTRIBUTING.md, as the tree is: what each package is for, and the order of
+imports.
 
 ./uvw run tests/support/room_map.py    writes it anew
 """
@@ -22,19 +23,26 @@ def room_map() -> str:
 
 
 def packages() -> Iterator[tuple[str, str]]:
-    """Folder and first line of the docstring of each package two levels deep; of the experiments, their subjects."""
+    """Folder and summary of each package two levels deep; of the experiments, their subjects."""
     tops = [f"uuv.{room}" for room in ROOMS] + ["uuv", "experiments"]
     named = {name: path for name, path in modules().items() if path.name == "__init__.py"}
     for top in tops:
-        inside = [name for name in named if name.startswith(f"{top}.") and name.count(".") == top.count(".") + 1]
+        inside = [
+            name
+            for name in named
+            if name.startswith(f"{top}.") and name.count(".") == top.count(".") + 1
+        ]
         for name in [top, *(name for name in sorted(inside) if name not in tops)]:
             folder = named[name].parent.relative_to(ROOT).as_posix()
-            yield folder, (ast.get_docstring(parsed(named[name])) or "").partition("\n")[0]
+            text = ast.get_docstring(parsed(named[name])) or ""
+            yield folder, " ".join(text.partition("\n\n")[0].split())
 
 
 def orders_of_imports() -> Iterator[tuple[str, list[str]]]:
     """Each package with layers of its own, and these, the topmost first."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
     for contract in contracts:
         for container in contract.get("containers", ()):
             yield container.removeprefix("uuv."), contract["layers"]

@@ -1,7 +1,9 @@
-"""Lists that are written twice: tables of names that the product has already, such as its jobs or its perturbations.
+"""Lists that are written twice: tables of names that the product has already, such as its jobs or
+its perturbations.
 
-A table is a dictionary, a tuple, a list, a set, a `Literal` or a `match` with three or more names of one list. One of
-them is the list itself; any other has to agree with it by hand, and should be derived from it.
+A table is a dictionary, a tuple, a list, a set, a `Literal` or a `match` with three or more names
+of one list. One of them is the list itself; any other has to agree with it by hand, and should be
+derived from it.
 """
 
 import ast
@@ -64,7 +66,9 @@ def lists() -> Mapping[str, frozenset[str]]:
 
 
 def tables_in(path: Path, known: Mapping[str, frozenset[str]]) -> Iterator[Table]:
-    """All tables of the `known` lists in a file, the lists themselves included; `__all__` is none."""
+    """All tables of the `known` lists in a file, the lists themselves included; `__all__` is
+    none.
+    """
     tree = parsed(path)
     exported = {
         id(node.value)
@@ -84,9 +88,14 @@ def tables_in(path: Path, known: Mapping[str, frozenset[str]]) -> Iterator[Table
 
 @cache
 def second_tables() -> tuple[Table, ...]:
-    """Tables beside the list itself, which is the one with the most names; those of experiments are choices."""
+    """Tables beside the list itself, which is the one with the most names; those of experiments are
+    choices.
+    """
     product = [path for path in sources() if not name_of(path).startswith("scripts/")]
-    tables = sorted((table for path in product for table in tables_in(path, lists())), key=lambda t: -len(t.names))
+    tables = sorted(
+        (table for path in product for table in tables_in(path, lists())),
+        key=lambda t: -len(t.names),
+    )
     met: set[str] = set()
     return tuple(table for table in tables if table.kind in met or met.add(table.kind))
 
@@ -96,7 +105,9 @@ def _spelling(name: str) -> str:
 
 
 def _words(node: ast.AST) -> Iterator[str]:
-    """Names that stand in a table: texts, classes, and first arguments of the calls that make its entries."""
+    """Names that stand in a table: texts, classes, and first arguments of the calls that make its
+    entries.
+    """
     entries: list[ast.expr | None] = []
     if isinstance(node, ast.Dict):
         entries = [*node.keys, *node.values]

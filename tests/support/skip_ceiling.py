@@ -1,4 +1,6 @@
-"""A pytest plug-in: `--most-skipped N` prints skips by count and reason, and fails if there are more than N."""
+"""A pytest plug-in: `--most-skipped N` prints skips by count and reason, and fails if there are
+more than N.
+"""
 
 from collections import Counter
 
@@ -7,18 +9,25 @@ import pytest
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.getgroup("skips").addoption(
-        "--most-skipped", type=int, metavar="N", help="print skips by count and reason; fail if there are more than N"
+        "--most-skipped",
+        type=int,
+        metavar="N",
+        help="print skips by count and reason; fail if there are more than N",
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
     most = config.option.most_skipped
-    if most is not None and not hasattr(config, "workerinput"):  # xdist's workers report to the process that judges
+    # xdist's workers report to the process that judges
+    if most is not None and not hasattr(config, "workerinput"):
         config.pluginmanager.register(SkipCeiling(most))
 
 
 class SkipCeiling:
-    """Counts skips by reason. A file that is skipped as a whole counts once, since nobody knows what it holds."""
+    """Counts skips by reason.
+
+    A file that is skipped as a whole counts once, since nobody knows what it holds.
+    """
 
     def __init__(self, most: int) -> None:
         self.most = most
@@ -42,7 +51,9 @@ class SkipCeiling:
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         verdict = "more than" if self.exceeded else "at most"
-        terminalreporter.section(f"skipped: {self.reasons.total()}, {verdict} {self.most}", red=self.exceeded)
+        terminalreporter.section(
+            f"skipped: {self.reasons.total()}, {verdict} {self.most}", red=self.exceeded
+        )
         for reason, count in self.reasons.most_common():
             terminalreporter.line(f"{count:5d}  {reason}")
 

@@ -1,4 +1,6 @@
-"""The project's own Python files: under which module names they are, and their syntax trees, each parsed once."""
+"""The project's own Python files: under which module names they are, and their syntax trees, each
+parsed once.
+"""
 
 import ast
 import subprocess
@@ -20,7 +22,9 @@ def tracked(*patterns: str) -> list[Path]:
         everything = [path for pattern in patterns for path in ROOT.rglob(pattern)]
         return [path for path in everything if ".venv" not in path.parts]
 
-    return [ROOT / name for name in sorted({*listed.stdout.splitlines()}) if (ROOT / name).is_file()]
+    return [
+        ROOT / name for name in sorted({*listed.stdout.splitlines()}) if (ROOT / name).is_file()
+    ]
 
 
 def name_of(path: Path) -> str:
@@ -42,8 +46,14 @@ def parsed(path: Path) -> ast.Module:
 
 @cache
 def modules() -> dict[str, Path]:
-    """Files by the module names under which they are imported: those of `uuv`, its rooms and the experiments."""
-    homes = {"uuv": "uuv", "scripts/experiments": "experiments", **{room: f"uuv.{room}" for room in ROOMS}}
+    """Files by the module names under which they are imported: those of `uuv`, its rooms and the
+    experiments.
+    """
+    homes = {
+        "uuv": "uuv",
+        "scripts/experiments": "experiments",
+        **{room: f"uuv.{room}" for room in ROOMS},
+    }
     named = {}
     for path in sources():
         for folder, package in homes.items():
@@ -55,12 +65,19 @@ def modules() -> dict[str, Path]:
 
 @cache
 def imports() -> dict[str, frozenset[str]]:
-    """Modules of the project that each one imports anywhere: at its top, inside functions and for type checkers."""
-    return {module: frozenset(imported_by(parsed(path), modules())) for module, path in modules().items()}
+    """Modules of the project that each one imports anywhere: at its top, inside functions and for
+    type checkers.
+    """
+    return {
+        module: frozenset(imported_by(parsed(path), modules()))
+        for module, path in modules().items()
+    }
 
 
 def imported_by(tree: ast.Module, known: Iterable[str]) -> set[str]:
-    """Those of the `known` modules that a module imports, packages for the sake of a name in them included."""
+    """Those of the `known` modules that a module imports, packages for the sake of a name in them
+    included.
+    """
     names: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -72,7 +89,9 @@ def imported_by(tree: ast.Module, known: Iterable[str]) -> set[str]:
 
 
 def circles(graph: dict[str, frozenset[str]]) -> list[list[str]]:
-    """Groups of modules that import each other, directly or by way of others (Tarjan's components of two and more)."""
+    """Groups of modules that import each other, directly or by way of others (Tarjan's components
+    of two and more).
+    """
     order: dict[str, int] = {}  # in which a module was first met
     lowest: dict[str, int] = {}  # earliest module that it reaches
     open_modules: list[str] = []

@@ -8,9 +8,12 @@ from uuv.sim.interfaces.spatial import Array
 
 
 def signed_distance(vertices: Array, triangles: np.ndarray, points: Array) -> Array:
-    """Distance (N,) [m] of points (N, 3) from a closed mesh whose triangles wind outwards; negative inside."""
+    """Distance (N,) [m] of points (N, 3) from a closed mesh whose triangles wind outwards; negative
+    inside.
+    """
     away = NearestSurface.of(vertices, triangles).query(points).distance
-    way = np.broadcast_to([0.36, 0.48, 0.8], points.shape)  # along no axis: rays along edges count for nothing
+    # along no axis: rays along edges count for nothing
+    way = np.broadcast_to([0.36, 0.48, 0.8], points.shape)
     hit = RayScene(vertices, triangles).cast(points, way)
     inside = np.isfinite(hit["t"]) & (np.einsum("ij,ij->i", hit["normal"], way) > 0.0)
     return np.where(inside, -away, away)

@@ -21,7 +21,9 @@ class Told:
     def end(self) -> Reference:
         """The last one; it has a code and a sentence for an abort, and no code without one."""
         last = self.references[-1]
-        assert (last.abort is not None and last.note != "") is (last.state is WorkState.ABORT), last.note
+        assert (last.abort is not None and last.note != "") is (last.state is WorkState.ABORT), (
+            last.note
+        )
         return last
 
     def of(self, *states: WorkState) -> list[Reference]:

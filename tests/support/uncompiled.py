@@ -1,4 +1,6 @@
-"""Kernels as plain Python: what is asked of them alone costs no compilation, and a debugger can step through them."""
+"""Kernels as plain Python: what is asked of them alone costs no compilation, and a debugger can
+step through them.
+"""
 
 import sys
 from importlib import import_module
@@ -9,7 +11,8 @@ from numba.core import config
 
 
 def uncompiled(*names: str) -> list[ModuleType]:
-    """Import the named modules anew, with numba switched off; one that imports another of them gets the plain one.
+    """Import the named modules anew, with numba switched off; one that imports another of them gets
+    the plain one.
 
     The modules that everybody else uses stay as they are.
     """

@@ -1,1 +1,3 @@
-"""Identification of the arm: friction of its gears, and the touches that would tell most for its calibration."""
+"""Identification of the arm: friction of its gears, and the touches that would tell most for its
+calibration.
+"""

@@ -13,7 +13,9 @@ TIMELINE = "sim_time"
 
 
 class ArmLog:
-    """Writer of one Rerun file, with `view` also to a viewer; a context manager, else call `close`."""
+    """Writer of one Rerun file, with `view` also to a viewer; a context manager, else call
+    `close`.
+    """
 
     def __init__(self, file: Path, title: str, blueprint: Any, *, view: bool) -> None:
         import rerun as rr  # slow to import, and needless without a log
@@ -31,7 +33,14 @@ class ArmLog:
         self.close()
 
     def arm(
-        self, name: str, arm: SerialArm, time: Array, q: Array, color: tuple[int, int, int], *, stride: int = 1
+        self,
+        name: str,
+        arm: SerialArm,
+        time: Array,
+        q: Array,
+        color: tuple[int, int, int],
+        *,
+        stride: int = 1,
     ) -> None:
         """Logs an arm's links and joints over time.
 
@@ -51,11 +60,17 @@ class ArmLog:
         self._columns(
             f"world/{name}/joints",
             time[::stride],
-            rr.Points3D.columns(positions=points.reshape(-1, 3)).partition([points.shape[1]] * len(points)),
+            rr.Points3D.columns(positions=points.reshape(-1, 3)).partition(
+                [points.shape[1]] * len(points)
+            ),
         )
         style = {"colors": color, "radii": size}
         self._stream.log(f"world/{name}/links", rr.LineStrips3D.from_fields(**style), static=True)
-        self._stream.log(f"world/{name}/joints", rr.Points3D.from_fields(colors=color, radii=2.0 * size), static=True)
+        self._stream.log(
+            f"world/{name}/joints",
+            rr.Points3D.from_fields(colors=color, radii=2.0 * size),
+            static=True,
+        )
 
     def line(self, name: str, points: Array, color: tuple[int, int, int], radius: float) -> None:
         """Logs a static line.
@@ -67,7 +82,9 @@ class ArmLog:
             radius: [m].
         """
         rr = self._rr
-        self._stream.log(f"world/{name}", rr.LineStrips3D([points], colors=color, radii=radius), static=True)
+        self._stream.log(
+            f"world/{name}", rr.LineStrips3D([points], colors=color, radii=radius), static=True
+        )
 
     def series(self, name: str, labels: list[str], time: Array, values: Array) -> None:
         """Logs curves over time.
@@ -88,4 +105,6 @@ class ArmLog:
         self._stream.disconnect()
 
     def _columns(self, entity: str, time: Array, columns: Any) -> None:
-        self._stream.send_columns(entity, indexes=[self._rr.TimeColumn(TIMELINE, duration=time)], columns=columns)
+        self._stream.send_columns(
+            entity, indexes=[self._rr.TimeColumn(TIMELINE, duration=time)], columns=columns
+        )

@@ -1,4 +1,6 @@
-"""Input of an arm calibration: the nominal arm, its touches from the user's files, and the loads on it."""
+"""Input of an arm calibration: the nominal arm, its touches from the user's files, and the loads on
+it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,13 +49,16 @@ class CalibrationCase:
     truth: TrueArm | None = None
     session: Session | None = None  # touching by contact
     loads: Loads | None = None  # under which the joints bend; None: compliances are not identified
-    X_BA: Array | None = None  # (4, 4) arm base on a hull that moved during the touches; None: fixed base
+    # (4, 4) arm base on a hull that moved during the touches; None: fixed base
+    X_BA: Array | None = None
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loading:
-    """Weights on the arm, as given on the command line; its base stands upright, or hangs from a vehicle."""
+    """Weights on the arm, as given on the command line; its base stands upright, or hangs from a
+    vehicle.
+    """
 
     link_masses: tuple[float, ...] = ()  # [kg] empty: spread evenly along the links
     payload: tuple[float, ...] = ()  # [kg] at the tool, for each point; empty: none
@@ -65,14 +70,20 @@ class Loading:
             ConfigurationError: Another number of masses than links, or of payloads than points.
         """
         n = len(source.arm.joint_types)
-        for option, given, wanted in (("--link-mass", self.link_masses, n), ("--payload", self.payload, points)):
+        for option, given, wanted in (
+            ("--link-mass", self.link_masses, n),
+            ("--payload", self.payload, points),
+        ):
             if given and len(given) != wanted:
                 raise ConfigurationError(f"{option}: {wanted} are needed, got {len(given)}")
             for value in given:
                 finite_number(value, f"{option} [kg]", least=0.0, most=1e4)
-        down = GRAVITY if source.kind == "mjcf" else -GRAVITY  # a vehicle's arm has its z axis downwards
+        # a vehicle's arm has its z axis downwards
+        down = GRAVITY if source.kind == "mjcf" else -GRAVITY
         return Loads(
-            link_masses=self.link_masses or None, payload_mass=list(self.payload) or 0.0, gravity=(0.0, 0.0, down)
+            link_masses=self.link_masses or None,
+            payload_mass=list(self.payload) or 0.0,
+            gravity=(0.0, 0.0, down),
         )
 
 
@@ -91,7 +102,12 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
     check_arm(name)
     if name in published_arms.available():
         return ArmSource(
-            path=Path(name), kind="dh", arm=published_arms.load(name), base="base", tip="flange", sha256=""
+            path=Path(name),
+            kind="dh",
+            arm=published_arms.load(name),
+            base="base",
+            tip="flange",
+            sha256="",
         )
     if name in models.available():
         file = folder / f"{name}.xml"
@@ -122,11 +138,16 @@ def from_files(
         limits: "encoders": the touches may be beyond the limits of the arm.
 
     Raises:
-        ConfigurationError: A file is unusable, `distances` names an unknown point, or touches are beyond the limits
-            and do not coincide either.
+        ConfigurationError: A file is unusable, `distances` names an unknown point, or touches are
+            beyond the limits and do not coincide either.
     """
     arm = source.arm
-    how = {"joint_types": arm.joint_types, "joint_names": arm.joint_names, "units": units, "limits": arm.limits}
+    how = {
+        "joint_types": arm.joint_types,
+        "joint_names": arm.joint_names,
+        "units": units,
+        "limits": arm.limits,
+    }
     read = read_touches(touches, **how, beyond="note")
     rest = read_touches(held_out, **how, beyond="note") if held_out else None
     notes = [*source.notes, *read.notes, *(rest.notes if rest else ())]
@@ -136,7 +157,9 @@ def from_files(
     for first, second, length in distances:
         for name in (first, second):
             if name not in read.names:
-                raise ConfigurationError(f"--distance: no point {name!r}; there are {', '.join(read.names)}")
+                raise ConfigurationError(
+                    f"--distance: no point {name!r}; there are {', '.join(read.names)}"
+                )
         pairs.append((read.names.index(first), read.names.index(second), length, LENGTH_ERROR))
     return CalibrationCase(
         title=f"Calibration of {source.path.name}",
@@ -149,7 +172,8 @@ def from_files(
 
 
 def _beyond(arm: SerialArm, read: Touches, limits: Literal["arm", "encoders"]) -> list[str]:
-    """Notes on touches beyond the limits of the arm, which is wrong about them where the touches coincide.
+    """Notes on touches beyond the limits of the arm, which is wrong about them where the touches
+    coincide.
 
     Raises:
         ConfigurationError: They do not coincide, and the encoders are not to be believed.
@@ -158,7 +182,11 @@ def _beyond(arm: SerialArm, read: Touches, limits: Literal["arm", "encoders"]) -
         return []
     if limits == "arm" and not coincide(arm, list(read.series)):
         raise ConfigurationError(
-            f"{read.beyond[0]}: not joint values of this arm, or in another unit or order; --limits encoders if they "
+            f"{read.beyond[0]}: not joint values of this arm, or in another unit or order; "
+            "--limits encoders if they "
             "are"
         )
-    return [f"{line}: the encoders are believed, the limits of the arm look too narrow" for line in read.beyond]
+    return [
+        f"{line}: the encoders are believed, the limits of the arm look too narrow"
+        for line in read.beyond
+    ]

@@ -41,15 +41,20 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         rng: Draws the simulated touches.
 
     Raises:
-        UuvError: The files cannot be read, the options contradict each other, or the arm does not reach the points.
+        UuvError: The files cannot be read, the options contradict each other, or the arm does not
+            reach the points.
     """
     real = RealEffects(
-        compliance=finite_number(options.true_compliance, "--true-compliance [rad/(N m)]", least=0.0, most=0.01),
+        compliance=finite_number(
+            options.true_compliance, "--true-compliance [rad/(N m)]", least=0.0, most=0.01
+        ),
         gears=finite_number(options.true_gears, "--true-gears [rad]", least=0.0, most=0.1),
         seating=finite_number(options.true_seating, "--true-seating [m]", least=0.0, most=0.01),
     )
     if options.touches and real != RealEffects():
-        raise ConfigurationError("--touches and --true-compliance, --true-gears or --true-seating: one of the two")
+        raise ConfigurationError(
+            "--touches and --true-compliance, --true-gears or --true-seating: one of the two"
+        )
     if (options.payload or options.link_mass) and not (options.compliance or real.compliance > 0.0):
         raise ConfigurationError("--payload and --link-mass go with --compliance")
     source = nominal(options.arm, folder, options.base, options.tip)
@@ -69,7 +74,9 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     whole_number(points, "--points", least=1, most=_MOST_POINTS)
     whole_number(poses, "--poses", least=2, most=_MOST_POSES)
     finite_number(options.noise, "--noise [m]", above=0.0, most=0.1)
-    errors = whole_number(options.seed if options.arm_errors is None else options.arm_errors, "--arm-errors")
+    errors = whole_number(
+        options.seed if options.arm_errors is None else options.arm_errors, "--arm-errors"
+    )
     known = options.arm != "ur10e" if options.known_length is None else options.known_length
     pin = options.pin or ("straight" if source.kind == "mjcf" else "off-axis")
     if not contact:
@@ -88,13 +95,19 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
             loading=loading_of(options),
         )
     if source.kind != "mjcf":
-        raise ConfigurationError(f"--touching {options.touching}: needs a vehicle or its MJCF, got --arm {options.arm}")
+        raise ConfigurationError(
+            f"--touching {options.touching}: needs a vehicle or its MJCF, got --arm {options.arm}"
+        )
     logs: list[Any] = []
 
     def watch(model: mujoco.MjModel) -> Any:
         from uuv.sim.reporting.rerun_log import RerunLog
 
-        logs.append(RerunLog(folder / "run.rrd", model, title=f"Touching, {options.touching}", view=options.view))
+        logs.append(
+            RerunLog(
+                folder / "run.rrd", model, title=f"Touching, {options.touching}", view=options.view
+            )
+        )
         return logs[0]
 
     hovering = options.touching == "hovering"
@@ -120,7 +133,9 @@ def loading_of(options: CalibrationOptions) -> Loading:
     return Loading(link_masses=options.link_mass, payload=options.payload)
 
 
-def plan_touches(options: CalibrationOptions, folder: Path, console: Console, rng: np.random.Generator) -> int:
+def plan_touches(
+    options: CalibrationOptions, folder: Path, console: Console, rng: np.random.Generator
+) -> int:
     """Plans touches, prints and writes them, and returns the exit code.
 
     Args:
@@ -130,28 +145,41 @@ def plan_touches(options: CalibrationOptions, folder: Path, console: Console, rn
         rng: Draws points, candidates and random choices.
 
     Raises:
-        UuvError: Options contradict each other, files cannot be read, or the arm does not reach enough postures.
+        UuvError: Options contradict each other, files cannot be read, or the arm does not reach
+            enough postures.
     """
     simulated = {"--touching": options.touching != "noise", "--poses": options.poses is not None}
-    judged = {"--held-out": bool(options.held_out), "--method paper": options.method == "paper", "--view": options.view}
+    judged = {
+        "--held-out": bool(options.held_out),
+        "--method paper": options.method == "paper",
+        "--view": options.view,
+    }
     for name, given in {**simulated, **judged}.items():
         if given:
             raise ConfigurationError(f"--plan and {name}: one of the two")
     if options.distance and not options.touches:
         raise ConfigurationError("--distance and --held-out go with --touches")
-    points = whole_number(3 if options.points is None else options.points, "--points", least=1, most=_MOST_POINTS)
+    points = whole_number(
+        3 if options.points is None else options.points, "--points", least=1, most=_MOST_POINTS
+    )
     noise = finite_number(options.noise, "--noise [m]", above=0.0, most=0.1)
     source = nominal(options.arm, folder, options.base, options.tip)
     so_far = touch_plan.NewPoints(count=points, pin=options.pin, noise=noise)
     if options.touches:
-        so_far = from_files(source, options.touches, (), options.units, options.distance, options.limits)
+        so_far = from_files(
+            source, options.touches, (), options.units, options.distance, options.limits
+        )
     for note in source.notes if isinstance(so_far, touch_plan.NewPoints) else so_far.notes:
         console.print(note, style="yellow", highlight=False)
-    made = touch_plan.planned(source, so_far, options.plan or 0, free=options.free, prior=dict(options.prior), rng=rng)
+    made = touch_plan.planned(
+        source, so_far, options.plan or 0, free=options.free, prior=dict(options.prior), rng=rng
+    )
     return touch_plan.run(made, source, options.seed, provenance(COMMAND, options), folder, console)
 
 
-def calibrate(options: CalibrationOptions, folder: Path, console: Console, rng: np.random.Generator) -> int:
+def calibrate(
+    options: CalibrationOptions, folder: Path, console: Console, rng: np.random.Generator
+) -> int:
     """Calibrates, prints and writes the results, and returns the exit code.
 
     Args:
@@ -177,12 +205,16 @@ def calibrate(options: CalibrationOptions, folder: Path, console: Console, rng: 
     console.print(verdict("; ".join(reasons)))
     for line in outcome.examined.untold:
         console.print(f"not told: {line}", style="yellow", highlight=False)
-    console.print(f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False)
+    console.print(
+        f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False
+    )
     return touch_plan.NOT_ACCEPTED if reasons else 0
 
 
 def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -> None:
-    """Prints the figures of merit, the parameters that changed most and what the touches cannot determine."""
+    """Prints the figures of merit, the parameters that changed most and what the touches cannot
+    determine.
+    """
     found = outcome.calibration
     console.print(Text(case.title, style="bold"))
     for warning in found.warnings:
@@ -198,14 +230,18 @@ def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -
         console.print(f"not seen: {group}", highlight=False)
 
 
-def _write(case: CalibrationCase, outcome: CalibrationOutcome, options: CalibrationOptions, folder: Path) -> list[Path]:
+def _write(
+    case: CalibrationCase, outcome: CalibrationOutcome, options: CalibrationOptions, folder: Path
+) -> list[Path]:
     """Writes arm, simulated touches, metrics and report; returns the files of the arm."""
     found, accepted = outcome.calibration, not failed(outcome, options.method)
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     source, arm, sha256 = case.source, outcome.arm, case.touches.sha256
     files = write_results(folder, found, source, arm=arm, tcp=outcome.tcp, sha256=sha256, date=date)
     if case.truth is not None:
-        write_touches(folder / "touches", case.touches.names, case.touches.series, source.arm.joint_names)
+        write_touches(
+            folder / "touches", case.touches.names, case.touches.series, source.arm.joint_names
+        )
     content = metrics(case, outcome, accepted, options.seed)
     write_json(folder / "metrics.json", {**content, "provenance": provenance(COMMAND, options)})
     if options.record:

@@ -17,7 +17,10 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
     touches = sum(len(each) for each in found.residuals)
     out = [
         ("touches, points, left out", f"{touches}, {len(found.residuals)}, {len(found.outliers)}"),
-        ("touches of reduced weight", str(sum(int(((w > 0.0) & (w < 1.0)).sum()) for w in found.weights))),
+        (
+            "touches of reduced weight",
+            str(sum(int(((w > 0.0) & (w < 1.0)).sum()) for w in found.weights)),
+        ),
         ("J before, after [mm²]", f"{1e6 * found.cost_nominal:.4g}, {1e6 * found.cost:.4g}"),
         ("touch noise, each axis [mm]", f"{1e3 * found.noise:.4f}"),
         ("identified directions", f"{rank.rank} of {rank.total}"),
@@ -31,9 +34,13 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
     ):
         if clouds:
             before, after = clouds["nominal"].rms, clouds["identified"].rms
-            out.append((f"{label}: nominal, identified [mm]", f"{1e3 * before:.4f}, {1e3 * after:.4f}"))
+            out.append(
+                (f"{label}: nominal, identified [mm]", f"{1e3 * before:.4f}, {1e3 * after:.4f}")
+            )
             if "controller" in clouds:
-                out.append((f"{label}: a maker's own table [mm]", f"{1e3 * clouds['controller'].rms:.4f}"))
+                out.append(
+                    (f"{label}: a maker's own table [mm]", f"{1e3 * clouds['controller'].rms:.4f}")
+                )
             out.append((f"{label}: ratio", f"{before / max(after, 1e-12):.2f}"))
     if outcome.tips is not None:
         before, after = (1e3 * np.sqrt((each**2).mean()) for each in outcome.tips)
@@ -44,7 +51,12 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
             (f"held out, {name}: nominal, identified [mm]", f"{before:.3f}, {after:.3f}")
             for name, (before, after) in zip(outcome.held_out, values, strict=True)
         ]
-        out.append(("held out, median: nominal, identified [mm]", "{:.3f}, {:.3f}".format(*np.median(values, axis=0))))
+        out.append(
+            (
+                "held out, median: nominal, identified [mm]",
+                "{:.3f}, {:.3f}".format(*np.median(values, axis=0)),
+            )
+        )
     if outcome.covered is not None and outcome.half_width is not None:
         interval = f"{100.0 * outcome.covered:.1f} %, ± {1e3 * outcome.half_width:.3f}"
         out.append(("held out, within the 95 % interval; its median [mm]", interval))
@@ -59,7 +71,9 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
 
 
 def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, str]]:
-    """Name, change, half of the 95 % interval and unit of those whose change is largest relative to it."""
+    """Name, change, half of the 95 % interval and unit of those whose change is largest relative to
+    it.
+    """
     names, changes = fit.names, fit.estimate.changes
     half = fit.quantile() * fit.sigma
     arm = [i for i, group in enumerate(fit.estimate.parameters.groups) if group != "tcp"]
@@ -71,7 +85,9 @@ def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, 
 
 
 def _compliances(found: Calibration) -> str:
-    """Compliance of each joint and half of its 95 % interval; a dash where the loads do not show it."""
+    """Compliance of each joint and half of its 95 % interval; a dash where the loads do not show
+    it.
+    """
     half = dict(zip(found.names, found.quantile() * found.sigma, strict=True))
     hidden = {name for group in found.rank_free.hidden for name in group.names}
     told = []
@@ -93,7 +109,9 @@ def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
     return f"by {len(case.distances)} known, the longest {length:.3f} m: ± {ppm:.0f} ppm"
 
 
-def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: int) -> dict[str, Any]:
+def metrics(
+    case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: int
+) -> dict[str, Any]:
     """Contents of metrics.json: SI units, null where a figure does not exist.
 
     Args:
@@ -102,7 +120,12 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
         ok: The result is accepted.
         seed: Seed of the run.
     """
-    found, rank, clouds, session = outcome.calibration, outcome.calibration.rank, outcome.clouds, case.session
+    found, rank, clouds, session = (
+        outcome.calibration,
+        outcome.calibration.rank,
+        outcome.clouds,
+        case.session,
+    )
     return {
         "title": case.title,
         "seed": seed,
@@ -111,7 +134,9 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
         "touches": {
             "count": sum(len(each) for each in found.residuals),
             "points": len(found.residuals),
-            "reduced": sum(int(((weights > 0.0) & (weights < 1.0)).sum()) for weights in found.weights),
+            "reduced": sum(
+                int(((weights > 0.0) & (weights < 1.0)).sum()) for weights in found.weights
+            ),
             "left_out": len(found.outliers),
             "sha256": case.touches.sha256,
             "noise_m": float(found.noise),
@@ -127,13 +152,22 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
         "rank": {
             "identified": rank.rank,
             "of": rank.total,
-            "hidden": [{"count": g.count, "names": list(g.names), "reason": g.reason} for g in rank.hidden],
+            "hidden": [
+                {"count": g.count, "names": list(g.names), "reason": g.reason} for g in rank.hidden
+            ],
         },
-        "tracker": {name: clouds[name].rms for name in ("nominal", "identified")} if clouds else None,
+        "tracker": {name: clouds[name].rms for name in ("nominal", "identified")}
+        if clouds
+        else None,
         "pairs": _pairs(outcome),
         "tracker_stages": _stages(clouds) if clouds else None,
-        "tracker_uncorrected_m": outcome.uncorrected["identified"].rms if outcome.uncorrected else None,
-        "held_out_m": {name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()} or None,
+        "tracker_uncorrected_m": outcome.uncorrected["identified"].rms
+        if outcome.uncorrected
+        else None,
+        "held_out_m": {
+            name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()
+        }
+        or None,
         "contact": None
         if session is None
         else {
@@ -170,7 +204,9 @@ def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
 
 
 def _stages(clouds: dict[str, verification.Cloud]) -> dict[str, Any]:
-    """Clouds of flange points against the tracker's through the stages of [Yukhimets 2023, fig. 5 to 8]."""
+    """Clouds of flange points against the tracker's through the stages of [Yukhimets 2023, fig. 5
+    to 8].
+    """
     tracker = clouds["tracker"]
 
     def stage(name: str) -> dict[str, float]:

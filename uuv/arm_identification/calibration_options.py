@@ -1,4 +1,6 @@
-"""Options of the calibration of an arm, and its inputs, which are read before anything is compiled."""
+"""Options of the calibration of an arm, and its inputs, which are read before anything is
+compiled.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -53,10 +55,13 @@ class CalibrationOptions(TouchedSiteOptions):
     """Calibrate an arm by touching fixed points."""
 
     arm: str = "ur10e"
-    """A published arm (ur10e, panda, ...), the arm of a vehicle (uuv_puma), or a file: .csv, .yaml, .urdf, .xml
-    (MJCF)."""
+    """A published arm (ur10e, panda, ...), the arm of a vehicle (uuv_puma), or a file: .csv, .yaml,
+    .urdf, .xml (MJCF).
+    """
     touches: tuple[Path, ...] = ()
-    """CSV files of touches or folders of them, one file for each point; none: touching is simulated."""
+    """CSV files of touches or folders of them, one file for each point; none: touching is
+    simulated.
+    """
     held_out: tuple[Path, ...] = ()
     """Touches for validation only, not used by the fit."""
     distance: tuple[tuple[str, str, float], ...] = ()
@@ -68,7 +73,9 @@ class CalibrationOptions(TouchedSiteOptions):
     units: Literal["auto", "rad", "deg"] = "auto"
     """Unit of the angles in the touches."""
     limits: Literal["arm", "encoders"] = "arm"
-    """Touches beyond the arm's joint limits: arm refuses those that do not coincide either, encoders believes all."""
+    """Touches beyond the arm's joint limits: arm refuses those that do not coincide either,
+    encoders believes all.
+    """
     touching: Touching = "noise"
     """Simulated touching: noise (by hand), or by contact with the hull clamped or hovering."""
     points: int | None = None
@@ -78,21 +85,30 @@ class CalibrationOptions(TouchedSiteOptions):
     noise: float = 0.092e-3
     """Standard deviation of the simulated hand [m], along each axis."""
     pin: Literal["straight", "off-axis"] | None = None
-    """Tool for simulated touches by hand. Default: straight for a vehicle, at its own tool; off-axis for other arms."""
+    """Tool for simulated touches by hand.
+
+    Default: straight for a vehicle, at its own tool; off-axis for other arms.
+    """
     known_length: bool | None = None
-    """Give the distance between the two farthest simulated points; default: yes, except for the UR10e [Yukhimets
-    2023]."""
+    """Give the distance between the two farthest simulated points; default: yes, except for the
+    UR10e [Yukhimets 2023].
+    """
     arm_errors: int | None = None
     """Seed of the workshop errors; default: --seed."""
     free: tuple[str, ...] = ()
     """Free parameters: theta d a alpha beta tcp, or single ones such as a2; default: all."""
     prior: tuple[tuple[str, float], ...] = ()
-    """Prior standard deviations about the nominal values [rad], [m]: NAME VALUE, repeatable; default: from the data."""
+    """Prior standard deviations about the nominal values [rad], [m]: NAME VALUE, repeatable;
+    default: from the data.
+    """
     compliance: bool = False
-    """Also identify joint compliances, from the sag under the links' weight and --payload. The base is upright; that
-    of a vehicle's arm hangs."""
+    """Also identify joint compliances, from the sag under the links' weight and --payload. The base
+    is upright; that of a vehicle's arm hangs.
+    """
     link_mass: tuple[float, ...] = ()
-    """Masses of the links [kg]; default: spread evenly along the links, so that compliances are relative to that."""
+    """Masses of the links [kg]; default: spread evenly along the links, so that compliances are
+    relative to that.
+    """
     payload: tuple[float, ...] = ()
     """Payload at the tool [kg] during the touches of each point."""
     true_compliance: float = 0.0
@@ -100,11 +116,15 @@ class CalibrationOptions(TouchedSiteOptions):
     true_gears: float = 0.0
     """Eccentricity of the simulated arm's gears: spread of the amplitudes [rad]."""
     true_seating: float = 0.0
-    """Seating errors of the ball in the simulated sockets: spread along each axis [m], repeats with the direction."""
+    """Seating errors of the ball in the simulated sockets: spread along each axis [m], repeats with
+    the direction.
+    """
     method: Literal["map", "paper"] = "map"
     """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
     plan: int | None = None
-    """Plan this number of touches instead: those that would tell most, after those of --touches or from the start."""
+    """Plan this number of touches instead: those that would tell most, after those of --touches or
+    from the start.
+    """
 
     def __post_init__(self) -> None:
         if self.flow is not None and self.touching != "hovering":
@@ -130,14 +150,16 @@ def check_inputs(options: CalibrationOptions) -> None:
 def check_arm(name: str) -> None:
     """Refuses a name that is none of an arm; a file is only seen to have an ending.
 
-    Published arms are known by the list of their names: their module compiles kernels when it is imported.
+    Published arms are known by the list of their names: their module compiles kernels when it is
+    imported.
     """
     from uuv import models
 
     known = (*(arm for arm, _ in things("arm")), *models.available())
     if name not in known and not is_file(name):
         raise ConfigurationError(
-            f"--arm: unknown {name!r}; there are {', '.join(known)}, or a file{did_you_mean(name, known)}"
+            f"--arm: unknown {name!r}; there are {', '.join(known)}, or a "
+            f"file{did_you_mean(name, known)}"
         )
 
 

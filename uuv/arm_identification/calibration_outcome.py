@@ -12,14 +12,22 @@ from uuv.arm_identification.calibration_case import CalibrationCase, TrueArm
 from uuv.arm_identification.tracked_moves import tracked
 from uuv.calib import verification
 from uuv.calib.identification import Calibration, identify
-from uuv.calib.moving_base import BASE_JOINTS, in_own_names, on_moving_base, own_arm, own_parameters, with_base
+from uuv.calib.moving_base import (
+    BASE_JOINTS,
+    in_own_names,
+    on_moving_base,
+    own_arm,
+    own_parameters,
+    with_base,
+)
 from uuv.calib.touches import first_tcp
 from uuv.calib.verdicts.doubts import Examination, examine
 from uuv.calib.verdicts.evidence import Told
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.spatial import Array
 
-_FOLDS, _LEAST_FOLD = 4, 12  # groups of points left out in turn; touches, less one a point, that the rest needs
+# groups of points left out in turn; touches, less one a point, that the rest needs
+_FOLDS, _LEAST_FOLD = 4, 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,12 +39,17 @@ class CalibrationOutcome:
     tcp: Array  # (3,) [m]
     series: tuple[Array, ...]  # joint values that were identified from
     clouds: dict[str, verification.Cloud] = field(default_factory=dict)
-    held_out: dict[str, tuple[float, float]] = field(default_factory=dict)  # by point: RMS [m] nominal, identified
-    covered: float | None = None  # share of the errors held out, along each axis, within their 95 % intervals
+    # by point: RMS [m] nominal, identified
+    held_out: dict[str, tuple[float, float]] = field(default_factory=dict)
+    # share of the errors held out, along each axis, within their 95 % intervals
+    covered: float | None = None
     half_width: float | None = None  # [m] median half-width of those intervals
-    tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
-    uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
-    rigid: Calibration | None = None  # where compliances are identified: the same touches without them
+    # (N,) [m] error of the tip in the base: nominal, identified
+    tips: tuple[Array, Array] | None = None
+    # hovering: hull motion ignored
+    uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)
+    # where compliances are identified: the same touches without them
+    rigid: Calibration | None = None
     examined: Examination = field(
         default_factory=Examination
     )  # wrong inputs that explain the touches better, or as well
@@ -44,7 +57,11 @@ class CalibrationOutcome:
 
 
 def solve(
-    case: CalibrationCase, *, free: Sequence[str], prior: dict[str, float], method: Literal["map", "paper"]
+    case: CalibrationCase,
+    *,
+    free: Sequence[str],
+    prior: dict[str, float],
+    method: Literal["map", "paper"],
 ) -> CalibrationOutcome:
     """Identifies the arm of a case and evaluates the result.
 
@@ -56,14 +73,21 @@ def solve(
         prior: Prior standard deviations [rad], [m] by name; empty: from the data.
         method: Fit: maximum a posteriori, or as published [Yukhimets 2023].
     """
-    options = {"prior": prior or None, "method": method, "distances": case.distances, "loads": case.loads}
+    options = {
+        "prior": prior or None,
+        "method": method,
+        "distances": case.distances,
+        "loads": case.loads,
+    }
     if case.session is not None and case.X_BA is not None:
         return _solved_on_moving_base(case, case.session.hulls, case.X_BA, free, options)
     series, arm = list(case.touches.series), case.source.arm
     fit = identify(series, arm, free=list(free) or None, **options)
     outcome = _judged(case, fit, fit.arm, series)
     if method == "map":
-        again = partial(identify, nominal=arm, free=list(free) or None, **{**options, "distances": ()})
+        again = partial(
+            identify, nominal=arm, free=list(free) or None, **{**options, "distances": ()}
+        )
         outcome = _examined(outcome, case, again)
     if case.loads is None:
         return outcome
@@ -71,13 +95,21 @@ def solve(
     # The same touches by a rigid arm, for comparison.
     elastic = {"compliance", *(f"c{k + 1}" for k in range(arm.n))}
     words = [word for word in free if word not in elastic]
-    return replace(outcome, rigid=identify(series, arm, free=words or None, **{**options, "loads": None}))
+    return replace(
+        outcome, rigid=identify(series, arm, free=words or None, **{**options, "loads": None})
+    )
 
 
 def _solved_on_moving_base(
-    case: CalibrationCase, hulls: Sequence[Array], X_BA: Array, free: Sequence[str], options: dict[str, Any]
+    case: CalibrationCase,
+    hulls: Sequence[Array],
+    X_BA: Array,
+    free: Sequence[str],
+    options: dict[str, Any],
 ) -> CalibrationOutcome:
-    """As of `solve`, with the poses (m_i, 4, 4) of the hull during the touches as joints of a longer arm."""
+    """As of `solve`, with the poses (m_i, 4, 4) of the hull during the touches as joints of a
+    longer arm.
+    """
     series, arm = list(case.touches.series), case.source.arm
     longer = on_moving_base(arm, X_BA)
     moved = [with_base(q, X) for q, X in zip(series, hulls, strict=True)]
@@ -95,7 +127,9 @@ def _solved_on_moving_base(
 def _examined(
     outcome: CalibrationOutcome, case: CalibrationCase, again: Callable[..., Calibration]
 ) -> CalibrationOutcome:
-    """The outcome with what its touches say against it, which are those of a longer arm where the hull moved."""
+    """The outcome with what its touches say against it, which are those of a longer arm where the
+    hull moved.
+    """
     fit, series = outcome.calibration, list(outcome.series)
     base = 0 if case.X_BA is None else BASE_JOINTS
     told = Told(names=case.touches.names, distances=case.distances, base_joints=base)
@@ -107,7 +141,9 @@ def _examined(
     return replace(outcome, examined=examined, worse=tuple(worse))
 
 
-def _judged(case: CalibrationCase, fit: Calibration, arm: SerialArm, series: Sequence[Array]) -> CalibrationOutcome:
+def _judged(
+    case: CalibrationCase, fit: Calibration, arm: SerialArm, series: Sequence[Array]
+) -> CalibrationOutcome:
     """The fit against the truth, where it is known, and against the touches held out."""
     outcome = CalibrationOutcome(calibration=fit, arm=arm, tcp=fit.tcp, series=tuple(series))
     if case.truth is not None:
@@ -136,8 +172,12 @@ def _judged(case: CalibrationCase, fit: Calibration, arm: SerialArm, series: Seq
     return replace(outcome, covered=covered, half_width=float(np.median(half)))
 
 
-def _tip_errors(case: CalibrationCase, truth: TrueArm, fit: Calibration, arm: SerialArm) -> tuple[Array, Array]:
-    """Errors (N,) [m] of the tip in the base at all touches, of the nominal and of the identified arm."""
+def _tip_errors(
+    case: CalibrationCase, truth: TrueArm, fit: Calibration, arm: SerialArm
+) -> tuple[Array, Array]:
+    """Errors (N,) [m] of the tip in the base at all touches, of the nominal and of the identified
+    arm.
+    """
     q = np.vstack(case.touches.series)
     bent = q if fit.loads is None else fit.deflected(q)
     true = truth.arm.tips(truth.stands_at(q), truth.tcp)
@@ -146,7 +186,9 @@ def _tip_errors(case: CalibrationCase, truth: TrueArm, fit: Calibration, arm: Se
 
 
 def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Array]) -> list[str]:
-    """Points, used or held out, about which the nominal arm brings the touches closer, beyond chance."""
+    """Points, used or held out, about which the nominal arm brings the touches closer, beyond
+    chance.
+    """
     used = [weights > 0.0 for weights in found.weights]
     sets = [(case.touches.names, series, used, found.touched_tips(series))]
     if case.held_out is not None:
@@ -158,14 +200,23 @@ def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Ar
         for name, q, mine, p in zip(names, touched_series, used, tips, strict=True):
             if mine.sum() < 2:
                 continue
-            before, after = _scatter(found.nominal.tips(q[mine], found.nominal_tcp)), _scatter(p[mine])
+            before, after = (
+                _scatter(found.nominal.tips(q[mine], found.nominal_tcp)),
+                _scatter(p[mine]),
+            )
             if after > before * _chance(3 * (int(mine.sum()) - 1)):
-                out.append(f"{name}: {1e3 * after:.3g} mm against {1e3 * before:.3g} by the nominal arm")
+                out.append(
+                    f"{name}: {1e3 * after:.3g} mm against {1e3 * before:.3g} by the nominal arm"
+                )
     return out
 
 
-def _worse_predicted(found: Calibration, series: Sequence[Array], again: Callable[..., Calibration]) -> list[str]:
-    """Whether points left out of the fit, all in turn, lie closer by the nominal arm, beyond chance."""
+def _worse_predicted(
+    found: Calibration, series: Sequence[Array], again: Callable[..., Calibration]
+) -> list[str]:
+    """Whether points left out of the fit, all in turn, lie closer by the nominal arm, beyond
+    chance.
+    """
     if found.loads is not None:
         return []  # its payloads are those of all points
     folds = [range(k, len(series), _FOLDS) for k in range(min(_FOLDS, len(series)))]
@@ -185,12 +236,17 @@ def _worse_predicted(found: Calibration, series: Sequence[Array], again: Callabl
             degrees += 3 * (int(used.sum()) - 1)
     before, after = np.sqrt(square / max(degrees, 1))
     if degrees and after > before * _chance(degrees):
-        return [f"points left out of the fit: {1e3 * after:.3g} mm along an axis against {1e3 * before:.3g}"]
+        return [
+            f"points left out of the fit: {1e3 * after:.3g} mm along an axis against "
+            f"{1e3 * before:.3g}"
+        ]
     return []
 
 
 def _chance(degrees: int) -> float:
-    """Ratio of two RMS values of so many degrees of freedom each that chance exceeds once in a thousand times."""
+    """Ratio of two RMS values of so many degrees of freedom each that chance exceeds once in a
+    thousand times.
+    """
     return float(np.sqrt(f.isf(1e-3, degrees, degrees)))
 
 

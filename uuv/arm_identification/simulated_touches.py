@@ -1,4 +1,6 @@
-"""Simulated touches of an arm with errors, by hand with noise or by contact, as the input of a calibration."""
+"""Simulated touches of an arm with errors, by hand with noise or by contact, as the input of a
+calibration.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +26,13 @@ TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}  # [m] tip
 # Tool direction in an arm's base whose z axis points up.
 LOOKING_DOWN = (0.0, 0.0, -1.0)
 # Errors of an arm as built in a workshop: theta, alpha, beta [rad], d, a [m].
-WORKSHOP = {"theta": np.deg2rad(0.3), "d": 2e-3, "a": 2e-3, "alpha": np.deg2rad(0.3), "beta": np.deg2rad(0.3)}
+WORKSHOP = {
+    "theta": np.deg2rad(0.3),
+    "d": 2e-3,
+    "a": 2e-3,
+    "alpha": np.deg2rad(0.3),
+    "beta": np.deg2rad(0.3),
+}
 # Identified DH table of the UR10e in [Yukhimets 2023]: theta [deg], a [mm], d [mm], alpha [deg].
 PAPER_UR10E = np.array(
     [
@@ -82,9 +90,13 @@ def simulated(
     drawing = np.random.default_rng(errors)
     if source.kind == "mjcf":
         arm = dh_geometry.with_errors(source.arm, drawing)
-        # The tip site is the tip of the vehicle's own tool; an off-axis pin protrudes sideways from it.
+        # The tip site is the tip of the vehicle's own tool; an off-axis pin protrudes sideways from
+        # it.
         tcp = np.array([TOOLS[pin][0], 0.0, 0.0])
-        hangs, title = True, f"Calibration of {source.path.stem}, built with workshop errors {errors}"
+        hangs, title = (
+            True,
+            (f"Calibration of {source.path.stem}, built with workshop errors {errors}"),
+        )
     else:
         tcp, hangs = np.array(TOOLS[pin]), False
         if source.path.name == "ur10e":
@@ -96,7 +108,14 @@ def simulated(
             arm = wrong_arm(source.arm, WORKSHOP, drawing)
             title = f"Calibration of {source.path.name}, built with workshop errors {errors}"
     series, places = touched(
-        arm, tcp, arm.limits, rng, points=points, touches=touches, noise=noise, way=DOWN if hangs else LOOKING_DOWN
+        arm,
+        tcp,
+        arm.limits,
+        rng,
+        points=points,
+        touches=touches,
+        noise=noise,
+        way=DOWN if hangs else LOOKING_DOWN,
     )
     sag, gears, unloaded = None, None, None
     if real.compliance > 0.0:
@@ -142,11 +161,17 @@ def by_contact(
     found = [k for k, one in enumerate(session.series) if len(one) > 1]
     if len(found) < 2:
         raise ConfigurationError("fewer than two nests were found; nothing can be calibrated")
-    case = _simulated_case(title, source, [session.series[k] for k in found], session.p_WN[found], truth, known, rng)
-    kept = replace(
-        session, series=tuple(session.series[k] for k in found), hulls=tuple(session.hulls[k] for k in found)
+    case = _simulated_case(
+        title, source, [session.series[k] for k in found], session.p_WN[found], truth, known, rng
     )
-    return replace(case, session=kept, X_BA=np.array(own.vehicle.X_BA) if session.hovering else None)
+    kept = replace(
+        session,
+        series=tuple(session.series[k] for k in found),
+        hulls=tuple(session.hulls[k] for k in found),
+    )
+    return replace(
+        case, session=kept, X_BA=np.array(own.vehicle.X_BA) if session.hovering else None
+    )
 
 
 def _simulated_case(
@@ -165,4 +190,6 @@ def _simulated_case(
         distances = ((i, j, length, LENGTH_ERROR),)
     names = tuple(f"point{k + 1}" for k in range(len(series)))
     touches = Touches(series=tuple(readonly(q) for q in series), names=names, sha256="simulated")
-    return CalibrationCase(title=title, source=source, touches=touches, distances=distances, truth=truth)
+    return CalibrationCase(
+        title=title, source=source, touches=touches, distances=distances, truth=truth
+    )

@@ -1,4 +1,6 @@
-"""Plan of touches: those of many candidate postures that would tell most about an arm, with the expected error."""
+"""Plan of touches: those of many candidate postures that would tell most about an arm, with the
+expected error.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,14 +29,17 @@ from uuv.sim.runs.terminal import verdict
 NOT_ACCEPTED = 1  # exit code
 FILE = "plan.csv"
 MOST = 200  # largest number of planned touches
-_CANDIDATES, _PER_TOUCH = 60, 3  # least candidates of each point; candidates of all points for each planned touch
+# least candidates of each point; candidates of all points for each planned touch
+_CANDIDATES, _PER_TOUCH = 60, 3
 _RANDOM = 50  # random choices to compare with
 _TARGETS = 20  # flange points of the moves whose error is expected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TouchPlan:
-    """Planned touches with the expected RMS error of relative moves of the flange, scale left aside."""
+    """Planned touches with the expected RMS error of relative moves of the flange, scale left
+    aside.
+    """
 
     names: tuple[str, ...]  # of the points
     points: Array  # (S, 3) [m] in the arm's base
@@ -54,7 +59,8 @@ class NewPoints:
     """Points to draw where none was touched yet, and how they will be touched."""
 
     count: int
-    pin: str | None  # name in TOOLS; None: the file's own tool point, of a DH table the off-axis pin
+    # name in TOOLS; None: the file's own tool point, of a DH table the off-axis pin
+    pin: str | None
     noise: float  # [m] standard deviation of a touch along each axis
 
 
@@ -67,18 +73,21 @@ def planned(
     prior: dict[str, float],
     rng: np.random.Generator,
 ) -> TouchPlan:
-    """Plans touches of the points touched so far by the arm identified from them, else of drawn points.
+    """Plans touches of the points touched so far by the arm identified from them, else of drawn
+    points.
 
     Args:
         source: Nominal arm.
         so_far: Touches already made, or the points to draw.
         count: Number of touches to plan.
         free: Free parameters; empty: all.
-        prior: Prior standard deviations by name; empty: from the data, else `uuv.calib.parameters.DEFAULT_PRIOR`.
+        prior: Prior standard deviations by name; empty: from the data, else
+            `uuv.calib.parameters.DEFAULT_PRIOR`.
         rng: Draws points, candidates, moves and random choices.
 
     Raises:
-        UuvError: The touches so far cannot be identified from, or the arm does not reach enough postures.
+        UuvError: The touches so far cannot be identified from, or the arm does not reach enough
+            postures.
     """
     whole_number(count, "--plan", least=1, most=MOST)
     hangs = source.kind == "mjcf"
@@ -87,19 +96,29 @@ def planned(
         arm, tcp, points = source.arm, _tool(source, so_far.pin), so_far.count
         each = max(_CANDIDATES, -(-_PER_TOUCH * count // points))
         way = DOWN if hangs else LOOKING_DOWN
-        candidates, places = touched(arm, tcp, source.arm.limits, rng, points=points, touches=each, noise=0.0, way=way)
+        candidates, places = touched(
+            arm, tcp, source.arm.limits, rng, points=points, touches=each, noise=0.0, way=way
+        )
         model: Calibration | Arm = arm
         names, done = tuple(f"point{k + 1}" for k in range(points)), [np.zeros((0, arm.n))] * points
         how |= {"tcp": tcp, "noise": so_far.noise}
     else:
         model = identify(
-            so_far.touches.series, source.arm, free=list(free) or None, prior=prior or None, distances=so_far.distances
+            so_far.touches.series,
+            source.arm,
+            free=list(free) or None,
+            prior=prior or None,
+            distances=so_far.distances,
         )
         arm, tcp, names = model.arm, model.tcp, so_far.touches.names
         done = _without_outliers(model, so_far.touches.series)
         each = max(_CANDIDATES, -(-_PER_TOUCH * count // len(names)))
         candidates, places = _candidates(model, done, source.arm.limits, each, rng)
-        how = {"free": model.names, "prior": dict(zip(model.names, model.estimate.prior, strict=True)), "done": done}
+        how = {
+            "free": model.names,
+            "prior": dict(zip(model.names, model.estimate.prior, strict=True)),
+            "done": done,
+        }
     targets = moves(arm, source.arm.limits, hangs, candidates, rng, _TARGETS)
     choice = design(model, candidates, targets=targets, **how)
     return TouchPlan(
@@ -123,14 +142,16 @@ def _tool(source: ArmSource, pin: str | None) -> Array:
 
 def _without_outliers(found: Calibration, series: Sequence[Array]) -> list[Array]:
     return [
-        np.delete(q, [one.touch for one in found.outliers if one.series == i], axis=0) for i, q in enumerate(series)
+        np.delete(q, [one.touch for one in found.outliers if one.series == i], axis=0)
+        for i, q in enumerate(series)
     ]
 
 
 def _candidates(
     found: Calibration, done: Sequence[Array], limits: Array, each: int, rng: np.random.Generator
 ) -> tuple[list[Array], Array]:
-    """Postures that touch the same points, with the flange within CONE of its mean direction so far.
+    """Postures that touch the same points, with the flange within CONE of its mean direction so
+    far.
 
     Returns:
         Joint values (each, n) per point; the points (S, 3) [m] in the arm's base.
@@ -152,7 +173,14 @@ def _candidates(
     return series, places
 
 
-def run(made: TouchPlan, source: ArmSource, seed: int, provenance: dict[str, Any], folder: Path, out: Console) -> int:
+def run(
+    made: TouchPlan,
+    source: ArmSource,
+    seed: int,
+    provenance: dict[str, Any],
+    folder: Path,
+    out: Console,
+) -> int:
     """Prints a plan, writes plan.csv and metrics.json, and returns the exit code.
 
     Args:
@@ -172,7 +200,10 @@ def run(made: TouchPlan, source: ArmSource, seed: int, provenance: dict[str, Any
     out.print(_errors(made))
     out.print("Postures keep the joint limits; collisions are not checked.")
     if not any(made.so_far):
-        out.print("The points are examples within reach: touch yours in these postures, as nearly as they allow.")
+        out.print(
+            "The points are examples within reach: touch yours in these postures, as nearly "
+            "as they allow."
+        )
     point_names = [made.names[i] for i, _ in made.order]
     q = np.array([values for _, values in made.order])
     write_touch_list(folder / FILE, point_names, q, source.arm.joint_names, source.arm.joint_types)
@@ -186,7 +217,9 @@ def run(made: TouchPlan, source: ArmSource, seed: int, provenance: dict[str, Any
         "tool_point_m": made.tcp.tolist(),
         "points": [
             {"name": name, "position_m": place.tolist(), "so_far": before, "planned": len(series)}
-            for name, place, before, series in zip(made.names, made.points, made.so_far, made.found.series, strict=True)
+            for name, place, before, series in zip(
+                made.names, made.points, made.so_far, made.found.series, strict=True
+            )
         ],
     }
     content = {"title": title, "seed": seed, "accepted": accepted}
@@ -206,7 +239,9 @@ def _points(made: TouchPlan) -> Table:
     table.add_column("point")
     for column in ("x [m]", "y [m]", "z [m]", "touches so far", "planned"):
         table.add_column(Text(column), justify="right")
-    for name, place, before, series in zip(made.names, made.points, made.so_far, made.found.series, strict=True):
+    for name, place, before, series in zip(
+        made.names, made.points, made.so_far, made.found.series, strict=True
+    ):
         table.add_row(name, *(f"{value:.3f}" for value in place), str(before), str(len(series)))
     return table
 
@@ -230,8 +265,16 @@ def _errors(made: TouchPlan) -> Table:
     table = Table(title="expected error of moves of the flange", title_justify="left")
     table.add_column("RMS, scale left aside, after")
     table.add_column(Text("[mm]"), justify="right")
-    before = f"the {sum(made.so_far)} touches so far" if any(made.so_far) else "none: the nominal arm, by its prior"
-    count, planned_m, random_m = len(made.order), made.found.merit[-1], float(np.median(made.random))
+    before = (
+        f"the {sum(made.so_far)} touches so far"
+        if any(made.so_far)
+        else "none: the nominal arm, by its prior"
+    )
+    count, planned_m, random_m = (
+        len(made.order),
+        made.found.merit[-1],
+        float(np.median(made.random)),
+    )
     for words, value in (
         (before, made.found.before),
         (f"{count} random touches, median of {len(made.random)} choices", random_m),

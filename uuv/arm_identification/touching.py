@@ -1,4 +1,6 @@
-"""Touching session: the built arm presses a pin into nests under water, the hull clamped or hovering."""
+"""Touching session: the built arm presses a pin into nests under water, the hull clamped or
+hovering.
+"""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
@@ -36,14 +38,17 @@ class Session:
     hulls: tuple[Array, ...]  # (m_i, 4, 4) hull pose X_WB as estimated by navigation
     hovering: bool  # False: the hull was clamped
     p_WN: Array  # (k, 3) [m] true nest positions in W
-    hull_motion: float  # [m] largest true distance of the hull from its mean position, over the readings
+    # [m] largest true distance of the hull from its mean position, over the readings
+    hull_motion: float
     tip_spread: float  # [m] RMS of the pin's true centre about its nest's mean
     missed: int  # touches that missed their nest, left out
     simulated_s: float
 
 
 class Readings:
-    """Observer of the loop that collects encoder and navigation readings while the sequence holds the pin in a nest."""
+    """Observer of the loop that collects encoder and navigation readings while the sequence holds
+    the pin in a nest.
+    """
 
     def __init__(self) -> None:
         self.q: dict[int, list[Array]] = {}
@@ -62,7 +67,9 @@ class Readings:
         self.hull.setdefault(touch, []).append(np.array(moment.truth.p_WB))
 
 
-def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np.random.Generator) -> list[Nest]:
+def place_nests(
+    vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np.random.Generator
+) -> list[Nest]:
     """Places nests before the arm, open upwards, as far from each other as its reach allows.
 
     Args:
@@ -94,7 +101,10 @@ def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np
                     continue
                 candidates.append(nest)
     if len(candidates) < count:
-        raise ReachError(f"the arm reaches {len(candidates)} places from enough directions; {count} nests are needed")
+        raise ReachError(
+            f"the arm reaches {len(candidates)} places from enough directions; "
+            f"{count} nests are needed"
+        )
     chosen = [candidates[0]]
     while len(chosen) < count:
         gaps = [min(float(np.linalg.norm(c.p_WN - o.p_WN)) for o in chosen) for c in candidates]
@@ -104,14 +114,18 @@ def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np
 
 @dataclass(frozen=True, kw_only=True)
 class _TouchingTask(Task):
-    """Touch nests with a pin in place of the tool; no key of a scenario's file, whose runs may not touch the site."""
+    """Touch nests with a pin in place of the tool; no key of a scenario's file, whose runs may not
+    touch the site.
+    """
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     hovering: bool  # station keeping with the thrusters; False: the hull is clamped
     nests: int
     touches: int  # of each nest
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedTouching":
+    def place(
+        self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator
+    ) -> "PlacedTouching":
         """The nests before the arm, and the touches; draws both.
 
         Raises:
@@ -149,7 +163,9 @@ class PlacedTouching(PlacedTask):
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
         """Adds pin and nests, and clamps the hull unless it hovers."""
         touch_rig.add_pin(vehicle)
-        touch_rig.add_nests(vehicle, [nest.p_WN for nest in self.nests], [nest.z_WN for nest in self.nests])
+        touch_rig.add_nests(
+            vehicle, [nest.p_WN for nest in self.nests], [nest.z_WN for nest in self.nests]
+        )
         if not self.task.hovering:
             touch_rig.clamp(vehicle, self.X_WB)
         return vehicle
@@ -167,7 +183,9 @@ class PlacedTouching(PlacedTask):
         return self.readings
 
     def session(self, simulated_s: float) -> Session:
-        """Readings of the run, without the touches that missed; `simulated_s` [s] is its duration."""
+        """Readings of the run, without the touches that missed; `simulated_s` [s] is its
+        duration.
+        """
         chain, readings = self.own.chain(), self.readings
         series: list[list[Array]] = [[] for _ in self.nests]
         hulls: list[list[Array]] = [[] for _ in self.nests]
@@ -178,7 +196,9 @@ class PlacedTouching(PlacedTask):
             mine = [i for i, one in enumerate(self.wanted) if one.nest == k and i in readings.q]
             means = {i: np.mean(readings.q[i], axis=0) for i in mine}
             poses = {i: readings.X_WB[i][len(readings.X_WB[i]) // 2] for i in mine}
-            found = {i: (poses[i] @ self.own.vehicle.X_BA @ chain.forward(means[i]))[:3, 3] for i in mine}
+            found = {
+                i: (poses[i] @ self.own.vehicle.X_BA @ chain.forward(means[i]))[:3, 3] for i in mine
+            }
             middle = np.median(list(found.values()), axis=0) if found else np.zeros(3)
             for i in mine:
                 ends = [chain.forward(readings.q[i][at])[:3, 3] for at in (0, -1)]
@@ -196,7 +216,9 @@ class PlacedTouching(PlacedTask):
             hulls=tuple(np.array(one) for one in hulls),
             hovering=self.task.hovering,
             p_WN=np.array([nest.p_WN for nest in self.nests]),
-            hull_motion=float(np.linalg.norm(np.array(places) - np.mean(places, axis=0), axis=1).max()),
+            hull_motion=float(
+                np.linalg.norm(np.array(places) - np.mean(places, axis=0), axis=1).max()
+            ),
             tip_spread=float(np.sqrt((spread**2).sum(axis=1).mean())),
             missed=missed,
             simulated_s=simulated_s,
@@ -220,7 +242,9 @@ def touching_scenario(
     return Scenario(name="touching", task=task, seed=seed, site=site, vehicle=vehicle)
 
 
-def touch(scenario: Scenario, watch: Callable[[mujoco.MjModel], Observer] | None = None) -> tuple[Session, OwnVehicle]:
+def touch(
+    scenario: Scenario, watch: Callable[[mujoco.MjModel], Observer] | None = None
+) -> tuple[Session, OwnVehicle]:
     """Runs a touching session with the arm as built, controlled by its believed model.
 
     Args:
@@ -236,8 +260,12 @@ def touch(scenario: Scenario, watch: Callable[[mujoco.MjModel], Observer] | None
     assembly = assemble(scenario)
     placed, model = assembly.placed, assembly.plant.model
     assert isinstance(placed, PlacedTouching)
-    observers: list[Observer] = [placed.readings] if watch is None else [placed.readings, watch(model)]
-    ran = run_through(assembly, observers=observers, longest=LONGEST_PER_TOUCH * (len(placed.wanted) + 1))
+    observers: list[Observer] = (
+        [placed.readings] if watch is None else [placed.readings, watch(model)]
+    )
+    ran = run_through(
+        assembly, observers=observers, longest=LONGEST_PER_TOUCH * (len(placed.wanted) + 1)
+    )
     return placed.session(ran.last.truth.time), placed.own
 
 

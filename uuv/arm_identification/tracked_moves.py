@@ -1,4 +1,6 @@
-"""Simulated tracker test of calibrated arms, as in [Yukhimets 2023]: flange points of equal attitude."""
+"""Simulated tracker test of calibrated arms, as in [Yukhimets 2023]: flange points of equal
+attitude.
+"""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,16 +15,25 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ReachError
 from uuv.sim.interfaces.spatial import Array
 
-# Errors left by a maker's own calibration: of the order of the 0.256 mm measured in [Yukhimets 2023] for its UR10e.
-MAKERS = {"theta": np.deg2rad(0.02), "d": 2e-4, "a": 2e-4, "alpha": np.deg2rad(0.02), "beta": np.deg2rad(0.02)}
+# Errors left by a maker's own calibration: of the order of the 0.256 mm measured in [Yukhimets
+# 2023] for its UR10e.
+MAKERS = {
+    "theta": np.deg2rad(0.02),
+    "d": 2e-4,
+    "a": 2e-4,
+    "alpha": np.deg2rad(0.02),
+    "beta": np.deg2rad(0.02),
+}
 
 
 def tracked(
     case: CalibrationCase, identified: SerialArm, found: Calibration, rng: np.random.Generator
 ) -> dict[str, verification.Cloud]:
-    """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal attitude, no payload.
+    """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal
+    attitude, no payload.
 
-    The tracker sees the true arm with its gears and sag; models get the joint values that its encoders read.
+    The tracker sees the true arm with its gears and sag; models get the joint values that its
+    encoders read.
     """
     truth = case.truth
     assert truth is not None
@@ -47,8 +58,8 @@ def moves(
 ) -> Array:
     """Joint values (count, n) for flange points of equal attitude in a box.
 
-    The box is that of [Yukhimets 2023] with the flange down. Where the arm does not reach it, the box lies about a
-    touched pose, with the attitude of that pose.
+    The box is that of [Yukhimets 2023] with the flange down. Where the arm does not reach it, the
+    box lies about a touched pose, with the attitude of that pose.
 
     Args:
         arm: Nominal arm.
@@ -73,7 +84,11 @@ def moves(
         for _ in range(tries):
             q, goal = home.copy(), X[:3, 3] + 0.15 * arm.reach * rng.uniform(-1.0, 1.0, 3)
             reached = reach(arm, np.zeros(3), goal, R, q)
-            if reached and np.all((q >= limits[:, 0]) & (q <= limits[:, 1])) and np.abs(q - home).max() < 0.5 * np.pi:
+            if (
+                reached
+                and np.all((q >= limits[:, 0]) & (q <= limits[:, 1]))
+                and np.abs(q - home).max() < 0.5 * np.pi
+            ):
                 found.append(q)
         if len(found) >= count:
             return np.array(found[:count])

@@ -1,8 +1,9 @@
-"""Cases of the benchmark: seeded scenarios of contact work, public under a version number or drawn afresh.
+"""Cases of the benchmark: seeded scenarios of contact work, public under a version number or drawn
+afresh.
 
 The sea, sensors, vehicle and pad of case i are those of run i of the contact study
-(`uuv.campaigns.contact_study.draw`, its default ranges). The job is of the family i modulo the number of
-families; its variant and numbers are drawn from the seed and i alone.
+(`uuv.campaigns.contact_study.draw`, its default ranges). The job is of the family i modulo the
+number of families; its variant and numbers are drawn from the seed and i alone.
 """
 
 from collections.abc import Callable
@@ -45,12 +46,16 @@ class BenchmarkCase:
 
     def scenario(self, control: Control) -> Scenario:
         """The scenario of the case under that control."""
-        task = RunTask(study=self.seed, run=self.index, path="longitudinal", ranges=Ranges(), quick=True)
+        task = RunTask(
+            study=self.seed, run=self.index, path="longitudinal", ranges=Ranges(), quick=True
+        )
         sea = draw(task)
         job = FAMILIES[self.family](np.random.default_rng([self.seed, self.index, 1]))
         rigid = self.family == INSERTION  # its tool has no pad, and its finder no path
         perturbations = tuple(
-            each for each in sea.perturbations if not (rigid and isinstance(each, Pad | MisplacedSurface))
+            each
+            for each in sea.perturbations
+            if not (rigid and isinstance(each, Pad | MisplacedSurface))
         )
         return replace(
             sea,
@@ -120,11 +125,15 @@ def cases(count: int = CASES, *, seed: int = PUBLIC_SEED) -> tuple[BenchmarkCase
 
 def digest(chosen: tuple[BenchmarkCase, ...]) -> str:
     """Digest of the scenarios of these cases under default control."""
-    return key_of([[type(part).__name__ for part in _kinds(case)] + [_described(case)] for case in chosen])
+    return key_of(
+        [[type(part).__name__ for part in _kinds(case)] + [_described(case)] for case in chosen]
+    )
 
 
 def _described(case: BenchmarkCase) -> dict[str, Any]:
-    """Scenario of a case under default control, with the keys that there were when the cases were pinned."""
+    """Scenario of a case under default control, with the keys that there were when the cases were
+    pinned.
+    """
     scenario = case.scenario(Control())
     described = as_json(scenario)
     if not scenario.sensing.follow:

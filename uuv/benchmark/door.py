@@ -1,8 +1,9 @@
 """Door of the benchmark: a controller, and an estimator, that ask an entry in a process of its own.
 
-The entry's process is a fresh interpreter. It gets a `Briefing`, then estimates and set points, and nothing else; one
-with an estimator gets the measurements too. Its arguments, environment and working folder tell nothing of the case. A
-crash, a silence beyond the limits or a wrong answer raises `EntryError` in the simulation.
+The entry's process is a fresh interpreter. It gets a `Briefing`, then estimates and set points, and
+nothing else; one with an estimator gets the measurements too. Its arguments, environment and
+working folder tell nothing of the case. A crash, a silence beyond the limits or a wrong answer
+raises `EntryError` in the simulation.
 """
 
 import ctypes
@@ -40,20 +41,27 @@ from uuv.sim.interfaces.spatial import finite_number
 from uuv.sim.interfaces.tables import TableReader
 
 START_LIMIT = 180.0  # [s] wall, to import and make the entry
-STEP_LIMIT = 60.0  # [s] wall, to answer one estimate; a machine with more work than cores makes every entry slow
+# [s] wall, to answer one estimate; a machine with more work than cores makes every entry slow
+STEP_LIMIT = 60.0
 RUN_LIMIT = 1800.0  # [s] wall, to answer all estimates of a run
 _MODULE = "uuv.benchmark.entry_process"
-_KEPT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "XDG_CACHE_HOME", "LD_LIBRARY_PATH")  # of the environment
-_KEPT_GROUPS = ("UUV_", "NUMBA_", "OMP_", "OPENBLAS_", "MKL_")  # and what begins so: kernels and threads
+# of the environment
+_KEPT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "XDG_CACHE_HOME", "LD_LIBRARY_PATH")
+# and what begins so: kernels and threads
+_KEPT_GROUPS = ("UUV_", "NUMBA_", "OMP_", "OPENBLAS_", "MKL_")
 _PR_SET_DUMPABLE = 4  # of Linux's prctl
 _FAREWELL = 5.0  # [s] wall, for a process that has closed its connection to end
 _TAIL = 4096  # bytes of the entry's output that are read for its last line
 
 
 class EntryProcess:
-    """Process of an entry, with one connection for its controller and its estimator; a context manager."""
+    """Process of an entry, with one connection for its controller and its estimator; a context
+    manager.
+    """
 
-    def __init__(self, briefing: Briefing, *, step_limit: float = STEP_LIMIT, run_limit: float = RUN_LIMIT) -> None:
+    def __init__(
+        self, briefing: Briefing, *, step_limit: float = STEP_LIMIT, run_limit: float = RUN_LIMIT
+    ) -> None:
         """Start the process and brief the entry.
 
         Args:
@@ -66,12 +74,14 @@ class EntryProcess:
         """
         self.vehicle = Vehicle.of(briefing.model)
         self._step_limit, self._run_limit = step_limit, run_limit
-        self.steps, self.waited, self.longest = 0, 0.0, 0.0  # number of answers, [s] in all, [s] longest
+        # number of answers, [s] in all, [s] longest
+        self.steps, self.waited, self.longest = 0, 0.0, 0.0
         number, name = tempfile.mkstemp()
         self._output = os.fdopen(number, "w+b")
         os.unlink(name)  # it lives until it is closed
         close_memory()
-        self._folder = tempfile.TemporaryDirectory(prefix="entry_")  # empty: where the benchmark runs, its files are
+        # empty: where the benchmark runs, its files are
+        self._folder = tempfile.TemporaryDirectory(prefix="entry_")
         here, there = socket.socketpair()
         with there:
             self._process = subprocess.Popen(
@@ -83,12 +93,14 @@ class EntryProcess:
                 cwd=self._folder.name,
                 env=_environment(),
             )
-        self._socket, self._limit = here, 0.0  # [s] that an answer is waited for, set in the socket; 0: not set yet
+        # [s] that an answer is waited for, set in the socket; 0: not set yet
+        self._socket, self._limit = here, 0.0
         self._connection = Connection(os.dup(here.fileno()))
         try:
             told = self._ready(self._told(_pickled(briefing), START_LIMIT)).partition(" ")
             self.controller_period = self._period(told[0])
-            self.estimator_period = self._period(told[2]) if briefing.estimator else None  # [s]; None: it has none
+            # [s]; None: it has none
+            self.estimator_period = self._period(told[2]) if briefing.estimator else None
         except BaseException:
             self.close()
             raise
@@ -181,7 +193,9 @@ class EntryProcess:
 
 
 class RemoteController:
-    """Controller of an entry (`uuv.sim.interfaces.protocols.Controller`); its state stays in the entry's process."""
+    """Controller of an entry (`uuv.sim.interfaces.protocols.Controller`); its state stays in the
+    entry's process.
+    """
 
     def __init__(self, process: EntryProcess) -> None:
         vehicle = process.vehicle
@@ -195,20 +209,27 @@ class RemoteController:
         self._reference = None
         self._process.start(START_CONTROLLER + _pickled(estimate))
 
-    def step(self, state: None, estimate: StateEstimate, reference: Reference) -> tuple[None, Command]:
+    def step(
+        self, state: None, estimate: StateEstimate, reference: Reference
+    ) -> tuple[None, Command]:
         """The entry's command for the estimate.
 
         Raises:
             EntryError: It crashed, was silent for too long, or answered what is no command.
         """
-        first, changed = self._reference is None, None if reference is self._reference else reference
+        first, changed = (
+            self._reference is None,
+            None if reference is self._reference else reference,
+        )
         self._reference = reference
         reply = self._process.answer(self._estimates.encode(estimate, changed), first=first)
         return state, self._commands.decode(reply, estimate.time)
 
 
 class RemoteEstimator:
-    """Estimator of an entry (`uuv.sim.interfaces.protocols.Estimator`); its state stays in the entry's process."""
+    """Estimator of an entry (`uuv.sim.interfaces.protocols.Estimator`); its state stays in the
+    entry's process.
+    """
 
     def __init__(self, process: EntryProcess) -> None:
         """Ask a process whose briefing names an estimator.
@@ -239,7 +260,8 @@ class RemoteEstimator:
 
 
 def close_memory() -> None:
-    """Closes memory, environment and open files of this process to others of the same user; Linux alone.
+    """Closes memory, environment and open files of this process to others of the same user; Linux
+    alone.
 
     The superuser reads them all the same, and anyone the command line: no case may be told there.
     """
@@ -248,8 +270,14 @@ def close_memory() -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Environment of an entry: where it finds programs, libraries and modules, and how many threads they take."""
-    kept = {name: value for name, value in os.environ.items() if name in _KEPT or name.startswith(_KEPT_GROUPS)}
+    """Environment of an entry: where it finds programs, libraries and modules, and how many threads
+    they take.
+    """
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name in _KEPT or name.startswith(_KEPT_GROUPS)
+    }
     return {**kept, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, filter(None, sys.path)))}
 
 

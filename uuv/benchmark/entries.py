@@ -1,4 +1,6 @@
-"""Entries of the benchmark: controllers by name, those that it begins with, and those of users with estimators."""
+"""Entries of the benchmark: controllers by name, those that it begins with, and those of users with
+estimators.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +17,9 @@ ENTRIES: Mapping[str, Control] = {
     "default": Control(),
     "normal-force-law": Control(published=("normal-force-law",)),
     **{f"without {method}": Control(without=(method,)) for method in get_args(Method)},
-    "joint PD": Control(controller="uuv.controllers.whole_body.joint_force_controller:JointForceController"),
+    "joint PD": Control(
+        controller="uuv.controllers.whole_body.joint_force_controller:JointForceController"
+    ),
 }
 
 
@@ -25,8 +29,10 @@ class Entry:
 
     name: str
     control: Control
-    estimator: str = ""  # MODULE:CLASS; empty: the estimates are the ones that all other entries get
-    source: str = ""  # digests of the files of its classes; the results of a changed one are not taken for its own
+    # MODULE:CLASS; empty: the estimates are the ones that all other entries get
+    estimator: str = ""
+    # digests of the files of its classes; the results of a changed one are not taken for its own
+    source: str = ""
 
     @classmethod
     def of(cls, name: str, estimator: str = "") -> "Entry":
@@ -43,7 +49,9 @@ class Entry:
         module, colon, word = control.controller.partition(":")
         if not module or (colon and not word):
             known = ", ".join(ENTRIES)
-            raise ConfigurationError(f"--entry: allowed {known}, a registered name or MODULE:CLASS, got {shown(name)}")
+            raise ConfigurationError(
+                f"--entry: allowed {known}, a registered name or MODULE:CLASS, got {shown(name)}"
+            )
         if not colon and module not in CONTROLLERS:
             known = tuple(dict.fromkeys((*ENTRIES, *CONTROLLERS.names())))
             allowed, meant = f"{', '.join(known)}, or MODULE:CLASS", did_you_mean(name, known)
@@ -51,13 +59,17 @@ class Entry:
         if estimator:
             home, _, brought = estimator.partition(":")
             if not (home and brought):
-                raise ConfigurationError(f"--estimator: expected MODULE:CLASS, got {shown(estimator)}")
+                raise ConfigurationError(
+                    f"--estimator: expected MODULE:CLASS, got {shown(estimator)}"
+                )
             name += f" with {estimator}"
         code = _code(control, estimator)
         return cls(name=name, control=control, estimator=estimator, source="".join(code.values()))
 
     def code(self) -> dict[str, str]:
-        """Digests of the files of its classes, by name as of `uuv.experiment.loaded_code.loaded_files`."""
+        """Digests of the files of its classes, by name as of
+        `uuv.experiment.loaded_code.loaded_files`.
+        """
         return _code(self.control, self.estimator)
 
 

@@ -1,7 +1,8 @@
-"""Process of an entry: makes the controller from its briefing and answers every estimate with a command.
+"""Process of an entry: makes the controller from its briefing and answers every estimate with a
+command.
 
-With an estimator it answers measurements with an estimate too. Started by `uuv.benchmark.door`; it has no
-simulation. Its one argument is the number of its socket.
+With an estimator it answers measurements with an estimate too. Started by `uuv.benchmark.door`; it
+has no simulation. Its one argument is the number of its socket.
 """
 
 import json
@@ -29,7 +30,9 @@ from uuv.sim.interfaces.messages import Reference
 
 
 def main() -> None:
-    """Serves until the simulation closes the connection; an error of the entry ends it with one line."""
+    """Serves until the simulation closes the connection; an error of the entry ends it with one
+    line.
+    """
     connection = Connection(int(sys.argv[1]))
     try:
         serve(connection)
@@ -50,7 +53,11 @@ def serve(connection: Connection) -> None:
     briefing: Briefing = connection.recv()
     wrapped: Any = controller(briefing.control, briefing.model, water_error=briefing.water_error)
     entry = wrapped.controller  # the safety wrapper itself runs in the simulation
-    made = [entry] if not briefing.estimator else [entry, estimator(briefing.estimator, briefing.model)]
+    made = (
+        [entry]
+        if not briefing.estimator
+        else [entry, estimator(briefing.estimator, briefing.model)]
+    )
     for part in made:
         if callable(getattr(part, "brief", None)):
             part.brief(briefing)

@@ -29,10 +29,17 @@ from uuv.sim.loop.rollout import Moment
 from uuv.tasks.surface_work import first_force
 
 ENTRY_SEED = 20260101  # of every briefing: a number of the case's own would tell which it is
-KEPT, MISSED, BROKEN, NOT_BEGUN, ENTRY_FAILED = "kept", "missed", "broken off", "not begun", "entry failed"
+KEPT, MISSED, BROKEN, NOT_BEGUN, ENTRY_FAILED = (
+    "kept",
+    "missed",
+    "broken off",
+    "not begun",
+    "entry failed",
+)
 FIGURES = ("force_rms_n", "force_peak_n", "path_max_m", "excursion_max_m", "energy_j")
 DISC = 0.25  # [m] diameter of a thruster's disc, assumed: it scales all energies alike
-_POWER = (2.0 * SEA_WATER * np.pi * (0.5 * DISC) ** 2) ** -0.5  # [W]/[N]^1.5 of an ideal disc in still water
+# [W]/[N]^1.5 of an ideal disc in still water
+_POWER = (2.0 * SEA_WATER * np.pi * (0.5 * DISC) ** 2) ** -0.5
 _SAMPLE_TICKS = 10  # loop steps between samples of the thrusts; propellers lag by more
 _CONFIDENCE = 0.95  # of the intervals
 
@@ -47,7 +54,9 @@ class ScoredCase:
 
 
 class ThrusterEnergy:
-    """Observer of the ideal energy of the thrusters: c |T|^1.5 of an actuator disc, over thrusters and time."""
+    """Observer of the ideal energy of the thrusters: c |T|^1.5 of an actuator disc, over thrusters
+    and time.
+    """
 
     slow_ticks = (_SAMPLE_TICKS,)
 
@@ -62,7 +71,8 @@ class ThrusterEnergy:
 
 
 def score(scored: ScoredCase) -> Row:
-    """Runs an entry on a case; a row of JSON types. Every error of the run is a row too, with one line.
+    """Runs an entry on a case; a row of JSON types. Every error of the run is a row too, with one
+    line.
 
     The entry `door` holds wall times, and is the only one that may differ between two runs.
     """
@@ -79,7 +89,11 @@ def score(scored: ScoredCase) -> Row:
             energy = ThrusterEnergy(built.plant.timestep)
             outcome = run(built, observers=[energy])
         if process is not None:
-            row["door"] = {"steps": process.steps, "waited_s": process.waited, "longest_s": process.longest}
+            row["door"] = {
+                "steps": process.steps,
+                "waited_s": process.waited,
+                "longest_s": process.longest,
+            }
     except EntryError as error:
         return row | {"class": ENTRY_FAILED, "detail": str(error)}
     except UuvError as error:
@@ -90,8 +104,11 @@ def score(scored: ScoredCase) -> Row:
 
 
 @contextmanager
-def entered(scored: ScoredCase, *, full: bool = False) -> Iterator[tuple[Assembly, EntryProcess | None]]:
-    """Context manager: the case assembled with its entry, and the entry's process; None: it has none.
+def entered(
+    scored: ScoredCase, *, full: bool = False
+) -> Iterator[tuple[Assembly, EntryProcess | None]]:
+    """Context manager: the case assembled with its entry, and the entry's process; None: it has
+    none.
 
     Args:
         scored: Case and entry.
@@ -125,13 +142,16 @@ def _process(built: Assembly, scored: ScoredCase) -> EntryProcess:
 
 
 def behind_door(built: Assembly, process: EntryProcess) -> Assembly:
-    """The assembly with the controller of a process, in the safety wrapper that every controller gets.
+    """The assembly with the controller of a process, in the safety wrapper that every controller
+    gets.
 
     Args:
         built: Assembled with the default controller.
         process: Of the entry; its estimator, if it has one, takes the place of navigation.
     """
-    parts = replace(built.parts, controller=SafetyWrapper(RemoteController(process), built.own.model))
+    parts = replace(
+        built.parts, controller=SafetyWrapper(RemoteController(process), built.own.model)
+    )
     if process.estimator_period is not None:
         parts = replace(parts, estimator=RemoteEstimator(process))
     return replace(built, loop=replace(built.loop, parts=parts))
@@ -153,8 +173,14 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
     metrics, recording = outcome.assessment.metrics, outcome.recording
     off = np.linalg.norm(recording["p_WB"].value - recording["p_WB_reference"].value, axis=1)
     if "insertion" in metrics:
-        force = {name: metrics["insertion"][f"side_{name}"] for name in ("force_rms_n", "force_max_n")}
-        told = {"force_rms_n": force["force_rms_n"], "force_peak_n": force["force_max_n"], "path_max_m": None}
+        force = {
+            name: metrics["insertion"][f"side_{name}"] for name in ("force_rms_n", "force_max_n")
+        }
+        told = {
+            "force_rms_n": force["force_rms_n"],
+            "force_peak_n": force["force_max_n"],
+            "path_max_m": None,
+        }
         at_work = recording.within(*AT_THE_HOLE)
     else:
         contact = metrics["contact"]
@@ -184,7 +210,10 @@ def _class(outcome: Run) -> dict[str, Any]:
         return {"class": DAMAGED, "detail": "the vehicle touched what it should not"}
     if recording.final.state is not WorkState.DONE:
         begun = recording.within(*outcome.assembly.placed.begun).any()
-        return {"class": BROKEN if begun else NOT_BEGUN, "detail": recording.final.note or "not done in time"}
+        return {
+            "class": BROKEN if begun else NOT_BEGUN,
+            "detail": recording.final.note or "not done in time",
+        }
     if not metrics["accepted"]:
         return {"class": MISSED, "detail": "; ".join(metrics["failed"])}
     return {"class": KEPT, "detail": ""}
@@ -192,7 +221,9 @@ def _class(outcome: Run) -> dict[str, Any]:
 
 def line(row: Row) -> str:
     """Line about a case that was run."""
-    return f"case {row['case']:3d}, {row['family']}: {row['class']}" + (f": {row['detail']}" if row["detail"] else "")
+    return f"case {row['case']:3d}, {row['family']}: {row['class']}" + (
+        f": {row['detail']}" if row["detail"] else ""
+    )
 
 
 def share(good: int, of: int) -> dict[str, float]:
@@ -202,9 +233,11 @@ def share(good: int, of: int) -> dict[str, float]:
 
 
 def median(values: Sequence[float]) -> dict[str, float] | None:
-    """Median with its bootstrap interval of 95 % (percentiles, fixed seed); None without values, no interval with one.
+    """Median with its bootstrap interval of 95 % (percentiles, fixed seed); None without values, no
+    interval with one.
 
-    The median of the runs that gave the figure: runs that broke off early are counted by the share kept alone.
+    The median of the runs that gave the figure: runs that broke off early are counted by the share
+    kept alone.
     """
     if not values:
         return None
@@ -212,14 +245,20 @@ def median(values: Sequence[float]) -> dict[str, float] | None:
     if len(values) < 2:
         return told
     drawn = bootstrap(
-        (np.array(values),), np.median, confidence_level=_CONFIDENCE, method="percentile", rng=np.random.default_rng(0)
+        (np.array(values),),
+        np.median,
+        confidence_level=_CONFIDENCE,
+        method="percentile",
+        rng=np.random.default_rng(0),
     )
     interval = drawn.confidence_interval
     return told | {"low": float(interval.low), "high": float(interval.high)}
 
 
 def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Shares and medians over rows of one entry; force and path without the insertions, whose forces are others."""
+    """Shares and medians over rows of one entry; force and path without the insertions, whose
+    forces are others.
+    """
     surface = [row for row in rows if row["family"] != INSERTION]
     by_figure = {
         name: median(

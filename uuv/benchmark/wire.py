@@ -1,8 +1,11 @@
-"""What goes through the door: a briefing, estimates and set points to the entry, commands as plain numbers back.
+"""What goes through the door: a briefing, estimates and set points to the entry, commands as plain
+numbers back.
 
-A message to the entry at a tick is the estimate as plain numbers, followed by the set points, pickled, where they are
-new. An entry with an estimator of its own gets the measurements first, pickled, and sends the estimate as plain
-numbers. Replies of the entry are never unpickled: a reply is a letter, then text or numbers of fixed count.
+A message to the entry at a tick is the estimate as plain numbers, followed by the set points,
+pickled, where they are new. An entry with an estimator of its own gets the measurements first,
+pickled, and sends the estimate as plain
+numbers. Replies of the entry are never unpickled: a reply is a letter, then text or numbers of
+fixed count.
 """
 
 import pickle
@@ -19,11 +22,14 @@ from uuv.sim.interfaces.spatial import Array, checked_pose
 
 READY, COMMAND, ESTIMATE, FAILED = b"R", b"C", b"S", b"F"  # first letter of a reply
 LOADED = b"L"  # of the files that the entry has loaded, in JSON, before the reply to its briefing
-START_ESTIMATOR, START_CONTROLLER, MEASURED = b"I", b"J", b"M"  # first letter of a message that is pickled
+# first letter of a message that is pickled
+START_ESTIMATOR, START_CONTROLLER, MEASURED = b"I", b"J", b"M"
 _NO_LOAD, _SAME_LOAD, _NEW_LOAD = 0.0, 1.0, 2.0
 _REST = 2 + 7 + 1 + 9  # numbers beside torques and thrusters
-_PLAIN, _PICKLED = b"E", b"P"  # first letter of a message: an estimate as numbers; one with entries that are rare
-# Fields of an estimate in their order, with the shapes of those that do not depend on the number of joints.
+# first letter of a message: an estimate as numbers; one with entries that are rare
+_PLAIN, _PICKLED = b"E", b"P"
+# Fields of an estimate in their order, with the shapes of those that do not depend on the number of
+# joints.
 _FIELDS: dict[str, tuple[int, ...]] = {
     "X_WB": (4, 4),
     "v_WB_B": (3,),
@@ -51,9 +57,11 @@ class Briefing:
     model: mujoco.MjModel  # the vehicle as it is believed; the object is not in it
     water_error: float  # [-] share by which the controller's coefficients are to be wrong
     control: Control  # the entry: name or MODULE:CLASS, and methods replaced
-    estimator: str  # the entry's estimator, MODULE:CLASS; empty: navigation runs beside the simulation
+    # the entry's estimator, MODULE:CLASS; empty: navigation runs beside the simulation
+    estimator: str
     task: str  # name of the family of jobs
-    seed: int  # for the entry's own random numbers; the same in every case, so that it tells nothing about one
+    # for the entry's own random numbers; the same in every case, so that it tells nothing about one
+    seed: int
 
 
 class EstimateCodec:
@@ -83,7 +91,9 @@ class EstimateCodec:
         return _PLAIN + self._packed(estimate) + more
 
     def decode(self, message: bytes) -> tuple[StateEstimate, Reference | None]:
-        """The estimate of a message, in arrays of its own, and its set points; None: there are no new ones."""
+        """The estimate of a message, in arrays of its own, and its set points; None: there are no
+        new ones.
+        """
         if message[:1] == _PICKLED:
             return pickle.loads(message[1:])
         more = message[self._size :]
@@ -99,7 +109,9 @@ class EstimateCodec:
             raise TypeError(f"step gave {type(estimate).__name__} in place of a StateEstimate")
         for name, _, shape in self._parts:
             if np.shape(getattr(estimate, name)) != shape:
-                raise TypeError(f"{name}: expected shape {shape}, got {np.shape(getattr(estimate, name))}")
+                raise TypeError(
+                    f"{name}: expected shape {shape}, got {np.shape(getattr(estimate, name))}"
+                )
         return ESTIMATE + self._packed(estimate)
 
     def decode_reply(self, reply: bytes) -> StateEstimate:
@@ -132,7 +144,9 @@ class EstimateCodec:
 
 
 class CommandCodec:
-    """Commands of one vehicle as bytes and back; log entries (`Command.believed`) and faults are left out."""
+    """Commands of one vehicle as bytes and back; log entries (`Command.believed`) and faults are
+    left out.
+    """
 
     def __init__(self, joints: int, thrusters: int) -> None:
         self._joints, self._thrusters = joints, thrusters
@@ -150,14 +164,20 @@ class CommandCodec:
             raise TypeError(f"step gave {type(command).__name__} in place of a Command")
         for name, size in (("joint_torque", self._joints), ("thrusters", self._thrusters)):
             if np.shape(getattr(command, name)) != (size,):
-                raise TypeError(f"{name}: expected shape ({size},), got {np.shape(getattr(command, name))}")
+                raise TypeError(
+                    f"{name}: expected shape ({size},), got {np.shape(getattr(command, name))}"
+                )
         load, contact, numbers = command.hull_load, command.contact, self._numbers
         kind = _NO_LOAD if load is None else _SAME_LOAD if load is self._sent else _NEW_LOAD
         self._sent = load
         n, m = 2 + self._joints, 2 + self._joints + self._thrusters
         numbers[:2] = command.time, float(command.scan)
         numbers[2:n], numbers[n:m] = command.joint_torque, command.thrusters
-        numbers[m : m + 3], numbers[m + 3], numbers[m + 4 : m + 7] = contact.force_W, contact.normal, contact.sigma_G
+        numbers[m : m + 3], numbers[m + 3], numbers[m + 4 : m + 7] = (
+            contact.force_W,
+            contact.normal,
+            contact.sigma_G,
+        )
         numbers[m + 7] = kind
         if kind == _NEW_LOAD and load is not None:
             numbers[m + 8 : m + 14], numbers[m + 14 :] = load.arm_wrench_B, load.current_W
@@ -174,7 +194,9 @@ class CommandCodec:
             raise EntryError("the entry answered what is no command")
         numbers: Array = np.frombuffer(reply[1:]).copy()
         if numbers[0] != time:
-            raise EntryError(f"the entry's command is of {numbers[0]:g} s; asked was one of {time:g} s")
+            raise EntryError(
+                f"the entry's command is of {numbers[0]:g} s; asked was one of {time:g} s"
+            )
         torque, thrusters = numbers[2 : 2 + n], numbers[2 + n : 2 + n + m]
         contact, load = numbers[2 + n + m : 9 + n + m], numbers[9 + n + m :]
         if load[0] == _NEW_LOAD:
@@ -188,6 +210,8 @@ class CommandCodec:
             joint_torque=torque,
             thrusters=thrusters,
             scan=bool(numbers[1] == 1.0),
-            contact=ContactEstimate(force_W=contact[:3], normal=float(contact[3]), sigma_G=contact[4:]),
+            contact=ContactEstimate(
+                force_W=contact[:3], normal=float(contact[3]), sigma_G=contact[4:]
+            ),
             hull_load=self._got,
         )

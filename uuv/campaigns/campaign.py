@@ -1,4 +1,5 @@
-"""Campaign: a base scenario, distributions of its parameters, and the metrics of each run; as a value and as a file.
+"""Campaign: a base scenario, distributions of its parameters, and the metrics of each run; as a
+value and as a file.
 
     name = "contact_quick"
     base = "clean-barrel"           # or a scenario file, relative to this one
@@ -52,12 +53,14 @@ class Campaign:
 
     name: str
     base: Scenario
-    distributions: Mapping[str, Distribution]  # by dotted key of a scenario file; perturbations.KIND.field
+    # by dotted key of a scenario file; perturbations.KIND.field
+    distributions: Mapping[str, Distribution]
     metrics: tuple[str, ...]  # dotted names of metrics.json
     cases: int
     seed: int = 0
     design: Design = "random"
-    bounds: Mapping[str, float] = field(default_factory=dict)  # of metrics, at most; none: the verdict of the run
+    # of metrics, at most; none: the verdict of the run
+    bounds: Mapping[str, float] = field(default_factory=dict)
     kept: float | None = None  # share of the runs that must keep them; None: no verdict
     limits: Limits = field(default_factory=Limits)
 
@@ -65,7 +68,9 @@ class Campaign:
         whole_number(self.cases, "cases", least=1, most=_MOST_CASES)
         whole_number(self.seed, "seed")
         if self.design not in DESIGNS:
-            raise ConfigurationError(f"design: allowed {', '.join(DESIGNS)}, got {shown(self.design)}")
+            raise ConfigurationError(
+                f"design: allowed {', '.join(DESIGNS)}, got {shown(self.design)}"
+            )
         if self.kept is not None:
             finite_number(self.kept, "kept", least=0.0, most=1.0)
         allowed = metric_names(self.base)
@@ -87,8 +92,13 @@ class Campaign:
         made = []
         for case, own in enumerate(values[:cases]):
             rng = np.random.default_rng([self.seed, case])
-            seeds = {"perturbation_seed": int(rng.integers(2**31)), "seed": int(rng.integers(2**31))}
-            made.append(CampaignRun(case=case, base=nested, values={**seeds, **own}, metrics=metrics))
+            seeds = {
+                "perturbation_seed": int(rng.integers(2**31)),
+                "seed": int(rng.integers(2**31)),
+            }
+            made.append(
+                CampaignRun(case=case, base=nested, values={**seeds, **own}, metrics=metrics)
+            )
         return made
 
 
@@ -113,17 +123,20 @@ class CampaignRun:
         return from_dict(nested)
 
 
-def read_campaign(file: str | Path, changed: Sequence[str] = (), *, trust: bool = False) -> Campaign:
+def read_campaign(
+    file: str | Path, changed: Sequence[str] = (), *, trust: bool = False
+) -> Campaign:
     """The campaign in a TOML file.
 
     Args:
         file: The file.
-        changed: As for `scenario_file.assigned`, beside the values of its table [set], and in place of draws.
+        changed: As for `scenario_file.assigned`, beside the values of its table [set], and in place
+            of draws.
         trust: Import the classes MODULE:CLASS that it or its base names, which runs their code.
 
     Raises:
-        ConfigurationError: The file cannot be read, names code without `trust`, or a key or value is none of those
-            allowed; the message names them.
+        ConfigurationError: The file cannot be read, names code without `trust`, or a key or value
+            is none of those allowed; the message names them.
     """
     path = Path(file)
     document = toml_of(path, "campaign")
@@ -235,7 +248,9 @@ def _at(nested: Any, name: str) -> Any:
 
 
 def _checked_key(base: Scenario, name: str) -> None:
-    """Refuses a parameter that the campaign sets itself, or that lies in no table of the scenario."""
+    """Refuses a parameter that the campaign sets itself, or that lies in no table of the
+    scenario.
+    """
     if name in ("seed", "perturbation_seed", "name"):
         raise ConfigurationError(f"{name!r} cannot be drawn: the campaign's seed gives it")
     put(as_dict(base), name, None)
@@ -275,7 +290,9 @@ class _CampaignFile:
 _READER = TableReader(places_faults=True)
 
 
-def _campaign(file: _CampaignFile, path: Path, changed: Mapping[str, Any], *, trust: bool) -> Campaign:
+def _campaign(
+    file: _CampaignFile, path: Path, changed: Mapping[str, Any], *, trust: bool
+) -> Campaign:
     """The campaign of a file, with the values that are `changed`, which are no longer drawn."""
     name = folder_name(path.stem if file.name is None else file.name, "name")
     nested = as_dict(_base(file, path.parent, trust=trust))

@@ -1,4 +1,6 @@
-"""Summary of a campaign: share kept with its interval, outcomes with their replay commands, distributions."""
+"""Summary of a campaign: share kept with its interval, outcomes with their replay commands,
+distributions.
+"""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +22,8 @@ _SHOWN = 3  # cases of an outcome that the table names
 
 
 def outcome(row: Row, bounds: Mapping[str, float]) -> str:
-    """Kept; missed, with the metrics beyond their bounds; or the state and code in which a run ended.
+    """Kept; missed, with the metrics beyond their bounds; or the state and code in which a run
+    ended.
 
     Without bounds the verdict of the run decides. A metric without a value is missed.
     """
@@ -35,11 +38,15 @@ def outcome(row: Row, bounds: Mapping[str, float]) -> str:
 def beyond(row: Row, bounds: Mapping[str, float]) -> list[str]:
     """Metrics of a run that are beyond their bounds, or have no value."""
     values = row["metrics"]
-    return [name for name, most in bounds.items() if values.get(name) is None or values[name] > most]
+    return [
+        name for name, most in bounds.items() if values.get(name) is None or values[name] > most
+    ]
 
 
 def reasons(row: Row, bounds: Mapping[str, float]) -> list[str]:
-    """Why a run is not kept: each metric beyond its bound, or the state and code in which it ended."""
+    """Why a run is not kept: each metric beyond its bound, or the state and code in which it
+    ended.
+    """
     said = outcome(row, bounds)
     if said == KEPT:
         return []
@@ -47,14 +54,20 @@ def reasons(row: Row, bounds: Mapping[str, float]) -> list[str]:
 
 
 def sensitivities(rows: Sequence[Row], campaign: Campaign) -> SensitivityReport:
-    """Sensitivity of the worst ratio to a bound, of kept or missed, and of each metric, to all that was drawn."""
+    """Sensitivity of the worst ratio to a bound, of kept or missed, and of each metric, to all that
+    was drawn.
+    """
     done = [row["state"] == "done" for row in rows]
     ratios = [
-        worst_ratio(row["metrics"], campaign.bounds) if ended else np.inf for row, ended in zip(rows, done, strict=True)
+        worst_ratio(row["metrics"], campaign.bounds) if ended else np.inf
+        for row, ended in zip(rows, done, strict=True)
     ]
     missed = np.array([outcome(row, campaign.bounds) != KEPT for row in rows], dtype=np.float64)
     figures = {
-        name: np.array([np.nan if (value := row["metrics"].get(name)) is None else value for row in rows], dtype=float)
+        name: np.array(
+            [np.nan if (value := row["metrics"].get(name)) is None else value for row in rows],
+            dtype=float,
+        )
         for name in _names(campaign)
     }
     return SensitivityReport.of(
@@ -82,8 +95,15 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     share = kept / len(rows)
     failed = None
     if campaign.kept is not None:
-        failed = [f"{share:.1%} of the runs kept the bounds, not {campaign.kept:.1%}"] if share < campaign.kept else []
-    first = {name: [row["case"] for row, one in zip(rows, outcomes, strict=True) if one == name] for name, _ in counts}
+        failed = (
+            [f"{share:.1%} of the runs kept the bounds, not {campaign.kept:.1%}"]
+            if share < campaign.kept
+            else []
+        )
+    first = {
+        name: [row["case"] for row, one in zip(rows, outcomes, strict=True) if one == name]
+        for name, _ in counts
+    }
     found = sensitivities(rows, campaign)
     tables = [
         Table(
@@ -102,7 +122,10 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
         *_distributions(rows, campaign),
         *found.tables(),
     ]
-    interval = f"{kept} of {len(rows)} runs kept: {share:.1%}, 95 % interval {low:.1%} to {high:.1%} (Wilson)"
+    interval = (
+        f"{kept} of {len(rows)} runs kept: {share:.1%}, 95 % interval {low:.1%} to "
+        f"{high:.1%} (Wilson)"
+    )
     return Summary(
         metrics={
             "runs": len(rows),
@@ -130,33 +153,44 @@ def _values(rows: Sequence[Row], name: str) -> list[float]:
 
 def _quantiles(values: Sequence[float]) -> dict[str, float | int | None]:
     found = np.quantile(values, (0.05, 0.5, 0.95, 1.0)) if values else [None] * 4
-    return {"runs": len(values), **dict(zip(("low", "median", "high", "largest"), found, strict=True))}
+    return {
+        "runs": len(values),
+        **dict(zip(("low", "median", "high", "largest"), found, strict=True)),
+    }
 
 
 def _distributions(rows: Sequence[Row], campaign: Campaign) -> list[Table]:
     lines = []
     for name in _names(campaign):
         found = _quantiles(_values(rows, name))
-        figures = ["-" if found[key] is None else f"{found[key]:.4g}" for key in ("low", "median", "high", "largest")]
+        figures = [
+            "-" if found[key] is None else f"{found[key]:.4g}"
+            for key in ("low", "median", "high", "largest")
+        ]
         bound = f"{campaign.bounds[name]:g}" if name in campaign.bounds else ""
         lines.append((name, str(found["runs"]), *figures, bound))
     columns = ("metric", "runs", "5 %", "median", "95 %", "largest", "bound")
     return [Table(title="Metrics", columns=columns, rows=lines)] if lines else []
 
 
-def _pictures(rows: Sequence[Row], campaign: Campaign, found: SensitivityReport) -> Iterator[tuple[str, str, Figure]]:
+def _pictures(
+    rows: Sequence[Row], campaign: Campaign, found: SensitivityReport
+) -> Iterator[tuple[str, str, Figure]]:
     names = [name for name in _names(campaign) if _values(rows, name)]
     if names:
         yield (
             "Distributions",
-            "Runs by the value of each metric. Dashed: the bound. A run without a value is in no bar.",
+            "Runs by the value of each metric. Dashed: the bound. A run without a value is in no "
+            "bar.",
             histogram_figure({name: _values(rows, name) for name in names}, campaign.bounds),
         )
     yield from found.pictures()
 
 
 def histogram_figure(values: Mapping[str, Sequence[float]], bounds: Mapping[str, float]) -> Figure:
-    """Histogram of each metric with its bound; logarithmic where the largest values are far above the median."""
+    """Histogram of each metric with its bound; logarithmic where the largest values are far above
+    the median.
+    """
     lines = -(-len(values) // _PANELS)
     figure = Figure(figsize=(WIDTH, 0.3 + 2.1 * lines), layout="constrained")
     panels = figure.subplots(lines, _PANELS, squeeze=False)

@@ -1,4 +1,6 @@
-"""Comparison of two campaigns of the same draws, run by run: metrics, share kept, changed verdicts."""
+"""Comparison of two campaigns of the same draws, run by run: metrics, share kept, changed
+verdicts.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -46,12 +48,18 @@ class Finished:
             for row in rows:
                 checked_row(row)
             file = folder / METRICS
-            about = TableReader(METRICS, passes_unknown=True).made(_About, json_of(file, "metrics of a campaign"))
+            about = TableReader(METRICS, passes_unknown=True).made(
+                _About, json_of(file, "metrics of a campaign")
+            )
         except ConfigurationError as error:
-            raise ConfigurationError(f"{folder}: holds no campaign that came to its end: {error}") from error
+            raise ConfigurationError(
+                f"{folder}: holds no campaign that came to its end: {error}"
+            ) from error
         by_case = {row["case"]: row for row in rows}
         if len(by_case) < len(rows):
-            raise ConfigurationError(f"{folder}: holds several campaigns, {len(rows)} rows of {len(by_case)} cases")
+            raise ConfigurationError(
+                f"{folder}: holds several campaigns, {len(rows)} rows of {len(by_case)} cases"
+            )
         return cls(folder=folder, rows=by_case, bounds=about.bounds, replay=about.replay)
 
 
@@ -104,7 +112,9 @@ class PairedMetric:
 
 
 def mcnemar(a: Iterable[bool], b: Iterable[bool]) -> tuple[int, int, float]:
-    """Pairs that are true in A alone, in B alone, and the exact two-sided p that they differ by chance only."""
+    """Pairs that are true in A alone, in B alone, and the exact two-sided p that they differ by
+    chance only.
+    """
     pairs = list(zip(a, b, strict=True))
     only_a, only_b = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
     p = float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0
@@ -118,7 +128,9 @@ def compared(a: Finished, b: Finished) -> Summary:
         ConfigurationError: No case is in both, or the draws, metrics or bounds differ.
     """
     cases = _checked(a, b)
-    outcomes = {case: (outcome(a.rows[case], a.bounds), outcome(b.rows[case], b.bounds)) for case in cases}
+    outcomes = {
+        case: (outcome(a.rows[case], a.bounds), outcome(b.rows[case], b.bounds)) for case in cases
+    }
     kept = [[said[i] == KEPT for said in outcomes.values()] for i in (0, 1)]
     only_a, only_b, p = mcnemar(*kept)
     figures, found = _paired(a, b, cases), []
@@ -134,13 +146,22 @@ def compared(a: Finished, b: Finished) -> Summary:
             "b": str(b.folder),
             "pairs": len(cases),
             "without_partner": {"a": alone[0], "b": alone[1]},
-            "kept": {"a": sum(kept[0]), "b": sum(kept[1]), "only_a": only_a, "only_b": only_b, "p": p},
+            "kept": {
+                "a": sum(kept[0]),
+                "b": sum(kept[1]),
+                "only_a": only_a,
+                "only_b": only_b,
+                "p": p,
+            },
             "metrics": found,
-            "changed": [{"case": case, "a": outcomes[case][0], "b": outcomes[case][1]} for case in changed],
+            "changed": [
+                {"case": case, "a": outcomes[case][0], "b": outcomes[case][1]} for case in changed
+            ],
         },
         tables=[*_tables(found), *_changes(a, b, changed, outcomes)],
         lines=[
-            f"kept: {sum(kept[0])} of {len(cases)} in A, {sum(kept[1])} in B; {only_a} in A alone, {only_b} in B "
+            f"kept: {sum(kept[0])} of {len(cases)} in A, {sum(kept[1])} in B; {only_a} in A "
+            f"alone, {only_b} in B "
             f"alone, p {shown_p(p)} (McNemar, exact)",
             *unpaired,
         ],
@@ -159,11 +180,17 @@ def _checked(a: Finished, b: Finished) -> list[int]:
         for name in dict.fromkeys((*left, *right)):
             if name not in left or name not in right or left[name] != right[name]:
                 here, there = shown(left.get(name)), shown(right.get(name))
-                raise ConfigurationError(f"the draws differ: case {case}, {name}: {here} in A, {there} in B")
+                raise ConfigurationError(
+                    f"the draws differ: case {case}, {name}: {here} in A, {there} in B"
+                )
     if missing := _metrics_of(a, cases) ^ _metrics_of(b, cases):
-        raise ConfigurationError(f"metrics that one campaign alone has: {', '.join(sorted(missing))}")
+        raise ConfigurationError(
+            f"metrics that one campaign alone has: {', '.join(sorted(missing))}"
+        )
     if a.bounds != b.bounds:
-        raise ConfigurationError(f"the bounds differ: {shown(dict(a.bounds))} in A, {shown(dict(b.bounds))} in B")
+        raise ConfigurationError(
+            f"the bounds differ: {shown(dict(a.bounds))} in A, {shown(dict(b.bounds))} in B"
+        )
     return cases
 
 
@@ -176,8 +203,12 @@ def _paired(a: Finished, b: Finished, cases: Sequence[int]) -> dict[str, tuple[A
     names = dict.fromkeys(name for case in cases for name in a.rows[case]["metrics"])
     found = {}
     for name in names:
-        both = [(a.rows[case]["metrics"].get(name), b.rows[case]["metrics"].get(name)) for case in cases]
-        values = np.array([pair for pair in both if None not in pair], dtype=np.float64).reshape(-1, 2)
+        both = [
+            (a.rows[case]["metrics"].get(name), b.rows[case]["metrics"].get(name)) for case in cases
+        ]
+        values = np.array([pair for pair in both if None not in pair], dtype=np.float64).reshape(
+            -1, 2
+        )
         found[name] = (values[:, 0], values[:, 1])
     return found
 
@@ -209,7 +240,8 @@ def _tables(found: Sequence[PairedMetric]) -> Iterator[Table]:
                 )
                 for one in found
             ],
-            caption="Median of the differences with its bootstrap interval; p of Wilcoxon's signed ranks; runs in "
+            caption="Median of the differences with its bootstrap interval; p of Wilcoxon's "
+            "signed ranks; runs in "
             "which B is less than, equal to and more than A.",
         )
 
@@ -221,14 +253,21 @@ def _changes(
         yield Table(
             title="Changed verdicts",
             columns=("case", "in A", "in B", "replay of A", "replay of B"),
-            rows=[(str(case), *outcomes[case], f"{a.replay} {case}", f"{b.replay} {case}") for case in changed],
+            rows=[
+                (str(case), *outcomes[case], f"{a.replay} {case}", f"{b.replay} {case}")
+                for case in changed
+            ],
             labels=5,
         )
 
 
 def _pictures(figures: Mapping[str, tuple[Array, Array]]) -> Iterator[tuple[str, str, Figure]]:
     if figures:
-        yield ("Run by run", "One dot a run, by its value in A and in B; on the line both are equal.", _dots(figures))
+        yield (
+            "Run by run",
+            "One dot a run, by its value in A and in B; on the line both are equal.",
+            _dots(figures),
+        )
 
 
 def _dots(figures: Mapping[str, tuple[Array, Array]]) -> Figure:

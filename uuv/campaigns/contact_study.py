@@ -55,13 +55,19 @@ class Ranges:
     current: tuple[float, float] = (0.0, 0.4)
     """Speed of the steady current [m/s]."""
     elevation: tuple[float, float] = (-90.0, 90.0)
-    """Elevation of the current's direction [deg]; directions are uniform on that part of the sphere."""
+    """Elevation of the current's direction [deg]; directions are uniform on that part of the
+    sphere.
+    """
     gust: tuple[float, float] = (0.0, 0.05)
     """Standard deviation of the gusts [m/s] per axis."""
     water: float = 0.3
-    """Share in +- by which each added mass and drag of the plant deviates from the controller's model."""
+    """Share in +- by which each added mass and drag of the plant deviates from the controller's
+    model.
+    """
     payload: float = 0.1
-    """Share in +- of the mass of each part of the arm, and of the arm's mass by which the hull's ballast is wrong."""
+    """Share in +- of the mass of each part of the arm, and of the arm's mass by which the hull's
+    ballast is wrong.
+    """
     vision_rate: tuple[float, float] = (5.0, 20.0)
     """Rate of the vision measurement [Hz]."""
     vision_delay: tuple[float, float] = (0.05, 0.25)
@@ -69,7 +75,9 @@ class Ranges:
     vision_noise: tuple[float, float] = (0.001, 0.005)
     """Standard deviation of the vision measurement [m]."""
     vision_wander: float = 0.0
-    """Standard deviation of a slow error of the vision measurement [m], correlated over a minute; 0: none."""
+    """Standard deviation of a slow error of the vision measurement [m], correlated over a minute;
+    0: none.
+    """
     torque_noise: float = 0.01
     """White noise of each torque sensor, share of its reading."""
     torque_bias: float = 0.5
@@ -77,22 +85,32 @@ class Ranges:
     thruster: float = 0.2
     """Share in +- of each thruster's lag and gain."""
     gears: float = 0.3
-    """Share in +- by which the friction of each gear, dry and viscous, deviates from the controller's model."""
+    """Share in +- by which the friction of each gear, dry and viscous, deviates from the
+    controller's model.
+    """
     friction: tuple[float, float] = (0.1, 0.6)
     """Friction coefficient between pad and surface."""
     stiffness: tuple[float, float] = (1e4, 1e6)
     """Stiffness of pad and surface in series [N/m]."""
     surface: float = 0.0
-    """Distance in +- by which the surface lies off its identified place along the tool [m], besides real errors."""
+    """Distance in +- by which the surface lies off its identified place along the tool [m], besides
+    real errors.
+    """
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = np.atleast_1d(getattr(self, field.name))
             if not np.all(np.isfinite(value)) or (len(value) == 2 and value[0] > value[1]):
-                raise ConfigurationError(f"--ranges.{field.name}: expected finite numbers that rise, got {value}")
+                raise ConfigurationError(
+                    f"--ranges.{field.name}: expected finite numbers that rise, got {value}"
+                )
             if field.name != "elevation" and value[0] < 0.0:
                 raise ConfigurationError(f"--ranges.{field.name}: must be >= 0, got {value}")
-        if not self.stiffness[0] > 0.0 or not self.vision_rate[0] > 0.0 or not self.friction[0] > 0.0:
+        if (
+            not self.stiffness[0] > 0.0
+            or not self.vision_rate[0] > 0.0
+            or not self.friction[0] > 0.0
+        ):
             raise ConfigurationError("--ranges: stiffness, friction and vision rate must be > 0")
 
 
@@ -124,7 +142,10 @@ def draw(task: RunTask) -> Scenario:
     level = np.sqrt(1.0 - rise * rise)
     current = speed * np.array([level * np.cos(azimuth), level * np.sin(azimuth), rise])
     gust, trim_error = between(*ranges.gust), between(-ranges.payload, ranges.payload)
-    pad = Pad(friction=between(*ranges.friction), stiffness=float(np.exp(between(*np.log(ranges.stiffness)))))
+    pad = Pad(
+        friction=between(*ranges.friction),
+        stiffness=float(np.exp(between(*np.log(ranges.stiffness)))),
+    )
     surface = MisplacedSurface(offset=between(-ranges.surface, ranges.surface))
     sensing = Sensing(
         vision_period=_ticks(1.0 / between(*ranges.vision_rate)),
@@ -210,8 +231,12 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     return {**row, "varied": drawn}
 
 
-def _tried(scenario: Scenario, bounds: StudyBounds, drawn: dict[str, float | None]) -> dict[str, Any]:
-    """Class, kind, detail and figures of one simulated run; what its assembly draws is added to `drawn`."""
+def _tried(
+    scenario: Scenario, bounds: StudyBounds, drawn: dict[str, float | None]
+) -> dict[str, Any]:
+    """Class, kind, detail and figures of one simulated run; what its assembly draws is added to
+    `drawn`.
+    """
     try:
         built = assemble(scenario)
         drawn |= built.drawn
@@ -221,9 +246,16 @@ def _tried(scenario: Scenario, bounds: StudyBounds, drawn: dict[str, float | Non
     except UuvError as error:
         return {"class": REFUSED, "kind": type(error).__name__, "detail": str(error)}
     except Exception:
-        return {"class": CRASHED, "kind": "an error of the program", "detail": traceback.format_exc()[-2000:]}
+        return {
+            "class": CRASHED,
+            "kind": "an error of the program",
+            "detail": traceback.format_exc()[-2000:],
+        }
     figures = figures_of(outcome)
-    finite = {name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()}
+    finite = {
+        name: value if value is not None and np.isfinite(value) else None
+        for name, value in figures.items()
+    }
     return {**classify(outcome, figures, bounds), "figures": finite}
 
 
@@ -279,22 +311,30 @@ def figures_of(outcome: Run) -> dict[str, float | None]:
         "saturated_s": metrics["thrusters"]["saturated_s"],
         "identification_error_m": metrics["identification"]["position_error_m"],
         "promised_chance": None if recording.promise is None else recording.promise.chance,
-        "navigation_sigma_m": None if recording.promise is None else recording.promise.navigation_sigma,
+        "navigation_sigma_m": None
+        if recording.promise is None
+        else recording.promise.navigation_sigma,
         "object_sigma_m": None if recording.promise is None else recording.promise.object_sigma,
         "simulated_s": recording.duration,
     }
 
 
 def force_over_set(recording: Recording, first: float) -> float:
-    """Greatest ratio of the true normal force to the set force; before the work the set force is `first` [N]."""
+    """Greatest ratio of the true normal force to the set force; before the work the set force is
+    `first` [N].
+    """
     before = np.where(recording.within(WorkState.WORK), 0.0, first)
     set_force = np.maximum(recording["set_force"].scalar, before)
     return float((recording["contact_most"].scalar / np.maximum(set_force, 1.0)).max())
 
 
 def _unfolding(recording: Recording) -> float | None:
-    """Largest distance [m] of the hull from its constant reference while the arm moves to its work."""
-    still = np.append(np.all(np.diff(recording["p_WB_reference"].value, axis=0) == 0.0, axis=1), True)
+    """Largest distance [m] of the hull from its constant reference while the arm moves to its
+    work.
+    """
+    still = np.append(
+        np.all(np.diff(recording["p_WB_reference"].value, axis=0) == 0.0, axis=1), True
+    )
     still &= recording.within(WorkState.CLOSE_IN, WorkState.TARE)
     if not still.any():
         return None

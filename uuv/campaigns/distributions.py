@@ -1,4 +1,6 @@
-"""Distributions of a campaign's parameters, drawn at random or from a Sobol or Latin hypercube design."""
+"""Distributions of a campaign's parameters, drawn at random or from a Sobol or Latin hypercube
+design.
+"""
 
 import math
 import zlib
@@ -20,7 +22,9 @@ _DRAWS = 1  # marks the stream of the designs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution:
-    """Distribution of one parameter, as a map from the unit cube; what a file gives as `{ uniform = [0, 1] }`."""
+    """Distribution of one parameter, as a map from the unit cube; what a file gives as `{ uniform =
+    [0, 1] }`.
+    """
 
     kind: str  # a key of KINDS
     values: tuple[Any, ...]  # two ends, or the categories
@@ -32,19 +36,33 @@ class Distribution:
             raise ConfigurationError(f"no distribution {shown(self.kind)}; there are {known}")
         if self.step is not None:
             finite_number(self.step, STEP, above=0.0)
-            largest = max((abs(each) for each in self.values if isinstance(each, int | float)), default=0.0)
+            largest = max(
+                (abs(each) for each in self.values if isinstance(each, int | float)), default=0.0
+            )
             if not largest < _MOST_STEPS * self.step:
-                raise ConfigurationError(f"{STEP}: at most {_MOST_STEPS:g} of them in a value, got {shown(self.step)}")
+                raise ConfigurationError(
+                    f"{STEP}: at most {_MOST_STEPS:g} of them in a value, got {shown(self.step)}"
+                )
         if self.kind == "categorical":
             if not self.values or self.step is not None:
-                raise ConfigurationError(f"categorical: needs values and no {STEP}, got {shown(list(self.values))}")
+                raise ConfigurationError(
+                    f"categorical: needs values and no {STEP}, got {shown(list(self.values))}"
+                )
             return
         if len(self.values) != 2:
-            raise ConfigurationError(f"{self.kind}: must be two numbers, got {shown(list(self.values))}")
+            raise ConfigurationError(
+                f"{self.kind}: must be two numbers, got {shown(list(self.values))}"
+            )
         low, high = (finite_number(value, self.kind) for value in self.values)
-        if low > high or (KINDS[self.kind].positive and not low > 0.0) or (self.kind == "direction" and low < 0.0):
+        if (
+            low > high
+            or (KINDS[self.kind].positive and not low > 0.0)
+            or (self.kind == "direction" and low < 0.0)
+        ):
             sign = " above 0" if KINDS[self.kind].positive else ""
-            raise ConfigurationError(f"{self.kind}: must be two numbers{sign} that rise, got {shown([low, high])}")
+            raise ConfigurationError(
+                f"{self.kind}: must be two numbers{sign} that rise, got {shown([low, high])}"
+            )
 
     @classmethod
     def of(cls, given: Any) -> "Distribution":
@@ -89,23 +107,30 @@ def _direction(ends: Sequence[float], u: Array) -> list[float]:
     """Vector of uniform length between `ends`, and uniform direction on the sphere."""
     length, rise, azimuth = _between(ends, u[0]), 2.0 * u[1] - 1.0, 2.0 * np.pi * u[2]
     level = math.sqrt(1.0 - rise * rise)
-    return [float(length * each) for each in (level * np.cos(azimuth), level * np.sin(azimuth), rise)]
+    return [
+        float(length * each) for each in (level * np.cos(azimuth), level * np.sin(azimuth), rise)
+    ]
 
 
 KINDS: Mapping[str, _Kind] = {
     "uniform": _Kind(lambda ends, u: _between(ends, u[0])),
-    "log_uniform": _Kind(lambda ends, u: math.exp(_between([math.log(end) for end in ends], u[0])), positive=True),
+    "log_uniform": _Kind(
+        lambda ends, u: math.exp(_between([math.log(end) for end in ends], u[0])), positive=True
+    ),
     "reciprocal": _Kind(lambda ends, u: 1.0 / _between(ends, u[0]), positive=True),
     "categorical": _Kind(lambda values, u: values[min(int(u[0] * len(values)), len(values) - 1)]),
     "direction": _Kind(_direction, dimensions=3),
 }
 
 
-def drawn(distributions: Mapping[str, Distribution], cases: int, seed: int, design: Design) -> list[dict[str, Any]]:
+def drawn(
+    distributions: Mapping[str, Distribution], cases: int, seed: int, design: Design
+) -> list[dict[str, Any]]:
     """Values of the parameters by name, for each case.
 
-    At random, each parameter has a stream of its own, so neither more cases nor another parameter change what is drawn.
-    More cases of a Sobol design keep those before them; a Latin hypercube is one of a number of cases.
+    At random, each parameter has a stream of its own, so neither more cases nor another parameter
+    change what is drawn. More cases of a Sobol design keep those before them; a Latin hypercube is
+    one of a number of cases.
 
     Args:
         distributions: By parameter.
@@ -116,24 +141,36 @@ def drawn(distributions: Mapping[str, Distribution], cases: int, seed: int, desi
     if design == "random":
         return [
             {
-                name: each.at(np.random.default_rng([seed, case, zlib.crc32(name.encode())]).random(each.dimensions))
+                name: each.at(
+                    np.random.default_rng([seed, case, zlib.crc32(name.encode())]).random(
+                        each.dimensions
+                    )
+                )
                 for name, each in distributions.items()
             }
             for case in range(cases)
         ]
-    d, rng = sum(each.dimensions for each in distributions.values()), np.random.default_rng([seed, _DRAWS])
+    d, rng = (
+        sum(each.dimensions for each in distributions.values()),
+        np.random.default_rng([seed, _DRAWS]),
+    )
     if not d:
         return [{} for _ in range(cases)]
     from scipy.stats import qmc  # costs a second
 
     if design == "sobol":
         if d > qmc.Sobol.MAXDIM:
-            raise ConfigurationError(f"design: Sobol has at most {qmc.Sobol.MAXDIM} dimensions, got {d}")
+            raise ConfigurationError(
+                f"design: Sobol has at most {qmc.Sobol.MAXDIM} dimensions, got {d}"
+            )
         points = qmc.Sobol(d, rng=rng).random_base2(max(0, math.ceil(math.log2(cases))))[:cases]
     else:
         points = qmc.LatinHypercube(d, rng=rng).random(cases)
     ends = np.cumsum([each.dimensions for each in distributions.values()])[:-1]
     return [
-        {name: each.at(u) for (name, each), u in zip(distributions.items(), np.split(point, ends), strict=True)}
+        {
+            name: each.at(u)
+            for (name, each), u in zip(distributions.items(), np.split(point, ends), strict=True)
+        }
         for point in points
     ]

@@ -1,4 +1,6 @@
-"""Sensitivity of results to drawn parameters: partial rank correlations, their intervals, and failures by parameter."""
+"""Sensitivity of results to drawn parameters: partial rank correlations, their intervals, and
+failures by parameter.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,12 +19,15 @@ FIRST = 5  # parameters that a ranking names
 ANY = "any reason"  # beside the single ones
 FEWEST_FAILED = 3  # runs of one reason that are compared with the others
 _PART = 500_000  # weights of runs at a time: bounds the memory
-_RIDGE = 1e-10  # added to correlations: a column that is constant in a resample then has coefficient 0
+# added to correlations: a column that is constant in a resample then has coefficient 0
+_RIDGE = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
-    """A drawn parameter as columns of a regression: one for a number, one less than its categories for a category."""
+    """A drawn parameter as columns of a regression: one for a number, one less than its categories
+    for a category.
+    """
 
     name: str
     columns: Array  # (runs, m); NaN where the run has no value
@@ -34,7 +39,8 @@ class Sensitivity:
 
     names: tuple[str, ...]
     runs: int  # used
-    coefficient: Array  # (k,) partial rank correlation; of a parameter with several columns its modulus
+    # (k,) partial rank correlation; of a parameter with several columns its modulus
+    coefficient: Array
     low: Array  # (k,) lower end of the bootstrap interval
     high: Array  # (k,) upper end
     null: Array  # (k,) modulus that a parameter without effect exceeds in 5 % of the tables
@@ -74,8 +80,9 @@ class Sensitivity:
 def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
     """Parameters that vary, from the drawn values of all runs.
 
-    A number is a column. A vector gives its length and each component. Text and booleans give a column for each
-    category but the first in the alphabet, so two categories are one column with a sign. Seeds are left out.
+    A number is a column. A vector gives its length and each component. Text and booleans give a
+    column for each category but the first in the alphabet, so two categories are one column with a
+    sign. Seeds are left out.
 
     Args:
         draws: Drawn values by name, for each run; a run may lack some.
@@ -84,36 +91,55 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
     for name in dict.fromkeys(name for draw in draws for name in draw if name not in SEEDS):
         values = [draw.get(name) for draw in draws]
         given = [value for value in values if value is not None]
-        if given and all(isinstance(value, list) and len(value) == len(given[0]) for value in given):
-            vectors = np.array([value or [np.nan] * len(given[0]) for value in values], dtype=np.float64)
+        if given and all(
+            isinstance(value, list) and len(value) == len(given[0]) for value in given
+        ):
+            vectors = np.array(
+                [value or [np.nan] * len(given[0]) for value in values], dtype=np.float64
+            )
             axes = "xyz" if vectors.shape[1] == 3 else [str(i) for i in range(vectors.shape[1])]
             found.append(Factor(f"{name} (length)", np.linalg.norm(vectors, axis=1)[:, None]))
             found += [Factor(f"{name} ({axis})", vectors[:, [i]]) for i, axis in enumerate(axes)]
-        elif all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in given):
+        elif all(
+            isinstance(value, (int, float)) and not isinstance(value, bool) for value in given
+        ):
             found.append(Factor(name, np.array(values, dtype=np.float64)[:, None]))
         else:
             words = [None if value is None else str(value) for value in values]
             kinds = sorted({word for word in words if word is not None})
-            columns = [[np.nan if word is None else float(word == kind) for word in words] for kind in kinds[1:]]
+            columns = [
+                [np.nan if word is None else float(word == kind) for word in words]
+                for kind in kinds[1:]
+            ]
             label = f"{name} = {kinds[1]}" if len(kinds) == 2 else name
-            found.append(Factor(label, np.array(columns, dtype=np.float64).reshape(-1, len(draws)).T))
-    return [one for one in found if len({*map(tuple, one.columns[~np.isnan(one.columns).any(axis=1)].tolist())}) > 1]
+            found.append(
+                Factor(label, np.array(columns, dtype=np.float64).reshape(-1, len(draws)).T)
+            )
+    return [
+        one
+        for one in found
+        if len({*map(tuple, one.columns[~np.isnan(one.columns).any(axis=1)].tolist())}) > 1
+    ]
 
 
 def fewest_runs(factors: Sequence[Factor]) -> int:
-    """Runs that `sensitivity` needs: a resample holds 63 % of them, and must still determine all columns."""
+    """Runs that `sensitivity` needs: a resample holds 63 % of them, and must still determine all
+    columns.
+    """
     return 2 * (sum(one.columns.shape[1] for one in factors) + 1)
 
 
 def sensitivity(
     factors: Sequence[Factor], response: Array, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Sensitivity | None:
-    """Partial rank correlation of each parameter with a response [Marino 2008]; None with too few runs, or no spread.
+    """Partial rank correlation of each parameter with a response [Marino 2008]; None with too few
+    runs, or no spread.
 
-    Columns and response become ranks, and the coefficient of a parameter is the correlation of what the linear
-    regression on all others leaves of both. That of a parameter with several columns is the root of their partial R^2.
-    Intervals are percentiles of a bootstrap over the runs with the ranks held. Without an effect the squared
-    coefficient follows a beta distribution, exact for normal residuals, which gives `null` and `p`.
+    Columns and response become ranks, and the coefficient of a parameter is the correlation of what
+    the linear regression on all others leaves of both. That of a parameter with several columns is
+    the root of their partial R^2. Intervals are percentiles of a bootstrap over the runs with the
+    ranks held. Without an effect the squared coefficient follows a beta distribution, exact for
+    normal residuals, which gives `null` and `p`.
 
     Args:
         factors: Parameters, from `factors_of`.
@@ -134,7 +160,9 @@ def sensitivity(
     drawn, at_once = np.empty((resamples, len(factors))), max(1, _PART // n)
     for begin in range(0, resamples, at_once):
         here = drawn[begin : begin + at_once]
-        here[:] = _coefficients(table, rng.multinomial(n, np.full(n, 1.0 / n), size=len(here)), owner)[0]
+        here[:] = _coefficients(
+            table, rng.multinomial(n, np.full(n, 1.0 / n), size=len(here)), owner
+        )[0]
     tails = [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]
     low, high = np.quantile(drawn, tails, axis=0)
     places = rankdata(-np.abs(drawn), axis=1, method="ordinal")
@@ -142,7 +170,9 @@ def sensitivity(
     value = coefficients[0]
     first = np.argsort(-np.abs(value), kind="stable")[:FIRST]
     alone = np.isin(owner, first)
-    _, by_first = _coefficients(table[:, [*np.flatnonzero(alone), k]], np.ones((1, n)), np.arange(alone.sum()))
+    _, by_first = _coefficients(
+        table[:, [*np.flatnonzero(alone), k]], np.ones((1, n)), np.arange(alone.sum())
+    )
     return Sensitivity(
         names=tuple(one.name for one in factors),
         runs=n,
@@ -158,8 +188,11 @@ def sensitivity(
     )
 
 
-def _coefficients(table: Array, weights: NDArray[Any], owner: NDArray[np.int_]) -> tuple[Array, Array]:
-    """Partial correlations (samples, parameters) and R^2 (samples,), from inverses of correlation matrices.
+def _coefficients(
+    table: Array, weights: NDArray[Any], owner: NDArray[np.int_]
+) -> tuple[Array, Array]:
+    """Partial correlations (samples, parameters) and R^2 (samples,), from inverses of correlation
+    matrices.
 
     Args:
         table: (n, k + 1) columns and response.
@@ -186,7 +219,9 @@ def _coefficients(table: Array, weights: NDArray[Any], owner: NDArray[np.int_]) 
 
 
 def worst_ratio(values: Mapping[str, float | None], bounds: Mapping[str, float]) -> float:
-    """Largest ratio of a metric to its bound; infinite where a metric is missing, or beyond a bound of 0 or less."""
+    """Largest ratio of a metric to its bound; infinite where a metric is missing, or beyond a bound
+    of 0 or less.
+    """
     ratios = [0.0]
     for name, most in bounds.items():
         value = values.get(name)
@@ -219,7 +254,9 @@ def shifts(factors: Sequence[Factor], reasons: Sequence[Sequence[str]]) -> list[
     found = []
     named = dict.fromkeys(reason for several in reasons for reason in several)
     for reason in (*named, *((ANY,) if len(named) > 1 else ())):
-        having = np.array([bool(several) if reason == ANY else reason in several for several in reasons])
+        having = np.array(
+            [bool(several) if reason == ANY else reason in several for several in reasons]
+        )
         for one in factors:
             known = ~np.isnan(one.columns).any(axis=1)
             inside = having[known]

@@ -1,4 +1,6 @@
-"""Sensitivity on a page: which parameters explain the failures and each figure, in tables and pictures."""
+"""Sensitivity on a page: which parameters explain the failures and each figure, in tables and
+pictures.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -41,7 +43,10 @@ class SensitivityReport:
 
     @classmethod
     def of(
-        cls, draws: Sequence[Mapping[str, Any]], responses: Mapping[str, Array], reasons: Sequence[Sequence[str]]
+        cls,
+        draws: Sequence[Mapping[str, Any]],
+        responses: Mapping[str, Array],
+        reasons: Sequence[Sequence[str]],
     ) -> "SensitivityReport":
         """The report of a table of runs.
 
@@ -60,7 +65,9 @@ class SensitivityReport:
         if found:
             first = [factors[i] for i in next(iter(found.values())).ranking[:FIRST]]
         moved = shifts(first, reasons)
-        return cls(found=found, factors=factors, shifts=moved, runs=len(draws), needed=fewest_runs(factors))
+        return cls(
+            found=found, factors=factors, shifts=moved, runs=len(draws), needed=fewest_runs(factors)
+        )
 
     @property
     def metrics(self) -> dict[str, Any]:
@@ -75,7 +82,11 @@ class SensitivityReport:
         """Sentence where there is no result."""
         if self.found or not self.factors:
             return []
-        why = f"needs {self.needed} runs, there are {self.runs}" if self.runs < self.needed else "no figure varies"
+        why = (
+            f"needs {self.needed} runs, there are {self.runs}"
+            if self.runs < self.needed
+            else "no figure varies"
+        )
         return [f"no sensitivity to the {len(self.factors)} drawn parameters: {why}"]
 
     def tables(self) -> Iterator[Table]:
@@ -86,7 +97,14 @@ class SensitivityReport:
         second = self.found.get(MISSED) if name != MISSED else None
         yield Table(
             title=f"Parameters that explain: {name}",
-            columns=("parameter", "coefficient", "95 % interval", "p", "place", *(("with missed",) if second else ())),
+            columns=(
+                "parameter",
+                "coefficient",
+                "95 % interval",
+                "p",
+                "place",
+                *(("with missed",) if second else ()),
+            ),
             rows=[
                 (
                     label(main.names[i]),
@@ -98,8 +116,10 @@ class SensitivityReport:
                 )
                 for i in main.ranking[:FIRST]
             ],
-            caption=f"Partial rank correlation over {main.runs} runs, {len(main.names)} parameters. These "
-            f"{min(FIRST, len(main.names))} explain {main.explained_by_first:.0%} of the variance of the ranks, all "
+            caption=f"Partial rank correlation over {main.runs} runs, {len(main.names)} "
+            "parameters. These "
+            f"{min(FIRST, len(main.names))} explain {main.explained_by_first:.0%} of the variance "
+            "of the ranks, all "
             f"{main.explained:.0%}, adjusted for their number {main.adjusted:.0%}.",
         )
         if self.shifts:
@@ -111,14 +131,16 @@ class SensitivityReport:
         for reason in dict.fromkeys(one.reason for one in self.shifts):
             own = {one.parameter: one for one in self.shifts if one.reason == reason}
             cells = [
-                f"{one.median_rank:.2f} (p {shown_p(one.p)})" if (one := own.get(each)) else "" for each in parameters
+                f"{one.median_rank:.2f} (p {shown_p(one.p)})" if (one := own.get(each)) else ""
+                for each in parameters
             ]
             rows.append((reason, str(max(one.runs for one in own.values())), *cells))
         return Table(
             title="Reasons of the failures against these parameters",
             columns=("reason", "runs", *map(label, parameters)),
             rows=rows,
-            caption="Median rank of the parameter among the runs with this reason: 0 the least of all runs, 1 the "
+            caption="Median rank of the parameter among the runs with this reason: 0 the least of "
+            "all runs, 1 the "
             "largest; p by Mann and Whitney, against all other runs.",
         )
 
@@ -129,14 +151,17 @@ class SensitivityReport:
             yield (
                 "Which parameter costs what",
                 "Partial rank correlation with 95 % interval: percentiles of a bootstrap of "
-                f"{RESAMPLES} samples. Grey band: what a parameter without effect stays in, 19 times of 20; of "
-                f"{len(self.factors)} parameters without effect {_CHANCE * len(self.factors):.1f} would leave it.",
+                f"{RESAMPLES} samples. Grey band: what a parameter without effect stays in, 19 "
+                "times of 20; of "
+                f"{len(self.factors)} parameters without effect {_CHANCE * len(self.factors):.1f} "
+                "would leave it.",
                 bar_figure(ranked),
             )
         if self.found:
             yield (
                 "Sensitivity of all figures",
-                "Partial rank correlation of each figure with each parameter; bold: beyond what a parameter without "
+                "Partial rank correlation of each figure with each parameter; bold: beyond what a "
+                "parameter without "
                 "effect stays in, 19 times of 20.",
                 matrix_figure(self.found),
             )
@@ -188,7 +213,9 @@ def matrix_figure(found: Mapping[str, Sensitivity]) -> Figure:
         strong = "white" if abs(value) > 0.6 else INK
         weight = "bold" if beyond[i, j] else "normal"
         color = strong if beyond[i, j] else FAINT
-        axes.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color, weight=weight)
+        axes.text(
+            j, i, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color, weight=weight
+        )
     axes.set_xticks(range(len(names)), list(map(label, names)), rotation=40, ha="right", fontsize=8)
     axes.set_yticks(range(len(found)), list(found), fontsize=8)
     axes.tick_params(length=0)

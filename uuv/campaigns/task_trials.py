@@ -90,6 +90,9 @@ TRIALS: dict[type[Task], Trials] = {
         also=_searched,
     ),
     SeabedSamplingTask: Trials(
-        one=one_trial, crashed=seabed_metrics.crashed, summary=seabed_metrics.summary, spreads=_SEABED
+        one=one_trial,
+        crashed=seabed_metrics.crashed,
+        summary=seabed_metrics.summary,
+        spreads=_SEABED,
     ),
 }

@@ -17,14 +17,17 @@ Spread = tuple[str, str, str, float, Literal["min", "max"]]
 class Trials:
     """Trials of one kind of job."""
 
-    one: Callable[[tuple[Any, int]], Mapping[str, Any]]  # metrics of a trial, from the shared settings and its seed
+    # metrics of a trial, from the shared settings and its seed
+    one: Callable[[tuple[Any, int]], Mapping[str, Any]]
     crashed: Callable[[int, str], Metrics]  # metrics of a seed whose trial failed, with the message
     summary: Callable[[Sequence[Metrics]], Metrics]
     spreads: tuple[Spread, ...]
-    also: Callable[[Metrics], str] = lambda _: ""  # appended to the line of the success rate, from the summary
+    # appended to the line of the success rate, from the summary
+    also: Callable[[Metrics], str] = lambda _: ""
 
     def carry_out(self, name: str, setting: Any, seeds: Iterable[int], options: PoolOptions) -> int:
-        """Runs a trial for each seed and reports the statistics; one that fails with an error does not end the others.
+        """Runs a trial for each seed and reports the statistics; one that fails with an error does
+        not end the others.
 
         Args:
             name: Name of the scenario.
@@ -47,7 +50,8 @@ class Trials:
     def _summarise(self, trials: list[Row]) -> Summary:
         figures = self.summary(trials)
         rate = (
-            f"{figures['accepted']} of {figures['trials']} accepted: {figures['share']:.1%}, 95 % interval "
+            f"{figures['accepted']} of {figures['trials']} accepted: {figures['share']:.1%}, 95 % "
+            "interval "
             f"{figures['share_low']:.1%} to {figures['share_high']:.1%}{self.also(figures)}"
         )
         kinds = ", ".join(f"{kind} {count}" for kind, count in figures["failures"].items())
@@ -71,7 +75,12 @@ def _spread_table(figures: Metrics, spreads: Iterable[Spread]) -> Table:
     for label, key, unit, scale, worst in spreads:
         values = figures[key]
         if values is not None:
-            rows.append((label, unit, *(f"{values[name] * scale:.2f}" for name in ("median", "p95", worst))))
+            rows.append(
+                (label, unit, *(f"{values[name] * scale:.2f}" for name in ("median", "p95", worst)))
+            )
     return Table(
-        title="Spread over the trials", columns=("figure", "unit", "median", "95 %", "worst"), rows=rows, labels=2
+        title="Spread over the trials",
+        columns=("figure", "unit", "median", "95 %", "worst"),
+        rows=rows,
+        labels=2,
     )

@@ -1,1 +1,3 @@
-"""Check of a vehicle: its parts, figures and doubts, and what each job says of it before it is run."""
+"""Check of a vehicle: its parts, figures and doubts, and what each job says of it before it is
+run.
+"""

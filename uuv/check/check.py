@@ -10,7 +10,14 @@ import numpy as np
 
 from uuv.check import doubts
 from uuv.check.checked_jobs import ARM_JOBS, HOVERING, JOBS, check_jobs
-from uuv.check.findings import JobVerdict, Level, VehicleCheck, VehicleFigure, VehicleFinding, VehiclePart
+from uuv.check.findings import (
+    JobVerdict,
+    Level,
+    VehicleCheck,
+    VehicleFigure,
+    VehicleFinding,
+    VehiclePart,
+)
 from uuv.check.jobs import ArmJobs, hover_verdict
 from uuv.check.statics import (
     AXES,
@@ -36,7 +43,8 @@ from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvErr
 from uuv.sim.water.flow_field import FlowField
 from uuv.tasks.surface_work import SurfaceWorkTask
 
-_OF_ARM = ("motor", "thruster-rank", "timestep")  # faults that leave station keeping to its simulation
+# faults that leave station keeping to its simulation
+_OF_ARM = ("motor", "thruster-rank", "timestep")
 
 
 def check_vehicle(
@@ -62,7 +70,8 @@ def check_vehicle(
         The check. A spec that cannot be compiled has one finding of level "fault".
 
     Raises:
-        ConfigurationError: There is no such vehicle, tool or job, or a file cannot be read or compiled.
+        ConfigurationError: There is no such vehicle, tool or job, or a file cannot be read or
+            compiled.
     """
     check_jobs(jobs)
     file = None if parts_file is None else str(parts_file)
@@ -78,8 +87,12 @@ def check_vehicle(
     except UuvError as error:
         said = " ".join(str(error).split())
         code = "inertia" if "inertia" in said else "contract"
-        return VehicleCheck(vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),))
-    return _Check(name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), given=True).run(jobs)
+        return VehicleCheck(
+            vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),)
+        )
+    return _Check(
+        name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), given=True
+    ).run(jobs)
 
 
 class _Check:
@@ -115,14 +128,21 @@ class _Check:
         added, found = computed(self._spec), []
         for word, name, use, there in parts(self._spec.compile()):
             state = "computed" if name in added else "there" if there else "missing"
-            found.append(VehiclePart(name=f"{word} {name}", use=use, state=state, said=added.get(name, "")))
+            found.append(
+                VehiclePart(name=f"{word} {name}", use=use, state=state, said=added.get(name, ""))
+            )
             if not there:
                 self._note(
-                    "missing", "doubt", f"{word} {name} ({use})" if name != "thrusters" else "thrusters (hold the hull)"
+                    "missing",
+                    "doubt",
+                    f"{word} {name} ({use})"
+                    if name != "thrusters"
+                    else "thrusters (hold the hull)",
                 )
         if any(part.state == "missing" for part in found):
             said = (
-                "the model's own names for what is missing go into NAME.parts.yaml beside it, see docs/own_vehicle.md"
+                "the model's own names for what is missing go into NAME.parts.yaml beside it, see "
+                "docs/own_vehicle.md"
             )
             self._note("mapping", "note", said)
         for name, line in added.items():
@@ -140,7 +160,13 @@ class _Check:
                 return hydrodynamics.compile(self._spec.copy())
         except HydrodynamicsError as error:
             said = str(error)
-            code = "timestep" if said.startswith("timestep") else "density" if "volume" in said else "water"
+            code = (
+                "timestep"
+                if said.startswith("timestep")
+                else "density"
+                if "volume" in said
+                else "water"
+            )
             self._note(code, "fault", said)
             if code == "density":
                 self._densities()
@@ -168,21 +194,26 @@ class _Check:
         self._findings += doubts.inertia_doubts(model)
         self._findings += doubts.thruster_doubts(vehicle)
         if wet:
-            doubted = [each.said.partition(":")[0] for each in self._findings if each.code == "inertia"]
+            doubted = [
+                each.said.partition(":")[0] for each in self._findings if each.code == "inertia"
+            ]
             self._findings += [
                 each
                 for each in doubts.water_doubts(model, vehicle)
-                if each.code != "coefficients" or each.said.partition(":")[0] not in doubted  # told by the inertia
+                # told by the inertia
+                if each.code != "coefficients" or each.said.partition(":")[0] not in doubted
             ]
             self._findings += doubts.stiff_contact(model)
             self._findings += doubts.gravity_doubts(model, vehicle)
-        wet = wet and coefficients.carries(model.body_user[vehicle.hull])  # else trim and currents mean nothing
+        # else trim and currents mean nothing
+        wet = wet and coefficients.carries(model.body_user[vehicle.hull])
         if wet:
             weight = weight_of(model, vehicle)
             trim = trim_of(model, vehicle)
             self._figure(
                 "mass and trim",
-                f"{float(model.body_subtreemass[model.body_rootid[vehicle.hull]]):.1f} kg, {_trim_said(trim)} at home",
+                f"{float(model.body_subtreemass[model.body_rootid[vehicle.hull]]):.1f} kg, "
+                f"{_trim_said(trim)} at home",
             )
             if vehicle.tip >= 0:
                 self._figure("trim in ready", _trim_said(trim_of(model, vehicle, READY_KEY)))
@@ -205,12 +236,15 @@ class _Check:
             rate = doubts.drag_rate(model)
             self._figure(
                 "time step",
-                f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of what drag allows at "
+                f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of what drag "
+                "allows at "
                 f"{hydrodynamics.DRAG_SPEED:g} m/s",
             )
 
     def _arm(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> float:
-        """Reach, force and view of the arm, and doubts; returns the share of the view that is on the vehicle."""
+        """Reach, force and view of the arm, and doubts; returns the share of the view that is on
+        the vehicle.
+        """
         search = PostureSearch(model)
         postures = {}
         for key in (HOME_KEY, READY_KEY):
@@ -222,7 +256,11 @@ class _Check:
             if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
             else f"{name} {np.degrees(low):.0f} to {np.degrees(high):.0f} deg {most:.3g} N m"
             for j, name, most, (low, high) in zip(
-                vehicle.joints, vehicle.joint_names, vehicle.torque_limits, vehicle.q_limits, strict=True
+                vehicle.joints,
+                vehicle.joint_names,
+                vehicle.torque_limits,
+                vehicle.q_limits,
+                strict=True,
             )
         )
         self._figure(f"{len(vehicle.joints)} joints", limits)
@@ -235,7 +273,9 @@ class _Check:
         X_BC = doubts.camera_pose(model, vehicle)
         seen = seen_workspace(search, X_BC)
         self._figure(
-            "reach", f"{search.reach:.2f} m from the arm's base; {seen:.0%} of a ball of that width before the camera"
+            "reach",
+            f"{search.reach:.2f} m from the arm's base; {seen:.0%} of a ball of that "
+            "width before the camera",
         )
         if wet:
             ready = np.array(vehicle.q_ready)
@@ -243,24 +283,34 @@ class _Check:
             task = clean_barrel().task_of(SurfaceWorkTask)
             self._figure(
                 "tip force",
-                f"in ready {force.along:.0f} N along the tool ({force.by}), {force.weakest:.0f} N in the weakest "
-                f"direction ({force.weakest_by}); stiction hides {force.friction:.0f} N; own weight takes "
+                f"in ready {force.along:.0f} N along the tool ({force.by}), {force.weakest:.0f} N "
+                "in the weakest "
+                f"direction ({force.weakest_by}); stiction hides {force.friction:.0f} N; own "
+                "weight takes "
                 f"{force.load.max():.0%} of {vehicle.joint_names[int(np.argmax(force.load))]}",
             )
-            self._findings += doubts.arm_doubts(vehicle, force, max(self._jobs.forces or task.forces))
+            self._findings += doubts.arm_doubts(
+                vehicle, force, max(self._jobs.forces or task.forces)
+            )
         return search.view_hits(home, doubts.HALF_VIEW)[0]
 
-    def _verdict(self, job: str, model: mujoco.MjModel, vehicle: Vehicle | None, blocked: float) -> JobVerdict:
+    def _verdict(
+        self, job: str, model: mujoco.MjModel, vehicle: Vehicle | None, blocked: float
+    ) -> JobVerdict:
         if vehicle is None:
             faults = [each for each in self._findings if each.level == "fault"]
             said = faults[0].said if faults else "no vehicle by the contract"
             code = faults[0].code if faults else "parts"
             return JobVerdict(job=job, promised=False, code=code, said=said)
         if not vehicle.thruster_names:
-            return JobVerdict(job=job, promised=False, code="parts", said="lacks thrusters (hold the hull)")
+            return JobVerdict(
+                job=job, promised=False, code="parts", said="lacks thrusters (hold the hull)"
+            )
         for fault in self._findings:
             if fault.level == "fault" and (job in ARM_JOBS or fault.code not in _OF_ARM):
-                return JobVerdict(job=job, promised=False, code=fault.code, said=fault.said, figure=fault.figure)
+                return JobVerdict(
+                    job=job, promised=False, code=fault.code, said=fault.said, figure=fault.figure
+                )
         if job in HOVERING:
             return hover_verdict(job, model)
         assert job in ARM_JOBS
@@ -273,4 +323,7 @@ def _trim_said(trim: Trim) -> str:
         if math.isnan(trim.roll)
         else (f"list {np.degrees(trim.roll):+.1f} deg, trim {np.degrees(trim.pitch):+.1f} deg")
     )
-    return f"{trim.force:+.1f} N, {tilt}, centre of buoyancy {1e3 * trim.height:.0f} mm above that of mass"
+    return (
+        f"{trim.force:+.1f} N, {tilt}, centre of buoyancy {1e3 * trim.height:.0f} mm above "
+        "that of mass"
+    )

@@ -1,4 +1,6 @@
-"""Jobs for which a vehicle is checked, by name: scenarios of those with the arm, currents of station keeping."""
+"""Jobs for which a vehicle is checked, by name: scenarios of those with the arm, currents of
+station keeping.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,7 +15,8 @@ from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 if TYPE_CHECKING:
     from uuv.scenario import Scenario
 
-CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)  # [m/s] of the job hover-current
+# [m/s] of the job hover-current
+CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +68,9 @@ ARM_JOBS = {
     "barrel-longitudinal": CheckedJob(job=clean_barrel),
     "barrel-transverse": CheckedJob(job=clean_barrel, options={"path": "transverse"}),
     "pile": CheckedJob(job=clean_pile),
-    "tap": CheckedJob(job=clean_barrel, options={"length": TAPPED[-1], "forces": (TAP_FORCE,)}, changed=_tapping),
+    "tap": CheckedJob(
+        job=clean_barrel, options={"length": TAPPED[-1], "forces": (TAP_FORCE,)}, changed=_tapping
+    ),
     "insertion": CheckedJob(job=insert_sampler),
     "seabed-core": CheckedJob(job=sample_seabed),
 }
@@ -77,4 +82,6 @@ def check_jobs(names: Iterable[str]) -> None:
     """Refuses a name that is none of JOBS."""
     for name in names:
         if name not in JOBS:
-            raise ConfigurationError(f"--jobs: no job {name!r}; there are {', '.join(JOBS)}{did_you_mean(name, JOBS)}")
+            raise ConfigurationError(
+                f"--jobs: no job {name!r}; there are {', '.join(JOBS)}{did_you_mean(name, JOBS)}"
+            )

@@ -28,7 +28,8 @@ BULKY = 1.5  # largest, alike
 FLIPPED = 0.5  # share to which touching falls if a joint's axis is likely turned round
 OFTEN = 0.2  # share of postures that touch, from which on a turned axis is looked for
 JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
-MIXED = 0.2  # share of the largest part of an undriven direction from which on another axis is named too
+# share of the largest part of an undriven direction from which on another axis is named too
+MIXED = 0.2
 STEP = 0.5  # of the time step at which drag would become unstable, from which on it is named
 
 HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] of the depth camera
@@ -43,7 +44,8 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
             code="trim",
             level="doubt",
             said=f"too {word} by {abs(trim.force):.0f} N ({abs(trim.force) / 9.81:.1f} kg), "
-            f"{abs(trim.force) / weight:.1%} of its weight, at most {most:.0f} N: the hull's volume, or `trim:` in its "
+            f"{abs(trim.force) / weight:.1%} of its weight, at most {most:.0f} N: the hull's "
+            "volume, or `trim:` in its "
             "mapping",
             figure=trim.force,
         )
@@ -53,8 +55,10 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
         yield VehicleFinding(
             code="list",
             level="doubt",
-            said=f"at rest with the arm at home it {said}, at most {np.degrees(LIST):.0f} deg: centre of buoyancy "
-            f"{1e3 * trim.height:.0f} mm above that of mass and {1e3 * trim.apart:.0f} mm aside of it",
+            said=f"at rest with the arm at home it {said}, at most {np.degrees(LIST):.0f} deg: "
+            "centre of buoyancy "
+            f"{1e3 * trim.height:.0f} mm above that of mass and {1e3 * trim.apart:.0f} mm aside "
+            "of it",
             figure=float(np.degrees(angle)),
         )
 
@@ -71,13 +75,15 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
             yield VehicleFinding(
                 code="inertia",
                 level="doubt",
-                said=f"{name}: principal inertia {inertia[2]:.3g} kg m^2 exceeds the sum of the others, "
+                said=f"{name}: principal inertia {inertia[2]:.3g} kg m^2 exceeds the sum of the "
+                "others, "
                 f"{inertia[0] + inertia[1]:.3g}: no body has that",
                 figure=float(inertia[2]),
             )
         extent = max(
             (
-                float(np.linalg.norm(model.geom_pos[g] - model.body_ipos[b])) + float(model.geom_rbound[g])
+                float(np.linalg.norm(model.geom_pos[g] - model.body_ipos[b]))
+                + float(model.geom_rbound[g])
                 for g in geoms
             ),
             default=0.0,
@@ -87,8 +93,10 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
             yield VehicleFinding(
                 code="inertia",
                 level="doubt",
-                said=f"{name}: {inertia[2]:.2g} kg m^2 for {mass:.3g} kg make a radius of gyration of "
-                f"{1e3 * gyration:.0f} mm; of its shapes {1e3 * SLENDER * extent:.0f} to {1e3 * BULKY * extent:.0f} mm "
+                said=f"{name}: {inertia[2]:.2g} kg m^2 for {mass:.3g} kg make a radius of "
+                "gyration of "
+                f"{1e3 * gyration:.0f} mm; of its shapes {1e3 * SLENDER * extent:.0f} to "
+                f"{1e3 * BULKY * extent:.0f} mm "
                 "are plausible",
                 figure=gyration,
             )
@@ -96,7 +104,11 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
     """Missing and implausible coefficients, and the room of the time step."""
-    watered = {int(model.body_weldid[b]) for b in range(1, model.nbody) if coefficients.carries(model.body_user[b])}
+    watered = {
+        int(model.body_weldid[b])
+        for b in range(1, model.nbody)
+        if coefficients.carries(model.body_user[b])
+    }
     dry = [
         model.body(b).name or f"body {b}"
         for b in range(1, model.nbody)
@@ -121,8 +133,10 @@ def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
             yield VehicleFinding(
                 code="timestep",
                 level="doubt",
-                said=f"time step {1e3 * model.opt.timestep:g} ms is {share:.0%} of what drag allows at "
-                f"{hydrodynamics.DRAG_SPEED:g} m/s, at most {STEP:.0%}: use {1e3 * STEP / rate:.2g} ms or less",
+                said=f"time step {1e3 * model.opt.timestep:g} ms is {share:.0%} of what drag "
+                "allows at "
+                f"{hydrodynamics.DRAG_SPEED:g} m/s, at most {STEP:.0%}: use "
+                f"{1e3 * STEP / rate:.2g} ms or less",
                 figure=share,
             )
 
@@ -132,26 +146,36 @@ def step_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     try:
         ticks_per_period(Encoders().period, float(model.opt.timestep), "time step")
     except ConfigurationError as error:
-        yield VehicleFinding(code="timestep", level="fault", said=str(error), figure=float(1e3 * model.opt.timestep))
+        yield VehicleFinding(
+            code="timestep", level="fault", said=str(error), figure=float(1e3 * model.opt.timestep)
+        )
 
 
 def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Bodies whose weight MuJoCo takes away beside their buoyancy, and gravity that does not point down."""
+    """Bodies whose weight MuJoCo takes away beside their buoyancy, and gravity that does not point
+    down.
+    """
     root = int(model.body_rootid[vehicle.hull])
-    light = [b for b in range(1, model.nbody) if model.body_rootid[b] == root and model.body_gravcomp[b] != 0.0]
+    light = [
+        b
+        for b in range(1, model.nbody)
+        if model.body_rootid[b] == root and model.body_gravcomp[b] != 0.0
+    ]
     if light:
         names = ", ".join(model.body(b).name or f"body {b}" for b in light)
         yield VehicleFinding(
             code="gravcomp",
             level="fault",
-            said=f"gravcomp takes the weight of {names} away, though buoyancy bears it: remove gravcomp",
+            said=f"gravcomp takes the weight of {names} away, though buoyancy bears it: remove "
+            "gravcomp",
             figure=float(model.body_gravcomp[light].max()),
         )
     if not model.opt.gravity[2] < 0.0:
         yield VehicleFinding(
             code="gravity",
             level="doubt",
-            said=f"gravity is {' '.join(f'{g:g}' for g in model.opt.gravity)} m/s^2; here z points up and a scene has "
+            said=f"gravity is {' '.join(f'{g:g}' for g in model.opt.gravity)} m/s^2; here z "
+            "points up and a scene has "
             "0 0 -9.81: is the file forward-starboard-down?",
             figure=float(model.opt.gravity[2]),
         )
@@ -160,7 +184,9 @@ def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleF
 def drag_rate(model: mujoco.MjModel) -> float:
     """Rate [1/s] of the drag at hydrodynamics.DRAG_SPEED of a wet model."""
     world = model.body_user[0]
-    return float(world[LAYOUT.drag_rate]) + hydrodynamics.DRAG_SPEED * float(world[LAYOUT.drag_rate + 1])
+    return float(world[LAYOUT.drag_rate]) + hydrodynamics.DRAG_SPEED * float(
+        world[LAYOUT.drag_rate + 1]
+    )
 
 
 def _code_of(doubt: str) -> str:
@@ -182,7 +208,8 @@ def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
             yield VehicleFinding(
                 code="spring",
                 level="doubt",
-                said=f"joint {model.joint(j).name!r}: {damping:.3g} N s/m of damping beside {k:.3g} N/m; at "
+                said=f"joint {model.joint(j).name!r}: {damping:.3g} N s/m of damping beside "
+                f"{k:.3g} N/m; at "
                 f"{1e3 * dt:g} ms it needs {0.5 * k * dt:.3g} or more",
                 figure=damping,
             )
@@ -196,13 +223,16 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
     rank = int(np.linalg.matrix_rank(B, tol=1e-6))
     if rank < 6:
         missing = [
-            " with ".join(AXES[i] for i in np.argsort(-np.abs(v)) if abs(v[i]) > MIXED * np.abs(v).max())
+            " with ".join(
+                AXES[i] for i in np.argsort(-np.abs(v)) if abs(v[i]) > MIXED * np.abs(v).max()
+            )
             for v in np.linalg.svd(B)[0].T[rank:]
         ]
         yield VehicleFinding(
             code="thruster-rank",
             level="fault",
-            said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; nothing drives {', '.join(missing)}, and a "
+            said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; nothing drives "
+            f"{', '.join(missing)}, and a "
             "righting moment does not stand for a thruster here",
             figure=float(rank),
         )
@@ -214,7 +244,8 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
         axis = int(np.argmax(np.array(then) / np.maximum(now, 1e-6)))
         first, second = vehicle.thruster_names[i], vehicle.thruster_names[j]
         gain = (
-            f"{AXES[axis]} has {now[axis]:.0f}, with {first} turned round {then[axis]:.0f} {'N' if axis < 3 else 'N m'}"
+            f"{AXES[axis]} has {now[axis]:.0f}, with {first} turned round {then[axis]:.0f} "
+            f"{'N' if axis < 3 else 'N m'}"
         )
         yield VehicleFinding(
             code="thruster-against-pair",
@@ -226,18 +257,27 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
 
 
 def _against(B: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Pairs of thrusters at mirrored places to port and starboard whose unit wrenches are opposite."""
+    """Pairs of thrusters at mirrored places to port and starboard whose unit wrenches are
+    opposite.
+    """
     mirror = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
     for i in range(B.shape[1]):
         for j in range(i + 1, B.shape[1]):
             image = mirror * B[:, j]
             aside = np.linalg.norm(B[:, i] - B[:, j]) > 1e-6
-            if aside and np.allclose(B[:, i], -image, atol=1e-3) and not np.allclose(B[:, i], image, atol=1e-3):
+            if (
+                aside
+                and np.allclose(B[:, i], -image, atol=1e-3)
+                and not np.allclose(B[:, i], image, atol=1e-3)
+            ):
                 yield i, j
 
 
-def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> Iterator[VehicleFinding]:
-    """Keyframes beyond the limits or in touch with the vehicle, and joints whose axis is likely turned round.
+def posture_doubts(
+    search: PostureSearch, postures: dict[str, np.ndarray]
+) -> Iterator[VehicleFinding]:
+    """Keyframes beyond the limits or in touch with the vehicle, and joints whose axis is likely
+    turned round.
 
     Args:
         search: Of the vehicle's postures.
@@ -253,14 +293,17 @@ def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> It
             yield VehicleFinding(
                 code="keyframe-limits",
                 level="doubt",
-                said=f"keyframe {key}: {vehicle.joint_names[j]} at {np.degrees(q[j]):.0f} deg, its range is "
+                said=f"keyframe {key}: {vehicle.joint_names[j]} at {np.degrees(q[j]):.0f} deg, "
+                "its range is "
                 f"{np.degrees(low[j]):.0f} to {np.degrees(high[j]):.0f}",
                 figure=float(np.degrees(q[j])),
             )
         pairs = search.touching(q)
         if pairs:
             touching[key] = q
-            named = ", ".join(f"{model.body(a).name} and {model.body(b).name}" for a, b in sorted(pairs))
+            named = ", ".join(
+                f"{model.body(a).name} and {model.body(b).name}" for a, b in sorted(pairs)
+            )
             yield VehicleFinding(
                 code="keyframe-touches",
                 level="doubt",
@@ -270,13 +313,18 @@ def posture_doubts(search: PostureSearch, postures: dict[str, np.ndarray]) -> It
     now = search.share_touching()
     turned = [search.share_touching(j) for j in range(len(low))] if now > OFTEN or touching else []
     for j, then in enumerate(turned):
-        freed = [key for key, q in touching.items() if search.is_clear(q * np.where(np.arange(len(q)) == j, -1.0, 1.0))]
+        freed = [
+            key
+            for key, q in touching.items()
+            if search.is_clear(q * np.where(np.arange(len(q)) == j, -1.0, 1.0))
+        ]
         if freed or (now > OFTEN and then < FLIPPED * now):
             why = f"{' and '.join(freed)} would be clear, and " if freed else ""
             yield VehicleFinding(
                 code="axis-flipped",
                 level="doubt",
-                said=f"joint {vehicle.joint_names[j]}: its axis may be turned round; with the other sign {why}"
+                said=f"joint {vehicle.joint_names[j]}: its axis may be turned round; with the "
+                f"other sign {why}"
                 f"{then:.0%} of all postures would touch, now {now:.0%}",
                 figure=now,
             )
@@ -289,7 +337,8 @@ def view_doubts(search: PostureSearch, q_home: np.ndarray) -> Iterator[VehicleFi
         yield VehicleFinding(
             code="camera-blocked",
             level="doubt",
-            said=f"{share:.0%} of the view of {CAMERA_SITE} ({np.degrees(HALF_VIEW):.0f} deg around its axis) is on "
+            said=f"{share:.0%} of the view of {CAMERA_SITE} ({np.degrees(HALF_VIEW):.0f} deg "
+            "around its axis) is on "
             f"the vehicle itself, most of it on {body}; at most {BLOCKED:.0%}",
             figure=share,
         )
@@ -304,28 +353,40 @@ def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
     """Actuators of the arm whose control is not a torque."""
     kinds = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtDyn.mjDYN_NONE
     for actuator, joint in zip(vehicle.actuators, vehicle.joint_names, strict=True):
-        kind = tuple(int(getattr(model, f"actuator_{word}type")[actuator]) for word in ("gain", "bias", "dyn"))
-        gain, gear = float(model.actuator_gainprm[actuator, 0]), float(model.actuator_gear[actuator, 0])
+        kind = tuple(
+            int(getattr(model, f"actuator_{word}type")[actuator])
+            for word in ("gain", "bias", "dyn")
+        )
+        gain, gear = (
+            float(model.actuator_gainprm[actuator, 0]),
+            float(model.actuator_gear[actuator, 0]),
+        )
         if kind != tuple(map(int, kinds)) or gain != 1.0 or gear != 1.0:
             yield VehicleFinding(
                 code="motor",
                 level="fault",
-                said=f"the actuator of joint {joint!r} is no plain motor (gain {gain:g}, gear {gear:g}): its control "
+                said=f"the actuator of joint {joint!r} is no plain motor (gain {gain:g}, gear "
+                f"{gear:g}): its control "
                 f"is not the torque; `joints: {{{joint}: N m}}` in a mapping makes it one",
                 figure=gear,
             )
 
 
 def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Joints that full torque would bring to a high speed within one step: their rotor's inertia is likely missing."""
-    for dof, most, joint in zip(vehicle.dof, vehicle.torque_limits, vehicle.joint_names, strict=True):
+    """Joints that full torque would bring to a high speed within one step: their rotor's inertia is
+    likely missing.
+    """
+    for dof, most, joint in zip(
+        vehicle.dof, vehicle.torque_limits, vehicle.joint_names, strict=True
+    ):
         inertia = float(model.dof_M0[dof])
         gained = float(most) * float(model.opt.timestep) / inertia
         if gained > JERKY:
             yield VehicleFinding(
                 code="light-joint",
                 level="doubt",
-                said=f"joint {joint}: {most:.3g} N m on {inertia:.2g} kg m^2 gain {gained:.0f} rad/s in a step, at "
+                said=f"joint {joint}: {most:.3g} N m on {inertia:.2g} kg m^2 gain {gained:.0f} "
+                "rad/s in a step, at "
                 f"most {JERKY:g}: is its rotor's inertia missing (armature)?",
                 figure=gained,
             )
@@ -338,7 +399,8 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Veh
         yield VehicleFinding(
             code="joint-load",
             level="doubt",
-            said=f"{vehicle.joint_names[worst]}: weight and buoyancy of the arm take {force.load[worst]:.0%} of its "
+            said=f"{vehicle.joint_names[worst]}: weight and buoyancy of the arm take "
+            f"{force.load[worst]:.0%} of its "
             f"{vehicle.torque_limits[worst]:.3g} N m in {READY_KEY}, at most {LOADED:.0%}",
             figure=float(force.load[worst]),
         )
@@ -346,18 +408,24 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Veh
         yield VehicleFinding(
             code="arm-weak",
             level="doubt",
-            said=f"the tip bears {force.along:.0f} N along the tool in {READY_KEY} ({force.by} is the limit), the "
+            said=f"the tip bears {force.along:.0f} N along the tool in {READY_KEY} ({force.by} is "
+            "the limit), the "
             f"set force is {wanted:.0f} N",
             figure=force.along,
         )
 
 
-def tool_doubts(model: mujoco.MjModel, search: PostureSearch, q: np.ndarray) -> Iterator[VehicleFinding]:
+def tool_doubts(
+    model: mujoco.MjModel, search: PostureSearch, q: np.ndarray
+) -> Iterator[VehicleFinding]:
     """A tool that touches the hull where the arm is folded, which the job would count as work."""
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM) < 0:
         return
     tool = int(model.geom_bodyid[model.geom(TOOL_GEOM).id])
     if any(tool in pair for pair in search.touching(q)):
         yield VehicleFinding(
-            code="tool-touches", level="doubt", said=f"the tool touches the vehicle itself in {HOME_KEY}", figure=None
+            code="tool-touches",
+            level="doubt",
+            said=f"the tool touches the vehicle itself in {HOME_KEY}",
+            figure=None,
         )

@@ -1,10 +1,13 @@
-"""What a check of a vehicle finds: parts, figures, findings with a code, and a verdict for each job."""
+"""What a check of a vehicle finds: parts, figures, findings with a code, and a verdict for each
+job.
+"""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-Level = Literal["note", "doubt", "fault"]  # of a finding: computed or worth knowing; likely wrong; jobs are refused
+# of a finding: computed or worth knowing; likely wrong; jobs are refused
+Level = Literal["note", "doubt", "fault"]
 PartState = Literal["there", "computed", "missing"]
 
 
@@ -60,7 +63,9 @@ class VehicleCheck:
     @property
     def sound(self) -> bool:
         """Every job that was asked for is promised, and nothing is at fault."""
-        return all(job.promised for job in self.jobs) and not any(each.level == "fault" for each in self.findings)
+        return all(job.promised for job in self.jobs) and not any(
+            each.level == "fault" for each in self.findings
+        )
 
     def found(self, code: str) -> VehicleFinding | None:
         """The first finding with that code."""

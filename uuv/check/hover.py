@@ -1,4 +1,6 @@
-"""Ten seconds of station keeping in the check: the plant, the hull's controller and the truth for an estimate."""
+"""Ten seconds of station keeping in the check: the plant, the hull's controller and the truth for
+an estimate.
+"""
 
 from dataclasses import dataclass
 
@@ -34,7 +36,9 @@ class HoverFigures:
     said: str = ""  # what broke it off
 
 
-def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> HoverFigures:
+def hover(
+    model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> HoverFigures:
     """Keep station at the origin, the arm held at home by its drives.
 
     Args:
@@ -62,13 +66,17 @@ def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0
                 estimate = true_estimate(true)
                 thrusters = control.step(state, estimate, _reference(true.time, q), arm_B)
             torque = none if hold is None else hold.torque(true)
-            plant.step(Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False))
+            plant.step(
+                Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False)
+            )
             plant.observe()
             steps += 1
             saturated += bool(true.saturated)
             away = float(np.linalg.norm(true.p_WB))
             if not away < _LOST:
-                return HoverFigures(drift=away, tilt=np.pi, saturated=saturated / steps, said="it was driven away")
+                return HoverFigures(
+                    drift=away, tilt=np.pi, saturated=saturated / steps, said="it was driven away"
+                )
             speed, rate = float(np.linalg.norm(true.v_WB_W)), float(np.linalg.norm(true.w_WB_B))
             at_rest = speed <= limits.speed and rate <= limits.turn and away <= limits.error
             quiet = quiet + plant.timestep if at_rest else 0.0
@@ -78,7 +86,9 @@ def hover(model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0
                 drift = max(drift, away)
                 tilt = max(tilt, float(np.arccos(np.clip(true.R_WB[2, 2], -1.0, 1.0))))
     except HydrodynamicsError as error:
-        return HoverFigures(drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error))
+        return HoverFigures(
+            drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error)
+        )
     return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps, rest=rest, turn=turn)
 
 

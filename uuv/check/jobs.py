@@ -1,8 +1,9 @@
 """Verdict on each job: whether a vehicle can begin it, by the figure that decides.
 
-A job of the arm is tried in order: parts, a push far beyond what arm or thrusters bear, view, and then its own planner.
-That looks for a place of the hull beside the object at its true pose, in the job's current. Where there is none, force
-at the tip and thrust tell why, if they can. All numbers are those of the job's own options.
+A job of the arm is tried in order: parts, a push far beyond what arm or thrusters bear, view, and
+then its own planner. That looks for a place of the hull beside the object at its true pose, in the
+job's current. Where there is none, force at the tip and thrust tell why, if they can. All numbers
+are those of the job's own options.
 """
 
 from collections.abc import Sequence
@@ -54,7 +55,9 @@ def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
     return replace(kept, job=name) if isinstance(kept, JobVerdict) else _kept(name, kept)
 
 
-def _hovering(model: mujoco.MjModel, current: tuple[float, float, float]) -> HoverFigures | JobVerdict:
+def _hovering(
+    model: mujoco.MjModel, current: tuple[float, float, float]
+) -> HoverFigures | JobVerdict:
     """Figures of station keeping; a refusal where the vehicle cannot be steered at all."""
     try:
         return hover(model, current)
@@ -63,25 +66,46 @@ def _hovering(model: mujoco.MjModel, current: tuple[float, float, float]) -> Hov
 
 
 def _kept(name: str, kept: HoverFigures) -> JobVerdict:
-    figures = f"{1e3 * kept.drift:.0f} mm off, {np.degrees(kept.tilt):.1f} deg, {kept.saturated:.0%} saturated"
+    figures = (
+        f"{1e3 * kept.drift:.0f} mm off, {np.degrees(kept.tilt):.1f} deg, "
+        f"{kept.saturated:.0%} saturated"
+    )
     if kept.said:
         return JobVerdict(job=name, promised=False, code="hover", said=kept.said, figure=kept.drift)
     bounds = ((kept.drift, DRIFT), (kept.tilt, TILT), (kept.saturated, SATURATED))
     good = all(value <= most for value, most in bounds)
-    said = figures if good else f"{figures}; at most {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
-    return JobVerdict(job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift)
+    said = (
+        figures
+        if good
+        else (
+            f"{figures}; at most {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
+        )
+    )
+    return JobVerdict(
+        job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift
+    )
 
 
-def restless(name: str, model: mujoco.MjModel, current: tuple[float, float, float]) -> JobVerdict | None:
-    """Refusal of a vehicle that keeps no station, or never comes to rest, in the current of a job of the arm."""
+def restless(
+    name: str, model: mujoco.MjModel, current: tuple[float, float, float]
+) -> JobVerdict | None:
+    """Refusal of a vehicle that keeps no station, or never comes to rest, in the current of a job
+    of the arm.
+    """
     kept, speed = _hovering(model, current), float(np.linalg.norm(current))
     verdict = kept if isinstance(kept, JobVerdict) else _kept(name, kept)
     if not verdict.promised:
-        return _refused(name, verdict.code, f"it keeps no station in {speed:.2f} m/s: {verdict.said}", verdict.figure)
+        return _refused(
+            name,
+            verdict.code,
+            f"it keeps no station in {speed:.2f} m/s: {verdict.said}",
+            verdict.figure,
+        )
     limits = RestLimits()
     if isinstance(kept, HoverFigures) and kept.rest < limits.time:
         said = (
-            f"in {speed:.2f} m/s it never rests for {limits.time:g} s: it turns by up to {kept.turn:.2g} rad/s, at "
+            f"in {speed:.2f} m/s it never rests for {limits.time:g} s: it turns by up to "
+            f"{kept.turn:.2g} rad/s, at "
             f"most {limits.turn:g} is rest; least thrust or dead band of the thrusters?"
         )
         return _refused(name, "rest", said, kept.turn)
@@ -111,7 +135,8 @@ class ArmJobs:
         """
         self._vehicle, self._tool, self._flow = vehicle, tool, flow
         self._parts, self.forces = parts, tuple(forces)
-        self._rest: dict[Any, JobVerdict | None] = {}  # by tools and current: station keeping is simulated once
+        # by tools and current: station keeping is simulated once
+        self._rest: dict[Any, JobVerdict | None] = {}
 
     def scenario(self, name: str) -> Scenario:
         """Scenario of a job for the vehicle."""
@@ -119,9 +144,12 @@ class ArmJobs:
         if self.forces and ARM_JOBS[name].takes_forces:
             given["forces"] = self.forces
         scenario = ARM_JOBS[name](**given)
-        tool = self._tool if scenario.task.tool is None else None  # a job with a tool of its own brings it
+        # a job with a tool of its own brings it
+        tool = self._tool if scenario.task.tool is None else None
         site = replace(scenario.site, flow=self._flow) if self._flow is not None else scenario.site
-        return replace(scenario, site=site, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool))
+        return replace(
+            scenario, site=site, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool)
+        )
 
     def verdict(self, name: str, blocked: float, given: mujoco.MjSpec | None = None) -> JobVerdict:
         """Verdict on a job.
@@ -146,7 +174,8 @@ class ArmJobs:
                 return _refused(name, *refused)
             if (hidden := _view(name, scenario, blocked)) is not None:
                 return hidden
-            water = tuple(scenario.site.strongest_water(np.zeros(3)).tolist())  # the hull is about there
+            # the hull is about there
+            water = tuple(scenario.site.strongest_water(np.zeros(3)).tolist())
             key = setup.tool, task.tool, water
             if key not in self._rest:
                 self._rest[key] = restless(name, hydrodynamics.compile(spec.copy()), water)
@@ -175,7 +204,11 @@ def _tool_hint(model: mujoco.MjModel) -> str:
 def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
     if not looks_by_camera(scenario) or blocked <= VIEW:
         return None
-    return _refused(name, "view", f"{blocked:.0%} of the camera's view is on the vehicle itself, at most {VIEW:.0%}")
+    return _refused(
+        name,
+        "view",
+        f"{blocked:.0%} of the camera's view is on the vehicle itself, at most {VIEW:.0%}",
+    )
 
 
 def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec) -> JobVerdict:
@@ -197,14 +230,20 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
             return _refused(name, *refused)
         joints = len(own.vehicle.joints)
         more = f"; the arm has {joints} joints" if joints < FULL else ""
-        return _refused(name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None)
+        return _refused(
+            name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None
+        )
     margin = placement.margin
     if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, own)) > HIDDEN:
-        said = f"the vehicle hides {hidden:.0%} of the ground about the target from its sonar, at most {HIDDEN:.0%}"
+        said = (
+            f"the vehicle hides {hidden:.0%} of the ground about the target from its sonar, at "
+            f"most {HIDDEN:.0%}"
+        )
         return _refused(name, "view", said, hidden)
     if len(own.vehicle.joints) < FULL and margin < SHORT_MARGIN:
         said = (
-            f"margin {margin:.2f}; an arm of {len(own.vehicle.joints)} joints needs {SHORT_MARGIN:g}: it meets the "
+            f"margin {margin:.2f}; an arm of {len(own.vehicle.joints)} joints needs "
+            f"{SHORT_MARGIN:g}: it meets the "
             "hull's drift with its posture alone"
         )
         return _refused(name, "margin", said, margin)
@@ -213,32 +252,45 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         job=name,
         promised=True,
         code="ok",
-        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in {speed:.2f} m/s{part}"
+        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in "
+        f"{speed:.2f} m/s{part}"
         + _touching(own, placement.q_start)
-        + (f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline" if gap < 0.0 else ""),
+        + (
+            f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline"
+            if gap < 0.0
+            else ""
+        ),
         figure=margin,
     )
 
 
 def _touching(own: OwnVehicle, q: Array) -> str:
-    """Parts of the vehicle whose shapes touch at joint angles `q` (n,); a coarse hull may, and no planner looks."""
+    """Parts of the vehicle whose shapes touch at joint angles `q` (n,); a coarse hull may, and no
+    planner looks.
+    """
     pairs = PostureSearch(own.model).touching(q)
     named = sorted(f"{own.model.body(a).name} and {own.model.body(b).name}" for a, b in pairs)
     return f"; where the work begins {', '.join(named)} touch" if named else ""
 
 
 def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
-    """Share of the ground about the first target that the vehicle's own shape hides from its sonar at the start."""
+    """Share of the ground about the first target that the vehicle's own shape hides from its sonar
+    at the start.
+    """
     model, vehicle = own.model, own.vehicle
     data = folded_at(model, vehicle, placed.start)
     p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]
     B = np.array(placed.B_W[0])
     B[2] = float(placed.ground.height(B[None])[0])
     angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    about = [B, *(B + r * np.array([np.cos(a), np.sin(a), 0.0]) for r in (0.1, 0.2) for a in angles)]
+    about = [
+        B,
+        *(B + r * np.array([np.cos(a), np.sin(a), 0.0]) for r in (0.1, 0.2) for a in angles),
+    ]
     met, nothing = np.zeros(1, dtype=np.int32), -1.0
     hits = [
-        mujoco.mj_ray(model, data, p_W, point - p_W, None, 1, vehicle.hull, met) != nothing and met[0] >= 0
+        mujoco.mj_ray(model, data, p_W, point - p_W, None, 1, vehicle.hull, met) != nothing
+        and met[0] >= 0
         for point in about
     ]
     return float(np.mean(hits))
@@ -252,7 +304,8 @@ def _short(said: str) -> str:
 
 
 def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]:
-    """The best place of the hull, the share of the path that is worked from it, and the least gap [m] on the way in.
+    """The best place of the hull, the share of the path that is worked from it, and the least gap
+    [m] on the way in.
 
     The gap is that of hull and folded arm to the convex hull of the object.
     """
@@ -272,7 +325,9 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
         B = np.array(placed.B_W[0])
         B[2] = float(placed.ground.height(B[None])[0])
         path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)
-        found = placed.planner().stand(replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current)
+        found = placed.planner().stand(
+            replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current
+        )
     else:
         raise ConfigurationError(f"no rule for {type(placed).__name__}")
     return found[0], float(found[2]), gap

@@ -1,4 +1,6 @@
-"""The cheap part of a vehicle's check, before a job starts: what refuses it, and what is doubtful."""
+"""The cheap part of a vehicle's check, before a job starts: what refuses it, and what is
+doubtful.
+"""
 
 import mujoco
 import numpy as np
@@ -28,12 +30,15 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
         The lines; none for a sound vehicle, and for a job without the arm.
 
     Raises:
-        ConfigurationError: The job cannot be done: thrusters that leave a direction without thrust, servos for motors,
-            weight that MuJoCo takes away, an arm, tool or thrusters that bear far less than it sets, a camera that sees
-            little but the vehicle.
+        ConfigurationError: The job cannot be done: thrusters that leave a direction without thrust,
+            servos for motors, weight that MuJoCo takes away, an arm, tool or thrusters that bear
+            far less than it sets, a camera that sees little but the vehicle.
     """
     task, model, vehicle = scenario.task, own.model, own.vehicle
-    if not isinstance(task, SurfaceWorkTask | InsertionTask | SeabedSamplingTask) or vehicle.tip < 0:
+    if (
+        not isinstance(task, SurfaceWorkTask | InsertionTask | SeabedSamplingTask)
+        or vehicle.tip < 0
+    ):
         return []
     if isinstance(task, SurfaceWorkTask) and task.contactless is not None:
         return []
@@ -53,14 +58,18 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
     blocked, body = search.view_hits(home, doubts.HALF_VIEW)
     if looks_by_camera(scenario) and blocked > VIEW:
         raise ConfigurationError(
-            f"the work was not begun: {blocked:.0%} of the camera's view is on the vehicle itself, most of it on "
+            f"the work was not begun: {blocked:.0%} of the camera's view is on the vehicle "
+            "itself, most of it on "
             f"{body}{more}"
         )
     if (weak := ready.refusal(scenario)) is not None:
         lines.append(weak[1])
     if _wet(own):
         lines += _water_doubts(scenario, model, vehicle)
-        lines += [each.said for each in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))]
+        lines += [
+            each.said
+            for each in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))
+        ]
     return [f"doubtful: {line}" for line in lines]
 
 

@@ -1,4 +1,6 @@
-"""What a job's push asks of arm, tool and thrusters in the posture `ready`: the cheap part of a verdict."""
+"""What a job's push asks of arm, tool and thrusters in the posture `ready`: the cheap part of a
+verdict.
+"""
 
 from dataclasses import dataclass
 from typing import Self
@@ -15,7 +17,8 @@ from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.surface_work import SurfaceWorkTask
 
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
-BEYOND = 2.0  # times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
+# times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
+BEYOND = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,12 +40,20 @@ class ReadyForce:
         return cls(force=force, bears=tip.along, by=tip.by, spring=_spring_limit(own), used=used)
 
     def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
-        """Code, sentence and figure of what bears the push less than `beyond` times; None: all do."""
+        """Code, sentence and figure of what bears the push less than `beyond` times; None: all
+        do.
+        """
         if self.spring < self.force:
-            said = f"the tool's spring is at its end at {self.spring:.0f} N, the job sets {self.force:.0f} N"
+            said = (
+                f"the tool's spring is at its end at {self.spring:.0f} N, the job sets "
+                f"{self.force:.0f} N"
+            )
             return "force", said + _lower(scenario, self.spring), self.spring
         if beyond * self.bears < self.force:
-            said = f"the tip bears {self.bears:.0f} N in ready ({self.by}), the job sets {self.force:.0f} N"
+            said = (
+                f"the tip bears {self.bears:.0f} N in ready ({self.by}), the job sets "
+                f"{self.force:.0f} N"
+            )
             return "force", said + _lower(scenario, self.bears), self.bears
         if self.used > beyond:
             said = f"{self.force:.0f} N at the tip in ready ask for {self.used:.0%} of a thruster"
@@ -80,7 +91,9 @@ def _spring_limit(own: OwnVehicle) -> float:
     for name in own.passive_joints:
         j = model.joint(name).id
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
-        slides = model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and model.jnt_bodyid[j] in carriers
+        slides = (
+            model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE and model.jnt_bodyid[j] in carriers
+        )
         if slides and k > 0.0 and model.jnt_limited[j]:
             limits.append(k * float(np.abs(model.jnt_range[j]).max()))
     return min(limits)

@@ -1,4 +1,6 @@
-"""Figures of a vehicle at rest: trim, thrust along each axis, reach, force at the tip, loads of the joints."""
+"""Figures of a vehicle at rest: trim, thrust along each axis, reach, force at the tip, loads of the
+joints.
+"""
 
 from dataclasses import dataclass
 
@@ -16,7 +18,8 @@ from uuv.sim.interfaces.spatial import Array, spread_directions
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 FASTEST = 2.0  # [m/s] of a current that is tried
 _DIRECTIONS = 60  # of a force on the tip that are tried
-_SHELLS, _NEAR = 6, 0.1  # of the ball before the camera; distance to a drawn tip that counts as reached, of the reach
+# of the ball before the camera; distance to a drawn tip that counts as reached, of the reach
+_SHELLS, _NEAR = 6, 0.1
 _SMALL = 1e-9  # [N], [m] or [N m] that counts as zero
 
 
@@ -32,7 +35,9 @@ class Trim:
 
 
 def resting(model: mujoco.MjModel, key: str) -> mujoco.MjData:
-    """State at rest in a keyframe, forces computed; without the keyframe in the model's reference posture."""
+    """State at rest in a keyframe, forces computed; without the keyframe in the model's reference
+    posture.
+    """
     data = mujoco.MjData(model)
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
     if number >= 0:
@@ -54,7 +59,9 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
     wrench = data.qfrc_passive[at] - data.qfrc_bias[at]
     root = int(model.body_rootid[vehicle.hull])
     lift = float(wrench[2]) + weight_of(model, vehicle)
-    center = data.xmat[vehicle.hull].reshape(3, 3).T @ (data.subtree_com[root] - data.xpos[vehicle.hull])
+    center = data.xmat[vehicle.hull].reshape(3, 3).T @ (
+        data.subtree_com[root] - data.xpos[vehicle.hull]
+    )
     # Weight and lift right a vehicle that is tilted by a small angle by lift * height * angle.
     about_mass = wrench[3:] - np.cross(center, wrench[:3])
     height = _height(model, vehicle, data, lift)
@@ -68,7 +75,9 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
 
 
 def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:
-    """Height [m] of the centre of buoyancy above that of mass: its lever on the vehicle rolled by a right angle."""
+    """Height [m] of the centre of buoyancy above that of mass: its lever on the vehicle rolled by a
+    right angle.
+    """
     rolled = mujoco.MjData(model)
     rolled.qpos[:] = data.qpos
     at = vehicle.hull_qpos
@@ -85,11 +94,14 @@ def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: 
 
 def bounds_of(vehicle: Vehicle) -> list[tuple[float, float]]:
     """Thrust [N] at full astern and full ahead of each thruster."""
-    return [(thrust_at(curve, -1.0), thrust_at(curve, 1.0)) for curve in curves(vehicle.thruster_table)]
+    return [
+        (thrust_at(curve, -1.0), thrust_at(curve, 1.0)) for curve in curves(vehicle.thruster_table)
+    ]
 
 
 def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[float, float]:
-    """Largest force or moment against and along an axis, all other components being zero; both positive.
+    """Largest force or moment against and along an axis, all other components being zero; both
+    positive.
 
     Args:
         vehicle: The vehicle.
@@ -102,7 +114,8 @@ def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[floa
     if not B.size:
         return 0.0, 0.0
     others = np.delete(B, axis, axis=0)
-    rank = [row for row in others if np.abs(row).max() > _SMALL]  # what no thruster reaches is zero anyhow
+    # what no thruster reaches is zero anyhow
+    rank = [row for row in others if np.abs(row).max() > _SMALL]
     equal = {"A_eq": np.array(rank), "b_eq": np.zeros(len(rank))} if rank else {}
     found = []
     for sign in (1.0, -1.0):
@@ -133,7 +146,9 @@ def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipForce:
-    """Force that the drives bear at the tip in one posture, beside the arm's own weight in water."""
+    """Force that the drives bear at the tip in one posture, beside the arm's own weight in
+    water.
+    """
 
     along: float  # [N] pushed along the tool
     weakest: float  # [N] in the weakest of the directions tried
@@ -149,7 +164,10 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
     still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
     own = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
     per_newton = np.array(
-        [arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, np.zeros(3)]), **still)[0] for axis in np.eye(3)]
+        [
+            arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, np.zeros(3)]), **still)[0]
+            for axis in np.eye(3)
+        ]
     )
     per_newton = per_newton - own  # (3, n) [m]
     spare = np.maximum(vehicle.torque_limits - np.abs(own), 0.0)
@@ -161,11 +179,16 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
 
     along, by = most(np.array([0.0, 0.0, -1.0]))
     weakest, weak_by = min(
-        (most(direction) for direction in spread_directions(_DIRECTIONS)), key=lambda found: found[0]
+        (most(direction) for direction in spread_directions(_DIRECTIONS)),
+        key=lambda found: found[0],
     )
     lever = np.abs(per_newton[2])
     felt = lever > _SMALL
-    hidden = float((vehicle.dry_friction.stiction[felt] / lever[felt]).min()) if n and felt.any() else 0.0
+    hidden = (
+        float((vehicle.dry_friction.stiction[felt] / lever[felt]).min())
+        if n and felt.any()
+        else 0.0
+    )
     return TipForce(
         along=along,
         weakest=weakest,
@@ -188,6 +211,8 @@ def seen_workspace(search: PostureSearch, X_BC: Array) -> float:
     radius = 0.5 * search.reach
     centre = X_BC[:3, 3] + radius * X_BC[:3, 2]
     shells = np.cbrt((np.arange(_SHELLS) + 0.5) / _SHELLS)  # of equal volume
-    points = np.vstack([centre + radius * share * spread_directions(_DIRECTIONS) for share in shells])
+    points = np.vstack(
+        [centre + radius * share * spread_directions(_DIRECTIONS) for share in shells]
+    )
     away, _ = cKDTree(search.drawn_tips()).query(points)
     return float(np.mean(away < _NEAR * search.reach))

@@ -1,4 +1,6 @@
-"""The check of a vehicle on a terminal: parts that are not as given, figures, findings, and the verdicts."""
+"""The check of a vehicle on a terminal: parts that are not as given, figures, findings, and the
+verdicts.
+"""
 
 from collections.abc import Iterable
 
@@ -34,7 +36,9 @@ def print_check(check: VehicleCheck, console: Console) -> None:
 
     # What is unusual, and what it can do.
     if check.findings:
-        table = Table(box=None, show_header=False, pad_edge=False, title="findings", title_justify="left")
+        table = Table(
+            box=None, show_header=False, pad_edge=False, title="findings", title_justify="left"
+        )
         table.add_column(no_wrap=True)
         table.add_column()
         for each in check.findings:
@@ -42,12 +46,16 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         console.print(table)
 
     if check.jobs:
-        table = Table(box=None, show_header=False, pad_edge=False, title="jobs", title_justify="left")
+        table = Table(
+            box=None, show_header=False, pad_edge=False, title="jobs", title_justify="left"
+        )
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
         table.add_column()
         for each in check.jobs:
-            verdict = Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")
+            verdict = (
+                Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")
+            )
             table.add_row(each.job, verdict, each.said)
         console.print(table)
         _print_commands([verdict.job for verdict in check.jobs if verdict.promised], console)

@@ -113,7 +113,9 @@ def benchmark(options: BenchmarkOptions, started: float) -> int:
     }
 
     study = Study(
-        cases=[ScoredCase(case=case, entry=entry, in_process=options.in_process) for case in chosen],
+        cases=[
+            ScoredCase(case=case, entry=entry, in_process=options.in_process) for case in chosen
+        ],
         run_one=score,
         summarise=lambda rows: summary(rows, about),
         line=line,
@@ -122,7 +124,8 @@ def benchmark(options: BenchmarkOptions, started: float) -> int:
             "--entry": options.entry,
             "--estimator": options.estimator,
             "--in-process": options.in_process,
-            "cases of digest": key_of([VERSION, seed]),  # study.json is there while entries run: not the seed itself
+            # study.json is there while entries run: not the seed itself
+            "cases of digest": key_of([VERSION, seed]),
         },
     )
     return study.carry_out(name, options, f"UUV contact, version {VERSION}: {entry.name}")
@@ -139,7 +142,9 @@ def seed_of_cases() -> int:
     if not text:
         return secrets.randbits(63)
     if not (text.isascii() and text.isdigit()):
-        raise ConfigurationError(f"--fresh: standard input must bring one whole number, got {shown(text)}")
+        raise ConfigurationError(
+            f"--fresh: standard input must bring one whole number, got {shown(text)}"
+        )
     return whole_number(int(text), "--fresh", most=2**63 - 1)
 
 

@@ -1,4 +1,6 @@
-"""`uuv campaign FILE`: many runs of one scenario with drawn parameters, resumed where they ended."""
+"""`uuv campaign FILE`: many runs of one scenario with drawn parameters, resumed where they
+ended.
+"""
 
 import shlex
 import time
@@ -79,7 +81,9 @@ def campaign(options: CampaignOptions, started: float) -> int:
 
     values = values_of(options.set)
     described = read_campaign(options.file, values, trust=options.trust)
-    changed = {name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None}
+    changed = {
+        name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None
+    }
     described = replace(described, **changed)
     typed = [f"--{name} {value}" for name, value in changed.items()]
     typed += ["--trust"] if options.trust else []
@@ -89,7 +93,9 @@ def campaign(options: CampaignOptions, started: float) -> int:
     if options.replay is not None:
         run = one_of(runs, options.replay)
         scenario = replace(run.scenario(), name=f"{described.name}/case_{run.case:04d}")
-        return run_job(scenario, RunOptions(out=options.out), started, f", case {run.case} of {described.name}")
+        return run_job(
+            scenario, RunOptions(out=options.out), started, f", case {run.case} of {described.name}"
+        )
     if not options.page:
         check_inputs(runs[0].scenario())
     from uuv.campaigns.campaign_report import summarise
@@ -98,7 +104,9 @@ def campaign(options: CampaignOptions, started: float) -> int:
     study = Study(
         cases=runs if options.only is None else [one_of(runs, options.only)],
         run_one=one_run,
-        summarise=partial(summarise, campaign=described, file=" ".join((shlex.quote(str(options.file)), *typed))),
+        summarise=partial(
+            summarise, campaign=described, file=" ".join((shlex.quote(str(options.file)), *typed))
+        ),
         failed=crashed_row,
         line=line,
     )

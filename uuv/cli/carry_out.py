@@ -14,8 +14,10 @@ from uuv.sim.runs.command_line import RunOptions
 if TYPE_CHECKING:  # a help text does without
     from uuv.scenario import Scenario
 
-METRICS = "metrics.json"  # as `uuv.sim.reporting.series_tables` has it, which a help text does without
-Assignments = Annotated[tuple[tuple[str, ...], ...], UseAppendAction]  # of --set: KEY=VALUE ..., repeatable
+# as `uuv.sim.reporting.series_tables` has it, which a help text does without
+METRICS = "metrics.json"
+# of --set: KEY=VALUE ..., repeatable
+Assignments = Annotated[tuple[tuple[str, ...], ...], UseAppendAction]
 
 
 @dataclass(kw_only=True)
@@ -68,7 +70,9 @@ def run_job(scenario: "Scenario", options: RunOptions, started: float, after: st
     return command(scenario, options, started, after)
 
 
-def run_printed(scenario: "Scenario", options: RunOptions, output: Output, started: float, after: str = "") -> int:
+def run_printed(
+    scenario: "Scenario", options: RunOptions, output: Output, started: float, after: str = ""
+) -> int:
     """As `run_job`, printing all, or verdict and folder, or metrics.json, as was asked for."""
 
     def work() -> int:

@@ -59,7 +59,9 @@ def main(verb: str, args: Sequence[str]) -> int:
 
     if shell not in _SHELLS:
         allowed = ", ".join(_SHELLS)
-        raise ConfigurationError(f"completion: allowed {allowed}, got {shell!r}{did_you_mean(shell, _SHELLS)}")
+        raise ConfigurationError(
+            f"completion: allowed {allowed}, got {shell!r}{did_you_mean(shell, _SHELLS)}"
+        )
     print((_ZSH if shell == "zsh" else "") + script(), end="")
     return 0
 

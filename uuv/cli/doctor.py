@@ -32,9 +32,16 @@ _USES = {  # module of an extra: what it is for
     "ray": "campaigns on a cluster",
     "open3d": "peers to compare registration with",
 }
-_PACKAGES = {"rerun": "rerun-sdk", "PIL": "pillow", "dm_control": "dm-control", "open3d": "open3d-cpu"}
+_PACKAGES = {
+    "rerun": "rerun-sdk",
+    "PIL": "pillow",
+    "dm_control": "dm-control",
+    "open3d": "open3d-cpu",
+}
 
-_RENDER = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 8, 8).render()"
+_RENDER = (
+    "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 8, 8).render()"
+)
 
 
 @dataclass(kw_only=True)
@@ -42,7 +49,9 @@ class DoctorOptions:
     """What works on this machine, and what to install for the rest."""
 
     kernels: bool = False
-    """The store of compiled kernels alone: its place, size and age, and what the last start took from it."""
+    """The store of compiled kernels alone: its place, size and age, and what the last start took
+    from it.
+    """
     json: bool = False
     """Print the table, or with --kernels the store, as JSON."""
     empty_kernels: bool = False
@@ -91,18 +100,25 @@ def _print_kernels(as_json: bool) -> int:
 
     content, last = store.content(), store.last_start()
     if as_json:
-        entries = asdict(content) | {"folder": None if content.folder is None else str(content.folder)}
+        entries = asdict(content) | {
+            "folder": None if content.folder is None else str(content.folder)
+        }
         entries["last_start"] = None if last is None else asdict(last)
         print_json(entries)
     elif content.folder is None:
         print(f"no store of compiled kernels: {content.why}")
     else:
         print(f"compiled kernels in {content.folder}{f' ({content.why})' if content.why else ''}")
-        print(f"  {content.files} files, {content.bytes / 1e6:.1f} MB of at most {content.limit / 1e6:.0f} MB")
+        print(
+            f"  {content.files} files, {content.bytes / 1e6:.1f} MB of at most "
+            f"{content.limit / 1e6:.0f} MB"
+        )
         if content.files:
             print(f"  used between {_ago(content.oldest)} and {_ago(content.newest)}")
         if last is not None:
-            print(f"  last start, {_ago(last.time)}: {last.loaded} loaded, {last.compiled} compiled")
+            print(
+                f"  last start, {_ago(last.time)}: {last.loaded} loaded, {last.compiled} compiled"
+            )
     return 0 if content.folder is not None else 1
 
 
@@ -143,20 +159,30 @@ def _package(module: str, use: str, remedy: str) -> tuple[str, str]:
 
 
 def rendering() -> tuple[str, str]:
-    """State of MuJoCo's renderer, tried in processes of their own: a missing library may end one."""
+    """State of MuJoCo's renderer, tried in processes of their own: a missing library may end
+    one.
+    """
     for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", ""), "egl", "osmesa")):
         tried = {**os.environ, "MUJOCO_GL": backend} if backend else dict(os.environ)
         try:
             ran = subprocess.run(
-                [sys.executable, "-c", _RENDER], env=tried, capture_output=True, timeout=30, check=False
+                [sys.executable, "-c", _RENDER],
+                env=tried,
+                capture_output=True,
+                timeout=30,
+                check=False,
             )
         except (OSError, subprocess.TimeoutExpired):
             continue
         if ran.returncode == 0:
-            return OK, f"pictures by OpenGL ({f'MUJOCO_GL={backend}' if backend else 'the default backend'})"
+            return OK, (
+                "pictures by OpenGL "
+                f"({f'MUJOCO_GL={backend}' if backend else 'the default backend'})"
+            )
     return (
         ABSENT,
-        "OpenGL: pictures are drawn by ray casting; faster with libosmesa6 (MUJOCO_GL=osmesa) or libegl1 (egl)",
+        "OpenGL: pictures are drawn by ray casting; faster with libosmesa6 (MUJOCO_GL=osmesa) or "
+        "libegl1 (egl)",
     )
 
 
@@ -175,4 +201,6 @@ def _compiled() -> tuple[str, str]:
     if not content.files:
         return ABSENT, "the first run compiles them, which takes one to two minutes, once"
     then = "" if last is None else f"; last start: {last.loaded} loaded, {last.compiled} compiled"
-    return OK, f"{content.files} in {content.folder}, {content.bytes / 1e6:.0f} MB{then} (--kernels)"
+    return OK, (
+        f"{content.files} in {content.folder}, {content.bytes / 1e6:.0f} MB{then} (--kernels)"
+    )

@@ -23,7 +23,8 @@ class ListOptions:
     """What there is, one line each."""
 
     kinds: Annotated[
-        Positional[tuple[str, ...]], arg(metavar="[KIND ...]", help=f"Of {', '.join(_KINDS)}; default: all.")
+        Positional[tuple[str, ...]],
+        arg(metavar="[KIND ...]", help=f"Of {', '.join(_KINDS)}; default: all."),
     ] = ()
     json: bool = False
     """Print names and lines by kind as JSON."""

@@ -22,35 +22,78 @@ class Verb:
 VERBS = {  # by the one or two words that are typed
     "list": Verb("listing", "ListOptions", "", "what there is: jobs, experiments, vehicles, ..."),
     "run": Verb("run_job", "RunVerb", "NAME", "a job, or a scenario file: my.toml", "run-scenario"),
-    "check": Verb("vehicles.check_vehicle", "CheckOptions", "VEHICLE", "what a vehicle has of the contract"),
-    "wet": Verb("vehicles.wet_model", "WetOptions", "MODEL", "water of a URDF, MJCF or mesh from its geometry"),
+    "check": Verb(
+        "vehicles.check_vehicle", "CheckOptions", "VEHICLE", "what a vehicle has of the contract"
+    ),
+    "wet": Verb(
+        "vehicles.wet_model",
+        "WetOptions",
+        "MODEL",
+        "water of a URDF, MJCF or mesh from its geometry",
+    ),
     "new": Verb("skeletons", "NewOptions", "KIND NAME", "a working skeleton with a test"),
     "doctor": Verb("doctor", "DoctorOptions", "", "what works on this machine"),
     "completion": Verb("completion", "CompletionOptions", "SHELL", "completion for bash or zsh"),
-    "compare": Verb("past.compare_runs", "CompareOptions", "RUN RUN", "figures of runs side by side"),
-    "replay": Verb("past.past_runs", "ReplayOptions", "RUN", "runs again from its record, to the bit"),
+    "compare": Verb(
+        "past.compare_runs", "CompareOptions", "RUN RUN", "figures of runs side by side"
+    ),
+    "replay": Verb(
+        "past.past_runs", "ReplayOptions", "RUN", "runs again from its record, to the bit"
+    ),
     "report": Verb("past.past_runs", "ReportOptions", "RUN", "the report of a run"),
     "view": Verb("past.past_runs", "ViewOptions", "RUN", "its log in the Rerun viewer"),
     "picture": Verb("past.picture", "PictureOptions", "RUN", "a still and a clip of a run"),
-    "identify object": Verb("identify.object", "ObjectVerb", "--cloud FILE", "pose of a known object in a point cloud"),
-    "identify friction": Verb("identify.friction", "FrictionVerb", "", "friction of the arm's gears"),
+    "identify object": Verb(
+        "identify.object", "ObjectVerb", "--cloud FILE", "pose of a known object in a point cloud"
+    ),
+    "identify friction": Verb(
+        "identify.friction", "FrictionVerb", "", "friction of the arm's gears"
+    ),
     "identify water": Verb(
-        "identify.water", "WaterVerb", "--log FILE", "added mass, damping, trim and thrust from logs"
+        "identify.water",
+        "WaterVerb",
+        "--log FILE",
+        "added mass, damping, trim and thrust from logs",
     ),
     "calibrate": Verb(
-        "calibrate", "CalibrateVerb", "--touches FILE", "an arm's kinematics from touches", "calibrate-arm"
+        "calibrate",
+        "CalibrateVerb",
+        "--touches FILE",
+        "an arm's kinematics from touches",
+        "calibrate-arm",
     ),
-    "plan-seabed": Verb("plan_seabed", "PlanOptions", "--cloud FILE", "a tool path on the seabed from a cloud"),
-    "campaign": Verb("campaign", "CampaignOptions", "FILE", "many runs with drawn parameters", "run-campaign"),
+    "plan-seabed": Verb(
+        "plan_seabed", "PlanOptions", "--cloud FILE", "a tool path on the seabed from a cloud"
+    ),
+    "campaign": Verb(
+        "campaign", "CampaignOptions", "FILE", "many runs with drawn parameters", "run-campaign"
+    ),
     "compare-campaigns": Verb(
-        "compare_campaigns", "CompareCampaignsOptions", "FOLDER FOLDER", "two campaigns of the same draws"
+        "compare_campaigns",
+        "CompareCampaignsOptions",
+        "FOLDER FOLDER",
+        "two campaigns of the same draws",
     ),
-    "models": Verb("vehicles.models", "ModelsOptions", "", "named models, their size and sources", "show-models"),
+    "models": Verb(
+        "vehicles.models",
+        "ModelsOptions",
+        "",
+        "named models, their size and sources",
+        "show-models",
+    ),
     "validate": Verb(
-        "validate", "ValidateOptions", "", "the physics against closed forms, in a checkout", "validate-physics"
+        "validate",
+        "ValidateOptions",
+        "",
+        "the physics against closed forms, in a checkout",
+        "validate-physics",
     ),
     "benchmark": Verb(
-        "benchmark", "BenchmarkOptions", "--entry NAME", "score of a controller: UUV contact", "contact-score"
+        "benchmark",
+        "BenchmarkOptions",
+        "--entry NAME",
+        "score of a controller: UUV contact",
+        "contact-score",
     ),
 }
 
@@ -66,7 +109,12 @@ USAGE = _usage()
 
 def main() -> NoReturn:
     """Runs the verb of the command line, and exits with its code."""
-    from uuv.sim.runs.process import BAD_INPUT, parts_from_the_working_folder, quiet_pipe, refuse_foreign_system
+    from uuv.sim.runs.process import (
+        BAD_INPUT,
+        parts_from_the_working_folder,
+        quiet_pipe,
+        refuse_foreign_system,
+    )
 
     refuse_foreign_system()
     args = sys.argv[1:]

@@ -74,7 +74,9 @@ def feet_of(plan: "SeabedPlan") -> list[tuple["Array", float]]:
 
 
 def figures(plan: "SeabedPlan") -> dict[str, Any]:
-    """Figures of a plan, SI units and radians: of the ground, and of the feet A_i of the targets."""
+    """Figures of a plan, SI units and radians: of the ground, and of the feet A_i of the
+    targets.
+    """
     terrain = plan.terrain
     relief = plan.relief
     return {
@@ -96,7 +98,8 @@ def print_plan(plan: "SeabedPlan", console: "Console") -> None:
     terrain = plan.terrain
     relief = plan.relief
     console.print(
-        f"{terrain.points} points, {terrain.outliers} left out; noise {1e3 * terrain.noise:.1f} mm; "
+        f"{terrain.points} points, {terrain.outliers} left out; noise {1e3 * terrain.noise:.1f} "
+        "mm; "
         f"{len(terrain.triangles)} triangles; slope {np.degrees(relief.slope):.1f} deg, roughness "
         f"{1e3 * relief.roughness:.1f} mm; {plan.duration_s:.2f} s",
         highlight=False,
@@ -119,7 +122,9 @@ def write(plan: "SeabedPlan", speed: float, folder: Path) -> None:
         np.savetxt(folder / "profile.csv", rows, "%.6f", ",", header=head, comments="")
 
         law = speed_law(plan.path, speed)
-        rows = np.column_stack([law.time, plan.path.s, law.speed, plan.path.p, plan.path.z, plan.path.x])
+        rows = np.column_stack(
+            [law.time, plan.path.s, law.speed, plan.path.p, plan.path.z, plan.path.x]
+        )
         head = "time,s,speed,x,y,z,a_x,a_y,a_z,n_x,n_y,n_z"
         np.savetxt(folder / "path.csv", rows, "%.6f", ",", header=head, comments="")
     picture(plan).savefig(folder / "plan.png", dpi=120, bbox_inches="tight")

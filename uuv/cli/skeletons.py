@@ -16,7 +16,9 @@ from uuv.sim.runs.command_line import parse
 
 @dataclass(frozen=True, slots=True)
 class Skeleton:
-    """Text of a part and of its test, with NAME for the name, and the option by which a job takes it."""
+    """Text of a part and of its test, with NAME for the name, and the option by which a job takes
+    it.
+    """
 
     part: str
     test: str
@@ -434,17 +436,31 @@ def main(verb: str, args: Sequence[str]) -> int:
     kind, name = options.kind, options.name
     if kind not in SKELETONS:
         known = ", ".join(SKELETONS)
-        raise ConfigurationError(f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, SKELETONS)}")
-    if not name.isidentifier() or keyword.iskeyword(name) or name.startswith("test_") or name != name.lower():
-        raise ConfigurationError(f"NAME: a module's name in lower case, such as my_{kind}, got {name!r}")
+        raise ConfigurationError(
+            f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, SKELETONS)}"
+        )
+    if (
+        not name.isidentifier()
+        or keyword.iskeyword(name)
+        or name.startswith("test_")
+        or name != name.lower()
+    ):
+        raise ConfigurationError(
+            f"NAME: a module's name in lower case, such as my_{kind}, got {name!r}"
+        )
     written = write(kind, name, Path())
     use, by = SKELETONS[kind].use.replace("NAME", name), _wrapper()
-    print(f"written: {', '.join(map(str, written))}\n\ntry:   {by}{use}\ntest:  {by}python -m pytest {written[1]}")
+    print(
+        f"written: {', '.join(map(str, written))}\n\ntry:   {by}{use}\ntest:  {by}python -m "
+        f"pytest {written[1]}"
+    )
     return 0
 
 
 def _wrapper() -> str:
-    """What stands before a command here: the wrapper of a clone, nothing where the wheel is installed."""
+    """What stands before a command here: the wrapper of a clone, nothing where the wheel is
+    installed.
+    """
     uvw = CHECKOUT / "uvw"
     if not uvw.is_file():
         return ""

@@ -34,6 +34,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     del verb
     options = parse(ValidateOptions, args)
     if not _WORK.is_file():
-        raise ConfigurationError("validate: the checks are tests of the project, which are in a checkout of it alone")
+        raise ConfigurationError(
+            "validate: the checks are tests of the project, which are in a checkout of it alone"
+        )
     run = runpy.run_path(str(_WORK), run_name="validate_physics")["run"]
     return file_alone(lambda: run(options), TABLE) if options.json else run(options)

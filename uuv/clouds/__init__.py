@@ -1,1 +1,3 @@
-"""Commands on point clouds: options, reports and pictures of identification, deformation map and seabed path."""
+"""Commands on point clouds: options, reports and pictures of identification, deformation map and
+seabed path.
+"""

@@ -1,4 +1,6 @@
-"""Reports of a deformation map: table of regions, image, coloured point cloud, and figures for JSON."""
+"""Reports of a deformation map: table of regions, image, coloured point cloud, and figures for
+JSON.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -54,9 +56,14 @@ def figures(made: DeformationMap) -> dict[str, Any]:
 
 
 def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
-    """Image of the deviations in the sensor's view, regions outlined and numbered; pixels not compared are grey."""
+    """Image of the deviations in the sensor's view, regions outlined and numbered; pixels not
+    compared are grey.
+    """
     rows, columns = np.nonzero(np.isfinite(made.deviation))
-    window = tuple(slice(max(0, int(at.min()) - _MARGIN), int(at.max()) + _MARGIN + 1) for at in (rows, columns))
+    window = tuple(
+        slice(max(0, int(at.min()) - _MARGIN), int(at.max()) + _MARGIN + 1)
+        for at in (rows, columns)
+    )
     off, label = 1e3 * made.deviation[window], made.label[window]
     depth = made.points_S[window][..., 2]
     figure = Figure(figsize=(9, 7), layout="constrained")
@@ -85,7 +92,9 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
 
 
 def save_cloud(made: DeformationMap, file: Path) -> None:
-    """Writes the compared points in the sensor's frame as a PLY file, with the colours of the image."""
+    """Writes the compared points in the sensor's frame as a PLY file, with the colours of the
+    image.
+    """
     points, off = made.cloud_S
     write_ply(file, points, colours=np.asarray(_COLOURS(0.5 + 0.5 * off / _most(made)))[:, :3])
 

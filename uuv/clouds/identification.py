@@ -1,4 +1,6 @@
-"""Identification of a known object in one cloud, from a file or a simulated scene: options, result, report, picture."""
+"""Identification of a known object in one cloud, from a file or a simulated scene: options, result,
+report, picture.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,15 +33,22 @@ def models_among(options: IdentificationOptions) -> dict[str, TargetModel]:
     """The models of `options.among` by name, those of a folder one by one.
 
     Raises:
-        ConfigurationError: An unknown name, an unreadable file, a folder without models, or two models of one name.
+        ConfigurationError: An unknown name, an unreadable file, a folder without models, or two
+            models of one name.
     """
-    files = [file for each in options.among for file in (model_files(each) if Path(each).is_dir() else [each])]
+    files = [
+        file
+        for each in options.among
+        for file in (model_files(each) if Path(each).is_dir() else [each])
+    ]
     models: dict[str, TargetModel] = {}
     for file in files:
         # A scale is for files: named objects have their size.
         model = targets.of(file, options.mesh_scale if Path(file).suffix else None)
         if model.name in models:
-            raise ConfigurationError(f"--among: every model needs a name of its own, {model.name!r} is there twice")
+            raise ConfigurationError(
+                f"--among: every model needs a name of its own, {model.name!r} is there twice"
+            )
         models[model.name] = model
     return models
 
@@ -65,21 +74,34 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
         sizes: Radius [m] of each model that is looked for, by name.
 
     Raises:
-        ConfigurationError: The cloud is unusable, its units do not match a model's, or a number is out of range.
+        ConfigurationError: The cloud is unusable, its units do not match a model's, or a number is
+            out of range.
     """
     R = None if options.rotation is None else exp_so3(np.radians(options.rotation))
     if options.cloud is not None:
         cloud = load_cloud(options.cloud, options.scale)
         points = cloud.points.reshape(-1, 3)
-        extent = 2.0 * float(np.nanmax(np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1)))
+        extent = 2.0 * float(
+            np.nanmax(np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1))
+        )
         for name, radius in sizes.items():
             if 2.0 * radius > _TOO_LARGE * extent:
                 raise ConfigurationError(
-                    f"{name!r} is {2.0 * radius:.3g} m across, the cloud {extent:.3g} m: is one of them in "
+                    f"{name!r} is {2.0 * radius:.3g} m across, the cloud {extent:.3g} m: is one "
+                    "of them in "
                     "millimetres? Give --scale (of the cloud) or --mesh-scale"
                 )
-        return Seen(cloud.points, options.approach, R, told(SensorModel(), options.sigma), [*cloud.notes], None)
-    there = with_growth_and_dents(target, options.fouled, options.dented, np.random.default_rng([options.seed, 4]))
+        return Seen(
+            cloud.points,
+            options.approach,
+            R,
+            told(SensorModel(), options.sigma),
+            [*cloud.notes],
+            None,
+        )
+    there = with_growth_and_dents(
+        target, options.fouled, options.dented, np.random.default_rng([options.seed, 4])
+    )
     scene = object_scene(target, options.seed, options.sensor, there=there)
     return Seen(
         cloud=scene.scan,
@@ -91,11 +113,15 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
     )
 
 
-def found_in(options: IdentificationOptions, target: TargetModel) -> tuple[Identification, list[str]]:
-    """Identifies the object in the cloud or the simulated scene of `options`; also returns notes on input and model.
+def found_in(
+    options: IdentificationOptions, target: TargetModel
+) -> tuple[Identification, list[str]]:
+    """Identifies the object in the cloud or the simulated scene of `options`; also returns notes on
+    input and model.
 
     Raises:
-        ConfigurationError: The cloud is unusable, its units do not match the object's, or a number is out of range.
+        ConfigurationError: The cloud is unusable, its units do not match the object's, or a number
+            is out of range.
     """
     seen = seen_by(options, target, {target.name: target.radius})
     found = identify(
@@ -110,19 +136,26 @@ def found_in(options: IdentificationOptions, target: TargetModel) -> tuple[Ident
     return found, _notes(options, seen, found)
 
 
-def recognised_in(options: IdentificationOptions, models: dict[str, TargetModel]) -> tuple[Recognition, list[str]]:
-    """Finds out which of `models` is in the cloud or the simulated scene of `options`; also returns notes.
+def recognised_in(
+    options: IdentificationOptions, models: dict[str, TargetModel]
+) -> tuple[Recognition, list[str]]:
+    """Finds out which of `models` is in the cloud or the simulated scene of `options`; also returns
+    notes.
 
     Raises:
         ConfigurationError: As `found_in` does, and for another method than that of the library.
     """
     if options.method != "planes":
-        raise ConfigurationError(f"--among: models are compared by --method planes only, got {options.method}")
+        raise ConfigurationError(
+            f"--among: models are compared by --method planes only, got {options.method}"
+        )
     shown = next(iter(models.values())) if options.cloud is not None else targets.of(options.object)
     seen = seen_by(options, shown, {name: model.radius for name, model in models.items()})
     # Each model has axes of its own: a coarse attitude is none of theirs.
     orientation = None if options.rotation is None else seen.orientation
-    made = recognise(seen.cloud, models, seen.approach, orientation, sensor=seen.sensor, seed=options.seed)
+    made = recognise(
+        seen.cloud, models, seen.approach, orientation, sensor=seen.sensor, seed=options.seed
+    )
     return made, _notes(options, seen, made.found)
 
 
@@ -131,13 +164,20 @@ def _notes(options: IdentificationOptions, seen: Seen, found: Identification) ->
     if seen.scene is None:
         return notes
     position, angle = seen.scene.error(found.X_sensor_target)
-    said = f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at {seen.scene.range_m:.2f} m"
+    said = (
+        f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at "
+        f"{seen.scene.range_m:.2f} m"
+    )
     return [*notes, f"scene of seed {options.seed}, {options.sensor}: {said}"]
 
 
 def told(sensor: SensorModel, sigma: float | None) -> SensorModel:
     """`sensor` with depth noise `sigma` [m] at 1 m range; unchanged where `sigma` is None."""
-    return sensor if sigma is None else replace(sensor, disparity_sigma=sigma * sensor.focal * sensor.baseline)
+    return (
+        sensor
+        if sigma is None
+        else replace(sensor, disparity_sigma=sigma * sensor.focal * sensor.baseline)
+    )
 
 
 def report(found: Identification, target: TargetModel, notes: list[str]) -> dict[str, Any]:
@@ -196,7 +236,10 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
             "policy": found.symmetry.policy,
         },
         "hypotheses": [
-            {"log_likelihood": each.log_likelihood, "X_sensor_target": each.X_sensor_target.tolist()}
+            {
+                "log_likelihood": each.log_likelihood,
+                "X_sensor_target": each.X_sensor_target.tolist(),
+            }
             for each in found.hypotheses
         ],
         "duration_s": found.duration_s,
@@ -209,7 +252,9 @@ def candidates_of(made: Recognition) -> list[dict[str, Any]]:
     return [
         {
             "object": each.name,
-            "log_likelihood": float(each.log_likelihood) if np.isfinite(each.log_likelihood) else None,
+            "log_likelihood": float(each.log_likelihood)
+            if np.isfinite(each.log_likelihood)
+            else None,
             "decision": each.found.decision.value,
             "reason": each.found.reason,
             "X_sensor_target": each.found.X_sensor_target.tolist(),
@@ -223,7 +268,10 @@ def picture(found: Identification, title: str) -> "Figure":
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 5), layout="constrained")
-    parts = ((found.model_after, "tab:orange", "model, where found", 8.0), (found.cloud, "k", "cloud", 1.0))
+    parts = (
+        (found.model_after, "tab:orange", "model, where found", 8.0),
+        (found.cloud, "k", "cloud", 1.0),
+    )
     left, right = figure.subplots(1, 2)
     for axes, x, name in ((left, 0, "x"), (right, 2, "z")):
         for points, colour, label, size in parts:
@@ -231,6 +279,8 @@ def picture(found: Identification, title: str) -> "Figure":
             axes.scatter(some[:, x], some[:, 1], s=size, c=colour, label=label, linewidths=0.0)
         axes.set(aspect="equal", xlabel=f"{name} [m]", ylabel="y [m]")
         axes.invert_yaxis()
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4.0)
+    figure.legend(
+        *left.get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4.0
+    )
     figure.suptitle(title, fontsize="medium")
     return figure

@@ -1,7 +1,8 @@
-"""Random scenes for identification: a known object near the seabed, stones around it, one frame, a coarse start pose.
+"""Random scenes for identification: a known object near the seabed, stones around it, one frame, a
+coarse start pose.
 
-The world frame is the camera's frame C. A seed gives the same scene for every sensor, so that sensors and methods can
-be compared scene by scene.
+The world frame is the camera's frame C. A seed gives the same scene for every sensor, so that
+sensors and methods can be compared scene by scene.
 """
 
 from collections.abc import Mapping
@@ -31,7 +32,8 @@ from uuv.sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise
 from uuv.sim.sensors.sonar import BEAMS, NOISE, Sonar, SonarBeams, SonarNoise
 
 FOCAL = 554.0  # [px] focal length of an image of 640 x 480
-# Objects whose centre does not show their height: aim of the camera p_T [m], range of its elevation [rad].
+# Objects whose centre does not show their height: aim of the camera p_T [m], range of its elevation
+# [rad].
 _AIM = {"pile": ((0.0, 0.0, 0.2), (-0.25, 0.5))}
 # Default range of the camera's elevation above the horizon of T [rad].
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(70.0))
@@ -59,10 +61,15 @@ class Camera:
             data: Its state, kinematics computed.
             rng: Draws the noise.
         """
-        camera = DepthCamera(model, "world", np.eye(4), optics=Optics(focal=FOCAL), noise=self.stereo)
+        camera = DepthCamera(
+            model, "world", np.eye(4), optics=Optics(focal=FOCAL), noise=self.stereo
+        )
         _, image = camera.step(camera.init(rng), _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat))
         if self.white > 0.0:
-            u, v = (np.arange(n) - c for n, c in zip(image.depth.shape[::-1], image.K[:2, 2], strict=True))
+            u, v = (
+                np.arange(n) - c
+                for n, c in zip(image.depth.shape[::-1], image.K[:2, 2], strict=True)
+            )
             slant = np.sqrt(1.0 + (u / FOCAL) ** 2 + ((v / FOCAL) ** 2)[:, None])
             depth = image.depth + self.white * rng.standard_normal(image.depth.shape) / slant
             image = DepthImage(time=image.time, depth=readonly(depth), K=image.K, X_BC=image.X_BC)
@@ -71,7 +78,9 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imager:
-    """Multibeam 3D sonar with wide beams and independent errors, and the noise model that perception uses."""
+    """Multibeam 3D sonar with wide beams and independent errors, and the noise model that
+    perception uses.
+    """
 
     beams: SonarBeams = BEAMS
     noise: SonarNoise = NOISE
@@ -118,11 +127,15 @@ class ObjectScene:
         """
         X = self.target.symmetry.nearest_pose(np.asarray(X_CT), self.X_CT[:3, :3])
         center = self.target.center
-        off = float(np.linalg.norm(transform_points(X, center) - transform_points(self.X_CT, center)))
+        off = float(
+            np.linalg.norm(transform_points(X, center) - transform_points(self.X_CT, center))
+        )
         return off, self.target.symmetry.error(X, self.X_CT)[1]
 
     def is_found(self, X_CT: Array) -> bool:
-        """Whether an estimated pose (4, 4) in C counts as found: within 1 % of the range and 5 deg."""
+        """Whether an estimated pose (4, 4) in C counts as found: within 1 % of the range and 5
+        deg.
+        """
         off, angle = self.error(X_CT)
         return bool(off < _FOUND[0] * self.range_m and np.rad2deg(angle) < _FOUND[1])
 
@@ -158,12 +171,12 @@ def object_scene(
         sensor: Name in SENSORS.
         ranges: [m] least and largest range.
         start_error: [m], [rad] bounds of the coarse start's error, uniform.
-        gap: [m] bounds of the distance from the lowest part of object and stand down to the seabed. 0 means that they
-            lie on it, None neither seabed nor stones.
+        gap: [m] bounds of the distance from the lowest part of object and stand down to the seabed.
+            0 means that they lie on it, None neither seabed nor stones.
         there: The true object; None: `target`.
         absent: Leave the object out of the scene.
-        X_CN: (4, 4) pose from which the same scene is seen instead, in the camera frame of the seed's view; the result
-            is in N. None: the seed's view.
+        X_CN: (4, 4) pose from which the same scene is seen instead, in the camera frame of the
+            seed's view; the result is in N. None: the seed's view.
         look: Number of the look, which draws its noise.
 
     Returns:
@@ -216,21 +229,28 @@ def object_scene(
     )
 
 
-def _view(rng: np.random.Generator, aim: Array, range_m: float, climb: tuple[float, float]) -> Array:
-    """X_CT of a nearly level camera at `range_m` [m] from `aim` (3,) [m] in T, pointed slightly beside it."""
+def _view(
+    rng: np.random.Generator, aim: Array, range_m: float, climb: tuple[float, float]
+) -> Array:
+    """X_CT of a nearly level camera at `range_m` [m] from `aim` (3,) [m] in T, pointed slightly
+    beside it.
+    """
     low, high = np.sin(climb)
     heading, up, roll = rng.uniform([-np.pi, low, -_ROLL], [np.pi, high, _ROLL])
     flat = np.sqrt(1.0 - up**2)
     p_TC = aim + range_m * np.array([flat * np.cos(heading), flat * np.sin(heading), up])
     at = aim + rng.normal(0.0, 0.03, 3)
     z = at - p_TC
-    return inverse(pose(rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0])) @ exp_so3([0.0, 0.0, roll]), p_TC))
+    return inverse(
+        pose(rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0])) @ exp_so3([0.0, 0.0, roll]), p_TC)
+    )
 
 
 def _lowest(target: TargetModel) -> float:
     """z_T [m] of the lowest point of object and stand."""
     stand = [
-        float(solid.X_TS[2, 3] - np.abs(solid.X_TS[2, :3]) @ np.array(solid.size)) for solid in target.stand
+        float(solid.X_TS[2, 3] - np.abs(solid.X_TS[2, :3]) @ np.array(solid.size))
+        for solid in target.stand
     ]  # boxes: stands are made of them
     return min([float(target.vertices[:, 2].min()), *stand])
 
@@ -245,22 +265,33 @@ def _add_seabed(spec: mujoco.MjSpec, X_CT: Array, height: float) -> None:
     )
 
 
-def _add_stone(spec: mujoco.MjSpec, rng: np.random.Generator, X_CT: Array, target: TargetModel, floor: float) -> None:
-    """An ellipsoid half in the seabed beside the object, so that it neither touches nor hides it."""
+def _add_stone(
+    spec: mujoco.MjSpec, rng: np.random.Generator, X_CT: Array, target: TargetModel, floor: float
+) -> None:
+    """An ellipsoid half in the seabed beside the object, so that it neither touches nor hides
+    it.
+    """
     for _ in range(20):
         size = rng.uniform(0.03, 0.15, 3)
         reach = target.radius + _CLEAR + float(size.max())
         away, heading = reach + rng.uniform(0.0, 0.5), rng.uniform(-np.pi, np.pi)
-        p_T = np.array([*(target.center[:2] + away * np.array([np.cos(heading), np.sin(heading)])), floor])
+        p_T = np.array(
+            [*(target.center[:2] + away * np.array([np.cos(heading), np.sin(heading)])), floor]
+        )
         p_C, center_C = transform_points(X_CT, p_T), transform_points(X_CT, target.center)
-        apart = np.arccos(np.clip(p_C @ center_C / (np.linalg.norm(p_C) * np.linalg.norm(center_C)), -1.0, 1.0))
+        apart = np.arccos(
+            np.clip(p_C @ center_C / (np.linalg.norm(p_C) * np.linalg.norm(center_C)), -1.0, 1.0)
+        )
         width = np.arcsin(min(1.0, target.radius / float(np.linalg.norm(center_C)))) + float(
             np.arcsin(min(1.0, size.max() / float(np.linalg.norm(p_C))))
         )
         if np.linalg.norm(p_C) > np.linalg.norm(center_C) or apart > width:
             R = X_CT[:3, :3] @ exp_so3(rng.normal(0.0, 0.3, 3))
             spec.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=size, pos=p_C, quat=quat_wxyz_from_rotation(R)
+                type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+                size=size,
+                pos=p_C,
+                quat=quat_wxyz_from_rotation(R),
             )
             return
 

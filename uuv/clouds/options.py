@@ -1,4 +1,6 @@
-"""Options of the identification of an object in a cloud, and its inputs, which are read before anything is compiled."""
+"""Options of the identification of an object in a cloud, and its inputs, which are read before
+anything is compiled.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +15,14 @@ class IdentificationOptions:
     """Identify a known object in a point cloud."""
 
     object: str = "barrel"
-    """A name of uuv.models.objects.targets.available(), a mesh file (STL, PLY, OBJ, OFF, glTF), or a cloud of the
-    surface (PLY, PCD, text with x y z a line, and perhaps a normal), which is meshed."""
+    """A name of uuv.models.objects.targets.available(), a mesh file (STL, PLY, OBJ, OFF, glTF), or
+    a cloud of the surface (PLY, PCD, text with x y z a line, and perhaps a normal), which is
+    meshed.
+    """
     among: tuple[str, ...] = ()
-    """Names, mesh or cloud files, and folders of them: which of these is it? --object is then only what the simulated
-    scene shows."""
+    """Names, mesh or cloud files, and folders of them: which of these is it? --object is then only
+    what the simulated scene shows.
+    """
     cloud: Path | None = None
     """Text (x y z a line), PLY or PCD, in the sensor's frame; default: a simulated scene."""
     scale: float | None = None
@@ -27,9 +32,13 @@ class IdentificationOptions:
     approach: tuple[float, float, float] | None = None
     """Coarse position of the object's centre in the sensor's frame [m]; default: unknown."""
     rotation: tuple[float, float, float] | None = None
-    """Coarse attitude of the object in the sensor's frame as a rotation vector [deg]; default: unknown."""
+    """Coarse attitude of the object in the sensor's frame as a rotation vector [deg]; default:
+    unknown.
+    """
     sigma: float | None = None
-    """Standard deviation of the sensor's depth [m] at 1 m range; it grows with the square of the range."""
+    """Standard deviation of the sensor's depth [m] at 1 m range; it grows with the square of the
+    range.
+    """
     sensor: Literal["stereo", "white", "sonar"] = "stereo"
     """Sensor of the simulated scene."""
     method: Method = "planes"
@@ -37,12 +46,15 @@ class IdentificationOptions:
     fouled: float = 0.0
     """Growth on the object in the simulated scene, up to this height [m]; its model stays clean."""
     dented: float = 0.0
-    """Dents in the object in the simulated scene, up to this depth [m]; its model stays undamaged."""
+    """Dents in the object in the simulated scene, up to this depth [m]; its model stays
+    undamaged.
+    """
     seed: int = 0
     """Seed of the simulated scene and of random samples."""
     out: Path | None = None
-    """Folder for identification.json, cloud.ply, model.ply and identification.png. Where the object differs from its
-    model, also deformation.ply and deformation.png."""
+    """Folder for identification.json, cloud.ply, model.ply and identification.png. Where the object
+    differs from its model, also deformation.ply and deformation.png.
+    """
 
     def __post_init__(self) -> None:
         if self.sigma is None:
@@ -51,7 +63,9 @@ class IdentificationOptions:
 
         least, most = SIGMA_ALLOWED
         if not least <= self.sigma <= most:
-            raise ConfigurationError(f"--sigma: must lie in {least:g} to {most:g} m (at 1 m), got {self.sigma}")
+            raise ConfigurationError(
+                f"--sigma: must lie in {least:g} to {most:g} m (at 1 m), got {self.sigma}"
+            )
 
 
 def check_inputs(options: IdentificationOptions) -> None:

@@ -1,4 +1,6 @@
-"""Ablations: parts of the controller that take the place of a method that is left out (`--without`)."""
+"""Ablations: parts of the controller that take the place of a method that is left out
+(`--without`).
+"""
 
 from collections.abc import Set
 from typing import Any, get_args
@@ -12,7 +14,8 @@ from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
 from uuv.controllers.whole_body.tool_control import FromReference
 from uuv.models.vehicle import Vehicle
 
-_TERMS: dict[str, Term] = {f"{term}-term": term for term in get_args(Term)}  # by the method that leaves it out
+# by the method that leaves it out
+_TERMS: dict[str, Term] = {f"{term}-term": term for term in get_args(Term)}
 
 
 def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
@@ -38,5 +41,7 @@ def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[
             parts["feedforward"] = WithoutCompensation(arm, Vehicle.of(own).q_home)
         else:
             lag = ArmTuning().acceleration_filter
-            parts["feedforward"] = WithoutTerms(arm, terms, acceleration_filter=lag, period=DRIVE_PERIOD)
+            parts["feedforward"] = WithoutTerms(
+                arm, terms, acceleration_filter=lag, period=DRIVE_PERIOD
+            )
     return parts

@@ -33,7 +33,9 @@ from uuv.sim.sensors.survey import Survey
 _ESTIMATOR = "estimator"  # begins the messages about it
 
 
-def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
+def believed_and_built(
+    vehicle: VehicleSetup, belief: Belief, task: Task
+) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
     """Specs of the vehicle as its controller knows it (believed) and as it is (built).
 
     Both are equal but for the arm errors that are asked for.
@@ -44,7 +46,8 @@ def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tup
         task: Its task, which tells the tool, and the parts that are not needed.
 
     Returns:
-        Believed spec, built spec, lines about computed parts and the arm for the terminal (empty: none).
+        Believed spec, built spec, lines about computed parts and the arm for the terminal (empty:
+        none).
 
     Raises:
         ConfigurationError: The vehicle is unknown, or the file of the arm does not match.
@@ -54,7 +57,9 @@ def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tup
     if vehicle.arm_errors is None and not belief.calibrated and belief.arm is None:
         return believed, built, found
     drawn = OwnVehicle.of(believed, task.spares)
-    arm = true = dh_geometry.read(drawn.model, ARM_BASE_BODY, TIP_SITE, exclude=drawn.passive_joints)
+    arm = true = dh_geometry.read(
+        drawn.model, ARM_BASE_BODY, TIP_SITE, exclude=drawn.passive_joints
+    )
     if vehicle.arm_errors is not None:
         true = dh_geometry.with_errors(arm, np.random.default_rng(vehicle.arm_errors))
         dh_geometry.move(built, arm, true, ARM_BASE_BODY)
@@ -72,8 +77,11 @@ def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tup
     return believed, built, "\n".join(filter(None, (found, said)))
 
 
-def exteroceptive_sensor(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
-    """The vehicle's depth camera, sonar or registered sensor, and the sensor model that perception uses.
+def exteroceptive_sensor(
+    kind: str, model: mujoco.MjModel, X_BS: Array
+) -> tuple[Sensor, SensorModel | None]:
+    """The vehicle's depth camera, sonar or registered sensor, and the sensor model that perception
+    uses.
 
     Args:
         kind: A name of SENSORS.
@@ -106,7 +114,8 @@ def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | No
 
 
 def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
-    """Keyword arguments of `WorkController` for methods as in [Konoplin 2022]; none where none is chosen.
+    """Keyword arguments of `WorkController` for methods as in [Konoplin 2022]; none where none is
+    chosen.
 
     Args:
         methods: each one of `uuv.methods.PublishedMethod`.
@@ -114,7 +123,8 @@ def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> 
         water_error: [-] share by which its hydrodynamic coefficients are wrong.
 
     Returns:
-        `force_law` and `compliance`, and `estimator`, as far as they differ from the controller's own.
+        `force_law` and `compliance`, and `estimator`, as far as they differ from the controller's
+        own.
     """
     parts: dict[str, Any] = {}
     if "force-law" in methods:
@@ -130,21 +140,26 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
     """The controller of a scenario, made of the vehicle's own model and wrapped in SafetyWrapper.
 
     Args:
-        control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects take the place of
-            (`ablated`, `as_published`). Another inverse kinematics than "hybrid", and a servo for elastic gears, go to
-            it in its tuning.
+        control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects
+            take the place of (`ablated`, `as_published`). Another inverse kinematics than "hybrid",
+            and a servo for elastic gears, go to it in its tuning.
         own: The vehicle's model of itself.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
     Raises:
-        ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
+        ConfigurationError: The class does not exist, or its module or constructor raises; the
+            message names the place.
     """
     name, without = control.controller, frozenset(control.without) - NAVIGATION
-    parts = ablated(without, own, water_error) | as_published(frozenset(control.published), own, water_error)
+    parts = ablated(without, own, water_error) | as_published(
+        frozenset(control.published), own, water_error
+    )
     kind = partial(CONTROLLERS.load, name) if ":" not in name else class_of(name, CONTROLLER)
     if ":" not in name:
         CONTROLLERS.resolve(name)
-    tuning = replace(ELASTIC_GEARS if control.elastic_gears else ArmTuning(), inverse_kinematics=control.ik)
+    tuning = replace(
+        ELASTIC_GEARS if control.elastic_gears else ArmTuning(), inverse_kinematics=control.ik
+    )
     if tuning != ArmTuning():
         parts["tuning"] = tuning
     made = _made(partial(kind, own, water_error=water_error, **parts), name, CONTROLLER)
@@ -159,7 +174,8 @@ def estimator(name: str, own: mujoco.MjModel) -> Estimator:
         own: The vehicle's model of itself.
 
     Raises:
-        ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
+        ConfigurationError: The class does not exist, or its module or constructor raises; the
+            message names the place.
     """
     return _made(partial(class_of(name, _ESTIMATOR), own), name, _ESTIMATOR)
 
@@ -169,7 +185,9 @@ def _made(make: Callable[[], Any], name: str, option: str) -> Any:
     try:
         made = make()
         finite_number(made.period, "period [s]", above=0.0)
-        lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
+        lacking = [
+            method for method in ("init", "step") if not callable(getattr(made, method, None))
+        ]
         if lacking:
             raise TypeError(f"it has no method {' and no '.join(lacking)}")
     except UuvError as error:

@@ -1,4 +1,6 @@
-"""Arm calibration on deck before the dive: from simulated touches with a hand's noise, or from a file."""
+"""Arm calibration on deck before the dive: from simulated touches with a hand's noise, or from a
+file.
+"""
 
 from pathlib import Path
 
@@ -53,7 +55,8 @@ def touched(
         way: (3,) direction of the tool in the arm's base.
 
     Returns:
-        Joint values (m, n) [rad], one array for each point; true points (k, 3) [m] in the arm's base.
+        Joint values (m, n) [rad], one array for each point; true points (k, 3) [m] in the arm's
+        base.
 
     Raises:
         ReachError: Too few points are reached from enough directions.
@@ -66,7 +69,8 @@ def touched(
     for _ in range(PLACES_TRIED):
         q = rng.uniform(bounds[:, 0], bounds[:, 1])
         place = arm.tips(q[None], tcp)[0]
-        # Touches have flange directions of their own. A point reached with a posture far from the limits takes many.
+        # Touches have flange directions of their own. A point reached with a posture far from the
+        # limits takes many.
         if any(float(np.linalg.norm(place - other)) < apart for other in places):
             continue
         if arm.flange(q[None])[0, :3, 2] @ np.asarray(way) < np.cos(CONE):
@@ -80,10 +84,14 @@ def touched(
         places.append(place)
         if len(places) == points:
             return series, np.array(places)
-    raise ReachError(f"the arm reaches {len(places)} places from {touches} directions each; {points} are needed")
+    raise ReachError(
+        f"the arm reaches {len(places)} places from {touches} directions each; {points} are needed"
+    )
 
 
-def calibrate_on_deck(believed: SerialArm, built: SerialArm, rng: np.random.Generator) -> tuple[SerialArm, str]:
+def calibrate_on_deck(
+    believed: SerialArm, built: SerialArm, rng: np.random.Generator
+) -> tuple[SerialArm, str]:
     """Calibrates the believed arm from simulated touches of the built one.
 
     Args:
@@ -104,10 +112,14 @@ def calibrate_on_deck(believed: SerialArm, built: SerialArm, rng: np.random.Gene
 def summary_line(found: Calibration, length: float) -> str:
     """Summary line of a calibration for the terminal; `length` [m] is the known distance."""
     touches = sum(len(each) for each in found.residuals)
-    before, after = (1e3 * np.sqrt(cost / max(_pairs(found), 1)) for cost in (found.cost_nominal, found.cost))
+    before, after = (
+        1e3 * np.sqrt(cost / max(_pairs(found), 1)) for cost in (found.cost_nominal, found.cost)
+    )
     return (
-        f"arm calibrated on deck: {touches} touches of {len(found.residuals)} points and one length of {length:.2f} m; "
-        f"pairs {before:.2f} mm apart before, {after:.2f} after; {found.rank.rank} of {found.rank.total} directions "
+        f"arm calibrated on deck: {touches} touches of {len(found.residuals)} points and one "
+        f"length of {length:.2f} m; "
+        f"pairs {before:.2f} mm apart before, {after:.2f} after; {found.rank.rank} of "
+        f"{found.rank.total} directions "
         "seen"
     )
 
@@ -129,12 +141,14 @@ def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
     names = source.arm.joint_names
     if names != believed.joint_names:
         raise ConfigurationError(
-            f"belief.arm {file}: joints {', '.join(names)}; the vehicle has {', '.join(believed.joint_names)}"
+            f"belief.arm {file}: joints {', '.join(names)}; the vehicle has "
+            f"{', '.join(believed.joint_names)}"
         )
     aside = float(np.linalg.norm(source.tcp))
     if aside > OWN_TOOL:
         raise ConfigurationError(
-            f"belief.arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from the vehicle's own; at most "
+            f"belief.arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from the "
+            "vehicle's own; at most "
             f"{1e3 * OWN_TOOL:.0f} mm is taken for the same tool"
         )
     return source.arm.with_tip(source.tcp), f"arm of {file}"

@@ -1,4 +1,5 @@
-"""The vehicle in dm_control: entities, tasks and experts for composer, and the same tasks in Gymnasium.
+"""The vehicle in dm_control: entities, tasks and experts for composer, and the same tasks in
+Gymnasium.
 
     from uuv import environments as composer
 
@@ -23,9 +24,12 @@ _BACKENDS = {"EGL": "egl", "OSMesa": "osmesa"}  # by library, that draw without 
 
 
 def _choose_renderer() -> None:
-    """Without a screen, choose a renderer that needs none; else dm_control takes GLFW, which then warns and fails."""
+    """Without a screen, choose a renderer that needs none; else dm_control takes GLFW, which then
+    warns and fails.
+    """
     screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    chosen = "MUJOCO_GL" in os.environ or "dm_control" in sys.modules  # by the user, or by dm_control already
+    # by the user, or by dm_control already
+    chosen = "MUJOCO_GL" in os.environ or "dm_control" in sys.modules
     if chosen or screen or sys.platform != "linux":
         return
     found = (backend for library, backend in _BACKENDS.items() if find_library(library))

@@ -1,8 +1,9 @@
-"""What an agent commands: thrusters, also with joint torques, a wrench on the hull, joint velocities, or the tool.
+"""What an agent commands: thrusters, also with joint torques, a wrench on the hull, joint
+velocities, or the tool.
 
-All actions are numbers in [-1, 1]. Thrusters and torques go to the plant as they are. Joint velocities and the tool's
-motion and force are set points of the project's own controllers, which run inside the environment at their own rates
-on the true state.
+All actions are numbers in [-1, 1]. Thrusters and torques go to the plant as they are. Joint
+velocities and the tool's motion and force are set points of the project's own controllers, which
+run inside the environment at their own rates on the true state.
 """
 
 from abc import ABC, abstractmethod
@@ -57,7 +58,9 @@ class Actions(Protocol):
 def spec(actions: Actions) -> specs.BoundedArray:
     """dm_env's specification of an action; its name lists the numbers, as dm_control's own does."""
     names = actions.names
-    return specs.BoundedArray((len(names),), np.float64, minimum=-1.0, maximum=1.0, name="\t".join(names))
+    return specs.BoundedArray(
+        (len(names),), np.float64, minimum=-1.0, maximum=1.0, name="\t".join(names)
+    )
 
 
 def checked_action(action: Array, actions: Actions) -> Array:
@@ -69,7 +72,9 @@ def checked_action(action: Array, actions: Actions) -> Array:
     try:
         numbers = np.asarray(action, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"action: expected {len(actions.names)} numbers, got {shown(action)}") from error
+        raise ConfigurationError(
+            f"action: expected {len(actions.names)} numbers, got {shown(action)}"
+        ) from error
     return np.clip(fitting(numbers, (len(actions.names),), "action"), -1.0, 1.0)
 
 
@@ -84,7 +89,9 @@ class ThrusterSpeeds:
         """
         self.names = own.vehicle.thruster_names
         if not self.names:
-            raise ConfigurationError("the vehicle has no thrusters, so an agent has nothing to command")
+            raise ConfigurationError(
+                "the vehicle has no thrusters, so an agent has nothing to command"
+            )
         self._arm = ArmHold(own.vehicle, own.vehicle.q_home)
         self._true = TrueState()
         self._thrusters = np.zeros(len(self.names))
@@ -113,9 +120,11 @@ class ThrusterSpeeds:
 
 
 class HullWrench(ThrusterSpeeds):
-    """Force (3,) and moment (3,) on the hull, in hull axes, which the vehicle's allocation gives to the thrusters.
+    """Force (3,) and moment (3,) on the hull, in hull axes, which the vehicle's allocation gives to
+    the thrusters.
 
-    A full action is half of what the thrusters give along or about that axis alone. The arm is held folded.
+    A full action is half of what the thrusters give along or about that axis alone. The arm is held
+    folded.
     """
 
     def __init__(self, own: OwnVehicle) -> None:
@@ -181,7 +190,9 @@ class ThrustersAndTorques:
 
 
 class Controlled(ABC):
-    """Base of actions that are set points of `WorkController`, which holds the hull where the episode began."""
+    """Base of actions that are set points of `WorkController`, which holds the hull where the
+    episode began.
+    """
 
     names: tuple[str, ...] = ()
 
@@ -194,7 +205,9 @@ class Controlled(ABC):
         if not len(own.vehicle.joints):
             raise ConfigurationError(f"{type(self).__name__}: the vehicle has no arm to move")
         if not own.vehicle.thruster_names:
-            raise ConfigurationError(f"{type(self).__name__}: the vehicle has no thrusters to hold it")
+            raise ConfigurationError(
+                f"{type(self).__name__}: the vehicle has no thrusters to hold it"
+            )
         self._controller = WorkController(own.model)
         self._true = TrueState()
         self._inputs: Inputs | None = None  # what the controller sees
@@ -301,11 +314,15 @@ class JointVelocities(Controlled):
         """Take velocities; a joint stops at its limits."""
         assert self.estimate is not None
         self._q, self._begin = self._joints_at(self.estimate.time), self.estimate.time
-        ahead = np.clip(self._q + period * self._fastest * action, self._limits[:, 0], self._limits[:, 1])
+        ahead = np.clip(
+            self._q + period * self._fastest * action, self._limits[:, 0], self._limits[:, 1]
+        )
         self._qd = (ahead - self._q) / period
 
     def action_to(self, q: Array, within: float) -> Array:
-        """The action (n,) that would bring the joints to angles (n,) [rad] `within` [s], as far as speeds allow."""
+        """The action (n,) that would bring the joints to angles (n,) [rad] `within` [s], as far as
+        speeds allow.
+        """
         now = self._q if self.estimate is None else self._joints_at(self.estimate.time)
         return np.clip((q - now) / within / self._fastest, -1.0, 1.0)
 
@@ -323,11 +340,12 @@ class JointVelocities(Controlled):
 
 
 class ToolTwist(Controlled):
-    """Twist of the tool, force, compliance: velocity (3,) and angular velocity (3,) in tool axes, as shares of limits.
+    """Twist of the tool, force, compliance: velocity (3,) and angular velocity (3,) in tool axes,
+    as shares of limits.
 
-    The seventh number is the share of `largest` [N] that the tool presses with; at 0 and below the force is not
-    controlled. Above 0 the eighth lets the tool yield across its axis. Station keeping holds the hull. The tool's set
-    point stays within `LEASH` of the tool.
+    The seventh number is the share of `largest` [N] that the tool presses with; at 0 and below the
+    force is not controlled. Above 0 the eighth lets the tool yield across its axis. Station keeping
+    holds the hull. The tool's set point stays within `LEASH` of the tool.
     """
 
     LEASH = 0.15  # [m]
@@ -336,15 +354,30 @@ class ToolTwist(Controlled):
     def __init__(self, own: OwnVehicle, *, largest: float = 100.0) -> None:
         """Take the vehicle, and the force [N] of a full action."""
         super().__init__(own)
-        self.names = (*(f"v_{axis}" for axis in "xyz"), *(f"w_{axis}" for axis in "xyz"), "force", "compliance")
+        self.names = (
+            *(f"v_{axis}" for axis in "xyz"),
+            *(f"w_{axis}" for axis in "xyz"),
+            "force",
+            "compliance",
+        )
         self.largest, self._set_force, self._compliant = largest, 0.0, False
-        self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = np.eye(4), np.zeros(3), np.zeros(3), 0.0
+        self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = (
+            np.eye(4),
+            np.zeros(3),
+            np.zeros(3),
+            0.0,
+        )
 
     def start(self, truth: Truth) -> None:
         """Hold hull and tool where they are."""
         super().start(truth)
         self._X_WG, self._begin = tool_pose(truth), truth.time
-        self._v_WG_W, self._w_WG_W, self._set_force, self._compliant = np.zeros(3), np.zeros(3), 0.0, False
+        self._v_WG_W, self._w_WG_W, self._set_force, self._compliant = (
+            np.zeros(3),
+            np.zeros(3),
+            0.0,
+            False,
+        )
 
     def take(self, action: Array, period: float) -> None:
         """Take a twist and a force."""
@@ -353,7 +386,10 @@ class ToolTwist(Controlled):
         self._begin = self.estimate.time
         R_WG = self._X_WG[:3, :3]
         self._v_WG_W, self._w_WG_W = self.SPEED * R_WG @ action[:3], self.TURN * R_WG @ action[3:6]
-        self._set_force, self._compliant = max(0.0, self.largest * float(action[6])), bool(action[7] > 0.0)
+        self._set_force, self._compliant = (
+            max(0.0, self.largest * float(action[6])),
+            bool(action[7] > 0.0),
+        )
 
     def tool_at(self, time: float) -> Array:
         """Set point X_WG (4, 4) of the tool at `time` [s]."""
@@ -388,7 +424,8 @@ class ToolTwist(Controlled):
         return replace(drive, leash=self.LEASH, done=done)
 
     def action_to(self, X_WG: Array, force: float, compliant: bool, period: float) -> Array:
-        """The action (8,) that brings the set point to a pose (4, 4) within `period` [s], as far as its limits allow.
+        """The action (8,) that brings the set point to a pose (4, 4) within `period` [s], as far as
+        its limits allow.
 
         Args:
             X_WG: (4, 4) tool pose wanted at the end.
@@ -401,4 +438,6 @@ class ToolTwist(Controlled):
         R_GW = now[:3, :3].T
         v = R_GW @ (X_WG[:3, 3] - now[:3, 3]) / period / self.SPEED
         w = log_so3(R_GW @ X_WG[:3, :3]) / period / self.TURN
-        return np.clip(np.concatenate([v, w, [force / self.largest, 1.0 if compliant else 0.0]]), -1.0, 1.0)
+        return np.clip(
+            np.concatenate([v, w, [force / self.largest, 1.0 if compliant else 0.0]]), -1.0, 1.0
+        )

@@ -1,4 +1,6 @@
-"""Tasks with contact: press at a point, wipe along a path, tap points, insert a sampler into a hole."""
+"""Tasks with contact: press at a point, wipe along a path, tap points, insert a sampler into a
+hole.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -31,10 +33,11 @@ NEAR = 0.1  # [m] distance from the place of work at which the reward for being 
 
 
 class ContactTask(VehicleTask):
-    """Base of work on an object that is fixed to the world; the arm begins unfolded before the surface.
+    """Base of work on an object that is fixed to the world; the arm begins unfolded before the
+    surface.
 
-    The goal's numbers: the next place of the path in tool axes (3,) [m], the path's tool axis there in tool axes (3,),
-    and the set force [N].
+    The goal's numbers: the next place of the path in tool axes (3,) [m], the path's tool axis there
+    in tool axes (3,), and the set force [N].
     """
 
     def __init__(
@@ -74,7 +77,9 @@ class ContactTask(VehicleTask):
 
     def begin(self, random_state: Random) -> tuple[Array, Array]:
         """The hull near its place, the tool at the stand-off."""
-        return near(self.place.placement.X_WB, random_state, offset=OFFSET, turn=TURN), self.place.placement.q_start
+        return near(
+            self.place.placement.X_WB, random_state, offset=OFFSET, turn=TURN
+        ), self.place.placement.q_start
 
     def next_s(self) -> float:
         """Arc length [m] of the next place of the path."""
@@ -100,19 +105,28 @@ class ContactTask(VehicleTask):
     def nearness(self, truth: Truth) -> float:
         """Reward for being at the next place with the tool's axis along the path's."""
         X_WG = self.next_pose()
-        gap, across = float(np.linalg.norm(truth.p_pad - X_WG[:3, 3])), float(truth.R_WG[:, 2] @ X_WG[:3, 2])
+        gap, across = (
+            float(np.linalg.norm(truth.p_pad - X_WG[:3, 3])),
+            float(truth.R_WG[:, 2] @ X_WG[:3, 2]),
+        )
         bounds = self.bounds
         close = rewards.tolerance(gap, bounds=(0.0, bounds.path_deviation), margin=NEAR)
-        return close * rewards.tolerance(float(np.arccos(np.clip(across, -1.0, 1.0))), (0.0, bounds.tilt), margin=0.5)
+        return close * rewards.tolerance(
+            float(np.arccos(np.clip(across, -1.0, 1.0))), (0.0, bounds.tilt), margin=0.5
+        )
 
     def pressing(self, truth: Truth) -> float:
         """Reward for the set force."""
         band = self.bounds.force_error_rms
-        return rewards.tolerance(truth.contact_normal, (self.force - band, self.force + band), margin=self.force)
+        return rewards.tolerance(
+            truth.contact_normal, (self.force - band, self.force + band), margin=self.force
+        )
 
 
 class PressPoint(ContactTask):
-    """Press at a point with a set force: done once it has been held for HELD within the jobs' bounds."""
+    """Press at a point with a set force: done once it has been held for HELD within the jobs'
+    bounds.
+    """
 
     @cached_property
     def _judge(self) -> PressedAt:
@@ -151,9 +165,13 @@ class WipePath(ContactTask):
         return min(self.judge.s + self.AHEAD, end) if self.judge.s > 0.0 else 0.0
 
     def shaped(self, truth: Truth) -> float:
-        """A third each for being there, for the force there, and for the share of the path that is done."""
+        """A third each for being there, for the force there, and for the share of the path that is
+        done.
+        """
         there = self.nearness(truth)
-        return (there + there * self.pressing(truth) + self.judge.s / float(self.place.path.s[-1])) / 3.0
+        return (
+            there + there * self.pressing(truth) + self.judge.s / float(self.place.path.s[-1])
+        ) / 3.0
 
 
 class TapPoints(ContactTask):
@@ -186,14 +204,21 @@ class TapPoints(ContactTask):
         return self.points[min(self._judge.count, len(self.points) - 1)]
 
     def shaped(self, truth: Truth) -> float:
-        """The share of the points touched, and a part of the next one for being there under the force."""
+        """The share of the points touched, and a part of the next one for being there under the
+        force.
+        """
         count = len(self.points)
         there = self.nearness(truth)
-        return (self._judge.count + (0.5 * there + 0.5 * there * self.pressing(truth)) * (not self._judge.done)) / count
+        return (
+            self._judge.count
+            + (0.5 * there + 0.5 * there * self.pressing(truth)) * (not self._judge.done)
+        ) / count
 
 
 class InsertSampler(ContactTask):
-    """Put a sampler into a hole of a manifold to a depth; forces beyond the insertion's bounds spoil it."""
+    """Put a sampler into a hole of a manifold to a depth; forces beyond the insertion's bounds
+    spoil it.
+    """
 
     slides = False
 
@@ -208,7 +233,9 @@ class InsertSampler(ContactTask):
         sparse: bool = False,
     ) -> None:
         """As `ContactTask`; the path leads along the hole's axis."""
-        super().__init__(sea, vehicle, actions, place, force=InsertionBounds().axial_force, sparse=sparse)
+        super().__init__(
+            sea, vehicle, actions, place, force=InsertionBounds().axial_force, sparse=sparse
+        )
         self.hole = hole
         self.largest_force = np.inf  # the judge knows the bounds
         self._judge = InsertedTo(hole)

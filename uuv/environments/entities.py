@@ -1,12 +1,15 @@
-"""Entities of dm_control's composer: the sea, a vehicle with its arm and tool, and an object to work on.
+"""Entities of dm_control's composer: the sea, a vehicle with its arm and tool, and an object to
+work on.
 
     sea, vehicle = Sea(speed=0.2), VehicleEntity("uuv_puma")
     sea.add_free_entity(vehicle)
     physics = mjcf.Physics.from_mjcf_model(sea.mjcf_model)  # or composer.Environment(task)
 
-dm_control steps its own physics. Around each of its steps the vehicle drives thrusters and joints and reads contacts by
-`uuv.sim.plant.plant.Plant` over the same MjModel and MjData, so a trajectory is that of the plant bit for bit. What a
-step leaves in MjData is of its beginning: positions are brought up to date after it, all the rest after each action.
+dm_control steps its own physics. Around each of its steps the vehicle drives thrusters and joints
+and reads contacts by `uuv.sim.plant.plant.Plant` over the same MjModel and MjData, so a trajectory
+is that of the plant bit for bit. What a
+step leaves in MjData is of its beginning: positions are brought up to date after it, all the rest
+after each action.
 """
 
 import warnings
@@ -21,10 +24,23 @@ from dm_control.rl import control
 
 from uuv.environments.mjcf_parts import MOUNT, VehicleParts, parts_of, root_of
 from uuv.environments.model_variation import ModelVariation
-from uuv.environments.sensing import ArmObservables, SensorReadings, ToolObservables, VehicleObservables
+from uuv.environments.sensing import (
+    ArmObservables,
+    SensorReadings,
+    ToolObservables,
+    VehicleObservables,
+)
 from uuv.models import hydrodynamics as hydrodynamic_rows
 from uuv.models.files.exact_mjcf import exact_xml
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM, PartNames
+from uuv.models.naming import (
+    ARM_BASE_BODY,
+    CAMERA_SITE,
+    HULL_BODY,
+    TIP_SITE,
+    TOOL_FACE_SITE,
+    TOOL_GEOM,
+    PartNames,
+)
 from uuv.models.objects.target_model import TargetModel
 from uuv.models.site.sliding_contact import TARGET_BODY, friction_stiffness, friction_time
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
@@ -33,7 +49,15 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.interfaces.protocols import Sensor
-from uuv.sim.interfaces.spatial import Array, checked_pose, finite_number, fitting, pose, quat_wxyz_from_rotation, shown
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked_pose,
+    finite_number,
+    fitting,
+    pose,
+    quat_wxyz_from_rotation,
+    shown,
+)
 from uuv.sim.plant.plant import Plant
 from uuv.sim.plant.truth import Truth
 from uuv.sim.sensors.arm_camera import beside_tool
@@ -47,7 +71,8 @@ Random = np.random.RandomState
 class Sea(composer.Arena):
     """Water with a steady current and gusts, drawn anew in each episode, above a flat seabed.
 
-    `Sea(speed=0.0, gust=0.0, *, depth=10.0, current_W=None, name="sea")`; `Sea._build` tells the arguments.
+    `Sea(speed=0.0, gust=0.0, *, depth=10.0, current_W=None, name="sea")`; `Sea._build` tells the
+    arguments.
     """
 
     def _build(
@@ -62,8 +87,8 @@ class Sea(composer.Arena):
         """Build the sea.
 
         Args:
-            speed: [m/s] of the horizontal current, from a new direction in each episode; a number, or a variation of
-                composer that is evaluated then.
+            speed: [m/s] of the horizontal current, from a new direction in each episode; a number,
+                or a variation of composer that is evaluated then.
             gust: [m/s] standard deviation of gusts per axis.
             depth: [m] of the seabed below the surface, z = 0.
             current_W: (3,) [m/s] the same current in every episode, in place of `speed`.
@@ -77,27 +102,47 @@ class Sea(composer.Arena):
         self._gust = finite_number(gust, "gust [m/s]", least=0.0, most=2.0)
         if not isinstance(self._speed, variation.Variation) and not callable(self._speed):
             finite_number(self._speed, "speed of the current [m/s]", least=0.0, most=5.0)
-        self._always_W = None if current_W is None else fitting(np.array(current_W), (3,), "current [m/s]")
+        self._always_W = (
+            None if current_W is None else fitting(np.array(current_W), (3,), "current [m/s]")
+        )
         self._mean_W = np.zeros(3) if self._always_W is None else self._always_W
         self._stream: int | None = None
         root = self.mjcf_model
-        root.compiler.boundmass = root.compiler.boundinertia = 0  # composer's arena gives mass to frames
+        # composer's arena gives mass to frames
+        root.compiler.boundmass = root.compiler.boundinertia = 0
         root.option.integrator, root.option.cone = "implicitfast", "elliptic"
         root.option.noslip_iterations = 0  # composer's arena has 5, which take the dry inertia
         root.visual.headlight.set_attributes(ambient=[0.45, 0.45, 0.45], diffuse=[0.5, 0.5, 0.5])
         root.visual.map.set_attributes(znear=0.01, fogstart=4.0, fogend=14.0)
         root.visual.rgba.fog = [0.05, 0.25, 0.33, 1.0]
         root.visual.get_children("global").set_attributes(offwidth=1920, offheight=1080)
-        sky = {"type": "skybox", "builtin": "gradient", "rgb1": [0.1, 0.42, 0.5], "rgb2": [0.01, 0.08, 0.12]}
+        sky = {
+            "type": "skybox",
+            "builtin": "gradient",
+            "rgb1": [0.1, 0.42, 0.5],
+            "rgb2": [0.01, 0.08, 0.12],
+        }
         root.asset.add("texture", name="water", width=64, height=64, **sky)
-        squares = {"type": "2d", "builtin": "checker", "rgb1": [0.56, 0.51, 0.41], "rgb2": [0.5, 0.45, 0.36]}
+        squares = {
+            "type": "2d",
+            "builtin": "checker",
+            "rgb1": [0.56, 0.51, 0.41],
+            "rgb2": [0.5, 0.45, 0.36],
+        }
         root.asset.add("texture", name="sand", width=128, height=128, **squares)
         root.asset.add("material", name="sand", texture="sand", texrepeat=[20, 20])
         depth = finite_number(depth, "depth [m]", above=0.0, most=1e3)
         self.seabed = root.worldbody.add(
-            "geom", name="seabed", type="plane", size=[_PLANE, _PLANE, 0.1], pos=[0, 0, -depth], material="sand"
+            "geom",
+            name="seabed",
+            type="plane",
+            size=[_PLANE, _PLANE, 0.1],
+            pos=[0, 0, -depth],
+            material="sand",
         )
-        root.worldbody.add("light", name="sun", directional=True, dir=[0.2, 0.1, -1], diffuse=[0.5, 0.5, 0.5])
+        root.worldbody.add(
+            "light", name="sun", directional=True, dir=[0.2, 0.1, -1], diffuse=[0.5, 0.5, 0.5]
+        )
 
     def attach(self, entity: composer.Entity, attach_site: Any = None) -> Any:
         """Attach an entity.
@@ -105,7 +150,9 @@ class Sea(composer.Arena):
         Raises:
             ConfigurationError: It is a second vehicle: the flow is that around one.
         """
-        if isinstance(entity, VehicleEntity) and any(isinstance(each, VehicleEntity) for each in self._attached):
+        if isinstance(entity, VehicleEntity) and any(
+            isinstance(each, VehicleEntity) for each in self._attached
+        ):
             raise ConfigurationError("Sea: has a vehicle already; one scene takes one vehicle")
         return super().attach(entity, attach_site)
 
@@ -133,7 +180,11 @@ class ToolEntity(composer.Entity):
     """Tool at the end of an arm: its pad or sampler on its slide, and the site of its tip."""
 
     def _build(
-        self, vehicle: str = "uuv_puma", tool: str | None = None, *, part: tuple[str, str] | None = None
+        self,
+        vehicle: str = "uuv_puma",
+        tool: str | None = None,
+        *,
+        part: tuple[str, str] | None = None,
     ) -> None:
         """Take the tool of a vehicle.
 
@@ -250,10 +301,13 @@ class VehicleEntity(composer.Entity):
         """Build the vehicle.
 
         Args:
-            vehicle: A name of `uuv.models.available()`, or an MJCF file with the parts of `uuv.models.naming`.
+            vehicle: A name of `uuv.models.available()`, or an MJCF file with the parts of
+                `uuv.models.naming`.
             tool: A tool of `uuv.models.tools.tools.TOOLS` in place of its own.
-            sensors: Whose readings are observables beside the true state, each with its own rate, delay and noise.
-            perturbations: Deviations of the true vehicle from its model, drawn anew in each episode.
+            sensors: Whose readings are observables beside the true state, each with its own rate,
+                delay and noise.
+            perturbations: Deviations of the true vehicle from its model, drawn anew in each
+                episode.
             name: of the model.
 
         Raises:
@@ -265,7 +319,9 @@ class VehicleEntity(composer.Entity):
         parts: VehicleParts = parts_of(self.spec)
         self._root = root_of(parts.hull, name, parts.folder)
         if parts.arm is not None:
-            held = None if parts.tool is None else ToolEntity(vehicle, part=(parts.tool, parts.folder))
+            held = (
+                None if parts.tool is None else ToolEntity(vehicle, part=(parts.tool, parts.folder))
+            )
             own = parts.arm, parts.folder
             self.arm: ArmEntity | None = ArmEntity(vehicle, part=own, tool=held, bare=held is None)
         else:
@@ -282,22 +338,32 @@ class VehicleEntity(composer.Entity):
         if (camera := self._root.find("site", CAMERA_SITE)) is not None:
             self._add_camera(camera)
         self._root.find("body", HULL_BODY).add(
-            "camera", name="overview", mode="track", pos=[2.9, -2.5, 0.9], xyaxes=[0.65, 0.76, 0, -0.29, 0.25, 0.92]
+            "camera",
+            name="overview",
+            mode="track",
+            pos=[2.9, -2.5, 0.9],
+            xyaxes=[0.65, 0.76, 0, -0.29, 0.25, 0.92],
         )
 
     def _add_camera(self, site: Any) -> None:
-        """A MuJoCo camera at the site of the vehicle's own, whose OpenCV axes are turned by half about x."""
+        """A MuJoCo camera at the site of the vehicle's own, whose OpenCV axes are turned by half
+        about x.
+        """
         R = np.empty(9)
         own = self.own.model.site(CAMERA_SITE)
         mujoco.mju_quat2Mat(R, own.quat)
         R = R.reshape(3, 3)
-        site.parent.add("camera", name=CAMERA_SITE, pos=own.pos, xyaxes=[*R[:, 0], *-R[:, 1]], fovy=50.0)
+        site.parent.add(
+            "camera", name=CAMERA_SITE, pos=own.pos, xyaxes=[*R[:, 0], *-R[:, 1]], fovy=50.0
+        )
 
     def _build_observables(self) -> VehicleObservables:
         return VehicleObservables(self)
 
     def observe(self, *, sensors: bool) -> None:
-        """Enable the readings of the sensors, and only them, or else the true state of hull, arm and tool."""
+        """Enable the readings of the sensors, and only them, or else the true state of hull, arm
+        and tool.
+        """
         for entity in self.iter_entities():
             of_sensors = getattr(entity.observables, "of_sensors", {})
             for name, each in entity.observables.as_dict(fully_qualified=False).items():
@@ -321,7 +387,9 @@ class VehicleEntity(composer.Entity):
             ConfigurationError: The model has not been compiled by an environment yet.
         """
         if self._plant is None:
-            raise ConfigurationError("vehicle: it has no physics yet; make a composer.Environment of its task first")
+            raise ConfigurationError(
+                "vehicle: it has no physics yet; make a composer.Environment of its task first"
+            )
         return self._plant
 
     @property
@@ -352,7 +420,9 @@ class VehicleEntity(composer.Entity):
                 return found.full_identifier
         return f"{self._root.full_identifier}{name}"
 
-    def place(self, physics: mjcf.Physics, X_WB: Array | None = None, q: Array | None = None) -> None:
+    def place(
+        self, physics: mjcf.Physics, X_WB: Array | None = None, q: Array | None = None
+    ) -> None:
         """Set hull and arm at rest: for a task's `initialize_episode`.
 
         Args:
@@ -364,11 +434,18 @@ class VehicleEntity(composer.Entity):
             ConfigurationError: No pose, or another shape.
         """
         vehicle, data = self.plant.vehicle, physics.data
-        q = self.own.vehicle.q_home if q is None else fitting(q, vehicle.qpos.shape, "joint angles [rad]")
+        q = (
+            self.own.vehicle.q_home
+            if q is None
+            else fitting(q, vehicle.qpos.shape, "joint angles [rad]")
+        )
         data.qpos[vehicle.qpos] = q
         X_WB = pose() if X_WB is None else checked_pose(X_WB, "X_WB")
         at = vehicle.hull_qpos
-        data.qpos[at : at + 3], data.qpos[at + 3 : at + 7] = X_WB[:3, 3], quat_wxyz_from_rotation(X_WB[:3, :3])
+        data.qpos[at : at + 3], data.qpos[at + 3 : at + 7] = (
+            X_WB[:3, 3],
+            quat_wxyz_from_rotation(X_WB[:3, :3]),
+        )
 
     def after_compile(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Give the new model its wet constants, and make the plant over it."""
@@ -381,13 +458,20 @@ class VehicleEntity(composer.Entity):
             self._variation.bind(model, self._find)
         for name in _dry(model):
             warnings.warn(
-                f"the body {name!r} floats freely but has no water: it falls as in a vacuum", PhysicsWarning, 2
+                f"the body {name!r} floats freely but has no water: it falls as in a vacuum",
+                PhysicsWarning,
+                2,
             )
         self._plant = self._over(physics)
 
     def _over(self, physics: mjcf.Physics) -> Plant:
         """The plant over a physics."""
-        return Plant(physics.model.ptr, current=Current(np.zeros(3)), data=physics.data.ptr, names=self.names())
+        return Plant(
+            physics.model.ptr,
+            current=Current(np.zeros(3)),
+            data=physics.data.ptr,
+            names=self.names(),
+        )
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Begin at the state that the task has set, in the water of the sea."""
@@ -396,7 +480,9 @@ class VehicleEntity(composer.Entity):
             self._plant = self._over(physics)  # thrusters are read from the model
         sea = self.parent
         timestep = self.plant.timestep
-        current = sea.flow(timestep) if isinstance(sea, Sea) else Current(np.zeros(3), timestep=timestep)
+        current = (
+            sea.flow(timestep) if isinstance(sea, Sea) else Current(np.zeros(3), timestep=timestep)
+        )
         self.plant.start(current)
         self.command = None
         mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
@@ -407,7 +493,8 @@ class VehicleEntity(composer.Entity):
         plant, command = self.plant, self.command
         if command is not None and not isinstance(command, Command):
             raise ConfigurationError(
-                f"vehicle.command: expected a uuv.sim.interfaces.messages.Command, got {type(command).__name__}"
+                "vehicle.command: expected a uuv.sim.interfaces.messages.Command, got "
+                f"{type(command).__name__}"
             )
         plant.begin(command if command is not None else self._off(plant))
 
@@ -436,7 +523,9 @@ class VehicleEntity(composer.Entity):
 
 
 class WorkObjectEntity(composer.Entity):
-    """Object to work on, with its collision shapes: `WorkObjectEntity(target, *, stand=True, name="object")`."""
+    """Object to work on, with its collision shapes: `WorkObjectEntity(target, *, stand=True,
+    name="object")`.
+    """
 
     def _build(self, target: TargetModel, *, stand: bool = True, name: str = "object") -> None:
         """Build the object.
@@ -466,8 +555,13 @@ class WorkObjectEntity(composer.Entity):
 def _in_parent(site: Any, X: Array) -> Array:
     """A pose (4, 4) in a site's axes, in those of the body that carries it."""
     R = np.empty(9)
-    mujoco.mju_quat2Mat(R, np.array([1.0, 0.0, 0.0, 0.0]) if site.quat is None else np.array(site.quat, np.float64))
-    return pose(R.reshape(3, 3), np.zeros(3) if site.pos is None else np.array(site.pos, np.float64)) @ X
+    mujoco.mju_quat2Mat(
+        R, np.array([1.0, 0.0, 0.0, 0.0]) if site.quat is None else np.array(site.quat, np.float64)
+    )
+    return (
+        pose(R.reshape(3, 3), np.zeros(3) if site.pos is None else np.array(site.pos, np.float64))
+        @ X
+    )
 
 
 def put(sea: Sea, thing: composer.Entity, X_WT: Array) -> Any:
@@ -478,8 +572,11 @@ def put(sea: Sea, thing: composer.Entity, X_WT: Array) -> Any:
     return frame
 
 
-def let_slide(sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity, *, speed: float, force: float) -> None:
-    """Contact of a tool that slides on an object without lifting, as `uuv.models.site.sliding_contact` has it.
+def let_slide(
+    sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity, *, speed: float, force: float
+) -> None:
+    """Contact of a tool that slides on an object without lifting, as
+    `uuv.models.site.sliding_contact` has it.
 
     Args:
         sea: The arena.
@@ -488,7 +585,10 @@ def let_slide(sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity, *, spee
         speed: [m/s] at which the tool slides.
         force: [N] that presses it.
     """
-    pad = next((found for e in vehicle.iter_entities() if (found := e.mjcf_model.find("geom", TOOL_GEOM))), None)
+    pad = next(
+        (found for e in vehicle.iter_entities() if (found := e.mjcf_model.find("geom", TOOL_GEOM))),
+        None,
+    )
     if pad is None:
         raise ConfigurationError(f"vehicle: to slide it needs a tool, a geom named {TOOL_GEOM!r}")
     own = vehicle.own.model.geom(TOOL_GEOM)

@@ -81,11 +81,18 @@ class Score:
     def error(self) -> float:
         """Standard error of the mean."""
         totals = [episode.total for episode in self.episodes]
-        return float(np.std(totals, ddof=1) / np.sqrt(len(totals))) if len(totals) > 1 else float("nan")
+        return (
+            float(np.std(totals, ddof=1) / np.sqrt(len(totals)))
+            if len(totals) > 1
+            else float("nan")
+        )
 
     def __str__(self) -> str:
         """In words."""
-        return f"{self.solved:.0%} solved, return {self.mean:.1f} +- {self.error:.1f} ({len(self.episodes)} episodes)"
+        return (
+            f"{self.solved:.0%} solved, return {self.mean:.1f} +- {self.error:.1f} "
+            f"({len(self.episodes)} episodes)"
+        )
 
 
 def score(environment: composer.Environment, policy: Policy, episodes: int = 20) -> Score:
@@ -99,14 +106,20 @@ def score(environment: composer.Environment, policy: Policy, episodes: int = 20)
 
 
 def record_episodes(
-    environment: composer.Environment, policy: Policy, file: str | Path, *, episodes: int = 1, task: str = ""
+    environment: composer.Environment,
+    policy: Policy,
+    file: str | Path,
+    *,
+    episodes: int = 1,
+    task: str = "",
 ) -> Score:
     """Record episodes in a Parquet file.
 
-    One row per moment: "episode", "step", each observation and "discount", and the "action" that was taken there with
-    the "reward" that followed; the last moment of an episode has no action. "success" is that of the whole episode.
-    Arrays are lists of one length. Each episode is a row group of its own, written when it ends: a run that dies leaves
-    the episodes before. The metadata tell the task, the names of the actions' numbers, the period and the vehicle.
+    One row per moment: "episode", "step", each observation and "discount", and the "action" that
+    was taken there with the "reward" that followed; the last moment of an episode has no action.
+    "success" is that of the whole episode. Arrays are lists of one length. Each episode is a row
+    group of its own, written when it ends: a run that dies leaves the episodes before. The metadata
+    tell the task, the names of the actions' numbers, the period and the vehicle.
 
     Args:
         environment: Of the suite.
@@ -137,7 +150,9 @@ def record_episodes(
     try:
         for number in range(episodes):
             moments: list[tuple[Mapping[str, Any], np.ndarray, float]] = []
-            episode = run_episode(environment, policy, observe=lambda *moment, to=moments: to.append(moment))
+            episode = run_episode(
+                environment, policy, observe=lambda *moment, to=moments: to.append(moment)
+            )
             done.append(episode)
             table = _table(number, episode, moments)
             if writer is None:
@@ -149,7 +164,9 @@ def record_episodes(
     return Score(episodes=tuple(done))
 
 
-def _table(number: int, episode: Episode, moments: Sequence[tuple[Mapping[str, Any], np.ndarray, float]]) -> Any:
+def _table(
+    number: int, episode: Episode, moments: Sequence[tuple[Mapping[str, Any], np.ndarray, float]]
+) -> Any:
     """Rows of one episode."""
     import pyarrow as pa
 
@@ -158,12 +175,16 @@ def _table(number: int, episode: Episode, moments: Sequence[tuple[Mapping[str, A
 
     def lists(values: Sequence[Any], size: int) -> Any:
         kind = pa.list_(pa.float64(), size)
-        return pa.array([None if value is None else np.ravel(value).tolist() for value in values], kind)
+        return pa.array(
+            [None if value is None else np.ravel(value).tolist() for value in values], kind
+        )
 
     columns: dict[str, Any] = {"episode": [number] * count, "step": list(range(count))}
     for name, value in episode.last.items():
         columns[name] = lists([each[name] for each in observations], int(np.size(value)))
-    columns["action"] = lists([*(action for _, action, _ in moments), None], int(np.size(moments[0][1])))
+    columns["action"] = lists(
+        [*(action for _, action, _ in moments), None], int(np.size(moments[0][1]))
+    )
     columns["reward"] = pa.array([*(reward for _, _, reward in moments), None], pa.float64())
     columns["discount"] = [1.0] * (count - 1) + [episode.discount]
     columns["success"] = [episode.success] * count

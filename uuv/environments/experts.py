@@ -26,10 +26,26 @@ from uuv.controllers.tasks import insertion
 from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.hull_phases import HullMotion, RestLimits, Settle
 from uuv.controllers.tasks.monitors import Reaction
-from uuv.controllers.tasks.phase import Context, Decide, Held, HoldTool, Outcome, Phase, PhaseEvent, Setpoint
+from uuv.controllers.tasks.phase import (
+    Context,
+    Decide,
+    Held,
+    HoldTool,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+)
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
 from uuv.environments.actions import JointVelocities, ThrusterSpeeds, ToolTwist
-from uuv.environments.contact_tasks import TOUCHED, ContactTask, InsertSampler, PressPoint, TapPoints, WipePath
+from uuv.environments.contact_tasks import (
+    TOUCHED,
+    ContactTask,
+    InsertSampler,
+    PressPoint,
+    TapPoints,
+    WipePath,
+)
 from uuv.environments.free_tasks import HoldStation, ReachPose
 from uuv.environments.true_state import TrueState
 from uuv.environments.vehicle_task import VehicleTask
@@ -68,12 +84,13 @@ def expert(environment: composer.Environment) -> Policy:
     """Expert for the task of an environment.
 
     Raises:
-        ConfigurationError: There is none for the task, or not for its kind of action, or this is no environment of
-            dm_control.
+        ConfigurationError: There is none for the task, or not for its kind of action, or this is no
+            environment of dm_control.
     """
     if not isinstance(environment, composer.Environment):
         raise ConfigurationError(
-            f"expert: expected an environment of dm_control's composer, got {type(environment).__name__}; a Gymnasium "
+            "expert: expected an environment of dm_control's composer, got "
+            f"{type(environment).__name__}; a Gymnasium "
             "environment has it as `unwrapped.environment`"
         )
     return _expert(environment.task)
@@ -114,7 +131,11 @@ class StationExpert:
                 turn_rate=limits.turn_rate,
             )
         assert self._move is not None
-        X_WB, v_WB_W = self._move.at(estimate.time) if not self._move.done(estimate.time) else (task.X_WH, _STILL)
+        X_WB, v_WB_W = (
+            self._move.at(estimate.time)
+            if not self._move.done(estimate.time)
+            else (task.X_WH, _STILL)
+        )
         reference = Reference(
             time=estimate.time,
             state=WorkState.SETTLE,
@@ -141,7 +162,9 @@ def _station(task: HoldStation) -> Policy:
 
 
 class ReachExpert:
-    """Inverse kinematics by MKPS as policy; the joints move towards the solution at the speeds that actions allow."""
+    """Inverse kinematics by MKPS as policy; the joints move towards the solution at the speeds that
+    actions allow.
+    """
 
     def __init__(self, task: ReachPose, actions: JointVelocities) -> None:
         """Set up for a task with joint velocities as action."""
@@ -153,7 +176,9 @@ class ReachExpert:
         actions, truth = self._actions, self._task.truth
         X_WA = np.eye(4)
         X_WA[:3, :3], X_WA[:3, 3] = truth.R_WB, truth.p_WB
-        found = solve(self._chain, inverse(X_WA @ self._X_BA) @ self._task.X_WH, truth.q, branch="keep")
+        found = solve(
+            self._chain, inverse(X_WA @ self._X_BA) @ self._task.X_WH, truth.q, branch="keep"
+        )
         return actions.action_to(found.q, 5.0 * self._task.control_timestep)
 
 
@@ -165,8 +190,12 @@ def _reach(task: ReachPose) -> Policy:
 class Align(Phase):
     """Bring the tool to the stand-off before the path, until it is there."""
 
-    def __init__(self, tip: Callable[[StateEstimate], Array], within: float = 2e-3, seconds: float = 0.3) -> None:
-        """Set up: place (3,) [m] of the tip by an estimate, distance [m] that counts as there, and for how long [s]."""
+    def __init__(
+        self, tip: Callable[[StateEstimate], Array], within: float = 2e-3, seconds: float = 0.3
+    ) -> None:
+        """Set up: place (3,) [m] of the tip by an estimate, distance [m] that counts as there, and
+        for how long [s].
+        """
         self._tip, self._within, self._seconds = tip, within, seconds
 
     def enter(self, held: Held, now: Context) -> list[float]:
@@ -187,7 +216,9 @@ class Align(Phase):
 class WorkExpert:
     """A table of the jobs' phases as policy: its set points of tool and force, as twists."""
 
-    def __init__(self, task: ContactTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]) -> None:
+    def __init__(
+        self, task: ContactTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]
+    ) -> None:
         """Set up for a task with the tool's motion as action."""
         self._task, self._actions, self._rows = task, actions, tuple(rows)
         self._planner: TaskPlanner | None = None
@@ -204,7 +235,9 @@ class WorkExpert:
         actions, period = self._actions, self._task.control_timestep
         if timestep.first():
             estimate = self._true.estimate(self._task.truth)
-            self._planner = TaskPlanner(self._rows, (), X_WB=estimate.X_WB, q=estimate.q, period=period)
+            self._planner = TaskPlanner(
+                self._rows, (), X_WB=estimate.X_WB, q=estimate.q, period=period
+            )
             self._state = self._planner.init(estimate)
             return np.zeros(len(actions.names))
         assert actions.estimate is not None
@@ -223,15 +256,24 @@ class WorkExpert:
 _OFF = {Reaction.RETREAT: "parked"}  # a phase that gives up
 
 
-def _begin(task: ContactTask, *, offset: float, depth: float, then: str) -> Iterable[tuple[str, TaskRow]]:
-    """Rows up to the stand-off: the hull comes to rest, the tool goes before the path's first point."""
+def _begin(
+    task: ContactTask, *, offset: float, depth: float, then: str
+) -> Iterable[tuple[str, TaskRow]]:
+    """Rows up to the stand-off: the hull comes to rest, the tool goes before the path's first
+    point.
+    """
 
     def stand(held: Held, now: Context) -> None:
         del now
         held.line, held.depth = task.place.line(offset), depth
 
     tip, done = task.vehicle.own.at_work().tip, PhaseEvent.DONE
-    yield "stand", TaskRow(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SETTLE, {done: at_once("settle")}, _OFF)
+    yield (
+        "stand",
+        TaskRow(
+            Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SETTLE, {done: at_once("settle")}, _OFF
+        ),
+    )
     yield "settle", TaskRow(Settle(QUIET), WorkState.SETTLE, {done: "align"}, _OFF)
     yield "align", TaskRow(Align(tip), WorkState.CLOSE_IN, {done: then}, _OFF)
     yield "parked", TaskRow(HoldTool(STANDOFF), WorkState.DONE)
@@ -241,7 +283,10 @@ def _pressing(task: ContactTask, then: str) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the stand-off to the set force."""
     limits, done = contact.ApproachLimits(standoff=STANDOFF), PhaseEvent.DONE
     yield from _begin(task, offset=-STANDOFF, depth=0.0, then="approach")
-    yield "approach", TaskRow(contact.GuardedApproach(limits), WorkState.APPROACH, {done: "press"}, _OFF)
+    yield (
+        "approach",
+        TaskRow(contact.GuardedApproach(limits), WorkState.APPROACH, {done: "press"}, _OFF),
+    )
     press = contact.Press(contact.PressLimits(), task.force, FORCE_RATE)
     yield "press", TaskRow(press, WorkState.PRESS, {done: then}, _OFF)
 
@@ -249,8 +294,14 @@ def _pressing(task: ContactTask, then: str) -> Iterable[tuple[str, TaskRow]]:
 def _leaving(then: str) -> Iterable[tuple[str, TaskRow]]:
     """Rows off the surface."""
     limits, done = contact.ApproachLimits(standoff=STANDOFF), PhaseEvent.DONE
-    yield "let go", TaskRow(contact.Unload(FORCE_RATE, limits.touch), WorkState.RETREAT, {done: "lift"}, _OFF)
-    yield "lift", TaskRow(contact.Retreat(limits.speed, STANDOFF), WorkState.RETREAT, {done: then}, _OFF)
+    yield (
+        "let go",
+        TaskRow(contact.Unload(FORCE_RATE, limits.touch), WorkState.RETREAT, {done: "lift"}, _OFF),
+    )
+    yield (
+        "lift",
+        TaskRow(contact.Retreat(limits.speed, STANDOFF), WorkState.RETREAT, {done: then}, _OFF),
+    )
 
 
 @_expert.register
@@ -264,7 +315,11 @@ def _wipe(task: WipePath) -> Policy:
     follow = contact.FollowPath(FollowLimits(), (task.force,), FORCE_RATE)
     ends = {PhaseEvent.DONE: "let go", PhaseEvent.MORE: "let go"}
     work = TaskRow(follow, WorkState.WORK, ends, _OFF)
-    return WorkExpert(task, _wants(task, ToolTwist), [*_pressing(task, "work"), ("work", work), *_leaving("parked")])
+    return WorkExpert(
+        task,
+        _wants(task, ToolTwist),
+        [*_pressing(task, "work"), ("work", work), *_leaving("parked")],
+    )
 
 
 @_expert.register
@@ -280,7 +335,10 @@ def _tap(task: TapPoints) -> Policy:
     rows = [
         *_pressing(task, "dwell"),
         ("dwell", TaskRow(contact.Dwell(TOUCHED), WorkState.WORK, {done: at_once("mark")}, _OFF)),
-        ("mark", TaskRow(Decide(mark, AbortCode.OUT_OF_REACH), WorkState.WORK, {done: "let go"}, _OFF)),
+        (
+            "mark",
+            TaskRow(Decide(mark, AbortCode.OUT_OF_REACH), WorkState.WORK, {done: "let go"}, _OFF),
+        ),
         *_leaving("next"),
         ("next", TaskRow(move, WorkState.CLOSE_IN, ends, _OFF)),
     ]
@@ -289,7 +347,9 @@ def _tap(task: TapPoints) -> Policy:
 
 @_expert.register
 def _insert(task: InsertSampler) -> Policy:
-    job = insertion.InsertionJob(depth=task.hole.depth, inside=insertion.EntryLimits(nose=task.hole.tool_radius))
+    job = insertion.InsertionJob(
+        depth=task.hole.depth, inside=insertion.EntryLimits(nose=task.hole.tool_radius)
+    )
     rows = insertion.rows_at_hole(job)
     begin = _begin(task, offset=0.0, depth=-job.axial.standoff, then="approach")
     table = {**dict(rows), **dict(begin)}
@@ -305,6 +365,7 @@ def _wants(task: VehicleTask, kind: type[_Kind]) -> _Kind:
     """
     if not isinstance(task.actions, kind):
         raise ConfigurationError(
-            f"the expert of {type(task).__name__} acts by {kind.__name__}, not by {type(task.actions).__name__}"
+            f"the expert of {type(task).__name__} acts by {kind.__name__}, not by "
+            f"{type(task.actions).__name__}"
         )
     return task.actions

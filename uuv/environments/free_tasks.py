@@ -1,4 +1,6 @@
-"""Tasks without contact: hold station, go to a waypoint, reach a pose with the tool while hovering."""
+"""Tasks without contact: hold station, go to a waypoint, reach a pose with the tool while
+hovering.
+"""
 
 from collections.abc import Mapping
 
@@ -17,25 +19,30 @@ from uuv.sim.plant.truth import Truth
 
 START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold
 START_TURN = 0.3  # [rad] largest, about the vertical
-CLOSE = 0.05, 0.5  # [m] position error up to which the reward is full, and further error at which it is a tenth
+# [m] position error up to which the reward is full, and further error at which it is a tenth
+CLOSE = 0.05, 0.5
 ALIGNED = 0.05, 0.5  # [rad] the same for the attitude error
 STATION_TIME, ARRIVED_TIME, REACHED_TIME = 5.0, 2.0, 1.0  # [s] for which the goal must be kept
 FARTHEST_WAYPOINT = 2.0  # [m] per horizontal axis from the start; half as much up and down
 WAYPOINT_TURN = 0.8  # [rad] largest, about the vertical
-REACHED = 0.02, 0.3  # [m] distance of the tip up to which the reward is full, and further one at which it is a tenth
+# [m] distance of the tip up to which the reward is full, and further one at which it is a tenth
+REACHED = 0.02, 0.3
 POINTED = 0.1, 1.0  # [rad] the same for the tool's axis
-MIDDLE = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH]))  # (4, 4) pose of the hull in the middle of the site
+# (4, 4) pose of the hull in the middle of the site
+MIDDLE = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH]))
 SPREAD = 0.35  # [rad] of each joint about the ready posture, in which goals to reach are drawn
 
 
 class HoldStation(VehicleTask):
     """Hold a hull pose in a current, from a random start nearby.
 
-    Done once the hull has been within CLOSE and ALIGNED for STATION_TIME. The goal: its position (3,) [m] and rotation
-    vector (3,) [rad] in hull axes.
+    Done once the hull has been within CLOSE and ALIGNED for STATION_TIME. The goal: its position
+    (3,) [m] and rotation vector (3,) [rad] in hull axes.
     """
 
-    def __init__(self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False) -> None:
+    def __init__(
+        self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
+    ) -> None:
         """As `VehicleTask`."""
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.X_WH = np.eye(4)  # pose to hold
@@ -100,12 +107,15 @@ class GoToWaypoint(HoldStation):
 class ReachPose(VehicleTask):
     """Bring the tool's tip to a place, and its axis to a direction, while the hull hovers.
 
-    The goal is a place that the arm can reach from the ready posture; it is fixed to the world. Done once the tip has
-    been within REACHED and the axis within POINTED for REACHED_TIME. The goal's numbers: its position (3,) [m] and the
-    rotation vector (3,) [rad] that turns the tool's axis to it, in tool axes.
+    The goal is a place that the arm can reach from the ready posture; it is fixed to the world.
+    Done once the tip has been within REACHED and the axis within POINTED for REACHED_TIME. The
+    goal's numbers: its position (3,) [m] and the rotation vector (3,) [rad] that turns the tool's
+    axis to it, in tool axes.
     """
 
-    def __init__(self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False) -> None:
+    def __init__(
+        self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
+    ) -> None:
         """As `VehicleTask`.
 
         Raises:
@@ -130,14 +140,20 @@ class ReachPose(VehicleTask):
         X_WB = near(MIDDLE, random_state, offset=0.1, turn=0.2)
         low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
         n = len(vehicle.joints)
-        start, goal = (np.clip(vehicle.q_ready + random_state.uniform(-SPREAD, SPREAD, n), low, high) for _ in "sg")
+        start, goal = (
+            np.clip(vehicle.q_ready + random_state.uniform(-SPREAD, SPREAD, n), low, high)
+            for _ in "sg"
+        )
         self.X_WH = X_WB @ vehicle.X_BA @ self._chain.forward(goal)
         return X_WB, start
 
     def goal(self, truth: Truth) -> Mapping[str, Array]:
         """Place and direction in tool axes."""
         R_GW = truth.R_WG.T
-        return {"goal_position": R_GW @ (self.X_WH[:3, 3] - truth.p_WG), "goal_turn": R_GW @ self._turn(truth)}
+        return {
+            "goal_position": R_GW @ (self.X_WH[:3, 3] - truth.p_WG),
+            "goal_turn": R_GW @ self._turn(truth),
+        }
 
     def _turn(self, truth: Truth) -> Array:
         """Rotation vector (3,) [rad], W, that turns the tool's axis to the goal's."""
@@ -147,7 +163,9 @@ class ReachPose(VehicleTask):
         return np.arctan2(sine, float(z @ wanted)) * axis / sine if sine > 1e-9 else np.zeros(3)
 
     def _off(self, truth: Truth) -> tuple[float, float]:
-        return float(np.linalg.norm(self.X_WH[:3, 3] - truth.p_WG)), float(np.linalg.norm(self._turn(truth)))
+        return float(np.linalg.norm(self.X_WH[:3, 3] - truth.p_WG)), float(
+            np.linalg.norm(self._turn(truth))
+        )
 
     def _there(self, truth: Truth) -> bool:
         distance, angle = self._off(truth)

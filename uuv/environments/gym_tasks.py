@@ -6,7 +6,8 @@
     environment = gymnasium.make("uuv/Hover-v0")
     observation, info = environment.reset(seed=0)
 
-A worker that is spawned imports nothing by itself: there the id is "uuv.environments.gym_tasks:uuv/Hover-v0".
+A worker that is spawned imports nothing by itself: there the id is
+"uuv.environments.gym_tasks:uuv/Hover-v0".
 """
 
 from typing import Any
@@ -32,8 +33,8 @@ Observation = dict[str, Array]
 class TaskEnvironment(gymnasium.Env[Any, Any]):
     """A task of the suite: observations by name, actions in [-1, 1], success in `info`.
 
-    `terminated` means damage, `truncated` that the time is over. `info` has "is_success", "failed" (what spoiled the
-    work) and "damage". A seed given to `reset` seeds all that follows.
+    `terminated` means damage, `truncated` that the time is over. `info` has "is_success", "failed"
+    (what spoiled the work) and "damage". A seed given to `reset` seeds all that follows.
     """
 
     metadata = _METADATA
@@ -62,7 +63,9 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigurationError(f"render_mode {shown(render_mode)}: allowed rgb_array or None")
         self.render_mode = render_mode
-        self.environment = suite.load(domain, task, **options) if environment is None else environment
+        self.environment = (
+            suite.load(domain, task, **options) if environment is None else environment
+        )
         self.metadata = dict(self.metadata)
         self.metadata["render_fps"] = round(1.0 / self.environment.control_timestep())
         action = self.environment.action_spec()
@@ -86,12 +89,15 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         """Act for one period.
 
         Raises:
-            ConfigurationError: The episode is over, or the action has another shape or is not finite.
+            ConfigurationError: The episode is over, or the action has another shape or is not
+                finite.
         """
         if self._closed:
             raise ConfigurationError("step: the environment is closed")
         if self._over:
-            raise ConfigurationError("step: the episode is over, or has not begun: call reset() first")
+            raise ConfigurationError(
+                "step: the episode is over, or has not begun: call reset() first"
+            )
         moment = self.environment.step(action)
         self._over = moment.last()
         terminated = moment.last() and moment.discount == 0.0
@@ -119,7 +125,11 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
 
     def _info(self) -> dict[str, Any]:
         task: Any = self.environment.task
-        told = {"is_success": bool(task.is_success), "failed": task.judge.failed, "damage": task.damage}
+        told = {
+            "is_success": bool(task.is_success),
+            "failed": task.judge.failed,
+            "damage": task.damage,
+        }
         return told | ({"drawn": task.vehicle.drawn} if task.vehicle.drawn else {})
 
 
@@ -138,4 +148,6 @@ def id_of(task: str) -> str:
 IDS = {(domain, task): id_of(task) for domain, task in suite.ALL_TASKS}
 for (_domain, _task), _id in IDS.items():
     if _id not in gymnasium.registry:
-        gymnasium.register(_id, entry_point=f"{_MODULE}:TaskEnvironment", kwargs={"domain": _domain, "task": _task})
+        gymnasium.register(
+            _id, entry_point=f"{_MODULE}:TaskEnvironment", kwargs={"domain": _domain, "task": _task}
+        )

@@ -1,7 +1,7 @@
 """Judges of episodes: whether the work was done, by the rules and bounds of `uuv.sim.evaluation`.
 
-A judge watches true states that last for some time each; in contact it sees every step of the plant. `done` stays true
-once it is. `failed` is a sentence, empty while nothing is wrong.
+A judge watches true states that last for some time each; in contact it sees every step of the
+plant. `done` stays true once it is. `failed` is a sentence, empty while nothing is wrong.
 
 A judge of contact with a method `watch_steps(steps, dt)` is given several steps at once, after
 compiled substeps: rows of `uuv.environments.ticks.action_ticks`.
@@ -93,7 +93,9 @@ class SetForce:
 
 
 class PressedAt:
-    """Done once the set force has been held at a point for some time, within the bounds of force and path."""
+    """Done once the set force has been held at a point for some time, within the bounds of force
+    and path.
+    """
 
     def __init__(self, at: SetForce, seconds: float) -> None:
         self._at, self._seconds, self._error = at, seconds, at.running()
@@ -129,7 +131,8 @@ class PressedAt:
 
 
 class WipedAlong:
-    """Done once the tool has gone along the whole path under the set force, within the bounds of the surface job.
+    """Done once the tool has gone along the whole path under the set force, within the bounds of
+    the surface job.
 
     The work begins with the first contact at the path's start under half the set force, and is
     judged once the force is settled. Losing contact, or leaving a bound, spoils it for good.
@@ -181,7 +184,9 @@ class WipedAlong:
 
 
 class TappedAt:
-    """Done once the tool has touched points of a path one after another, leaving the surface in between."""
+    """Done once the tool has touched points of a path one after another, leaving the surface in
+    between.
+    """
 
     def __init__(self, along: SetForce, points: Sequence[float], seconds: float) -> None:
         """Take force and path, arc lengths [m] of the points, and the time [s] at each."""
@@ -219,7 +224,9 @@ class TappedAt:
 
 
 class InsertedTo:
-    """Done once the tip has reached a depth in a hole; side or axial force beyond the insertion's bounds spoils it."""
+    """Done once the tip has reached a depth in a hole; side or axial force beyond the insertion's
+    bounds spoils it.
+    """
 
     def __init__(self, hole: TrueHole, bounds: InsertionBounds | None = None) -> None:
         """Take the hole with the depth to reach."""

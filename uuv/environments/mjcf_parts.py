@@ -1,4 +1,6 @@
-"""MJCF of a vehicle for dm_control's composer: the whole, or hull, arm and tool apart, with every digit kept."""
+"""MJCF of a vehicle for dm_control's composer: the whole, or hull, arm and tool apart, with every
+digit kept.
+"""
 
 import copy
 from collections.abc import Iterator
@@ -16,12 +18,15 @@ from uuv.sim.interfaces.errors import ConfigurationError, one_line
 
 MOUNT = "mount"  # site of hull or arm at which the next part is attached
 _PLACE = ("pos", "quat")
-_JOINED = ("tendon", "equality", "contact", "sensor", "deformable", "skin")  # elements that may tie parts together
+# elements that may tie parts together
+_JOINED = ("tendon", "equality", "contact", "sensor", "deformable", "skin")
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleParts:
-    """MJCF of hull, arm and tool, each a model of its own; None: the vehicle has no such part of its own."""
+    """MJCF of hull, arm and tool, each a model of its own; None: the vehicle has no such part of
+    its own.
+    """
 
     hull: str
     arm: str | None
@@ -30,7 +35,8 @@ class VehicleParts:
 
 
 def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
-    """PyMJCF model of an MJCF text, called `name`, without keyframes: they do not fit a larger scene.
+    """PyMJCF model of an MJCF text, called `name`, without keyframes: they do not fit a larger
+    scene.
 
     Args:
         xml: MJCF.
@@ -45,14 +51,17 @@ def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
         document.remove(section)
     for custom in document.findall("custom"):
         for text in custom.findall("text"):
-            if text.get("name", "").startswith(COMPUTED):  # says how a keyframe was found; PyMJCF would lose the text
+            # says how a keyframe was found; PyMJCF would lose the text
+            if text.get("name", "").startswith(COMPUTED):
                 custom.remove(text)
     for size in document.findall("size"):
         size.attrib.pop("nkey", None)
     try:
         root = mjcf.from_xml_string(etree.tostring(document).decode(), model_dir=folder)
     except Exception as error:  # of any type: PyMJCF's parser raises its own
-        raise ConfigurationError(f"{name}: dm_control cannot read its MJCF: {one_line(str(error), 200)}") from error
+        raise ConfigurationError(
+            f"{name}: dm_control cannot read its MJCF: {one_line(str(error), 200)}"
+        ) from error
     root.model = name
     return root
 
@@ -60,8 +69,8 @@ def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
 def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
     """Hull, arm and tool of a vehicle.
 
-    The hull loses its free joint, which the scene gives it. Parts that tendons, equalities, contact pairs or sensors
-    may tie together stay in one piece, as do those of a vehicle without an arm.
+    The hull loses its free joint, which the scene gives it. Parts that tendons, equalities, contact
+    pairs or sensors may tie together stay in one piece, as do those of a vehicle without an arm.
 
     Raises:
         ConfigurationError: The vehicle has no body `hull`.
@@ -98,14 +107,18 @@ def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Elemen
         while not any(joint.get("name") in driven for joint in at.getparent().findall("joint")):
             at = at.getparent()
             if at.getparent() is None or at.tag == "worldbody":
-                raise ConfigurationError(f"vehicle: {part.tag} {part.get('name')!r} is carried by no driven joint")
+                raise ConfigurationError(
+                    f"vehicle: {part.tag} {part.get('name')!r} is carried by no driven joint"
+                )
         if at not in found:
             found.append(at)
     return found
 
 
 def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etree._Element]:
-    """Take sibling elements out of a document; a site MOUNT takes their place, that of the first if it is a body."""
+    """Take sibling elements out of a document; a site MOUNT takes their place, that of the first if
+    it is a body.
+    """
     first = parts[0]
     parent = first.getparent()
     mount = etree.SubElement(parent, "site", name=_free_name(document, MOUNT))
@@ -124,7 +137,9 @@ def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etre
 
 
 def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Element:
-    """A model with the settings, defaults, assets and actuators of `whole`, and the elements of `tree` as its world."""
+    """A model with the settings, defaults, assets and actuators of `whole`, and the elements of
+    `tree` as its world.
+    """
     document = copy.deepcopy(whole)
     for world in document.findall("worldbody"):
         document.remove(world)
@@ -135,10 +150,18 @@ def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Eleme
 
 def _keep_own_actuators(document: etree._Element) -> None:
     """Remove actuators of joints and sites that the document does not have."""
-    own = {(each.tag, each.get("name")) for each in document.iterfind(".//worldbody//*") if each.get("name")}
+    own = {
+        (each.tag, each.get("name"))
+        for each in document.iterfind(".//worldbody//*")
+        if each.get("name")
+    }
     for section in document.findall("actuator"):
         for actuator in list(section):
-            places = [(kind, actuator.get(kind)) for kind in ("joint", "site", "body") if actuator.get(kind)]
+            places = [
+                (kind, actuator.get(kind))
+                for kind in ("joint", "site", "body")
+                if actuator.get(kind)
+            ]
             if any(place not in own for place in places):
                 section.remove(actuator)
 

@@ -1,4 +1,6 @@
-"""Perturbations of a vehicle, drawn anew in each episode and written into the compiled model of the scene."""
+"""Perturbations of a vehicle, drawn anew in each episode and written into the compiled model of the
+scene.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -10,7 +12,8 @@ from uuv.perturbations.perturbation import Perturbation, perturb
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 
-# Numbers of a model that perturbations of a vehicle change, by the kind of thing that they belong to.
+# Numbers of a model that perturbations of a vehicle change, by the kind of thing that they belong
+# to.
 _OF_BODY = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_user")
 _OF_DOF = ("dof_damping", "dof_frictionloss", "dof_armature")
 _OF_JOINT = ("jnt_stiffness", "jnt_user", "jnt_range")
@@ -23,7 +26,8 @@ class ModelVariation:
     """The perturbations of one vehicle in one scene.
 
     Raises:
-        ConfigurationError: A perturbation changes the scene, the loop or the timestep: an episode cannot.
+        ConfigurationError: A perturbation changes the scene, the loop or the timestep: an episode
+            cannot.
     """
 
     def __init__(self, spec: mujoco.MjSpec, perturbations: Sequence[Perturbation]) -> None:
@@ -31,7 +35,8 @@ class ModelVariation:
         for each in perturbations:
             if type(each).on_vehicle is Perturbation.on_vehicle:
                 raise ConfigurationError(
-                    f"perturbation {type(each).__name__}: acts on scene or loop; an episode varies the vehicle alone"
+                    f"perturbation {type(each).__name__}: acts on scene or loop; an episode "
+                    "varies the vehicle alone"
                 )
         self._spec, self._perturbations = spec, tuple(perturbations)
         self._nominal = spec.copy().compile()
@@ -63,25 +68,33 @@ class ModelVariation:
                     here.append(i)
                     there.append(at)
             self._rows[word] = np.array(here, dtype=np.int64), np.array(there, dtype=np.int64)
-        dofs = [(int(own.jnt_dofadr[a]), int(scene.jnt_dofadr[b])) for a, b in zip(*self._rows["joint"], strict=True)]
+        dofs = [
+            (int(own.jnt_dofadr[a]), int(scene.jnt_dofadr[b]))
+            for a, b in zip(*self._rows["joint"], strict=True)
+        ]
         own_dofs, scene_dofs = np.array(dofs, dtype=np.int64).reshape(-1, 2).T
         self._rows["dof"] = own_dofs, scene_dofs
         tool = mujoco.mj_name2id(scene, mujoco.mjtObj.mjOBJ_GEOM, find("geom", TOOL_GEOM))
         ends = np.column_stack([scene.pair_geom1, scene.pair_geom2])
-        self._pairs = np.flatnonzero((ends == tool).any(axis=1)) if tool >= 0 else np.zeros(0, dtype=np.int64)
+        self._pairs = (
+            np.flatnonzero((ends == tool).any(axis=1)) if tool >= 0 else np.zeros(0, dtype=np.int64)
+        )
 
     def draw(self, random_state: np.random.RandomState) -> None:
         """Draw the factors of an episode, and write the vehicle's numbers into the scene.
 
         Raises:
-            ConfigurationError: A perturbation changes the timestep, or the vehicle lacks what it changes.
+            ConfigurationError: A perturbation changes the timestep, or the vehicle lacks what it
+                changes.
         """
         assert self._scene is not None
         spec = self._spec.copy()
         self.drawn = perturb(spec, self._perturbations, int(random_state.randint(2**31)))
         varied, scene = spec.compile(), self._scene
         if varied.opt.timestep != self._nominal.opt.timestep:
-            raise ConfigurationError("perturbation: needs another timestep, which an episode cannot change")
+            raise ConfigurationError(
+                "perturbation: needs another timestep, which an episode cannot change"
+            )
         for word, fields in (
             ("body", _OF_BODY),
             ("dof", _OF_DOF),

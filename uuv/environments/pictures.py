@@ -15,7 +15,9 @@ CAMERA = "vehicle/overview"  # beside the vehicle, moving with it
 MOST = 1080, 1920  # [px] largest height and width
 
 
-def picture(physics: mjcf.Physics, *, size: tuple[int, int] = SIZE, camera: str | int = CAMERA) -> np.ndarray:
+def picture(
+    physics: mjcf.Physics, *, size: tuple[int, int] = SIZE, camera: str | int = CAMERA
+) -> np.ndarray:
     """Picture (height, width, 3) uint8 of a scene.
 
     Args:
@@ -27,7 +29,10 @@ def picture(physics: mjcf.Physics, *, size: tuple[int, int] = SIZE, camera: str 
         ConfigurationError: There is no such camera, or the size is out of range.
         MissingLibraryError: There is no GL to draw with.
     """
-    height, width = (whole_number(each, "size [px]", least=1, most=most) for each, most in zip(size, MOST, strict=True))
+    height, width = (
+        whole_number(each, "size [px]", least=1, most=most)
+        for each, most in zip(size, MOST, strict=True)
+    )
     model = physics.model.ptr
     names = [model.camera(i).name for i in range(model.ncam)]
     if camera not in names and camera not in range(model.ncam):
@@ -44,9 +49,12 @@ def view(environment: Any, policy: Any = None) -> None:
     Raises:
         MissingLibraryError: There is no screen or no GL.
     """
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
         raise MissingLibraryError(
-            "no viewer: there is no screen (DISPLAY is not set); xvfb-run makes one, picture() needs none"
+            "no viewer: there is no screen (DISPLAY is not set); xvfb-run makes one, picture() "
+            "needs none"
         )
     try:
         from dm_control import viewer
@@ -60,6 +68,7 @@ def _no_gl(error: Exception) -> str:
     backend = os.environ.get("MUJOCO_GL", "not set")
     why = str(error).strip().splitlines()
     return (
-        f"no picture: dm_control finds no GL (MUJOCO_GL is {backend}): install libegl1 for MUJOCO_GL=egl, or "
+        f"no picture: dm_control finds no GL (MUJOCO_GL is {backend}): install libegl1 for "
+        "MUJOCO_GL=egl, or "
         f"libosmesa6 for MUJOCO_GL=osmesa ({type(error).__name__}{f': {why[0]}' if why else ''})"
     )

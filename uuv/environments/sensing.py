@@ -1,7 +1,8 @@
 """Observables of vehicle, arm and tool: the true state, and readings of the project's own sensors.
 
-A reading has the rate, delay, bias and noise of its sensor: composer's updater calls it at the sensor's period and
-delivers it after the sensor's delay. All numbers of one sensor's message come from one sample.
+A reading has the rate, delay, bias and noise of its sensor: composer's updater calls it at the
+sensor's period and delivers it after the sensor's delay. All numbers of one sensor's message come
+from one sample.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -59,7 +60,9 @@ class SensorReadings:
             raise ConfigurationError(f"sensors: each class may come once, got {', '.join(names)}")
         for sensor, name in zip(sensors, names, strict=True):
             if not sensor.period > 0.0:
-                raise ConfigurationError(f"sensor {name}: takes pictures on request; use a camera of the physics")
+                raise ConfigurationError(
+                    f"sensor {name}: takes pictures on request; use a camera of the physics"
+                )
         self.sensors = tuple(sensors)
         self._states: list[Any] = []
         self._newest: list[tuple[float, Measurement | None]] = []
@@ -68,7 +71,9 @@ class SensorReadings:
         """Draw the biases of an episode, and take the first readings."""
         rng = np.random.default_rng(random_state.randint(2**31))
         streams = rng.spawn(len(self.sensors))
-        self._states = [sensor.init(stream) for sensor, stream in zip(self.sensors, streams, strict=True)]
+        self._states = [
+            sensor.init(stream) for sensor, stream in zip(self.sensors, streams, strict=True)
+        ]
         self._newest = [(-1.0, None)] * len(self.sensors)
         for index in range(len(self.sensors)):
             self.read(index, truth)
@@ -92,7 +97,11 @@ def readings(vehicle: SensedVehicle) -> dict[str, observable.Observable]:
     for index, sensor in enumerate(vehicle.readings.sensors):
         name = type(sensor).__name__
         every = ticks_per_period(sensor.period, timestep, name)
-        late = ticks_per_period(sensor.delay, timestep, f"delay of {name}") if sensor.delay > 0.0 else 0
+        late = (
+            ticks_per_period(sensor.delay, timestep, f"delay of {name}")
+            if sensor.delay > 0.0
+            else 0
+        )
         for field in _fields(sensor, vehicle):
             found[f"{_snake(name)}_{field}"] = observable.Generic(
                 _reading(vehicle, index, field), update_interval=every, delay=late
@@ -119,7 +128,11 @@ def _sample(sensor: Sensor, vehicle: SensedVehicle) -> Any:
 def _reading(vehicle: SensedVehicle, index: int, field: str) -> Callable[[Any], Array]:
     def read(physics: Any) -> Array:
         del physics
-        return np.ravel(np.asarray(getattr(vehicle.readings.read(index, vehicle.truth), field), dtype=np.float64))
+        return np.ravel(
+            np.asarray(
+                getattr(vehicle.readings.read(index, vehicle.truth), field), dtype=np.float64
+            )
+        )
 
     return read
 
@@ -132,7 +145,9 @@ class BoundedNumbers(observable.Generic):
     """Observable of numbers (k,) within bounds, which its specification states."""
 
     def __init__(self, read: Callable[[Any], Array], size: int, bound: float) -> None:
-        """Take the callable of the physics, the number of numbers, and their largest magnitude, at which they stop."""
+        """Take the callable of the physics, the number of numbers, and their largest magnitude, at
+        which they stop.
+        """
         super().__init__(lambda physics: np.minimum(np.maximum(read(physics), -bound), bound))
         self._spec = specs.BoundedArray((size,), np.float64, minimum=-bound, maximum=bound)
 
@@ -142,7 +157,9 @@ class BoundedNumbers(observable.Generic):
         return self._spec
 
 
-def _true(entity: Any, value: Callable[[Truth], Array], size: int, bound: float) -> observable.Observable:
+def _true(
+    entity: Any, value: Callable[[Truth], Array], size: int, bound: float
+) -> observable.Observable:
     """Observable of the true state; `entity` is the vehicle, or a part of it."""
     carriers: list[SensedVehicle] = []
 
@@ -174,7 +191,9 @@ def _vehicle_of(entity: Any) -> SensedVehicle:
 
 
 class VehicleObservables(composer.Observables):
-    """True state of the hull, and the readings of the vehicle's sensors; all off until they are enabled."""
+    """True state of the hull, and the readings of the vehicle's sensors; all off until they are
+    enabled.
+    """
 
     def __init__(self, entity: Any) -> None:
         super().__init__(entity)
@@ -205,7 +224,9 @@ class VehicleObservables(composer.Observables):
     @composer.observable
     def propeller_speed(self) -> observable.Observable:
         """Propeller speeds (m,), normalised."""
-        return _true(self._entity, lambda truth: truth.propeller_speed, _thrusters(self._entity), 1.0)
+        return _true(
+            self._entity, lambda truth: truth.propeller_speed, _thrusters(self._entity), 1.0
+        )
 
 
 class ArmObservables(composer.Observables):
@@ -214,7 +235,9 @@ class ArmObservables(composer.Observables):
     @composer.observable
     def joints(self) -> observable.Observable:
         """Joint angles (n,) [rad]."""
-        return _true(self._entity, lambda truth: truth.q, _joints(self._entity), 2.0 * FARTHEST_TURN)
+        return _true(
+            self._entity, lambda truth: truth.q, _joints(self._entity), 2.0 * FARTHEST_TURN
+        )
 
     @composer.observable
     def joint_velocity(self) -> observable.Observable:
@@ -233,7 +256,9 @@ class ToolObservables(composer.Observables):
     @composer.observable
     def tip_position(self) -> observable.Observable:
         """Position (3,) [m] of the tip in the hull, hull axes."""
-        return _true(self._entity, lambda truth: truth.R_WB.T @ (truth.p_WG - truth.p_WB), 3, FARTHEST)
+        return _true(
+            self._entity, lambda truth: truth.R_WB.T @ (truth.p_WG - truth.p_WB), 3, FARTHEST
+        )
 
     @composer.observable
     def tip_orientation(self) -> observable.Observable:
@@ -242,5 +267,7 @@ class ToolObservables(composer.Observables):
 
     @composer.observable
     def contact_force(self) -> observable.Observable:
-        """Force (3,) [N] of the world on the tool, tool axes; its z is negative when the tool presses."""
+        """Force (3,) [N] of the world on the tool, tool axes; its z is negative when the tool
+        presses.
+        """
         return _true(self._entity, lambda truth: truth.R_WG.T @ truth.contact_force_W, 3, STRONGEST)

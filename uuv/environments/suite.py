@@ -22,7 +22,14 @@ from uuv.environments.actions import (
     ThrusterSpeeds,
     ToolTwist,
 )
-from uuv.environments.contact_tasks import InsertSampler, PressPoint, TapPoints, WipePath, place_at_hole, place_on
+from uuv.environments.contact_tasks import (
+    InsertSampler,
+    PressPoint,
+    TapPoints,
+    WipePath,
+    place_at_hole,
+    place_on,
+)
 from uuv.environments.entities import Sea, VehicleEntity
 from uuv.environments.free_tasks import GoToWaypoint, HoldStation, ReachPose
 from uuv.environments.ticks.environment import Environment
@@ -64,9 +71,13 @@ class SuiteEntry:
     tool: str | None = None  # in place of the vehicle's own
 
 
-def _free(kind: type[HoldStation] | type[ReachPose]) -> Callable[[VehicleEntity, Actions, bool], VehicleTask]:
+def _free(
+    kind: type[HoldStation] | type[ReachPose],
+) -> Callable[[VehicleEntity, Actions, bool], VehicleTask]:
     def make(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
-        return kind(Sea(distributions.Uniform(0.0, FASTEST_CURRENT), GUST), vehicle, actions, sparse=sparse)
+        return kind(
+            Sea(distributions.Uniform(0.0, FASTEST_CURRENT), GUST), vehicle, actions, sparse=sparse
+        )
 
     return make
 
@@ -106,17 +117,27 @@ TASKS: dict[tuple[str, str], SuiteEntry] = {
     ("water", "hover"): SuiteEntry(
         make=_free(HoldStation), actions="thrusters", time_limit=30.0, tags=("free", "easy")
     ),
-    ("water", "waypoint"): SuiteEntry(make=_free(GoToWaypoint), actions="thrusters", time_limit=40.0, tags=("free",)),
+    ("water", "waypoint"): SuiteEntry(
+        make=_free(GoToWaypoint), actions="thrusters", time_limit=40.0, tags=("free",)
+    ),
     ("water", "reach"): SuiteEntry(
         make=_free(ReachPose), actions="joint_velocity", time_limit=10.0, tags=("free", "arm")
     ),
     ("barrel", "press"): SuiteEntry(
-        make=partial(_on_barrel, PressPoint), actions="tool", time_limit=30.0, tags=("contact", "arm")
+        make=partial(_on_barrel, PressPoint),
+        actions="tool",
+        time_limit=30.0,
+        tags=("contact", "arm"),
     ),
     ("barrel", "wipe"): SuiteEntry(
-        make=partial(_on_barrel, WipePath), actions="tool", time_limit=50.0, tags=("contact", "arm", "path")
+        make=partial(_on_barrel, WipePath),
+        actions="tool",
+        time_limit=50.0,
+        tags=("contact", "arm", "path"),
     ),
-    ("barrel", "tap"): SuiteEntry(make=_tap, actions="tool", time_limit=70.0, tags=("contact", "arm", "path")),
+    ("barrel", "tap"): SuiteEntry(
+        make=_tap, actions="tool", time_limit=70.0, tags=("contact", "arm", "path")
+    ),
     ("manifold", "insert"): SuiteEntry(
         make=_insert, actions="tool", time_limit=50.0, tags=("contact", "arm"), tool="sampler"
     ),
@@ -159,7 +180,8 @@ def load(
         dm_control's environment.
 
     Raises:
-        ConfigurationError: There is no such task or kind of action, or the vehicle is not fit for it.
+        ConfigurationError: There is no such task or kind of action, or the vehicle is not fit for
+            it.
         ReachError: The vehicle's arm does not reach the work from anywhere.
     """
     if not task and isinstance(domain, str) and "/" in domain:
@@ -167,7 +189,9 @@ def load(
     name = f"{domain}/{task}"
     if (domain, task) not in TASKS:
         known = tuple("/".join(each) for each in TASKS)
-        raise ConfigurationError(f"unknown task {shown(name)}; there are {', '.join(known)}{did_you_mean(name, known)}")
+        raise ConfigurationError(
+            f"unknown task {shown(name)}; there are {', '.join(known)}{did_you_mean(name, known)}"
+        )
     entry = TASKS[domain, task]
     kind = actions or entry.actions
     if kind not in ACTIONS:
@@ -176,11 +200,16 @@ def load(
     made = entry.make(body, ACTIONS[kind](body.own), sparse)
     if period is not None:
         made.set_period(period)
-    return environment(made, seed=seed, time_limit=entry.time_limit if time_limit is None else time_limit)
+    return environment(
+        made, seed=seed, time_limit=entry.time_limit if time_limit is None else time_limit
+    )
 
 
-def environment(task: composer.Task, *, seed: Seed = None, time_limit: float = np.inf) -> composer.Environment:
-    """dm_control's environment of a task whose model stays the same in all episodes; observations have no buffer axis.
+def environment(
+    task: composer.Task, *, seed: Seed = None, time_limit: float = np.inf
+) -> composer.Environment:
+    """dm_control's environment of a task whose model stays the same in all episodes; observations
+    have no buffer axis.
 
     Args:
         task: Of this package, or one's own.
@@ -188,7 +217,8 @@ def environment(task: composer.Task, *, seed: Seed = None, time_limit: float = n
         time_limit: [s] of an episode.
 
     Raises:
-        ConfigurationError: The time limit is not above 0, or the seed is no whole number or RandomState.
+        ConfigurationError: The time limit is not above 0, or the seed is no whole number or
+            RandomState.
     """
     limit = number(time_limit, "time_limit [s]")
     if not limit > 0.0:
@@ -197,7 +227,8 @@ def environment(task: composer.Task, *, seed: Seed = None, time_limit: float = n
         seed = whole_number(seed, "seed", least=0, most=2**32 - 1)
     return Environment(
         task,
-        time_limit=limit - 0.5 * task.physics_timestep,  # times are sums of steps, a little above or below
+        # times are sums of steps, a little above or below
+        time_limit=limit - 0.5 * task.physics_timestep,
         random_state=seed,
         strip_singleton_obs_buffer_dim=True,
         recompile_mjcf_every_episode=False,

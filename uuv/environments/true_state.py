@@ -1,4 +1,6 @@
-"""The true state as an estimate: what controllers inside an environment are given, in place of navigation."""
+"""The true state as an estimate: what controllers inside an environment are given, in place of
+navigation.
+"""
 
 import math
 from typing import Any, NamedTuple

@@ -1,4 +1,6 @@
-"""Base of composer tasks with a vehicle: actions, observations, judge, rewards, and when an episode ends."""
+"""Base of composer tasks with a vehicle: actions, observations, judge, rewards, and when an episode
+ends.
+"""
 
 from abc import abstractmethod
 from collections import OrderedDict
@@ -29,12 +31,15 @@ Random = np.random.RandomState
 class VehicleTask(composer.Task):
     """A vehicle in the sea with something to do.
 
-    A task of your own overrides `goal`, `shaped` and `judge`, and what it draws in `begin`. Rewards are in [0, 1]:
-    `shaped` per action, or with `sparse` 1 from the moment that the judge calls the work done. An episode ends with
-    discount 0 on damage (a collision, a force beyond the task's limit) and outside the BOX; success does not end it.
+    A task of your own overrides `goal`, `shaped` and `judge`, and what it draws in `begin`. Rewards
+    are in [0, 1]: `shaped` per action, or with `sparse` 1 from the moment that the judge calls the
+    work done. An episode ends with discount 0 on damage (a collision, a force beyond the task's
+    limit) and outside the BOX; success does not end it.
     """
 
-    def __init__(self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False) -> None:
+    def __init__(
+        self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
+    ) -> None:
         """Put the vehicle into the sea.
 
         Args:
@@ -54,7 +59,8 @@ class VehicleTask(composer.Task):
         self.damage = ""  # what ended the episode before its time
         self._fresh = True  # the controllers have not begun yet
 
-    in_contact = False  # the judge watches every step of the physics, not only the state after each action
+    # the judge watches every step of the physics, not only the state after each action
+    in_contact = False
 
     # What a task defines
 
@@ -73,7 +79,9 @@ class VehicleTask(composer.Task):
 
     @abstractmethod
     def begin(self, random_state: Random) -> tuple[Array, Array | None]:
-        """Draw an episode: hull pose X_WB (4, 4) at its start, and joint angles (n,) [rad]; None: folded."""
+        """Draw an episode: hull pose X_WB (4, 4) at its start, and joint angles (n,) [rad]; None:
+        folded.
+        """
 
     # What it has from there
 
@@ -84,12 +92,16 @@ class VehicleTask(composer.Task):
             ConfigurationError: It is no whole multiple of the vehicle's physics step.
         """
         timestep = float(self.vehicle.own.model.opt.timestep)
-        ticks_per_period(finite_number(period, "period [s]", above=0.0), timestep, "time between actions")
+        ticks_per_period(
+            finite_number(period, "period [s]", above=0.0), timestep, "time between actions"
+        )
         self.set_timesteps(control_timestep=period, physics_timestep=timestep)
         self._timestep = timestep
 
     def add_goals(self, bound: float, **sizes: int) -> None:
-        """State the numbers that `goal` gives: how many of each name, and their largest magnitude."""
+        """State the numbers that `goal` gives: how many of each name, and their largest
+        magnitude.
+        """
         for name, size in sizes.items():
             self._goals[name] = BoundedNumbers(self._reader(name, size), size, bound)
             self._goals[name].enabled = True
@@ -100,8 +112,12 @@ class VehicleTask(composer.Task):
             goal = self._present_goal()
             if name not in goal:
                 stated = ", ".join(self._goals)
-                raise ConfigurationError(f"{type(self).__name__}.goal: gives no {name!r}; stated are {stated}")
-            return fitting(np.atleast_1d(np.array(goal[name], dtype=np.float64)), (size,), f"goal {name}")
+                raise ConfigurationError(
+                    f"{type(self).__name__}.goal: gives no {name!r}; stated are {stated}"
+                )
+            return fitting(
+                np.atleast_1d(np.array(goal[name], dtype=np.float64)), (size,), f"goal {name}"
+            )
 
         return read
 
@@ -209,7 +225,9 @@ class VehicleTask(composer.Task):
             return float(self.judge.done)
         reward = float(self.shaped(self.truth))
         if not 0.0 <= reward <= 1.0:
-            raise ConfigurationError(f"{type(self).__name__}.shaped: must be in [0, 1], got {reward}")
+            raise ConfigurationError(
+                f"{type(self).__name__}.shaped: must be in [0, 1], got {reward}"
+            )
         return reward
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
@@ -222,6 +240,8 @@ class VehicleTask(composer.Task):
 
 
 def near(X_WB: Array, random_state: Random, *, offset: float, turn: float) -> Array:
-    """A hull pose (4, 4) near another: moved by up to `offset` [m] per axis, turned by up to `turn` [rad] about z."""
+    """A hull pose (4, 4) near another: moved by up to `offset` [m] per axis, turned by up to `turn`
+    [rad] about z.
+    """
     yaw = random_state.uniform(-turn, turn)
     return X_WB @ pose(exp_so3([0.0, 0.0, yaw]), random_state.uniform(-offset, offset, 3))

@@ -1,4 +1,6 @@
-"""Where a vehicle works on an object in an environment: tool path, hull pose and posture, chosen as the jobs do."""
+"""Where a vehicle works on an object in an environment: tool path, hull pose and posture, chosen as
+the jobs do.
+"""
 
 from dataclasses import dataclass
 
@@ -37,12 +39,20 @@ class WorkPlace:
         return ToolLine(path=self.path, placement=self.placement, offset=offset)
 
     def tool_at(self, s: float, depth: float = 0.0) -> Array:
-        """Tool pose X_WG (4, 4) at arc length `s` [m], `depth` [m] below the surface along its axis."""
+        """Tool pose X_WG (4, 4) at arc length `s` [m], `depth` [m] below the surface along its
+        axis.
+        """
         return self.line(0.0).at(s, depth)[0]
 
 
 def on_path(
-    own: OwnVehicle, target: TargetModel, path: ModelPath, X_WT: Array, *, force: float, standoff: float
+    own: OwnVehicle,
+    target: TargetModel,
+    path: ModelPath,
+    X_WT: Array,
+    *,
+    force: float,
+    standoff: float,
 ) -> WorkPlace:
     """Place of work on a path of an object.
 
@@ -58,11 +68,24 @@ def on_path(
         ConfigurationError: The vehicle lacks a part.
         ReachError: From no hull pose does the arm take the path.
     """
-    return standing(own, target, path_on_model(X_WT, path, spacing=PATH_SPACING), X_WT, force=force, standoff=standoff)
+    return standing(
+        own,
+        target,
+        path_on_model(X_WT, path, spacing=PATH_SPACING),
+        X_WT,
+        force=force,
+        standoff=standoff,
+    )
 
 
 def standing(
-    own: OwnVehicle, target: TargetModel, path: ToolPath, X_WT: Array, *, force: float, standoff: float
+    own: OwnVehicle,
+    target: TargetModel,
+    path: ToolPath,
+    X_WT: Array,
+    *,
+    force: float,
+    standoff: float,
 ) -> WorkPlace:
     """Place of work on a tool path in W; as `on_path`."""
     check_parts(own.model, but=("camera", "home", "ready"))
@@ -72,7 +95,8 @@ def standing(
         chain=known.chain,
         model=target,
         hull_box=known.hull_box,
-        limits=StandingLimits(force=force, standoff=standoff, roomy=0.0),  # the hull does not travel
+        # the hull does not travel
+        limits=StandingLimits(force=force, standoff=standoff, roomy=0.0),
         floor=scenes.seabed_height(target, X_WT),
         holding=ThrustMargin.of(own.model),
     )

@@ -1,4 +1,6 @@
-"""Studies: many cases of one experiment in worker processes, resumed after an interruption, summed up and reported."""
+"""Studies: many cases of one experiment in worker processes, resumed after an interruption, summed
+up and reported.
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -1,7 +1,9 @@
-"""Keeper of a Ray cluster: a process that outlives the study and ends what the cluster of the study has left.
+"""Keeper of a Ray cluster: a process that outlives the study and ends what the cluster of the study
+has left.
 
-The kernel ends a cluster's head with the process that has started it. The two agents of a node go on for 60 s
-(`ray._private.utils.publish_error_to_driver`): they report the death of their node to a cluster that is gone.
+The kernel ends a cluster's head with the process that has started it. The two agents of a node go
+on for 60 s (`ray._private.utils.publish_error_to_driver`): they report the death of their node to a
+cluster that is gone.
 """
 
 import os
@@ -17,16 +19,19 @@ from pathlib import Path
 
 _PROC = Path("/proc")
 _PERIOD = 0.1  # [s] between two looks
-_QUIET = 5  # looks without a process, until all of them count as gone: one that ends may have started another
+# looks without a process, until all of them count as gone: one that ends may have started another
+_QUIET = 5
 _LOOKS = 300  # at most: a process that the kernel does not end is left
 
 
 @contextmanager
 def kept_cluster() -> Iterator[str | None]:
-    """Gives a folder, and ends all others that write there with the block or with this process, whichever is first.
+    """Gives a folder, and ends all others that write there with the block or with this process,
+    whichever is first.
 
-    Each process of a cluster keeps its logs open. Its environment would not tell: Ray overwrites that with its name.
-    The folder is removed after an orderly end of the block. Without /proc, thus outside Linux, nothing is ended.
+    Each process of a cluster keeps its logs open. Its environment would not tell: Ray overwrites
+    that with its name. The folder is removed after an orderly end of the block. Without /proc, thus
+    outside Linux, nothing is ended.
 
     Yields:
         The folder, for Ray's `_temp_dir`; None outside Linux: Ray's own.
@@ -36,9 +41,14 @@ def kept_cluster() -> Iterator[str | None]:
         return
     folder = tempfile.mkdtemp(prefix="uuv_ray_", dir=os.environ.get("RAY_TMPDIR"))
     command = [sys.executable, "-I", "-S", __file__, folder, str(os.getpid())]
-    # A session of its own: what ends the study by a signal to its group, as Ctrl-C does, leaves the keeper.
+    # A session of its own: what ends the study by a signal to its group, as Ctrl-C does, leaves the
+    # keeper.
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     ):
         yield folder
     shutil.rmtree(folder, ignore_errors=True)
@@ -58,7 +68,8 @@ def _end_all(folder: str, but: str) -> None:
 def _ended(process: Path, folder: str) -> bool:
     """True if a process, as its folder in /proc, wrote in the folder; it is ended then."""
     try:
-        handle = os.pidfd_open(int(process.name))  # before the look: its number may become another one's
+        # before the look: its number may become another one's
+        handle = os.pidfd_open(int(process.name))
     except OSError:
         return False
     try:
@@ -75,7 +86,9 @@ def _ended(process: Path, folder: str) -> bool:
 def _writes(file: Path, folder: str) -> bool:
     """True if an open file, as its link in /proc, lies in the folder and is open for writing."""
     try:
-        return os.readlink(file).startswith(f"{folder}{os.sep}") and bool(file.lstat().st_mode & 0o200)
+        return os.readlink(file).startswith(f"{folder}{os.sep}") and bool(
+            file.lstat().st_mode & 0o200
+        )
     except OSError:  # closed since
         return False
 

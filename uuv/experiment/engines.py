@@ -1,4 +1,7 @@
-"""Engines: where the runs of a study are carried out. All of them give the same rows, in any order."""
+"""Engines: where the runs of a study are carried out.
+
+All of them give the same rows, in any order.
+"""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,11 +26,13 @@ class Engine(Protocol):
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
     ) -> Iterator[Sequence[tuple[Task, Result]]]:
-        """Carries out all tasks and yields each with its result, in order of completion, those together that are there.
+        """Carries out all tasks and yields each with its result, in order of completion, those
+        together that are there.
 
         Args:
             tasks: Picklable tasks.
-            run: Result of a task. It and `died` must be importable by a fresh Python under their module's name.
+            run: Result of a task. It and `died` must be importable by a fresh Python under their
+                module's name.
             died: Result of a task whose process died each time.
 
         Yields:
@@ -41,7 +46,9 @@ class Engine(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ThisProcess:
-    """Carries out one run after the other in the process of the study; an interruption of it costs the run."""
+    """Carries out one run after the other in the process of the study; an interruption of it costs
+    the run.
+    """
 
     place: str = "this process"
 
@@ -86,7 +93,10 @@ def _ray(workers: int, tasks: int, limits: Limits) -> Engine:
     return RayCluster(workers, limits)
 
 
-_ENGINES: Mapping[EngineName, Callable[[int, int, Limits], Engine]] = {"processes": _processes, "ray": _ray}
+_ENGINES: Mapping[EngineName, Callable[[int, int, Limits], Engine]] = {
+    "processes": _processes,
+    "ray": _ray,
+}
 
 
 def engine_for(name: EngineName, workers: int, tasks: int, limits: Limits) -> Engine:

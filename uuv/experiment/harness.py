@@ -1,4 +1,6 @@
-"""Study harness: runs the cases of an experiment in worker processes, resumes, sums up and reports them."""
+"""Study harness: runs the cases of an experiment in worker processes, resumes, sums up and reports
+them.
+"""
 
 import hashlib
 import json
@@ -11,7 +13,14 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table as RichTable
 
 from uuv.experiment.engines import Engine, engine_for
@@ -50,7 +59,9 @@ class Table:
 
     def printed(self) -> RichTable:
         """The table for the terminal."""
-        table = RichTable(title=self.title or None, caption=self.caption or None, title_justify="left")
+        table = RichTable(
+            title=self.title or None, caption=self.caption or None, title_justify="left"
+        )
         for i, column in enumerate(self.columns):
             table.add_column(column, justify="left" if i < self.labels else "right", no_wrap=i == 0)
         for row in self.rows:
@@ -59,7 +70,11 @@ class Table:
 
     def markdown(self) -> str:
         """The table as markdown."""
-        lines = [self.columns, ["---" if i < self.labels else "---:" for i in range(len(self.columns))], *self.rows]
+        lines = [
+            self.columns,
+            ["---" if i < self.labels else "---:" for i in range(len(self.columns))],
+            *self.rows,
+        ]
         return f"**{self.title}**\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
@@ -82,7 +97,9 @@ class Summary:
     @property
     def verdict(self) -> dict[str, Any]:
         """Entries "accepted" and "failed" of metrics.json; empty for a study without bounds."""
-        return {} if self.failed is None else {"accepted": self.accepted, "failed": list(self.failed)}
+        return (
+            {} if self.failed is None else {"accepted": self.accepted, "failed": list(self.failed)}
+        )
 
     def print_to(self, console: Console) -> None:
         """Prints tables, lines and verdict."""
@@ -137,30 +154,39 @@ class _Done:
     error: str
     wall_s: float | None
     cpu_s: float | None
-    code: Mapping[str, str]  # digests of the files that its process has loaded since its last result
+    # digests of the files that its process has loaded since its last result
+    code: Mapping[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Generic[Case]):
-    """Experiment over many cases: `run_one` gives the row of a case, `summarise` the summary of all rows.
+    """Experiment over many cases: `run_one` gives the row of a case, `summarise` the summary of all
+    rows.
 
-    A case holds everything that its row depends on besides the code, and is picklable: a number, a tuple, or a frozen
-    dataclass. `run_one` must be importable by a fresh Python under its module's name.
+    A case holds everything that its row depends on besides the code, and is picklable: a number, a
+    tuple, or a frozen dataclass. `run_one` must be importable by a fresh Python under its module's
+    name.
     """
 
     cases: Sequence[Case]
     run_one: Callable[[Case], Mapping[str, Any]]
     summarise: Callable[[list[Row]], Summary]  # the rows are in the order of the cases
-    failed: Callable[[Case, str], Mapping[str, Any]] | None = None  # row of a case that failed; None: the study ends
+    # row of a case that failed; None: the study ends
+    failed: Callable[[Case, str], Mapping[str, Any]] | None = None
     line: Callable[[Row], str] = lambda _: ""  # printed when a row is there; empty: nothing
-    code: Mapping[str, str] = field(default_factory=dict)  # digests of files that no process of the study may load
-    of: Mapping[str, Any] = field(default_factory=dict)  # options that all rows of its folder share, by name
+    # digests of files that no process of the study may load
+    code: Mapping[str, str] = field(default_factory=dict)
+    # options that all rows of its folder share, by name
+    of: Mapping[str, Any] = field(default_factory=dict)
 
-    def carry_out(self, name: str, options: PoolOptions, title: str, limits: Limits = NO_LIMITS) -> int:
-        """Runs the cases that are missing in the study's folder, then prints and writes the results of all.
+    def carry_out(
+        self, name: str, options: PoolOptions, title: str, limits: Limits = NO_LIMITS
+    ) -> int:
+        """Runs the cases that are missing in the study's folder, then prints and writes the results
+        of all.
 
-        The folder gets rows/ with the rows as Parquet, study.json with what they depend on, metrics.json and
-        report.html.
+        The folder gets rows/ with the rows as Parquet, study.json with what they depend on,
+        metrics.json and report.html.
 
         Args:
             name: Name of the study, and of its folder in runs/.
@@ -172,16 +198,22 @@ class Study(Generic[Case]):
             The exit code.
 
         Raises:
-            UuvError: A case failed and the study does not allow for that, or the folder is of no use.
+            UuvError: A case failed and the study does not allow for that, or the folder is of no
+                use.
         """
         console = _console()
-        folder = folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
+        folder = (
+            folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
+        )
         keyed = {key_of(case): case for case in self.cases}
         began, made_by = time.perf_counter(), provenance(name, options)
         with RowLog.open(folder, anew=options.anew, of=self.of) as log:
             left = {key: case for key, case in keyed.items() if not log.has(key)}
             if len(left) < len(keyed):
-                console.print(f"{len(keyed) - len(left)} of {len(keyed)} runs are there already", highlight=False)
+                console.print(
+                    f"{len(keyed) - len(left)} of {len(keyed)} runs are there already",
+                    highlight=False,
+                )
             log.made_with(made_by["options"])
             engine = engine_for(options.engine, options.workers, len(left), limits)
             if left:
@@ -193,7 +225,8 @@ class Study(Generic[Case]):
             return self._told(folder, rows, title, made_by, pace, console)
 
     def sum_up(self, name: str, options: PoolOptions, title: str) -> int:
-        """Prints and writes the results of the rows that are there, without a run, whichever code has made them.
+        """Prints and writes the results of the rows that are there, without a run, whichever code
+        has made them.
 
         Args:
             name: Name of the study, and of its folder in runs/.
@@ -206,7 +239,9 @@ class Study(Generic[Case]):
         Raises:
             ConfigurationError: There is no row of these cases.
         """
-        folder = folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
+        folder = (
+            folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
+        )
         there = by_case(read_rows(folder), folder)
         rows = [there[key] for case in self.cases if (key := key_of(case)) in there]
         if not rows:
@@ -215,19 +250,34 @@ class Study(Generic[Case]):
         return self._told(folder, rows, title, provenance(name, options), pace, _console())
 
     def _told(
-        self, folder: Path, rows: list[Row], title: str, made_by: Mapping[str, Any], pace: str, console: Console
+        self,
+        folder: Path,
+        rows: list[Row],
+        title: str,
+        made_by: Mapping[str, Any],
+        pace: str,
+        console: Console,
     ) -> int:
         """Prints and writes the summary of `rows`; returns the exit code."""
         summary = self.summarise([_without_log(row) for row in rows])
         works_in(folder)
-        write_json(folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by}))
+        write_json(
+            folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by})
+        )
         summary.print_to(console)
         console.print(pace, highlight=False)
         summary.write_page(folder / PAGE, title, made_by["options"], pace)
         console.print(f"written to {folder}/", highlight=False)
         return 0 if summary.accepted else NOT_ACCEPTED
 
-    def _fill(self, log: RowLog, left: Mapping[str, Case], engine: Engine, limits: Limits, console: Console) -> None:
+    def _fill(
+        self,
+        log: RowLog,
+        left: Mapping[str, Case],
+        engine: Engine,
+        limits: Limits,
+        console: Console,
+    ) -> None:
         """Runs the cases in `left`, by key, and adds their rows to the log."""
         progress = Progress(
             TextColumn("{task.description}"),
@@ -254,8 +304,12 @@ class Study(Generic[Case]):
                     if said := self.line(row):
                         console.print(said, highlight=False, markup=False)
 
-    def _rows_of(self, found: Sequence[tuple[Case, _Done]]) -> tuple[list[tuple[Case, Row, Timing]], str]:
-        """Cases with rows and times of those that have a row; and the error of the first one that has none, or ""."""
+    def _rows_of(
+        self, found: Sequence[tuple[Case, _Done]]
+    ) -> tuple[list[tuple[Case, Row, Timing]], str]:
+        """Cases with rows and times of those that have a row; and the error of the first one that
+        has none, or "".
+        """
         rows: list[tuple[Case, Row, Timing]] = []
         error = ""
         for case, done in found:
@@ -263,7 +317,11 @@ class Study(Generic[Case]):
             if row is None and self.failed is None:
                 error = error or (f"{case}: {DIED}" if done.error == DIED else done.error)
                 continue
-            row = as_json(self.failed(case, done.error)) if row is None and self.failed is not None else row
+            row = (
+                as_json(self.failed(case, done.error))
+                if row is None and self.failed is not None
+                else row
+            )
             assert row is not None
             rows.append((case, row, {"wall_s": done.wall_s, "cpu_s": done.cpu_s}))
         return rows, error
@@ -280,11 +338,15 @@ def key_of(case: Any) -> str:
 
 
 def as_json(value: Any) -> Any:
-    """`value` in JSON types, as they are read back from a file: numbers that are not finite become None."""
+    """`value` in JSON types, as they are read back from a file: numbers that are not finite become
+    None.
+    """
     return _finite(json.loads(json.dumps(_plain(value))))
 
 
-def _timed(run_one: Callable[[Case], Mapping[str, Any]], limit_s: float | None, case: Case) -> _Done:
+def _timed(
+    run_one: Callable[[Case], Mapping[str, Any]], limit_s: float | None, case: Case
+) -> _Done:
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         with within_time(limit_s):

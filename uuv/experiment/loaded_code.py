@@ -1,4 +1,6 @@
-"""Files that a result depends on: source of all loaded modules that belong to no installed package, and their data."""
+"""Files that a result depends on: source of all loaded modules that belong to no installed package,
+and their data.
+"""
 
 import hashlib
 import os
@@ -18,9 +20,11 @@ _MOST_BYTES = 1_000_000_000  # of a file
 
 
 def loaded_files() -> frozenset[str]:
-    """Source files of the project's and the user's modules that this process has loaded, and the data beside them.
+    """Source files of the project's and the user's modules that this process has loaded, and the
+    data beside them.
 
-    Data are all other files in a package's folder. Paths are relative to the checkout where they lie in it.
+    Data are all other files in a package's folder. Paths are relative to the checkout where they
+    lie in it.
     """
     found: set[str] = set()
     for name, module in list(sys.modules.items()):
@@ -31,10 +35,11 @@ def loaded_files() -> frozenset[str]:
 
 
 def new_digests() -> dict[str, str]:
-    """Digests of those `loaded_files` that this process has not told before; what it has told, it does not read again.
+    """Digests of those `loaded_files` that this process has not told before; what it has told, it
+    does not read again.
 
-    So a process that loads a changed file later than another one tells another digest of it. With them are those
-    that processes started by this one have told since (`told_by_another`).
+    So a process that loads a changed file later than another one tells another digest of it. With
+    them are those that processes started by this one have told since (`told_by_another`).
     """
     files = loaded_files() - _told
     _told.update(files)
@@ -44,7 +49,9 @@ def new_digests() -> dict[str, str]:
 
 
 def told_by_another(code: Mapping[str, str]) -> None:
-    """Takes the digests of files that a process started by this one has loaded; `new_digests` tells them on."""
+    """Takes the digests of files that a process started by this one has loaded; `new_digests` tells
+    them on.
+    """
     _of_others.update(code)
 
 
@@ -68,7 +75,9 @@ _of_others: dict[str, str] = {}
 
 
 def digests(files: Iterable[str]) -> dict[str, str]:
-    """Digest of the content of each of `files`, named as by `loaded_files`; empty for one that is not there."""
+    """Digest of the content of each of `files`, named as by `loaded_files`; empty for one that is
+    not there.
+    """
     return {file: _digest(HOME / file) for file in sorted(files)}
 
 
@@ -80,7 +89,11 @@ def _with_data(package: str, file: str) -> tuple[str, ...]:
     path = Path(file).resolve()
     found = [path]
     if (path.parent / "__init__.py").exists():
-        found += [other for other in path.parent.iterdir() if other.is_file() and other.suffix not in (".py", ".pyc")]
+        found += [
+            other
+            for other in path.parent.iterdir()
+            if other.is_file() and other.suffix not in (".py", ".pyc")
+        ]
     return tuple(map(_named, found))
 
 
@@ -89,7 +102,9 @@ def _named(file: Path) -> str:
 
 
 def _digest(file: Path) -> str:
-    """Digest of a file; empty for what is none, or too large to be source or data of the project."""
+    """Digest of a file; empty for what is none, or too large to be source or data of the
+    project.
+    """
     try:
         with regular(file, "file") as stream:
             large = os.fstat(stream.fileno()).st_size > _MOST_BYTES

@@ -1,4 +1,6 @@
-"""Local processes by loky: each run in a fresh worker's memory, and a worker that dies costs its own runs only."""
+"""Local processes by loky: each run in a fresh worker's memory, and a worker that dies costs its
+own runs only.
+"""
 
 import os
 import warnings
@@ -24,11 +26,13 @@ def run_all(
     died: Callable[[Task], Result],
     limits: Limits = NO_LIMITS,
 ) -> Iterator[tuple[Task, Result]]:
-    """Runs all tasks in worker processes and yields each task with its result, in order of completion.
+    """Runs all tasks in worker processes and yields each task with its result, in order of
+    completion.
 
-    A result depends neither on the other tasks nor on the process. A process that dies breaks its pool: the tasks that
-    were under way are done again, one at a time, so that one which kills its process is told from the others. Both
-    functions must be importable by a fresh Python under their module's name.
+    A result depends neither on the other tasks nor on the process. A process that dies breaks its
+    pool: the tasks that were under way are done again, one at a time, so that one which kills its
+    process is told from the others. Both functions must be importable by a fresh Python under their
+    module's name.
 
     Args:
         tasks: Picklable tasks.
@@ -55,7 +59,8 @@ def run_all(
             while source or under_way:
                 while source and len(under_way) < size:
                     task = source[-1]
-                    under_way[pool.submit(run, task)] = task  # raises if the pool broke since the last one
+                    # raises if the pool broke since the last one
+                    under_way[pool.submit(run, task)] = task
                     source.pop()
                 for done in wait(under_way, return_when=FIRST_COMPLETED).done:
                     result = done.result()
@@ -79,7 +84,10 @@ def run_all(
 def _pool(workers: int, limits: Limits) -> "ProcessPoolExecutor":
     from loky import ProcessPoolExecutor
 
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread for each worker: the workers share the cores
+    # one thread for each worker: the workers share the cores
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     # loky replaces a worker that has grown by 300 MB, and says so; no run is lost by that.
-    warnings.filterwarnings("ignore", "A worker (stopped|was restarted) while some jobs", UserWarning)
+    warnings.filterwarnings(
+        "ignore", "A worker (stopped|was restarted) while some jobs", UserWarning
+    )
     return ProcessPoolExecutor(workers, initializer=begin, initargs=(os.getpid(), limits))

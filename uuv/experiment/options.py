@@ -22,12 +22,15 @@ class HarnessOptions:
     """Options of the harness of studies and campaigns."""
 
     engine: EngineName = "processes"
-    """processes: of this machine. ray: a Ray cluster, that of RAY_ADDRESS or one started here (extra cluster)."""
+    """processes: of this machine. ray: a Ray cluster, that of RAY_ADDRESS or one started here
+    (extra cluster).
+    """
     workers: int = 0
     """Number of processes; 0: one for each core, 1: this one. Results do not depend on it."""
     out: Path | None = None
-    """Folder for rows, metrics.json and report.html, by default runs/<study>; a study that was interrupted is
-    resumed there."""
+    """Folder for rows, metrics.json and report.html, by default runs/<study>; a study that was
+    interrupted is resumed there.
+    """
     anew: bool = False
     """Delete the runs in that folder."""
 
@@ -52,4 +55,6 @@ def at_least(options: Any, **least: int) -> None:
     for name, bound in least.items():
         value = getattr(options, name)
         if value is not None and not value >= bound:
-            raise ConfigurationError(f"--{name.replace('_', '-')}: must be at least {bound}, got {value}")
+            raise ConfigurationError(
+                f"--{name.replace('_', '-')}: must be at least {bound}, got {value}"
+            )

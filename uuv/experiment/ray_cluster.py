@@ -1,4 +1,6 @@
-"""Ray engine: runs of a study on a Ray cluster, one that exists or one started on this machine for the study."""
+"""Ray engine: runs of a study on a Ray cluster, one that exists or one started on this machine for
+the study.
+"""
 
 import os
 import signal
@@ -18,8 +20,8 @@ from uuv.experiment.worker import Limits, limit_memory
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.kernels import store
 
-# Read when Ray is imported. Under `uv run` it would start each worker by uv, in a copy of this folder; nothing is sent
-# home from here.
+# Read when Ray is imported. Under `uv run` it would start each worker by uv, in a copy of this
+# folder; nothing is sent home from here.
 os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 try:
@@ -27,25 +29,30 @@ try:
     lost: Any = import_module("ray.exceptions")
 except ImportError as error:
     raise ConfigurationError(
-        "--engine ray: Ray is not installed here; ./uvw sync --extra cluster, or pip install 'uuv-arm[cluster]'"
+        "--engine ray: Ray is not installed here; ./uvw sync --extra cluster, or pip install "
+        "'uuv-arm[cluster]'"
     ) from error
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 ADDRESS = "RAY_ADDRESS"  # Ray's own variable: address of a cluster
-_AHEAD = 2  # tasks that wait or run, for each processor of the cluster: the next one is there when one is done
+# tasks that wait or run, for each processor of the cluster: the next one is there when one is done
+_AHEAD = 2
 _LOOK = 5.0  # [s] between two looks how many processors there are: a cluster may grow
 _THREADS = "OMP_NUM_THREADS"
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)  # Ray takes them, and prints a trace of its stack; they are the command's
+# Ray takes them, and prints a trace of its stack; they are the command's
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _HANDED_ON = (store.FOLDER, store.LIMIT)  # variables of this process that workers get
 
 
 @dataclass(frozen=True, slots=True)
 class RayCluster:
-    """Carries out runs on the cluster of RAY_ADDRESS, or on one that is started here and ends with the study.
+    """Carries out runs on the cluster of RAY_ADDRESS, or on one that is started here and ends with
+    the study.
 
-    A task takes one processor and is a message of a few kB; results come back the same way. A run whose worker or node
-    is lost is done again as often as `Limits.retries` says, wherever there is room.
+    A task takes one processor and is a message of a few kB; results come back the same way. A run
+    whose worker or node is lost is done again as often as `Limits.retries` says, wherever there is
+    room.
     """
 
     workers: int  # processors of a cluster that is started here; 0: all
@@ -54,7 +61,11 @@ class RayCluster:
     @property
     def place(self) -> str:
         """As `Engine.place`."""
-        return f"the Ray cluster {os.environ[ADDRESS]}" if os.environ.get(ADDRESS) else "a Ray cluster started here"
+        return (
+            f"the Ray cluster {os.environ[ADDRESS]}"
+            if os.environ.get(ADDRESS)
+            else "a Ray cluster started here"
+        )
 
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
@@ -63,7 +74,10 @@ class RayCluster:
         from uuv import first_start
 
         first_start.build()  # else every worker would compile the same
-        with nullcontext() if os.environ.get(ADDRESS) else kept_cluster() as folder, _connected(self.workers, folder):
+        with (
+            nullcontext() if os.environ.get(ADDRESS) else kept_cluster() as folder,
+            _connected(self.workers, folder),
+        ):
             yield from _carried_out(tasks, ray.put(run), died, self.limits)
 
 
@@ -91,7 +105,9 @@ def _connected(workers: int, folder: str | None) -> Iterator[None]:
         )
     except (ConnectionError, RuntimeError, ValueError, lost.RayError) as error:
         where = f" at {exists}" if exists else ""
-        raise ConfigurationError(f"--engine ray: no cluster{where}: {one_line(str(error))}") from error
+        raise ConfigurationError(
+            f"--engine ray: no cluster{where}: {one_line(str(error))}"
+        ) from error
     for number, handler in handlers.items():
         signal.signal(number, handler)
     try:
@@ -104,7 +120,8 @@ def _carried_out(
     tasks: Sequence[Task], run: Any, died: Callable[[Task], Result], limits: Limits
 ) -> Iterator[Sequence[tuple[Task, Result]]]:
     """The tasks with their results; `run` is the reference of a function that the cluster holds."""
-    remote: Any = ray.remote(num_cpus=1, max_retries=0)(_one)  # again, if need be, by this loop: it counts the deaths
+    # again, if need be, by this loop: it counts the deaths
+    remote: Any = ray.remote(num_cpus=1, max_retries=0)(_one)
     waiting, deaths = deque(range(len(tasks))), [0] * len(tasks)
     under_way: dict[Any, int] = {}
     room, looked = 0, -np.inf
@@ -125,7 +142,8 @@ def _carried_out(
                 raise error.as_instanceof_cause() from None
             except (lost.LocalRayletDiedError, lost.RuntimeEnvSetupError) as error:
                 raise ConfigurationError(
-                    f"--engine ray: the cluster is lost ({one_line(str(error))}); the rows are kept, the same command "
+                    f"--engine ray: the cluster is lost ({one_line(str(error))}); the rows are "
+                    "kept, the same command "
                     "goes on"
                 ) from error
             except lost.RayError:  # its worker or node is gone, or the result with it

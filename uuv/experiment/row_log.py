@@ -1,4 +1,6 @@
-"""Rows of a study on disk, and what they depend on: one process writes, and rows of other code are refused."""
+"""Rows of a study on disk, and what they depend on: one process writes, and rows of other code are
+refused.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -24,9 +26,13 @@ _NAMED = 4  # changed files that a message names
 
 
 class RowLog:
-    """Rows of a study by case, beside study.json: settings, versions, and digests of the files that rows depend on."""
+    """Rows of a study by case, beside study.json: settings, versions, and digests of the files that
+    rows depend on.
+    """
 
-    def __init__(self, folder: Path, *, anew: bool = False, of: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self, folder: Path, *, anew: bool = False, of: Mapping[str, Any] | None = None
+    ) -> None:
         """Opens the log in `folder`.
 
         For one process at a time: see `open`.
@@ -37,14 +43,20 @@ class RowLog:
             of: Options that all its rows share, of JSON types, by name.
 
         Raises:
-            ConfigurationError: The rows were made by other code or with other options, or the folder holds other files.
+            ConfigurationError: The rows were made by other code or with other options, or the
+                folder holds other files.
         """
         self.folder, self._of = folder, dict(of or {})
         self._about = folder / ABOUT
-        foreign = [path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
+        foreign = [
+            path.name
+            for path in folder.iterdir()
+            if path.is_file() and not path.name.startswith(".")
+        ]
         if not self._about.exists() and has_rows(folder) and not anew:
             raise ConfigurationError(
-                f"{folder} holds rows, but {ABOUT} is gone, without which nobody knows by what code and options they "
+                f"{folder} holds rows, but {ABOUT} is gone, without which nobody knows by what "
+                "code and options they "
                 "were made; put it back, or --anew throws them away"
             )
         if foreign and not self._about.exists() and not has_rows(folder):
@@ -59,7 +71,8 @@ class RowLog:
                 (folder / name).unlink(missing_ok=True)
         if (folder / _EARLIER).exists():
             raise ConfigurationError(
-                f"{folder} holds rows of an earlier version ({_EARLIER}); --anew throws them away, or take another "
+                f"{folder} holds rows of an earlier version ({_EARLIER}); --anew throws them "
+                "away, or take another "
                 "--out"
             )
         self._code: dict[str, str] = {}
@@ -69,26 +82,34 @@ class RowLog:
             self._code, self._settings = dict(about.code), about.settings
             before = about.of
             if other := [name for name, value in self._of.items() if before.get(name) != value]:
-                there, asked = (", ".join(f"{name} {of.get(name)}" for name in other) for of in (before, self._of))
+                there, asked = (
+                    ", ".join(f"{name} {of.get(name)}" for name in other)
+                    for of in (before, self._of)
+                )
                 raise ConfigurationError(
-                    f"{folder} holds runs of {there}, asked for are those of {asked}; --anew throws them away, or take "
+                    f"{folder} holds runs of {there}, asked for are those of {asked}; --anew "
+                    "throws them away, or take "
                     "another --out"
                 )
             if changed := self._changed(about):
                 more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
                 raise ConfigurationError(
-                    f"{folder} holds runs of other code (changed: {', '.join(changed[:_NAMED])}{more}); --anew throws "
+                    f"{folder} holds runs of other code (changed: "
+                    f"{', '.join(changed[:_NAMED])}{more}); --anew throws "
                     "them away, or take another --out"
                 )
         else:
             self._write_about()
         self._table = RowTable(folder)
         self.rows: dict[str, Row] = by_case(self._table.rows, folder)
-        self._numbers = {row[KEY]: number for number, row in enumerate(self._table.rows)}  # in the table
+        # in the table
+        self._numbers = {row[KEY]: number for number, row in enumerate(self._table.rows)}
 
     @classmethod
     @contextmanager
-    def open(cls, folder: Path, *, anew: bool = False, of: Mapping[str, Any] | None = None) -> Iterator[Self]:
+    def open(
+        cls, folder: Path, *, anew: bool = False, of: Mapping[str, Any] | None = None
+    ) -> Iterator[Self]:
         """Context manager: the log in `folder`, created if necessary, locked for this process.
 
         Args:
@@ -102,12 +123,16 @@ class RowLog:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
+            raise ConfigurationError(
+                f"--out {folder}: cannot be made a folder ({error.strerror})"
+            ) from error
         with alone_in(folder):
             yield cls(folder, anew=anew, of=of)
 
     def has(self, key: str) -> bool:
-        """True if there is a row of that case from a run that came to an end; one whose process died is done again."""
+        """True if there is a row of that case from a run that came to an end; one whose process
+        died is done again.
+        """
         return key in self.rows and self.rows[key][TIMING]["wall_s"] is not None
 
     def depends_on(self, code: Mapping[str, str]) -> None:
@@ -119,9 +144,12 @@ class RowLog:
         Raises:
             ConfigurationError: A process has read another content of a file than an earlier one.
         """
-        if other := [file for file, digest in code.items() if self._code.get(file, digest) != digest]:
+        if other := [
+            file for file, digest in code.items() if self._code.get(file, digest) != digest
+        ]:
             raise ConfigurationError(
-                f"{', '.join(other[:_NAMED])}: changed while the study was at work, or other on another machine; the "
+                f"{', '.join(other[:_NAMED])}: changed while the study was at work, or other on "
+                "another machine; the "
                 "rows that are there are of the earlier content"
             )
         if code.keys() - self._code.keys():
@@ -144,7 +172,9 @@ class RowLog:
             ConfigurationError: A file cannot be written.
         """
         rows = {key: {**row, KEY: key, TIMING: dict(timing)} for key, row, timing in done}
-        self._table.replace({self._numbers[key]: row for key, row in rows.items() if key in self._numbers})
+        self._table.replace(
+            {self._numbers[key]: row for key, row in rows.items() if key in self._numbers}
+        )
         new = [key for key in rows if key not in self._numbers]
         start = len(self._table.rows)
         self._table.extend([rows[key] for key in new])

@@ -1,4 +1,6 @@
-"""Rows of a study as Parquet files: typed columns with dotted names, whole at every moment, read back bit for bit."""
+"""Rows of a study as Parquet files: typed columns with dotted names, whole at every moment, read
+back bit for bit.
+"""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,17 +21,20 @@ ROWS = "rows"  # folder of the files
 LAYOUT = "_layout"  # column: the row's nesting, in JSON, with a letter for each value (`_leaf`)
 CHUNK = 256  # rows of a file
 _MOST_BYTES = 64_000_000  # of a file, and of its content unpacked
-_VERSION_KEY, _JSON = b"uuv_arm.schema_version", {b"uuv_arm.encoding": b"json"}  # metadata of a file, of a column
+# metadata of a file, of a column
+_VERSION_KEY, _JSON = b"uuv_arm.schema_version", {b"uuv_arm.encoding": b"json"}
 _EXACT = 2**53  # whole numbers up to here are exact in a double
 
 
 class RowTable:
-    """Table of rows in the folder `rows`: one file for each 256 rows, in the order in which the rows came.
+    """Table of rows in the folder `rows`: one file for each 256 rows, in the order in which the
+    rows came.
 
-    A value that is nested in tables has a column with a dotted name: `figures.force_rms_n`. Columns are boolean, int64,
-    double, text, lists of these, or JSON as text where the values are of several types. A new row replaces the last
-    file by a longer one, atomically; a new column, or a column of a wider type, replaces the files one by one from the
-    first. So a reader finds whole rows, none twice, at every moment.
+    A value that is nested in tables has a column with a dotted name: `figures.force_rms_n`. Columns
+    are boolean, int64, double, text, lists of these, or JSON as text where the values are of
+    several types. A new row replaces the last file by a longer one, atomically; a new column, or a
+    column of a wider type, replaces the files one by one from the first. So a reader finds whole
+    rows, none twice, at every moment.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -60,7 +65,8 @@ class RowTable:
             self._last = pa.table({})
 
     def extend(self, rows: Sequence[Row]) -> None:
-        """Adds rows; they are on the disk when this returns. Each file that they go to is written once.
+        """Adds rows; they are on the disk when this returns. Each file that they go to is written
+        once.
 
         Raises:
             ConfigurationError: A file cannot be written, or two values of a row have one name.
@@ -70,7 +76,8 @@ class RowTable:
             self._append(rows[start : start + CHUNK])
 
     def replace(self, rows: Mapping[int, Row]) -> None:
-        """Puts rows in the places of those with the numbers that are their keys; each file is written once.
+        """Puts rows in the places of those with the numbers that are their keys; each file is
+        written once.
 
         They are on the disk when this returns. Raises as `extend`.
         """
@@ -117,7 +124,9 @@ class RowTable:
             self._last = last if last.num_rows < CHUNK else pa.table({})
 
     def _write_all(self) -> None:
-        """Writes all files anew with the columns of now, the first one first: pandas takes the columns from it."""
+        """Writes all files anew with the columns of now, the first one first: pandas takes the
+        columns from it.
+        """
         for number in range(-(-len(self.rows) // CHUNK)):
             self._last = self._table(self.rows[number * CHUNK : (number + 1) * CHUNK])
             self._write(number, self._last)
@@ -126,14 +135,22 @@ class RowTable:
 
     def _write(self, number: int, table: pa.Table) -> None:
         if self._home.is_symlink():
-            raise ConfigurationError(f"{self._home}: is a link, and its rows would go where it leads to")
+            raise ConfigurationError(
+                f"{self._home}: is a link, and its rows would go where it leads to"
+            )
         try:
             self._home.mkdir(exist_ok=True)
         except OSError as error:
-            raise ConfigurationError(f"{self._home}: cannot be made a folder ({error.strerror})") from error
+            raise ConfigurationError(
+                f"{self._home}: cannot be made a folder ({error.strerror})"
+            ) from error
         content = pa.BufferOutputStream()
         pq.write_table(table, content, compression="zstd")
-        write_whole(self._home / f"{number:06d}.parquet", content.getvalue().to_pybytes(), part_in=self._home.parent)
+        write_whole(
+            self._home / f"{number:06d}.parquet",
+            content.getvalue().to_pybytes(),
+            part_in=self._home.parent,
+        )
 
     def _table(self, rows: Iterable[Row]) -> pa.Table:
         flat = [dict(_flat(row)) for row in rows]
@@ -148,7 +165,8 @@ class RowTable:
 
 
 def read_rows(folder: str | Path) -> list[Row]:
-    """Rows of a study or campaign as they were made, nested; for tables, read the folder `rows` with pandas instead.
+    """Rows of a study or campaign as they were made, nested; for tables, read the folder `rows`
+    with pandas instead.
 
     Args:
         folder: Folder of the study.
@@ -181,17 +199,22 @@ def _read(file: Path) -> pa.Table:
         told = stored.metadata
         unpacked = sum(told.row_group(i).total_byte_size for i in range(told.num_row_groups))
         if told.num_rows > CHUNK or unpacked > _MOST_BYTES:
-            raise ConfigurationError(f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; take it out")
+            raise ConfigurationError(
+                f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; take it out"
+            )
         table = stored.read()
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
         if isinstance(error, ConfigurationError):
             raise
         said = (str(error).splitlines() or [""])[0]
-        raise ConfigurationError(f"{file}: is no whole Parquet file ({said}); mend it or take it out") from error
+        raise ConfigurationError(
+            f"{file}: is no whole Parquet file ({said}); mend it or take it out"
+        ) from error
     version = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
     if version != str(SCHEMA_VERSION):
         raise ConfigurationError(
-            f"{file}: schema version {version}; this code reads {SCHEMA_VERSION}; --anew throws the rows away, or take "
+            f"{file}: schema version {version}; this code reads {SCHEMA_VERSION}; --anew throws "
+            "the rows away, or take "
             "another --out"
         )
     return table
@@ -201,7 +224,8 @@ def _kinds_of(schema: pa.Schema) -> dict[str, pa.DataType | None]:
     return {field.name: None if field.metadata == _JSON else field.type for field in schema}
 
 
-# -- one row -----------------------------------------------------------------------------------------------------------
+# -- one row
+# -----------------------------------------------------------------------------------------------------------
 
 
 def _flat(row: Row) -> Iterator[tuple[str, Any]]:
@@ -215,7 +239,10 @@ def _flat(row: Row) -> Iterator[tuple[str, Any]]:
 def _laid_out(value: Any, name: str, found: dict[str, Any]) -> Any:
     """Layout of `value`; adds its columns to `found`."""
     if isinstance(value, Mapping):
-        return {key: _laid_out(each, f"{name}.{key}" if name else key, found) for key, each in value.items()}
+        return {
+            key: _laid_out(each, f"{name}.{key}" if name else key, found)
+            for key, each in value.items()
+        }
     if name in found or name == LAYOUT:
         raise ConfigurationError(f"a row has two values of the name {name!r}")
     found[name] = value
@@ -241,7 +268,9 @@ def _decoded(table: pa.Table, file: Path) -> list[Row]:
     try:
         return _nested_rows(table)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ConfigurationError(f"{file}: is no table of rows ({error}); mend it or take it out") from error
+        raise ConfigurationError(
+            f"{file}: is no table of rows ({error}); mend it or take it out"
+        ) from error
 
 
 def _nested_rows(table: pa.Table) -> list[Row]:
@@ -256,7 +285,10 @@ def _nested_rows(table: pa.Table) -> list[Row]:
 
 def _nested(layout: Any, name: str, values: Row) -> Any:
     if isinstance(layout, dict):
-        return {key: _nested(each, f"{name}.{key}" if name else key, values) for key, each in layout.items()}
+        return {
+            key: _nested(each, f"{name}.{key}" if name else key, values)
+            for key, each in layout.items()
+        }
     return _as_laid_out(values[name], {"i": int, "f": float}.get(layout))
 
 
@@ -266,7 +298,8 @@ def _as_laid_out(value: Any, kind: type | None) -> Any:
     return [_as_laid_out(each, kind) for each in value] if isinstance(value, list) else kind(value)
 
 
-# -- types of columns --------------------------------------------------------------------------------------------------
+# -- types of columns
+# --------------------------------------------------------------------------------------------------
 
 
 def _kind(value: Any) -> pa.DataType | None:
@@ -275,7 +308,8 @@ def _kind(value: Any) -> pa.DataType | None:
         kind: pa.DataType | None = pa.null()
         for each in value:
             kind = _wider(kind, None if isinstance(each, list | Mapping) else _kind(each))
-        mixed = len({type(each) for each in value} - {type(None)}) > 1  # the layout has one letter for a list
+        # the layout has one letter for a list
+        mixed = len({type(each) for each in value} - {type(None)}) > 1
         return None if kind is None or mixed else pa.list_(kind)
     if isinstance(value, bool):
         return pa.bool_()

@@ -1,4 +1,6 @@
-"""What happens inside a worker process: its start, its end with the study, and the limits of a run."""
+"""What happens inside a worker process: its start, its end with the study, and the limits of a
+run.
+"""
 
 import faulthandler
 import os
@@ -14,7 +16,8 @@ from typing import NoReturn
 from uuv.sim.interfaces.spatial import finite_number, whole_number
 
 _WATCH_PERIOD = 0.2  # [s] between two looks whether the parent lives
-_GRACE = 5.0  # [s] after the limit, and again the limit: then the process is ended from outside Python
+# [s] after the limit, and again the limit: then the process is ended from outside Python
+_GRACE = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,13 +47,18 @@ class Limits:
 
 
 class TimeLimitError(BaseException):
-    """A run took longer than its limit; no Exception, so that no run takes it for an error of its own."""
+    """A run took longer than its limit; no Exception, so that no run takes it for an error of its
+    own.
+    """
 
 
 def begin(parent: int, limits: Limits) -> None:
-    """Initialiser of a worker: ends silently on Ctrl-C, and with its parent however that ends; limits its memory."""
+    """Initialiser of a worker: ends silently on Ctrl-C, and with its parent however that ends;
+    limits its memory.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # ignored under nohup: the workers keep that
+        # ignored under nohup: the workers keep that
+        if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)  # only the study prints a message
     end_with(parent)
     limit_memory(limits)
@@ -72,13 +80,16 @@ def end_with(parent: int) -> None:
 
 @contextmanager
 def within_time(limit: float | None) -> Iterator[None]:
-    """Raises TimeLimitError in the block once it has taken `limit` [s]; a block that hangs ends the process later."""
+    """Raises TimeLimitError in the block once it has taken `limit` [s]; a block that hangs ends the
+    process later.
+    """
     if limit is None or not hasattr(signal, "setitimer"):
         yield
         return
     before = signal.signal(signal.SIGALRM, _too_long)
     signal.setitimer(signal.ITIMER_REAL, limit)
-    faulthandler.dump_traceback_later(2.0 * limit + _GRACE, exit=True)  # needs no Python: compiled code may hang
+    # needs no Python: compiled code may hang
+    faulthandler.dump_traceback_later(2.0 * limit + _GRACE, exit=True)
     try:
         yield
     finally:

@@ -74,7 +74,7 @@ class Job:
     @property
     def about(self) -> str:
         """What it is, in one line."""
-        return self._text.partition("\n")[0]
+        return " ".join(self._text.partition("\n\n")[0].split())
 
     @property
     def description(self) -> str:

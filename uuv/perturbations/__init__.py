@@ -1,1 +1,3 @@
-"""Perturbations: deviations of the plant, the scene or the loop from what the controller believes."""
+"""Perturbations: deviations of the plant, the scene or the loop from what the controller
+believes.
+"""

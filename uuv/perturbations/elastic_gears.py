@@ -18,13 +18,16 @@ TWIST = "_twist"  # added to a joint's name: the joint and the tendon of its gea
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticGears(Perturbation):
-    """Torsional spring with play between each motor and its link; the encoders are on the motors' side.
+    """Torsional spring with play between each motor and its link; the encoders are on the motors'
+    side.
 
-    Each link gets a second, passive hinge on the axis of its joint: the gear's twist. It is held by a spring with a
-    dead band, a tendon of MuJoCo with a range of spring lengths. Motor inertia and friction stay on the joint itself.
+    Each link gets a second, passive hinge on the axis of its joint: the gear's twist. It is held by
+    a spring with a dead band, a tendon of MuJoCo with a range of spring lengths. Motor inertia and
+    friction stay on the joint itself.
     """
 
-    stiffness: float = 3e4  # [N m/rad] of the gear of the strongest joint; the others' by their torque limits
+    # [N m/rad] of the gear of the strongest joint; the others' by their torque limits
+    stiffness: float = 3e4
     backlash: float = 0.0  # [rad] play of each gear, from stop to stop
     damping: float = 0.05  # of each gear, share of the critical one for its link alone
 
@@ -39,31 +42,44 @@ class ElasticGears(Perturbation):
         joints = [joint for joint in spec.joints if joint.name in actuators]
         if not joints:
             raise ConfigurationError("ElasticGears: the vehicle has no driven joints")
-        limits = np.array([np.abs(np.array(actuators[joint.name].ctrlrange)).max() for joint in joints])
+        limits = np.array(
+            [np.abs(np.array(actuators[joint.name].ctrlrange)).max() for joint in joints]
+        )
         stiffness = self.stiffness * limits / limits.max()
         with keyframes_kept(spec):
             for joint, k in zip(joints, stiffness, strict=True):
                 name = joint.name + TWIST
-                twist = joint.parent.add_joint(name=name, type=joint.type, axis=joint.axis, pos=joint.pos)
+                twist = joint.parent.add_joint(
+                    name=name, type=joint.type, axis=joint.axis, pos=joint.pos
+                )
                 twist.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-                twist.armature = twist.frictionloss = 0.0  # whatever the vehicle's default class says
-                spring = spec.add_tendon(name=name, springlength=[-0.5 * self.backlash, 0.5 * self.backlash])
+                # whatever the vehicle's default class says
+                twist.armature = twist.frictionloss = 0.0
+                spring = spec.add_tendon(
+                    name=name, springlength=[-0.5 * self.backlash, 0.5 * self.backlash]
+                )
                 spring.stiffness = first_coefficient(spring.stiffness, k)
                 spring.wrap_joint(name, 1.0)
         inertia = _inertia(spec, [joint.name + TWIST for joint in joints])
         for joint, k, own in zip(joints, stiffness, np.diag(inertia), strict=True):
             twist = spec.joint(joint.name + TWIST)
             twist.damping = first_coefficient(twist.damping, 2.0 * self.damping * np.sqrt(k * own))
-        # Fastest vibration of the twists against each other and against links and motors that are free to move.
+        # Fastest vibration of the twists against each other and against links and motors that are
+        # free to move.
         root = np.sqrt(stiffness)
-        fastest = float(np.linalg.eigvalsh(root[:, None] * np.linalg.inv(inertia) * root).max())  # [rad^2/s^2]
+        # [rad^2/s^2]
+        fastest = float(np.linalg.eigvalsh(root[:, None] * np.linalg.inv(inertia) * root).max())
         timestep = float(spec.option.timestep)
-        spec.option.timestep = timestep / np.ceil(max(1.0, timestep * np.sqrt(fastest / RESTLESS)) - 1e-9)
+        spec.option.timestep = timestep / np.ceil(
+            max(1.0, timestep * np.sqrt(fastest / RESTLESS)) - 1e-9
+        )
         return {"gear_stiffness": self.stiffness, "backlash": self.backlash}
 
 
 def _inertia(spec: mujoco.MjSpec, joints: list[str]) -> Array:
-    """Inertia matrix (n, n) [kg m^2] of hinges in the ready posture, with all other joints free to move."""
+    """Inertia matrix (n, n) [kg m^2] of hinges in the ready posture, with all other joints free to
+    move.
+    """
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, READY_KEY)

@@ -43,12 +43,16 @@ class MisplacedSurface(Perturbation):
             return loop
         if loop.parts.finder is None:
             raise ConfigurationError("MisplacedSurface: this task looks for no object")
-        return replace(loop, parts=replace(loop.parts, finder=ShiftedFinder(loop.parts.finder, self.offset)))
+        return replace(
+            loop, parts=replace(loop.parts, finder=ShiftedFinder(loop.parts.finder, self.offset))
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftedFinder:
-    """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach direction."""
+    """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach
+    direction.
+    """
 
     finder: TargetFinder
     offset: float  # [m] the found surface lies so far before the true one
@@ -57,7 +61,9 @@ class ShiftedFinder:
         """Initial state of the wrapped finder."""
         return self.finder.init()
 
-    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
+    def step(
+        self, state: Any, estimate: StateEstimate, measurement: Measurement
+    ) -> tuple[Any, Target | None]:
         """Step of the wrapped finder, its target shifted.
 
         Args:
@@ -90,8 +96,12 @@ class Failure(Perturbation):
 
     def __post_init__(self) -> None:
         if (self.at is None) == (self.state is None):
-            raise ConfigurationError(f"{type(self).__name__}: give `at` [s] or `state`, one of the two")
-        if self.state is not None and self.state not in (states := [str(state) for state in WorkState]):
+            raise ConfigurationError(
+                f"{type(self).__name__}: give `at` [s] or `state`, one of the two"
+            )
+        if self.state is not None and self.state not in (
+            states := [str(state) for state in WorkState]
+        ):
             raise ConfigurationError(
                 f"{type(self).__name__} state: allowed {', '.join(states)}, got {shown(self.state)}"
             )
@@ -119,7 +129,8 @@ class ThrusterFailure(Failure):
     """
 
     joins: ClassVar[bool] = True
-    thruster: str  # of `Vehicle.thruster_names`: its actuator's name without "thruster_", such as "heave_front"
+    # of `Vehicle.thruster_names`: its actuator's name without "thruster_", such as "heave_front"
+    thruster: str
     share: float = 0.0  # from 0 to 1
     stuck: bool = False
 
@@ -138,11 +149,14 @@ class ThrusterFailure(Failure):
             sound = sound.plant
         if not isinstance(sound, Plant):
             raise ConfigurationError(
-                f"ThrusterFailure: comes before perturbations that wrap the plant, found {type(sound).__name__}"
+                "ThrusterFailure: comes before perturbations that wrap the plant, found "
+                f"{type(sound).__name__}"
             )
         index, onset = self._index(sound.vehicle.thruster_names), self.onset()
         fault = ThrusterFault(index, onset, self.share, self.stuck)
-        faulty: Any = FaultyPlant(sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault])
+        faulty: Any = FaultyPlant(
+            sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault]
+        )
         return replace(loop, plant=faulty, observers=(*loop.observers, *self._observers(onset)))
 
     def _index(self, names: Sequence[str]) -> int:
@@ -173,13 +187,16 @@ class SensorFailure(Failure):
         super().__post_init__()
         finite_number(self.rate, "SensorFailure rate [1/s]")
         if self.rate and self.effect not in ("offset", "turned"):
-            raise ConfigurationError(f"SensorFailure rate: an offset or a turn grows, not effect {self.effect!r}")
+            raise ConfigurationError(
+                f"SensorFailure rate: an offset or a turn grows, not effect {self.effect!r}"
+            )
         if self.effect != "turned":
             return
         finite_number(self.value, "SensorFailure value [rad]")
         if self.sensor != "imu" or self.index not in (0, 1, 2):
             raise ConfigurationError(
-                "SensorFailure turned: allowed for sensor 'imu' about index 0, 1 or 2 (axis of the hull), "
+                "SensorFailure turned: allowed for sensor 'imu' about index 0, 1 or 2 (axis of "
+                "the hull), "
                 f"got {shown(self.sensor)} and {shown(self.index)}"
             )
 
@@ -190,11 +207,15 @@ class SensorFailure(Failure):
 
         onset, kind = self.onset(), getattr(proprioception, SENSORS[self.sensor])
         sensors = [
-            FaultySensor(sensor, self._fault(), onset) if isinstance(getattr(sensor, "sound", sensor), kind) else sensor
+            FaultySensor(sensor, self._fault(), onset)
+            if isinstance(getattr(sensor, "sound", sensor), kind)
+            else sensor
             for sensor in loop.parts.sensors
         ]
         return replace(
-            loop, parts=replace(loop.parts, sensors=sensors), observers=(*loop.observers, *self._observers(onset))
+            loop,
+            parts=replace(loop.parts, sensors=sensors),
+            observers=(*loop.observers, *self._observers(onset)),
         )
 
     def _fault(self) -> "SensorFault":

@@ -12,8 +12,10 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, finite_number
 
 STEPS_PER_SOLREF = 3.0  # physics steps per time constant of the contact; MuJoCo needs at least two
-RESTLESS = 0.2  # squared phase of the pad's spring in one step; from 0.26 on the pad may bounce without end
-WORKING_FORCE = 60.0  # [N] at which the stiffness of pad and surface holds; a contact hardens with depth
+# squared phase of the pad's spring in one step; from 0.26 on the pad may bounce without end
+RESTLESS = 0.2
+# [N] at which the stiffness of pad and surface holds; a contact hardens with depth
+WORKING_FORCE = 60.0
 SOFTEST_CONTACT = 1.6  # least stiffness of the contact alone, times the stiffness asked for
 
 
@@ -49,10 +51,11 @@ class Pad(Perturbation):
     def _stiffen(spec: mujoco.MjSpec, stiffness: float) -> None:
         """Sets spring and contact of the pad, and the timestep that they need.
 
-        Contact and pad spring are in series: the contact is made stiff by a short time constant, and the spring gives
-        the remaining compliance. A contact that is stiffer by `solimp` chatters, and so does a rigid pad. The deeper
-        the contact force presses it in, the less is it lost where the tool shakes. The longest time constant that is
-        stiff enough is therefore the best, also where something else has shortened the timestep.
+        Contact and pad spring are in series: the contact is made stiff by a short time constant,
+        and the spring gives the remaining compliance. A contact that is stiffer by `solimp`
+        chatters, and so does a rigid pad. The deeper the contact force presses it in, the less is
+        it lost where the tool shakes. The longest time constant that is stiff enough is therefore
+        the best, also where something else has shortened the timestep.
         """
         geom, joint = spec.geom(TOOL_GEOM), spec.joint(PAD_JOINT)
         timestep, drawn = float(spec.option.timestep), spec.copy().compile()
@@ -62,10 +65,15 @@ class Pad(Perturbation):
         geom.solref = [share * longest, 1.0]
         steps = STEPS_PER_SOLREF * timestep / (share * longest)
         sunk = _sunk(WORKING_FORCE, geom, contact / share**2)
-        spring, mass = WORKING_FORCE / (WORKING_FORCE / stiffness - sunk), float(drawn.body(PAD_BODY).mass[0])
+        spring, mass = (
+            WORKING_FORCE / (WORKING_FORCE / stiffness - sunk),
+            float(drawn.body(PAD_BODY).mass[0]),
+        )
         phase = timestep * np.sqrt(spring / (RESTLESS * mass))
         spec.option.timestep = timestep / np.ceil(max(1.0, steps, phase) - 1e-9)
-        old_spring, old_damping = (float(np.ravel(value)[0]) for value in (joint.stiffness, joint.damping))
+        old_spring, old_damping = (
+            float(np.ravel(value)[0]) for value in (joint.stiffness, joint.damping)
+        )
         # The damping ratio is the same on any surface.
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0
         damping = ratio * old_damping
@@ -78,8 +86,9 @@ class Pad(Perturbation):
 def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: float) -> float:
     """Stiffness [N/m] of a light touch of `geom`, with a time constant `solref` [s] of the contact.
 
-    MuJoCo's constraint model (MuJoCo documentation, Computation, Parameters): at rest f = d / (1 - d) k r / A. Here d
-    is the impedance at zero depth, k = 1 / (d_max solref)^2, and A the inverse weight of the bodies.
+    MuJoCo's constraint model (MuJoCo documentation, Computation, Parameters): at rest f = d / (1 -
+    d) k r / A. Here d is the impedance at zero depth, k = 1 / (d_max solref)^2, and A the inverse
+    weight of the bodies.
     """
     least, most = np.clip(np.array(geom.solimp)[:2], 1e-4, 0.9999)
     weight = float(model.body_invweight0[model.geom(geom.name).bodyid[0], 0])
@@ -87,7 +96,8 @@ def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: floa
 
 
 def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
-    """Depth [m] of a contact of `geom` under `force` [N], with the stiffness `light` [N/m] at zero depth.
+    """Depth [m] of a contact of `geom` under `force` [N], with the stiffness `light` [N/m] at zero
+    depth.
 
     MuJoCo's impedance over depth, by `solimp` (MuJoCo documentation, Modeling, Solver parameters).
     """
@@ -100,7 +110,9 @@ def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
         x = min(depth / width, 1.0)
         under = x <= middle
         share = (
-            x**power / middle ** (power - 1.0) if under else 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1.0)
+            x**power / middle ** (power - 1.0)
+            if under
+            else 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1.0)
         )
         d = least + share * (most - least)
         return light / low * d / (1.0 - d) * depth - force

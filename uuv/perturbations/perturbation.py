@@ -45,13 +45,18 @@ class Perturbation:
     """One deviation; each hook does nothing unless it is overridden."""
 
     stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
-    joins: ClassVar[bool] = False  # it may be added to a saved run: until its onset the run is as without it
+    # it may be added to a saved run: until its onset the run is as without it
+    joins: ClassVar[bool] = False
 
     def check_inputs(self, spec: "mujoco.MjSpec") -> None:
-        """Refuses names that the vehicle `spec` has not, before anything is compiled; by default it names none."""
+        """Refuses names that the vehicle `spec` has not, before anything is compiled; by default it
+        names none.
+        """
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Changes the true vehicle's spec in place, and returns means of the drawn factors by name."""
+        """Changes the true vehicle's spec in place, and returns means of the drawn factors by
+        name.
+        """
         return {}
 
     def on_scene(self, scene: "mujoco.MjSpec") -> None:
@@ -71,7 +76,9 @@ class Perturbation:
         return np.random.default_rng(np.random.SeedSequence([seed, 7], spawn_key=(stream,)))
 
 
-def perturb(spec: "mujoco.MjSpec", perturbations: Iterable[Perturbation], seed: int = 0) -> dict[str, float]:
+def perturb(
+    spec: "mujoco.MjSpec", perturbations: Iterable[Perturbation], seed: int = 0
+) -> dict[str, float]:
     """Applies the perturbations of a vehicle's `spec` in place, in their order.
 
     Args:

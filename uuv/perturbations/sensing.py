@@ -1,4 +1,6 @@
-"""Perturbations of the sensors' quality: vision that wanders, torque sensors that drift, an attitude that is off."""
+"""Perturbations of the sensors' quality: vision that wanders, torque sensors that drift, an
+attitude that is off.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +10,9 @@ from uuv.sim.interfaces.spatial import finite_number
 
 @dataclass(frozen=True, kw_only=True)
 class WanderingVision(Perturbation):
-    """The position from vision has a slow error beside its white noise (first-order Gauss-Markov)."""
+    """The position from vision has a slow error beside its white noise (first-order
+    Gauss-Markov).
+    """
 
     sigma: float = 3e-3  # [m] standard deviation per axis
     time: float = 60.0  # [s] correlation time
@@ -22,7 +26,9 @@ class WanderingVision(Perturbation):
         from uuv.sim.sensors.proprioception import VisionDrift
 
         sensors = [
-            replace(sensor, bias=self.sigma, bias_time=self.time) if isinstance(sensor, VisionDrift) else sensor
+            replace(sensor, bias=self.sigma, bias_time=self.time)
+            if isinstance(sensor, VisionDrift)
+            else sensor
             for sensor in loop.parts.sensors
         ]
         return replace(loop, parts=replace(loop.parts, sensors=sensors))
@@ -30,7 +36,9 @@ class WanderingVision(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class DriftingTorque(Perturbation):
-    """The torque sensors have coloured noise (first-order Gauss-Markov) and a drift beside white noise and bias."""
+    """The torque sensors have coloured noise (first-order Gauss-Markov) and a drift beside white
+    noise and bias.
+    """
 
     sigma: float = 0.3  # [N m] standard deviation of the coloured noise, each sensor its own
     time: float = 2.0  # [s] its correlation time
@@ -57,7 +65,9 @@ class DriftingTorque(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeError(Perturbation):
-    """The inertial unit's attitude is off by a constant of this standard deviation; its data sheet says so."""
+    """The inertial unit's attitude is off by a constant of this standard deviation; its data sheet
+    says so.
+    """
 
     sigma: float = 1.7e-3  # [rad] per axis: 0.1 deg
 

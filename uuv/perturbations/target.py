@@ -1,4 +1,6 @@
-"""Perturbations of the object: it is pushed, swings, gives way on a compliant mount, or floats freely."""
+"""Perturbations of the object: it is pushed, swings, gives way on a compliant mount, or floats
+freely.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -16,16 +18,21 @@ from uuv.sim.interfaces.spatial import checked, finite_number, rotation_from_qua
 
 ADDED_MASS = 0.5  # share of the displaced water's mass: a sphere, exact in potential flow
 DRAG = 0.47  # coefficient of a sphere
-_HEAVY = 1e3  # [kg, kg m^2] of an object that moves as prescribed: 60 N change its speed by 0.1 mm/s in a step. A far
+# [kg, kg m^2] of an object that moves as prescribed: 60 N change its speed by 0.1 mm/s in a step. A
+# far
+_HEAVY = 1e3
 # heavier body would coarsen the tolerance of the solver, which MuJoCo scales by the mean inertia.
 
 
 @dataclass(frozen=True, kw_only=True)
 class PushedObject(Failure):
-    """The object is displaced at a time, or after the planner enters a state, and stays where it is then."""
+    """The object is displaced at a time, or after the planner enters a state, and stays where it is
+    then.
+    """
 
     by: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] in W
-    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad] rotation vector in W, about the origin of its model
+    # [rad] rotation vector in W, about the origin of its model
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ramp: float = 0.5  # [s] that it takes
 
     def __post_init__(self) -> None:
@@ -34,7 +41,9 @@ class PushedObject(Failure):
         checked(self.turn, (3,), "PushedObject turn [rad]")
         finite_number(self.ramp, "PushedObject ramp [s]", above=0.0)
         if self.duration is not None:
-            raise ConfigurationError("PushedObject duration: the object stays where it was pushed to; leave it out")
+            raise ConfigurationError(
+                "PushedObject duration: the object stays where it was pushed to; leave it out"
+            )
 
     def on_scene(self, scene: mujoco.MjSpec) -> None:
         """Makes the object a body that moves as prescribed."""
@@ -45,7 +54,9 @@ class PushedObject(Failure):
         from uuv.sim.plant.moved_object import MovedObjectPlant, push
 
         onset = self.onset()
-        plant = MovedObjectPlant(loop.plant, TARGET_BODY, push(onset, self.by, self.turn, self.ramp))
+        plant = MovedObjectPlant(
+            loop.plant, TARGET_BODY, push(onset, self.by, self.turn, self.ramp)
+        )
         return replace(loop, plant=plant, observers=(*loop.observers, *self._observers(onset)))
 
 
@@ -74,12 +85,14 @@ class MovingObject(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class MountedObject(Perturbation):
-    """The object is neutrally buoyant, and stands on springs that let it shift, or floats; the seabed does not hold it.
+    """The object is neutrally buoyant, and stands on springs that let it shift, or floats; the
+    seabed does not hold it.
 
     Its water is that of a sphere of its volume.
     """
 
-    stiffness: float = 1e4  # [N/m] of the mount in every direction; 0: the object is free, and can turn too
+    # [N/m] of the mount in every direction; 0: the object is free, and can turn too
+    stiffness: float = 1e4
     damping: float = 0.1  # of the mount, share of the critical one
     mass: float | None = None  # [kg] None: that of the water that its colliding solids displace
 
@@ -118,7 +131,9 @@ class MountedObject(Perturbation):
                     damping=2.0 * self.damping * np.sqrt(self.stiffness * (mass + added)),
                 )
 
-    def _weigh(self, scene: mujoco.MjSpec, body: mujoco.MjsBody, density: float) -> tuple[float, np.ndarray]:
+    def _weigh(
+        self, scene: mujoco.MjSpec, body: mujoco.MjsBody, density: float
+    ) -> tuple[float, np.ndarray]:
         """Set the body's inertia; its mass [kg] and centre of mass (3,) [m] in T."""
         solids = [
             geom
@@ -126,7 +141,9 @@ class MountedObject(Perturbation):
             if geom.type != mujoco.mjtGeom.mjGEOM_MESH and (geom.contype or geom.conaffinity)
         ]
         if not solids and self.mass is None:
-            raise ConfigurationError("MountedObject: this object has no solids to take its volume from; give its mass")
+            raise ConfigurationError(
+                "MountedObject: this object has no solids to take its volume from; give its mass"
+            )
         for geom in body.geoms:
             geom.mass = 0.0
         if self.mass is not None:

@@ -43,7 +43,9 @@ class Water(_Spread):
     spread: float = 0.0  # of each coefficient
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales diagonal coefficients by one factor each, couplings by the geometric mean: all stay semidefinite."""
+        """Scales diagonal coefficients by one factor each, couplings by the geometric mean: all
+        stay semidefinite.
+        """
         from uuv.models import hydrodynamics
 
         if not self.spread:
@@ -51,18 +53,23 @@ class Water(_Spread):
         bodies = hydrodynamics.attached(spec)
         hull: dict[str, float] = {}
         for name, body in bodies.items():
-            added, linear, quadratic, strip = (_factors(rng, self.spread, size) for size in (6, 6, 6, 2))
+            added, linear, quadratic, strip = (
+                _factors(rng, self.spread, size) for size in (6, 6, 6, 2)
+            )
             bodies[name] = replace(
                 body,
                 added_mass=_scaled(body.added_mass, added),
                 linear_damping=_scaled(body.linear_damping, linear),
                 quadratic_damping=quadratic * body.quadratic_damping,
                 strips=tuple(
-                    replace(s, normal=strip[0] * s.normal, tangential=strip[1] * s.tangential) for s in body.segments
+                    replace(s, normal=strip[0] * s.normal, tangential=strip[1] * s.tangential)
+                    for s in body.segments
                 ),
                 forms=tuple(
                     form.scaled(float(factor))
-                    for form, factor in zip(body.terms, _factors(rng, self.spread, len(body.terms)), strict=True)
+                    for form, factor in zip(
+                        body.terms, _factors(rng, self.spread, len(body.terms)), strict=True
+                    )
                 ),
             )
             if name == HULL_BODY:
@@ -81,10 +88,13 @@ class Payload(_Spread):
     stream: ClassVar[int | None] = 1
     signed: ClassVar[tuple[str, ...]] = ("trim_error",)
     spread: float = 0.0  # of the mass of each part of the arm
-    trim_error: float = 0.0  # share of the arm's mass by which the hull is too light (negative: too heavy)
+    # share of the arm's mass by which the hull is too light (negative: too heavy)
+    trim_error: float = 0.0
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales masses and inertias; the hull is ballasted for the nominal arm, less the trim error."""
+        """Scales masses and inertias; the hull is ballasted for the nominal arm, less the trim
+        error.
+        """
         import mujoco
 
         from uuv.models import hydrodynamics
@@ -93,7 +103,9 @@ class Payload(_Spread):
             return {}
         arm = spec.body(ARM_BASE_BODY)
         if arm is None:
-            raise ConfigurationError(f"a payload varies the arm, but the vehicle has no body named {ARM_BASE_BODY!r}")
+            raise ConfigurationError(
+                f"a payload varies the arm, but the vehicle has no body named {ARM_BASE_BODY!r}"
+            )
         parts = [arm, *arm.find_all(mujoco.mjtObj.mjOBJ_BODY)]
         before = sum(float(part.mass) for part in parts)
         for part, factor in zip(parts, _factors(rng, self.spread, len(parts)), strict=True):
@@ -103,7 +115,10 @@ class Payload(_Spread):
         water = hydrodynamics.attached(spec)[HULL_BODY]
         lift = self.trim_error * before / hydrodynamics.density_of(spec)  # [m^3]
         hydrodynamics.attach(spec, {HULL_BODY: replace(water, volume=water.volume + lift)})
-        return {"arm_mass": after / before, "too_heavy_kg": after - before - self.trim_error * before}
+        return {
+            "arm_mass": after / before,
+            "too_heavy_kg": after - before - self.trim_error * before,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,14 +135,23 @@ class ThrusterSpread(_Spread):
 
         if not (self.lag or self.gain):
             return {}
-        carriers = [actuator for actuator in spec.actuators if thrusters.carries(np.array(actuator.userdata))]
-        lags, gains = _factors(rng, self.lag, len(carriers)), _factors(rng, self.gain, len(carriers))
+        carriers = [
+            actuator
+            for actuator in spec.actuators
+            if thrusters.carries(np.array(actuator.userdata))
+        ]
+        lags, gains = (
+            _factors(rng, self.lag, len(carriers)),
+            _factors(rng, self.gain, len(carriers)),
+        )
         table = {}
         for actuator, slower, stronger in zip(carriers, lags, gains, strict=True):
             one = thrusters.unpack(np.array(actuator.userdata))
             curve = {}
             if one.polynomial is not None:
-                curve["polynomial"] = tuple(tuple(stronger * c for c in side) for side in one.polynomial)
+                curve["polynomial"] = tuple(
+                    tuple(stronger * c for c in side) for side in one.polynomial
+                )
             if one.table is not None:
                 curve["table"] = (one.table[0], tuple(stronger * t for t in one.table[1]))
             table[actuator.name] = replace(
@@ -139,7 +163,11 @@ class ThrusterSpread(_Spread):
                 **curve,
             )
         thrusters.attach(spec, table)
-        return {"thruster_lag": float(lags.mean()), "thruster_gain": float(gains.mean())} if carriers else {}
+        return (
+            {"thruster_lag": float(lags.mean()), "thruster_gain": float(gains.mean())}
+            if carriers
+            else {}
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +187,9 @@ class Gears(_Spread):
         names = {actuator.target for actuator in spec.actuators}
         joints = [joint for joint in spec.joints if joint.name in names]
         model, factors, table = spec.copy().compile(), _factors(rng, self.spread, len(joints)), {}
-        dry = gear_friction.read(model, np.array([model.joint(joint.name).id for joint in joints], dtype=np.int64))
+        dry = gear_friction.read(
+            model, np.array([model.joint(joint.name).id for joint in joints], dtype=np.int64)
+        )
         for i, (joint, factor) in enumerate(zip(joints, factors, strict=True)):
             joint.damping = factor * np.asarray(joint.damping)
             if dry.coulomb[i] > 0.0:

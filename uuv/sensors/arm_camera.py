@@ -1,4 +1,6 @@
-"""Camera on the arm: how a scenario asks for it, its simulated sensor, and the mount that navigation believes in."""
+"""Camera on the arm: how a scenario asks for it, its simulated sensor, and the mount that
+navigation believes in.
+"""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -22,14 +24,19 @@ if TYPE_CHECKING:
 class ArmCameraSetup(ViewConditions):
     """A stereo camera on the arm's last link, beside the tool, and what it sees."""
 
-    rendered: bool = False  # render and align every picture (slow); False: the error model fitted to such pictures
+    # render and align every picture (slow); False: the error model fitted to such pictures
+    rendered: bool = False
 
 
 def arm_camera(setup: ArmCameraSetup, model: "mujoco.MjModel") -> Sensor:
     """The simulated sensor; it tracks the object of the site, which may move, or else the world."""
     import mujoco
 
-    surface = TARGET_BODY if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY) >= 0 else "world"
+    surface = (
+        TARGET_BODY
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY) >= 0
+        else "world"
+    )
     if setup.rendered:
         from uuv.sensors.rendered_arm_camera import RenderedArmCamera  # kernels compile on import
 
@@ -40,7 +47,9 @@ def arm_camera(setup: ArmCameraSetup, model: "mujoco.MjModel") -> Sensor:
 
 
 def believed_mount(own: "OwnVehicle", X_GC: Array | None = None) -> "TrackMount":
-    """Where the vehicle believes a camera at `X_GC` (4, 4) in tool axes to be; None: the tip of its tool."""
+    """Where the vehicle believes a camera at `X_GC` (4, 4) in tool axes to be; None: the tip of its
+    tool.
+    """
     from uuv.models.arms import dh_geometry
     from uuv.perception.navigation.surface_track import TrackMount
 

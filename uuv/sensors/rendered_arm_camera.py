@@ -1,8 +1,9 @@
-"""Camera on the arm with every picture rendered and aligned: the reference for the error model of `ArmCamera`.
+"""Camera on the arm with every picture rendered and aligned: the reference for the error model of
+`ArmCamera`.
 
-The covariance is the tracker's own. Over rendered pairs it is right on average: the squared error over it is 0.92 a
-direction, in 216 pairs that were observed in all directions. Silt, texture and key pictures follow the same rules as in
-the modelled sensor.
+The covariance is the tracker's own. Over rendered pairs it is right on average: the squared error
+over it is 0.92 a direction, in 216 pairs that were observed in all directions. Silt, texture and
+key pictures follow the same rules as in the modelled sensor.
 """
 
 from dataclasses import dataclass, field
@@ -11,7 +12,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from uuv.perception.navigation.surface_alignment import PictureNoise, PreparedPicture, align, prepare
+from uuv.perception.navigation.surface_alignment import (
+    PictureNoise,
+    PreparedPicture,
+    align,
+    prepare,
+)
 from uuv.sim.interfaces.messages import SurfaceMotionMeasurement
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
 from uuv.sim.sensors.arm_camera import (
@@ -47,7 +53,10 @@ def hidden_by(tool: Array) -> np.ndarray:
 def picture_noise(camera: SmallStereo, attenuation: float, range_m: float) -> PictureNoise:
     """What a tracker knows of the camera's errors at this range."""
     stereo = camera.stereo
-    sigma = np.hypot(stereo.disparity_sigma * np.exp(attenuation * range_m), stereo.disparity_step / np.sqrt(12.0))
+    sigma = np.hypot(
+        stereo.disparity_sigma * np.exp(attenuation * range_m),
+        stereo.disparity_step / np.sqrt(12.0),
+    )
     return PictureNoise(
         intensity=camera.intensity_noise,
         inverse_depth=float(sigma / (camera.focal * stereo.baseline)),
@@ -62,7 +71,8 @@ class RenderedState:
     rng: np.random.Generator
     key: PreparedPicture | None = None
     key_time: float = -np.inf  # [s]
-    X_OK: Array = field(default_factory=lambda: np.eye(4))  # true pose of the key camera in the object
+    # true pose of the key camera in the object
+    X_OK: Array = field(default_factory=lambda: np.eye(4))
     lost: int = 0  # pictures in a row
     cloud: float = 0.0  # share of the view hidden now
     cloud_until: float = -np.inf  # [s]
@@ -71,7 +81,9 @@ class RenderedState:
 class RenderedArmCamera:
     """Stereo camera on the arm's last link (`Sensor`), by rendered pictures."""
 
-    def __init__(self, model: mujoco.MjModel, tip: str, surface: str, *, conditions: ViewConditions) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, tip: str, surface: str, *, conditions: ViewConditions
+    ) -> None:
         """Mount the camera; the arguments are those of `ArmCamera`."""
         self._modelled = ArmCamera(model, tip, surface, conditions=conditions)
         self.period, self.delay = self._modelled.period, self._modelled.delay
@@ -90,20 +102,27 @@ class RenderedArmCamera:
         """Take the stream of the noise."""
         return RenderedState(rng=rng)
 
-    def step(self, state: RenderedState, truth: Any) -> tuple[RenderedState, SurfaceMotionMeasurement | None]:
+    def step(
+        self, state: RenderedState, truth: Any
+    ) -> tuple[RenderedState, SurfaceMotionMeasurement | None]:
         """One picture; None while no surface is in range, or the picture is lost."""
         X_WC, X_OC = self.camera_pose(truth)
         time, camera, rng = float(truth.time), self._camera, state.rng
         water = Turbidity(
-            attenuation=self._conditions.attenuation, cloud=silt(state, self._conditions, time, self.period)
+            attenuation=self._conditions.attenuation,
+            cloud=silt(state, self._conditions, time, self.period),
         )
-        depth, cosine = self._world.cast(X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3))
+        depth, cosine = self._world.cast(
+            X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3)
+        )
         seen = (depth >= camera.near) & (depth <= camera.far) & ~self._hidden
         if seen.mean() < LEAST_SEEN:
             state.key = None
             return state, None
         range_m = float(np.median(depth[seen]))
-        picture = expose(camera, (depth.astype(np.float64), cosine), X_OC, self._texture, water, rng)
+        picture = expose(
+            camera, (depth.astype(np.float64), cosine), X_OC, self._texture, water, rng
+        )
         noise = picture_noise(camera, water.attenuation, range_m)
         now = prepare(picture.intensity, picture.depth, self._hidden, camera.focal, noise)
         if state.key is None:
@@ -126,7 +145,9 @@ class RenderedArmCamera:
         return state, message
 
 
-def _message(truth: Any, key_time: float, X_KC: Array, information_K: Array) -> SurfaceMotionMeasurement:
+def _message(
+    truth: Any, key_time: float, X_KC: Array, information_K: Array
+) -> SurfaceMotionMeasurement:
     return SurfaceMotionMeasurement(
         time=float(truth.time),
         key_time=key_time,

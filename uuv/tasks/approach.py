@@ -20,13 +20,15 @@ def object_of(scenario: Scenario, kind: type[Any]) -> Any:
     thing = scenario.site.object
     if not isinstance(thing, kind):
         raise ConfigurationError(
-            f"task {type(scenario.task).__name__}: needs a {kind.__name__} at the site, got {type(thing).__name__}"
+            f"task {type(scenario.task).__name__}: needs a {kind.__name__} at the site, got "
+            f"{type(thing).__name__}"
         )
     return thing
 
 
 def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
-    """Level hull pose (4, 4) in W from which the camera sees the coarse position from the scan range.
+    """Level hull pose (4, 4) in W from which the camera sees the coarse position from the scan
+    range.
 
     The camera looks towards +x of W, or down, or up.
 

@@ -1,4 +1,6 @@
-"""Identification of the gears' friction by the hovering vehicle: the run, its evaluation, table and picture."""
+"""Identification of the gears' friction by the hovering vehicle: the run, its evaluation, table and
+picture.
+"""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -10,7 +12,12 @@ from numpy.random import Generator
 from uuv.models.naming import CAMERA_SITE, TOOL_GEOM
 from uuv.outcome import RunResult
 from uuv.scenario import PlacedTask, Scenario, Task
-from uuv.sim.evaluation.friction_metrics import FrictionMetrics, FrictionParameter, FrictionRunMetrics, JointFriction
+from uuv.sim.evaluation.friction_metrics import (
+    FrictionMetrics,
+    FrictionParameter,
+    FrictionRunMetrics,
+    JointFriction,
+)
 from uuv.sim.evaluation.metrics import Requirement
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
@@ -26,7 +33,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
-    from uuv.controllers.estimation.friction_identification import FrictionMotion, IdentifiedFriction
+    from uuv.controllers.estimation.friction_identification import (
+        FrictionMotion,
+        IdentifiedFriction,
+    )
     from uuv.models.arms.gear_friction import DryFriction
     from uuv.models.vehicle import Vehicle
     from uuv.own_vehicle import OwnVehicle
@@ -49,7 +59,9 @@ _SHOWN = 4000  # largest number of samples of each joint in the picture
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionBounds:
-    """Acceptance bounds on the worst joint; shares of the true value, or of USUAL where a gear has no such friction."""
+    """Acceptance bounds on the worst joint; shares of the true value, or of USUAL where a gear has
+    no such friction.
+    """
 
     coulomb: float = 0.02
     stiction: float = 0.05
@@ -60,7 +72,8 @@ class FrictionBounds:
 class FrictionSamples:
     """Observer that keeps encoder speeds, torque readings and motor torques while the joints swing.
 
-    A torque reading is of the step that has ended, so it goes with the motor torque of the command before.
+    A torque reading is of the step that has ended, so it goes with the motor torque of the command
+    before.
     """
 
     def __init__(self) -> None:
@@ -87,7 +100,9 @@ class FrictionSamples:
 
 @dataclass(frozen=True, kw_only=True)
 class GearIdentificationTask(Task):
-    """Swing the joints of the hovering vehicle, free of contact, to identify the friction of its gears."""
+    """Swing the joints of the hovering vehicle, free of contact, to identify the friction of its
+    gears.
+    """
 
     schema: ClassVar[str] = "friction"
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
@@ -123,7 +138,10 @@ class FrictionCase(PlacedTask):
     def title(self) -> str:
         """Title of log and report."""
         vehicle, seconds = self.scenario.vehicle.vehicle, self.task.seconds
-        return f"Friction of the gears of {vehicle}, swings of {seconds:g} s, seed {self.scenario.seed}"
+        return (
+            f"Friction of the gears of {vehicle}, swings of {seconds:g} s, seed "
+            f"{self.scenario.seed}"
+        )
 
     @property
     def X_WB(self) -> Array:
@@ -179,7 +197,8 @@ class FrictionCase(PlacedTask):
         """Torque lost over speed."""
         if self.found is not None:
             caption = (
-                "Torque lost in each gear over its speed: samples, the identified curve, the true one, and belief."
+                "Torque lost in each gear over its speed: samples, the identified curve, the true "
+                "one, and belief."
             )
             yield "Friction", caption, curves(self, self.found)
 
@@ -203,21 +222,35 @@ def identified(case: FrictionCase) -> "IdentifiedFriction":
 
 def values_of(viscous: Array, dry: "DryFriction") -> dict[str, Array]:
     """The arrays (n,) of a friction by the names of QUANTITIES."""
-    return {"viscous": viscous, **{name: getattr(dry, name) for name in ("coulomb", "stiction", "stribeck_speed")}}
+    return {
+        "viscous": viscous,
+        **{name: getattr(dry, name) for name in ("coulomb", "stiction", "stribeck_speed")},
+    }
 
 
 def errors(case: FrictionCase, found: "IdentifiedFriction") -> dict[str, Array]:
-    """Errors (n,) of Coulomb friction, stiction and viscous friction, as shares of what FrictionBounds says."""
-    got, true = values_of(found.viscous, found.dry), values_of(case.true.joint_damping, case.true.dry_friction)
+    """Errors (n,) of Coulomb friction, stiction and viscous friction, as shares of what
+    FrictionBounds says.
+    """
+    got, true = (
+        values_of(found.viscous, found.dry),
+        values_of(case.true.joint_damping, case.true.dry_friction),
+    )
     usual = USUAL * np.asarray(case.true.torque_limits)
-    over = {"coulomb": usual, "stiction": usual, "viscous": usual / np.abs(case.samples.columns()[0]).max(axis=0)}
+    over = {
+        "coulomb": usual,
+        "stiction": usual,
+        "viscous": usual / np.abs(case.samples.columns()[0]).max(axis=0),
+    }
     return {
         name: np.abs(got[name] - true[name]) / np.where(true[name] > 0.0, true[name], instead)
         for name, instead in over.items()
     }
 
 
-def assessed(case: FrictionCase, found: "IdentifiedFriction | None", ran: RunResult) -> "Assessment":
+def assessed(
+    case: FrictionCase, found: "IdentifiedFriction | None", ran: RunResult
+) -> "Assessment":
     """Metrics of the run: friction of each joint and the errors of the worst, by FrictionBounds.
 
     Args:
@@ -228,7 +261,9 @@ def assessed(case: FrictionCase, found: "IdentifiedFriction | None", ran: RunRes
     from uuv.sim.evaluation.metrics import Assessment
 
     bounds = FrictionBounds()
-    figures: dict[str, Any] = dict.fromkeys(("coulomb_error", "stiction_error", "viscous_error", "error_sigmas"))
+    figures: dict[str, Any] = dict.fromkeys(
+        ("coulomb_error", "stiction_error", "viscous_error", "error_sigmas")
+    )
     joints: list[JointFriction] = []
     if found is not None:
         true = values_of(case.true.joint_damping, case.true.dry_friction)
@@ -255,8 +290,14 @@ def assessed(case: FrictionCase, found: "IdentifiedFriction | None", ran: RunRes
             for j, name in enumerate(case.true.joint_names)
         ]
     checks = [
-        Requirement(f"{words}, worst joint off", figures[f"{name}_error"], getattr(bounds, name), "%", 100.0)
-        for name, words in (("coulomb", "Coulomb friction"), ("stiction", "stiction"), ("viscous", "viscous friction"))
+        Requirement(
+            f"{words}, worst joint off", figures[f"{name}_error"], getattr(bounds, name), "%", 100.0
+        )
+        for name, words in (
+            ("coulomb", "Coulomb friction"),
+            ("stiction", "stiction"),
+            ("viscous", "viscous friction"),
+        )
     ]
     checks.append(Requirement("largest error", figures["error_sigmas"], bounds.sigmas, "sigma"))
     content = FrictionRunMetrics(friction=FrictionMetrics(**figures, joints=joints))
@@ -264,7 +305,9 @@ def assessed(case: FrictionCase, found: "IdentifiedFriction | None", ran: RunRes
 
 
 def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
-    """Table of each joint: believed, identified with its standard deviation, true; of a slide in N and m."""
+    """Table of each joint: believed, identified with its standard deviation, true; of a slide in N
+    and m.
+    """
     from rich.table import Table
     from rich.text import Text
 
@@ -282,7 +325,10 @@ def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
             if not np.isfinite(sigma):  # without stiction there is no Stribeck speed
                 continue
             digits = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if sigma > 0.0 else 6
-            cells = (f"{value:.{digits}f}" for value in (believed[word][j], got[word][j], sigma, true[word][j]))
+            cells = (
+                f"{value:.{digits}f}"
+                for value in (believed[word][j], got[word][j], sigma, true[word][j])
+            )
             table.add_row(joint if word == "coulomb" else "", Text(figure), *cells)
         table.add_section()
     return table
@@ -308,15 +354,32 @@ def curves(case: FrictionCase, found: "IdentifiedFriction") -> "Figure":
     )
     for j, name in enumerate(case.true.joint_names):
         axes = figure.add_subplot(-(-n // across), across, j + 1)
-        axes.plot(speed[::every, j], lost[::every, j], ".", ms=1.0, color="tab:blue", alpha=0.3, label="samples")
+        axes.plot(
+            speed[::every, j],
+            lost[::every, j],
+            ".",
+            ms=1.0,
+            color="tab:blue",
+            alpha=0.3,
+            label="samples",
+        )
         top = float(np.abs(speed[:, j]).max())
         for label, viscous, dry, colour, style in drawn:
             for sign in (-1.0, 1.0):
                 v = sign * np.linspace(1e-4, top, 200)
                 share = np.exp(-((v / dry.stribeck_speed[j]) ** 2))
-                f = viscous[j] * v + sign * (dry.coulomb[j] + (dry.stiction[j] - dry.coulomb[j]) * share)
+                f = viscous[j] * v + sign * (
+                    dry.coulomb[j] + (dry.stiction[j] - dry.coulomb[j]) * share
+                )
                 axes.plot(v, f, style, color=colour, lw=1.2, label=label if sign > 0.0 else None)
         limit = 1.3 * float(np.quantile(np.abs(lost[:, j]), 0.99))
-        axes.set(title=name, xlabel="speed [rad/s]", ylabel="torque lost [N m]", ylim=(-limit, limit))
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, markerscale=6.0)
+        axes.set(
+            title=name, xlabel="speed [rad/s]", ylabel="torque lost [N m]", ylim=(-limit, limit)
+        )
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=4,
+        markerscale=6.0,
+    )
     return figure

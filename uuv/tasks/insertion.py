@@ -73,7 +73,9 @@ class InsertionTask(InsertionSettings, Task):
         tool = find(own.model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
         if own.model.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
             name = scenario.vehicle.vehicle
-            raise ConfigurationError(f"vehicle.vehicle {name!r}: its geom {TOOL_GEOM!r} must be a capsule, the sampler")
+            raise ConfigurationError(
+                f"vehicle.vehicle {name!r}: its geom {TOOL_GEOM!r} must be a capsule, the sampler"
+            )
         radius = float(own.model.geom_size[tool, 0])
         site: HoleManifold = object_of(scenario, HoleManifold)
         block = site.block(radius)
@@ -89,7 +91,9 @@ class InsertionTask(InsertionSettings, Task):
             X_WT=X_WT,
             approach_W=approach_W,
             orientation_W=orientation_W,
-            truth=TrueHole(X_WH=bore.pose(X_WT), radius=bore.radius, tool_radius=radius, depth=self.depth),
+            truth=TrueHole(
+                X_WH=bore.pose(X_WT), radius=bore.radius, tool_radius=radius, depth=self.depth
+            ),
         )
 
 
@@ -146,16 +150,21 @@ class PlacedInsertion(PlacedTask):
             self.target,
             aimed_at,
             insertion.InsertionJob(
-                **settings_of(InsertionSettings, task), inside=insertion.EntryLimits(nose=self.truth.tool_radius)
+                **settings_of(InsertionSettings, task),
+                inside=insertion.EntryLimits(nose=self.truth.tool_radius),
             ),
             X_WB_scan=self.X_WB,
         )
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true hole."""
-        found = next((target for target in reversed(ran.recording.targets) if target.accepted), None)
+        found = next(
+            (target for target in reversed(ran.recording.targets) if target.accepted), None
+        )
         X_WH = None if found is None else found.X_WT @ self.bore.pose(np.eye(4))
-        return assess_insertion(ran.recording, self.truth, found_X_WH=X_WH, seed=seed, wall_s=ran.wall_s)
+        return assess_insertion(
+            ran.recording, self.truth, found_X_WH=X_WH, seed=seed, wall_s=ran.wall_s
+        )
 
     def pictures(self, ran: RunResult) -> Pictures:
         """Forces and depth over time."""

@@ -15,7 +15,11 @@ from uuv.models.site import scenes
 from uuv.outcome import Pictures, RunResult
 from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
-from uuv.sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
+from uuv.sim.evaluation.inspection_metrics import (
+    InspectionBounds,
+    TrueInspection,
+    assess_inspection,
+)
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Sensor
@@ -80,7 +84,9 @@ class InspectionTask(InspectionSettings, Task):
             approach_W=approach_W,
             orientation_W=orientation_W,
             cover=self.cover,
-            survey=SurfaceSurvey(target, scenes.seabed_height(target, X_WT), scenario.seed) if self.mesh else None,
+            survey=SurfaceSurvey(target, scenes.seabed_height(target, X_WT), scenario.seed)
+            if self.mesh
+            else None,
         )
 
 
@@ -98,7 +104,8 @@ class PlacedInspection(PlacedTask):
     orientation_W: Array  # (3, 3) its coarse orientation
     cover: bool = False  # further levels
     survey: "SurfaceSurvey | None" = None  # of the surface; None: none
-    half_view: tuple[float, float] = (0.0, 0.0)  # tangents of half the camera's fields of view; `sensors` sets it
+    # tangents of half the camera's fields of view; `sensors` sets it
+    half_view: tuple[float, float] = (0.0, 0.0)
 
     @property
     def longest(self) -> float:
@@ -170,11 +177,15 @@ class PlacedInspection(PlacedTask):
 
         own, vertices_W = self.own.at_work(), transform_points(self.X_WT, self.there.vertices)
         passing = HullPath(own.vehicle, own.chain, own.hull_box, vertices_W)
-        keep = inspection.Keep(passing, scenes.seabed_height(self.there, self.X_WT), self.config.clearance)
+        keep = inspection.Keep(
+            passing, scenes.seabed_height(self.there, self.X_WT), self.config.clearance
+        )
         truth = replace(self.truth, allowed=inspection.allowed_cameras(vertices_W, own.X_BC, keep))
         measured = None if self.survey is None else self.survey.mesh
         bounds = InspectionBounds(coverage=COVERED) if self.cover else None
-        return assess_inspection(ran.recording, truth, seed=seed, wall_s=ran.wall_s, bounds=bounds, measured=measured)
+        return assess_inspection(
+            ran.recording, truth, seed=seed, wall_s=ran.wall_s, bounds=bounds, measured=measured
+        )
 
     def pictures(self, ran: RunResult) -> Pictures:
         """Plan view of the hull's way, and the surface that was measured."""
@@ -201,7 +212,9 @@ class PlacedInspection(PlacedTask):
         return story if self.survey is None else SurveyStory(story, self.survey, log)
 
 
-def orbit_picture(recording: "Recording", truth: TrueInspection) -> Iterator[tuple[str, str, "Figure"]]:
+def orbit_picture(
+    recording: "Recording", truth: TrueInspection
+) -> Iterator[tuple[str, str, "Figure"]]:
     """Plan view of the hull's reference and true path around the object."""
     from matplotlib.figure import Figure
 

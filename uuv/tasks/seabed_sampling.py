@@ -36,13 +36,15 @@ if TYPE_CHECKING:
     from uuv.sim.loop.recording import Recorder
     from uuv.sim.sensors.sonar import SonarBeams
 
-ABOVE = np.array([0.0, 0.0, ALTITUDE])  # [m] from the terrain's middle to the hull during the scan, in W
+# [m] from the terrain's middle to the hull during the scan, in W
+ABOVE = np.array([0.0, 0.0, ALTITUDE])
 HIGHER = (0.8, 1.8)  # [m] further height of the start pose: the vehicle does not know its altitude
 AHEAD = 0.5  # [m] distance of the default targets ahead of the hull's middle
 APART = 0.3  # [m] distance between the two default targets of a drag
 AXES = 0.06  # [m] length of the unit axes in the log
 PLANE = 0.5  # [m] length of the normal of the plane from the Doppler log, in the log
-OWN_ARM = 0.8  # [m] from the sonar: closer echoes are from the vehicle's own arm; less where that folds closer
+# [m] from the sonar: closer echoes are from the vehicle's own arm; less where that folds closer
+OWN_ARM = 0.8
 _ROOM = 0.1  # [m] beyond the folded arm within which echoes count as its own
 LOOKS = 10  # pings for the surface; from a single ping it is 3 to 8 mm off, mostly noise
 
@@ -73,7 +75,9 @@ class SeabedSamplingTask(SeabedSettings, Task):
         return "box" if self.drag else "corer"
 
     def check_inputs(self, scenario: Scenario) -> None:
-        """Refuses a site without ground, a soil that there is not, and files that cannot be read."""
+        """Refuses a site without ground, a soil that there is not, and files that cannot be
+        read.
+        """
         super().check_inputs(scenario)
         site: Ground = object_of(scenario, Ground)
         SOILS.resolve(site.soil)
@@ -81,7 +85,9 @@ class SeabedSamplingTask(SeabedSettings, Task):
         if self.cloud is not None:
             read_cloud(self.cloud)
 
-    def place(self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator) -> "PlacedSampling":
+    def place(
+        self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator
+    ) -> "PlacedSampling":
         """The work on the site's seabed; draws the terrain, heading and height of the start."""
         from uuv.controllers.tasks.seabed_work import SeabedJob
 
@@ -94,7 +100,9 @@ class SeabedSamplingTask(SeabedSettings, Task):
             scenario=scenario,
             own=own,
             task=self,
-            job=SeabedJob(**settings_of(SeabedSettings, self), scans=3 if self.cloud is None else 1),
+            job=SeabedJob(
+                **settings_of(SeabedSettings, self), scans=3 if self.cloud is None else 1
+            ),
             ground=ground,
             start=higher @ X_WB if self.cloud is None else X_WB,
             B_W=transform_points(X_WB, B_B),
@@ -111,7 +119,8 @@ class SeabedSamplingTask(SeabedSettings, Task):
         B, up = read_targets(self.targets)
         if self.drag and len(B) < 2:
             raise ConfigurationError(
-                f"task.targets {self.targets}: to drag between needs two points or more, got {len(B)}"
+                f"task.targets {self.targets}: to drag between needs two points or more, got "
+                f"{len(B)}"
             )
         return (B, up) if self.drag else (B[:1], up)
 
@@ -148,7 +157,9 @@ class PlacedSampling(PlacedTask):
     def truth(self) -> TrueGround:
         """Truth for the evaluation."""
         push = None if self.job.drag else self.job.push
-        return TrueGround(ground=self.ground, hull_box=self.own.hull_box, push=push, depth=self.job.depth)
+        return TrueGround(
+            ground=self.ground, hull_box=self.own.hull_box, push=push, depth=self.job.depth
+        )
 
     def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the terrain, and its soil that acts on the tool."""
@@ -167,7 +178,13 @@ class PlacedSampling(PlacedTask):
         nearest = own_arm(self.own)
         beams = DvlBeams(limits=(nearest, 50.0), dead=self.scenario.sensing.dead_beams)
         return [
-            Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=sonar_beams(), range_limits=(nearest, 10.0)),
+            Sonar(
+                model,
+                HULL_BODY,
+                sonar_on_hull(hull),
+                beams=sonar_beams(),
+                range_limits=(nearest, 10.0),
+            ),
             DvlRanges.on(model, HULL_BODY, dvl_on_hull(hull), beams),
         ], None
 
@@ -181,7 +198,9 @@ class PlacedSampling(PlacedTask):
         """Finder of the surface."""
         from uuv.perception.seabed.seabed_finder import SeabedFinder
 
-        return SeabedFinder(self.B_W, self.up_W, core_depth=self.job.depth, cloud_W=self.cloud_W, looks=LOOKS)
+        return SeabedFinder(
+            self.B_W, self.up_W, core_depth=self.job.depth, cloud_W=self.cloud_W, looks=LOOKS
+        )
 
     def planner(self) -> "SeabedWork":
         """Planner of the work in the soil."""
@@ -236,7 +255,9 @@ def tool_of(own: "mujoco.MjModel") -> SoilTool:
 
 
 def height_search(hull: Array, *, drag: bool) -> "HeightSearch":
-    """Search settings for the hull's height: a box keeps its edge ahead, a tube may turn about its axis."""
+    """Search settings for the hull's height: a box keeps its edge ahead, a tube may turn about its
+    axis.
+    """
     from uuv.controllers.planning.seabed_height import HeightSearch
 
     jets = -float(hull[0, 2])
@@ -251,13 +272,17 @@ def sonar_beams() -> "SonarBeams":
 
 
 def sonar_on_hull(box: Array) -> Array:
-    """Pose X_BS (4, 4) of the sonar: under the hull's bow, looking down, x to starboard and y aft."""
+    """Pose X_BS (4, 4) of the sonar: under the hull's bow, looking down, x to starboard and y
+    aft.
+    """
     R_BS = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     return pose(R_BS, [box[1, 0] - 0.05, 0.0, box[0, 2] - 0.02])
 
 
 def dvl_on_hull(hull: Array) -> Array:
-    """Position (3,) [m] of the Doppler log in B: under the stern, where the folded arm does not block its beams."""
+    """Position (3,) [m] of the Doppler log in B: under the stern, where the folded arm does not
+    block its beams.
+    """
     return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
 
 
@@ -277,7 +302,9 @@ def own_arm(own: "OwnVehicle") -> float:
 
 
 class SeabedRecorder:
-    """Observer that adds the found seabed, coarse and fine, the targets and the profile to recording and log."""
+    """Observer that adds the found seabed, coarse and fine, the targets and the profile to
+    recording and log.
+    """
 
     slow_ticks = ()
 
@@ -302,7 +329,9 @@ class SeabedRecorder:
         self._log.log_cloud("scan", found.cloud_W, time, radius=0.004)
         ground = moment.estimate.ground
         if ground is not None and np.isfinite(ground.p_W).all():
-            self._log.log_arrows("coarse_plane", ground.p_W[None], PLANE * ground.normal_W[None], time)
+            self._log.log_arrows(
+                "coarse_plane", ground.p_W[None], PLANE * ground.normal_W[None], time
+            )
         if plan is None:
             return
         self._log.log_mesh("seabed", plan.terrain.vertices, plan.terrain.triangles, time)

@@ -12,7 +12,9 @@ _DEEP = 0.005  # [m] in something; contact of less is left to the physics
 
 
 def folded_at(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> mujoco.MjData:
-    """State of a model with the hull at X_WB (4, 4) and the arm at home, its kinematics computed."""
+    """State of a model with the hull at X_WB (4, 4) and the arm at home, its kinematics
+    computed.
+    """
     data = mujoco.MjData(model)
     data.qpos[vehicle.hull_qpos : vehicle.hull_qpos + 3] = X_WB[:3, 3]
     data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
@@ -49,5 +51,6 @@ def check_start(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> None:
     part, other = sorted(deepest.geom.tolist(), key=lambda geom: not ours[geom])
     inside = f"{-deepest.dist:.2f} m deep in {of_geom(model, other)} with {of_geom(model, part)}"
     raise ConfigurationError(
-        f"the vehicle would begin {inside}; its camera's place and tilt, and task.range, decide where it looks from"
+        f"the vehicle would begin {inside}; its camera's place and tilt, and task.range, decide "
+        "where it looks from"
     )

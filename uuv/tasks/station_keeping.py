@@ -59,7 +59,9 @@ class StationKeepingTask(Task):
 
         return self.seconds
 
-    def place(self, scenario: Scenario, own: "OwnVehicle", rng: Generator) -> "PlacedStationKeeping":
+    def place(
+        self, scenario: Scenario, own: "OwnVehicle", rng: Generator
+    ) -> "PlacedStationKeeping":
         """The task; nothing is drawn."""
         del rng
 

@@ -1,4 +1,6 @@
-"""Survey of an object: depth frames on a flight around it, fused to a mesh and compared with its model."""
+"""Survey of an object: depth frames on a flight around it, fused to a mesh and compared with its
+model.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EVERY = 1000  # ticks between two frames, 2 s
-REACH = 0.06  # [m] from the model within which a surface is the object's: growth of 4 cm, and errors
+# [m] from the model within which a surface is the object's: growth of 4 cm, and errors
+REACH = 0.06
 _GROUND = 0.03  # [m] above the seabed below which nothing is kept
 _COLOURS = "RdBu_r"  # colour map; red: outside the model, blue: inside
 _WIDTH = 700  # [px] of a picture
@@ -29,7 +32,9 @@ _VIEWS = {"from +x": (1.0, 0.0, 0.0), "from -y": (0.0, -1.0, 0.0), "from above":
 
 
 class SurveyStory:
-    """Observer that adds the mesh of a survey to the visual log when the work is done, and passes all on to `story`."""
+    """Observer that adds the mesh of a survey to the visual log when the work is done, and passes
+    all on to `story`.
+    """
 
     slow_ticks = ()
 
@@ -39,17 +44,27 @@ class SurveyStory:
     def observe(self, moment: Moment) -> None:
         """Add the mesh once the work is done."""
         self._story.observe(moment)
-        if self._log is None or moment.reference.state is not WorkState.DONE or self._survey.X_WT is None:
+        if (
+            self._log is None
+            or moment.reference.state is not WorkState.DONE
+            or self._survey.X_WT is None
+        ):
             return
         mesh, X_WT = self._survey.mesh, self._survey.X_WT
         self._log.log_mesh(
-            "survey", transform_points(X_WT, mesh.vertices), mesh.triangles, moment.truth.time, colours(mesh)
+            "survey",
+            transform_points(X_WT, mesh.vertices),
+            mesh.triangles,
+            moment.truth.time,
+            colours(mesh),
         )
         self._log = None
 
 
 class SurfaceSurvey:
-    """Observer that adds a depth frame to the mesh every `EVERY` ticks of the work, at the pose that is estimated."""
+    """Observer that adds a depth frame to the mesh every `EVERY` ticks of the work, at the pose
+    that is estimated.
+    """
 
     slow_ticks = (EVERY,)
 
@@ -116,12 +131,18 @@ class SurfaceSurvey:
         """Mesh in T of all frames so far, without the seabed."""
         if self._mesh is None:
             whole = self._fusion.mesh(self._surface, self._normals, REACH)
-            height = np.zeros(len(whole.vertices)) if self.X_WT is None else whole.vertices @ self.X_WT[2, :3]
+            height = (
+                np.zeros(len(whole.vertices))
+                if self.X_WT is None
+                else whole.vertices @ self.X_WT[2, :3]
+            )
             above = height + (0.0 if self.X_WT is None else self.X_WT[2, 3]) > self._floor
             kept = whole.triangles[above[whole.triangles].all(axis=1)]
             used, index = np.unique(kept, return_inverse=True)
             self._mesh = SurfaceMesh(
-                vertices=whole.vertices[used], triangles=index.reshape(-1, 3), deviation=whole.deviation[used]
+                vertices=whole.vertices[used],
+                triangles=index.reshape(-1, 3),
+                deviation=whole.deviation[used],
             )
         return self._mesh
 
@@ -142,14 +163,25 @@ class SurfaceSurvey:
         most = 1e3 * _most(mesh)
         for axes, (title, way) in zip(figure.subplots(1, 3), _VIEWS.items(), strict=True):
             picture, extent = _seen_from(scene, mesh, np.array(way))
-            axes.imshow(1e3 * picture, cmap=_COLOURS, vmin=-most, vmax=most, extent=extent, interpolation="nearest")
+            axes.imshow(
+                1e3 * picture,
+                cmap=_COLOURS,
+                vmin=-most,
+                vmax=most,
+                extent=extent,
+                interpolation="nearest",
+            )
             axes.set(title=title, xlabel="[m]", facecolor="0.85")
         figure.colorbar(
-            figure.axes[0].images[0], ax=figure.axes, label="off the model, outside positive [mm]", shrink=0.8
+            figure.axes[0].images[0],
+            ax=figure.axes,
+            label="off the model, outside positive [mm]",
+            shrink=0.8,
         )
         yield (
             "Surface that was measured",
-            f"Mesh of {self.frames} depth frames at the poses that the vehicle believed, in the object's own frame; "
+            f"Mesh of {self.frames} depth frames at the poses that the vehicle believed, in the "
+            "object's own frame; "
             "grey: not seen.",
             figure,
         )
@@ -164,11 +196,19 @@ def colours(mesh: SurfaceMesh) -> Array:
 
 def _most(mesh: SurfaceMesh) -> float:
     """Deviation [m] at the ends of the colour scale."""
-    return max(0.003, float(np.percentile(np.abs(mesh.deviation), 98.0))) if len(mesh.deviation) else 0.003
+    return (
+        max(0.003, float(np.percentile(np.abs(mesh.deviation), 98.0)))
+        if len(mesh.deviation)
+        else 0.003
+    )
 
 
-def _seen_from(scene: RayScene, mesh: SurfaceMesh, way: Array) -> tuple[Array, tuple[float, float, float, float]]:
-    """Deviation (h, w) [m] as seen from `way` (3,) at infinity, NaN beside the mesh; and the picture's extent [m]."""
+def _seen_from(
+    scene: RayScene, mesh: SurfaceMesh, way: Array
+) -> tuple[Array, tuple[float, float, float, float]]:
+    """Deviation (h, w) [m] as seen from `way` (3,) at infinity, NaN beside the mesh; and the
+    picture's extent [m].
+    """
     up = np.array([0.0, 0.0, 1.0]) if abs(way[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, way)
     x, y, z = mesh.vertices @ right, mesh.vertices @ up, mesh.vertices @ way

@@ -57,12 +57,14 @@ class ToolTurn:
     )
     blend: float = option(
         0.0,
-        "Length [m] of the path over which a tool that is not round turns at a corner, pressing on; at least 0.04.",
+        "Length [m] of the path over which a tool that is not round turns at a corner, pressing "
+        "on; at least 0.04.",
         group="work",
     )
     dwell: bool = option(
         False,
-        "A tool that is not round stops at a corner and turns there, pressing on, in place of a turn along the path.",
+        "A tool that is not round stops at a corner and turns there, pressing on, in place of a "
+        "turn along the path.",
         group="work",
     )
 
@@ -90,7 +92,9 @@ class SurfaceWorkTask(SurfaceSettings, Task):
     range: float = option(1.25, "Range from camera to object at the scan [m].", group="work")
 
     def check_inputs(self, scenario: Scenario) -> None:
-        """Refuses an object without surface, a path that it has not, and options that exclude each other."""
+        """Refuses an object without surface, a path that it has not, and options that exclude each
+        other.
+        """
         workpiece: Workpiece = object_of(scenario, Workpiece)
         self._check_stops(scenario)
         _check_survey(scenario)
@@ -104,7 +108,9 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         return self.time(*workpiece.target(self.path), self.force_rate).seconds
 
     def time(self, target: "TargetModel", path: str, force_rate: float) -> WorkTime:
-        """The timed work on a path of the object, with a rate [N/s] at which the set force changes."""
+        """The timed work on a path of the object, with a rate [N/s] at which the set force
+        changes.
+        """
         p = np.asarray(target.path(path).p)
         return WorkTime(
             length=float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()),
@@ -118,14 +124,22 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         if self.promise.stops is None:
             return
         for excluded, why in (
-            (scenario.sensing.arm_camera is not None, "sensing.arm_camera: it sees more than stops tell"),
+            (
+                scenario.sensing.arm_camera is not None,
+                "sensing.arm_camera: it sees more than stops tell",
+            ),
             (self.contactless is not None, "task.contactless: nothing holds the tool"),
-            ("fusion" in scenario.control.without, "control.without fusion: nothing takes what they tell"),
+            (
+                "fusion" in scenario.control.without,
+                "control.without fusion: nothing takes what they tell",
+            ),
         ):
             if excluded:
                 raise ConfigurationError(f"task.promise.stops and {why}; one of the two")
 
-    def place(self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator) -> "PlacedSurfaceWork":
+    def place(
+        self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator
+    ) -> "PlacedSurfaceWork":
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
         from uuv.sim.evaluation.metrics import TrueObject
 
@@ -133,7 +147,9 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
         if self.turn is not None:
-            turned = target.path(path).turned(self.turn.angle, self.turn.blend, dwell=self.turn.dwell)
+            turned = target.path(path).turned(
+                self.turn.angle, self.turn.blend, dwell=self.turn.dwell
+            )
             target = target.with_path(path, turned)
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT, rng)
@@ -146,10 +162,15 @@ class SurfaceWorkTask(SurfaceSettings, Task):
             approach_W=approach_W,
             orientation_W=orientation_W,
             truth=TrueObject(
-                model=there, path=path, X_WT=X_WT, contactless=self.contactless, deformed=there is not target
+                model=there,
+                path=path,
+                X_WT=X_WT,
+                contactless=self.contactless,
+                deformed=there is not target,
             ),
         )
-        self.time(target, path, placed.job().force_rate).check()  # a small arm's force changes more slowly
+        # a small arm's force changes more slowly
+        self.time(target, path, placed.job().force_rate).check()
         return placed
 
 
@@ -177,14 +198,18 @@ class PlacedSurfaceWork(PlacedTask):
 
     @property
     def longest(self) -> float:
-        """Limit [s] of the simulated time: 1.5 times what looks, length, speed and stops need, at least the usual."""
+        """Limit [s] of the simulated time: 1.5 times what looks, length, speed and stops need, at
+        least the usual.
+        """
         from uuv.perception.toolpath.path_planner import PACE
 
         stops = self.task.promise.stops
         work = self.task.time(self.target, self.truth.path, self.job().force_rate)
         working = work.slowed(PACE).seconds  # as on a surface that deviates
         if stops is not None:
-            standing = stops.settle + stops.patience + stops.lasting + 2.0 * FollowLimits().pace_time
+            standing = (
+                stops.settle + stops.patience + stops.lasting + 2.0 * FollowLimits().pace_time
+            )
             working *= 1.0 + standing / stops.every
         return max(LONGEST, _ROOM * (_ARRIVAL + self.scenario.sensing.looks + working))
 
@@ -211,14 +236,20 @@ class PlacedSurfaceWork(PlacedTask):
         sensor, seen_as = exteroceptive_sensor(self.scenario.sensing.sensor, model, self.own.X_BC)
         return [sensor], seen_as
 
-    def finder(self, sensor: "SensorModel | None", seed: int) -> "KnownObjectFinder | SurveyedObjectFinder":
+    def finder(
+        self, sensor: "SensorModel | None", seed: int
+    ) -> "KnownObjectFinder | SurveyedObjectFinder":
         """Finder of the clean object."""
         from uuv.perception.finding.surveyed_object import SurveyedObjectFinder
         from uuv.perception.finding.target_finder import KnownObjectFinder, PublishedFinder
 
         if self.scenario.sensing.sensor == SURVEY:
             return SurveyedObjectFinder(self.target, self.truth.path)
-        kind = PublishedFinder if "identification" in self.scenario.control.published else KnownObjectFinder
+        kind = (
+            PublishedFinder
+            if "identification" in self.scenario.control.published
+            else KnownObjectFinder
+        )
         return kind(
             self.target,
             self.truth.path,
@@ -294,7 +325,8 @@ class PlacedSurfaceWork(PlacedTask):
             identification_s=found.duration_s if found is not None else None,
             bounds=self.bounds,
             asked=AskedWork(
-                forces=() if self.task.contactless is not None else self.task.forces, speed=self.task.speed
+                forces=() if self.task.contactless is not None else self.task.forces,
+                speed=self.task.speed,
             ),
         )
 
@@ -339,7 +371,8 @@ def check_follows(scenario: Scenario) -> None:
     """Refuses to follow an object without depth frames."""
     if scenario.sensing.sensor != "camera":
         raise ConfigurationError(
-            f"sensing.follow: takes depth frames; the sensor is {shown(scenario.sensing.sensor)}, not camera"
+            f"sensing.follow: takes depth frames; the sensor is {shown(scenario.sensing.sensor)}, "
+            "not camera"
         )
 
 

@@ -1,4 +1,6 @@
-"""Tapping: points of an object are touched one after another with a set force, for some time each."""
+"""Tapping: points of an object are touched one after another with a set force, for some time
+each.
+"""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
@@ -24,7 +26,9 @@ class TappingTask(SurfaceWorkTask):
     hold: ClassVar[float] = 2.0  # [s] at each point
     forces: tuple[float, ...] = (TAP_FORCE,)
 
-    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedTapping":
+    def place(
+        self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator
+    ) -> "PlacedTapping":
         """The work on the site's object, as `SurfaceWorkTask.place`."""
         placed = super().place(scenario, own, rng)
         return PlacedTapping(
@@ -75,5 +79,7 @@ class PlacedTapping(PlacedSurfaceWork):
         from uuv.controllers.tasks.tap import tap
 
         own, job = self.own.at_work(), self.job()
-        site = WorkSite(own=own, X_WB_scan=self.X_WB, stand=self.standing, around=around(own, self.target))
+        site = WorkSite(
+            own=own, X_WB_scan=self.X_WB, stand=self.standing, around=around(own, self.target)
+        )
         return tap(site, job, TappingTask.points, own.tip, TappingTask.hold)

@@ -1,4 +1,6 @@
-"""Time that work along a path takes, and whether every set force on it lasts long enough to be judged."""
+"""Time that work along a path takes, and whether every set force on it lasts long enough to be
+judged.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -27,12 +29,16 @@ class WorkTime:
 
     @property
     def seconds(self) -> float:
-        """Time [s] from the first motion along the path to the last, where nothing slows the tool down."""
+        """Time [s] from the first motion along the path to the last, where nothing slows the tool
+        down.
+        """
         limits = FollowLimits()
         return Progress(self.length, self.speed, limits.ramp).duration + limits.linger
 
     def judged(self) -> tuple[float, ...]:
-        """Time [s] for which the error of each level of force counts; negative where it ends before it has settled."""
+        """Time [s] for which the error of each level of force counts; negative where it ends before
+        it has settled.
+        """
         limits, asked = FollowLimits(), levels(self.forces)
         progress = Progress(self.length, self.speed, limits.ramp)
         passed = [progress.time(self.length * level.end / len(self.forces)) for level in asked]
@@ -41,13 +47,17 @@ class WorkTime:
         # The first force has settled before the tool moves.
         changes = np.abs(np.diff([level.force for level in asked]))
         lost = [0.0, *(unsettled(change / self.force_rate) for change in changes.tolist())]
-        return tuple(float(lasting - gone) for lasting, gone in zip(np.diff(passed, prepend=0.0), lost, strict=True))
+        return tuple(
+            float(lasting - gone)
+            for lasting, gone in zip(np.diff(passed, prepend=0.0), lost, strict=True)
+        )
 
     def check(self) -> None:
         """Refuses work that is too short for its forces or its speed; the line says what would do.
 
         Raises:
-            ConfigurationError: Which force would not be judged, or that the speed is hardly reached.
+            ConfigurationError: Which force would not be judged, or that the speed is hardly
+                reached.
         """
         if self._is_judged():
             return
@@ -58,7 +68,8 @@ class WorkTime:
             *(["fewer task.forces"] if len(self.forces) > 1 else []),
         ]
         raise ConfigurationError(
-            f"task.speed {self.speed:g} over {self.length:.3g} m: {self._what_lacks()}; {', or '.join(ways)} would do"
+            f"task.speed {self.speed:g} over {self.length:.3g} m: {self._what_lacks()}; "
+            f"{', or '.join(ways)} would do"
         )
 
     def _what_lacks(self) -> str:
@@ -67,7 +78,8 @@ class WorkTime:
             return "the tool hardly comes to that speed"
         k = int(np.argmin(judged))
         return (
-            f"the set force of {levels(self.forces)[k].force:g} N, {k + 1} of {len(judged)}, could be judged for "
+            f"the set force of {levels(self.forces)[k].force:g} N, {k + 1} of {len(judged)}, "
+            "could be judged for "
             f"{max(judged[k], 0.0):.2f} s only, of {JUDGED:g} s at least"
         )
 
@@ -83,7 +95,9 @@ class WorkTime:
             return 0.0
         for _ in range(_STEPS):
             middle = 0.5 * (slow + fast)
-            slow, fast = (middle, fast) if replace(self, speed=middle)._is_judged() else (slow, middle)
+            slow, fast = (
+                (middle, fast) if replace(self, speed=middle)._is_judged() else (slow, middle)
+            )
         digit = 10.0 ** (np.floor(np.log10(slow)) - 1)
         return float(np.floor(slow / digit + 1e-9) * digit)
 
@@ -94,7 +108,9 @@ class WorkTime:
             return 0.0
         for _ in range(_STEPS):
             middle = 0.5 * (short + long)
-            short, long = (short, middle) if replace(self, length=middle)._is_judged() else (middle, long)
+            short, long = (
+                (short, middle) if replace(self, length=middle)._is_judged() else (middle, long)
+            )
         return float(np.ceil(100.0 * long - 1e-9) / 100.0)
 
     def slowed(self, share: float) -> Self:

@@ -42,7 +42,8 @@ from uuv.sim.plant.readout import COLLISION, LEAST, MOST, NORMAL
 from uuv.sim.sensors.proprioception import encode, sense_motion, transmit
 
 _NEW, _PLANNED, _COMMANDED = int(Stage.NEW), int(Stage.PLANNED), int(Stage.COMMANDED)
-# Called by other kernels only: entries from Python would take a third of the time of compiling `run_ticks`.
+# Called by other kernels only: entries from Python would take a third of the time of compiling
+# `run_ticks`.
 _WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _CHANNELS = ("encoders", "torques", "imu")  # of the sensors of every tick, in the order of `Sensed`
 
@@ -151,7 +152,9 @@ def perceive(world):
     s, joints, sample = world.sensed, world.joints, world.sample
     encode(s.encoders, s.q, s.qd, joints.q, joints.qd)
     transmit(s.torques, s.tau_drive, s.tau_friction, s.armature, s.qdd, s.damping, s.qd, joints.tau)
-    sense_motion(s.imu, s.R_WB, s.acceleration, s.w_WB_B, sample.specific_force_B, sample.w_WB_B, sample.R_WB)
+    sense_motion(
+        s.imu, s.R_WB, s.acceleration, s.w_WB_B, sample.specific_force_B, sample.w_WB_B, sample.R_WB
+    )
     sample.time[0] = world.plant.watch.time[0]
     take_sample(world.filter, sample)
     put_out(world.filter, joints, world.estimate)
@@ -174,7 +177,9 @@ def record_row(world):
 
 @kernel(**_WITHIN)
 def _copy(one, other):
-    """Copy one EstimateRecord into another, by loops: numba compiles them in a tenth of the time of slices."""
+    """Copy one EstimateRecord into another, by loops: numba compiles them in a tenth of the time of
+    slices.
+    """
     other.time[0], other.attitude_sigma[0] = one.time[0], one.attitude_sigma[0]
     for i in range(4):
         for j in range(4):
@@ -286,7 +291,9 @@ class CompiledTicks:
         estimator: Any = run.parts.estimator
         self._navigation: Any = estimator.records(run.estimator_state)
         completed = getattr(estimator, "completed", None)
-        complete = None if completed is None else lambda estimate: completed(run.estimator_state, estimate)
+        complete = (
+            None if completed is None else lambda estimate: completed(run.estimator_state, estimate)
+        )
         self._inputs = Inputs(self._navigation.estimate, complete)
         self._sound = estimate_record(len(self._plant.truth.q))
         self._compiled: ControlTick | None = None
@@ -373,7 +380,8 @@ class CompiledTicks:
         return self._worlds[control.address]
 
     def advance(self, run: Rollout, tick: int, end: int) -> int:
-        """Run ticks from `tick` up to `end` as far as possible: up to a frame, a fault, or the end of the work.
+        """Run ticks from `tick` up to `end` as far as possible: up to a frame, a fault, or the end
+        of the work.
 
         Args:
             run: its states and messages change as if its own step had run these ticks.
@@ -405,7 +413,9 @@ class CompiledTicks:
         return tick
 
     def _stretch(self, run: Rollout, tick: int, end: int) -> tuple[int, int]:
-        """Number of ticks from `tick` on that may run at once, and the stage of the one after them."""
+        """Number of ticks from `tick` on that may run at once, and the stage of the one after
+        them.
+        """
         observed = (-tick % every for every in self._slow_ticks)
         planned = run.planner_ticks - tick % run.planner_ticks
         most = min(min(run.next_due(tick + 1), end) - tick, self._plant.ready())

@@ -1,1 +1,3 @@
-"""Identification of a vehicle's water from logs: replay on our model, manoeuvres, command and study."""
+"""Identification of a vehicle's water from logs: replay on our model, manoeuvres, command and
+study.
+"""

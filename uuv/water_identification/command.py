@@ -47,7 +47,9 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
     """
     spec = vehicle_spec(options.vehicle)
     if options.water_density is not None:
-        density = finite_number(options.water_density, "--water-density [kg/m^3]", above=0.0, most=3000.0)
+        density = finite_number(
+            options.water_density, "--water-density [kg/m^3]", above=0.0, most=3000.0
+        )
         hydrodynamics.attach(spec, {}, density)
     own = ReplayVehicle(spec)
     names = [each.name for each in own.water.parameters]
@@ -57,7 +59,9 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
     other = dict(options.prior)
     own.water = replace(
         own.water,
-        parameters=tuple(replace(each, sigma=other.get(each.name, each.sigma)) for each in own.water.parameters),
+        parameters=tuple(
+            replace(each, sigma=other.get(each.name, each.sigma)) for each in own.water.parameters
+        ),
     )
     return spec, own
 
@@ -89,15 +93,22 @@ def run(options: WaterOptions, console: Console) -> int:
         folder = new_folder(COMMAND, options.out, options.seed)
         flown = survey(own, values_of(own.water.parameters, np.zeros(n)), options.seconds, rng)
         values = values_of(own.water.parameters, truth)
-        logs = [simulated(own, values, flown, name="simulated survey", rng=rng, gust=0.25 * settings.gust)]
+        logs = [
+            simulated(
+                own, values, flown, name="simulated survey", rng=rng, gust=0.25 * settings.gust
+            )
+        ]
         write_log(folder / "survey.csv", logs[0])
         hashes = {"survey.csv": _sha256(folder / "survey.csv")}
-        console.print("no --log: a vehicle drawn from the prior is simulated; the column 'true' is what it is")
+        console.print(
+            "no --log: a vehicle drawn from the prior is simulated; the column 'true' is what it is"
+        )
     fit, residuals = identify(own, logs, settings)
     found, combined = findings(fit.named, n, fit.quantile), together(fit.named, n)
     exact = None if truth is None else values_of(own.water.parameters, truth)
     title = (
-        f"Water of {options.vehicle}, {len(logs)} log{'s' * (len(logs) > 1)}, {sum(log.duration for log in logs):.0f} s"
+        f"Water of {options.vehicle}, {len(logs)} log{'s' * (len(logs) > 1)}, "
+        f"{sum(log.duration for log in logs):.0f} s"
     )
     console.print(Text(title, style="bold"))
     console.print(table_of(found, exact))
@@ -117,15 +128,28 @@ def run(options: WaterOptions, console: Console) -> int:
     ]
     compiled = spec.copy().compile()
     written += write_vehicle(folder, "fitted", spec, compiled, own.water, fit.named.values)
-    write_json(folder / "metrics.json", {**_metrics(found, fit), "provenance": provenance(COMMAND, asdict(options))})
+    write_json(
+        folder / "metrics.json",
+        {**_metrics(found, fit), "provenance": provenance(COMMAND, asdict(options))},
+    )
     if options.plan:
         noise = {
-            kind: settings.noise[kind] * max(f for name, f in fit.widened.items() if name.endswith(f": {kind}"))
+            kind: settings.noise[kind]
+            * max(f for name, f in fit.widened.items() if name.endswith(f": {kind}"))
             for kind in residuals.logs[0].kinds
         }
         sharp = replace(settings, noise={**settings.noise, **noise})
         covariance = fit.named.covariance[:n, :n]
-        _plan(options, own, fit.named.deviations[:n], covariance, sharp, tuple(logs[0].channels), folder, console)
+        _plan(
+            options,
+            own,
+            fit.named.deviations[:n],
+            covariance,
+            sharp,
+            tuple(logs[0].channels),
+            folder,
+            console,
+        )
     if options.record and not absent("log"):
         from uuv.water_identification.page import write_page
 
@@ -139,7 +163,9 @@ def run(options: WaterOptions, console: Console) -> int:
             asdict(options),
         )
         written.append(folder / "report.html")
-    console.print(f"written to {folder}/: {', '.join(file.name for file in written)}", highlight=False)
+    console.print(
+        f"written to {folder}/: {', '.join(file.name for file in written)}", highlight=False
+    )
     return 0
 
 
@@ -160,9 +186,20 @@ def _metrics(found: Sequence[Finding], fit: WaterFit) -> dict[str, Any]:
 def table_of(found: Sequence[Finding], exact: Mapping[str, float] | None = None) -> Table:
     """Table of the parameters with intervals; `exact` adds what is true."""
     table = Table()
-    for column in ("parameter", "unit", "before", "found", "95 %", *(("true",) if exact else ()), "told", ""):
+    for column in (
+        "parameter",
+        "unit",
+        "before",
+        "found",
+        "95 %",
+        *(("true",) if exact else ()),
+        "told",
+        "",
+    ):
         table.add_column(
-            column, justify="left" if column in ("parameter", "unit", "") else "right", no_wrap=column != "parameter"
+            column,
+            justify="left" if column in ("parameter", "unit", "") else "right",
+            no_wrap=column != "parameter",
         )
     for each in found:
         digits = _digits(each)
@@ -170,7 +207,9 @@ def table_of(found: Sequence[Finding], exact: Mapping[str, float] | None = None)
         cells.append(f"{each.low:.{digits}f} to {each.high:.{digits}f}")
         if exact:
             cells.append(f"{exact[each.name]:.{digits}f}")
-        table.add_row(Text(each.name), Text(each.unit), *cells, f"{100 * each.told:.0f} %", each.verdict)
+        table.add_row(
+            Text(each.name), Text(each.unit), *cells, f"{100 * each.told:.0f} %", each.verdict
+        )
     return table
 
 
@@ -180,13 +219,20 @@ def _digits(each: Finding) -> int:
 
 
 def words(
-    found: Sequence[Finding], combined: Sequence[str], fit: WaterFit, logs: Sequence[WaterLog], own: ReplayVehicle
+    found: Sequence[Finding],
+    combined: Sequence[str],
+    fit: WaterFit,
+    logs: Sequence[WaterLog],
+    own: ReplayVehicle,
 ) -> list[str]:
     """What the logs cannot tell, in sentences."""
     said = []
     for log in logs:
         if own.names and not log.commands and not log.thrusts:
-            said.append(f"{log.name}: no thruster column; the thrusters count as off, and their gains are not told")
+            said.append(
+                f"{log.name}: no thruster column; the thrusters count as off, and their "
+                "gains are not told"
+            )
         if own.joints and not log.joints:
             said.append(f"{log.name}: no joint column; the arm counts as folded")
     said += [f"only together: {sentence}" for sentence in combined]
@@ -196,12 +242,15 @@ def words(
         for each in found:
             if each.verdict == verdict and not (off and each.group == "thrusters"):
                 by_help.setdefault(each.helps, []).append(each.name)
-        said += [f"{verdict}: {', '.join(names)}; {helps} would tell" for helps, names in by_help.items()]
+        said += [
+            f"{verdict}: {', '.join(names)}; {helps} would tell" for helps, names in by_help.items()
+        ]
     wide = {name: factor for name, factor in fit.widened.items() if factor > 1.5}
     if wide:
         worst = max(wide, key=lambda name: wide[name])
         said.append(
-            f"residuals exceed the stated noise in {len(wide)} of {len(fit.widened)} channels, and the intervals allow "
+            f"residuals exceed the stated noise in {len(wide)} of {len(fit.widened)} channels, "
+            "and the intervals allow "
             f"for it; most in {worst}, {wide[worst]:.1f} times"
         )
     return said
@@ -218,10 +267,15 @@ def _plan(
     console: Console,
 ) -> None:
     """Names the next manoeuvre, and writes its log as expected: the commands to fly."""
-    ranked, flown = next_manoeuvres(own, deviations, known, settings, channels=channels, aim=options.aim)
+    ranked, flown = next_manoeuvres(
+        own, deviations, known, settings, channels=channels, aim=options.aim
+    )
     console.print(plan_table(ranked))
     best = ranked[0]
-    console.print(f"next: {best.name}; the intervals shrink by {best.sharper():.2f} in the mean", highlight=False)
+    console.print(
+        f"next: {best.name}; the intervals shrink by {best.sharper():.2f} in the mean",
+        highlight=False,
+    )
     sharpest = np.argsort(-np.where(best.aim, best.before / best.after, 0.0))[:3]
     for i in sharpest:
         each, x = own.water.parameters[i], float(deviations[i])
@@ -232,11 +286,16 @@ def _plan(
             highlight=False,
         )
     log = simulated(
-        own, values_of(own.water.parameters, deviations), flown[best.name], name=best.name, channels=channels
+        own,
+        values_of(own.water.parameters, deviations),
+        flown[best.name],
+        name=best.name,
+        channels=channels,
     )
     write_log(folder / "plan.csv", log)
     write_json(
-        folder / "plan.json", [{"name": each.name, "sharper": each.sharper(), "left": each.left} for each in ranked]
+        folder / "plan.json",
+        [{"name": each.name, "sharper": each.sharper(), "left": each.left} for each in ranked],
     )
 
 

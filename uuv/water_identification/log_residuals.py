@@ -1,8 +1,10 @@
-"""Residuals of logs against their replay: the log in windows, each with a start and a current of its own.
+"""Residuals of logs against their replay: the log in windows, each with a start and a current of
+its own.
 
-A window begins as the log has it, within what its noise allows, in a current that is the log's within the gusts. Both
-are numbers of the window that the fit finds and discards. So neither a gap nor a drift that has added up counts, and
-what a window tells of the water is what its own few seconds show.
+A window begins as the log has it, within what its noise allows, in a current that is the log's
+within the gusts. Both are numbers of the window that the fit finds and discards. So neither a gap
+nor a drift that has added up counts, and what a window tells of the water is what its own few
+seconds show.
 """
 
 import queue
@@ -22,7 +24,8 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
 
-STEP = 1e-4  # prior standard deviations, of the differences: small, for what only a sum tells is their small sum
+# prior standard deviations, of the differences: small, for what only a sum tells is their small sum
+STEP = 1e-4
 NODES = 3  # of a window's current: at its begin, middle and end, straight between
 STATE = 12  # numbers of a window's start: position, attitude, velocity, rate; (3,) each
 OWN = STATE + 3 * NODES  # numbers of a window
@@ -54,19 +57,26 @@ class LogReplay:
         cut = _windows(log, settings.window)
         self.windows = [each for each in cut if _seen(log, *each, self._dt)][:: settings.every]
         if not self.windows:
-            raise ConfigurationError(f"{log.name}: nothing was measured within its {len(cut)} windows")
+            raise ConfigurationError(
+                f"{log.name}: nothing was measured within its {len(cut)} windows"
+            )
         if curveless := [
-            name for name, has in zip(own.names, own.has_curve, strict=True) if name in log.commands and not has
+            name
+            for name, has in zip(own.names, own.has_curve, strict=True)
+            if name in log.commands and not has
         ]:
             raise ConfigurationError(
-                f"{log.name}: thruster {curveless[0]} has no curve in the vehicle; give thrust.{curveless[0]} [N] in "
+                f"{log.name}: thruster {curveless[0]} has no curve in the vehicle; give "
+                f"thrust.{curveless[0]} [N] in "
                 f"place of thruster.{curveless[0]}"
             )
         begin = np.array([a for a, _ in self.windows])
         steps = np.array([max(1, int((b - a) / self._dt)) for a, b in self.windows], dtype=np.int64)
         self.first = np.concatenate([[0], np.cumsum(steps + 1)[:-1]]).astype(np.int64)
         self.steps, self.begin = steps, begin
-        self.time = np.concatenate([a + self._dt * np.arange(n + 1) for a, n in zip(begin, steps, strict=True)])
+        self.time = np.concatenate(
+            [a + self._dt * np.arange(n + 1) for a, n in zip(begin, steps, strict=True)]
+        )
         # Of each row: share (R, NODES) of the nodes of its window's current.
         through = np.concatenate([np.linspace(0.0, NODES - 1.0, n + 1) for n in steps])
         self._nodes = np.maximum(0.0, 1.0 - np.abs(through[:, None] - np.arange(NODES)))
@@ -96,13 +106,16 @@ class LogReplay:
         self.splits = np.cumsum(np.bincount(windows, minlength=len(begin)))[:-1]
         kinds = list(self._samples)
         widths = [
-            len(each.row) * (3 if kind == ATTITUDE else each.measured.shape[1]) for kind, each in self._samples.items()
+            len(each.row) * (3 if kind == ATTITUDE else each.measured.shape[1])
+            for kind, each in self._samples.items()
         ]
         self.kinds = tuple(kinds)
-        self.kind = np.repeat(np.arange(len(kinds)), widths)[self.order]  # index into `kinds` of each residual
+        # index into `kinds` of each residual
+        self.kind = np.repeat(np.arange(len(kinds)), widths)[self.order]
         self.weight = np.ones(len(kinds))  # of each channel's residuals
         steps_of = [float(np.median(np.diff(log.channels[kind].time))) for kind in kinds]
-        self.a_second = [round(min(settings.rate, 1.0 / step)) for step in steps_of]  # samples, by kind
+        # samples, by kind
+        self.a_second = [round(min(settings.rate, 1.0 / step)) for step in steps_of]
         self.nuisances = self._nuisances()
 
     def _nuisances(self) -> tuple[NamedParameter, ...]:
@@ -138,7 +151,11 @@ class LogReplay:
             elif not own.has_curve[i]:
                 thrust[:, i] = 0.0
         n = len(own.joints)
-        q, qd, qdd = np.zeros((len(self.begin), n)), np.zeros((len(self.begin), n)), np.zeros((len(self.time), n))
+        q, qd, qdd = (
+            np.zeros((len(self.begin), n)),
+            np.zeros((len(self.begin), n)),
+            np.zeros((len(self.time), n)),
+        )
         for j, name in enumerate(own.joints):
             q[:, j] = own.vehicle.q_home[j]
             if name not in log.joints:
@@ -147,7 +164,9 @@ class LogReplay:
             for w, (a, k) in enumerate(zip(self.first, self.steps, strict=True)):
                 q[w, j], qd[w, j] = angle[a], speed_at[a]
                 qdd[a : a + k, j] = np.diff(speed_at[a : a + k + 1]) / dt
-        return Script(first=self.first, steps=self.steps, speed=speed, thrust=thrust, q=q, qd=qd, qdd=qdd)
+        return Script(
+            first=self.first, steps=self.steps, speed=speed, thrust=thrust, q=q, qd=qd, qdd=qdd
+        )
 
     def _sampled(self, kind: str) -> _Samples:
         """Samples of a channel in windows, averaged to the rate of the settings."""
@@ -160,7 +179,9 @@ class LogReplay:
         cells = np.floor((time - self.begin[at]) * rate).astype(np.int64)
         cell = cells if together > 1 else np.arange(len(time))
         key = at * (int(cell.max(initial=0)) + 1) + cell
-        _, first, of, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+        _, first, of, count = np.unique(
+            key, return_index=True, return_inverse=True, return_counts=True
+        )
         mean = np.zeros((len(first), values.shape[1]))
         np.add.at(mean, of, values)
         when = np.bincount(of, time) / count if len(first) else np.zeros(0)
@@ -170,14 +191,24 @@ class LogReplay:
         window = at[first]
         steps = (when - self.begin[window]) / self._dt
         k = np.minimum(np.floor(steps).astype(np.int64), self.steps[window] - 1)
-        return _Samples(self.first[window] + k, steps - k, mean, self.settings.noise[kind] / np.sqrt(count), window)
+        return _Samples(
+            self.first[window] + k,
+            steps - k,
+            mean,
+            self.settings.noise[kind] / np.sqrt(count),
+            window,
+        )
 
     def begun(self, own: Array) -> tuple[Array, Array]:
-        """Starts (W, 13) and what is added to the current (R, 3), for each window's own numbers (OWN,)."""
+        """Starts (W, 13) and what is added to the current (R, 3), for each window's own numbers
+        (OWN,).
+        """
         moved = own * self.spread
         starts = self.starts.copy()
         starts[:, :3] += moved[:, :3]
-        turned = Rotation.from_quat(self.starts[:, [4, 5, 6, 3]]) * Rotation.from_rotvec(moved[:, 3:6])
+        turned = Rotation.from_quat(self.starts[:, [4, 5, 6, 3]]) * Rotation.from_rotvec(
+            moved[:, 3:6]
+        )
         starts[:, 3:7] = turned.as_quat()[:, [3, 0, 1, 2]]
         starts[:, 7:] += moved[:, 6:12]
         nodes = moved[self._of_row, STATE:].reshape(-1, NODES, 3)
@@ -212,16 +243,26 @@ class LogReplay:
         quat = at(slice(3, 7))
         R_WB = Rotation.from_quat(quat[:, [1, 2, 3, 0]])
         if kind == ATTITUDE:
-            mounted = [values.get(f"{self.log.name}: mount {axis}", 0.0) for axis in ("roll", "pitch")]
+            mounted = [
+                values.get(f"{self.log.name}: mount {axis}", 0.0) for axis in ("roll", "pitch")
+            ]
             seen = R_WB * Rotation.from_rotvec([*mounted, 0.0])
             return (Rotation.from_quat(each.measured).inv() * seen).as_rotvec()
         if kind == VELOCITY:
             return R_WB.inv().apply(at(slice(7, 10))) - each.measured
         gain = (rows[each.row + 1, 7:10] - rows[each.row, 7:10]) / self._dt
-        return R_WB.inv().apply(gain + np.array([0.0, 0.0, GRAVITY])) + bias("force bias") - each.measured
+        return (
+            R_WB.inv().apply(gain + np.array([0.0, 0.0, GRAVITY]))
+            + bias("force bias")
+            - each.measured
+        )
 
-    def replayed(self, rows: Array, kind: str, values: Mapping[str, float]) -> tuple[Array, Array, Array, np.ndarray]:
-        """Time (k,) [s], measured and replayed values (k, d), and window (k,) of a channel, for pictures."""
+    def replayed(
+        self, rows: Array, kind: str, values: Mapping[str, float]
+    ) -> tuple[Array, Array, Array, np.ndarray]:
+        """Time (k,) [s], measured and replayed values (k, d), and window (k,) of a channel, for
+        pictures.
+        """
         each = self._samples[kind]
         time = self.time[each.row] + each.share * self._dt
         off = self._off(kind, each, rows, values)
@@ -233,20 +274,29 @@ class LogReplay:
 
 
 class WaterResiduals:
-    """Residuals of logs in blocks, one for each window, for `uuv.calib.water.named_fit.fit_blocks`."""
+    """Residuals of logs in blocks, one for each window, for
+    `uuv.calib.water.named_fit.fit_blocks`.
+    """
 
-    def __init__(self, vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings) -> None:
+    def __init__(
+        self, vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
+    ) -> None:
         """Cut the logs.
 
         Raises:
-            ConfigurationError: A log has no part that is long enough, or nothing moves in any of them.
+            ConfigurationError: A log has no part that is long enough, or nothing moves in any of
+                them.
         """
         self.vehicle, self.settings = vehicle, settings
         self.logs = tuple(LogReplay(vehicle, log, settings) for log in logs)
         _check_excited(logs, settings)
-        self.parameters = (*vehicle.water.parameters, *(each for log in self.logs for each in log.nuisances))
+        self.parameters = (
+            *vehicle.water.parameters,
+            *(each for log in self.logs for each in log.nuisances),
+        )
         self._index = {each.name: i for i, each in enumerate(self.parameters)}
-        self._last: tuple[Array, Array, list[Slopes]] | None = None  # where slopes were computed last
+        # where slopes were computed last
+        self._last: tuple[Array, Array, list[Slopes]] | None = None
         self._engines: queue.SimpleQueue[ReplayVehicle] = queue.SimpleQueue()
         for i in range(settings.workers):
             self._engines.put(vehicle if i == 0 else vehicle.copy())
@@ -276,7 +326,9 @@ class WaterResiduals:
         """Index into `channels` of each window's residuals."""
         before = np.cumsum([0, *(len(log.kinds) for log in self.logs)])
         return [
-            part for log, b in zip(self.logs, before[:-1], strict=True) for part in np.split(log.kind + b, log.splits)
+            part
+            for log, b in zip(self.logs, before[:-1], strict=True)
+            for part in np.split(log.kind + b, log.splits)
         ]
 
     def widen(self, factors: Array) -> None:
@@ -285,7 +337,8 @@ class WaterResiduals:
             x, own, slopes = self._last
             shares = [(1.0 / factors)[label] for label in self.labels]
             thinner = [
-                Slopes(r * s, J * s[:, None], L * s[:, None]) for (r, J, L), s in zip(slopes, shares, strict=True)
+                Slopes(r * s, J * s[:, None], L * s[:, None])
+                for (r, J, L), s in zip(slopes, shares, strict=True)
             ]
             self._last = x, own, thinner
         ends = np.cumsum([len(log.kinds) for log in self.logs])
@@ -308,7 +361,9 @@ class WaterResiduals:
             found = []
             for log, its in zip(self.logs, own, strict=True):
                 starts, added = log.begun(its)
-                current = np.array([values.get(f"{log.log.name}: current {axis}", 0.0) for axis in "xyz"])
+                current = np.array(
+                    [values.get(f"{log.log.name}: current {axis}", 0.0) for axis in "xyz"]
+                )
                 found.append(engine.run(values, log.script, starts, current + added))
             return found
         except UuvError:  # no vehicle has these values
@@ -321,12 +376,24 @@ class WaterResiduals:
 
     def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
         """Residuals of each window."""
-        found = self._residuals(self.states(deviations, own), values_of(self.parameters, deviations))
-        return [part for log, r in zip(self.logs, found, strict=True) for part in np.split(r, log.splits)]
+        found = self._residuals(
+            self.states(deviations, own), values_of(self.parameters, deviations)
+        )
+        return [
+            part
+            for log, r in zip(self.logs, found, strict=True)
+            for part in np.split(r, log.splits)
+        ]
 
     def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
-        """Residuals of each window with their differences, by one replay of all windows for each number."""
-        if self._last is not None and np.array_equal(self._last[0], deviations) and np.array_equal(self._last[1], own):
+        """Residuals of each window with their differences, by one replay of all windows for each
+        number.
+        """
+        if (
+            self._last is not None
+            and np.array_equal(self._last[0], deviations)
+            and np.array_equal(self._last[1], own)
+        ):
             return self._last[2]
         x, y = np.array(deviations), self._own_of(own)
         values = values_of(self.parameters, x)
@@ -339,19 +406,25 @@ class WaterResiduals:
         def differ(rows: Sequence[Array], changed: Mapping[str, float]) -> list[Array]:
             found = self._residuals(rows, changed)
             return [
-                (a - b) / STEP if np.all(np.isfinite(a)) else np.zeros_like(b) for a, b in zip(found, r, strict=True)
+                (a - b) / STEP if np.all(np.isfinite(a)) else np.zeros_like(b)
+                for a, b in zip(found, r, strict=True)
             ]
 
         def parameter(j: int) -> None:
             there = x + STEP * np.eye(len(x))[j]
             # The sensors' own numbers need no other replay.
             rows = self._run(there, y) if j < physical else base
-            for J, column in zip(shared, differ(rows, values_of(self.parameters, there)), strict=True):
+            for J, column in zip(
+                shared, differ(rows, values_of(self.parameters, there)), strict=True
+            ):
                 J[:, j] = column
 
         def window(k: int) -> None:
             if k < 3:  # the water is the same everywhere: another place is the same motion there
-                rows = [each + STEP * log.spread[k] * np.eye(13)[k] for each, log in zip(base, self.logs, strict=True)]
+                rows = [
+                    each + STEP * log.spread[k] * np.eye(13)[k]
+                    for each, log in zip(base, self.logs, strict=True)
+                ]
             else:
                 rows = self._run(x, [each + STEP * np.eye(OWN)[k] for each in y])
             for L, column in zip(starts, differ(rows, values), strict=True):
@@ -363,7 +436,9 @@ class WaterResiduals:
             for axis in "xyz"
             if f"{log.log.name}: current {axis}" in self._index
         }
-        tasks: list[tuple[Callable[[int], None], int]] = [(parameter, j) for j in range(len(x)) if j not in currents]
+        tasks: list[tuple[Callable[[int], None], int]] = [
+            (parameter, j) for j in range(len(x)) if j not in currents
+        ]
         tasks += [(window, k) for k in range(OWN)]
         if self.settings.workers > 1:
             with ThreadPoolExecutor(self.settings.workers) as pool:
@@ -381,7 +456,12 @@ class WaterResiduals:
         found = [
             Slopes(*parts)
             for log, each, J, L in zip(self.logs, r, shared, starts, strict=True)
-            for parts in zip(np.split(each, log.splits), np.split(J, log.splits), np.split(L, log.splits), strict=True)
+            for parts in zip(
+                np.split(each, log.splits),
+                np.split(J, log.splits),
+                np.split(L, log.splits),
+                strict=True,
+            )
         ]
         self._last = x, np.array(own), found
         return found
@@ -390,7 +470,8 @@ class WaterResiduals:
 def identify(
     vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
 ) -> tuple[WaterFit, WaterResiduals]:
-    """Identify a vehicle's water from logs: a rough fit to short windows, from there one to long ones.
+    """Identify a vehicle's water from logs: a rough fit to short windows, from there one to long
+    ones.
 
     Raises:
         ConfigurationError: As `WaterResiduals`.
@@ -402,7 +483,11 @@ def identify(
 
 
 def _finite(log: LogReplay, rows: Array, values: Mapping[str, float]) -> Array:
-    return log.residuals(rows, values) if np.all(np.isfinite(rows)) else np.full(len(log.order), np.nan)
+    return (
+        log.residuals(rows, values)
+        if np.all(np.isfinite(rows))
+        else np.full(len(log.order), np.nan)
+    )
 
 
 def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
@@ -417,14 +502,16 @@ def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
     if not found:
         longest = max((b - a for a, b in parts), default=0.0)
         raise ConfigurationError(
-            f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of {length:g} s need "
+            f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of "
+            f"{length:g} s need "
             f"{0.4 * length:g} s"
         )
     return found
 
 
 def _parts(log: WaterLog) -> list[tuple[float, float]]:
-    """Begin and end [s] of each part without a gap: from its first attitude on, and anew from its first position.
+    """Begin and end [s] of each part without a gap: from its first attitude on, and anew from its
+    first position.
 
     Before those nothing tells where the hull was when a window began.
     """
@@ -448,12 +535,16 @@ def _seen(log: WaterLog, begin: float, end: float, dt: float) -> bool:
 
 
 def _smooth(time: Array, values: Array, at: Array) -> tuple[Array, Array]:
-    """Values and slopes at times `at` by local quadratics over a fifth of a second, or five samples."""
+    """Values and slopes at times `at` by local quadratics over a fifth of a second, or five
+    samples.
+    """
     half = max(0.1, 2.5 * float(np.median(np.diff(time))))
     angle, slope = np.empty(len(at)), np.empty(len(at))
     low, high = np.searchsorted(time, at - half), np.searchsorted(time, at + half)
     for k, t in enumerate(at):
-        angle[k], slope[k] = _local(time[low[k] : high[k]] - t, values[low[k] : high[k]], t, time, values)
+        angle[k], slope[k] = _local(
+            time[low[k] : high[k]] - t, values[low[k] : high[k]], t, time, values
+        )
     return angle, slope
 
 
@@ -465,7 +556,9 @@ def _local(dt: Array, values: Array, t: float, time: Array, every: Array) -> tup
 
 
 def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
-    """Times from t and values of a channel's samples about t, on t's side of a gap; None if none is near or beyond."""
+    """Times from t and values of a channel's samples about t, on t's side of a gap; None if none is
+    near or beyond.
+    """
     if kind not in log.channels:
         return None
     channel = log.channels[kind]
@@ -518,14 +611,18 @@ def _start(log: WaterLog, t: float) -> Array:
 def _check_excited(logs: Sequence[WaterLog], settings: FitSettings) -> None:
     """Refuse logs in which nothing pushes the vehicle, no joint moves, and the hull is at rest."""
     for log in logs:
-        pushed = any(np.any(each != 0.0) for each in (*log.commands.values(), *log.thrusts.values()))
+        pushed = any(
+            np.any(each != 0.0) for each in (*log.commands.values(), *log.thrusts.values())
+        )
         swung = any(np.ptp(each) > 0.02 for each in log.joints.values())
         moved = any(
-            np.any(np.std(each.values, axis=0) > _STILL * settings.noise[kind]) for kind, each in log.channels.items()
+            np.any(np.std(each.values, axis=0) > _STILL * settings.noise[kind])
+            for kind, each in log.channels.items()
         )
         if pushed or swung or moved:
             return
     raise ConfigurationError(
-        f"{', '.join(log.name for log in logs)}: nothing moves: no thruster is commanded, no joint swings, the hull "
+        f"{', '.join(log.name for log in logs)}: nothing moves: no thruster is commanded, no "
+        "joint swings, the hull "
         "rests; that tells nothing of the water"
     )

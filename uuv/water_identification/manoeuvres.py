@@ -34,13 +34,15 @@ class Manoeuvre:
     wrench: Array  # (N, 6) wanted wrench on the hull, hull axes
     joints: Array  # (N, n) [rad]
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s]
-    stiffness: tuple[float, float] = (0.0, 0.0)  # [N m/rad] of roll and pitch about level, by the thrusters
+    # [N m/rad] of roll and pitch about level, by the thrusters
+    stiffness: tuple[float, float] = (0.0, 0.0)
 
     def steadied(self, own: ReplayVehicle, state: Array) -> Array:
         """Wrench (6,) that holds roll and pitch at a state (13,) of the hull."""
         wrench = np.zeros(6)
         a, b, c, d = state[3:7]
-        lean = np.array([2.0 * (c * d + a * b), 2.0 * (a * c - b * d)])  # of the hull's upright axis, about x and y
+        # of the hull's upright axis, about x and y
+        lean = np.array([2.0 * (c * d + a * b), 2.0 * (a * c - b * d)])
         for i, stiff in enumerate(self.stiffness):
             inertia = (
                 own.water.nominal[own.water.hull].added_mass[3 + i, 3 + i]
@@ -73,18 +75,33 @@ def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
             ("slow sine", np.sin(2.0 * np.pi * SLOW * time)),
             ("fast sine", np.sin(2.0 * np.pi * FAST * time)),
         ):
-            found.append(Manoeuvre(name=f"{AXES[axis]} {word}", wrench=along(axis, shape), joints=still))
+            found.append(
+                Manoeuvre(name=f"{AXES[axis]} {word}", wrench=along(axis, shape), joints=still)
+            )
     for axis in (3, 4):
         if pushes[axis] > 0.0:
             turn = np.select([time < 4.0, time < 10.0, time < 14.0], [1.0, 0.0, -1.0], 0.0)
-            found.append(Manoeuvre(name=f"{AXES[axis]} release", wrench=along(axis, turn), joints=still))
-    found.append(Manoeuvre(name="drift, thrusters off", wrench=np.zeros((len(time), 6)), joints=still))
+            found.append(
+                Manoeuvre(name=f"{AXES[axis]} release", wrench=along(axis, turn), joints=still)
+            )
+    found.append(
+        Manoeuvre(name="drift, thrusters off", wrench=np.zeros((len(time), 6)), joints=still)
+    )
     if pushes[0] > 0.0:
-        drag = values["linear damping surge"] * AGAINST + values["quadratic damping surge"] * AGAINST**2
+        drag = (
+            values["linear damping surge"] * AGAINST
+            + values["quadratic damping surge"] * AGAINST**2
+        )
         hold = np.tile(drag * np.eye(6)[0], (len(time), 1))
-        found.append(Manoeuvre(name="hover in a current", wrench=hold, joints=still, current=(-AGAINST, 0.0, 0.0)))
+        found.append(
+            Manoeuvre(
+                name="hover in a current", wrench=hold, joints=still, current=(-AGAINST, 0.0, 0.0)
+            )
+        )
     if own.joints:
-        found.append(Manoeuvre(name="arm swing", wrench=np.zeros((len(time), 6)), joints=swing(own, time)))
+        found.append(
+            Manoeuvre(name="arm swing", wrench=np.zeros((len(time), 6)), joints=swing(own, time))
+        )
     return found
 
 
@@ -102,18 +119,24 @@ def survey(
     for axis in axes:
         for f in rng.uniform([0.06, 0.2], [0.2, 0.6]):
             wrench[:, axis] += 0.6 * pushes[axis] * np.sin(2.0 * np.pi * (f * time + rng.uniform()))
-    return Manoeuvre(name="survey", wrench=wrench, joints=swing(own, time), stiffness=_stiffness(own, values))
+    return Manoeuvre(
+        name="survey", wrench=wrench, joints=swing(own, time), stiffness=_stiffness(own, values)
+    )
 
 
 def _stiffness(own: ReplayVehicle, values: Mapping[str, float]) -> tuple[float, float]:
-    """Stiffness [N m/rad] in roll and pitch of four times that of the water, where thrusters can hold them."""
+    """Stiffness [N m/rad] in roll and pitch of four times that of the water, where thrusters can
+    hold them.
+    """
     righting = own.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3)
     roll, pitch = (4.0 * righting if each > 0.0 else 0.0 for each in amplitudes(own, values)[3:5])
     return roll, pitch
 
 
 def amplitudes(own: ReplayVehicle, values: Mapping[str, float]) -> Array:
-    """Push (6,) [N, N m] along each axis: one that reaches SPEED or TILT, within the thrusters' authority."""
+    """Push (6,) [N, N m] along each axis: one that reaches SPEED or TILT, within the thrusters'
+    authority.
+    """
     found = np.zeros(6)
     if not own.names:
         return found
@@ -122,7 +145,10 @@ def amplitudes(own: ReplayVehicle, values: Mapping[str, float]) -> Array:
         inertia = values[added_mass_name(i)] + (
             own.water.mass if i < 3 else float(own.model.body_inertia[own.vehicle.hull].max())
         )
-        drag = values[f"linear damping {axis}"] * SPEED + values[f"quadratic damping {axis}"] * SPEED**2
+        drag = (
+            values[f"linear damping {axis}"] * SPEED
+            + values[f"quadratic damping {axis}"] * SPEED**2
+        )
         wanted = drag + inertia * SPEED / REACHED
         if i in (3, 4):
             wanted = min(wanted, TILT * own.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3))
@@ -131,17 +157,23 @@ def amplitudes(own: ReplayVehicle, values: Mapping[str, float]) -> Array:
 
 
 def swing(own: ReplayVehicle, time: Array) -> Array:
-    """Joint angles (N, n) that go from the home posture towards the ready one and back, each joint in its own time."""
+    """Joint angles (N, n) that go from the home posture towards the ready one and back, each joint
+    in its own time.
+    """
     home, ready = own.vehicle.q_home, own.vehicle.q_ready
     low, high = own.vehicle.q_limits.T if len(own.joints) else (home, home)
-    reach = np.where(np.abs(ready - home) > 0.1, ready - home, np.where(high - home > home - low, 0.5, -0.5))
+    reach = np.where(
+        np.abs(ready - home) > 0.1, ready - home, np.where(high - home > home - low, 0.5, -0.5)
+    )
     reach = np.clip(home + np.clip(reach, -1.2, 1.2), low, high) - home
     f = 0.07 + 0.02 * np.arange(len(home))
     return home + reach * 0.5 * (1.0 - np.cos(2.0 * np.pi * np.outer(time, f)))
 
 
 def commands(own: ReplayVehicle, wrench: Array) -> Array:
-    """Commands (N, m) for a wanted wrench (N, 6): fractions, of thrusters without a curve newtons."""
+    """Commands (N, m) for a wanted wrench (N, 6): fractions, of thrusters without a curve
+    newtons.
+    """
     forces = wrench @ np.linalg.pinv(own.wrench).T if own.names else np.zeros((len(wrench), 0))
     for i in np.flatnonzero(own.has_curve):
         forces[:, i] = [command_for(own.curve[i], force) for force in forces[:, i]]
@@ -190,7 +222,11 @@ def simulated(
         flow = flow + np.array([gusts.step()[0].copy() for _ in grid])
     state, lag = np.zeros(13), None
     state[3] = 1.0
-    seen, given, rates = np.zeros((len(time), 13)), np.zeros((len(time), len(own.names))), np.zeros((len(time), 3))
+    seen, given, rates = (
+        np.zeros((len(time), 13)),
+        np.zeros((len(time), len(own.names))),
+        np.zeros((len(time), 3)),
+    )
     first, steps = np.zeros(1, dtype=np.int64), np.array([substeps])
     for k in range(len(time)):
         seen[k] = state
@@ -224,7 +260,9 @@ def simulated(
         FORCE: specific,
     }
     if rng is not None:
-        exact = {kind: each + rng.normal(0.0, noise[kind], each.shape) for kind, each in exact.items()}
+        exact = {
+            kind: each + rng.normal(0.0, noise[kind], each.shape) for kind, each in exact.items()
+        }
     exact[ATTITUDE] = (R_WB * Rotation.from_rotvec(exact[ATTITUDE])).as_quat()
     return WaterLog(
         name=name,
@@ -255,7 +293,9 @@ def _times(seconds: float) -> Array:
 
 
 def _authority(own: ReplayVehicle) -> Array:
-    """Largest push (6,) along each axis that the pseudo-inverse of the allocation gives; endless without a curve."""
+    """Largest push (6,) along each axis that the pseudo-inverse of the allocation gives; endless
+    without a curve.
+    """
     shares = np.linalg.pinv(own.wrench)
     reached = own.wrench @ shares
     limits = np.full(len(own.names), np.inf)
@@ -263,6 +303,7 @@ def _authority(own: ReplayVehicle) -> Array:
         limits[i] = min(thrust_at(own.curve[i], 1.0), -thrust_at(own.curve[i], -1.0))
     found = np.zeros(6)
     for axis in range(6):
-        if abs(reached[axis, axis] - 1.0) < 1e-6:  # the thrusters push along it and along nothing else
+        # the thrusters push along it and along nothing else
+        if abs(reached[axis, axis] - 1.0) < 1e-6:
             found[axis] = float(np.min(limits / np.maximum(np.abs(shares[:, axis]), 1e-9)))
     return found

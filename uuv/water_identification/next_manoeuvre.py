@@ -15,7 +15,11 @@ from uuv.water_identification.vehicle_replay import ReplayVehicle
 
 
 def information_of(
-    own: ReplayVehicle, deviations: Array, manoeuvre: Manoeuvre, settings: FitSettings, channels: Sequence[str]
+    own: ReplayVehicle,
+    deviations: Array,
+    manoeuvre: Manoeuvre,
+    settings: FitSettings,
+    channels: Sequence[str],
 ) -> Array:
     """Information (n, n) on the vehicle's parameters that a log of a manoeuvre would hold.
 
@@ -27,7 +31,9 @@ def information_of(
         channels: That it would hold.
     """
     parameters = own.water.parameters
-    log = simulated(own, values_of(parameters, deviations), manoeuvre, name=manoeuvre.name, channels=channels)
+    log = simulated(
+        own, values_of(parameters, deviations), manoeuvre, name=manoeuvre.name, channels=channels
+    )
     try:
         residuals = WaterResiduals(own, [log], settings)
     except ConfigurationError:  # nothing moves
@@ -61,5 +67,8 @@ def next_manoeuvres(
     parameters: Sequence[NamedParameter] = own.water.parameters
     flown = {each.name: each for each in menu(own, values_of(parameters, deviations))}
     planned(known, {}, parameters, aim)  # refuses the aim before anything is flown
-    added = {name: information_of(own, deviations, each, settings, channels) for name, each in flown.items()}
+    added = {
+        name: information_of(own, deviations, each, settings, channels)
+        for name, each in flown.items()
+    }
     return planned(known, added, parameters, aim), flown

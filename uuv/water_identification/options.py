@@ -1,4 +1,6 @@
-"""Options of the identification of a vehicle's water, and its inputs, which are read before anything is compiled."""
+"""Options of the identification of a vehicle's water, and its inputs, which are read before
+anything is compiled.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,29 +24,41 @@ class WaterOptions(RunOptions):
     groups: ClassVar[Mapping[str, str]] = {"comparison": "window rate noise current gust mount"}
 
     vehicle: str = "bluerov2_heavy"
-    """Name of `uuv list vehicle`, an MJCF or URDF file, or MODULE:FUNCTION; its water is the prior."""
+    """Name of `uuv list vehicle`, an MJCF or URDF file, or MODULE:FUNCTION; its water is the
+    prior.
+    """
     log: tuple[Path, ...] = ()
-    """Logs, CSV or Parquet, or folders of recorded runs; none: a survey is simulated, or planned with --plan."""
+    """Logs, CSV or Parquet, or folders of recorded runs; none: a survey is simulated, or planned
+    with --plan.
+    """
     water_density: float | None = None
     """Density of the water [kg/m^3]; default: the vehicle's."""
     plan: bool = False
     """Also name the manoeuvre that tells most next; without a log, the one to begin with."""
     aim: tuple[str, ...] = ()
-    """Groups of parameters that the plan is for: "added mass", trim, thrusters, ...; default: all."""
+    """Groups of parameters that the plan is for: "added mass", trim, thrusters, ...; default:
+    all.
+    """
     prior: tuple[tuple[str, float], ...] = ()
-    """Other prior standard deviations: NAME VALUE, repeatable; of a factor that of its logarithm."""
+    """Other prior standard deviations: NAME VALUE, repeatable; of a factor that of its
+    logarithm.
+    """
     window: float = 6.0
     """Length of the windows into which a log is cut [s]."""
     rate: float = 20.0
     """Rate to which samples are averaged [Hz]."""
     noise: tuple[tuple[str, float], ...] = ()
-    """Standard deviation of a channel's samples: NAME VALUE, repeatable; default: see the documentation."""
+    """Standard deviation of a channel's samples: NAME VALUE, repeatable; default: see the
+    documentation.
+    """
     current: float = 0.1
     """Prior standard deviation of a log's steady current [m/s], each axis."""
     gust: float = 0.02
     """Standard deviation of a window's current about it [m/s]."""
     mount: float = 0.01
-    """Standard deviation of the attitude sensor's roll and pitch on the hull [rad]; 0: it is exact."""
+    """Standard deviation of the attitude sensor's roll and pitch on the hull [rad]; 0: it is
+    exact.
+    """
     seconds: float = 60.0
     """Length of a simulated survey [s]."""
     seed: int = 0
@@ -54,7 +68,8 @@ class WaterOptions(RunOptions):
 
 
 def check_inputs(options: WaterOptions) -> None:
-    """Refuses options that are out of bounds, a vehicle that there is not, and logs that cannot be read.
+    """Refuses options that are out of bounds, a vehicle that there is not, and logs that cannot be
+    read.
 
     Raises:
         UuvError: Which one, what is allowed, and what was given.
@@ -81,7 +96,9 @@ def settings_of(options: WaterOptions) -> FitSettings:
     """
     noise = dict(NOISE)
     for name, value in options.noise:
-        noise[one_of(name, tuple(CHANNELS), "--noise")] = finite_number(value, f"--noise {name}", above=0.0)
+        noise[one_of(name, tuple(CHANNELS), "--noise")] = finite_number(
+            value, f"--noise {name}", above=0.0
+        )
     return FitSettings(
         window=finite_number(options.window, "--window [s]", least=1.0, most=60.0),
         rate=finite_number(options.rate, "--rate [Hz]", least=1.0, most=200.0),
@@ -96,28 +113,44 @@ def settings_of(options: WaterOptions) -> FitSettings:
 def logs_of(
     options: WaterOptions, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
 ) -> list[WaterLog]:
-    """The logs of the command line, of a vehicle with those thrusters and ranges [rad] of joints, by name.
+    """The logs of the command line, of a vehicle with those thrusters and ranges [rad] of joints,
+    by name.
 
     Raises:
         UuvError: One cannot be read, or is none.
     """
     logs = [
-        _of_run(path, thrusters, joints) if path.is_dir() else read_log(path, thrusters=thrusters, joints=joints)
+        _of_run(path, thrusters, joints)
+        if path.is_dir()
+        else read_log(path, thrusters=thrusters, joints=joints)
         for path in options.log
     ]
     names = [log.name for log in logs]  # of the file, which another folder may have too
     return [
-        replace(log, name=f"{log.name} ({i})") if names.count(log.name) > 1 else log for i, log in enumerate(logs, 1)
+        replace(log, name=f"{log.name} ({i})") if names.count(log.name) > 1 else log
+        for i, log in enumerate(logs, 1)
     ]
 
 
-def _of_run(folder: Path, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]) -> WaterLog:
-    """Log of a recorded run: thrusts and joints at the rate of its slower table, with the pose at those times."""
+def _of_run(
+    folder: Path, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+) -> WaterLog:
+    """Log of a recorded run: thrusts and joints at the rate of its slower table, with the pose at
+    those times.
+    """
     from uuv.sim.reporting.series_tables import LOOP, SLOW, PastRun
 
     past = PastRun.of(folder)
     time = past.column("time", SLOW)
     names = [f"p_WB.{axis}" for axis in "xyz"] + [f"quat_WB_wxyz.{part}" for part in "wxyz"]
-    columns = {name: np.interp(time, past.column("time", LOOP), past.column(name, LOOP)) for name in names}
-    columns |= {name: past.column(name, SLOW) for name in past.units(SLOW) if name.startswith(("q.", "thrust."))}
-    return log_of(f"run {folder.name}", {"time": time, **columns}, thrusters=thrusters, joints=joints)
+    columns = {
+        name: np.interp(time, past.column("time", LOOP), past.column(name, LOOP)) for name in names
+    }
+    columns |= {
+        name: past.column(name, SLOW)
+        for name in past.units(SLOW)
+        if name.startswith(("q.", "thrust."))
+    }
+    return log_of(
+        f"run {folder.name}", {"time": time, **columns}, thrusters=thrusters, joints=joints
+    )

@@ -1,4 +1,6 @@
-"""`report.html` of an identification of the water: what is told, measured against replayed, residuals by axis."""
+"""`report.html` of an identification of the water: what is told, measured against replayed,
+residuals by axis.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +16,13 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.reporting.report_page import page, provenance, section, table, text
 from uuv.water_identification.log_residuals import LogReplay, WaterResiduals
 
-_UNITS = {"position": "m", "rate": "rad/s", "specific force": "m/s^2", "velocity": "m/s", "depth": "m"}
+_UNITS = {
+    "position": "m",
+    "rate": "rad/s",
+    "specific force": "m/s^2",
+    "velocity": "m/s",
+    "depth": "m",
+}
 _ANGLES = ("roll [rad]", "pitch [rad]", "yaw [rad]")
 
 
@@ -57,23 +65,33 @@ def write_page(
     states = residuals.states(fit.named.deviations, fit.named.own)
     for log, rows_of_log in zip(residuals.logs, states, strict=True):
         for kind, drawn in _pictures(log, rows_of_log, fit.named.values):
-            caption = "Above: measured (dots) and replayed (lines), window by window. Below: replayed less measured."
+            caption = (
+                "Above: measured (dots) and replayed (lines), window by window. Below: "
+                "replayed less measured."
+            )
             body.append(section(f"{log.log.name}: {kind}", drawn, caption))
     body.append(f"<section><h2>How it was made</h2>{provenance(options)}</section>")
     file.write_text(page(title, "\n".join(body)), encoding="utf-8")
 
 
-def _pictures(log: LogReplay, rows: Array, values: Mapping[str, float]) -> Iterator[tuple[str, Figure]]:
+def _pictures(
+    log: LogReplay, rows: Array, values: Mapping[str, float]
+) -> Iterator[tuple[str, Figure]]:
     for kind in log.kinds:
         time, measured, replayed, window = log.replayed(rows, kind, values)
-        labels = _ANGLES if kind == ATTITUDE else [f"{word} [{_UNITS[kind]}]" for word in CHANNELS[kind]]
+        labels = (
+            _ANGLES if kind == ATTITUDE else [f"{word} [{_UNITS[kind]}]" for word in CHANNELS[kind]]
+        )
         figure = Figure(figsize=(3.3 * len(labels), 4.0), layout="constrained")
         broken = np.where(np.diff(window, prepend=window[:1]) != 0)[0]
         for i, label in enumerate(labels):
             above = figure.add_subplot(2, len(labels), i + 1)
             above.plot(time, measured[:, i], ".", ms=1.5, color="0.5", label="measured")
             above.plot(
-                np.insert(time, broken, np.nan), np.insert(replayed[:, i], broken, np.nan), color="tab:orange", lw=1.0
+                np.insert(time, broken, np.nan),
+                np.insert(replayed[:, i], broken, np.nan),
+                color="tab:orange",
+                lw=1.0,
             )
             above.set_title(label)
             below = figure.add_subplot(2, len(labels), len(labels) + i + 1)

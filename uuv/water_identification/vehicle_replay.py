@@ -1,7 +1,9 @@
-"""A vehicle that replays: its thrusters follow logged commands, its joints logged angles, in compiled code.
+"""A vehicle that replays: its thrusters follow logged commands, its joints logged angles, in
+compiled code.
 
-The joints are driven to exact accelerations: each has an inertia of its own, far beyond all others, and the torque that
-belongs to it. The hull then feels the arm's motion as the log has it, and no servo limits the time step.
+The joints are driven to exact accelerations: each has an inertia of its own, far beyond all others,
+and the torque that belongs to it. The hull then feels the arm's motion as the log has it, and no
+servo limits the time step.
 """
 
 import copy
@@ -37,7 +39,8 @@ STATE = 13  # numbers of the hull: p_WB, quat_WB_wxyz, v_WB_W, w_WB_B
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Script:
-    """What moves the vehicle through windows of time, step by step; rows are those of all windows, one after another.
+    """What moves the vehicle through windows of time, step by step; rows are those of all windows,
+    one after another.
 
     A window of k steps has k + 1 rows.
     """
@@ -69,7 +72,9 @@ class ReplayVehicle:
         original = hydrodynamics.compile(spec.copy())
         self.vehicle = vehicle = Vehicle.of(original)
         if not hydrodynamics.carries_hydrodynamics(original):
-            raise ConfigurationError("the vehicle has no hydrodynamics to begin with: attach some to its bodies")
+            raise ConfigurationError(
+                "the vehicle has no hydrodynamics to begin with: attach some to its bodies"
+            )
         pushed = pushed_parts(original, vehicle)
         self.names = tuple(pushed.values())
         self.joints = vehicle.joint_names
@@ -79,11 +84,15 @@ class ReplayVehicle:
         rate = float(water[LAYOUT.drag_rate] + _USUAL_SPEED * water[LAYOUT.drag_rate + 1])
         self.timestep = float(np.clip(1.0 / max(rate, 1e-3), SHORTEST_STEP, LONGEST_STEP))
         self.model.opt.timestep = self.timestep
-        row = world_row(self.model)  # what the callback warns of is not for RK4, and W is the log's own
+        # what the callback warns of is not for RK4, and W is the log's own
+        row = world_row(self.model)
         row[LAYOUT.drag_rate : LAYOUT.drag_rate + 2], row[LAYOUT.ceiling] = 0.0, 1e9
         own = vehicle.thruster_actuators
         width = vehicle.thruster_table.shape[1] if len(own) else 0
-        rows = {int(a): row for a, row in zip(vehicle.thruster_actuators, vehicle.thruster_table, strict=True)}
+        rows = {
+            int(a): row
+            for a, row in zip(vehicle.thruster_actuators, vehicle.thruster_table, strict=True)
+        }
         self.has_curve = np.array([i in rows for i in pushed], dtype=np.bool_)
         table = np.array([rows.get(i, np.zeros(width)) for i in pushed]).reshape(len(pushed), width)
         self.lag = table[:, TIME_CONSTANT] if width else np.zeros(len(pushed))
@@ -95,10 +104,14 @@ class ReplayVehicle:
             curve[self.has_curve] = found
         advance = np.zeros((6, len(pushed)))
         if width:
-            advance[:, self.has_curve] = inflow_levers(vehicle.thruster_table, vehicle.thruster_wrench)
+            advance[:, self.has_curve] = inflow_levers(
+                vehicle.thruster_table, vehicle.thruster_wrench
+            )
         self._thrusters = curve, loss, advance
         self.curve = curve  # (m, ...) static curves, zero where `has_curve` is not
-        self.pushes = np.array([self.model.actuator(original.actuator(i).name).id for i in pushed], dtype=np.int64)
+        self.pushes = np.array(
+            [self.model.actuator(original.actuator(i).name).id for i in pushed], dtype=np.int64
+        )
         self.wrench = self._wrenches()
         self._bind()
 
@@ -124,7 +137,9 @@ class ReplayVehicle:
         self._joints = (
             np.array([int(each.qposadr[0]) for each in driven], dtype=np.int64),
             np.array([int(each.dofadr[0]) for each in driven], dtype=np.int64),
-            np.array([self.model.actuator(f"drive {name}").id for name in self.joints], dtype=np.int64),
+            np.array(
+                [self.model.actuator(f"drive {name}").id for name in self.joints], dtype=np.int64
+            ),
         )
 
     def copy(self) -> "ReplayVehicle":
@@ -138,7 +153,8 @@ class ReplayVehicle:
     def followed(
         self, command: Array, state: tuple[Array, Array], dt: float, count: int
     ) -> tuple[Array, tuple[Array, Array]]:
-        """Propeller speeds (count, PARTS, m) in steps of a held command, and the state after all but the last.
+        """Propeller speeds (count, PARTS, m) in steps of a held command, and the state after all
+        but the last.
 
         The state is the commands (m,) after the slew limit, and the speeds (m,).
         """
@@ -159,7 +175,10 @@ class ReplayVehicle:
 
         Commands (N, m) are held from their times (N,) on.
         """
-        count = int(np.ceil((float(at.max(initial=time[0])) + self.timestep - float(time[0])) / _FINE)) + 2
+        count = (
+            int(np.ceil((float(at.max(initial=time[0])) + self.timestep - float(time[0])) / _FINE))
+            + 2
+        )
         grid = float(time[0]) + _FINE * np.arange(count)
         held = commands[np.clip(np.searchsorted(time, grid + 1e-9) - 1, 0, len(time) - 1)]
         state, found = (held[0], held[0]), np.empty((count, held.shape[1]))
@@ -167,7 +186,9 @@ class ReplayVehicle:
             found[k] = state[1]
             _, state = self.followed(wanted, state, _FINE, 2)
         middles = at[:, None] + self.timestep * (np.arange(PARTS) + 0.5) / PARTS
-        made = [np.interp(middles.ravel(), grid, column).reshape(middles.shape) for column in found.T]
+        made = [
+            np.interp(middles.ravel(), grid, column).reshape(middles.shape) for column in found.T
+        ]
         return np.stack(made, axis=-1) if made else np.zeros((*middles.shape, 0))
 
     def write(self, values: Mapping[str, float]) -> None:
@@ -177,7 +198,9 @@ class ReplayVehicle:
             self._gains = self.water.gains(values)
             self._written = values
 
-    def run(self, values: Mapping[str, float], script: Script, starts: Array, currents: Array) -> Array:
+    def run(
+        self, values: Mapping[str, float], script: Script, starts: Array, currents: Array
+    ) -> Array:
         """Simulate all windows.
 
         Args:
@@ -203,7 +226,15 @@ class ReplayVehicle:
             self.pushes,
             self._thrusters,
             self._gains,
-            (script.first, script.steps, script.speed, script.thrust, script.q, script.qd, script.qdd),
+            (
+                script.first,
+                script.steps,
+                script.speed,
+                script.thrust,
+                script.q,
+                script.qd,
+                script.qdd,
+            ),
             starts,
             currents,
             float(self.model.opt.timestep),
@@ -213,8 +244,12 @@ class ReplayVehicle:
 
 
 @kernel(nogil=True)
-def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, starts, currents, dt, rows):
-    """Step all windows from their starts, and write the hull's state before each step and at the end to `rows`."""
+def _replay(
+    places, views, addresses, joints, pushes, thrusters, gains, script, starts, currents, dt, rows
+):
+    """Step all windows from their starts, and write the hull's state before each step and at the
+    end to `rows`.
+    """
     qpos, qvel, ctrl, wind, flow = views
     at_q, at_v = addresses
     joint_q, joint_v, joint_ctrl = joints
@@ -241,9 +276,21 @@ def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, 
             if k == steps[w]:
                 break
             a, b, c, d = qpos[at_q + 3], qpos[at_q + 4], qpos[at_q + 5], qpos[at_q + 6]
-            R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (c * c + d * d), 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)
-            R[1, 0], R[1, 1], R[1, 2] = 2.0 * (b * c + a * d), 1.0 - 2.0 * (b * b + d * d), 2.0 * (c * d - a * b)
-            R[2, 0], R[2, 1], R[2, 2] = 2.0 * (b * d - a * c), 2.0 * (c * d + a * b), 1.0 - 2.0 * (b * b + c * c)
+            R[0, 0], R[0, 1], R[0, 2] = (
+                1.0 - 2.0 * (c * c + d * d),
+                2.0 * (b * c - a * d),
+                2.0 * (b * d + a * c),
+            )
+            R[1, 0], R[1, 1], R[1, 2] = (
+                2.0 * (b * c + a * d),
+                1.0 - 2.0 * (b * b + d * d),
+                2.0 * (c * d - a * b),
+            )
+            R[2, 0], R[2, 1], R[2, 2] = (
+                2.0 * (b * d - a * c),
+                2.0 * (c * d + a * b),
+                1.0 - 2.0 * (b * b + c * c),
+            )
             # Inflow of the propellers amid the step: the velocity goes on as in the step before.
             for i in range(6):
                 nu_r[i] = 0.0 if i < 3 else 1.5 * qvel[at_v + i] - 0.5 * before[i]
@@ -263,7 +310,10 @@ def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, 
                         inflow += advance[j, i] * nu_r[j]
                     force = 0.0  # mean over the step: the curve has corners
                     for part in range(speed.shape[1]):
-                        force += thrust_in_flow(curve[i], loss[i], inflow, speed[row, part, i]) / speed.shape[1]
+                        force += (
+                            thrust_in_flow(curve[i], loss[i], inflow, speed[row, part, i])
+                            / speed.shape[1]
+                        )
                 ctrl[pushes[i]] = gains[i] * force
             for j in range(joint_q.shape[0]):
                 ctrl[joint_ctrl[j]] = _ROTOR * qdd[row, j]
@@ -273,7 +323,14 @@ def _replay(places, views, addresses, joints, pushes, thrusters, gains, script, 
 def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujoco.MjModel:
     """The model with driven joints, passive ones locked, and nothing that touches."""
     spec = spec.copy()
-    for group in (spec.sensors, spec.equalities, spec.tendons, spec.keys, spec.excludes, spec.pairs):
+    for group in (
+        spec.sensors,
+        spec.equalities,
+        spec.tendons,
+        spec.keys,
+        spec.excludes,
+        spec.pairs,
+    ):
         for each in list(group):
             spec.delete(each)
     for actuator in list(spec.actuators):
@@ -290,8 +347,12 @@ def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujo
             continue
         joint.damping, joint.stiffness, joint.armature = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], _ROTOR
         joint.frictionloss, joint.limited = 0.0, mujoco.mjtLimited.mjLIMITED_FALSE
-        actuator = spec.add_actuator(name=f"drive {joint.name}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
+        actuator = spec.add_actuator(
+            name=f"drive {joint.name}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name
+        )
         actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(
+        mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    )
     return hydrodynamics.compile(spec)

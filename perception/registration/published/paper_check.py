@@ -1,7 +1,8 @@
-"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], beside `uuv.perception.registration.pose_check`.
+"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], beside
+`uuv.perception.registration.pose_check`.
 
-Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the triangulated surfaces of
-model and scan of the object, which they meet in C_i and C'_i.
+Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the
+triangulated surfaces of model and scan of the object, which they meet in C_i and C'_i.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +21,8 @@ from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 class PublishedCriterion:
     """The published criterion of one trajectory, unchanged [Konoplin 2022, eq. 2]."""
 
-    q_m: float  # [m] sqrt(sum |C_i - C'_i|^2) over rays that meet both surfaces: it grows with their number
+    # [m] sqrt(sum |C_i - C'_i|^2) over rays that meet both surfaces: it grows with their number
+    q_m: float
     rays: int  # rays that meet both surfaces
     missed: int  # the other rays of the trajectory; the published criterion has no rule for them
 
@@ -28,7 +30,8 @@ class PublishedCriterion:
 def published_criterion(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str = "line", n: int = 50
 ) -> PublishedCriterion:
-    """Published criterion Q at the pose `X_ST`, for comparison with `uuv.perception.registration.pose_check`.
+    """Published criterion Q at the pose `X_ST`, for comparison with
+    `uuv.perception.registration.pose_check`.
 
     Args:
         evidence: Scan of the object.
@@ -44,19 +47,26 @@ def published_criterion(
         ConfigurationError: For another `curve` or n < 2.
     """
     if curve not in ("line", "circle") or n < 2:
-        raise ConfigurationError(f"check trajectory: expected 'line' or 'circle' of n >= 2 points, got {curve!r}, {n}")
+        raise ConfigurationError(
+            f"check trajectory: expected 'line' or 'circle' of n >= 2 points, got {curve!r}, {n}"
+        )
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     if not visible.any():
         return PublishedCriterion(q_m=0.0, rays=0, missed=n)
     points = transform_points(X_ST, surface.points[visible])
     H_D, o = direction(points)
     reach = lateral_reach(H_D, o, points)
-    flat = np.outer(np.linspace(-reach, reach, n), [1.0, 0.0]) if curve == "line" else circle(0.5 * reach, n)
+    flat = (
+        np.outer(np.linspace(-reach, reach, n), [1.0, 0.0])
+        if curve == "line"
+        else circle(0.5 * reach, n)
+    )
     starts = in_plane(H_D, o, points, flat)
     X_TS = inverse(X_ST)
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
     C_model = surface.scene.distance(transform_points(X_TS, starts), way)
-    of_object = np.where(evidence.mask[..., None], evidence.scan.points, np.nan)  # extracted from its surroundings
+    # extracted from its surroundings
+    of_object = np.where(evidence.mask[..., None], evidence.scan.points, np.nan)
     scan = replace(evidence.scan, points=of_object)
     part = scan.part(scan.window(points, 0.05, 10**6))
     C_scan = distances_along(part, starts, o)
@@ -64,4 +74,6 @@ def published_criterion(
         return PublishedCriterion(q_m=0.0, rays=0, missed=n)
     both = np.isfinite(C_model) & np.isfinite(C_scan)
     E = C_scan[both] - C_model[both]
-    return PublishedCriterion(q_m=float(np.sqrt(np.sum(E**2))), rays=int(both.sum()), missed=int((~both).sum()))
+    return PublishedCriterion(
+        q_m=float(np.sqrt(np.sum(E**2))), rays=int(both.sum()), missed=int((~both).sum())
+    )

@@ -1,9 +1,10 @@
-"""Point-to-point ICP from the model to the scan as published, kept as a baseline [Konoplin 2022], [Konoplin 2019].
+"""Point-to-point ICP from the model to the scan as published, kept as a baseline [Konoplin 2022],
+[Konoplin 2019].
 
-The model's centroid is put on the scan's, then ICP runs a few iterations with all model points. Points that the sensor
-cannot see are removed and ICP runs until its error no longer decreases. If the error is then above the required one, a
-new scan is requested. Point-to-plane ICP from the scan to the visible model (`uuv.perception.registration.fine_fit`) is
-several times as accurate.
+The model's centroid is put on the scan's, then ICP runs a few iterations with all model points.
+Points that the sensor cannot see are removed and ICP runs until its error no longer decreases. If
+the error is then above the required one, a new scan is requested. Point-to-plane ICP from the scan
+to the visible model (`uuv.perception.registration.fine_fit`) is several times as accurate.
 """
 
 from dataclasses import dataclass
@@ -45,7 +46,8 @@ def laid_on(points: Array, surface: ModelSurface, R_ST: Array) -> Array:
 
 
 def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFit:
-    """Run the first iterations of ICP with all model points, the others with those visible from the sensor.
+    """Run the first iterations of ICP with all model points, the others with those visible from the
+    sensor.
 
     Args:
         evidence: Scan points of the object.
@@ -65,13 +67,17 @@ def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFi
 
 
 def required_error(evidence: Evidence, surface: ModelSurface) -> float:
-    """Largest rms distance [m] of a good fit, from the noise and spacing of the points; the paper leaves it open."""
+    """Largest rms distance [m] of a good fit, from the noise and spacing of the points; the paper
+    leaves it open.
+    """
     noise = float(np.sqrt(np.mean(evidence.sigma**2)))
     return _ALLOWED * float(np.hypot(noise, surface.spacing))
 
 
 def _icp(tree: cKDTree, points_T: Array, X_ST: Array, iterations: int) -> tuple[Array, float]:
-    """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until the rms distance [m] no longer decreases."""
+    """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until the rms distance [m] no longer
+    decreases.
+    """
     error, middle = np.inf, points_T.mean(axis=0)
     for _ in range(iterations):
         distance, index = tree.query(transform_points(X_ST, points_T))

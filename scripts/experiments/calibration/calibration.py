@@ -1,10 +1,12 @@
-"""Study: calibration of an arm by touching, with what real arms have, under loads, and with wild touches.
+"""Study: calibration of an arm by touching, with what real arms have, under loads, and with wild
+touches.
 
     ./uvw run scripts/experiments/calibration/calibration.py
     ./uvw run scripts/experiments/calibration/calibration.py --real data/panda_2 data/panda_3 --aside high
 
-The simulated arm is the UR10e of [Yukhimets 2023]. With --real, touches of real arms are evaluated as well: a folder an
-arm, in it a folder a position, in it a file for each socket. Each position is left out once, and trained on alone once.
+The simulated arm is the UR10e of [Yukhimets 2023]. With --real, touches of real arms are evaluated
+as well: a folder an arm, in it a folder a position, in it a file for each socket. Each position is
+left out once, and trained on alone once.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -42,7 +44,12 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
-    from experiments.calibration.calibration_study import real_cases, run, simulated_cases, summarise
+    from experiments.calibration.calibration_study import (
+        real_cases,
+        run,
+        simulated_cases,
+        summarise,
+    )
     from uuv.experiment import Study
 
     cases = list(simulated_cases(options.seed, options.runs, options.wild_runs))

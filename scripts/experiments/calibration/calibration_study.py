@@ -1,4 +1,6 @@
-"""Calibration study: effects of real arms, loads, wild touches, touches of real arms; row of a case, and tables."""
+"""Calibration study: effects of real arms, loads, wild touches, touches of real arms; row of a
+case, and tables.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -24,8 +26,9 @@ from uuv.sim.interfaces.spatial import Array
 
 ARM, POINTS, TOUCHES = "ur10e", 3, 21  # as in [Yukhimets 2023]
 PUBLISHED_RATIO = 0.6715 / 0.2262  # nominal over identified, by the tracker [Yukhimets 2023]
-# Amplitudes of gears: half of the peak-to-peak accuracy of component sets of sizes 25 and 14 [HarmonicDrive CSF].
-# Seating: real touches scatter about their socket by 0.08 to 0.2 mm along each axis, all errors together (`--real`).
+# Amplitudes of gears: half of the peak-to-peak accuracy of component sets of sizes 25 and 14
+# [HarmonicDrive CSF]. Seating: real touches scatter about their socket by 0.08 to 0.2 mm along each
+# axis, all errors together (`--real`).
 EFFECTS = {
     "ideal, off-axis pin": RealEffects(),
     "ideal, straight pin": RealEffects(),
@@ -37,13 +40,17 @@ EFFECTS = {
     "sag 2 µrad/(N m)": RealEffects(compliance=2e-6),
     "sag 5 µrad/(N m)": RealEffects(compliance=5e-6),
     "sag 25 µrad/(N m)": RealEffects(compliance=2.5e-5),
-    "gears 0.15 mrad, seating 0.1 mm, sag 2 µrad/(N m)": RealEffects(gears=1.5e-4, seating=1e-4, compliance=2e-6),
+    "gears 0.15 mrad, seating 0.1 mm, sag 2 µrad/(N m)": RealEffects(
+        gears=1.5e-4, seating=1e-4, compliance=2e-6
+    ),
 }
 LINKS = (7.4, 13.1, 4.0, 2.1, 2.0, 0.6)  # [kg] of the UR10e [UniversalRobots DH]
-STIFFNESS = (4e4, 4e4, 3e4, 1e4, 1e4, 1e4)  # [N m/rad] of the true joints, of the order of such gears
+# [N m/rad] of the true joints, of the order of such gears
+STIFFNESS = (4e4, 4e4, 3e4, 1e4, 1e4, 1e4)
 HELD = (0.0, 0.0, 0.1)  # [m] centre of mass of a payload in the flange
 LOADED_TOUCHES = 42  # of each point, shared evenly among the payloads
-LEVELS = ((0.0,), (5.0,), (10.0,), (0.0, 10.0), (0.0, 5.0, 10.0))  # [kg] payloads during the touches
+# [kg] payloads during the touches
+LEVELS = ((0.0,), (5.0,), (10.0,), (0.0, 10.0), (0.0, 5.0, 10.0))
 JUDGED = (0.0, 5.0, 10.0)  # [kg] payloads at which moves of the flange are judged
 WILD = (0, 3, 6, 9, 12)  # touches that are displaced
 DISPLACED = (0.05, 0.005)  # [rad] standard deviation of the displacement of every joint
@@ -92,11 +99,15 @@ AnyCase = EffectCase | LoadCase | WildCase | RealCase
 
 
 def simulated_cases(seed: int, runs: int, wild_runs: int) -> Iterator[AnyCase]:
-    """Yields the simulated cases: effects and loads with `runs` seeds, wild touches with `wild_runs`."""
+    """Yields the simulated cases: effects and loads with `runs` seeds, wild touches with
+    `wild_runs`.
+    """
     for k in range(runs):
         yield from (EffectCase(effect, seed + k) for effect in EFFECTS)
     for k in range(wild_runs):
-        yield from (LoadCase(levels, elastic, seed + k) for levels in LEVELS for elastic in (False, True))
+        yield from (
+            LoadCase(levels, elastic, seed + k) for levels in LEVELS for elastic in (False, True)
+        )
         yield from (WildCase(count, size, seed + k) for size in DISPLACED for count in WILD)
 
 
@@ -106,9 +117,13 @@ def real_cases(folder: Path, arm: str, length: float, aside: tuple[str, ...]) ->
     Raises:
         ConfigurationError: There are fewer than two positions.
     """
-    positions = [each.name for each in sorted(folder.iterdir()) if each.is_dir()] if folder.is_dir() else []
+    positions = (
+        [each.name for each in sorted(folder.iterdir()) if each.is_dir()] if folder.is_dir() else []
+    )
     if len(positions) < 2:
-        raise ConfigurationError(f"--real {folder}: at least two folders of touches are needed, got {len(positions)}")
+        raise ConfigurationError(
+            f"--real {folder}: at least two folders of touches are needed, got {len(positions)}"
+        )
     for alone in (False, True):
         for position in positions:
             yield RealCase(str(folder), position, alone, arm, length, aside)
@@ -164,7 +179,10 @@ def _inside(found: Calibration, truth: TrueArm) -> list[bool]:
     full = np.concatenate([truth.arm.table.ravel(), truth.tcp, np.zeros(truth.arm.n)])
     estimate = found.estimate
     change = full[estimate.parameters.index] - (estimate.values - estimate.changes)
-    values = [(float(seen.weights / found.rank_free.scales @ change), seen.interval) for seen in found.combinations()]
+    values = [
+        (float(seen.weights / found.rank_free.scales @ change), seen.interval)
+        for seen in found.combinations()
+    ]
     return [low <= value <= high for value, (low, high) in values]
 
 
@@ -183,19 +201,35 @@ def _load(case: LoadCase) -> Row:
     truth, tcp = drawn.truth.arm, np.array(TOOLS["off-axis"])
     rng = np.random.default_rng([case.seed, 1])
     true, _ = touched(
-        truth, tcp, truth.limits, rng, points=POINTS, touches=LOADED_TOUCHES, noise=HAND_NOISE, way=LOOKING_DOWN
+        truth,
+        tcp,
+        truth.limits,
+        rng,
+        points=POINTS,
+        touches=LOADED_TOUCHES,
+        noise=HAND_NOISE,
+        way=LOOKING_DOWN,
     )
     masses = [np.resize(case.payloads, LOADED_TOUCHES)] * POINTS
     stiff = 1.0 / np.array(STIFFNESS)
     series = read_by_encoders(truth, true, sag=Sag(compliance=stiff, loads=_loads(masses)))
     found = identify(series, source.arm, loads=_loads(masses) if case.elastic else None)
-    q, none = flange_poses(source.arm, np.random.default_rng(0), _JUDGES, limits=truth.limits), np.zeros(3)
+    q, none = (
+        flange_poses(source.arm, np.random.default_rng(0), _JUDGES, limits=truth.limits),
+        np.zeros(3),
+    )
     moves, before = {}, {}
     for payload in JUDGED:
         bent = true_joints(truth, q, sag=Sag(compliance=stiff, loads=_loads(payload)))
-        models = {"nominal": source.arm.tips(q, none), "identified": found.arm.tips(found.deflected(q, payload), none)}
+        models = {
+            "nominal": source.arm.tips(q, none),
+            "identified": found.arm.tips(found.deflected(q, payload), none),
+        }
         clouds = compare(truth.tips(bent, none), models)
-        moves[f"{payload:g}"], before[f"{payload:g}"] = clouds["identified"].rms, clouds["nominal"].rms
+        moves[f"{payload:g}"], before[f"{payload:g}"] = (
+            clouds["identified"].rms,
+            clouds["nominal"].rms,
+        )
     sigma = dict(zip(found.names, found.sigma, strict=True))
     hidden = {name for group in found.rank_free.hidden for name in group.names}
     names = [f"c{k}" for k in range(1, truth.n + 1)] if case.elastic else []
@@ -215,14 +249,22 @@ def _wild(case: WildCase) -> Row:
     assert drawn.truth is not None
     rng = np.random.default_rng([case.seed, case.count])
     series = [np.array(q) for q in drawn.touches.series]
-    wild = {divmod(int(k), TOUCHES) for k in rng.choice(POINTS * TOUCHES, case.count, replace=False)}
+    wild = {
+        divmod(int(k), TOUCHES) for k in rng.choice(POINTS * TOUCHES, case.count, replace=False)
+    }
     for i, j in sorted(wild):
         series[i][j] += case.size * rng.standard_normal(source.arm.n)
     q, none = flange_poses(source.arm, np.random.default_rng(0), _JUDGES), np.zeros(3)
     found = identify(series, source.arm)
     models = {"clean": identify(drawn.touches.series, source.arm).arm, "found": found.arm}
-    clouds = compare(drawn.truth.arm.tips(q, none), {name: arm.tips(q, none) for name, arm in models.items()})
-    flagged = {(i, j) for i, weights in enumerate(found.weights) for j in np.flatnonzero(weights < 1.0).tolist()}
+    clouds = compare(
+        drawn.truth.arm.tips(q, none), {name: arm.tips(q, none) for name, arm in models.items()}
+    )
+    flagged = {
+        (i, j)
+        for i, weights in enumerate(found.weights)
+        for j in np.flatnonzero(weights < 1.0).tolist()
+    }
     return {
         "count": case.count,
         "size_rad": case.size,
@@ -237,7 +279,11 @@ def _wild(case: WildCase) -> Row:
 def _sockets(case: RealCase, positions: Iterable[str], arm: SerialArm) -> list[Array]:
     series: list[Array] = []
     for position in positions:
-        files = [each for each in sorted((Path(case.folder) / position).glob("*.csv")) if "pose" not in each.stem]
+        files = [
+            each
+            for each in sorted((Path(case.folder) / position).glob("*.csv"))
+            if "pose" not in each.stem
+        ]
         series += read_touches(files, joint_types=arm.joint_types, limits=arm.limits).series
     return series
 
@@ -251,11 +297,15 @@ def _real(case: RealCase) -> Row:
     distances = []
     for position in train:
         sockets = _sockets(case, [position], arm)
-        distances += [(len(series) + k, len(series) + k + 1, case.length) for k in range(len(sockets) - 1)]
+        distances += [
+            (len(series) + k, len(series) + k + 1, case.length) for k in range(len(sockets) - 1)
+        ]
         series += sockets
     found = identify(series, arm, distances=distances)
     rms, errors, halves = {}, [], []
-    for position in [name for name in others if name not in case.aside] if case.alone else [case.position]:
+    for position in (
+        [name for name in others if name not in case.aside] if case.alone else [case.position]
+    ):
         scatter = []
         for q in _sockets(case, [position], arm):
             p = found.tips(q)
@@ -279,7 +329,10 @@ def _real(case: RealCase) -> Row:
 
 def summarise(rows: list[Row]) -> Summary:
     """Tables and figures of all rows."""
-    kinds = {kind: [row for row in rows if row["kind"] == kind] for kind in ("effect", "load", "wild", "real")}
+    kinds = {
+        kind: [row for row in rows if row["kind"] == kind]
+        for kind in ("effect", "load", "wild", "real")
+    }
     makers: dict[str, Callable[[list[Row]], tuple[dict[str, Any], list[Table]]]] = {
         "effect": _effects_said,
         "load": _loads_said,
@@ -292,13 +345,17 @@ def summarise(rows: list[Row]) -> Summary:
         if kinds[kind]:
             metrics[kind], made = make(kinds[kind])
             tables += made
-    return Summary(metrics=metrics, tables=tables, pictures=_pictures(kinds["effect"], kinds["real"]))
+    return Summary(
+        metrics=metrics, tables=tables, pictures=_pictures(kinds["effect"], kinds["real"])
+    )
 
 
 def _grouped(rows: Sequence[Row], *names: str) -> dict[tuple[Any, ...], list[Row]]:
     out: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
-        key = tuple(tuple(row[name]) if isinstance(row[name], list) else row[name] for name in names)
+        key = tuple(
+            tuple(row[name]) if isinstance(row[name], list) else row[name] for name in names
+        )
         out.setdefault(key, []).append(row)
     return out
 
@@ -352,7 +409,8 @@ def _effects_said(rows: list[Row]) -> tuple[dict[str, Any], list[Table]]:
             "in 95 % interval",
         ),
         rows=cells,
-        caption=f"[Yukhimets 2023], the real arm: 0.672 and 0.226 mm, ratio {PUBLISHED_RATIO:.2f}, J 28.7 mm². "
+        caption="[Yukhimets 2023], the real arm: 0.672 and 0.226 mm, ratio "
+        f"{PUBLISHED_RATIO:.2f}, J 28.7 mm². "
         "A wrong pose of the base changes nothing: the tracker's frame is aligned.",
     )
     return metrics, [table]
@@ -365,11 +423,14 @@ def _loads_said(rows: list[Row]) -> tuple[dict[str, Any], list[Table]]:
         said = {
             "cost_m2": _median(mine, "cost_m2"),
             "identified_m": {
-                k: float(np.median([row["identified_m"][k] for row in mine])) for k in mine[0]["nominal_m"]
+                k: float(np.median([row["identified_m"][k] for row in mine]))
+                for k in mine[0]["nominal_m"]
             },
         }
         if elastic:
-            said["relative_sigma"] = np.median([row["relative_sigma"] for row in mine], axis=0).tolist()
+            said["relative_sigma"] = np.median(
+                [row["relative_sigma"] for row in mine], axis=0
+            ).tolist()
             said["hidden"] = sorted({each for row in mine for each in row["hidden"]})
             cells = [
                 f"{100 * share:.3g} %" + (" *" if f"c{k}" in said["hidden"] else "")
@@ -378,8 +439,13 @@ def _loads_said(rows: list[Row]) -> tuple[dict[str, Any], list[Table]]:
             shares.append((name, *cells))
         metrics[f"{name} kg, {'elastic' if elastic else 'rigid'}"] = said
         in_mm = [f"{1e3 * each:.3f}" for each in said["identified_m"].values()]
-        moves.append((name, "elastic" if elastic else "rigid", f"{1e6 * said['cost_m2']:.0f}", *in_mm))
-    nominal_moves = [f"{1e3 * np.median([row['nominal_m'][k] for row in rows]):.3f}" for k in rows[0]["nominal_m"]]
+        moves.append(
+            (name, "elastic" if elastic else "rigid", f"{1e6 * said['cost_m2']:.0f}", *in_mm)
+        )
+    nominal_moves = [
+        f"{1e3 * np.median([row['nominal_m'][k] for row in rows]):.3f}"
+        for k in rows[0]["nominal_m"]
+    ]
     judged = [f"moves at {k} kg [mm]" for k in rows[0]["nominal_m"]]
     return metrics, [
         Table(
@@ -406,7 +472,10 @@ def _wild_said(rows: list[Row]) -> tuple[dict[str, Any], list[Table]]:
             "count": count,
             "ratio_median": float(np.median(ratios)),
             "ratio_most": max(ratios),
-            **{name: float(np.mean([row[name] for row in mine])) for name in ("right", "wrong", "left_out")},
+            **{
+                name: float(np.mean([row[name] for row in mine]))
+                for name in ("right", "wrong", "left_out")
+            },
         }
         metrics.append(said)
         cells.append(
@@ -421,8 +490,17 @@ def _wild_said(rows: list[Row]) -> tuple[dict[str, Any], list[Table]]:
             )
         )
     table = Table(
-        title=f"Wild touches among {POINTS * TOUCHES}: error of moves of the flange over that of the clean fit",
-        columns=("by [mrad]", "wild", "median", "most", "found", "ordinary ones reduced", "left out"),
+        title=f"Wild touches among {POINTS * TOUCHES}: error of moves of the flange over that of "
+        "the clean fit",
+        columns=(
+            "by [mrad]",
+            "wild",
+            "median",
+            "most",
+            "found",
+            "ordinary ones reduced",
+            "left out",
+        ),
         rows=cells,
     )
     return {"rows": metrics}, [table]
@@ -433,7 +511,9 @@ def _real_said(rows: list[Row]) -> tuple[dict[str, Any], list[Table]]:
     for (robot, alone), mine in _grouped(rows, "robot", "alone").items():
         errors = np.concatenate([row["errors_m"] for row in mine])
         halves = np.concatenate([row["half_widths_m"] for row in mine])
-        per_row = {row["position"]: float(np.mean(list(row["held_out_m"].values()))) for row in mine}
+        per_row = {
+            row["position"]: float(np.mean(list(row["held_out_m"].values()))) for row in mine
+        }
         said = {
             "held_out_m": per_row,
             "median_m": float(np.median(list(per_row.values()))),
@@ -459,7 +539,8 @@ def _real_said(rows: list[Row]) -> tuple[dict[str, Any], list[Table]]:
                     for row in mine
                 ]
                 + [("median", "", "", "", f"{1e3 * said['median_m']:.3f}")],
-                caption=f"{100 * said['covered']:.1f} % of the errors within their 95 % intervals, whose median is "
+                caption=f"{100 * said['covered']:.1f} % of the errors within their 95 % "
+                "intervals, whose median is "
                 f"{said['width_over_spread']:.2f} of the errors' 95 % quantile",
             )
         )
@@ -472,9 +553,13 @@ def _pictures(effects: list[Row], real: list[Row]) -> Iterator[tuple[str, str, F
         figure = Figure(figsize=(9.0, 0.42 * len(groups) + 1.2), layout="constrained")
         axes = figure.subplots()
         for place, mine in enumerate(groups.values(), start=1):
-            least, low, median, high, most = np.quantile([row["ratio"] for row in mine], [0.0, 0.25, 0.5, 0.75, 1.0])
+            least, low, median, high, most = np.quantile(
+                [row["ratio"] for row in mine], [0.0, 0.25, 0.5, 0.75, 1.0]
+            )
             axes.plot([least, most], [place, place], color="#0072B2", linewidth=1.0)
-            axes.plot([low, high], [place, place], color="#0072B2", linewidth=7.0, solid_capstyle="butt")
+            axes.plot(
+                [low, high], [place, place], color="#0072B2", linewidth=7.0, solid_capstyle="butt"
+            )
             axes.plot(median, place, "|", color="#222222", markersize=12, markeredgewidth=2.0)
         axes.set_yticks(range(1, len(groups) + 1), [name for (name,) in groups])
         axes.axvline(PUBLISHED_RATIO, color="#D55E00", linewidth=1.0)
@@ -483,7 +568,8 @@ def _pictures(effects: list[Row], real: list[Row]) -> Iterator[tuple[str, str, F
         axes.set_xlabel("error of the nominal arm over that of the identified one")
         yield (
             "Ratio of the errors",
-            "Bars: quartiles with the median; lines: all seeds. The vertical line is the ratio of the real arm "
+            "Bars: quartiles with the median; lines: all seeds. The vertical line is the ratio of "
+            "the real arm "
             "[Yukhimets 2023].",
             figure,
         )
@@ -499,7 +585,13 @@ def _pictures(effects: list[Row], real: list[Row]) -> Iterator[tuple[str, str, F
             }
             places = np.arange(len(names)) + 0.4 * k - 0.2
             label = "trained on it, the others tested" if alone else "tested, trained on the others"
-            axes.bar(places, [values[name] for name in names], 0.38, label=label, color=("#999999", "#0072B2")[k])
+            axes.bar(
+                places,
+                [values[name] for name in names],
+                0.38,
+                label=label,
+                color=("#999999", "#0072B2")[k],
+            )
         axes.set_xticks(range(len(names)), names, rotation=20)
         axes.set_ylabel("held out, RMS [mm]")
         axes.legend(frameon=False)

@@ -6,7 +6,8 @@ Residuals, prior and start are the same.
     python3 -m venv /tmp/peers && /tmp/peers/bin/pip install pybotics scipy
     ./uvw run scripts/experiments/calibration/fit_speed.py --peer-python /tmp/peers/bin/python     # with the peer.
 
-pybotics requires numpy below 2, so it runs in a Python of its own, alternating with ours; its imports are not timed.
+pybotics requires numpy below 2, so it runs in a Python of its own, alternating with ours; its
+imports are not timed.
 figaroh is left out: it has no residual of coincidence (its data are measured poses or planes).
 """
 
@@ -48,7 +49,9 @@ class Options:
 
 
 def craig(dh: Array) -> tuple[Array, Array]:
-    """DH rows (n, 4) in Craig's convention (alpha, a, theta, d); the rest of the last standard row as a tool (4, 4)."""
+    """DH rows (n, 4) in Craig's convention (alpha, a, theta, d); the rest of the last standard row
+    as a tool (4, 4).
+    """
     theta, d, a, alpha = dh.T
     rows = np.column_stack([np.append(0.0, alpha[:-1]), np.append(0.0, a[:-1]), theta, d])
     return rows, pose(exp_so3([alpha[-1], 0.0, 0.0]), [a[-1], 0.0, 0.0])
@@ -92,7 +95,9 @@ def peer_fit(python: Path, task: Path, folder: Path) -> dict[str, float]:
     """
     result = folder / "result.npz"
     script = Path(__file__).with_name("pybotics_peer.py")
-    run = subprocess.run([python, script, task, result], capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        [python, script, task, result], capture_output=True, text=True, check=False
+    )
     if run.returncode != 0:
         raise ConfigurationError(f"--peer-python {python}: {run.stderr.strip().splitlines()[-1]}")
     return {name: float(value) for name, value in np.load(result).items() if name != "scipy"}
@@ -103,12 +108,15 @@ def main() -> int:
     options = parse(Options)
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one core, whatever the libraries would use
+        # one core, whatever the libraries would use
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     if options.peer_python is not None and not options.peer_python.exists():
         raise ConfigurationError(f"--peer-python: there is no {options.peer_python}")
     rng = np.random.default_rng(options.seed)
     source = nominal("ur10e", Path(), None, None)
-    case = simulated(source, points=3, touches=21, noise=NOISE, pin="off-axis", known=False, errors=0, rng=rng)
+    case = simulated(
+        source, points=3, touches=21, noise=NOISE, pin="off-axis", known=False, errors=0, rng=rng
+    )
     series = [np.array(q) for q in case.touches.series]
     tcp = first_tcp(source.arm, series)
 
@@ -133,7 +141,9 @@ def main() -> int:
 
     def alone() -> float:
         data = Data(q=rows, starts=starts, weights=np.ones(len(rows)))
-        return solve(Problem(source.arm, data, parameters, mean), deviations, widest=None, noise=NOISE).cost
+        return solve(
+            Problem(source.arm, data, parameters, mean), deviations, widest=None, noise=NOISE
+        ).cost
 
     ways = {
         SAME: alone,
@@ -158,14 +168,19 @@ def main() -> int:
                 label = "pybotics and SciPy, the same fit"
                 seconds.setdefault(label, []).append(answer["seconds"])
                 cost[label], calls = answer["cost"], int(answer["calls"])
-    table = Table(title=f"63 touches, 27 parameters, {options.rounds} rounds in turns, one core", title_justify="left")
+    table = Table(
+        title=f"63 touches, 27 parameters, {options.rounds} rounds in turns, one core",
+        title_justify="left",
+    )
     table.add_column("")
     for column in ("median [ms]", "J [mm²]", "times as long"):
         table.add_column(column, justify="right")
     shortest = float(np.median(seconds[SAME]))
     for label, times in seconds.items():
         median = float(np.median(times))
-        table.add_row(label, f"{1e3 * median:.1f}", f"{1e6 * cost[label]:.3f}", f"{median / shortest:.1f}")
+        table.add_row(
+            label, f"{1e3 * median:.1f}", f"{1e6 * cost[label]:.3f}", f"{median / shortest:.1f}"
+        )
     console = Console()
     console.print(table)
     if calls:

@@ -1,9 +1,11 @@
-"""Peer of the calibration benchmark: pybotics' forward kinematics with SciPy, in a Python without this project.
+"""Peer of the calibration benchmark: pybotics' forward kinematics with SciPy, in a Python without
+this project.
 
     python experiments/calibration/pybotics_peer.py DATA.npz RESULT.npz
 
-Residuals (touches about their point's mean, over the noise), prior and start are those of our fit. SciPy's trust-region
-least squares takes its derivatives by differences, since pybotics has none. Parameters: its MDH rows, the tool point.
+Residuals (touches about their point's mean, over the noise), prior and start are those of our fit.
+SciPy's trust-region least squares takes its derivatives by differences, since pybotics has none.
+Parameters: its MDH rows, the tool point.
 """
 
 import sys

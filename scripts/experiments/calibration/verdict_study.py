@@ -1,4 +1,6 @@
-"""Study of the verdict on a calibration: wrong inputs of every kind, and right ones, of real and simulated arms."""
+"""Study of the verdict on a calibration: wrong inputs of every kind, and right ones, of real and
+simulated arms.
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -20,12 +22,25 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.spatial import Array, transform_points
 
-ARMS = ("panda", "gen3", "iiwa7", "xarm7", "ur10e", "ur5", "irb140", "jaco", "general6r", "stanford")
-AS_RIGHT = 3e-4  # [m] RMS of moves of the flange by which arms from a wrong and a right file differ at most
+ARMS = (
+    "panda",
+    "gen3",
+    "iiwa7",
+    "xarm7",
+    "ur10e",
+    "ur5",
+    "irb140",
+    "jaco",
+    "general6r",
+    "stanford",
+)
+# [m] RMS of moves of the flange by which arms from a wrong and a right file differ at most
+AS_RIGHT = 3e-4
 _MOVES = 60  # postures at which two arms are compared
 _RIGHT_LENGTHS = {"right": 1.0, "right, length 0.2 % off": 1.002, "right, no length": None}
 _MIRRORED, _MIRROR = "signs of all joints", "mirror image"
-_HIDDEN = ("explain nothing", "are not those of these touches")  # of lines on readings that are hidden
+# of lines on readings that are hidden
+_HIDDEN = ("explain nothing", "are not those of these touches")
 
 
 @dataclass(frozen=True)
@@ -54,14 +69,17 @@ class VerdictCase:
     held_out: tuple[str, ...] = ()
 
 
-def cases(arms: int, right_arms: int, seed: int, folders: Iterable[Path], real_arm: str) -> Iterator[VerdictCase]:
+def cases(
+    arms: int, right_arms: int, seed: int, folders: Iterable[Path], real_arm: str
+) -> Iterator[VerdictCase]:
     """Cases of wrong inputs of `arms` simulated arms and all real ones, and of right inputs.
 
     Raises:
         ConfigurationError: a folder of a real arm has fewer than two positions.
     """
     drawn = [
-        Source(ARMS[k % len(ARMS)], seed + k, "straight" if k % 2 else "off-axis") for k in range(max(arms, right_arms))
+        Source(ARMS[k % len(ARMS)], seed + k, "straight" if k % 2 else "off-axis")
+        for k in range(max(arms, right_arms))
     ]
     real = [Source(real_arm, folder=str(folder)) for folder in folders]
     for source in drawn[:right_arms]:
@@ -80,14 +98,22 @@ def cases(arms: int, right_arms: int, seed: int, folders: Iterable[Path], real_a
 
 def _positions(source: Source) -> tuple[str, ...]:
     folder = Path(source.folder)
-    names = tuple(each.name for each in sorted(folder.iterdir()) if each.is_dir()) if folder.is_dir() else ()
+    names = (
+        tuple(each.name for each in sorted(folder.iterdir()) if each.is_dir())
+        if folder.is_dir()
+        else ()
+    )
     if len(names) < 2:
-        raise ConfigurationError(f"--real {folder}: at least two folders of touches are needed, got {len(names)}")
+        raise ConfigurationError(
+            f"--real {folder}: at least two folders of touches are needed, got {len(names)}"
+        )
     return names
 
 
 def _central(source: Source) -> tuple[str, ...]:
-    """The position of a real arm that wrong inputs are made of: the front one in the middle, else the first."""
+    """The position of a real arm that wrong inputs are made of: the front one in the middle, else
+    the first.
+    """
     names = _positions(source)
     return next(((name,) for name in names if "front" in name and "cent" in name), names[:1])
 
@@ -99,16 +125,30 @@ def _right(source: Source, positions: tuple[str, ...]) -> Input:
     if not source.folder:
         rng = np.random.default_rng(source.seed)
         drawn = simulated(
-            nominal_arm, points=3, touches=21, noise=HAND_NOISE, pin=source.pin, known=True, errors=source.seed, rng=rng
+            nominal_arm,
+            points=3,
+            touches=21,
+            noise=HAND_NOISE,
+            pin=source.pin,
+            known=True,
+            errors=source.seed,
+            rng=rng,
         )
         pairs = tuple((f"p{i}", f"p{j}", length) for i, j, length, _ in drawn.distances)
         return Input(source=nominal_arm, series=drawn.touches.series, distances=pairs)
     series: list[Array] = []
     pairs = []
     for position in positions or _central(source):
-        files = [each for each in sorted((Path(source.folder) / position).glob("*.csv")) if "pose" not in each.stem]
+        files = [
+            each
+            for each in sorted((Path(source.folder) / position).glob("*.csv"))
+            if "pose" not in each.stem
+        ]
         sockets = read_touches(files, joint_types=nominal_arm.arm.joint_types).series
-        pairs += [(f"p{len(series) + k}", f"p{len(series) + k + 1}", source.length) for k in range(len(sockets) - 1)]
+        pairs += [
+            (f"p{len(series) + k}", f"p{len(series) + k + 1}", source.length)
+            for k in range(len(sockets) - 1)
+        ]
         series += sockets
     return Input(source=nominal_arm, series=tuple(series), distances=tuple(pairs))
 
@@ -134,13 +174,18 @@ def _arm_of_right(source: Source) -> SerialArm:
 
 
 def verdict_of(case: VerdictCase) -> Row:
-    """Row of a case: the verdict, and how far the arm is from that of the right file. No row where nothing is wrong."""
+    """Row of a case: the verdict, and how far the arm is from that of the right file.
+
+    No row where nothing is wrong.
+    """
     given: Input | None = _right(case.source, case.positions)
     if case.kind in WRONG:
         given = WRONG[case.kind](given, np.random.default_rng(3))
     elif (factor := _RIGHT_LENGTHS[case.kind]) != 1.0:
         lengths = given.distances if factor else ()
-        given = replace(given, distances=tuple((a, b, (factor or 1.0) * length) for a, b, length in lengths))
+        given = replace(
+            given, distances=tuple((a, b, (factor or 1.0) * length) for a, b, length in lengths)
+        )
     row: Row = {
         "source": case.source.name,
         "kind": case.kind,
@@ -166,20 +211,28 @@ def verdict_of(case: VerdictCase) -> Row:
 
 def _apart(arm: SerialArm, other: SerialArm, touched: Array) -> float:
     """RMS difference [m] of moves of the flange over the joint ranges that were touched."""
-    q = np.random.default_rng(5).uniform(touched.min(axis=0), touched.max(axis=0), (_MOVES, touched.shape[1]))
+    q = np.random.default_rng(5).uniform(
+        touched.min(axis=0), touched.max(axis=0), (_MOVES, touched.shape[1])
+    )
     mine, theirs = (each.tips(q, np.zeros(3)) for each in (arm, other))
     off = mine - transform_points(kabsch(theirs, mine), theirs)
     return float(np.sqrt((off**2).sum(axis=1).mean()))
 
 
 def outcome_of(row: Row) -> str:
-    """How a wrong input ended: refused, or accepted with the right arm, with what was said, or wrongly."""
+    """How a wrong input ended: refused, or accepted with the right arm, with what was said, or
+    wrongly.
+    """
     if row["reasons"]:
         return "refused"
     if row["off_m"] < AS_RIGHT:
         return "the arm is right"
     words = (_MIRROR,) if row["kind"] == _MIRRORED else _HIDDEN
-    return "said" if any(word in line for word in words for line in row["untold"]) else "accepted wrongly"
+    return (
+        "said"
+        if any(word in line for word in words for line in row["untold"])
+        else "accepted wrongly"
+    )
 
 
 def summarise(rows: list[Row]) -> Summary:
@@ -192,15 +245,26 @@ def summarise(rows: list[Row]) -> Summary:
         mine = [row for row in wrong if row["kind"] == kind]
         counts = [sum(outcome_of(row) == end for row in mine) for end in ends]
         off = max((1e3 * row["off_m"] for row in mine if not row["reasons"]), default=np.nan)
-        table.append([kind, str(len(mine)), *map(str, counts), f"{off:.2f}" if np.isfinite(off) else ""])
+        table.append(
+            [kind, str(len(mine)), *map(str, counts), f"{off:.2f}" if np.isfinite(off) else ""]
+        )
     refused = [row for row in right if row["reasons"]]
-    said = [[row["source"], row["kind"], row["positions"], "; ".join(row["reasons"])] for row in refused]
+    said = [
+        [row["source"], row["kind"], row["positions"], "; ".join(row["reasons"])] for row in refused
+    ]
     metrics = {
-        "wrong": {"files": len(wrong), **{end: sum(outcome_of(row) == end for row in wrong) for end in ends}},
+        "wrong": {
+            "files": len(wrong),
+            **{end: sum(outcome_of(row) == end for row in wrong) for end in ends},
+        },
         "right": {"files": len(right), "accepted": len(right) - len(refused)},
     }
     columns = ("wrong input", "arms", *ends, "arm off, largest of those accepted [mm]")
     tables = [Table(title="Wrong inputs", columns=columns, rows=table, labels=1)]
     counted = f"Right inputs: {len(right) - len(refused)} of {len(right)} accepted"
-    tables.append(Table(title=counted, columns=("arm", "input", "positions", "refused for"), rows=said, labels=4))
+    tables.append(
+        Table(
+            title=counted, columns=("arm", "input", "positions", "refused for"), rows=said, labels=4
+        )
+    )
     return Summary(metrics=metrics, tables=tables)

@@ -1,9 +1,9 @@
 """Study: wrong inputs of a calibration that are refused, and right ones that are accepted.
 
-Each simulated arm has workshop errors and touches three points; each --real folder holds a folder a position, in it a
-file for each socket. Every kind of wrong input is made of the touches of each arm. A wrong input counts as accepted
-wrongly if it is accepted, the arm differs from that of the right input, and no line of the verdict says that such
-touches cannot tell it.
+Each simulated arm has workshop errors and touches three points; each --real folder holds a folder a
+position, in it a file for each socket. Every kind of wrong input is made of the touches of each
+arm. A wrong input counts as accepted wrongly if it is accepted, the arm differs from that of the
+right input, and no line of the verdict says that such touches cannot tell it.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -40,7 +40,9 @@ def main() -> int:
     from experiments.calibration.verdict_study import cases, summarise, verdict_of
     from uuv.experiment import Study
 
-    every = tuple(cases(options.runs, options.right_runs, options.seed, options.real, options.real_arm))
+    every = tuple(
+        cases(options.runs, options.right_runs, options.seed, options.real, options.real_arm)
+    )
     study = Study(cases=every, run_one=verdict_of, summarise=summarise)
     return study.carry_out("study_verdicts", options, "Verdicts on wrong and right calibrations")
 

@@ -1,4 +1,6 @@
-"""Wrong inputs of a calibration: what happens to touch files, tables and lengths, as a table of kinds."""
+"""Wrong inputs of a calibration: what happens to touch files, tables and lengths, as a table of
+kinds.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,7 +13,8 @@ from uuv.models.arms.kinematics import ALPHA, THETA
 from uuv.sim.interfaces.spatial import Array
 
 Distance = tuple[str, str, float]  # point, point, length [m]
-Change = Callable[[Array, np.random.Generator], Array]  # joint values (m, n) of a file -> as they are given
+# joint values (m, n) of a file -> as they are given
+Change = Callable[[Array, np.random.Generator], Array]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,19 +27,24 @@ class Input:
     units: str = "auto"
 
 
-Kind = Callable[[Input, np.random.Generator], Input | None]  # None: this arm has nothing that can be wrong so
+# None: this arm has nothing that can be wrong so
+Kind = Callable[[Input, np.random.Generator], Input | None]
 
 # How a file changes
 
 
-def _files(change: Change, *, which: slice = slice(None), units: str = "auto", lengths: bool = True) -> Kind:
+def _files(
+    change: Change, *, which: slice = slice(None), units: str = "auto", lengths: bool = True
+) -> Kind:
     """The files `which` changed, the others as they are."""
 
     def spoil(given: Input, rng: np.random.Generator) -> Input:
         series = [np.array(q) for q in given.series]
         for i in range(len(series))[which]:
             series[i] = change(series[i], rng)
-        return replace(given, series=tuple(series), units=units, distances=given.distances if lengths else ())
+        return replace(
+            given, series=tuple(series), units=units, distances=given.distances if lengths else ()
+        )
 
     return spoil
 
@@ -148,7 +156,9 @@ def _one_of_two(given: Input, _: np.random.Generator) -> Input:
 def _twice(size: float) -> Kind:
     def spoil(given: Input, rng: np.random.Generator) -> Input:
         first = given.series[0]
-        return replace(given, series=(first, _jittered(size)(first, rng), *given.series[2:]), distances=())
+        return replace(
+            given, series=(first, _jittered(size)(first, rng), *given.series[2:]), distances=()
+        )
 
     return spoil
 
@@ -196,7 +206,8 @@ def _tip_poses(given: Input, _: np.random.Generator) -> Input | None:
 
 def _lengths(factor: float) -> Kind:
     return lambda given, _: replace(
-        given, distances=tuple((a, b, min(factor * length, 999.0)) for a, b, length in given.distances)
+        given,
+        distances=tuple((a, b, min(factor * length, 999.0)) for a, b, length in given.distances),
     )
 
 
@@ -212,7 +223,9 @@ def _with_table(given: Input, table: Array, *, lengths: float = 1.0, known: bool
     X = np.array(arm.X_n_flange)
     X[:3, 3] *= lengths
     arm = replace(arm, X_n_flange=X)
-    return replace(given, source=replace(given.source, arm=arm), distances=given.distances if known else ())
+    return replace(
+        given, source=replace(given.source, arm=arm), distances=given.distances if known else ()
+    )
 
 
 def _table_times(factor: float, *, known: bool = False) -> Kind:
@@ -281,7 +294,9 @@ WRONG: dict[str, Kind] = {
     "radians read as degrees": _files(_times(1.0), units="deg"),
     "degrees read as radians": _files(_times(180.0 / np.pi), units="rad"),
     "a column in degrees": _files(_column(3, _times(180.0 / np.pi)), units="rad"),
-    "a column in degrees in a tenth of the rows": _files(_rows(0.1, _column(3, _times(180.0 / np.pi))), units="rad"),
+    "a column in degrees in a tenth of the rows": _files(
+        _rows(0.1, _column(3, _times(180.0 / np.pi))), units="rad"
+    ),
     "a column turned to radians twice": _files(_column(3, _times(np.pi / 180.0)), units="rad"),
     "a column turned to radians twice in a third of the rows": _files(
         _rows(1 / 3, _column(1, _times(np.pi / 180.0))), units="rad"
@@ -289,7 +304,9 @@ WRONG: dict[str, Kind] = {
     "last column turned to radians twice in a third of the rows": _files(
         _rows(1 / 3, _column(-1, _times(np.pi / 180.0))), units="rad"
     ),
-    "a file turned to radians twice": _files(_times(np.pi / 180.0), which=slice(-1, None), units="rad"),
+    "a file turned to radians twice": _files(
+        _times(np.pi / 180.0), which=slice(-1, None), units="rad"
+    ),
     **{f"sign of joint {k + 1}": _flipped(k) for k in range(7)},
     "signs of all joints": _files(_times(-1.0)),
     "columns shuffled in each row": _files(_each_row_shuffled),
@@ -298,7 +315,9 @@ WRONG: dict[str, Kind] = {
     "last column shuffled in one file": _files(_column(-1, _shuffled), which=slice(1)),
     "column 2 a row late": _files(_column(1, _late(1.0))),
     "last column a row late": _files(_column(-1, _late(1.0))),
-    "two columns half a row late": _files(lambda q, rng: _column(1, _late(0.5))(_column(-1, _late(0.5))(q, rng), rng)),
+    "two columns half a row late": _files(
+        lambda q, rng: _column(1, _late(0.5))(_column(-1, _late(0.5))(q, rng), rng)
+    ),
     "last two columns a tenth of a row late": _files(
         lambda q, rng: _column(-2, _late(0.1))(_column(-1, _late(0.1))(q, rng), rng)
     ),
@@ -310,7 +329,9 @@ WRONG: dict[str, Kind] = {
     "last joint frozen for a third": _files(_column(-1, _frozen)),
     "joint 3 off by 5 degrees in one file": _files(_column(2, _plus(5.0)), which=slice(1)),
     "joint 2 off by 2 degrees in one file": _files(_column(1, _plus(2.0)), which=slice(1)),
-    "joint 5 slips by 3 degrees within a file": _files(_column(4, _from_the_middle(_plus(3.0))), which=slice(1)),
+    "joint 5 slips by 3 degrees within a file": _files(
+        _column(4, _from_the_middle(_plus(3.0))), which=slice(1)
+    ),
     "last joint off by 40 degrees in one file": _files(_column(-1, _plus(40.0)), which=slice(1)),
     "zero of joint 3 off by 90 degrees": _files(_column(2, _plus(90.0))),
     "zero of joint 2 off by 10 degrees": _files(_column(1, _plus(10.0))),

@@ -1,11 +1,12 @@
-"""Study: contact work under combined model errors of sea, vehicle, sensors and surface; each run is drawn anew.
+"""Study: contact work under combined model errors of sea, vehicle, sensors and surface; each run is
+drawn anew.
 
     ./uvw run scripts/experiments/contact/contact.py --runs 500            # resumes an interrupted study.
     ./uvw run scripts/experiments/contact/contact.py --runs 500 --ablate   # adds the same runs without each method.
     ./uvw run scripts/experiments/contact/contact.py --only 17             # that run alone, with log and report.
 
-The draw of a run depends on --seed and its number only. Exit code 0: at least 99 % of the runs keep contact and stay
-within 3 mm and 8 N after transients, and none damages or diverges.
+The draw of a run depends on --seed and its number only. Exit code 0: at least 99 % of the runs keep
+contact and stay within 3 mm and 8 N after transients, and none damages or diverges.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -42,7 +43,9 @@ RUNS, QUICK_RUNS = 500, 4  # number of runs by default, and with --quick
 
 @dataclass(kw_only=True)
 class Options(StudyOptions):
-    """Contact work under random conditions: distributions, failures, and ablation of each method."""
+    """Contact work under random conditions: distributions, failures, and ablation of each
+    method.
+    """
 
     runs: int | None = None
     """Number of runs; default 500, or 4 with --quick."""
@@ -63,10 +66,13 @@ class Options(StudyOptions):
     arm_camera_view: ArmCameraSetup = field(default_factory=ArmCameraSetup)
     """What that camera sees."""
     stop_every: float = 0.0
-    """The pressed tool stops on its path after so many seconds of motion [s], for navigation; 0: it does not."""
+    """The pressed tool stops on its path after so many seconds of motion [s], for navigation; 0: it
+    does not.
+    """
     anyway: bool = False
-    """Run a sea that is refused for its current once more without that refusal, and say what becomes of it; with
-    --only: run it without that refusal."""
+    """Run a sea that is refused for its current once more without that refusal, and say what
+    becomes of it; with --only: run it without that refusal.
+    """
     quick: bool = False
     """Few and shorter jobs, for a first impression."""
 
@@ -79,7 +85,9 @@ class Options(StudyOptions):
             if method not in METHODS:
                 raise ConfigurationError(f"method {method!r}: allowed {', '.join(METHODS)}")
         if self.without and self.only is None:
-            raise ConfigurationError("--without goes with --only; --ablate leaves methods out of many runs")
+            raise ConfigurationError(
+                "--without goes with --only; --ablate leaves methods out of many runs"
+            )
 
 
 def main() -> int:
@@ -91,7 +99,9 @@ def main() -> int:
     methods = () if options.ablate is None else options.ablate or tuple(METHODS)
     tasks = [task_of(options, run) for run in range(runs)]
     tasks += [
-        replace(task, without=method, anyway=False) for method in methods for task in tasks[: options.ablate_runs]
+        replace(task, without=method, anyway=False)
+        for method in methods
+        for task in tasks[: options.ablate_runs]
     ]
     settings = {
         "seed": options.seed,
@@ -132,7 +142,11 @@ def task_of(options: Options, run: int) -> RunTask:
 
 def line(row: Row) -> str:
     """Line about a run that was not kept; empty for others and for ablations."""
-    return "" if row["class"] == KEPT or row["without"] else f"run {row['run']:4d}  {row['class']}: {row['kind']}"
+    return (
+        ""
+        if row["class"] == KEPT or row["without"]
+        else (f"run {row['run']:4d}  {row['class']}: {row['kind']}")
+    )
 
 
 def one_with_report(options: Options, run: int) -> int:
@@ -140,7 +154,10 @@ def one_with_report(options: Options, run: int) -> int:
     task = task_of(options, run)
     scenario = held_anyway(draw(task)) if task.anyway else draw(task)
     name = f"run_{run:04d}" + (f"_without_{options.without}" if options.without else "")
-    scenario, own = replace(scenario, name=f"{NAME}/{name}"), RunOptions(out=options.out and options.out / name)
+    scenario, own = (
+        replace(scenario, name=f"{NAME}/{name}"),
+        RunOptions(out=options.out and options.out / name),
+    )
     return command(scenario, own, time.perf_counter(), f", run {run} of study {options.seed}")
 
 

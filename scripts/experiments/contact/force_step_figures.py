@@ -1,4 +1,6 @@
-"""Step response of the force loop over many runs: mean response on each surface, its figures, and their picture."""
+"""Step response of the force loop over many runs: mean response on each surface, its figures, and
+their picture.
+"""
 
 from collections.abc import Iterator
 from functools import partial
@@ -14,7 +16,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OVERSHOOT = 0.05  # largest overshoot, share of the step
-COLUMNS = ("surface [N/m]", "steps", "rise, 10-90 % [s]", "overshoot [%]", "settling, 5 % [s]", "spread [N]")
+COLUMNS = (
+    "surface [N/m]",
+    "steps",
+    "rise, 10-90 % [s]",
+    "overshoot [%]",
+    "settling, 5 % [s]",
+    "spread [N]",
+)
 
 
 def line(row: Row) -> str:
@@ -33,7 +42,11 @@ def summarise(runs: list[Row], low: float, high: float) -> Summary:
     curves = {
         stiffness: {
             name: np.concatenate(
-                [np.reshape(run[name], (-1, len(times()))) for run in runs if run["stiffness"] == stiffness]
+                [
+                    np.reshape(run[name], (-1, len(times())))
+                    for run in runs
+                    if run["stiffness"] == stiffness
+                ]
             )
             for name in ("set", "true")
         }
@@ -43,7 +56,14 @@ def summarise(runs: list[Row], low: float, high: float) -> Summary:
     failed = [f"{row['stiffness_n_m']:g} N/m: {_missed(row)}" for row in rows if _missed(row)]
     return Summary(
         metrics={"surfaces": rows},
-        tables=[Table(title=f"Force from {low:g} to {high:g} N", columns=COLUMNS, rows=[*map(cells, rows)], labels=0)],
+        tables=[
+            Table(
+                title=f"Force from {low:g} to {high:g} N",
+                columns=COLUMNS,
+                rows=[*map(cells, rows)],
+                labels=0,
+            )
+        ],
         pictures=_pictures(partial(picture_of, curves, low, high)),
         failed=[*failed, *filter(None, map(line, runs))],
     )
@@ -61,7 +81,8 @@ def _missed(row: dict[str, Any]) -> str:
 def _pictures(draw: Any) -> Iterator[tuple[str, str, "Figure"]]:
     yield (
         "Responses",
-        "True normal force at the tool, moving along the path: each step thin, their mean thick; the set force "
+        "True normal force at the tool, moving along the path: each step thin, their mean thick; "
+        "the set force "
         "dashed, and the bound of the overshoot.",
         draw(),
     )
@@ -81,7 +102,12 @@ def figures_of(stiffness: float, true: Array, low: float, high: float) -> dict[s
         return {"stiffness_n_m": stiffness, "steps": 0, **none}
     mean = true.mean(axis=0)
     spread = float(np.sqrt(np.mean((true - mean) ** 2)))
-    return {"stiffness_n_m": stiffness, "steps": len(true), **figures(mean, low, high), "spread_n": spread}
+    return {
+        "stiffness_n_m": stiffness,
+        "steps": len(true),
+        **figures(mean, low, high),
+        "spread_n": spread,
+    }
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:

@@ -1,4 +1,6 @@
-"""Steps of the set force while the tool moves along a barrel: responses of one run and their figures."""
+"""Steps of the set force while the tool moves along a barrel: responses of one run and their
+figures.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -35,7 +37,9 @@ class StepTask:
 
 
 def responses(task: StepTask) -> dict[str, Any]:
-    """Set and true force (k, N) [N] of the k steps up, sampled at `times()`; empty if the run was aborted."""
+    """Set and true force (k, N) [N] of the k steps up, sampled at `times()`; empty if the run was
+    aborted.
+    """
     recording = run(assemble(scenario_of(task))).recording
     note = recording.final.note if recording.final.state is not WorkState.DONE else ""
     found = steps_up(recording, task.low, task.high)
@@ -90,7 +94,9 @@ def steps_up(recording: Recording, low: float, high: float) -> dict[str, Array]:
     return {name: np.array(rows).reshape(-1, len(times())) for name, rows in found.items()}
 
 
-def figures(response: Array, low: float, high: float, band: float = 0.05) -> dict[str, float | None]:
+def figures(
+    response: Array, low: float, high: float, band: float = 0.05
+) -> dict[str, float | None]:
     """Rise time, overshoot and settling time of one response.
 
     Args:
@@ -100,8 +106,8 @@ def figures(response: Array, low: float, high: float, band: float = 0.05) -> dic
         band: Settling band, share of the step.
 
     Returns:
-        "rise_s" from 10 to 90 % [s], "overshoot" as a share of the step, "settling_s" from the beginning of the step
-        [s]; None where the response does not get there within the window.
+        "rise_s" from 10 to 90 % [s], "overshoot" as a share of the step, "settling_s" from the
+        beginning of the step [s]; None where the response does not get there within the window.
     """
     step, t = (response - low) / (high - low), times()
     after = t >= 0.0

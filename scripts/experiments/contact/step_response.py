@@ -1,6 +1,8 @@
-"""Study: step response of the force loop on soft, medium and hard surfaces with one tuning, the tool moving.
+"""Study: step response of the force loop on soft, medium and hard surfaces with one tuning, the
+tool moving.
 
-Each run steps the set force up and down several times. The mean response is judged, so that sensor noise and gusts do
+Each run steps the set force up and down several times. The mean response is judged, so that sensor
+noise and gusts do
 not count as overshoot. Exit code 0: the mean response overshoots by at most 5 % on each surface.
 """
 
@@ -39,7 +41,9 @@ class Options(StudyOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0.0 < self.low < self.high:
-            raise ConfigurationError(f"--low, --high: must rise from above zero, got {self.low}, {self.high} N")
+            raise ConfigurationError(
+                f"--low, --high: must rise from above zero, got {self.low}, {self.high} N"
+            )
         if not (self.rate > 0.0 and 1 <= self.steps <= 6):
             raise ConfigurationError("--rate must be > 0 N/s, --steps from 1 to 6")
 
@@ -69,7 +73,9 @@ def main() -> int:
     hydrodynamics.install()  # compiled once here, else by every worker
     summary = partial(summarise, low=options.low, high=options.high)
     study = Study(cases=tasks, run_one=responses, summarise=summary, failed=failed, line=line)
-    return study.carry_out("step_response", options, f"Force from {options.low:g} to {options.high:g} N")
+    return study.carry_out(
+        "step_response", options, f"Force from {options.low:g} to {options.high:g} N"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Summary of the contact study: distributions, failures, causes and ablations over its runs, in tables and figures."""
+"""Summary of the contact study: distributions, failures, causes and ablations over its runs, in
+tables and figures.
+"""
 
 import itertools
 from collections import defaultdict
@@ -24,7 +26,8 @@ _COLORS = dict(zip(CLASSES, (BLUE, ORANGE, PURPLE, FAINT, VERMILION, INK, SKY), 
 _MOST_RUNS = 8  # runs listed for one kind of failure
 SHARE = 0.99  # share of the runs that must be kept
 FEWEST = 8  # runs needed for a rank correlation
-CHANCES = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 1.0)  # bounds of the bins of the promised chance
+# bounds of the bins of the promised chance
+CHANCES = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,14 @@ SHOWN = {
     "object_sigma_m": Shown("stated error of the object's place", "mm", 1e3),
 }
 # Figures that are correlated with DRIVERS.
-DRIVEN = ("force_rms_n", "force_peak_n", "cross_max_m", "along_max_m", "estimate_rms_n", "hull_excursion_max_m")
+DRIVEN = (
+    "force_rms_n",
+    "force_peak_n",
+    "cross_max_m",
+    "along_max_m",
+    "estimate_rms_n",
+    "hull_excursion_max_m",
+)
 DRIVERS = {  # varied quantities: label, unit, scale from SI
     "current": ("current", "m/s", 1.0),
     "current_up": ("current, upward", "m/s", 1.0),
@@ -129,16 +139,23 @@ def bound_of(name: str, bounds: StudyBounds) -> float | None:
     }.get(name)
 
 
-def distributions(rows: Sequence[Row], bounds: StudyBounds) -> dict[str, dict[str, float | int | None]]:
-    """For each figure: median, 95th and 99th percentile, maximum, and the share of all runs within its bound.
+def distributions(
+    rows: Sequence[Row], bounds: StudyBounds
+) -> dict[str, dict[str, float | int | None]]:
+    """For each figure: median, 95th and 99th percentile, maximum, and the share of all runs within
+    its bound.
 
     A run that ended before it gave a figure counts as not within the bound.
     """
     table: dict[str, dict[str, float | int | None]] = {}
     for name in SHOWN:
         found, bound = values(rows, name), bound_of(name, bounds)
-        quantiles = np.quantile(found, [0.5, 0.95, 0.99, 1.0]).tolist() if len(found) else [None] * 4
-        inside = sum(within(value, bound) for value in found.tolist()) if bound is not None else None
+        quantiles = (
+            np.quantile(found, [0.5, 0.95, 0.99, 1.0]).tolist() if len(found) else [None] * 4
+        )
+        inside = (
+            sum(within(value, bound) for value in found.tolist()) if bound is not None else None
+        )
         table[name] = {
             "count": len(found),
             **dict(zip(("median", "p95", "p99", "max"), quantiles, strict=True)),
@@ -167,13 +184,19 @@ def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def drivers(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
-    """Spearman rank correlation of each figure in DRIVEN with each quantity in DRIVERS that varied."""
+    """Spearman rank correlation of each figure in DRIVEN with each quantity in DRIVERS that
+    varied.
+    """
     found: dict[str, dict[str, float]] = {}
     for figure in DRIVEN:
         having = [row for row in rows if row["figures"].get(figure) is not None]
         for driver in DRIVERS:
             pairs = np.array(
-                [(row["varied"][driver], row["figures"][figure]) for row in having if driver in row["varied"]]
+                [
+                    (row["varied"][driver], row["figures"][figure])
+                    for row in having
+                    if driver in row["varied"]
+                ]
             ).reshape(-1, 2)
             if len(pairs) >= FEWEST and np.all(np.ptp(pairs, axis=0) > 0.0):
                 found.setdefault(figure, {})[driver] = float(spearmanr(pairs[:, 0], pairs[:, 1])[0])
@@ -181,7 +204,8 @@ def drivers(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
 
 
 def sensitivities(rows: Sequence[Row], bounds: StudyBounds) -> SensitivityReport:
-    """Sensitivity of the worst ratio to a bound, of kept or missed, and of each figure in DRIVEN, to all that varied.
+    """Sensitivity of the worst ratio to a bound, of kept or missed, and of each figure in DRIVEN,
+    to all that varied.
 
     Args:
         rows: Rows of the runs without ablation.
@@ -189,14 +213,18 @@ def sensitivities(rows: Sequence[Row], bounds: StudyBounds) -> SensitivityReport
     """
     most = {name: bound for name in SHOWN if (bound := bound_of(name, bounds)) is not None}
     worked = (KEPT, contact_study.MISSED)
-    ratios = [worst_ratio(row["figures"], most) if row["class"] in worked else np.inf for row in rows]
+    ratios = [
+        worst_ratio(row["figures"], most) if row["class"] in worked else np.inf for row in rows
+    ]
     return SensitivityReport.of(
         [{**row["varied"], "path": row["path"]} for row in rows],
         {
             WORST: np.array(ratios),
             MISSED: np.array([row["class"] != KEPT for row in rows], dtype=np.float64),
             **{
-                SHOWN[name].name: np.array([_or_nan(row["figures"].get(name)) for row in rows], dtype=np.float64)
+                SHOWN[name].name: np.array(
+                    [_or_nan(row["figures"].get(name)) for row in rows], dtype=np.float64
+                )
                 for name in DRIVEN
             },
         },
@@ -209,7 +237,9 @@ def _or_nan(value: float | None) -> float:
 
 
 def reliability(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Runs by the chance that was promised before contact: how many, the mean chance, and how many were kept."""
+    """Runs by the chance that was promised before contact: how many, the mean chance, and how many
+    were kept.
+    """
     promised = [row for row in rows if row["figures"].get("promised_chance") is not None]
     chance = np.array([row["figures"]["promised_chance"] for row in promised])
     kept = np.array([row["class"] == KEPT for row in promised])
@@ -217,13 +247,19 @@ def reliability(rows: Sequence[Row]) -> list[dict[str, Any]]:
     for least, most in itertools.pairwise(CHANCES):
         inside = (chance >= least) & ((chance < most) | (most == 1.0))
         if inside.any():
-            found = {"runs": int(inside.sum()), "mean": float(chance[inside].mean()), "kept": int(kept[inside].sum())}
+            found = {
+                "runs": int(inside.sum()),
+                "mean": float(chance[inside].mean()),
+                "kept": int(kept[inside].sum()),
+            }
             table.append({"least": least, "most": most, **found})
     return table
 
 
 def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """For each ablated method: its figure with and without it, and the median of the ratio run by run."""
+    """For each ablated method: its figure with and without it, and the median of the ratio run by
+    run.
+    """
     whole = {row["run"]: row for row in rows if not row["without"]}
     table = []
     for method in dict.fromkeys(row["without"] for row in rows if row["without"]):
@@ -233,7 +269,8 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
             [
                 (whole[row["run"]]["figures"].get(figure), row["figures"].get(figure))
                 for row in without
-                if whole[row["run"]]["figures"].get(figure) and row["figures"].get(figure) is not None
+                if whole[row["run"]]["figures"].get(figure)
+                and row["figures"].get(figure) is not None
             ],
             dtype=np.float64,
         ).reshape(-1, 2)
@@ -256,23 +293,29 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def median_interval(ratios: Array) -> list[float] | None:
-    """Interval of the median that holds with 95 % whatever the distribution, by order statistics; None: too few.
+    """Interval of the median that holds with 95 % whatever the distribution, by order statistics;
+    None: too few.
 
     Args:
         ratios: (n,) in rising order.
     """
     n = len(ratios)
-    below = int(binom.ppf(0.025, n, 0.5)) - 1  # so many values lie below the interval, and as many above it
+    # so many values lie below the interval, and as many above it
+    below = int(binom.ppf(0.025, n, 0.5)) - 1
     return [float(ratios[below]), float(ratios[n - 1 - below])] if n and below >= 0 else None
 
 
 def kept_on_object(rows: Sequence[Row], bounds: StudyBounds) -> int:
-    """Number of kept runs whose true tip stayed within the path's bound of the ideal path on the true object."""
+    """Number of kept runs whose true tip stayed within the path's bound of the ideal path on the
+    true object.
+    """
     off = [row["figures"].get("object_deviation_max_m") for row in rows if row["class"] == KEPT]
     return sum(within(value, bounds.deviation) for value in off)
 
 
-def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any]) -> dict[str, Any]:
+def summary(
+    rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any]
+) -> dict[str, Any]:
     """Contents of metrics.json.
 
     Args:
@@ -306,7 +349,9 @@ def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any
             for path in dict.fromkeys(row["path"] for row in main)
             for of_path in [[row for row in main if row["path"] == path]]
         },
-        "refused_anyway": [{"run": row["run"], "outcome": row["anyway"]} for row in main if row.get("anyway")],
+        "refused_anyway": [
+            {"run": row["run"], "outcome": row["anyway"]} for row in main if row.get("anyway")
+        ],
         "reliability": reliability(main),
         "drivers": drivers(main),
         "ablations": ablations(rows),
@@ -339,7 +384,10 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
                 SHOWN[name].name,
                 SHOWN[name].unit,
                 str(row["count"]),
-                *(_number(row[key], SHOWN[name].scale) for key in ("median", "p95", "p99", "max", "bound")),
+                *(
+                    _number(row[key], SHOWN[name].scale)
+                    for key in ("median", "p95", "p99", "max", "bound")
+                ),
                 "" if row["share_within"] is None else f"{row['share_within']:.1%}",
             )
             for name, row in metrics["distributions"].items()
@@ -349,7 +397,13 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
         "By path",
         ("path", "runs", "kept", "share", "and on the object"),
         [
-            (path, str(row["runs"]), str(row["kept"]), f"{row['kept'] / row['runs']:.1%}", str(row["kept_on_object"]))
+            (
+                path,
+                str(row["runs"]),
+                str(row["kept"]),
+                f"{row['kept'] / row['runs']:.1%}",
+                str(row["kept_on_object"]),
+            )
             for path, row in metrics["by_path"].items()
         ],
     )
@@ -398,7 +452,9 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
                     _number(row["median_with"], SHOWN[row["figure"]].scale),
                     _number(row["median_without"], SHOWN[row["figure"]].scale),
                     _number(row["factor"], 1.0),
-                    "" if row["factor_interval"] is None else "{:.2f} to {:.2f}".format(*row["factor_interval"]),
+                    ""
+                    if row["factor_interval"] is None
+                    else "{:.2f} to {:.2f}".format(*row["factor_interval"]),
                     str(row["kept_with"]),
                     str(row["kept_without"]),
                 )
@@ -411,7 +467,9 @@ def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) ->
     return Table(title=title, columns=columns, rows=rows, labels=2)
 
 
-def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds) -> Iterator[tuple[str, str, Figure]]:
+def figures(
+    rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds
+) -> Iterator[tuple[str, str, Figure]]:
     """Yields title, caption and figure of every plot that the runs allow.
 
     Args:
@@ -423,15 +481,18 @@ def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds
         return
     yield (
         "Distributions",
-        "Share of all runs up to a figure, each by its path; dashed: the bound. A curve that does not come to one has "
+        "Share of all runs up to a figure, each by its path; dashed: the bound. A curve that does "
+        "not come to one has "
         "runs without that figure.",
         distribution_figure(rows, bounds),
     )
     if metrics["drivers"]:
         yield (
             "What drives the errors",
-            "Rank correlation (Spearman) of each figure with each varied quantity: 1 if one always rises with the "
-            f"other. With {len(rows)} runs, what is below {2.0 / np.sqrt(max(1, len(rows))):.2f} may be chance.",
+            "Rank correlation (Spearman) of each figure with each varied quantity: 1 if one "
+            "always rises with the "
+            f"other. With {len(rows)} runs, what is below {2.0 / np.sqrt(max(1, len(rows))):.2f} "
+            "may be chance.",
             driver_figure(metrics["drivers"]),
         )
         for name in ("force_rms_n", "cross_max_m", "along_max_m"):
@@ -444,7 +505,14 @@ def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds
 
 def distribution_figure(rows: Sequence[Row], bounds: StudyBounds) -> Figure:
     """Cumulative distributions of six figures, one curve for each path, with their bounds."""
-    names = ("force_rms_n", "force_peak_n", "estimate_rms_n", "cross_max_m", "along_max_m", "hull_excursion_max_m")
+    names = (
+        "force_rms_n",
+        "force_peak_n",
+        "estimate_rms_n",
+        "cross_max_m",
+        "along_max_m",
+        "hull_excursion_max_m",
+    )
     paths = list(dict.fromkeys(row["path"] for row in rows))
     figure = Figure(figsize=(WIDTH, 5.6), layout="constrained")
     for axes, name in zip(figure.subplots(2, 3).flat, names, strict=True):
@@ -471,14 +539,22 @@ def driver_figure(found: Mapping[str, Mapping[str, float]]) -> Figure:
     """Matrix of rank correlations: `found` by figure and varied quantity."""
     drivers = [name for name in DRIVERS if any(name in row for row in found.values())]
     driven = [name for name in DRIVEN if name in found]
-    matrix = np.array([[found[figure].get(driver, np.nan) for driver in drivers] for figure in driven])
+    matrix = np.array(
+        [[found[figure].get(driver, np.nan) for driver in drivers] for figure in driven]
+    )
     figure = Figure(figsize=(WIDTH, 1.6 + 0.42 * len(driven)), layout="constrained")
     axes = figure.subplots()
     axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
     for (i, j), value in np.ndenumerate(matrix):
         color = "white" if abs(value) > 0.6 else INK
         axes.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=8, color=color)
-    axes.set_xticks(range(len(drivers)), [DRIVERS[name][0] for name in drivers], rotation=35, ha="right", fontsize=8)
+    axes.set_xticks(
+        range(len(drivers)),
+        [DRIVERS[name][0] for name in drivers],
+        rotation=35,
+        ha="right",
+        fontsize=8,
+    )
     axes.set_yticks(range(len(driven)), [SHOWN[name].name for name in driven], fontsize=8)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
@@ -488,7 +564,11 @@ def driver_figure(found: Mapping[str, Mapping[str, float]]) -> Figure:
 def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
     """Scatter plots of figure `name` against each varied quantity, coloured by class."""
     having = [row for row in rows if row["figures"].get(name) is not None]
-    drivers = [key for key in DRIVERS if len({row["varied"].get(key) for row in having if key in row["varied"]}) > 1]
+    drivers = [
+        key
+        for key in DRIVERS
+        if len({row["varied"].get(key) for row in having if key in row["varied"]}) > 1
+    ]
     columns = 5
     lines = -(-len(drivers) // columns)
     figure = Figure(figsize=(WIDTH, 0.5 + 1.8 * lines), layout="constrained")
@@ -504,7 +584,9 @@ def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
                 ]
             ).reshape(-1, 2)
             if len(points):
-                axes.scatter(*points.T, s=9, color=_COLORS[word], label=word, linewidths=0, alpha=0.75)
+                axes.scatter(
+                    *points.T, s=9, color=_COLORS[word], label=word, linewidths=0, alpha=0.75
+                )
         axes.set_xlabel(f"{label} [{unit}]" if unit else label, fontsize=8)
         axes.set_yscale("log")
         if key == "stiffness":
@@ -515,10 +597,17 @@ def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
     for axes in all_axes[:, 0]:
         axes.set_ylabel(SHOWN[name].unit, fontsize=8)
     handles = {
-        label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        label: handle
+        for axes in figure.axes
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     figure.legend(
-        handles.values(), handles.keys(), loc="outside upper center", ncols=len(CLASSES), frameon=False, fontsize=8
+        handles.values(),
+        handles.keys(),
+        loc="outside upper center",
+        ncols=len(CLASSES),
+        frameon=False,
+        fontsize=8,
     )
     return figure
 

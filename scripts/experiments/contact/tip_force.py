@@ -1,4 +1,5 @@
-"""Study: error of the tip force estimated from joint torques, for each estimator, torque source and four arms.
+"""Study: error of the tip force estimated from joint torques, for each estimator, torque source and
+four arms.
 
 `./uvw run scripts/experiments/contact/tip_force.py` draws postures and forces, corrupts the torques with errors of
 sensors and gears, and prints one table. It covers statics only; errors due to water and motion show in the closed loop.
@@ -20,7 +21,9 @@ class Options(StudyOptions):
     noise: float = 0.01
     """Noise of the torque sensors, share of the reading."""
     bias: float = 0.5
-    """Bias of the torque sensors [N m], uniform in +-, where no tare removes it; a tenth on the small arm."""
+    """Bias of the torque sensors [N m], uniform in +-, where no tare removes it; a tenth on the
+    small arm.
+    """
 
 
 def main() -> int:
@@ -31,7 +34,9 @@ def main() -> int:
 
     each = tuple(cases(options.seed, options.runs, options.noise, options.bias))
     study = Study(cases=each, run_one=run, summarise=summarise)
-    return study.carry_out("study_tip_force", options, f"Error of the felt force, {options.runs} postures a row")
+    return study.carry_out(
+        "study_tip_force", options, f"Error of the felt force, {options.runs} postures a row"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Error of the tip force estimated from joint torques: one row of estimator, torque source and arm, and the table."""
+"""Error of the tip force estimated from joint torques: one row of estimator, torque source and arm,
+and the table.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -6,7 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uuv import models
-from uuv.controllers.estimation.force_from_torques import tip_force, tip_force_closed_form, tip_wrench
+from uuv.controllers.estimation.force_from_torques import (
+    tip_force,
+    tip_force_closed_form,
+    tip_wrench,
+)
 from uuv.experiment import Row, Summary, Table
 from uuv.models.arms import dh_geometry, published_arms
 from uuv.models.arms.serial_arm import SerialArm
@@ -20,7 +26,8 @@ FORCE = 90.0  # [N] largest component of the drawn forces
 WEIGHT = 50.0  # [N] weight at the tip, which the sensors read besides the contact
 MOMENT = 3.0  # [N m] largest component of the drawn moments
 KNOWN = 0.8  # share of the dry friction that identification removes
-# Torque limits of the joints [N m]: the vehicles' assets; Universal Robots and Franka Emika, technical data.
+# Torque limits of the joints [N m]: the vehicles' assets; Universal Robots and Franka Emika,
+# technical data.
 ALPHA = "reach_alpha_5"
 LIMITS = {
     "default": (150, 200, 120, 60, 30, 15),
@@ -29,12 +36,15 @@ LIMITS = {
     ALPHA: (10, 10, 10, 0.6),
 }
 SIZE = {ALPHA: 0.1}  # [-] of forces, moments, weight and bias, over those of the others
-SLIDING = 0.04  # sliding friction of the default vehicle, share of the limit; stiction is 1.3 times that
+# sliding friction of the default vehicle, share of the limit; stiction is 1.3 times that
+SLIDING = 0.04
 
 
 FORMS = ("closed form", "least squares", "weighted", "force and moment")
-Errors = Callable[[np.random.Generator, Array, Array], Array]  # of generator, reading (n,) and sliding friction (n,)
-Doubt = Callable[[Array, Array], Array]  # assumed standard deviation (n,) [N m], of reading and sliding friction
+# of generator, reading (n,) and sliding friction (n,)
+Errors = Callable[[np.random.Generator, Array, Array], Array]
+# assumed standard deviation (n,) [N m], of reading and sliding friction
+Doubt = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,8 @@ def cases(seed: int, runs: int, noise: float, bias: float) -> Iterator[ForceCase
     for arm in LIMITS:
         for source in SOURCES:
             for form in FORMS:
-                if form != "closed form" or arm == "default":  # which holds for arms of its kind alone
+                # which holds for arms of its kind alone
+                if form != "closed form" or arm == "default":
                     yield ForceCase(arm, source, form, seed, runs, noise, bias)
 
 
@@ -69,11 +80,15 @@ SOURCES = (
 
 
 def sources(case: ForceCase) -> dict[str, tuple[Errors, Doubt]]:
-    """Error model of each torque source, and the standard deviations that the estimator assumes for it."""
+    """Error model of each torque source, and the standard deviations that the estimator assumes for
+    it.
+    """
     bias = case.bias * SIZE.get(case.arm, 1.0)
 
     def of_sensors(bias: float) -> Callable[[Array, Array], Array]:
-        return lambda reading, _: np.hypot(KEPT * case.noise * np.abs(reading) + LEAST, bias / np.sqrt(3.0))
+        return lambda reading, _: np.hypot(
+            KEPT * case.noise * np.abs(reading) + LEAST, bias / np.sqrt(3.0)
+        )
 
     def of_friction(share: float) -> Callable[[Array, Array], Array]:
         return lambda _, sliding: share * sliding
@@ -106,7 +121,8 @@ def jacobian(arm: SerialArm, q: Array) -> Array:
 
 
 def sensors(case: ForceCase, bias: float) -> Errors:
-    """Error model of torque sensors: a function of generator, reading (n,) [N m] and sliding friction (n,) [N m].
+    """Error model of torque sensors: a function of generator, reading (n,) [N m] and sliding
+    friction (n,) [N m].
 
     Args:
         case: Tells the noise.
@@ -114,15 +130,16 @@ def sensors(case: ForceCase, bias: float) -> Errors:
     """
 
     def errors(rng: np.random.Generator, reading: Array, _: Array) -> Array:
-        return KEPT * case.noise * np.abs(reading) * rng.standard_normal(len(reading)) + rng.uniform(
-            -bias, bias, len(reading)
-        )
+        return KEPT * case.noise * np.abs(reading) * rng.standard_normal(
+            len(reading)
+        ) + rng.uniform(-bias, bias, len(reading))
 
     return errors
 
 
 def motors(unknown: float, held: bool) -> Errors:
-    """Error model of motor currents without torque sensors: unknown gear friction appears as external torque.
+    """Error model of motor currents without torque sensors: unknown gear friction appears as
+    external torque.
 
     Args:
         unknown: Unknown share of the sliding friction.
@@ -144,9 +161,9 @@ def run(case: ForceCase) -> Row:
     """Force errors over random postures.
 
     Returns:
-        Median and RMS error [N] over the nine tenths of the postures far from singular; RMS error [N] there along each
-        axis of the tool, and the standard deviation [N] stated for it; median error [N] over the tenth nearest to
-        singular; normalised estimation error squared over 3.
+        Median and RMS error [N] over the nine tenths of the postures far from singular; RMS error
+        [N] there along each axis of the tool, and the standard deviation [N] stated for it; median
+        error [N] over the tenth nearest to singular; normalised estimation error squared over 3.
     """
     arm, size = arm_of(case.arm), SIZE.get(case.arm, 1.0)
     wrong, doubt = sources(case)[case.source]
@@ -171,14 +188,19 @@ def run(case: ForceCase) -> Row:
         if case.form == "closed form":
             if min(abs(np.sin(q[3])), abs(np.linalg.norm(arm.joint_frames(q)[-1][:2, 3]))) < 1e-3:
                 continue
-            # G of [Konoplin 2022]: x along link 4, z across it in the arm's plane, y out of the plane.
+            # G of [Konoplin 2022]: x along link 4, z across it in the arm's plane, y out of the
+            # plane.
             elevation = q[1] + q[2] + q[3]
             c, s = np.cos(elevation), np.sin(elevation)
             out = np.array([-np.sin(q[0]), np.cos(q[0]), 0.0])
             ahead = np.array([np.cos(q[0]), np.sin(q[0]), 0.0])
             up = np.array([0.0, 0.0, 1.0])
             axes = np.column_stack([c * ahead + s * up, out, -s * ahead + c * up])
-            force = arm.joint_frames(q)[-1][:3, :3].T @ axes @ tip_force_closed_form(felt, q, (0.6, 0.5, 0.22))
+            force = (
+                arm.joint_frames(q)[-1][:3, :3].T
+                @ axes
+                @ tip_force_closed_form(felt, q, (0.6, 0.5, 0.22))
+            )
         elif case.form == "force and moment":
             found = tip_wrench(felt, J, sigma, moment_prior=size * MOMENT)
             force, covariance = found.wrench[:3], found.covariance[:3, :3]
@@ -200,7 +222,9 @@ def run(case: ForceCase) -> Row:
         "median_n": np.sqrt(np.median(table[~near, 1])),
         "rms_n": np.sqrt(np.mean(table[~near, 1])),
         "axes_rms_n": np.sqrt(np.mean(table[~near, 3:6], axis=0)).tolist(),
-        "axes_stated_n": None if np.isnan(table[:, 6:]).any() else np.sqrt(np.mean(table[~near, 6:9], axis=0)).tolist(),
+        "axes_stated_n": None
+        if np.isnan(table[:, 6:]).any()
+        else np.sqrt(np.mean(table[~near, 6:9], axis=0)).tolist(),
         "near_singular_median_n": np.sqrt(np.median(table[near, 1])),
         "nees_share": np.mean(table[:, 2]) / 3.0 if table[:, 2].any() else None,
     }
@@ -221,8 +245,17 @@ def summarise(rows: list[Row]) -> Summary:
         for row in rows
     ]
     table = Table(
-        title=f"Error of the felt force [N], forces to {FORCE:g} N a component, {SIZE[ALPHA] * FORCE:g} N on {ALPHA}",
-        columns=("arm", "torques", "form", "median, RMS", "x, y, z (stated)", "median near singular", "NEES / 3"),
+        title=f"Error of the felt force [N], forces to {FORCE:g} N a component, "
+        f"{SIZE[ALPHA] * FORCE:g} N on {ALPHA}",
+        columns=(
+            "arm",
+            "torques",
+            "form",
+            "median, RMS",
+            "x, y, z (stated)",
+            "median near singular",
+            "NEES / 3",
+        ),
         rows=cells,
         labels=3,
     )
@@ -234,4 +267,6 @@ def _by_axis(row: Row) -> str:
     errors, stated = row["axes_rms_n"], row["axes_stated_n"]
     if stated is None:
         return ", ".join(f"{error:.2f}" for error in errors)
-    return ", ".join(f"{error:.2f} ({sigma:.2f})" for error, sigma in zip(errors, stated, strict=True))
+    return ", ".join(
+        f"{error:.2f} ({sigma:.2f})" for error, sigma in zip(errors, stated, strict=True)
+    )

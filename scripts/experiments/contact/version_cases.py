@@ -56,11 +56,15 @@ class VersionCase:
 
 
 def run(case: VersionCase) -> Row:
-    """Figures of the run in SI units, None where it ended before it gave one; `ended` says why it was not accepted."""
+    """Figures of the run in SI units, None where it ended before it gave one; `ended` says why it
+    was not accepted.
+    """
     row: Row = {"version": case.version, "path": case.path, "seed": case.seed, "accepted": False}
     row |= dict.fromkeys((*_FIGURES, "wall_s"))
     try:
-        scenario = clean_barrel(path=case.path, seed=case.seed, quick=case.quick, **VERSIONS[case.version])
+        scenario = clean_barrel(
+            path=case.path, seed=case.seed, quick=case.quick, **VERSIONS[case.version]
+        )
         outcome = run_job(assemble(scenario, full=False))
     except UuvError as error:
         return row | {"ended": str(error)}
@@ -77,18 +81,29 @@ def summarise(rows: list[Row]) -> Summary:
         parts[row["version"], row["path"]].append(row)
     figures = [_worst(version, path, part) for (version, path), part in parts.items()]
     lines = [
-        f"{row['version']}, {row['path']}, seed {row['seed']}: {row['ended']}" for row in rows if not row["accepted"]
+        f"{row['version']}, {row['path']}, seed {row['seed']}: {row['ended']}"
+        for row in rows
+        if not row["accepted"]
     ]
     return Summary(
         metrics={"versions": figures, "runs": rows},
-        tables=[Table(title="Largest of all seeds", columns=_COLUMNS, rows=[*map(_cells, figures)], labels=2)],
+        tables=[
+            Table(
+                title="Largest of all seeds",
+                columns=_COLUMNS,
+                rows=[*map(_cells, figures)],
+                labels=2,
+            )
+        ],
         lines=lines,
     )
 
 
 def _worst(version: str, path: str, rows: list[Row]) -> dict[str, Any]:
     """The largest of each figure over the runs that gave it, and how many of them were accepted."""
-    known = {name: [row[name] for row in rows if row[name] is not None] for name in (*_FIGURES, "wall_s")}
+    known = {
+        name: [row[name] for row in rows if row[name] is not None] for name in (*_FIGURES, "wall_s")
+    }
     largest = {name: max(values) if values else None for name, values in known.items()}
     accepted = sum(row["accepted"] for row in rows)
     return {"version": version, "path": path, "runs": len(rows), "accepted": accepted, **largest}

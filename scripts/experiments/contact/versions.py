@@ -3,7 +3,8 @@
     ./uvw run scripts/experiments/contact/versions.py                             # both paths, seeds 0 to 4
     ./uvw run scripts/experiments/contact/versions.py --versions defaults "force law" --runs 1 --quick
 
-The tables list the largest figure of all seeds. Runs that were not accepted are listed with their reasons.
+The tables list the largest figure of all seeds. Runs that were not accepted are listed with their
+reasons.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip

@@ -12,8 +12,14 @@ from uuv.jobs import clean_barrel
 from uuv.runner import run
 from uuv.sim.interfaces.messages import AbortCode
 
-DIRECTIONS = ("along", "across", "up", "oblique")  # of the water's motion against the hull's heading at the scan
-_OF = {"along": (1.0, 0.0, 0.0), "across": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0), "oblique": (0.6, 0.64, 0.48)}
+# of the water's motion against the hull's heading at the scan
+DIRECTIONS = ("along", "across", "up", "oblique")
+_OF = {
+    "along": (1.0, 0.0, 0.0),
+    "across": (0.0, 1.0, 0.0),
+    "up": (0.0, 0.0, 1.0),
+    "oblique": (0.6, 0.64, 0.48),
+}
 BLAMED = str(AbortCode.THRUSTER)
 
 
@@ -57,7 +63,10 @@ def line(row: Row) -> str:
     """Line about a run that blames a thruster, or does damage; empty for others."""
     if row["kind"] != BLAMED and row["class"] != DAMAGED:
         return ""
-    return f"{_name(row)}, seed {row['seed']}, {row['path']}: {row['class']}, {row['kind']}: {row['detail']}"
+    return (
+        f"{_name(row)}, seed {row['seed']}, {row['path']}: {row['class']}, {row['kind']}: "
+        f"{row['detail']}"
+    )
 
 
 def _name(row: Row) -> str:
@@ -65,7 +74,8 @@ def _name(row: Row) -> str:
 
 
 def summarise(rows: list[Row]) -> Summary:
-    """Outcomes by wave: worked within the bounds, worked outside of them, broken off or refused, and for what.
+    """Outcomes by wave: worked within the bounds, worked outside of them, broken off or refused,
+    and for what.
 
     A sound thruster that is called lost fails the study.
     """
@@ -76,7 +86,13 @@ def summarise(rows: list[Row]) -> Summary:
             direction,
             f"{frequency:g}",
             *(
-                _cell([row for row in rows if (row["direction"], row["frequency"], row["amplitude"]) == key])
+                _cell(
+                    [
+                        row
+                        for row in rows
+                        if (row["direction"], row["frequency"], row["amplitude"]) == key
+                    ]
+                )
                 for key in ((direction, frequency, amplitude) for amplitude in amplitudes)
             ),
         )
@@ -85,7 +101,11 @@ def summarise(rows: list[Row]) -> Summary:
     ]
     kinds = sorted({(row["class"], row["kind"]) for row in rows})
     ends = [
-        (outcome, kind or "–", str(sum((row["class"], row["kind"]) == (outcome, kind) for row in rows)))
+        (
+            outcome,
+            kind or "–",
+            str(sum((row["class"], row["kind"]) == (outcome, kind) for row in rows)),
+        )
         for outcome, kind in kinds
     ]
     blamed = [line(row) for row in rows if row["kind"] == BLAMED]
@@ -103,7 +123,9 @@ def summarise(rows: list[Row]) -> Summary:
                 rows=told,
                 labels=2,
             ),
-            Table(title="How the runs ended", columns=("outcome", "for", "runs"), rows=ends, labels=2),
+            Table(
+                title="How the runs ended", columns=("outcome", "for", "runs"), rows=ends, labels=2
+            ),
         ],
         failed=blamed,
     )
@@ -112,7 +134,11 @@ def summarise(rows: list[Row]) -> Summary:
 def _cell(rows: list[Row]) -> str:
     """Cell of the map: kept of all, and the median figures of those that worked."""
     median = partial(np.median, axis=0)
-    worked = [(row["force_peak_n"], 1e3 * row["excursion_m"]) for row in rows if row["force_peak_n"] is not None]
+    worked = [
+        (row["force_peak_n"], 1e3 * row["excursion_m"])
+        for row in rows
+        if row["force_peak_n"] is not None
+    ]
     kept = f"{sum(row['class'] == KEPT for row in rows)}/{len(rows)}"
     if not worked:
         return kept

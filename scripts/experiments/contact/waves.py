@@ -1,7 +1,7 @@
 """Study: contact work on the barrel in regular waves, over frequency, direction and amplitude.
 
-Each cell of the map is worked within the bounds of the job, outside of them, broken off or refused. Exit code 1 if a
-thruster that is sound is called lost.
+Each cell of the map is worked within the bounds of the job, outside of them, broken off or refused.
+Exit code 1 if a thruster that is sound is called lost.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -36,8 +36,15 @@ class Options(StudyOptions):
 
     def __post_init__(self) -> None:
         at_least(self, runs=1)
-        if not (self.amplitudes and min(self.amplitudes) >= 0.0 and self.frequencies and min(self.frequencies) > 0.0):
-            raise ConfigurationError("--amplitudes must not be negative [m/s], --frequencies must be > 0 Hz")
+        if not (
+            self.amplitudes
+            and min(self.amplitudes) >= 0.0
+            and self.frequencies
+            and min(self.frequencies) > 0.0
+        ):
+            raise ConfigurationError(
+                "--amplitudes must not be negative [m/s], --frequencies must be > 0 Hz"
+            )
 
 
 def main() -> int:

@@ -60,7 +60,10 @@ def summarise(rows: list[Row]) -> Summary:
     return Summary(
         metrics={"episodes": len(rows), "expert_failed": len(failed)},
         tables=[_table_of(rows)],
-        lines=[f"not solved: {row['task']}, seed {row['seed']}: {row['ended'] or 'time over'}" for row in failed],
+        lines=[
+            f"not solved: {row['task']}, seed {row['seed']}: {row['ended'] or 'time over'}"
+            for row in failed
+        ],
     )
 
 
@@ -85,7 +88,15 @@ def _table_of(rows: Sequence[Row]) -> Table:
         )
     return Table(
         title="Policies on the tasks",
-        columns=("task", "policy", "episodes", "solved (95 %)", "mean return", "standard error", "spoiled"),
+        columns=(
+            "task",
+            "policy",
+            "episodes",
+            "solved (95 %)",
+            "mean return",
+            "standard error",
+            "spoiled",
+        ),
         rows=cells,
         labels=2,
     )

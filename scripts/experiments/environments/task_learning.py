@@ -3,10 +3,11 @@
     ./uvw run scripts/experiments/environments/task_learning.py --task water/hover --actions hull_wrench
     ./uvw run scripts/experiments/environments/task_learning.py --task water/reach
 
-The action is a matrix times what is observed: the goal and the velocities in the vehicle's own axes, in SI units. A
-generation draws matrices from a normal distribution, lets each act in the same episode, and moves the distribution
-towards the best quarter. At the end its mean and the policy of the start, which does nothing, act in the same fresh
-episodes. Writes learning.json and the curve, learning.png.
+The action is a matrix times what is observed: the goal and the velocities in the vehicle's own
+axes, in SI units. A generation draws matrices from a normal distribution, lets each act in the same
+episode, and moves the distribution towards the best quarter. At the end its mean and the policy of
+the start, which does nothing, act in the same fresh episodes. Writes learning.json and the curve,
+learning.png.
 """
 
 from uuv.start import new_folder, parse, run_scenario  # isort: skip
@@ -30,7 +31,8 @@ from uuv.sim.interfaces.spatial import Array, finite_number
 from uuv.sim.runs.saving import write_json
 
 FRESH = 20  # episodes of the comparison
-SEEN = ("vehicle/velocity", "vehicle/angular_velocity", "vehicle/arm/joint_velocity")  # beside the goals
+# beside the goals
+SEEN = ("vehicle/velocity", "vehicle/angular_velocity", "vehicle/arm/joint_velocity")
 BEST = 0.25  # share of a generation that the distribution moves towards
 SMOOTH = 0.7  # share of that move
 LEAST = 0.1  # share of its first standard deviation that a parameter keeps
@@ -84,7 +86,9 @@ def _made(setting: Setting) -> Any:
 
 def observed(observation: dict[str, Array]) -> Array:
     """Goal and velocities, in the vehicle's own axes."""
-    return np.concatenate([value for name, value in observation.items() if "goal" in name or name in SEEN])
+    return np.concatenate(
+        [value for name, value in observation.items() if "goal" in name or name in SEEN]
+    )
 
 
 def act(setting: Setting, parameters: Array, seed: int) -> float:
@@ -92,21 +96,33 @@ def act(setting: Setting, parameters: Array, seed: int) -> float:
     environment = setting.environment()
     environment.random_state.seed(seed)
     gain = parameters.reshape(environment.action_spec().shape[0], -1)
-    return run_episode(environment, lambda moment: np.clip(gain @ observed(moment.observation), -1.0, 1.0)).total
+    return run_episode(
+        environment, lambda moment: np.clip(gain @ observed(moment.observation), -1.0, 1.0)
+    ).total
 
 
 def main() -> int:
-    """Learns, and returns 0 if the learnt policy is better than that of the start by three standard errors."""
+    """Learns, and returns 0 if the learnt policy is better than that of the start by three standard
+    errors.
+    """
     options, console = parse(Options), Console()
     folder = new_folder("task_learning", options.out, options.seed)
-    setting, rng = Setting(options.task, options.actions, options.time_limit), np.random.default_rng(options.seed)
+    setting, rng = (
+        Setting(options.task, options.actions, options.time_limit),
+        np.random.default_rng(options.seed),
+    )
     environment, pool = setting.environment(), ProcessPoolExecutor(os.cpu_count())
     size = environment.action_spec().shape[0] * len(observed(environment.reset().observation))
 
     def totals(policies: Array, seeds: np.ndarray) -> Array:
         return np.array(list(pool.map(act, [setting] * len(policies), policies, seeds.tolist())))
 
-    mean, deviation, curve, begin = np.zeros(size), np.full(size, options.spread), [], time.perf_counter()
+    mean, deviation, curve, begin = (
+        np.zeros(size),
+        np.full(size, options.spread),
+        [],
+        time.perf_counter(),
+    )
     while (spent := time.perf_counter() - begin) < 60.0 * options.minutes:
         drawn = mean + deviation * rng.standard_normal((options.population, size))
         found = totals(drawn, np.full(options.population, rng.integers(2**31)))
@@ -116,14 +132,24 @@ def main() -> int:
         deviation = np.maximum(deviation, LEAST * options.spread)
         curve.append({"time_s": spent, "mean": float(found.mean()), "best": float(found.max())})
         if len(curve) % 5 == 0:
-            console.print(f"generation {len(curve):3d}, {spent:4.0f} s: mean return {found.mean():6.1f}")
+            console.print(
+                f"generation {len(curve):3d}, {spent:4.0f} s: mean return {found.mean():6.1f}"
+            )
     fresh = rng.integers(2**31, size=FRESH)
     before, after = totals(np.zeros((FRESH, size)), fresh), totals(np.tile(mean, (FRESH, 1)), fresh)
     error = float(np.hypot(before.std(ddof=1), after.std(ddof=1)) / np.sqrt(FRESH))
     gain = float(after.mean() - before.mean())
-    told = f"return {before.mean():.1f} before, {after.mean():.1f} after, {gain / error:.1f} standard errors more"
+    told = (
+        f"return {before.mean():.1f} before, {after.mean():.1f} after, {gain / error:.1f} "
+        "standard errors more"
+    )
     console.print(f"{options.task}, {FRESH} fresh episodes: {told}")
-    figures = {"before": before.tolist(), "after": after.tolist(), "standard_errors": gain / error, "curve": curve}
+    figures = {
+        "before": before.tolist(),
+        "after": after.tolist(),
+        "standard_errors": gain / error,
+        "curve": curve,
+    }
     learnt = {"task": options.task, "actions": options.actions, "parameters": mean.tolist()}
     write_json(folder / "learning.json", {**learnt, **figures})
     _draw(folder / "learning.png", curve, options.task)
@@ -137,7 +163,13 @@ def _draw(file: Path, curve: list[dict[str, float]], task: str) -> None:
     figure = Figure(figsize=(7.0, 3.5), layout="constrained")
     axes = figure.subplots()
     times = [each["time_s"] for each in curve]
-    axes.plot(times, [each["best"] for each in curve], linewidth=0.8, alpha=0.6, label="best of a generation")
+    axes.plot(
+        times,
+        [each["best"] for each in curve],
+        linewidth=0.8,
+        alpha=0.6,
+        label="best of a generation",
+    )
     axes.plot(times, [each["mean"] for each in curve], label="mean of a generation")
     axes.set(xlabel="time [s]", ylabel="return of an episode", title=task)
     axes.grid(alpha=0.3)

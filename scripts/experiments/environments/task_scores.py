@@ -2,7 +2,8 @@
 
     ./uvw run scripts/experiments/environments/task_scores.py --episodes 20
 
-Each episode has its own seed: current, gusts, start and goal. A task counts as solved by the bounds of the jobs.
+Each episode has its own seed: current, gusts, start and goal. A task counts as solved by the bounds
+of the jobs.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -49,7 +50,9 @@ def main() -> int:
         for k in range(options.episodes)
     ]
     study = Study(cases=cases, run_one=run, summarise=summarise)
-    return study.carry_out("task_scores", options, "Expert, random and no actions on the dm_control tasks")
+    return study.carry_out(
+        "task_scores", options, "Expert, random and no actions on the dm_control tasks"
+    )
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     ./uvw run scripts/experiments/environments/task_speed.py
 
-Beside them are dm_control's own manipulation tasks, in the same run. Only ratios within one run are comparable; the
-machine must be idle. An action of the suite lasts 20 ms in steps of 2 ms, one of dm_control's manipulation 40 ms.
-Writes task_speed.json and .md into --out.
+Beside them are dm_control's own manipulation tasks, in the same run. Only ratios within one run are
+comparable; the machine must be idle. An action of the suite lasts 20 ms in steps of 2 ms, one of
+dm_control's manipulation 40 ms. Writes task_speed.json and .md into --out.
 """
 
 from uuv.start import new_folder, parse, run_scenario  # isort: skip
@@ -83,8 +83,20 @@ def main() -> int:
     rows, figures = [], {}
     for name, (whole, physics) in best.items():
         steps = made[name].control_timestep() / made[name].physics.timestep()
-        figures[name] = {"actions_per_s": 1.0 / whole, "steps_per_s": steps / whole, "physics": physics / whole}
-        rows.append([name, f"{1.0 / whole:.0f}", f"{steps:.0f}", f"{steps / whole:.0f}", f"{physics / whole:.0%}"])
+        figures[name] = {
+            "actions_per_s": 1.0 / whole,
+            "steps_per_s": steps / whole,
+            "physics": physics / whole,
+        }
+        rows.append(
+            [
+                name,
+                f"{1.0 / whole:.0f}",
+                f"{steps:.0f}",
+                f"{steps / whole:.0f}",
+                f"{physics / whole:.0%}",
+            ]
+        )
     table = Table(
         title="Speed of the tasks on one core",
         columns=("task", "actions per s", "steps per action", "steps per s", "of it physics"),

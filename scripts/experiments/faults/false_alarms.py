@@ -1,4 +1,5 @@
-"""Study: faults that are named while nothing fails, in drawn seas on several vehicles; the gyro check off for pairs.
+"""Study: faults that are named while nothing fails, in drawn seas on several vehicles; the gyro
+check off for pairs.
 
 Exit code 1 if a gyro or an attitude is named.
 """
@@ -17,7 +18,9 @@ class Options(StudyOptions):
     runs: int = 200
     """Number of drawn runs."""
     pairs: int = 5
-    """So many of the first runs are repeated without the check, and each that names gyro or attitude."""
+    """So many of the first runs are repeated without the check, and each that names gyro or
+    attitude.
+    """
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -32,7 +35,9 @@ def main() -> int:
     from uuv.sim import hydrodynamics
 
     hydrodynamics.install()  # compiled once here, else by every worker
-    cases = [SoundCase(seed=options.seed, run=i, paired=i < options.pairs) for i in range(options.runs)]
+    cases = [
+        SoundCase(seed=options.seed, run=i, paired=i < options.pairs) for i in range(options.runs)
+    ]
     study = Study(cases=cases, run_one=sound_run, summarise=summarise, line=line)
     return study.carry_out("study_false_alarms", options, "Faults named while nothing fails")
 

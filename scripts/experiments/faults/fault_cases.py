@@ -1,7 +1,7 @@
 """Fault cases of a contact job, each of which goes on from one run where the faults begin.
 
-The run is not repeated: it is saved at the onsets, and goes on from there with one fault after the other. At work the
-faults begin at full push, in other phases shortly after their begin.
+The run is not repeated: it is saved at the onsets, and goes on from there with one fault after the
+other. At work the faults begin at full push, in other phases shortly after their begin.
 """
 
 from collections.abc import Callable, Mapping
@@ -81,7 +81,8 @@ FARTHER, NEARER = "found 8 cm too deep", "found 5 cm too high"
 AT_START = (FARTHER, NEARER)  # these begin before the scan
 
 
-UNLOAD, ASCENT = "unload", "ascent"  # RETREAT while the force is ramped down, and after an earlier fault
+# RETREAT while the force is ramped down, and after an earlier fault
+UNLOAD, ASCENT = "unload", "ascent"
 AT_WORK, RETREATING = str(WorkState.WORK), str(WorkState.RETREAT)
 PHASES = (
     *map(str, (WorkState.SCAN, WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS)),
@@ -96,18 +97,21 @@ class CaseDoneError(Exception):
 
 @dataclass(slots=True, eq=False)
 class Trace:
-    """Time series of a run from its fault on, at the loop's rate; times [s] are relative to the fault."""
+    """Time series of a run from its fault on, at the loop's rate; times [s] are relative to the
+    fault.
+    """
 
     case: str
     phase: str  # one of PHASES, in which the fault began
     began: float  # [s] onset, from the start of the run
     set_force: float  # [N] at the onset
     thruster_names: tuple[str, ...]
-    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from its pose at the onset [m], tilt [rad],
-    # collision, least and greatest contact of a substep [N], thrusts [N]
+    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from its pose at the onset [m],
+    # tilt [rad], collision, least and greatest contact of a substep [N], thrusts [N]
     rows: Array
     states: list[tuple[float, WorkState, str]]
-    found: list[tuple[float, str, str]]  # time, kind and part of each fault that FaultDetection found
+    # time, kind and part of each fault that FaultDetection found
+    found: list[tuple[float, str, str]]
     blew_up: str = ""
 
 
@@ -235,7 +239,9 @@ def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list
     names = [NOTHING, *thruster_cases(thruster_names), DOUBLED, *SENSORS, *AT_START]
     chosen = [name for name in names if not only or any(part in name for part in only)]
     if not chosen:
-        raise ConfigurationError(f"--only {' '.join(only)}: there is no such case; there are {', '.join(names)}")
+        raise ConfigurationError(
+            f"--only {' '.join(only)}: there is no such case; there are {', '.join(names)}"
+        )
     return chosen
 
 
@@ -265,11 +271,15 @@ class _Job:
         built = assemble(scenario)
         names = built.plant.vehicle.thruster_names
         chosen, force = chosen_cases(names, only), first_force(scenario)
-        onsets = {name: Onset(duration=SENSORS[name][2] if name in SENSORS else np.inf) for name in chosen}
+        onsets = {
+            name: Onset(duration=SENSORS[name][2] if name in SENSORS else np.inf) for name in chosen
+        }
         earlier = Onset(state=WorkState.WORK, force=_FULL * force, after=_HELD)
 
         how = thruster_cases(names)
-        lost = [faults.ThrusterFault(onset=onsets[name], **how[name]) for name in how if name in onsets]
+        lost = [
+            faults.ThrusterFault(onset=onsets[name], **how[name]) for name in how if name in onsets
+        ]
         if ascending:
             lost.append(faults.ThrusterFault(thruster=_EARLIER, onset=earlier))
         return cls(
@@ -329,7 +339,10 @@ def _with_faults(parts: Parts, onsets: Mapping[str, Onset]) -> Parts:
 
 
 def run_branched(
-    scenario: Scenario, only: tuple[str, ...], said: Callable[[Trace], None], phases: tuple[str, ...] = (AT_WORK,)
+    scenario: Scenario,
+    only: tuple[str, ...],
+    said: Callable[[Trace], None],
+    phases: tuple[str, ...] = (AT_WORK,),
 ) -> None:
     """Runs the job up to the onsets, and from there once for each case.
 

@@ -15,7 +15,19 @@ from uuv.sim.interfaces.messages import WorkState
 
 LATE = 2.0  # [s] after the work was left, from which on the tool must not touch the object
 _TOUCHING = 1.0  # [N] from which on it does
-_COLUMNS = ("fault", "in", "path", "found", "after s", "reaction", "peak N", "touch s", "hull mm", "tilt deg", "damage")
+_COLUMNS = (
+    "fault",
+    "in",
+    "path",
+    "found",
+    "after s",
+    "reaction",
+    "peak N",
+    "touch s",
+    "hull mm",
+    "tilt deg",
+    "damage",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +53,8 @@ class FaultFigures:
     reaction: str
     reaction_s: float | None
     peak_n: float  # largest true force from the fault on
-    touch_s: float | None  # last contact, from when the work was left; None: not left, or not touched since
+    # last contact, from when the work was left; None: not left, or not touched since
+    touch_s: float | None
     excursion_m: float
     tilt_deg: float
     lost_s: float  # without contact while at work
@@ -61,7 +74,9 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
     time, least = trace.rows[:, 0], trace.rows[:, 9]
     peak = float(trace.rows[:, 10].max())
     states = [state for _, state, _ in trace.states]
-    left = next((t for t, state, _ in trace.states if state in (WorkState.RETREAT, WorkState.ABORT)), None)
+    left = next(
+        (t for t, state, _ in trace.states if state in (WorkState.RETREAT, WorkState.ABORT)), None
+    )
     working = time < (left if left is not None else np.inf)
     step = float(time[1] - time[0])
     touched = time[~working & (trace.rows[:, 10] > _TOUCHING)] - (left or 0.0)
@@ -82,7 +97,9 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
         touch_s=float(touched.max()) if touched.size else None,
         excursion_m=float(hull.max()),
         tilt_deg=float(np.degrees(trace.rows[:, 7].max())),
-        lost_s=float(np.count_nonzero(least[working] < _TOUCHING) * step) if states[0] is WorkState.WORK else 0.0,
+        lost_s=float(np.count_nonzero(least[working] < _TOUCHING) * step)
+        if states[0] is WorkState.WORK
+        else 0.0,
         final=str(states[-1]),
         note=trace.blew_up or trace.states[-1][2],
         damage=bool(peak > DAMAGE * PUSH or trace.rows[:, 8].any() or trace.blew_up),
@@ -102,11 +119,15 @@ def run(case: BranchedCase, folder: Path, picture: str) -> Row:
 
     def keep(trace: Trace) -> None:
         found.append(figures(trace, case.path, case.seed))
-        name = f"{case.path}_{case.seed}_{trace.phase}_{trace.case}".replace(" ", "_").replace("/", "_")
+        name = f"{case.path}_{case.seed}_{trace.phase}_{trace.case}".replace(" ", "_").replace(
+            "/", "_"
+        )
         file = folder / f"{name}.npz"
         np.savez_compressed(file, rows=trace.rows)
         if picture in trace.case:
-            draw(trace, f"{trace.case}, {case.path} path, seed {case.seed}", file.with_suffix(".png"))
+            draw(
+                trace, f"{trace.case}, {case.path} path, seed {case.seed}", file.with_suffix(".png")
+            )
 
     on_the_way = tuple(phase for phase in case.phases if phase != ASCENT)
     for phases in (on_the_way, (ASCENT,) if ASCENT in case.phases else ()):
@@ -121,7 +142,9 @@ def lines(row: Row) -> str:
 
 
 def summarise(rows: list[Row]) -> Summary:
-    """Table of all cases; those with damage fail, and those that touch the object late after the work was left."""
+    """Table of all cases; those with damage fail, and those that touch the object late after the
+    work was left.
+    """
     found = [FaultFigures(**one) for row in rows for one in row["cases"]]
     cells = [
         (
@@ -141,9 +164,13 @@ def summarise(rows: list[Row]) -> Summary:
     ]
     return Summary(
         metrics={"cases": [asdict(one) for one in found]},
-        tables=[Table(title=f"Faults at a push of {PUSH:g} N", columns=_COLUMNS, rows=cells, labels=4)],
+        tables=[
+            Table(title=f"Faults at a push of {PUSH:g} N", columns=_COLUMNS, rows=cells, labels=4)
+        ],
         failed=[
-            f"{why}: {one.case} in {one.phase}, {one.path} path, seed {one.seed}" for one in found if (why := _bad(one))
+            f"{why}: {one.case} in {one.phase}, {one.path} path, seed {one.seed}"
+            for one in found
+            if (why := _bad(one))
         ],
     )
 
@@ -152,7 +179,11 @@ def _bad(one: FaultFigures) -> str:
     """Why the study fails by this case; empty: it does not."""
     if one.damage:
         return "damage"
-    return f"contact {one.touch_s:.1f} s after the work was left" if (one.touch_s or 0.0) > LATE else ""
+    return (
+        f"contact {one.touch_s:.1f} s after the work was left"
+        if (one.touch_s or 0.0) > LATE
+        else ""
+    )
 
 
 def _line(one: FaultFigures) -> str:

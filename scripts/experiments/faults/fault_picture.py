@@ -22,12 +22,20 @@ def draw(trace: Trace, title: str, file: Path) -> None:
         file: PNG file.
     """
     figure = Figure(figsize=(10.0, 8.0), layout="constrained")
-    force, hull, tilt, thrusters = panels = figure.subplots(4, sharex=True, height_ratios=(3, 3, 2, 3))
+    force, hull, tilt, thrusters = panels = figure.subplots(
+        4, sharex=True, height_ratios=(3, 3, 2, 3)
+    )
     rows = trace.rows
     time = rows[:, 0]
     pressing = rows[:, 3] > 0.0
     force.plot(time, rows[:, 3], color=FAINT, drawstyle="steps-post", label="set")
-    force.plot(time, np.where(pressing, rows[:, 2], np.nan), color=ORANGE, linewidth=0.8, label="felt, pressing")
+    force.plot(
+        time,
+        np.where(pressing, rows[:, 2], np.nan),
+        color=ORANGE,
+        linewidth=0.8,
+        label="felt, pressing",
+    )
     force.plot(time, rows[:, 1], color=BLUE, label="true")
     force.set_ylabel("force on the object [N]")
     for i, axis in enumerate("xyz"):
@@ -45,9 +53,14 @@ def draw(trace: Trace, title: str, file: Path) -> None:
         for when, _, _ in trace.found:
             axes.axvline(when, color=VERMILION, linewidth=0.8)
     _states(trace, panels)
-    found = "; ".join(f"{kind} {part} found after {when:.2f} s".replace("  ", " ") for when, kind, part in trace.found)
+    found = "; ".join(
+        f"{kind} {part} found after {when:.2f} s".replace("  ", " ")
+        for when, kind, part in trace.found
+    )
     figure.suptitle(title)
-    force.set_title(found or "no fault found", color=VERMILION if found else INK, fontsize=9, loc="left")
+    force.set_title(
+        found or "no fault found", color=VERMILION if found else INK, fontsize=9, loc="left"
+    )
     figure.savefig(file, dpi=120)
 
 

@@ -1,8 +1,10 @@
-"""Study: behaviour of contact work under sensor and thruster faults, for every fault on both paths of the barrel.
+"""Study: behaviour of contact work under sensor and thruster faults, for every fault on both paths
+of the barrel.
 
-Each run presses with 90 N when the fault begins, or it begins in another phase (--phases). A case does damage if the
-true force on the object exceeds 1.5 times the set force, during the retreat too, or anything but the tool touches the
-object. A case fails too if the tool touches the object later than 2 s after the work was left.
+Each run presses with 90 N when the fault begins, or it begins in another phase (--phases). A case
+does damage if the true force on the object exceeds 1.5 times the set force, during the retreat too,
+or anything but the tool touches the object. A case fails too if the tool touches the object later
+than 2 s after the work was left.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -33,8 +35,10 @@ class Options(StudyOptions):
     only: tuple[str, ...] = ()
     """Run only cases whose names contain one of these words."""
     phases: tuple[PhaseName, ...] = ("work",)
-    """Phases in which the faults begin: at work at full push, else shortly after the phase has begun; unload: while
-    the force is ramped down; ascent: off the object after the loss of a heave thruster at work."""
+    """Phases in which the faults begin: at work at full push, else shortly after the phase has
+    begun; unload: while the force is ramped down; ascent: off the object after the loss of a heave
+    thruster at work.
+    """
     picture: str = "dead"
     """Draw cases whose names contain this."""
 

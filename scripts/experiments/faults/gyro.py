@@ -30,7 +30,9 @@ def main() -> int:
     from uuv.experiment import Study
 
     seeds = range(options.seed, options.seed + options.runs)
-    study = Study(cases=cases(options.paths, seeds, options.sizes), run_one=step_of, summarise=summarise)
+    study = Study(
+        cases=cases(options.paths, seeds, options.sizes), run_one=step_of, summarise=summarise
+    )
     return study.carry_out("study_gyro", options, "A gyro whose bias jumps at work")
 
 

@@ -1,4 +1,6 @@
-"""Steps of a gyro's bias while a barrel is cleaned: when each is found, as what, and what tool and force do."""
+"""Steps of a gyro's bias while a barrel is cleaned: when each is found, as what, and what tool and
+force do.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,7 +21,15 @@ from uuv.sim.loop.rollout import Moment
 AXES = "xyz"
 ONSET = 3.0  # [s] into the work
 AFTER = 4.0  # [s] simulated from the onset on
-COLUMNS = ("step [rad/s]", "cases", "named", "within [s]", "force, largest [N]", "path, largest [mm]", "left")
+COLUMNS = (
+    "step [rad/s]",
+    "cases",
+    "named",
+    "within [s]",
+    "force, largest [N]",
+    "path, largest [mm]",
+    "left",
+)
 
 Path = Literal["longitudinal", "transverse"]
 
@@ -69,10 +79,14 @@ class FirstFault:
 
 
 def step_of(case: GyroStep) -> dict[str, Any]:
-    """Row of a case: the first fault, and the largest force and path deviation from the onset on."""
+    """Row of a case: the first fault, and the largest force and path deviation from the onset
+    on.
+    """
     start, first = _at_work(case.path, case.seed), FirstFault()
     onset = start.time + ONSET
-    failure = SensorFailure(sensor="imu", effect="offset", field="w_WB_B", index=case.axis, value=case.size, at=onset)
+    failure = SensorFailure(
+        sensor="imu", effect="offset", field="w_WB_B", index=case.axis, value=case.size, at=onset
+    )
     done = run(start.with_failures(failure), observers=[first], longest=onset + AFTER)
 
     recording = done.recording
@@ -97,11 +111,23 @@ def summarise(rows: list[Row]) -> Summary:
     table = []
     for size in dict.fromkeys(abs(row["size_rad_s"]) for row in rows):
         mine = [row for row in rows if abs(row["size_rad_s"]) == size]
-        named = [row for row in mine if row["kind"] == FaultKind.GYRO.value and row["part"] == row["axis"]]
+        named = [
+            row
+            for row in mine
+            if row["kind"] == FaultKind.GYRO.value and row["part"] == row["axis"]
+        ]
         found = max((row["found_s"] for row in named), default=np.nan)
         force, path = (max(row[name] for row in mine) for name in ("force_max_n", "path_max_m"))
         left = sum(bool(row["left"]) for row in mine)
-        figures = (f"{size:g}", len(mine), len(named), f"{found:.2f}", f"{force:.0f}", f"{1e3 * path:.1f}", left)
+        figures = (
+            f"{size:g}",
+            len(mine),
+            len(named),
+            f"{found:.2f}",
+            f"{force:.0f}",
+            f"{1e3 * path:.1f}",
+            left,
+        )
         table.append([*map(str, figures)])
     return Summary(
         metrics={"sizes": [dict(zip(COLUMNS, row, strict=True)) for row in table]},

@@ -1,9 +1,11 @@
-"""Quick jobs of several vehicles in drawn seas, nothing failing: which faults are named, and what the gyro check does.
+"""Quick jobs of several vehicles in drawn seas, nothing failing: which faults are named, and what
+the gyro check does.
 
 Where a survey can, it tells the pose of the object, which halves the time of a run.
 
-A case is run once more without the check of the gyro where the check has named a fault, and where it is one of the
-`paired` cases. In all others the check has changed nothing as long as the paired ones agree to the bit.
+A case is run once more without the check of the gyro where the check has named a fault, and where
+it is one of the `paired` cases. In all others the check has changed nothing as long as the paired
+ones agree to the bit.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,9 +32,19 @@ CHECKED = frozenset({FaultKind.GYRO.value, FaultKind.ATTITUDE.value})
 REFUSED, DONE, LATE = "refused", "done", "not done in time"
 TOUCHED = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 BEFORE, AFTER = "before the contact", "in contact or later"
-COLUMNS = ("vehicle", "jobs", "done", f"left {BEFORE}", f"left {AFTER}", REFUSED, "gyro or attitude", "other faults")
+COLUMNS = (
+    "vehicle",
+    "jobs",
+    "done",
+    f"left {BEFORE}",
+    f"left {AFTER}",
+    REFUSED,
+    "gyro or attitude",
+    "other faults",
+)
 
-SEARCHING = frozenset({"insertion", "seabed-core"})  # jobs that a survey cannot tell the pose of their object
+# jobs that a survey cannot tell the pose of their object
+SEARCHING = frozenset({"insertion", "seabed-core"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +57,19 @@ class Worker:
 
 
 WORKERS = (
-    Worker(name="uuv_puma", jobs=("barrel-longitudinal", "barrel-transverse", "tap", "insertion", "seabed-core")),
+    Worker(
+        name="uuv_puma",
+        jobs=("barrel-longitudinal", "barrel-transverse", "tap", "insertion", "seabed-core"),
+    ),
     Worker(name="uuv_puma_side", jobs=("pile",)),
-    Worker(name="uuv_puma_two_sway", jobs=("barrel-longitudinal", "barrel-transverse", "tap", "insertion")),
-    Worker(name="rexrov2_arm7", jobs=("barrel-longitudinal", "barrel-transverse", "pile", "tap", "insertion")),
+    Worker(
+        name="uuv_puma_two_sway",
+        jobs=("barrel-longitudinal", "barrel-transverse", "tap", "insertion"),
+    ),
+    Worker(
+        name="rexrov2_arm7",
+        jobs=("barrel-longitudinal", "barrel-transverse", "pile", "tap", "insertion"),
+    ),
     Worker(
         name="bluerov2_heavy_alpha5",
         jobs=("barrel-longitudinal", "tap"),
@@ -82,7 +103,11 @@ def draw(case: SoundCase) -> tuple[str, str, Scenario]:
     }
     if job not in SEARCHING:
         options["sensor"] = SURVEY
-    return worker.name, job, ARM_JOBS[job](vehicle=worker.name, quick=True, **options, **worker.options)
+    return (
+        worker.name,
+        job,
+        ARM_JOBS[job](vehicle=worker.name, quick=True, **options, **worker.options),
+    )
 
 
 def _directed(rng: np.random.Generator, size: float) -> tuple[float, float, float]:
@@ -108,19 +133,29 @@ def sound_run(case: SoundCase) -> dict[str, Any]:
         "paired": case.paired or bool(CHECKED & {name.split()[0] for name in checked["faults"]}),
     }
     if row["paired"]:
-        unchecked = outcome(replace(scenario, control=replace(scenario.control, without=("gyro-check",))))
+        unchecked = outcome(
+            replace(scenario, control=replace(scenario.control, without=("gyro-check",)))
+        )
         row |= {f"unchecked_{name}": value for name, value in unchecked.items()}
     return row
 
 
 def outcome(scenario: Scenario) -> dict[str, Any]:
-    """How a run ended, when in its work, the faults that were named, and the digest of its trajectory."""
+    """How a run ended, when in its work, the faults that were named, and the digest of its
+    trajectory.
+    """
     try:
         done = run(assemble(scenario))
     except UuvError as error:
         return {"ended": REFUSED, "why": str(error), "touched": False, "faults": [], "digest": ""}
     recording, final = done.recording, done.recording.final
-    ended = DONE if final.state is WorkState.DONE else LATE if final.abort is None else final.abort.value
+    ended = (
+        DONE
+        if final.state is WorkState.DONE
+        else LATE
+        if final.abort is None
+        else final.abort.value
+    )
     return {
         "ended": ended,
         "why": final.note,
@@ -134,11 +169,16 @@ def line(row: Row) -> str:
     """Line about a run that named a fault."""
     if not row["faults"]:
         return ""
-    return f"run {row['run']}, {row['vehicle']}, {row['job']}: {', '.join(row['faults'])}; {row['ended']}: {row['why']}"
+    return (
+        f"run {row['run']}, {row['vehicle']}, {row['job']}: {', '.join(row['faults'])}; "
+        f"{row['ended']}: {row['why']}"
+    )
 
 
 def summarise(rows: list[Row]) -> Summary:
-    """How the runs of each vehicle ended and what was named; a gyro or an attitude that is named fails the study."""
+    """How the runs of each vehicle ended and what was named; a gyro or an attitude that is named
+    fails the study.
+    """
     vehicles = dict.fromkeys(row["vehicle"] for row in rows)
     table = [_cells(name, [row for row in rows if row["vehicle"] == name]) for name in vehicles]
     paired = [row for row in rows if row["paired"]]
@@ -146,16 +186,31 @@ def summarise(rows: list[Row]) -> Summary:
 
     named = [line(row) for row in rows if _names_one(row, checked=True)]
     left, unchecked = _left(paired), _left(paired, "unchecked_")
-    pairs = f"{len(paired)} runs without the check: {same} the same to the bit; left {unchecked}, with it {left}"
+    pairs = (
+        f"{len(paired)} runs without the check: {same} the same to the bit; left {unchecked}, "
+        f"with it {left}"
+    )
     return Summary(
         metrics={
             "runs": len(rows),
             "named": len(named),
             "other_faults": sum(_names_one(row, checked=False) for row in rows),
             "left": _left(rows),
-            "paired": {"runs": len(paired), "same": same, "left": left, "left_without_check": unchecked},
+            "paired": {
+                "runs": len(paired),
+                "same": same,
+                "left": left,
+                "left_without_check": unchecked,
+            },
         },
-        tables=[Table(title="Nothing failed", columns=COLUMNS, rows=[*table, _cells("all", rows)], labels=1)],
+        tables=[
+            Table(
+                title="Nothing failed",
+                columns=COLUMNS,
+                rows=[*table, _cells("all", rows)],
+                labels=1,
+            )
+        ],
         lines=[pairs],
         failed=named,
     )

@@ -1,4 +1,6 @@
-"""Rotation of a barrel about its axis, resolved by a bung in its shell: one random scene, and the summary of many."""
+"""Rotation of a barrel about its axis, resolved by a bung in its shell: one random scene, and the
+summary of many.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,7 +39,9 @@ def run(task: BungCase) -> dict[str, Any]:
     place = int(np.random.default_rng([task.seed, 23]).integers(PLACES))
     surface = surface_of(place)
     scene = object_scene(surface.target, task.seed, task.sensor)
-    found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    found = identify(
+        scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model
+    )
     position, axis = scene.error(found.X_sensor_target)
     cosine = 0.5 * (np.trace(found.X_sensor_target[:3, :3].T @ scene.X_CT[:3, :3]) - 1.0)
     return {
@@ -54,7 +58,8 @@ def run(task: BungCase) -> dict[str, Any]:
 
 
 def bung_in_view(scene: ObjectScene, surface: ModelSurface, place: int) -> str:
-    """Visibility of the bung at the true pose, as far as the barrel itself hides it: "seen", "in part" or "hidden".
+    """Visibility of the bung at the true pose, as far as the barrel itself hides it: "seen", "in
+    part" or "hidden".
 
     Args:
         scene: The scene.
@@ -63,7 +68,9 @@ def bung_in_view(scene: ObjectScene, surface: ModelSurface, place: int) -> str:
     """
     radius, height, x = BUNG
     points = (surface.points - [x, 0.0, 0.0]) @ exp_so3([2.0 * np.pi * place / PLACES, 0.0, 0.0])
-    on_it = (np.hypot(points[:, 0], points[:, 1]) < 1.01 * radius) & (points[:, 2] > 0.5 * BARREL_DIAMETER)
+    on_it = (np.hypot(points[:, 0], points[:, 1]) < 1.01 * radius) & (
+        points[:, 2] > 0.5 * BARREL_DIAMETER
+    )
     middle = on_it & (np.hypot(points[:, 0], points[:, 1]) < 0.3 * radius)
     middle &= points[:, 2] > 0.5 * BARREL_DIAMETER + 0.9 * height
     visible = surface.visible(scene.X_CT, scene.scan, scene.sensor.model.max_incidence)
@@ -77,7 +84,11 @@ def summarise(rows: list[Row]) -> Summary:
     rows.sort(key=lambda row: (row["sensor"], row["bung"], row["seed"]))
     wrong = [row for row in rows if row["told"] and row["turn_deg"] > WRONG]
     return Summary(
-        metrics={"scenes": len(rows), "told": sum(row["told"] for row in rows), "told_wrong": len(wrong)},
+        metrics={
+            "scenes": len(rows),
+            "told": sum(row["told"] for row in rows),
+            "told_wrong": len(wrong),
+        },
         tables=[table_of(rows)],
         lines=[f"told wrong: {row}" for row in wrong],
     )

@@ -1,4 +1,6 @@
-"""Models given as point clouds, over random scenes: how far the pose lies from that of the mesh on the same scan."""
+"""Models given as point clouds, over random scenes: how far the pose lies from that of the mesh on
+the same scan.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -28,7 +30,9 @@ class CloudCase:
 
 
 def sampled_cloud(target: TargetModel, count: int, seed: int = 0) -> tuple[Array, Array]:
-    """Points (n, 3) [m] drawn evenly from the mesh of `target`, and its outward normals (n, 3) there."""
+    """Points (n, 3) [m] drawn evenly from the mesh of `target`, and its outward normals (n, 3)
+    there.
+    """
     mesh = trimesh.Trimesh(target.vertices, target.triangles, process=False)
     points, faces = trimesh.sample.sample_surface(mesh, count, seed=seed)[:2]
     return np.asarray(points), np.asarray(mesh.face_normals)[faces]
@@ -45,7 +49,14 @@ def run(task: CloudCase) -> dict[str, Any]:
     """Row of one scene: the pose by the mesh, and by each cloud."""
     start = task.start
     start_error = (start.error[0], float(np.deg2rad(start.error[1])))
-    scene = object_scene(task.name, task.seed, task.sensor, ranges=start.ranges, start_error=start_error, gap=start.gap)
+    scene = object_scene(
+        task.name,
+        task.seed,
+        task.sensor,
+        ranges=start.ranges,
+        start_error=start_error,
+        gap=start.gap,
+    )
 
     def found_by(surface: ModelSurface) -> Identification:
         return identify(
@@ -62,7 +73,12 @@ def run(task: CloudCase) -> dict[str, Any]:
         for with_normals in (True, False):
             found = found_by(cloud_surface(task.name, count, with_normals))
             off, angle = _between(scene, found.X_sensor_target, by_mesh.X_sensor_target)
-            said = {"off_m": off, "angle_deg": angle, "accepted": bool(found.accepted), "reason": found.reason}
+            said = {
+                "off_m": off,
+                "angle_deg": angle,
+                "accepted": bool(found.accepted),
+                "reason": found.reason,
+            }
             clouds.append({"points": count, "normals": with_normals, **said})
     return {
         "object": task.name,
@@ -75,7 +91,9 @@ def run(task: CloudCase) -> dict[str, Any]:
 
 
 def _between(scene: ObjectScene, A: Array, B: Array) -> tuple[float, float]:
-    """Distance [m] of the object's centres at two poses (4, 4), and angle [deg] modulo the declared symmetry."""
+    """Distance [m] of the object's centres at two poses (4, 4), and angle [deg] modulo the declared
+    symmetry.
+    """
     symmetry, center = scene.target.symmetry, scene.target.center
     A = symmetry.nearest_pose(A, B[:3, :3])
     off = float(np.linalg.norm(transform_points(A, center) - transform_points(B, center)))
@@ -85,7 +103,8 @@ def _between(scene: ObjectScene, A: Array, B: Array) -> tuple[float, float]:
 def line(row: Row) -> str:
     """Line about a scene in which a cloud gave another pose than the mesh; empty for others."""
     far = [
-        f"{each['points']} points {'with' if each['normals'] else 'without'} normals {1e3 * each['off_m']:.1f} mm"
+        f"{each['points']} points {'with' if each['normals'] else 'without'} normals "
+        f"{1e3 * each['off_m']:.1f} mm"
         for each in row["clouds"]
         if each["off_m"] > 1e-3
     ]
@@ -112,7 +131,8 @@ def summarise(rows: list[Row], title: str) -> Summary:
                 "within_1_mm_percent": 100.0 * float(np.mean(off < 1.0)),
                 "median_deg": float(np.median([each["angle_deg"] for each in clouds])),
                 "accepted_percent": 100.0 * float(np.mean([each["accepted"] for each in clouds])),
-                "mesh_accepted_percent": 100.0 * float(np.mean([row["mesh_accepted"] for row in of_object])),
+                "mesh_accepted_percent": 100.0
+                * float(np.mean([row["mesh_accepted"] for row in of_object])),
             }
     columns = (
         "object, points, normals",
@@ -133,4 +153,8 @@ def summarise(rows: list[Row], title: str) -> Summary:
         )
         for name, f in figures.items()
     ]
-    return Summary(metrics={"figures": figures}, tables=[Table(title=title, columns=columns, rows=table)], pictures=[])
+    return Summary(
+        metrics={"figures": figures},
+        tables=[Table(title=title, columns=columns, rows=table)],
+        pictures=[],
+    )

@@ -37,10 +37,14 @@ def surface_of(name: str) -> ModelSurface:
 
 
 def run(task: DecisionCase) -> Row:
-    """The decisions of one scene: on the identified pose first, then on the poses that are forced wrong."""
+    """The decisions of one scene: on the identified pose first, then on the poses that are forced
+    wrong.
+    """
     drawn, surface = draw(task.name, task.kind, task.seed, task.sensor), surface_of(task.name)
     scene = drawn.scene
-    found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    found = identify(
+        scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model
+    )
     position, angle = scene.error(found.X_sensor_target)
     there = task.kind not in ("other", "absent")
     rows = [
@@ -61,7 +65,9 @@ def run(task: DecisionCase) -> Row:
         }
     ]
     if KINDS[task.kind] and found.evidence is not None:
-        for name, X in wrong_poses(scene.X_CT, surface.target, np.random.default_rng([task.seed, 19])).items():
+        for name, X in wrong_poses(
+            scene.X_CT, surface.target, np.random.default_rng([task.seed, 19])
+        ).items():
             verdict = check(found.evidence, surface, X)
             q_m = published_criterion(found.evidence, surface, X).q_m
             wrong = {"kind": name, "decision": str(verdict.decision), "right": False, "q_m": q_m}
@@ -71,7 +77,9 @@ def run(task: DecisionCase) -> Row:
 
 def summarise(scenes: list[Row]) -> Summary:
     """Rates, counts by kind of scene, and the false accepts."""
-    rows = sorted((row for scene in scenes for row in scene["decisions"]), key=lambda row: row["seed"])
+    rows = sorted(
+        (row for scene in scenes for row in scene["decisions"]), key=lambda row: row["seed"]
+    )
     table, found = counts_of(rows), rates(rows)
     false = [row for row in rows if row["decision"] == Decision.ACCEPT and not row["right"]]
     return Summary(
@@ -85,7 +93,10 @@ def summarise(scenes: list[Row]) -> Summary:
         ],
         lines=[
             ", ".join(f"{name} {value:.3g} %" for name, value in found.items()),
-            *(f"false accept: { {k: row[k] for k in ('object', 'kind', 'sensor', 'seed')} }" for row in false),
+            *(
+                f"false accept: { {k: row[k] for k in ('object', 'kind', 'sensor', 'seed')} }"
+                for row in false
+            ),
         ],
         pictures=_pictures(table),
     )
@@ -106,21 +117,30 @@ def counts_of(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
             "scenes": len(of),
             "found": len(right),
             **{f"found, {d}": sum(row["decision"] == d for row in right) for d in Decision},
-            **{f"wrong, {d}": sum(row["decision"] == d and not row["right"] for row in of) for d in Decision},
+            **{
+                f"wrong, {d}": sum(row["decision"] == d and not row["right"] for row in of)
+                for d in Decision
+            },
         }
     return table
 
 
 def rates(rows: Sequence[Row]) -> dict[str, float]:
-    """Rates [%]: false accepts over all decisions and over wrong poses, false refusals and rescans over found poses."""
+    """Rates [%]: false accepts over all decisions and over wrong poses, false refusals and rescans
+    over found poses.
+    """
     right = [row for row in rows if row["right"] and KINDS.get(row["kind"], False)]
     accepts = sum(row["decision"] == Decision.ACCEPT and not row["right"] for row in rows)
     wrong = sum(not row["right"] for row in rows)
     return {
         "false accepts of all": 100.0 * accepts / len(rows),
         "false accepts of wrong poses": 100.0 * accepts / max(1, wrong),
-        "false refusals": 100.0 * sum(row["decision"] == Decision.REFUSE for row in right) / max(1, len(right)),
-        "found, rescan asked": 100.0 * sum(row["decision"] == Decision.RESCAN for row in right) / max(1, len(right)),
+        "false refusals": 100.0
+        * sum(row["decision"] == Decision.REFUSE for row in right)
+        / max(1, len(right)),
+        "found, rescan asked": 100.0
+        * sum(row["decision"] == Decision.RESCAN for row in right)
+        / max(1, len(right)),
     }
 
 

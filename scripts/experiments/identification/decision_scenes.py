@@ -1,6 +1,8 @@
-"""Test scenes for PoseCheck: the object clean, partly hidden or fouled; another object, none, or too little of it.
+"""Test scenes for PoseCheck: the object clean, partly hidden or fouled; another object, none, or
+too little of it.
 
-Built on the random scenes of `uuv.clouds.object_scenes`; occluders are added as parts of the object's stand.
+Built on the random scenes of `uuv.clouds.object_scenes`; occluders are added as parts of the
+object's stand.
 """
 
 from collections.abc import Mapping
@@ -20,7 +22,8 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_
 KINDS: Mapping[str, bool] = {  # name: the object is there, and enough of it is visible
     "clean": True,
     "hidden": True,  # 20 to 50 % of its visible part is hidden
-    "fouled": True,  # 30 % of the surface, 10 to 40 mm thick, or at most a tenth of the object's radius
+    # 30 % of the surface, 10 to 40 mm thick, or at most a tenth of the object's radius
+    "fouled": True,
     "hidden_most": False,  # 70 to 90 %
     "other": False,  # another object, or the same in another size
     "absent": False,
@@ -50,7 +53,9 @@ def object_of(name: str) -> TargetModel:
 
 
 def uneven_starfish() -> TargetModel:
-    """Starfish whose five arms differ in length by up to 16 %: a turn by 72 deg is nearly a symmetry."""
+    """Starfish whose five arms differ in length by up to 16 %: a turn by 72 deg is nearly a
+    symmetry.
+    """
     sides, rings, height = 200, 12, 0.035
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     radius = np.full(sides, 0.055)
@@ -81,7 +86,9 @@ def uneven_starfish() -> TargetModel:
     return TargetModel(name=UNEVEN, vertices=vertices, triangles=np.vstack(faces))
 
 
-def draw(name: str, kind: str, seed: int, sensor: str, X_CN: Array | None = None, look: int = 0) -> DecisionScene:
+def draw(
+    name: str, kind: str, seed: int, sensor: str, X_CN: Array | None = None, look: int = 0
+) -> DecisionScene:
     """The scene of `seed`.
 
     Args:
@@ -89,7 +96,8 @@ def draw(name: str, kind: str, seed: int, sensor: str, X_CN: Array | None = None
         kind: Kind of scene in KINDS.
         seed: Draws the scene and what is changed in it.
         sensor: Name in `uuv.clouds.object_scenes.SENSORS`.
-        X_CN: (4, 4) pose from which it is seen instead, as in `object_scene`; None: the seed's view.
+        X_CN: (4, 4) pose from which it is seen instead, as in `object_scene`; None: the seed's
+            view.
         look: Number of the look, which draws its noise.
 
     Raises:
@@ -100,15 +108,20 @@ def draw(name: str, kind: str, seed: int, sensor: str, X_CN: Array | None = None
         raise ConfigurationError(f"no kind of scene {kind!r}; there are {sorted(KINDS)}")
     target, rng = object_of(name), np.random.default_rng([seed, 17])
     if kind == "absent":
-        return DecisionScene(scene=object_scene(target, seed, sensor, absent=True, **other), hidden=0.0)
+        return DecisionScene(
+            scene=object_scene(target, seed, sensor, absent=True, **other), hidden=0.0
+        )
     if kind == "other":
         return DecisionScene(
-            scene=object_scene(target, seed, sensor, there=other_than(target, rng), **other), hidden=0.0
+            scene=object_scene(target, seed, sensor, there=other_than(target, rng), **other),
+            hidden=0.0,
         )
     if kind == "fouled":
         thick = min(0.04, 0.1 * target.radius)
         return DecisionScene(
-            scene=object_scene(target, seed, sensor, there=fouled(target, rng, (0.25 * thick, thick)), **other),
+            scene=object_scene(
+                target, seed, sensor, there=fouled(target, rng, (0.25 * thick, thick)), **other
+            ),
             hidden=0.0,
         )
     plain = object_scene(target, seed, sensor)
@@ -117,7 +130,9 @@ def draw(name: str, kind: str, seed: int, sensor: str, X_CN: Array | None = None
     share = rng.uniform(0.2, 0.45) if kind == "hidden" else rng.uniform(0.72, 0.85)
     solids, hidden = occluders(target, plain.X_CT, share, rng)
     shown = replace(target, stand=(*target.stand, *solids))
-    return DecisionScene(scene=object_scene(target, seed, sensor, there=shown, **other), hidden=hidden)
+    return DecisionScene(
+        scene=object_scene(target, seed, sensor, there=shown, **other), hidden=hidden
+    )
 
 
 def other_than(target: TargetModel, rng: np.random.Generator) -> TargetModel:
@@ -178,7 +193,9 @@ def occluders(
         Spheres in T; share that they hide.
     """
     X_TC = inverse(X_CT)
-    x, y = np.meshgrid((np.arange(0, 640, _RAYS) - 319.5) / 554.0, (np.arange(0, 480, _RAYS) - 239.5) / 554.0)
+    x, y = np.meshgrid(
+        (np.arange(0, 640, _RAYS) - 319.5) / 554.0, (np.arange(0, 480, _RAYS) - 239.5) / 554.0
+    )
     rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
     scene = RayScene(target.vertices, target.triangles)
     t = scene.cast(X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
@@ -201,7 +218,8 @@ def occluders(
 
 
 def wrong_poses(X_CT: Array, target: TargetModel, rng: np.random.Generator) -> dict[str, Array]:
-    """Wrong poses by name: off by 3 cm, by 10 deg, and for the uneven starfish by a multiple of 72 deg.
+    """Wrong poses by name: off by 3 cm, by 10 deg, and for the uneven starfish by a multiple of 72
+    deg.
 
     The 10 deg are about an axis perpendicular to the object's axis of symmetry, if it has one.
 
@@ -219,7 +237,9 @@ def wrong_poses(X_CT: Array, target: TargetModel, rng: np.random.Generator) -> d
         axis -= (axis @ target.symmetry.axis) * target.symmetry.axis
     poses["10 deg"] = X_CT @ _turn(target, np.deg2rad(10.0) * axis / np.linalg.norm(axis))
     if target.name == UNEVEN:
-        poses["72 deg"] = X_CT @ _turn(target, np.array([0.0, 0.0, 0.4 * np.pi * rng.integers(1, 5)]))
+        poses["72 deg"] = X_CT @ _turn(
+            target, np.array([0.0, 0.0, 0.4 * np.pi * rng.integers(1, 5)])
+        )
     return poses
 
 

@@ -1,9 +1,11 @@
-"""Study: errors, decisions and computing time of identification over random scenes of each object and sensor.
+"""Study: errors, decisions and computing time of identification over random scenes of each object
+and sensor.
 
-A pose counts as found if its centre is within 1 % of the range and its attitude within 5 deg, modulo the object's
-declared symmetry. Errors are over all scenes, found or not, accepted or not. Times are processor times of all threads.
-With --recognise the object is not told: which of --objects it is must be found too. With --points the model is given
-as point clouds too, drawn from its mesh.
+A pose counts as found if its centre is within 1 % of the range and its attitude within 5 deg,
+modulo the object's declared symmetry. Errors are over all scenes, found or not, accepted or not.
+Times are processor times of all threads. With --recognise the object is not told: which of
+--objects it is must be found too. With --points the model is given as point clouds too, drawn from
+its mesh.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -30,7 +32,9 @@ class Options(StudyOptions):
     runs: int = 50
     """Number of scenes of each object and sensor; their seeds are --seed and those that follow."""
     start: Literal["coarse", "place", "any"] = "coarse"
-    """Prior knowledge: position and attitude within --start-error (coarse), position only (place), or none (any)."""
+    """Prior knowledge: position and attitude within --start-error (coarse), position only (place),
+    or none (any).
+    """
     start_error: tuple[float, float] = (0.3, 45.0)
     """Largest error of the coarse start [m], [deg]."""
     ranges: tuple[float, float] = (1.0, 2.0)
@@ -40,9 +44,14 @@ class Options(StudyOptions):
     recognise: bool = False
     """Find out which of --objects is in the scene."""
     points: tuple[int, ...] = ()
-    """Give the model as clouds of so many points, with and without normals, and compare the pose with its mesh's."""
+    """Give the model as clouds of so many points, with and without normals, and compare the pose
+    with its mesh's.
+    """
     workers: int = 1
-    """Number of processes; 0: one for each core, 1: this one. Computing times are comparable with 1 only."""
+    """Number of processes; 0: one for each core, 1: this one.
+
+    Computing times are comparable with 1 only.
+    """
 
 
 def main() -> int:
@@ -58,7 +67,10 @@ def main() -> int:
         for k in range(options.runs)
     ]
     if options.recognise:
-        asked = [recognition.RecognitionCase(c.name, options.objects, c.sensor, c.seed, c.start) for c in cases]
+        asked = [
+            recognition.RecognitionCase(c.name, options.objects, c.sensor, c.seed, c.start)
+            for c in cases
+        ]
         title = f"{start}: which of {len(options.objects)} objects is it?"
         study = Study(
             cases=asked,
@@ -69,13 +81,18 @@ def main() -> int:
         return study.carry_out("study_recognition", options, "Recognition on random scenes")
     if options.points:
         study = Study(
-            cases=[cloud_models.CloudCase(c.name, options.points, c.sensor, c.seed, c.start) for c in cases],
+            cases=[
+                cloud_models.CloudCase(c.name, options.points, c.sensor, c.seed, c.start)
+                for c in cases
+            ],
             run_one=cloud_models.run,
             summarise=partial(cloud_models.summarise, title=f"{start}: models as clouds"),
             line=cloud_models.line,
         )
         return study.carry_out("study_cloud_models", options, "Models given as clouds")
-    study = Study(cases=cases, run_one=run, summarise=partial(summarise, title=str(start)), line=line)
+    study = Study(
+        cases=cases, run_one=run, summarise=partial(summarise, title=str(start)), line=line
+    )
     return study.carry_out("study_identification", options, "Identification on random scenes")
 
 

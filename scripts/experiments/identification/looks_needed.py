@@ -43,7 +43,8 @@ def run(task: ViewCase) -> Row:
     row: Row = {"object": task.name, "kind": task.kind, "sensor": task.sensor, "seed": task.seed}
     if start.accepted:
         return {**row, "first": True, "right": first.is_found(start.X_sensor_target)}
-    # The views are turned about the place where the object was expected: the first look may have found it elsewhere.
+    # The views are turned about the place where the object was expected: the first look may have
+    # found it elsewhere.
     views = views_around(first.approach, first.X_CT[:3, 2])
     looks = {}
     for order in ORDERS:
@@ -69,7 +70,13 @@ def run(task: ViewCase) -> Row:
 
 
 def _identified(task: ViewCase, scene: ObjectScene) -> Identification:
-    return identify(scene.scan, surface_of(task.name), scene.approach, scene.orientation, sensor=scene.sensor.model)
+    return identify(
+        scene.scan,
+        surface_of(task.name),
+        scene.approach,
+        scene.orientation,
+        sensor=scene.sensor.model,
+    )
 
 
 def summarise(rows: list[Row]) -> Summary:
@@ -86,7 +93,8 @@ def summarise(rows: list[Row]) -> Summary:
         metrics=metrics,
         tables=[
             Table(
-                title=f"Looks until accepted, over {len(hard)} scenes whose first look did not suffice",
+                title=f"Looks until accepted, over {len(hard)} scenes whose first look did not "
+                "suffice",
                 columns=("order", *metrics[ORDERS[0]]),
                 rows=shown,
             )
@@ -103,9 +111,13 @@ def _figures(rows: list[Row], order: str) -> dict[str, float]:
     return {
         "mean looks": float(np.mean(capped)) if capped else 0.0,
         "second look sufficed [%]": 100.0 * sum(look == 2 for look in looks) / count,
-        "within three looks [%]": 100.0 * sum(look is not None and look <= 3 for look in looks) / count,
+        "within three looks [%]": 100.0
+        * sum(look is not None and look <= 3 for look in looks)
+        / count,
         "never accepted [%]": 100.0 * sum(look is None for look in looks) / count,
-        "accepted wrongly": float(sum(row[f"{order}_looks"] is not None and not row[f"{order}_right"] for row in rows)),
+        "accepted wrongly": float(
+            sum(row[f"{order}_looks"] is not None and not row[f"{order}_right"] for row in rows)
+        ),
     }
 
 

@@ -1,14 +1,17 @@
-"""Benchmark: object identification against Open3D and small_gicp on the same points, with the same coarse start.
+"""Benchmark: object identification against Open3D and small_gicp on the same points, with the same
+coarse start.
 
     ./uvw run --extra open3d scripts/experiments/identification/peers.py                      # against Open3D.
     ./uvw run --extra open3d --with small_gicp scripts/experiments/identification/peers.py    # with small_gicp.
 
-All methods get the points that our segmentation assigns to the object, and the model sampled evenly. They start from
-the coarse attitude with the centroids of both clouds aligned; RANSAC on FPFH features needs no start. The peers match
-scan to whole model in three stages, whose correspondence distance narrows from 20 cm to three spacings.
+All methods get the points that our segmentation assigns to the object, and the model sampled
+evenly. They start from the coarse attitude with the centroids of both clouds aligned; RANSAC on
+FPFH features needs no start. The peers match scan to whole model in three stages, whose
+correspondence distance narrows from 20 cm to three spacings.
 
-Times are processor times, the methods in turn. They exclude segmentation, except for "ours, whole", which begins at the
-depth frame. A pose counts as found within 1 % of the range and 5 deg, modulo declared symmetry.
+Times are processor times, the methods in turn. They exclude segmentation, except for "ours, whole",
+which begins at the depth frame. A pose counts as found within 1 % of the range and 5 deg, modulo
+declared symmetry.
 """
 
 from collections.abc import Callable
@@ -49,7 +52,10 @@ class Options(StudyOptions):
     sensor: str = "stereo"
     """Name of the sensor."""
     workers: int = 1
-    """Number of processes; 0: one for each core, 1: this one. Computing times are comparable with 1 only."""
+    """Number of processes; 0: one for each core, 1: this one.
+
+    Computing times are comparable with 1 only.
+    """
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,9 @@ class SceneInput:
 def whole(case: SceneInput) -> Array:
     """Our identification from the depth frame on; X_ST (4, 4)."""
     scene = case.scene
-    found = identify(scene.scan, case.surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    found = identify(
+        scene.scan, case.surface, scene.approach, scene.orientation, sensor=scene.sensor.model
+    )
     return found.X_sensor_target
 
 
@@ -115,7 +123,9 @@ def fpfh(case: SceneInput) -> Array:
     for cloud in thin:
         cloud.normalize_normals()
     features = [
-        registration.compute_fpfh_feature(cloud, o3d.geometry.KDTreeSearchParamHybrid(5.0 * voxel, 100))
+        registration.compute_fpfh_feature(
+            cloud, o3d.geometry.KDTreeSearchParamHybrid(5.0 * voxel, 100)
+        )
         for cloud in thin
     ]
     rough = registration.registration_ransac_based_on_feature_matching(
@@ -131,7 +141,9 @@ def fpfh(case: SceneInput) -> Array:
         ],
         registration.RANSACConvergenceCriteria(100_000, 0.999),
     )
-    return inverse(_open3d_stage(registration, "plane", _clouds(case), case.stages[-1], rough.transformation))
+    return inverse(
+        _open3d_stage(registration, "plane", _clouds(case), case.stages[-1], rough.transformation)
+    )
 
 
 def small_gicp(case: SceneInput) -> Array:
@@ -163,7 +175,9 @@ def _clouds(case: SceneInput) -> tuple[Any, Any]:
     return clouds[0], clouds[1]
 
 
-def _open3d_stage(registration: Any, kind: str, clouds: tuple[Any, Any], reach: float, X_TS: Array) -> Array:
+def _open3d_stage(
+    registration: Any, kind: str, clouds: tuple[Any, Any], reach: float, X_TS: Array
+) -> Array:
     criteria = registration.ICPConvergenceCriteria(max_iteration=40)
     if kind == "generalised":
         found = registration.registration_generalized_icp(
@@ -198,16 +212,22 @@ def surface_of(name: str) -> ModelSurface:
 
 def input_of(scene: ObjectScene, surface: ModelSurface) -> SceneInput | None:
     """Input for the methods from a scene; None if the segmentation leaves no points."""
-    found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    found = identify(
+        scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model
+    )
     if found.evidence is None:
         return None
     R = scene.orientation
     middle = found.evidence.points.mean(axis=0)
-    return SceneInput(scene, surface, found.evidence, pose(R, middle - R @ surface.points.mean(axis=0)))
+    return SceneInput(
+        scene, surface, found.evidence, pose(R, middle - R @ surface.points.mean(axis=0))
+    )
 
 
 def fit_times(case: SceneInput, rng: np.random.Generator) -> dict[str, float]:
-    """Processor time [s] of a fit alone from a close start on 10 000 scan points, ours and Open3D's."""
+    """Processor time [s] of a fit alone from a close start on 10 000 scan points, ours and
+    Open3D's.
+    """
     evidence, scene = case.evidence, case.scene
     points = evidence.scan.points[evidence.mask]
     points = points[rng.choice(len(points), FIT_POINTS, replace=len(points) < FIT_POINTS)]
@@ -225,7 +245,9 @@ def fit_times(case: SceneInput, rng: np.random.Generator) -> dict[str, float]:
     registration, clouds = open3d_loader.load().pipelines.registration, _clouds(near)
     fits: dict[str, Callable[[], Any]] = {"ours": lambda: fine_fit(dense, case.surface, X_near)}
     for kind in ("point", "plane", "generalised"):
-        fits[f"Open3D, {kind}"] = lambda kind=kind: _open3d_stage(registration, kind, clouds, 0.05, inverse(X_near))
+        fits[f"Open3D, {kind}"] = lambda kind=kind: _open3d_stage(
+            registration, kind, clouds, 0.05, inverse(X_near)
+        )
     return {name: _timed(fit)[0] for name, fit in fits.items()}
 
 
@@ -236,7 +258,9 @@ def _timed(what: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def run(case: RaceCase) -> Row:
-    """Errors and times of all methods on one scene, and times of the fits alone; nothing where there are no points."""
+    """Errors and times of all methods on one scene, and times of the fits alone; nothing where
+    there are no points.
+    """
     scene, surface = object_scene(case.object, case.seed, case.sensor), surface_of(case.object)
     given = input_of(scene, surface)
     if given is None:
@@ -295,9 +319,15 @@ def main() -> int:
     """Runs or resumes the benchmark and returns the exit code."""
     options = parse(Options)
     open3d_loader.load()
-    cases = [RaceCase(name, options.seed + k, options.sensor) for name in options.objects for k in range(options.runs)]
+    cases = [
+        RaceCase(name, options.seed + k, options.sensor)
+        for name in options.objects
+        for k in range(options.runs)
+    ]
     study = Study(cases=cases, run_one=run, summarise=summarise)
-    return study.carry_out("bench_identification", options, "Identification against other libraries")
+    return study.carry_out(
+        "bench_identification", options, "Identification against other libraries"
+    )
 
 
 if __name__ == "__main__":

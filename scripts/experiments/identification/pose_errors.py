@@ -1,4 +1,6 @@
-"""Identification over random scenes: errors, decision and computing time of one scene, and figures over many."""
+"""Identification over random scenes: errors, decision and computing time of one scene, and figures
+over many.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -55,7 +57,14 @@ def run(task: SceneCase) -> dict[str, Any]:
     """Row of one scene: errors, decision and computing time of identification."""
     start = task.start
     start_error = (start.error[0], float(np.deg2rad(start.error[1])))
-    scene = object_scene(task.name, task.seed, task.sensor, ranges=start.ranges, start_error=start_error, gap=start.gap)
+    scene = object_scene(
+        task.name,
+        task.seed,
+        task.sensor,
+        ranges=start.ranges,
+        start_error=start_error,
+        gap=start.gap,
+    )
     scan, surface = scene.scan, surface_of(task.name)
     began = process_time()
     found = identify(
@@ -102,10 +111,14 @@ def summarise(rows: list[Row], title: str) -> Summary:
     pairs = dict.fromkeys((row["object"], row["sensor"]) for row in rows)
     rows = sorted(rows, key=lambda row: (row["object"], row["sensor"], row["seed"]))
     figures = {
-        f"{name}, {sensor}": figures_of([row for row in rows if (row["object"], row["sensor"]) == (name, sensor)])
+        f"{name}, {sensor}": figures_of(
+            [row for row in rows if (row["object"], row["sensor"]) == (name, sensor)]
+        )
         for name, sensor in pairs
     }
-    return Summary(metrics={"figures": figures}, tables=[table_of(figures, title)], pictures=_pictures(rows))
+    return Summary(
+        metrics={"figures": figures}, tables=[table_of(figures, title)], pictures=_pictures(rows)
+    )
 
 
 def _pictures(rows: Sequence[Row]) -> Iterator[tuple[str, str, "Figure"]]:
@@ -182,7 +195,9 @@ def picture(rows: Sequence[Row]) -> "Figure":
         for sensor in sensors:
             part = [row for row in rows if row["object"] == name and row["sensor"] == sensor]
             x = [row["range_m"] for row in part]
-            panels[0, column].semilogy(x, [1e3 * row["position_m"] for row in part], ".", label=sensor)
+            panels[0, column].semilogy(
+                x, [1e3 * row["position_m"] for row in part], ".", label=sensor
+            )
             panels[1, column].semilogy(x, [max(row["angle_deg"], 1e-3) for row in part], ".")
         panels[0, column].set_title(name)
         panels[1, column].set_xlabel("range [m]")

@@ -1,4 +1,6 @@
-"""Recognition over random scenes: which of several objects was named, and figures over many scenes."""
+"""Recognition over random scenes: which of several objects was named, and figures over many
+scenes.
+"""
 
 from dataclasses import dataclass
 from time import process_time
@@ -27,7 +29,14 @@ def run(task: RecognitionCase) -> dict[str, Any]:
     """Row of one scene: which object was named, where, and how clearly."""
     start = task.start
     start_error = (start.error[0], float(np.deg2rad(start.error[1])))
-    scene = object_scene(task.name, task.seed, task.sensor, ranges=start.ranges, start_error=start_error, gap=start.gap)
+    scene = object_scene(
+        task.name,
+        task.seed,
+        task.sensor,
+        ranges=start.ranges,
+        start_error=start_error,
+        gap=start.gap,
+    )
     surfaces = {name: surface_of(name) for name in task.among}
     began = process_time()
     made = recognise(
@@ -60,7 +69,10 @@ def line(row: Row) -> str:
     if row["right"] and row["found"]:
         return ""
     said = f"named {row['named']}" if row["named"] else row["reason"]
-    return f"{row['object']}, {row['sensor']}, seed {row['seed']}: {said}, pose {'right' if row['found'] else 'wrong'}"
+    return (
+        f"{row['object']}, {row['sensor']}, seed {row['seed']}: {said}, pose "
+        f"{'right' if row['found'] else 'wrong'}"
+    )
 
 
 def summarise(rows: list[Row], title: str) -> Summary:
@@ -94,7 +106,11 @@ def summarise(rows: list[Row], title: str) -> Summary:
         )
         for name, f in figures.items()
     ]
-    return Summary(metrics={"figures": figures}, tables=[Table(title=title, columns=columns, rows=table)], pictures=[])
+    return Summary(
+        metrics={"figures": figures},
+        tables=[Table(title=title, columns=columns, rows=table)],
+        pictures=[],
+    )
 
 
 def figures_of(rows: list[Row]) -> dict[str, float]:
@@ -103,7 +119,8 @@ def figures_of(rows: list[Row]) -> dict[str, float]:
         "scenes": len(rows),
         "right_percent": 100.0 * float(np.mean([row["right"] and row["found"] for row in rows])),
         "wrong": float(np.sum([row["wrong"] for row in rows])),
-        "likeliest_percent": 100.0 * float(np.mean([row["likeliest"] == row["object"] for row in rows])),
+        "likeliest_percent": 100.0
+        * float(np.mean([row["likeliest"] == row["object"] for row in rows])),
         "margin_least": float(np.min([row["margin"] for row in rows])),
         "margin_median": float(np.median([row["margin"] for row in rows])),
         "process_s": float(np.median([row["process_s"] for row in rows])),

@@ -1,9 +1,10 @@
 """Peers of the benchmark on unseen objects: registrations of other libraries behind one interface.
 
-A peer gets the scan points that may show the object and the model's surface, sampled evenly, both with normals. Each
-registers the scan to the whole model, so that hidden parts of the model need no partner, and those that give a rough
-pose are refined by Open3D's ICP. Lengths scale with the model's radius, its spacing and the sensor's noise. They were
-chosen on the first scenes of seed 1001, by the most found; each peer says what was tried.
+A peer gets the scan points that may show the object and the model's surface, sampled evenly, both
+with normals. Each registers the scan to the whole model, so that hidden parts of the model need no
+partner, and those that give a rough pose are refined by Open3D's ICP. Lengths scale with the
+model's radius, its spacing and the sensor's noise. They were chosen on the first scenes of seed
+1001, by the most found; each peer says what was tried.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -25,12 +26,16 @@ STARTS_KEPT = 5  # of those, whose ICP is finished
 FEATURE_VOXEL = 0.05  # [radii] edge of the cubes to which clouds are thinned for FPFH
 KISS_VOXEL = 0.05  # [radii] the same for KISS-Matcher
 VIEW_DISTANCE = 5.0  # [radii] from the model's centre to the eye of a view
-PPF_STEPS = (0.08, 0.1, 0.12, 0.15)  # [diameters] resolutions of PPF in position, of which the first that is cheap
-PPF_POINTS = 700  # of the thinned model, at most: time grows with the fourth power, to minutes on flat shapes
+# [diameters] resolutions of PPF in position, of which the first that is cheap
+PPF_STEPS = (0.08, 0.1, 0.12, 0.15)
+# of the thinned model, at most: time grows with the fourth power, to minutes on flat shapes
+PPF_POINTS = 700
 PPF_ANGLES = 30.0  # resolution of PPF in angle: parts of a whole turn
-PPF_SCENE = (0.2, 0.03)  # share of the scan's points that vote, [diameters] to which the scan is thinned
+# share of the scan's points that vote, [diameters] to which the scan is thinned
+PPF_SCENE = (0.2, 0.03)
 PPF_KEPT = 20  # poses of PPF, by votes, whose ICP is finished
-KISS_UNIT = 0.3  # edge of the cubes in KISS-Matcher's own unit: its default; it refuses those below 0.01
+# edge of the cubes in KISS-Matcher's own unit: its default; it refuses those below 0.01
+KISS_UNIT = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,7 +69,9 @@ class RegistrationTask:
         return max(ROUGH * self.model.radius, last), last
 
     def admits(self, X_ST: Array) -> bool:
-        """Whether the pose `X_ST` (4, 4) agrees with the expected position, with half its error to spare."""
+        """Whether the pose `X_ST` (4, 4) agrees with the expected position, with half its error to
+        spare.
+        """
         off = transform_points(X_ST, self.model.center) - self.approach
         return bool(np.linalg.norm(off) < 1.5 * self.approach_error)
 
@@ -76,7 +83,8 @@ class Peer:
     title: str  # in tables
     needs: Mapping[str, str]  # packages by the modules that are imported
     prepare: Callable[[Model], Any]  # what needs to be done once for a model
-    register: Callable[[RegistrationTask, Any], Array]  # from a task and what was prepared: X_ST (4, 4)
+    # from a task and what was prepared: X_ST (4, 4)
+    register: Callable[[RegistrationTask, Any], Array]
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -114,9 +122,11 @@ def _thinned(cloud: Any, edge: float) -> Any:
 
 
 def _icp(scan: Any, model: Any, reaches: Iterable[float], X_TS: Array) -> Any:
-    """Result of Open3D's point-to-plane ICP, with correspondence distances `reaches` [m] one after the other.
+    """Result of Open3D's point-to-plane ICP, with correspondence distances `reaches` [m] one after
+    the other.
 
-    Tried on 29 scenes, from 25 deg off: the first of them 0.07, 0.1, 0.15, 0.3 radii: 19, 22, 20, 18 found; an
+    Tried on 29 scenes, from 25 deg off: the first of them 0.07, 0.1, 0.15, 0.3 radii: 19, 22, 20,
+    18 found; an
     absolute 20 cm, then 5 cm: 12; point to point: 15; Tukey weights of 1, 2, 3 sigma: 13, 18, 19.
     """
     registration = _open3d()
@@ -142,20 +152,26 @@ def _from_near(task: RegistrationTask, model: Any) -> Array:
 
 
 def _from_all_sides(task: RegistrationTask, model: Any) -> Array:
-    """ICP from the 60 rotations of the icosahedron, centroid on centroid, on thinned clouds; the best go on.
+    """ICP from the 60 rotations of the icosahedron, centroid on centroid, on thinned clouds; the
+    best go on.
 
     Tried on 15 scenes: correspondences within 0.3, then 0.15 radii: 6 found; within 0.15 alone: 5.
     """
     scan = _cloud(task.points, task.normals)
     edge = FEATURE_VOXEL * task.model.radius
     thin, thin_model = _thinned(scan, edge), _thinned(model, edge)
-    middle, reaches = task.points.mean(axis=0), [share * task.model.radius for share in START_REACHES]
+    middle, reaches = (
+        task.points.mean(axis=0),
+        [share * task.model.radius for share in START_REACHES],
+    )
     rough = []
     for R in Rotation.create_group("I").as_matrix():
         X_ST = pose(R, middle - R @ task.model.center)
         rough.append(_icp(thin, thin_model, reaches, inverse(X_ST)))
     rough.sort(key=lambda found: -found.fitness)
-    finished = [_icp(scan, model, task.stages, found.transformation) for found in rough[:STARTS_KEPT]]
+    finished = [
+        _icp(scan, model, task.stages, found.transformation) for found in rough[:STARTS_KEPT]
+    ]
     return inverse(np.array(max(finished, key=lambda found: found.fitness).transformation))
 
 
@@ -164,13 +180,16 @@ def _features(cloud: Any, radius: float) -> tuple[Any, Any]:
     o3d = open3d_loader.load()
     edge = FEATURE_VOXEL * radius
     thin = _thinned(cloud, edge)
-    return thin, _open3d().compute_fpfh_feature(thin, o3d.geometry.KDTreeSearchParamHybrid(5.0 * edge, 100))
+    return thin, _open3d().compute_fpfh_feature(
+        thin, o3d.geometry.KDTreeSearchParamHybrid(5.0 * edge, 100)
+    )
 
 
 def _ransac(task: RegistrationTask, prepared: tuple[Any, Any, Any]) -> Array:
     """RANSAC on FPFH features, then ICP; X_ST (4, 4).
 
-    Tried on 29 scenes: cubes of 0.03, 0.05, 0.08 radii: 7, 15, 13 found; of 1 to 4 spacings: 4, 8, 15, 9; one-sided
+    Tried on 29 scenes: cubes of 0.03, 0.05, 0.08 radii: 7, 15, 13 found; of 1 to 4 spacings: 4, 8,
+    15, 9; one-sided
     matches: 14; features of 8 cubes: 10; normals estimated anew: 9.
     """
     o3d, registration = open3d_loader.load(), _open3d()
@@ -203,18 +222,24 @@ def _prepared_features(model: Model) -> tuple[Any, Any, Any]:
 
 def _prepared_small_gicp(model: Model) -> tuple[Any, Any]:
     library = import_module("small_gicp")
-    return library.preprocess_points(model.points, downsampling_resolution=model.spacing, num_neighbors=20)
+    return library.preprocess_points(
+        model.points, downsampling_resolution=model.spacing, num_neighbors=20
+    )
 
 
 def _small_gicp(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
     """small_gicp, point to plane, from the start near the truth; X_ST (4, 4).
 
-    Tried on 29 scenes: generalised ICP in the same stages: 14 found, point to plane: 19; thinned to 2 spacings: 16, 17;
-    the first stage at 0.15, 0.3 radii: 17, 14; its default bounds of convergence, 0.1 deg and 1 mm: fewer.
+    Tried on 29 scenes: generalised ICP in the same stages: 14 found, point to plane: 19; thinned to
+    2 spacings: 16, 17;
+    the first stage at 0.15, 0.3 radii: 17, 14; its default bounds of convergence, 0.1 deg and 1 mm:
+    fewer.
     """
     library = import_module("small_gicp")
     target, tree = prepared
-    source, _ = library.preprocess_points(task.points, downsampling_resolution=task.model.spacing, num_neighbors=20)
+    source, _ = library.preprocess_points(
+        task.points, downsampling_resolution=task.model.spacing, num_neighbors=20
+    )
     X_TS = inverse(task.X_near)
     for reach in task.stages:
         X_TS = library.align(
@@ -232,15 +257,24 @@ def _small_gicp(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
 
 
 def _views(model: Model) -> tuple[Any, list[tuple[Array, Array]]]:
-    """The model's cloud, and from 14 sides the eye (3,) [m] in T and the visible points (k, 3) [m] seen from it."""
+    """The model's cloud, and from 14 sides the eye (3,) [m] in T and the visible points (k, 3) [m]
+    seen from it.
+    """
     cloud, distance, views = _model_cloud(model), VIEW_DISTANCE * model.radius, []
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / np.sqrt(3.0)
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / np.sqrt(
+        3.0
+    )
     for way in np.vstack([np.eye(3), -np.eye(3), corners]):
         eye = model.center + distance * way
-        _, visible = cloud.hidden_point_removal(eye, 100.0 * distance)  # Open3D's tutorial has 100 too
+        # Open3D's tutorial has 100 too
+        _, visible = cloud.hidden_point_removal(eye, 100.0 * distance)
         part = cloud.select_by_index(visible)
-        facing = np.einsum("ni,ni->n", eye - np.asarray(part.points), np.asarray(part.normals)) > 0.0
-        thin = part.select_by_index(np.flatnonzero(facing)).voxel_down_sample(0.5 * KISS_VOXEL * model.radius)
+        facing = (
+            np.einsum("ni,ni->n", eye - np.asarray(part.points), np.asarray(part.normals)) > 0.0
+        )
+        thin = part.select_by_index(np.flatnonzero(facing)).voxel_down_sample(
+            0.5 * KISS_VOXEL * model.radius
+        )
         views.append((eye, np.asarray(thin.points) - eye))
     return cloud, views
 
@@ -248,10 +282,13 @@ def _views(model: Model) -> tuple[Any, list[tuple[Array, Array]]]:
 def _kiss_matcher(task: RegistrationTask, prepared: tuple[Any, list[tuple[Array, Array]]]) -> Array:
     """KISS-Matcher with each view of the model, that with most inliers, then ICP; X_ST (4, 4).
 
-    Its normals face the origin, so that the model is shown as a sensor at the origin would see it. Tried on 29 scenes
-    with the whole model at once: cubes of 0.03, 0.05, 0.08, 0.12 radii: 0, 0, 1, 1 found; noise bounds twice as wide,
-    radii of features 1.5 times as large, its filter of lines at 0.9: 0. Tried on 15 of them: views and cubes of 0.05,
-    0.08 radii: 3, 3; views and features of 8 cubes: 1; the whole model and an origin behind the scan: 1 or 2.
+    Its normals face the origin, so that the model is shown as a sensor at the origin would see it.
+    Tried on 29 scenes
+    with the whole model at once: cubes of 0.03, 0.05, 0.08, 0.12 radii: 0, 0, 1, 1 found; noise
+    bounds twice as wide, radii of features 1.5 times as large, its filter of lines at 0.9: 0. Tried
+    on 15 of them: views and cubes of 0.05,
+    0.08 radii: 3, 3; views and features of 8 cubes: 1; the whole model and an origin behind the
+    scan: 1 or 2.
     """
     library = import_module("kiss_matcher")
     cloud, views = prepared
@@ -262,7 +299,10 @@ def _kiss_matcher(task: RegistrationTask, prepared: tuple[Any, list[tuple[Array,
         matcher = library.KISSMatcher(library.KISSMatcherConfig(KISS_UNIT))
         found = matcher.estimate(scan, list((scale * points).astype(np.float32)))
         if (count := matcher.get_num_final_inliers()) > most:
-            most, X_TS = count, pose(np.array(found.rotation), np.array(found.translation) / scale + eye)
+            most, X_TS = (
+                count,
+                pose(np.array(found.rotation), np.array(found.translation) / scale + eye),
+            )
     return _refined(task, cloud, inverse(X_TS))
 
 
@@ -274,19 +314,25 @@ def _oriented(points: Array, normals: Array) -> np.ndarray:
 def _prepared_pairs(model: Model) -> tuple[Any, Any]:
     """The model's cloud, and OpenCV's detector trained with it."""
     share = (model.points - model.points.min(axis=0)) / np.ptp(model.points, axis=0)
-    counts = [len(np.unique((share / step).astype(int), axis=0)) for step in PPF_STEPS]  # as OpenCV thins it
-    step = next((step for step, count in zip(PPF_STEPS, counts, strict=True) if count <= PPF_POINTS), PPF_STEPS[-1])
+    # as OpenCV thins it
+    counts = [len(np.unique((share / step).astype(int), axis=0)) for step in PPF_STEPS]
+    step = next(
+        (step for step, count in zip(PPF_STEPS, counts, strict=True) if count <= PPF_POINTS),
+        PPF_STEPS[-1],
+    )
     detector = import_module("cv2").ppf_match_3d_PPF3DDetector(step, step, PPF_ANGLES)
     detector.trainModel(_oriented(model.points, model.normals))
     return _model_cloud(model), detector
 
 
 def _point_pairs(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
-    """OpenCV's point pair features; of its poses, those where the object is expected refined by ICP; X_ST (4, 4).
+    """OpenCV's point pair features; of its poses, those where the object is expected refined by
+    ICP; X_ST (4, 4).
 
-    Tried on 6 scenes: scans thinned to 0.03, 0.05, 0.08 diameters: 4 found each; OpenCV's own ICP in place of Open3D's,
-    chosen by the share of the scan within reach or by its residual: 1, 0. Training takes 40 s and more at a step of
-    0.05 diameters; at 0.1 none of the first poses came near on 2 scenes.
+    Tried on 6 scenes: scans thinned to 0.03, 0.05, 0.08 diameters: 4 found each; OpenCV's own ICP
+    in place of Open3D's, chosen by the share of the scan within reach or by its residual: 1, 0.
+    Training takes 40 s and more at a step of 0.05 diameters; at 0.1 none of the first poses came
+    near on 2 scenes.
     """
     cloud, detector = prepared
     poses = detector.match(_oriented(task.points, task.normals), PPF_SCENE[0], PPF_SCENE[1])
@@ -300,10 +346,24 @@ def _point_pairs(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
 
 _OPEN3D, _GICP = {"open3d": "open3d"}, {"small_gicp": "small_gicp"}
 PEERS: Mapping[str, Peer] = {
-    "icp": Peer(title="Open3D ICP, 25 deg off", needs=_OPEN3D, prepare=_model_cloud, register=_from_near),
-    "small_gicp": Peer(title="small_gicp, 25 deg off", needs=_GICP, prepare=_prepared_small_gicp, register=_small_gicp),
-    "icp_all_sides": Peer(title="Open3D ICP, 60 starts", needs=_OPEN3D, prepare=_model_cloud, register=_from_all_sides),
-    "fpfh": Peer(title="Open3D FPFH, RANSAC, ICP", needs=_OPEN3D, prepare=_prepared_features, register=_ransac),
+    "icp": Peer(
+        title="Open3D ICP, 25 deg off", needs=_OPEN3D, prepare=_model_cloud, register=_from_near
+    ),
+    "small_gicp": Peer(
+        title="small_gicp, 25 deg off",
+        needs=_GICP,
+        prepare=_prepared_small_gicp,
+        register=_small_gicp,
+    ),
+    "icp_all_sides": Peer(
+        title="Open3D ICP, 60 starts", needs=_OPEN3D, prepare=_model_cloud, register=_from_all_sides
+    ),
+    "fpfh": Peer(
+        title="Open3D FPFH, RANSAC, ICP",
+        needs=_OPEN3D,
+        prepare=_prepared_features,
+        register=_ransac,
+    ),
     "kiss_matcher": Peer(
         title="KISS-Matcher, ICP",
         needs={**_OPEN3D, "kiss_matcher": "kiss-matcher"},

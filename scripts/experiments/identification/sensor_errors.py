@@ -1,4 +1,6 @@
-"""Depth and identification errors of cameras behind a flat port and of a sonar: one scene, and the table of many."""
+"""Depth and identification errors of cameras behind a flat port and of a sonar: one scene, and the
+table of many.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,7 +16,14 @@ from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
 from uuv.perception.registration.identification import identify
 from uuv.sim.interfaces.messages import DepthImage, SonarScan
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    inverse,
+    pose,
+    quat_wxyz_from_rotation,
+    rotation_from_z,
+)
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 from uuv.sim.sensors.refraction import FlatPort, in_air, in_water
 from uuv.sim.sensors.sonar import BEAMS, Sonar
@@ -27,7 +36,9 @@ PORT = FlatPort()
 CAMERAS: Mapping[str, Optics] = {
     "no port": Optics(),
     "port, calibrated in air": Optics(port=PORT, calibration=in_air(FOCAL)),
-    "port, in water, lens for centre": Optics(port=PORT, calibration=in_water(PORT, FOCAL, CORNER, move_center=False)),
+    "port, in water, lens for centre": Optics(
+        port=PORT, calibration=in_water(PORT, FOCAL, CORNER, move_center=False)
+    ),
     "port, in water": Optics(port=PORT),
 }
 SONAR = "sonar"
@@ -43,7 +54,9 @@ class SensorCase:
     ranges: tuple[float, float]  # [m] from sensor to barrel
 
 
-def scene(rng: np.random.Generator, target: TargetModel, ranges: tuple[float, float]) -> tuple[mujoco.MjModel, Array]:
+def scene(
+    rng: np.random.Generator, target: TargetModel, ranges: tuple[float, float]
+) -> tuple[mujoco.MjModel, Array]:
     """Barrel on its stand on a flat seabed, seen from the origin of W.
 
     Args:
@@ -55,7 +68,9 @@ def scene(rng: np.random.Generator, target: TargetModel, ranges: tuple[float, fl
         Compiled model, pose X_ST (4, 4) of the barrel in the sensor frame.
     """
     distance, climb, heading = rng.uniform([ranges[0], 0.2, -np.pi], [ranges[1], 1.1, np.pi])
-    p_TS = distance * np.array([np.cos(climb) * np.cos(heading), np.cos(climb) * np.sin(heading), np.sin(climb)])
+    p_TS = distance * np.array(
+        [np.cos(climb) * np.cos(heading), np.cos(climb) * np.sin(heading), np.sin(climb)]
+    )
     X_ST = inverse(pose(rotation_from_z(-p_TS, np.cross(-p_TS, [0.0, 0.0, 1.0])), p_TS))
     spec = mujoco.MjSpec()
     target.add_to(spec, X_ST)
@@ -163,14 +178,24 @@ def summarise(rows: list[Row], seed: int, ranges: tuple[float, float]) -> Summar
         )
     table = Table(
         title=f"Barrel, {len(rows)} scenes at {ranges[0]} to {ranges[1]} m",
-        columns=("sensor", "depth, median [mm]", "position, median, worst [mm]", "axis, median [deg]", "accepted"),
+        columns=(
+            "sensor",
+            "depth, median [mm]",
+            "position, median, worst [mm]",
+            "axis, median [deg]",
+            "accepted",
+        ),
         rows=cells,
     )
     return Summary(metrics={"sensors": metrics}, tables=[table], pictures=_pictures(seed, ranges))
 
 
 def _pictures(seed: int, ranges: tuple[float, float]) -> Iterator[tuple[str, str, "Figure"]]:
-    yield "Depth errors", "Depth read less true depth over the image, in the first scene.", picture(seed, ranges)
+    yield (
+        "Depth errors",
+        "Depth read less true depth over the image, in the first scene.",
+        picture(seed, ranges),
+    )
 
 
 def picture(seed: int, ranges: tuple[float, float]) -> "Figure":
@@ -194,5 +219,7 @@ def picture(seed: int, ranges: tuple[float, float]) -> "Figure":
         panel.set_title(f"{name}\nmedian |error| {np.nanmedian(np.abs(error)):.0f} mm", fontsize=10)
         panel.set_xticks([])
         panel.set_yticks([])
-        figure.colorbar(shown, ax=panel, label="depth read less true [mm]; grey: nothing", location="bottom")
+        figure.colorbar(
+            shown, ax=panel, label="depth read less true [mm]; grey: nothing", location="bottom"
+        )
     return figure

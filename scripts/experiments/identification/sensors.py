@@ -1,7 +1,8 @@
-"""Study: depth and identification errors of stereo cameras behind a flat port, by calibration, and of a 3D sonar.
+"""Study: depth and identification errors of stereo cameras behind a flat port, by calibration, and
+of a 3D sonar.
 
-All sensors see the same scenes. Stereo is ideal without a port, or behind a flat port with three calibrations. A figure
-shows the depth errors over the image.
+All sensors see the same scenes. Stereo is ideal without a port, or behind a flat port with three
+calibrations. A figure shows the depth errors over the image.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip

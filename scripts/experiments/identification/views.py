@@ -1,7 +1,9 @@
-"""Study: how many looks an object needs that is mostly hidden, with views in a fixed order and with chosen ones.
+"""Study: how many looks an object needs that is mostly hidden, with views in a fixed order and with
+chosen ones.
 
-Spheres hide 20 to 45 %, or 72 to 85 %, of the object's image in the first view. If that look is not accepted, further
-ones are taken from the six other views, 15, 30 and 45 deg aside to both sides, until one is accepted.
+Spheres hide 20 to 45 %, or 72 to 85 %, of the object's image in the first view. If that look is not
+accepted, further ones are taken from the six other views, 15, 30 and 45 deg aside to both sides,
+until one is accepted.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -30,7 +32,12 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
-    combined = [(kind, name, sensor) for sensor in options.sensors for name in options.objects for kind in KINDS]
+    combined = [
+        (kind, name, sensor)
+        for sensor in options.sensors
+        for name in options.objects
+        for kind in KINDS
+    ]
     cases = [
         ViewCase(name, kind, sensor, options.seed + i)
         for i, (kind, name, sensor) in enumerate(islice(cycle(combined), options.runs))

@@ -1,4 +1,6 @@
-"""Baseline of the IK benchmark: textbook damped least squares, compiled with numba as our own kernels are."""
+"""Baseline of the IK benchmark: textbook damped least squares, compiled with numba as our own
+kernels are.
+"""
 
 import math
 
@@ -51,7 +53,9 @@ def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A
                 wx += 0.5 * (X[1, m] * target[2, m] - X[2, m] * target[1, m])
                 wy += 0.5 * (X[2, m] * target[0, m] - X[0, m] * target[2, m])
                 wz += 0.5 * (X[0, m] * target[1, m] - X[1, m] * target[0, m])
-                cosine += 0.5 * (X[0, m] * target[0, m] + X[1, m] * target[1, m] + X[2, m] * target[2, m])
+                cosine += 0.5 * (
+                    X[0, m] * target[0, m] + X[1, m] * target[1, m] + X[2, m] * target[2, m]
+                )
             sine = math.sqrt(wx * wx + wy * wy + wz * wz)
             angle = math.atan2(sine, cosine)
             gain = angle / sine if sine > 1e-9 else 1.0
@@ -127,7 +131,9 @@ def forward(dh, slides, tool, q, J, X):
 
 @kernel(nogil=True, error_model="numpy")
 def eliminate(A):
-    """Solves a positive definite 6 x 6 system in place; right side and solution are the last column of `A` (6, 7)."""
+    """Solves a positive definite 6 x 6 system in place; right side and solution are the last column
+    of `A` (6, 7).
+    """
     for k in range(6):
         pivot = 1.0 / A[k, k]
         for r in range(k + 1, 6):
@@ -162,7 +168,9 @@ def solve_all(dh, slides, limits, tool, targets, q, tol_p, tol_r, J, A, X):
     """
     solved = 0
     for i in range(len(targets)):
-        solved += damped_least_squares(dh, slides, limits, tool, targets[i], q[i], tol_p, tol_r, J, A, X)
+        solved += damped_least_squares(
+            dh, slides, limits, tool, targets[i], q[i], tol_p, tol_r, J, A, X
+        )
     return solved
 
 

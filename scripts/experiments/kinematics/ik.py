@@ -4,10 +4,12 @@
     ./uvw run scripts/experiments/kinematics/ik.py                                # our methods and the baseline.
     ./uvw run --with-requirements $PEERS scripts/experiments/kinematics/ik.py     # with the peers.
 
-The second command overlays the peers on the project's environment for this run; uv.lock and .venv stay as they are. KDL
-has no wheel: it takes part if PYTHONPATH has a folder with your distribution's PyKDL. Every answer is checked by a
-forward kinematics of this file. In each case all solvers take turns, a few targets at a time, so that a slow moment of
-the machine affects all alike. Compare times within one run only. Exit code 0: the solve rates reach their goals.
+The second command overlays the peers on the project's environment for this run; uv.lock and .venv
+stay as they are. KDL
+has no wheel: it takes part if PYTHONPATH has a folder with your distribution's PyKDL. Every answer
+is checked by a forward kinematics of this file. In each case all solvers take turns, a few targets
+at a time, so that a slow moment of the machine affects all alike. Compare times within one run
+only. Exit code 0: the solve rates reach their goals.
 """
 
 import json
@@ -46,7 +48,8 @@ METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
 BY_JOINT = IkOptions(stage_axes="joint")
 OBLIQUE = "plain, joint's axes"  # for tools oblique to the last joint's axis
 BASELINE = "compiled DLS"
-GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # arms of the geometric means of the ratios
+# arms of the geometric means of the ratios
+GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")
 RATE_GOALS = {"hybrid": 0.999, "jacobian_free": 0.995}
 OWN_LIMITS = 0  # as --limits: the arm's own limits, asymmetric ones included
 REACH = math.radians(150.0)  # [rad] targets come from joint values within this
@@ -70,7 +73,9 @@ class Options:
     rates: int = 10000
     """Number of targets of a case for the solve rates of our own methods."""
     limits: tuple[int, ...] = (180, 150)
-    """Joint limits [deg], the same for every hinge; slides keep their own. 0: each arm's own limits."""
+    """Joint limits [deg], the same for every hinge; slides keep their own. 0: each arm's own
+    limits.
+    """
     links: tuple[int, ...] = (6, 12, 24, 60, 120, 240)
     """Number of links of the growing chain."""
     repeats: int = 3
@@ -118,7 +123,8 @@ class Results:
     machine: dict[str, Any]
     rates: list[dict[str, Any]] = field(default_factory=list)  # our methods, many targets
     race: list[dict[str, Any]] = field(default_factory=list)  # every solver, every case
-    ratios: list[dict[str, Any]] = field(default_factory=list)  # geometric means over arms, relative to hybrid
+    # geometric means over arms, relative to hybrid
+    ratios: list[dict[str, Any]] = field(default_factory=list)
     kernel: list[dict[str, Any]] = field(default_factory=list)  # without Python
     growth: dict[str, Any] = field(default_factory=dict)  # by the number of links
 
@@ -127,21 +133,38 @@ def dh_forward(arm: SerialArm, q: Array) -> Array:
     """Tip poses (N, 4, 4) at joint values (N, n): the product of textbook DH matrices."""
     X = np.broadcast_to(np.eye(4), (len(q), 4, 4))
     for (theta, d, a, alpha), kind, value in zip(arm.dh, arm.joint_types, q.T, strict=True):
-        turn, lift = (theta + 0.0 * value, d + value) if kind == "p" else (theta + value, d + 0.0 * value)
-        c, s, ca, sa, zero = np.cos(turn), np.sin(turn), math.cos(alpha), math.sin(alpha), 0.0 * value
-        rows = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [zero, zero + sa, zero + ca, lift]]
+        turn, lift = (
+            (theta + 0.0 * value, d + value) if kind == "p" else (theta + value, d + 0.0 * value)
+        )
+        c, s, ca, sa, zero = (
+            np.cos(turn),
+            np.sin(turn),
+            math.cos(alpha),
+            math.sin(alpha),
+            0.0 * value,
+        )
+        rows = [
+            [c, -s * ca, s * sa, a * c],
+            [s, c * ca, -c * sa, a * s],
+            [zero, zero + sa, zero + ca, lift],
+        ]
         step = np.concatenate(
-            [np.moveaxis(np.array(rows), 2, 0), np.broadcast_to([0, 0, 0, 1.0], (len(q), 1, 4))], axis=1
+            [np.moveaxis(np.array(rows), 2, 0), np.broadcast_to([0, 0, 0, 1.0], (len(q), 1, 4))],
+            axis=1,
         )
         X = X @ step
     return X @ arm.X_n_flange
 
 
 def reached(case: IkCase, q: Array) -> np.ndarray:
-    """(N,) bool: joint values (N, n) bring the tip within the bar and keep the limits; False for NaN."""
+    """(N,) bool: joint values (N, n) bring the tip within the bar and keep the limits; False for
+    NaN.
+    """
     X, bar = dh_forward(case.arm, q), BARS[case.bar]
     D = np.swapaxes(X[:, :3, :3], 1, 2) @ case.targets[:, :3, :3]
-    twice = np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1)
+    twice = np.stack(
+        [D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1
+    )
     angle = np.arctan2(np.linalg.norm(twice, axis=1), np.trace(D, axis1=1, axis2=2) - 1.0)
     distance = np.linalg.norm(X[:, :3, 3] - case.targets[:, :3, 3], axis=1)
     kept = np.all((q >= case.limits[:, 0] - 1e-9) & (q <= case.limits[:, 1] + 1e-9), axis=1)
@@ -149,7 +172,8 @@ def reached(case: IkCase, q: Array) -> np.ndarray:
 
 
 def cases(options: Options, name: str, count: int) -> Iterator[IkCase]:
-    """Yields every combination of limits, start and bar for an arm, all with the same joint values to be found.
+    """Yields every combination of limits, start and bar for an arm, all with the same joint values
+    to be found.
 
     Args:
         options: Options of the benchmark.
@@ -203,14 +227,20 @@ def rate(case: IkCase, method: Method) -> dict[str, Any]:
     """Row of the solve rate of one of our methods."""
     found = solve_many(case.chain, case.targets, case.starts, *BARS[case.bar], method=method)
     good = reached(case, found.q)
-    return case.told() | {"method": method, "rate": float(np.mean(good)), "said": float(np.mean(found.converged))}
+    return case.told() | {
+        "method": method,
+        "rate": float(np.mean(good)),
+        "said": float(np.mean(found.converged)),
+    }
 
 
 def contenders(case: IkCase, options: Options) -> dict[str, Solver]:
     """All solvers for this case, hybrid first."""
     chain, bar = case.chain, BARS[case.bar]
     found: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
-    found[OBLIQUE] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", options=BY_JOINT).q
+    found[OBLIQUE] = lambda target, q0: (
+        solve(chain, target, q0, *bar, method="plain", options=BY_JOINT).q
+    )
     found[BASELINE] = baseline(case.task)
     return found | (peers(case.task) if options.peers else {})
 
@@ -244,7 +274,10 @@ def race(case: IkCase, solvers: dict[str, Solver], repeats: int) -> dict[str, tu
                 begin = clock()
                 answer[i] = solver(target, start)
                 lane[i] = 1e-3 * (clock() - begin)
-    return {name: (float(np.mean(reached(case, answers[name]))), np.median(times[name], axis=0)) for name in solvers}
+    return {
+        name: (float(np.mean(reached(case, answers[name]))), np.median(times[name], axis=0))
+        for name in solvers
+    }
 
 
 def spread(values: Array) -> list[float]:
@@ -261,7 +294,8 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
         progress: Progress display.
     """
     rng = np.random.default_rng(options.seed)
-    logs: dict[tuple[str, ...], dict[str, tuple[float, Array]]] = {}  # log ratio and its resamples, by case and arm
+    # log ratio and its resamples, by case and arm
+    logs: dict[tuple[str, ...], dict[str, tuple[float, Array]]] = {}
     bar = progress.add_task("race", total=len(options.arms) * len(options.limits) * 2 * len(BARS))
     for name in options.arms:
         for case in cases(options, name, options.targets):
@@ -273,7 +307,11 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
                 resampled = np.median(times[picks], axis=1) / base
                 ratio = float(np.median(times) / np.median(hybrid))
                 row = {"method": method, "rate": share, "median_us": float(np.median(times))}
-                row |= {"p95_us": float(np.quantile(times, 0.95)), "ratio": ratio, "ratio_95": spread(resampled)}
+                row |= {
+                    "p95_us": float(np.quantile(times, 0.95)),
+                    "ratio": ratio,
+                    "ratio_95": spread(resampled),
+                }
                 results.race.append(case.told() | row)
                 key = (str(case.degrees), "warm" if case.warm else "cold", case.bar, method)
                 logs.setdefault(key, {})[name] = math.log(ratio), np.log(resampled)
@@ -282,21 +320,35 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
         for scope, wanted in (("goal arms", GOAL_ARMS), ("all arms", options.arms)):
             chosen = [by_arm[name] for name in wanted if name in by_arm]
             if chosen:
-                row = {"scope": scope, "limits_deg": int(degrees), "start": start, "bar": accuracy, "method": method}
-                row |= {"arms": len(chosen), "ratio": math.exp(float(np.mean([log for log, _ in chosen])))}
+                row = {
+                    "scope": scope,
+                    "limits_deg": int(degrees),
+                    "start": start,
+                    "bar": accuracy,
+                    "method": method,
+                }
+                row |= {
+                    "arms": len(chosen),
+                    "ratio": math.exp(float(np.mean([log for log, _ in chosen]))),
+                }
                 row["ratio_95"] = spread(np.exp(np.mean([logs for _, logs in chosen], axis=0)))
                 results.ratios.append(row)
 
 
 def kernel(case: IkCase, rounds: int) -> dict[str, Any]:
-    """Mean time for a target [us] without Python between targets: hybrid, the baseline, their ratio.
+    """Mean time for a target [us] without Python between targets: hybrid, the baseline, their
+    ratio.
 
-    Medians over the rounds, with the middle 95 % of the ratio's median by bootstrap. Processor time of this thread, in
-    the loop that `solve_many` gives to its threads.
+    Medians over the rounds, with the middle 95 % of the ratio's median by bootstrap. Processor time
+    of this thread, in the loop that `solve_many` gives to its threads.
     """
     chain, bar, count = case.chain, BARS[case.bar], len(case.targets)
     dh, slides, limits, tool, J, A, X = arguments(case.task)
-    many, memory, settings = entry("many"), chain._memory.copy(), Settings(HYBRID, *bar, *bar, 4000, 200, False, False)
+    many, memory, settings = (
+        entry("many"),
+        chain._memory.copy(),
+        Settings(HYBRID, *bar, *bar, 4000, 200, False, False),
+    )
     q, out, clock = np.empty((count, chain.n)), np.empty((count, 5)), time.thread_time
     pairs = []
     for _ in range(rounds + 1):
@@ -322,11 +374,15 @@ def snake(links: int) -> PublishedArm:
     alpha = np.where(np.arange(links) % 2, 0.5 * math.pi, -0.5 * math.pi)
     rows = np.column_stack([np.zeros(links), np.zeros(links), np.full(links, 3.0 / links), alpha])
     limits = np.tile([-math.pi, math.pi], (links, 1))
-    return replace(PublishedArm.from_dh(rows), title=f"{links} links", limits=limits, source="made up")
+    return replace(
+        PublishedArm.from_dh(rows), title=f"{links} links", limits=limits, source="made up"
+    )
 
 
 def growth(options: Options, progress: Progress) -> dict[str, Any]:
-    """Median time [us] of a solve at bar A by the number of links, with fitted exponents; targets are random bends."""
+    """Median time [us] of a solve at bar A by the number of links, with fitted exponents; targets
+    are random bends.
+    """
     times: dict[str, list[float]] = {}
     shares: dict[str, list[float]] = {}
     for n in progress.track(options.links, description="growth"):
@@ -347,11 +403,18 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
         for method, (share, each) in race(case, solvers, options.repeats).items():
             times.setdefault(method, []).append(float(np.median(each)))
             shares.setdefault(method, []).append(share)
-    found: dict[str, Any] = {"links": list(options.links), "median_us": times, "rate": shares, "exponent": {}}
+    found: dict[str, Any] = {
+        "links": list(options.links),
+        "median_us": times,
+        "rate": shares,
+        "exponent": {},
+    }
     long = [i for i, n in enumerate(options.links) if n >= 24]
     for method, values in times.items():
         if len(long) > 1:
-            slope = np.polyfit(np.log([options.links[i] for i in long]), np.log([values[i] for i in long]), 1)[0]
+            slope = np.polyfit(
+                np.log([options.links[i] for i in long]), np.log([values[i] for i in long]), 1
+            )[0]
             found["exponent"][method] = float(slope)
     return found
 
@@ -395,8 +458,12 @@ def main() -> int:
     for name in ("rates", "targets", "repeats"):
         if getattr(options, name) < 1:
             raise ConfigurationError(f"--{name}: must be at least 1, got {getattr(options, name)}")
-    if not options.limits or not all(value == OWN_LIMITS or 0 < value <= 360 for value in options.limits):
-        raise ConfigurationError(f"--limits: 1 to 360 deg, or {OWN_LIMITS} for the arm's own, got {options.limits}")
+    if not options.limits or not all(
+        value == OWN_LIMITS or 0 < value <= 360 for value in options.limits
+    ):
+        raise ConfigurationError(
+            f"--limits: 1 to 360 deg, or {OWN_LIMITS} for the arm's own, got {options.limits}"
+        )
     if not options.links or min(options.links) < 1:
         raise ConfigurationError(f"--links: every chain needs at least one, got {options.links}")
     for name in options.arms:
@@ -404,9 +471,16 @@ def main() -> int:
     folder = new_folder("bench_ik", options.out, options.seed)
     console = Console(width=None if sys.stdout.isatty() else 160)
     results = Results(machine())
-    columns = TextColumn("{task.description:<8}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    columns = (
+        TextColumn("{task.description:<8}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("rates", total=len(options.arms) * len(options.limits) * 4 * len(METHODS))
+        bar = progress.add_task(
+            "rates", total=len(options.arms) * len(options.limits) * 4 * len(METHODS)
+        )
         for name in options.arms:
             for case in cases(options, name, options.rates):
                 for method in METHODS:

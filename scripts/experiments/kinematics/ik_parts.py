@@ -1,18 +1,22 @@
-"""Inverse kinematics of a part of a pose, and of poses at the edge of reach: found, false claims and time.
+"""Inverse kinematics of a part of a pose, and of poses at the edge of reach: found, false claims
+and time.
 
     ./uvw run scripts/experiments/kinematics/ik_parts.py
     ./uvw run --with pin --with mink --with daqp scripts/experiments/kinematics/ik_parts.py --straight 200  # beside two
     peers
 
-Arms of three to eight joints: one from a URDF, published ones, and chains drawn by the seed. Reachable targets are the
-poses of joint values within the limits, with what does not count drawn at random. Other targets are drawn from the ball
-that the stretched arm reaches; of these, only what is called solved is judged. Every answer is judged by a product of
-exponentials, apart from the solver's kinematics.
+Arms of three to eight joints: one from a URDF, published ones, and chains drawn by the seed.
+Reachable targets are the poses of joint values within the limits, with what does not count drawn at
+random. Other targets are drawn from the ball that the stretched arm reaches; of these, only what is
+called solved is judged. Every answer is judged by a product of exponentials, apart from the
+solver's kinematics.
 
-Nearly straight targets: a UR10e with its elbow within 2 deg of straight, its tip moved outwards by up to 0.09 mm and
-turned by up to 0.9 mrad. A posture within 0.1 mm and 1 mrad exists for each, in many cases none that meets the target.
+Nearly straight targets: a UR10e with its elbow within 2 deg of straight, its tip moved outwards by
+up to 0.09 mm and turned by up to 0.9 mrad. A posture within 0.1 mm and 1 mrad exists for each, in
+many cases none that meets the target.
 
-Writes metrics.json. Exit code 0: 99.9 % of the reachable targets of each kind are found, and no claim is false.
+Writes metrics.json. Exit code 0: 99.9 % of the reachable targets of each kind are found, and no
+claim is false.
 """
 
 import math
@@ -39,20 +43,27 @@ from uuv.start import new_folder, parse, run_scenario
 POSITION, ANGLE = 1e-4, 1e-3  # [m], [rad] tolerances of what counts
 KINDS: dict[str, dict[str, Any]] = {
     "position": {"orientation_tolerance": math.inf},
-    "tool axis": {"position_tolerance": math.inf, "axis_tolerance": ANGLE, "turn_tolerance": math.inf},
+    "tool axis": {
+        "position_tolerance": math.inf,
+        "axis_tolerance": ANGLE,
+        "turn_tolerance": math.inf,
+    },
     "position and axis": {"axis_tolerance": ANGLE, "turn_tolerance": math.inf},
     "whole pose": {},
 }
 FOUND_GOAL = 0.999  # least share of the reachable targets of a kind
 ROUNDING = 1e-9  # [m], [rad] by which two kinematics may differ
 ELBOW = math.radians(2.0)  # [rad] of a nearly straight arm
-USED_UP = 0.9  # largest share of each tolerance that the displacement of a nearly straight target uses
+# largest share of each tolerance that the displacement of a nearly straight target uses
+USED_UP = 0.9
 PUBLISHED = ("puma560", "ur5", "general6r", "stanford", "panda", "iiwa7", "gen3")
 REACHER = """
 <robot name="reacher">
-  <link name="base"/> <link name="turret"/> <link name="boom"/> <link name="stick"/> <link name="tip"/>
+  <link name="base"/> <link name="turret"/> <link name="boom"/> <link name="stick"/>
+    <link name="tip"/>
   <joint name="turn" type="revolute"><parent link="base"/><child link="turret"/>
-    <origin xyz="0.02 0 0.07" rpy="0 0 -0.9"/><axis xyz="0 0 -1"/><limit lower="-1.6" upper="0.2"/></joint>
+    <origin xyz="0.02 0 0.07" rpy="0 0 -0.9"/><axis xyz="0 0 -1"/><limit lower="-1.6" upper="0.2"/>
+      </joint>
   <joint name="lift" type="revolute"><parent link="turret"/><child link="boom"/>
     <origin xyz="0 0.01 0.04"/><axis xyz="0 1 0"/><limit lower="0" upper="1.5"/></joint>
   <joint name="bend" type="revolute"><parent link="boom"/><child link="stick"/>
@@ -68,7 +79,9 @@ class Options:
     """Parts of poses, and poses at the edge of reach."""
 
     targets: int = 1000
-    """Number of reachable targets of each kind for each arm, and as many that may be out of reach."""
+    """Number of reachable targets of each kind for each arm, and as many that may be out of
+    reach.
+    """
     straight: int = 800
     """Number of nearly straight targets."""
     seed: int = 0
@@ -82,8 +95,14 @@ def arms(rng: np.random.Generator) -> dict[str, Chain]:
     h = math.pi
     scara = [[0.0, 0.4, 0.3, 0.0], [0.0, 0.0, 0.25, h], [0.0, 0.1, 0.0, 0.0], [0.0, 0.05, 0.0, 0.0]]
     limits = [[-2.3, 2.3], [-2.6, 2.6], [0.0, 0.2], [-h, h]]
-    found = {"URDF, 3 joints": Chain.from_urdf(REACHER, "base", "tip"), "drawn, 3 joints": drawn(3, 2.6, rng)}
-    found |= {"SCARA, 4 joints": Chain.from_dh(scara, "rrpr", limits=limits), "drawn, 4 joints": drawn(4, 2.6, rng)}
+    found = {
+        "URDF, 3 joints": Chain.from_urdf(REACHER, "base", "tip"),
+        "drawn, 3 joints": drawn(3, 2.6, rng),
+    }
+    found |= {
+        "SCARA, 4 joints": Chain.from_dh(scara, "rrpr", limits=limits),
+        "drawn, 4 joints": drawn(4, 2.6, rng),
+    }
     found |= {"drawn, 5 joints": drawn(5, 2.6, rng), "5 joints of +-69 deg": drawn(5, 1.2, rng)}
     found |= {name: Chain.from_arm(published_arms.load(name)) for name in PUBLISHED}
     return found | {"drawn, 8 joints": drawn(8, 2.6, rng)}
@@ -92,7 +111,9 @@ def arms(rng: np.random.Generator) -> dict[str, Chain]:
 def drawn(n: int, limit: float, rng: np.random.Generator) -> Chain:
     """A chain of `n` hinges within +- `limit` [rad], with offsets and an oblique tool."""
     twist = rng.choice([-1.0, 1.0], n) * rng.uniform(0.3, 1.6, n)
-    dh = np.column_stack([rng.uniform(-3.0, 3.0, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0.1, 0.6, n), twist])
+    dh = np.column_stack(
+        [rng.uniform(-3.0, 3.0, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0.1, 0.6, n), twist]
+    )
     tool = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.uniform(-0.1, 0.1, 3))
     return Chain.from_dh(dh, limits=np.tile([-limit, limit], (n, 1)), tool=tool)
 
@@ -100,17 +121,23 @@ def drawn(n: int, limit: float, rng: np.random.Generator) -> Chain:
 def forward(chain: Chain, q: Array) -> Array:
     """Tip poses (N, 4, 4) at joint values (N, n): the product of exponentials of their twists."""
     X = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    for kind, axis, point, value in zip(chain.joint_types, chain.axes, chain.points, q.T, strict=True):
+    for kind, axis, point, value in zip(
+        chain.joint_types, chain.axes, chain.points, q.T, strict=True
+    ):
         step = np.zeros((len(q), 4, 4))
         step[:, 3, 3] = 1.0
-        step[:, :3, :3] = Rotation.from_rotvec(np.outer(0.0 * value if kind == "p" else value, axis)).as_matrix()
+        step[:, :3, :3] = Rotation.from_rotvec(
+            np.outer(0.0 * value if kind == "p" else value, axis)
+        ).as_matrix()
         step[:, :3, 3] = np.outer(value, axis) if kind == "p" else point - step[:, :3, :3] @ point
         X = X @ step
     return X @ chain.X_base_tip0
 
 
 def errors(X: Array, target: Array) -> dict[str, Array]:
-    """Distance [m], whole angle and angle between the tool axes [rad] of poses (N, 4, 4), by name of the tolerance."""
+    """Distance [m], whole angle and angle between the tool axes [rad] of poses (N, 4, 4), by name
+    of the tolerance.
+    """
     off = X[:, :3, 3] - target[:, :3, 3]
     R = np.swapaxes(X[:, :3, :3], 1, 2) @ target[:, :3, :3]
     return {
@@ -121,7 +148,9 @@ def errors(X: Array, target: Array) -> dict[str, Array]:
 
 
 def met(chain: Chain, kind: str, q: Array, targets: Array) -> np.ndarray:
-    """(N,) bool: joint values (N, n) are within the limits, and every error that counts within its tolerance."""
+    """(N,) bool: joint values (N, n) are within the limits, and every error that counts within its
+    tolerance.
+    """
     tolerances = {"position_tolerance": POSITION, "orientation_tolerance": ANGLE} | KINDS[kind]
     if "axis_tolerance" in tolerances:
         del tolerances["orientation_tolerance"]
@@ -164,7 +193,10 @@ def of_arm(name: str, chain: Chain, count: int, rng: np.random.Generator) -> lis
     rows = []
     for kind, tolerances in KINDS.items():
         targets = reachable(chain, kind, count, rng)
-        given: dict[str, Any] = {"position_tolerance": POSITION, "orientation_tolerance": ANGLE} | tolerances
+        given: dict[str, Any] = {
+            "position_tolerance": POSITION,
+            "orientation_tolerance": ANGLE,
+        } | tolerances
         solve_many(chain, targets[:1], start, **given)  # loads the kernel
         began = time.perf_counter()
         found = solve_many(chain, targets, start, **given, options=IkOptions(threads=1))
@@ -176,7 +208,14 @@ def of_arm(name: str, chain: Chain, count: int, rng: np.random.Generator) -> lis
         false += int(np.count_nonzero(tried.converged & ~met(chain, kind, tried.q, others)))
         share, claimed = float(np.mean(good & found.converged)), float(np.mean(tried.converged))
         rows.append(
-            {"arm": name, "kind": kind, "found": share, "of_others": claimed, "false": false, "us": 1e6 * spent / count}
+            {
+                "arm": name,
+                "kind": kind,
+                "found": share,
+                "of_others": claimed,
+                "false": false,
+                "us": 1e6 * spent / count,
+            }
         )
     return rows
 
@@ -190,13 +229,17 @@ def straight_targets(chain: Chain, count: int, rng: np.random.Generator) -> Arra
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     targets[:, :3, 3] += rng.uniform(0.0, USED_UP * POSITION, (count, 1)) * away
     turn = rng.normal(size=(count, 3))
-    turn *= rng.uniform(0.0, USED_UP * ANGLE, (count, 1)) / np.linalg.norm(turn, axis=1, keepdims=True)
+    turn *= rng.uniform(0.0, USED_UP * ANGLE, (count, 1)) / np.linalg.norm(
+        turn, axis=1, keepdims=True
+    )
     targets[:, :3, :3] = targets[:, :3, :3] @ Rotation.from_rotvec(turn).as_matrix()
     return targets
 
 
 def straight(count: int, rng: np.random.Generator) -> list[dict[str, Any]]:
-    """A row for each method and installed peer: share of the nearly straight targets that it finds."""
+    """A row for each method and installed peer: share of the nearly straight targets that it
+    finds.
+    """
     arm = published_arms.load("ur10e")
     chain = Chain.from_arm(arm)
     targets = straight_targets(chain, count, rng)
@@ -224,7 +267,11 @@ def main() -> int:
     options, console = parse(Options), Console()
     folder = new_folder("ik_parts", options.out, options.seed)
     rng = np.random.default_rng(options.seed)
-    rows = [row for name, chain in arms(rng).items() for row in of_arm(name, chain, options.targets, rng)]
+    rows = [
+        row
+        for name, chain in arms(rng).items()
+        for row in of_arm(name, chain, options.targets, rng)
+    ]
     table = Table(title=f"Found of {options.targets} reachable targets, and time of one [us]")
     table.add_column("arm", no_wrap=True)
     for kind in KINDS:
@@ -235,10 +282,15 @@ def main() -> int:
     console.print(table)
     false, judged = sum(row["false"] for row in rows), 2 * options.targets * len(rows)
     console.print(f"false claims: {false} of {judged} answers", highlight=False)
-    found = {kind: float(np.mean([row["found"] for row in rows if row["kind"] == kind])) for kind in KINDS}
+    found = {
+        kind: float(np.mean([row["found"] for row in rows if row["kind"] == kind]))
+        for kind in KINDS
+    }
 
     edge = straight(options.straight, rng)
-    table = Table("solver", "found", "us", title=f"{options.straight} nearly straight targets of a UR10e")
+    table = Table(
+        "solver", "found", "us", title=f"{options.straight} nearly straight targets of a UR10e"
+    )
     for row in edge:
         table.add_row(row["solver"], f"{row['found']:.2%}", f"{row['us']:.0f}")
     console.print(table)

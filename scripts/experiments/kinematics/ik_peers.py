@@ -1,7 +1,8 @@
 """Third-party inverse kinematics behind one call signature, for the IK benchmark only.
 
-Each peer is asked for our accuracy in its own terms, and gets the joint limits if it supports them. A peer without
-restarts of its own is restarted from random joint values within the limits. ik_requirements.txt lists the packages.
+Each peer is asked for our accuracy in its own terms, and gets the joint limits if it supports them.
+A peer without restarts of its own is restarted from random joint values within the limits.
+ik_requirements.txt lists the packages.
 """
 
 import math
@@ -18,7 +19,8 @@ import numpy as np
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
-Solver = Callable[[Array, Array], Array]  # target (4, 4), start (n,) -> joint values (n,), NaN where it failed
+# target (4, 4), start (n,) -> joint values (n,), NaN where it failed
+Solver = Callable[[Array, Array], Array]
 RESTARTS = 100  # starts of a peer without restarts of its own
 LOOPS = 400  # iterations of the Python loops around differential kinematics, over all restarts
 PATIENCE = 40  # iterations of such a loop before a restart
@@ -46,7 +48,11 @@ def present() -> dict[str, bool]:
 
 def peers(task: SolverTask) -> dict[str, Solver]:
     """Solvers by name: the installed peers that support this arm."""
-    made = {name: build(task) for name, (module, build) in _PEERS.items() if find_spec(module) is not None}
+    made = {
+        name: build(task)
+        for name, (module, build) in _PEERS.items()
+        if find_spec(module) is not None
+    }
     return {name: solver for name, solver in made.items() if solver is not None}
 
 
@@ -59,15 +65,20 @@ def urdf(task: SolverTask) -> str:
         lower, upper = (0.0, 0.0) if last else task.limits[i]
         parts.append(
             f'<link name="{"tip" if last else f"link{i}"}"/><joint name="joint{i}" type="{kind}">'
-            f'<parent link="{f"link{i - 1}" if i else "base"}"/><child link="{"tip" if last else f"link{i}"}"/>'
-            f'<origin xyz="{X[0, 3]!r} {X[1, 3]!r} {X[2, 3]!r}" rpy="{rpy[0]!r} {rpy[1]!r} {rpy[2]!r}"/>'
-            f'<axis xyz="0 0 1"/><limit lower="{lower!r}" upper="{upper!r}" effort="1" velocity="1e6"/></joint>'
+            f'<parent link="{f"link{i - 1}" if i else "base"}"/><child '
+            f'link="{"tip" if last else f"link{i}"}"/>'
+            f'<origin xyz="{X[0, 3]!r} {X[1, 3]!r} {X[2, 3]!r}" rpy="{rpy[0]!r} {rpy[1]!r} '
+            f'{rpy[2]!r}"/>'
+            f'<axis xyz="0 0 1"/><limit lower="{lower!r}" upper="{upper!r}" effort="1" '
+            'velocity="1e6"/></joint>'
         )
     return "".join(parts).replace("np.float64(", "").replace(")", "") + "</robot>"
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Angles [rad] with Rz(yaw) Ry(pitch) Rx(roll) = R (3, 3); yaw is 0 at a pitch of 90 deg, where it is arbitrary."""
+    """Angles [rad] with Rz(yaw) Ry(pitch) Rx(roll) = R (3, 3); yaw is 0 at a pitch of 90 deg, where
+    it is arbitrary.
+    """
     level = math.hypot(R[0, 0], R[1, 0])
     yaw = math.atan2(R[1, 0], R[0, 0]) if level > 1e-9 else 0.0
     c, s = math.cos(yaw), math.sin(yaw)
@@ -83,7 +94,11 @@ def mjcf(task: SolverTask) -> Any:
     body, frames = spec.worldbody, task.arm.origins()
     for i, X in enumerate(frames[:-1]):
         body = body.add_body(pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
-        kind = mujoco.mjtJoint.mjJNT_SLIDE if task.arm.joint_types[i] == "p" else mujoco.mjtJoint.mjJNT_HINGE
+        kind = (
+            mujoco.mjtJoint.mjJNT_SLIDE
+            if task.arm.joint_types[i] == "p"
+            else mujoco.mjtJoint.mjJNT_HINGE
+        )
         body.add_joint(type=kind, axis=[0, 0, 1], range=task.limits[i], limited=True)
         body.add_geom(size=[0.01, 0, 0], mass=1.0)
     X = frames[-1]
@@ -93,7 +108,9 @@ def mjcf(task: SolverTask) -> Any:
 
 
 def _eaik(task: SolverTask) -> Solver | None:
-    """EAIK: closed form, the branch within the limits that is nearest to the start; six hinges of known kinds only."""
+    """EAIK: closed form, the branch within the limits that is nearest to the start; six hinges of
+    known kinds only.
+    """
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
@@ -107,14 +124,17 @@ def _eaik(task: SolverTask) -> Solver | None:
         branches = robot.IK(target @ to_flange)
         answers = np.asarray(branches.Q)
         if answers.size:
-            answers = answers[~np.asarray(branches.is_LS, dtype=bool)]  # least squares: not at the target
+            # least squares: not at the target
+            answers = answers[~np.asarray(branches.is_LS, dtype=bool)]
         return _nearest(answers - theta if answers.size else answers, task, q0)
 
     return solver
 
 
 def _ikdh(task: SolverTask) -> Solver | None:
-    """Algebraic method of [Husty 2007] by ikdh, followed from the start ("solve_from_seed"); six hinges only."""
+    """Algebraic method of [Husty 2007] by ikdh, followed from the start ("solve_from_seed"); six
+    hinges only.
+    """
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
@@ -130,7 +150,9 @@ def _ikdh(task: SolverTask) -> Solver | None:
 
 
 def _nearest(answers: Array, task: SolverTask, q0: Array) -> Array:
-    """Of joint values (k, n), those within the limits that are nearest to the start; NaN if there are none."""
+    """Of joint values (k, n), those within the limits that are nearest to the start; NaN if there
+    are none.
+    """
     if answers.size == 0:
         return np.full(task.arm.n, np.nan)
     q = folded(answers, task)
@@ -143,21 +165,30 @@ def _hinges(arm: SerialArm) -> np.ndarray:
 
 
 def folded(q: Array, task: SolverTask) -> Array:
-    """Joint values with hinges moved by whole turns to within half a turn of the middle of their limits."""
+    """Joint values with hinges moved by whole turns to within half a turn of the middle of their
+    limits.
+    """
     middle = np.where(np.isfinite(task.limits).all(axis=1), 0.5 * task.limits.sum(axis=1), 0.0)
-    return np.where(_hinges(task.arm), (q - middle + math.pi) % (2.0 * math.pi) - math.pi + middle, q)
+    return np.where(
+        _hinges(task.arm), (q - middle + math.pi) % (2.0 * math.pi) - math.pi + middle, q
+    )
 
 
 def _trac_ik(task: SolverTask) -> Solver:
-    """TRAC-IK with its defaults, "Speed", 5 ms for a call; its accuracy holds per coordinate; restarts by itself."""
+    """TRAC-IK with its defaults, "Speed", 5 ms for a call; its accuracy holds per coordinate;
+    restarts by itself.
+    """
     trac = import_module("pytracik")
-    robot = trac.TRAC_IK("base", "tip", urdf(task), 0.005, task.bar[0] / math.sqrt(3.0), trac.SolveType.Speed)
+    robot = trac.TRAC_IK(
+        "base", "tip", urdf(task), 0.005, task.bar[0] / math.sqrt(3.0), trac.SolveType.Speed
+    )
     call = trac.ik
 
     def solver(target: Array, q0: Array) -> Array:
         w, x, y, z = quat_wxyz_from_rotation(target[:3, :3])
         answer = call(robot, q0, *target[:3, 3], x, y, z, w)
-        return answer[1:] if answer[0] >= 0.0 else np.full(len(q0), np.nan)  # [0]: number of solutions
+        # [0]: number of solutions
+        return answer[1:] if answer[0] >= 0.0 else np.full(len(q0), np.nan)
 
     return solver
 
@@ -173,7 +204,11 @@ def _optik(task: SolverTask) -> Solver | None:
         robot = optik.Robot.from_urdf_file(str(file), "base", "tip")
     robot.set_parallelism(1)
     config = optik.SolverConfig(
-        "speed", max_time=0.1, tol_f=task.bar[0] ** 2, linear_weight=[1.0] * 3, angular_weight=[task.weight] * 3
+        "speed",
+        max_time=0.1,
+        tol_f=task.bar[0] ** 2,
+        linear_weight=[1.0] * 3,
+        angular_weight=[task.weight] * 3,
     )
 
     def solver(target: Array, q0: Array) -> Array:
@@ -187,7 +222,9 @@ def _toolbox(task: SolverTask) -> Solver:
     """Robotics Toolbox, `ik_LM` with the damping of [Chan 1988] (C++); restarts by itself."""
     tools = import_module("roboticstoolbox")
     E, chain = tools.ET, tools.ETS()
-    for (theta, d, a, alpha), kind, limits in zip(task.arm.dh, task.arm.joint_types, task.limits, strict=True):
+    for (theta, d, a, alpha), kind, limits in zip(
+        task.arm.dh, task.arm.joint_types, task.limits, strict=True
+    ):
         joint = E.tz(qlim=limits) if kind == "p" else E.Rz(qlim=limits)
         chain = chain * E.Rz(theta) * E.tz(d) * joint * E.tx(a) * E.Rx(alpha)
     chain = chain * E.SE3(task.arm.X_n_flange)
@@ -201,7 +238,9 @@ def _toolbox(task: SolverTask) -> Solver:
 
 
 def _kdl(task: SolverTask) -> Solver:
-    """KDL's Levenberg-Marquardt, which has no limits; restarted where it fails or ends beyond them."""
+    """KDL's Levenberg-Marquardt, which has no limits; restarted where it fails or ends beyond
+    them.
+    """
     kdl, rng = import_module("PyKDL"), np.random.default_rng(0)
     chain = kdl.Chain()
     frames, kinds = task.arm.origins(), {"r": kdl.Joint.RotZ, "p": kdl.Joint.TransZ}
@@ -232,7 +271,9 @@ def _kdl_frame(kdl: Any, X: Array) -> Any:
 
 
 def _pinocchio(task: SolverTask) -> Solver:
-    """Damped least squares in Python on Pinocchio's Jacobian, as in its documentation; restarts, clamped steps."""
+    """Damped least squares in Python on Pinocchio's Jacobian, as in its documentation; restarts,
+    clamped steps.
+    """
     pin, rng = import_module("pinocchio"), np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
     data, tip, (lower, upper) = model.createData(), model.getFrameId("tip"), task.limits.T
@@ -258,10 +299,14 @@ def _pinocchio(task: SolverTask) -> Solver:
 
 
 def _mink(task: SolverTask) -> Solver:
-    """Differential kinematics with mink on MuJoCo, a QP for each step (daqp); a Python loop, restarted."""
+    """Differential kinematics with mink on MuJoCo, a QP for each step (daqp); a Python loop,
+    restarted.
+    """
     mink, model, rng = import_module("mink"), mjcf(task), np.random.default_rng(0)
     state = mink.Configuration(model)
-    goal = mink.FrameTask("tip", "site", position_cost=1.0, orientation_cost=1.0, lm_damping=DAMPING)
+    goal = mink.FrameTask(
+        "tip", "site", position_cost=1.0, orientation_cost=1.0, lm_damping=DAMPING
+    )
     bounds = [mink.ConfigurationLimit(model)]
 
     def solver(target: Array, q0: Array) -> Array:
@@ -273,18 +318,24 @@ def _mink(task: SolverTask) -> Solver:
             if loop % PATIENCE == 0:
                 state.update(rng.uniform(*task.limits.T))
                 continue
-            state.integrate_inplace(mink.solve_ik(state, [goal], 1.0, "daqp", 1e-6, limits=bounds), 1.0)
+            state.integrate_inplace(
+                mink.solve_ik(state, [goal], 1.0, "daqp", 1e-6, limits=bounds), 1.0
+            )
         return np.full(len(q0), np.nan)
 
     return solver
 
 
 def _pink(task: SolverTask) -> Solver:
-    """Differential kinematics with pink on Pinocchio, a QP for each step (daqp); a Python loop, restarted."""
+    """Differential kinematics with pink on Pinocchio, a QP for each step (daqp); a Python loop,
+    restarted.
+    """
     pink, pin, rng = import_module("pink"), import_module("pinocchio"), np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
     state = pink.Configuration(model, model.createData(), task.limits.mean(axis=1))
-    goal = import_module("pink.tasks").FrameTask("tip", position_cost=1.0, orientation_cost=1.0, lm_damping=DAMPING)
+    goal = import_module("pink.tasks").FrameTask(
+        "tip", position_cost=1.0, orientation_cost=1.0, lm_damping=DAMPING
+    )
 
     def solver(target: Array, q0: Array) -> Array:
         goal.set_target(pin.SE3(target))
@@ -295,7 +346,9 @@ def _pink(task: SolverTask) -> Solver:
             if loop % PATIENCE == 0:
                 state.update(rng.uniform(*task.limits.T))
                 continue
-            velocity = pink.solve_ik(state, [goal], 1.0, solver="daqp", damping=1e-6, safety_break=False)
+            velocity = pink.solve_ik(
+                state, [goal], 1.0, solver="daqp", damping=1e-6, safety_break=False
+            )
             state.update(np.clip(state.integrate(velocity, 1.0), *task.limits.T))
         return np.full(len(q0), np.nan)
 
@@ -305,7 +358,9 @@ def _pink(task: SolverTask) -> Solver:
 def _within(twist: Array, task: SolverTask) -> bool:
     """True if a (linear; angular) error is within the accuracy."""
     linear, angular = twist[:3], twist[3:]
-    return float(linear @ linear) <= task.bar[0] ** 2 and float(angular @ angular) <= task.bar[1] ** 2
+    return (
+        float(linear @ linear) <= task.bar[0] ** 2 and float(angular @ angular) <= task.bar[1] ** 2
+    )
 
 
 _PEERS: dict[str, tuple[str, Callable[[SolverTask], Solver | None]]] = {

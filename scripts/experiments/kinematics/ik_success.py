@@ -2,10 +2,11 @@
 
     ./uvw run scripts/experiments/kinematics/ik_success.py
 
-Arms: those of `uuv.models.arms.published_arms` with limits of +-180 and +-150 deg, and five of them with uneven limits,
-drawn by the seed. Targets: joint values within the limits, with one to three joints on a limit, and with all of them on
-limits. All starts are the same cold one. A solution is one within 0.1 mm and 1 mrad, checked by another forward
-kinematics, and within the limits.
+Arms: those of `uuv.models.arms.published_arms` with limits of +-180 and +-150 deg, and five of them
+with uneven limits,
+drawn by the seed. Targets: joint values within the limits, with one to three joints on a limit, and
+with all of them on limits. All starts are the same cold one. A solution is one within 0.1 mm and 1
+mrad, checked by another forward kinematics, and within the limits.
 
 Writes metrics.json. Exit code 0: the default method missed none.
 """
@@ -56,7 +57,9 @@ class Options:
 
 
 def arms(rng: np.random.Generator) -> Iterator[tuple[str, PublishedArm]]:
-    """Arms with the limits of their hinges: even ones, then uneven ones of 90 to 300 deg that `rng` draws."""
+    """Arms with the limits of their hinges: even ones, then uneven ones of 90 to 300 deg that `rng`
+    draws.
+    """
     for name in published_arms.available():
         arm = published_arms.load(name)
         for degrees in RANGES:
@@ -79,16 +82,22 @@ def joint_values(limits: Array, kind: str, count: int, rng: np.random.Generator)
     n = len(limits)
     within = rng.uniform(limits[:, 0], limits[:, 1], (count, n))
     ends = limits[np.arange(n), rng.integers(0, 2, (count, n))]
-    on_limit = {WITHIN: np.zeros(count), SOME: rng.integers(1, 4, count), ALL: np.full(count, n)}[kind]
+    on_limit = {WITHIN: np.zeros(count), SOME: rng.integers(1, 4, count), ALL: np.full(count, n)}[
+        kind
+    ]
     return np.where(rng.random((count, n)).argsort(axis=1) < on_limit[:, None], ends, within)
 
 
 def misses(arm: PublishedArm, targets: Array, version: str) -> int:
-    """Number of `targets` (N, 4, 4) that a version of VERSIONS does not solve from the cold start."""
+    """Number of `targets` (N, 4, 4) that a version of VERSIONS does not solve from the cold
+    start.
+    """
     method, options = VERSIONS[version]
     start = np.clip(np.resize(HOME, len(arm.limits)), arm.limits[:, 0], arm.limits[:, 1])
     starts = np.tile(start, (len(targets), 1))
-    q = solve_many(Chain.from_arm(arm), targets, starts, POSITION, ANGLE, method=method, options=options).q
+    q = solve_many(
+        Chain.from_arm(arm), targets, starts, POSITION, ANGLE, method=method, options=options
+    ).q
     X = dh_forward(arm, q)
     chord = np.linalg.norm(X[:, :3, :3] - targets[:, :3, :3], axis=(1, 2)) / math.sqrt(2.0)
     solved = np.linalg.norm(X[:, :3, 3] - targets[:, :3, 3], axis=1) <= 1.01 * POSITION
@@ -112,21 +121,29 @@ def main() -> int:
         row |= {version: misses(arm, few, version) for version in list(VERSIONS)[1:]}
         rows.append(row)
     columns = [WITHIN, SOME, ALL, *list(VERSIONS)[1:]]
-    count = dict.fromkeys((WITHIN, SOME, ALL), options.targets) | dict.fromkeys(list(VERSIONS)[1:], options.others)
-    share = {column: sum(row[column] for row in rows) / (len(rows) * count[column]) for column in columns}
+    count = dict.fromkeys((WITHIN, SOME, ALL), options.targets) | dict.fromkeys(
+        list(VERSIONS)[1:], options.others
+    )
+    share = {
+        column: sum(row[column] for row in rows) / (len(rows) * count[column]) for column in columns
+    }
     table = Table(
-        title=f"Misses of hybrid among {options.targets}; of the other methods, within limits, among {options.others}"
+        title=f"Misses of hybrid among {options.targets}; of the other methods, within limits, "
+        f"among {options.others}"
     )
     table.add_column("arm and limits", no_wrap=True)
     for column in columns:
         table.add_column(column, justify="right")
     for row in rows:
         table.add_row(row["arm"], *(str(row[column]) for column in columns))
-    table.add_row("all, solved", *(f"{1.0 - share[column]:.2%}" for column in columns), style="bold")
+    table.add_row(
+        "all, solved", *(f"{1.0 - share[column]:.2%}" for column in columns), style="bold"
+    )
     console.print(table)
     solved = {column.replace(" ", "_"): 1.0 - share[column] for column in columns}
     write_json(
-        folder / "metrics.json", {"solved": solved, "rows": rows, "provenance": provenance("ik_success", options)}
+        folder / "metrics.json",
+        {"solved": solved, "rows": rows, "provenance": provenance("ik_success", options)},
     )
     console.print(f"written to {folder}/", highlight=False)
     return int(any(share[kind] > 0.0 for kind in (WITHIN, SOME, ALL)))

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from uuv.experiment import Table
 from uuv.sim.interfaces.spatial import Array
 
-# Goals for a peer's time over hybrid's, cold and warm: geometric mean over the goals' arms at bar A.
+# Goals for a peer's time over hybrid's, cold and warm: geometric mean over the goals' arms at bar
+# A.
 RATIO_GOALS = {
     "TRAC-IK": (20.0, 12.0),
     "OptIK": (12.0, 9.0),
@@ -45,7 +46,10 @@ def tables(results: dict[str, Any], degrees: int) -> list[Table]:
 def _rates(rows: list[dict[str, Any]]) -> Table:
     keys = list(dict.fromkeys((row["limits_deg"], row["start"]) for row in rows))
     methods = list(dict.fromkeys(row["method"] for row in rows))
-    columns = ("arm", *(f"{method}, +-{degrees} {start}" for method in methods for degrees, start in keys))
+    columns = (
+        "arm",
+        *(f"{method}, +-{degrees} {start}" for method in methods for degrees, start in keys),
+    )
     body = []
     for arm in dict.fromkeys(row["arm"] for row in rows):
         cells = []
@@ -54,29 +58,48 @@ def _rates(rows: list[dict[str, Any]]) -> Table:
                 found = [
                     row["rate"]
                     for row in rows
-                    if (row["arm"], row["method"], row["limits_deg"], row["start"]) == (arm, method, degrees, start)
+                    if (row["arm"], row["method"], row["limits_deg"], row["start"])
+                    == (arm, method, degrees, start)
                 ]
                 cells.append(f"{100.0 * min(found):.2f}")
         body.append((arm, *cells))
-    return Table(title="Solve rate [%], targets within 150 deg, the worse of bars A and B", columns=columns, rows=body)
+    return Table(
+        title="Solve rate [%], targets within 150 deg, the worse of bars A and B",
+        columns=columns,
+        rows=body,
+    )
 
 
 def _ratios(results: dict[str, Any], degrees: int) -> Table:
     """One row for each solver: solve rates, times, ratios to hybrid with intervals."""
-    scope = "goal arms" if any(row["scope"] == "goal arms" for row in results["ratios"]) else "all arms"
+    scope = (
+        "goal arms" if any(row["scope"] == "goal arms" for row in results["ratios"]) else "all arms"
+    )
     body = []
     for method in dict.fromkeys(row["method"] for row in results["ratios"]):
         cells = []
         for k, start in enumerate(STARTS):
-            mean = _only(results["ratios"], scope=scope, method=method, start=start, limits_deg=degrees, bar="A")
+            mean = _only(
+                results["ratios"],
+                scope=scope,
+                method=method,
+                start=start,
+                limits_deg=degrees,
+                bar="A",
+            )
             everywhere = [
                 row
                 for row in results["race"]
-                if (row["method"], row["start"], row["limits_deg"], row["bar"]) == (method, start, degrees, "A")
+                if (row["method"], row["start"], row["limits_deg"], row["bar"])
+                == (method, start, degrees, "A")
             ]
             low, high = mean["ratio_95"]
             goal = RATIO_GOALS.get(method, (None, None))[k]
-            said = "" if goal is None else f" (goal {goal:g}: {'met' if mean['ratio'] >= goal else 'missed'})"
+            said = (
+                ""
+                if goal is None
+                else (f" (goal {goal:g}: {'met' if mean['ratio'] >= goal else 'missed'})")
+            )
             cells += [
                 f"{100.0 * min(row['rate'] for row in everywhere):.1f}",
                 f"{_geometric([row['median_us'] for row in everywhere]):.1f}",
@@ -86,8 +109,18 @@ def _ratios(results: dict[str, Any], degrees: int) -> Table:
                 cells.insert(0, f"{mean['arms']} / {len(everywhere)}")
         body.append((method, *cells))
     return Table(
-        f"Time of a Python call over that of hybrid, limits +-{degrees} deg, bar A: geometric means, 95 % intervals",
-        ("solver", f"{scope} / all", "cold: worst %", "[us], all", "ratio", "warm: worst %", "[us], all", "ratio"),
+        f"Time of a Python call over that of hybrid, limits +-{degrees} deg, bar A: geometric "
+        "means, 95 % intervals",
+        (
+            "solver",
+            f"{scope} / all",
+            "cold: worst %",
+            "[us], all",
+            "ratio",
+            "warm: worst %",
+            "[us], all",
+            "ratio",
+        ),
         body,
     )
 
@@ -103,13 +136,20 @@ def _by_arm(rows: list[dict[str, Any]], degrees: int) -> Table:
                 ours = _only(chosen, method="hybrid", **case)
                 base = _only(chosen, method="compiled DLS", **case)
                 low, high = base["ratio_95"]
-                cells += [f"{ours['median_us']:.1f}", f"{base['ratio']:.2f} [{low:.2f}, {high:.2f}]"]
+                cells += [
+                    f"{ours['median_us']:.1f}",
+                    f"{base['ratio']:.2f} [{low:.2f}, {high:.2f}]",
+                ]
         body.append((arm, *cells))
     columns = tuple(
-        f"{start} {bar} {what}" for start in STARTS for bar in ("A", "B") for what in ("[us]", "DLS / hybrid")
+        f"{start} {bar} {what}"
+        for start in STARTS
+        for bar in ("A", "B")
+        for what in ("[us]", "DLS / hybrid")
     )
     return Table(
-        f"hybrid a Python call, over it the compiled DLS, whose call checks nothing and gives q alone, +-{degrees} deg",
+        "hybrid a Python call, over it the compiled DLS, whose call checks nothing and gives q "
+        f"alone, +-{degrees} deg",
         ("arm", *columns),
         body,
     )
@@ -122,13 +162,23 @@ def _kernel(rows: list[dict[str, Any]]) -> Table:
         for start in STARTS:
             row = _only(rows, arm=arm, start=start)
             goal = KERNEL_GOALS.get(arm, {}).get(start)
-            said = "" if goal is None else f" (goal {goal:g}: {'met' if row['hybrid_us'] <= goal else 'missed'})"
+            said = (
+                ""
+                if goal is None
+                else (f" (goal {goal:g}: {'met' if row['hybrid_us'] <= goal else 'missed'})")
+            )
             low, high = row["ratio_95"]
-            cells += [f"{row['hybrid_us']:.2f}{said}", f"{row['ratio']:.2f} [{low:.2f}, {high:.2f}]"]
+            cells += [
+                f"{row['hybrid_us']:.2f}{said}",
+                f"{row['ratio']:.2f} [{low:.2f}, {high:.2f}]",
+            ]
         body.append((arm, *cells))
     columns = ("arm", "cold [us]", "DLS / hybrid", "warm [us]", "DLS / hybrid")
     return Table(
-        "Kernel without Python, bar A: mean time a target, the baseline's over it with 95 % interval", columns, body
+        "Kernel without Python, bar A: mean time a target, the baseline's over it with 95 % "
+        "interval",
+        columns,
+        body,
     )
 
 
@@ -142,11 +192,16 @@ def _growth(growth: dict[str, Any]) -> Table:
         ]
         body.append((method, *cells, "" if slope is None else f"{slope:.2f}"))
     columns = ("solver", *(str(n) for n in growth["links"]), "exponent from 24")
-    return Table("Median time [us] of a solve by the number of links, bar A (share solved, if not all)", columns, body)
+    return Table(
+        "Median time [us] of a solve by the number of links, bar A (share solved, if not all)",
+        columns,
+        body,
+    )
 
 
 def draw(results: dict[str, Any], degrees: int, path: Path) -> None:
-    """Plots ratios of all solvers, the baseline's ratio by arm, growth with the number of links, and solve rates.
+    """Plots ratios of all solvers, the baseline's ratio by arm, growth with the number of links,
+    and solve rates.
 
     Args:
         results: Contents of bench_ik.json.
@@ -172,7 +227,15 @@ def _draw_ratios(axes: Any, rows: list[dict[str, Any]], degrees: int) -> None:
         values = np.array([row["ratio"] for row in chosen])
         bounds = np.array([row["ratio_95"] for row in chosen]).T
         places = np.arange(len(names)) + 0.38 * (k - 0.5)
-        axes.barh(places, values, 0.36, color=color, label=start, xerr=_bars(values, bounds), error_kw={"lw": 1.0})
+        axes.barh(
+            places,
+            values,
+            0.36,
+            color=color,
+            label=start,
+            xerr=_bars(values, bounds),
+            error_kw={"lw": 1.0},
+        )
         for place, value, high in zip(places, values, bounds[1], strict=True):
             axes.annotate(
                 f"{value:.2g}" if value < 10 else f"{value:.0f}",
@@ -183,7 +246,11 @@ def _draw_ratios(axes: Any, rows: list[dict[str, Any]], degrees: int) -> None:
                 fontsize=8,
             )
     axes.set_yticks(range(len(names)), names)
-    axes.set(xscale="log", xlabel="time over that of hybrid", title=f"A Python call, bar A, +-{degrees} deg: {scope}")
+    axes.set(
+        xscale="log",
+        xlabel="time over that of hybrid",
+        title=f"A Python call, bar A, +-{degrees} deg: {scope}",
+    )
     axes.axvline(1.0, color="0.3", lw=0.8)
     axes.margins(x=0.12)
     axes.legend(loc="lower right")
@@ -199,7 +266,11 @@ def _draw_growth(axes: Any, growth: dict[str, Any]) -> None:
     axes.loglog(links, first * links / links[0], "--", color="0.6", lw=1.0, label="linear")
     axes.set_xticks(links, [f"{n:.0f}" for n in links])
     axes.minorticks_off()
-    axes.set(xlabel="links", ylabel="median time of a solve [us]", title="Growth with the number of links, bar A")
+    axes.set(
+        xlabel="links",
+        ylabel="median time of a solve [us]",
+        title="Growth with the number of links, bar A",
+    )
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="upper left")
 
@@ -211,7 +282,9 @@ def _draw_arms(axes: Any, rows: list[dict[str, Any]]) -> None:
         values = np.array([row["ratio"] for row in chosen])
         bounds = np.array([row["ratio_95"] for row in chosen]).T
         places = np.arange(len(names)) + 0.2 * (k - 0.5)
-        axes.errorbar(places, values, _bars(values, bounds), fmt="o", color=color, capsize=3, label=start)
+        axes.errorbar(
+            places, values, _bars(values, bounds), fmt="o", color=color, capsize=3, label=start
+        )
     axes.axhline(1.0, color="0.3", lw=0.8)
     axes.axhline(1.0 / 1.1, color=VERMILION, lw=0.8, ls="--", label="10 % slower than the baseline")
     axes.set_yscale("log")
@@ -226,8 +299,18 @@ def _draw_arms(axes: Any, rows: list[dict[str, Any]]) -> None:
 def _draw_rates(axes: Any, rows: list[dict[str, Any]]) -> None:
     names = list(dict.fromkeys(row["arm"] for row in rows))
     for method in dict.fromkeys(row["method"] for row in rows):
-        worst = [min(r["rate"] for r in rows if (r["arm"], r["method"]) == (name, method)) for name in names]
-        axes.plot(range(len(names)), [100.0 * w for w in worst], "o-", color=_COLORS.get(method), label=method, lw=0.8)
+        worst = [
+            min(r["rate"] for r in rows if (r["arm"], r["method"]) == (name, method))
+            for name in names
+        ]
+        axes.plot(
+            range(len(names)),
+            [100.0 * w for w in worst],
+            "o-",
+            color=_COLORS.get(method),
+            label=method,
+            lw=0.8,
+        )
     axes.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=8)
     axes.set(ylabel="solved [%]", title="The worst solve rate: starts, bars, limits")
     axes.set_ylim(bottom=0.0, top=104.0)
@@ -236,7 +319,9 @@ def _draw_rates(axes: Any, rows: list[dict[str, Any]]) -> None:
 
 
 def _bars(values: Array, bounds: Array) -> Array:
-    """Lengths (2, k) of the error bars; clipped at 0, since a bootstrap interval may exclude the median itself."""
+    """Lengths (2, k) of the error bars; clipped at 0, since a bootstrap interval may exclude the
+    median itself.
+    """
     return np.maximum(np.stack([values - bounds[0], bounds[1] - values]), 0.0)
 
 

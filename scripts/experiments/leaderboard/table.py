@@ -48,9 +48,13 @@ def read_result(file: Path) -> dict[str, Any]:
         raise ConfigurationError(f"{path}: is no result file of uuv benchmark: {error}") from error
     for row in content["rows"]:
         if "class" not in row:  # no name of a field
-            raise ConfigurationError(f"{path}: is no result file of uuv benchmark: a row has no class")
+            raise ConfigurationError(
+                f"{path}: is no result file of uuv benchmark: a row has no class"
+            )
     if len(result.rows) != result.benchmark.cases:
-        raise ConfigurationError(f"{path}: expected {result.benchmark.cases} rows, got {len(result.rows)}")
+        raise ConfigurationError(
+            f"{path}: expected {result.benchmark.cases} rows, got {len(result.rows)}"
+        )
     return content
 
 
@@ -113,20 +117,31 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
         for name, (said, cure) in _SAME.items():
             if about[name] != first[name]:
                 raise ConfigurationError(
-                    f"leaderboard: {first['entry']!r} has {said} {first[name]}, {about['entry']!r} has {about[name]}: "
+                    f"leaderboard: {first['entry']!r} has {said} {first[name]}, "
+                    f"{about['entry']!r} has {about[name]}: "
                     f"{cure}"
                 )
-    scored = [(result["benchmark"], totals(result["rows"]), by_family(result["rows"])) for result in results]
+    scored = [
+        (result["benchmark"], totals(result["rows"]), by_family(result["rows"]))
+        for result in results
+    ]
     scored.sort(key=lambda each: (-each[1]["kept"]["value"], each[0]["entry"]))
     families = list(dict.fromkeys(name for _, _, counts in scored for name in counts))
     kinds = "public cases" if first["public"] else f"cases of seed {first['seed']}"
     tables = (
-        Table(title="Scores by the truth", columns=_COLUMNS, rows=[_cells(about, total) for about, total, _ in scored]),
+        Table(
+            title="Scores by the truth",
+            columns=_COLUMNS,
+            rows=[_cells(about, total) for about, total, _ in scored],
+        ),
         Table(
             title="Kept, by family",
             columns=("entry", *families),
             rows=[
-                (about["entry"], *(f"{counts[name]['kept']} of {counts[name]['runs']}" for name in families))
+                (
+                    about["entry"],
+                    *(f"{counts[name]['kept']} of {counts[name]['runs']}" for name in families),
+                )
                 for about, _, counts in scored
             ],
         ),
@@ -134,11 +149,16 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
     return "\n\n".join(
         (
             f"# UUV contact, version {first['version']}: {first['cases']} {kinds}",
-            "Shares with exact binomial intervals of 95 %; medians with bootstrap intervals of 95 %, over the runs "
-            "that gave the figure. Force and path are of surface work, without the insertions. Step is the mean wall "
-            "time of one answer through the door, the entry's computing included; a dash: the controller ran in the "
-            "simulation's process. Entry's file is the digest of the file with its class, and of the one with its "
-            "estimator; a dash: the entry is a setting of the project's own controller. Project is the digest of the "
+            "Shares with exact binomial intervals of 95 %; medians with bootstrap intervals of 95 "
+            "%, over the runs "
+            "that gave the figure. Force and path are of surface work, without the insertions. "
+            "Step is the mean wall "
+            "time of one answer through the door, the entry's computing included; a dash: the "
+            "controller ran in the "
+            "simulation's process. Entry's file is the digest of the file with its class, and of "
+            "the one with its "
+            "estimator; a dash: the entry is a setting of the project's own controller. Project "
+            "is the digest of the "
             "project's code, without the entry's. See docs/benchmark.md.",
             *(table.markdown() for table in tables),
             f"Digest of the cases: {first['cases_digest']}.\n",

@@ -1,7 +1,8 @@
-"""Error model of the camera on the arm: rendered pictures, their motion by direct alignment, and the fit to its errors.
+"""Error model of the camera on the arm: rendered pictures, their motion by direct alignment, and
+the fit to its errors.
 
-A case is one key picture and three pictures after it. Object, place, range, texture, turbidity, silt, motion and the
-error of the predicted motion are drawn from the case's seed.
+A case is one key picture and three pictures after it. Object, place, range, texture, turbidity,
+silt, motion and the error of the predicted motion are drawn from the case's seed.
 """
 
 from dataclasses import asdict, dataclass
@@ -67,7 +68,10 @@ class Tool:
         link, X_LG = site_on_body(model, TIP_SITE, "arm camera")
         X_LC = X_LG @ beside_tool()
         at = body_id(model, link, "arm camera")
-        fine, coarse = (tool_in_view(model, at, X_LC, Rays.of(camera.rays(step), camera.near)) for step in (1, GRID))
+        fine, coarse = (
+            tool_in_view(model, at, X_LC, Rays.of(camera.rays(step), camera.near))
+            for step in (1, GRID)
+        )
         return cls(fine, hidden_by(fine), np.isfinite(coarse))
 
 
@@ -75,7 +79,8 @@ def run(case: KeyCase) -> Row:
     """Renders the pictures of a case and aligns them.
 
     Returns:
-        Its conditions, and for each picture the error of the motion, the tracker's information, and the prediction.
+        Its conditions, and for each picture the error of the motion, the tracker's information, and
+        the prediction.
     """
     rng = np.random.default_rng([case.seed, case.number])
     camera = SmallStereo()
@@ -90,7 +95,11 @@ def run(case: KeyCase) -> Row:
     X_TK = _place(target, gap, rng)
     clear = Turbidity(attenuation=attenuation)
     key_hits = _hits(scene, camera, X_TK, tool)
-    range_m = float(np.median(key_hits[0][np.isfinite(key_hits[0]) & ~tool.hidden])) if _seen(key_hits, tool) else 0.17
+    range_m = (
+        float(np.median(key_hits[0][np.isfinite(key_hits[0]) & ~tool.hidden]))
+        if _seen(key_hits, tool)
+        else 0.17
+    )
     noise = picture_noise(camera, attenuation, range_m)
     key = expose(camera, key_hits, X_TK, texture, clear, rng)
     prepared = prepare(key.intensity, key.depth, tool.hidden, camera.focal, noise)
@@ -104,11 +113,18 @@ def run(case: KeyCase) -> Row:
         guess = X_KC @ pose(exp_so3(ROTATION * rng.standard_normal(3)))
         guess[:3, 3] += 2e-3 * rng.standard_normal(3)
         found = align(
-            prepared, prepare(now.intensity, now.depth, tool.hidden, camera.focal, noise), guess, ROTATION, noise
+            prepared,
+            prepare(now.intensity, now.depth, tool.hidden, camera.focal, noise),
+            guess,
+            ROTATION,
+            noise,
         )
         step = slice(GRID // 2, None, GRID)
         depth = hits[0][step, step]
-        depth, across = np.where(tool.hidden_coarse, np.inf, depth), float(np.hypot(X_KC[0, 3], X_KC[1, 3]))
+        depth, across = (
+            np.where(tool.hidden_coarse, np.inf, depth),
+            float(np.hypot(X_KC[0, 3], X_KC[1, 3])),
+        )
         view = predict(camera, depth, tool.hidden_coarse, texture, water, across)
         pictures.append(_picture(found, X_KC, view))
     return {
@@ -126,7 +142,9 @@ def _seen(hits: tuple[Array, Array], tool: Tool) -> bool:
 
 
 def _place(target: TargetModel, gap: float, rng: np.random.Generator) -> Array:
-    """Pose X_TC (4, 4) of the camera with the tool somewhere on a path of the object, `gap` [m] above it."""
+    """Pose X_TC (4, 4) of the camera with the tool somewhere on a path of the object, `gap` [m]
+    above it.
+    """
     path = next(iter(target.paths.values()))
     i = int(rng.integers(len(path.p)))
     z = np.asarray(path.a[i])
@@ -138,12 +156,18 @@ def _motion(camera: SmallStereo, range_m: float, rng: np.random.Generator) -> Ar
     """Pose X_KC (4, 4) of a later picture in the key camera's axes."""
     heading = rng.uniform(-np.pi, np.pi)
     shift = rng.uniform(0.0, KEY_SHIFT) * camera.width / camera.focal * range_m
-    p = shift * np.array([np.cos(heading), np.sin(heading), 0.0]) + [0.0, 0.0, 2e-3 * rng.standard_normal()]
+    p = shift * np.array([np.cos(heading), np.sin(heading), 0.0]) + [
+        0.0,
+        0.0,
+        2e-3 * rng.standard_normal(),
+    ]
     return pose(exp_so3(0.02 * rng.standard_normal(3)), p)
 
 
 def _hits(scene: RayScene, camera: SmallStereo, X_TC: Array, tool: Tool) -> tuple[Array, Array]:
-    """Exact depth and cosine of the angle of incidence (height, width); the tool is before the object."""
+    """Exact depth and cosine of the angle of incidence (height, width); the tool is before the
+    object.
+    """
     ways = camera.rays().reshape(-1, 3) @ X_TC[:3, :3].T
     hit = scene.cast(np.broadcast_to(X_TC[:3, 3], ways.shape), ways)
     cosine = np.abs(np.sum(hit["normal"] * ways, axis=1)) / np.linalg.norm(ways, axis=1)
@@ -210,7 +234,9 @@ def pairs_of(rows: list[Row]) -> list[Pair]:
 
 
 def fit(pairs: list[Pair]) -> ErrorModel:
-    """Maximum-likelihood fit of the error model; pairs beyond the gate count as outliers and not for the variance."""
+    """Maximum-likelihood fit of the error model; pairs beyond the gate count as outliers and not
+    for the variance.
+    """
     lost = _fit_lost(pairs)
     kept = [pair for pair in pairs if not pair.lost]
     start, used = np.zeros(8), kept
@@ -218,7 +244,11 @@ def fit(pairs: list[Pair]) -> ErrorModel:
         start = np.asarray(optimize.minimize(_deviance, start, args=(used,), method="L-BFGS-B").x)
         used = [pair for pair in kept if squared(pair, start)[0] <= GATE]
     outliers = [pair for pair in kept if squared(pair, start)[0] > GATE]
-    factor = np.sqrt(np.median([squared(pair, start)[0] for pair in outliers]) / 3.0) if outliers else 1.0
+    factor = (
+        np.sqrt(np.median([squared(pair, start)[0] for pair in outliers]) / 3.0)
+        if outliers
+        else 1.0
+    )
     whitened = {id(pair): _whitened(pair, start) for pair in used}
     products, squares = [], []
     for one in used:
@@ -246,7 +276,9 @@ def _rounded(values: Array, digits: int = 3) -> Any:
 
 def _information(pair: Pair, parameters: Array) -> Array:
     x = pair.view.condition
-    return pair.view.information(float(np.exp(parameters[:4] @ x)), float(np.exp(parameters[4:] @ x)))
+    return pair.view.information(
+        float(np.exp(parameters[:4] @ x)), float(np.exp(parameters[4:] @ x))
+    )
 
 
 def squared(pair: Pair, parameters: Array) -> tuple[float, int]:
@@ -261,14 +293,17 @@ def _whitened(pair: Pair, parameters: Array) -> Array:
 
 
 def _deviance(parameters: Array, pairs: list[Pair]) -> float:
-    """Twice the negative logarithm of the likelihood, over the observed directions, with a weak prior."""
+    """Twice the negative logarithm of the likelihood, over the observed directions, with a weak
+    prior.
+    """
     total = float(np.sum(parameters**2)) / 4.0
     for pair in pairs:
         values, axes = np.linalg.eigh(_information(pair, parameters))
         seen = values > OBSERVED
         along = axes.T @ pair.error
         total += float(np.sum(along[seen] ** 2 * values[seen] - np.log(values[seen])))
-        total += (1.0 + 2.0 * np.log(WEAKEST)) * int((~seen).sum())  # of one given up: that at the bound
+        # of one given up: that at the bound
+        total += (1.0 + 2.0 * np.log(WEAKEST)) * int((~seen).sum())
     return total
 
 
@@ -291,7 +326,9 @@ def summarise(rows: list[Row]) -> Summary:
     parameters = np.concatenate([model.texture, model.shape])
     groups = {
         "all": pairs,
-        "textured, no silt": [p for p in pairs if p.row["contrast"] >= 0.1 and p.view.condition[2] == 0.0],
+        "textured, no silt": [
+            p for p in pairs if p.row["contrast"] >= 0.1 and p.view.condition[2] == 0.0
+        ],
         "faint texture": [p for p in pairs if 0.0 < p.row["contrast"] < 0.1],
         "silt over a quarter or more": [p for p in pairs if p.view.condition[2] >= 0.25],
         "attenuation above 1 / m": [p for p in pairs if p.row["attenuation"] > 1.0],
@@ -299,7 +336,11 @@ def summarise(rows: list[Row]) -> Summary:
         "plain barrel or pile": [
             p for p in pairs if p.row["contrast"] == 0.0 and p.row["object"] in ("barrel", "pile")
         ],
-        "plain, other": [p for p in pairs if p.row["contrast"] == 0.0 and p.row["object"] not in ("barrel", "pile")],
+        "plain, other": [
+            p
+            for p in pairs
+            if p.row["contrast"] == 0.0 and p.row["object"] not in ("barrel", "pile")
+        ],
     }
     cells = [(name, *_group(group, parameters)) for name, group in groups.items()]
     table = Table(
@@ -316,8 +357,10 @@ def summarise(rows: list[Row]) -> Summary:
             ">99 %",
         ),
         rows=cells,
-        caption="RMS of pairs that were not lost, in observed directions; stated: median of the model. "
-        "NEES / n: squared error over the model's covariance by observed direction, outliers left out.",
+        caption="RMS of pairs that were not lost, in observed directions; stated: median of the "
+        "model. "
+        "NEES / n: squared error over the model's covariance by observed direction, outliers left "
+        "out.",
     )
     return Summary(
         metrics={
@@ -365,7 +408,8 @@ def to_toml(model: ErrorModel) -> str:
     """Text of the package's table."""
     heading = (
         "Errors of the camera on the arm, fitted to rendered pairs by\n"
-        "    ./uvw run scripts/experiments/navigation/fit_arm_camera.py --runs 700 --seed 1 --write\n"
+        "    ./uvw run scripts/experiments/navigation/fit_arm_camera.py --runs 700 --seed 1 "
+        "--write\n"
         f"texture, shape, lost: factors of {', '.join(CONDITION)} (sim/sensors/arm_camera.py)"
     )
     return toml_text(asdict(model), heading)

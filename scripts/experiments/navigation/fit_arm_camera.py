@@ -1,9 +1,11 @@
-"""Study: errors of the camera on the arm, from rendered pictures of textured objects, and the model fitted to them.
+"""Study: errors of the camera on the arm, from rendered pictures of textured objects, and the model
+fitted to them.
 
     ./uvw run scripts/experiments/navigation/fit_arm_camera.py --runs 700 --seed 1 --write
 
-Each run is one key picture and three after it, over range, texture, turbidity, silt and motion. Prints the fitted model
-and its check by groups; --write stores it in sim/sensors/arm_camera.toml, from which the simulated sensor takes it.
+Each run is one key picture and three after it, over range, texture, turbidity, silt and motion.
+Prints the fitted model and its check by groups; --write stores it in sim/sensors/arm_camera.toml,
+from which the simulated sensor takes it.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -36,8 +38,14 @@ def main() -> int:
             write_whole(TABLE, to_toml(ErrorModel(**summary.metrics["model"])))
         return summary
 
-    study = Study(cases=[KeyCase(options.seed, number) for number in range(options.runs)], run_one=run, summarise=told)
-    return study.carry_out("fit_arm_camera", options, f"Camera on the arm: {options.runs} key pictures")
+    study = Study(
+        cases=[KeyCase(options.seed, number) for number in range(options.runs)],
+        run_one=run,
+        summarise=told,
+    )
+    return study.carry_out(
+        "fit_arm_camera", options, f"Camera on the arm: {options.runs} key pictures"
+    )
 
 
 if __name__ == "__main__":

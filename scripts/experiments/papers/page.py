@@ -1,13 +1,14 @@
-"""Writes docs/papers.md: what the papers state in numbers, and what the commands of this project give.
+"""Writes docs/papers.md: what the papers state in numbers, and what the commands of this project
+give.
 
     ./uvw run scripts/experiments/papers/page.py               # runs the commands whose figures are missing
     ./uvw run scripts/experiments/papers/page.py --anew        # runs them all; an hour
     ./uvw run scripts/experiments/papers/page.py --only force  # only commands that contain the word; the others as they
     are
 
-The rows stand in statements.toml beside this file. A row names a command and takes its figures from the metrics.json
-that it writes, or from what it prints. The figures are kept in docs/papers.json. Exit code 1: a command failed, or a
-row found no figure.
+The rows stand in statements.toml beside this file. A row names a command and takes its figures from
+the metrics.json that it writes, or from what it prints. The figures are kept in docs/papers.json.
+Exit code 1: a command failed, or a row found no figure.
 """
 
 import json
@@ -29,7 +30,11 @@ from uuv.start import parse, run_scenario
 
 HERE = Path(__file__).resolve()
 DOCS = HERE.parents[3] / "docs"
-STATEMENTS, FIGURES, PAGE = HERE.with_name("statements.toml"), DOCS / "papers.json", DOCS / "papers.md"
+STATEMENTS, FIGURES, PAGE = (
+    HERE.with_name("statements.toml"),
+    DOCS / "papers.json",
+    DOCS / "papers.md",
+)
 _LOST = (0, 1)  # exit codes of a run with figures: accepted, or done outside its bounds
 
 
@@ -61,7 +66,9 @@ def main() -> int:
     console = Console(highlight=False)
     papers = tomllib.loads(STATEMENTS.read_text(encoding="utf-8"))
     rows = [row for paper in papers["paper"] for row in _rows(paper)]
-    kept: dict[str, dict[str, str]] = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
+    kept: dict[str, dict[str, str]] = (
+        json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
+    )
     figures: dict[str, dict[str, str]] = {}
     for command in dict.fromkeys(row.command for row in rows if row.command):
         wanted = [row for row in rows if row.command == command]
@@ -88,11 +95,15 @@ def _rows(paper: Mapping[str, Any]) -> list[PaperStatement]:
 
 
 def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
-    """Texts with figures of the rows of one command, by their patterns; those that it does not give are left out."""
+    """Texts with figures of the rows of one command, by their patterns; those that it does not give
+    are left out.
+    """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         call = [sys.executable, *_program(command), "--out", str(out)]
-        done = subprocess.run(call, cwd=HERE.parents[3], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            call, cwd=HERE.parents[3], capture_output=True, text=True, check=False
+        )
         file = out / "metrics.json"
         metrics = dict(_flat(json.loads(file.read_text(encoding="utf-8")))) if file.exists() else {}
     if done.returncode not in _LOST:

@@ -1,20 +1,22 @@
-"""Reproduction of the three experiments with the eight-joint servo arm of [Danilov 2021, ch. 4, table 1, fig. 9].
+"""Reproduction of the three experiments with the eight-joint servo arm of [Danilov 2021, ch. 4,
+table 1, fig. 9].
 
     ./uvw run scripts/experiments/papers/servo_arm.py
 
-1, a single solution from the first row of table 1 to the second; 2, motion along x; 3, motion in trim. All use the
-three methods, to the published accuracy of 0.001 m and 0.01 rad for each goal.
+1, a single solution from the first row of table 1 to the second; 2, motion along x; 3, motion in
+trim. All use the three methods, to the published accuracy of 0.001 m and 0.01 rad for each goal.
 
-What was measured on the real arm is simulated: the joint values go to proportional drives, and the arm rests beside
-them under its own weight (`uuv.models.arms.servo_drives`). Masses and gains are those of common servos, for the paper
-gives none.
+What was measured on the real arm is simulated: the joint values go to proportional drives, and the
+arm rests beside them under its own weight (`uuv.models.arms.servo_drives`). Masses and gains are
+those of common servos, for the paper gives none.
 
-The arm's dimensions are not public: `uuv.models.arms.published_arms.SERVO_ARM` is a stand-in. The ranges of the two
-motions are ours. So is the order of the angles: course about y, which is up, then trim about z, then roll about x. With
-this order, the arm of the first row hangs straight down.
+The arm's dimensions are not public: `uuv.models.arms.published_arms.SERVO_ARM` is a stand-in. The
+ranges of the two
+motions are ours. So is the order of the angles: course about y, which is up, then trim about z,
+then roll about x. With this order, the arm of the first row hangs straight down.
 
-Writes metrics.json and two pictures. Exit code 0: every method reached the single solution, and the default one all
-poses.
+Writes metrics.json and two pictures. Exit code 0: every method reached the single solution, and the
+default one all poses.
 """
 
 import math
@@ -38,17 +40,20 @@ from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
 from uuv.start import new_folder, parse, run_scenario
 
-INITIAL = np.array([-11.8, -498.9, -73.4, 239.782, 272.244, 239.270])  # x, y, z [mm], course, trim, roll [deg]
+# x, y, z [mm], course, trim, roll [deg]
+INITIAL = np.array([-11.8, -498.9, -73.4, 239.782, 272.244, 239.270])
 GIVEN = np.array([100.0, -400.0, 0.0, 5.0, -50.0, 0.0])  # the same, second row of table 1
 SOLVED = np.array([99.5, -399.4, -0.3, 5.074, -50.491, -0.138])  # third row of table 1
-MEASURED = np.array([89.0, 95.0, 66.0, 3.0, -45.0, 2.0])  # fourth row; y and z by the measuring scheme of fig. 10
+# fourth row; y and z by the measuring scheme of fig. 10
+MEASURED = np.array([89.0, 95.0, 66.0, 3.0, -45.0, 2.0])
 UP = (0.0, 1.0, 0.0)  # y
 POSITION, ANGLE = 1e-3, 1e-2  # [m], [rad] published accuracy of each goal
 ALONG_X = (100.0, -100.0)  # [mm] first and last x of experiment 2
 IN_TRIM = (-50.0, -10.0)  # [deg] first and last trim of experiment 3
 METHODS: tuple[Method, ...] = ("plain", "jacobian_free", "hybrid")
 GOALS = ("F_R [m]", "F_alpha1 [rad]", "F_alpha2 [rad]")
-Runs = dict[str, tuple[str, Array, dict[Method, list[IkResult]]]]  # by motion: label, values, results by method
+# by motion: label, values, results by method
+Runs = dict[str, tuple[str, Array, dict[Method, list[IkResult]]]]
 _CURVES = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000", "#999999")
 
 
@@ -75,10 +80,17 @@ def tool_pose(row: Array) -> Array:
 
 
 def row_of(X: Array) -> Array:
-    """The row of table 1 for a pose, inverse of `tool_pose`; angles in (-180, 180] deg, trim in [-90, 90] deg."""
+    """The row of table 1 for a pose, inverse of `tool_pose`; angles in (-180, 180] deg, trim in
+    [-90, 90] deg.
+    """
     R = np.column_stack([X[:3, 2], np.cross(X[:3, 0], X[:3, 2]), X[:3, 0]])
     course, roll = math.atan2(-R[2, 0], R[0, 0]), math.atan2(-R[1, 2], R[1, 1])
-    return np.array([*(1e3 * X[:3, 3]), *np.degrees([course, math.atan2(R[1, 0], math.hypot(R[0, 0], R[2, 0])), roll])])
+    return np.array(
+        [
+            *(1e3 * X[:3, 3]),
+            *np.degrees([course, math.atan2(R[1, 0], math.hypot(R[0, 0], R[2, 0])), roll]),
+        ]
+    )
 
 
 def solved(chain: Chain, row: Array, q: Array, method: Method, *, track: bool) -> IkResult:
@@ -126,7 +138,9 @@ def goals_of(result: IkResult) -> Array:
 
 
 def draw_single(results: dict[str, IkResult], file: Path) -> None:
-    """Plots joint values and goals over iterations, one column for each method [Danilov 2021, fig. 9]."""
+    """Plots joint values and goals over iterations, one column for each method [Danilov 2021, fig.
+    9].
+    """
     figure = Figure(figsize=(13, 7), layout="constrained")
     grid = figure.subplots(2, len(results), sharey="row", squeeze=False)
     for column, (method, result) in zip(grid.T, results.items(), strict=True):
@@ -135,7 +149,9 @@ def draw_single(results: dict[str, IkResult], file: Path) -> None:
         for i, values in enumerate(np.degrees(result.history.T)):
             column[0].plot(values, color=_CURVES[i], marker=marker, ms=3, label=f"joint {i + 1}")
         for k, (goal, values) in enumerate(zip(GOALS, goals_of(result).T, strict=True)):
-            column[1].semilogy(np.maximum(values, 1e-7), color=_CURVES[k], marker=marker, ms=3, label=goal)
+            column[1].semilogy(
+                np.maximum(values, 1e-7), color=_CURVES[k], marker=marker, ms=3, label=goal
+            )
         column[1].axhline(POSITION, color=_CURVES[0], ls="--", lw=0.8)
         column[1].axhline(ANGLE, color=_CURVES[1], ls="--", lw=0.8)
         column[1].xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -154,7 +170,9 @@ def draw_single(results: dict[str, IkResult], file: Path) -> None:
 
 
 def draw_motions(runs: Runs, file: Path) -> None:
-    """Plots joint values and goals of the default method and all iterations, one column for each motion."""
+    """Plots joint values and goals of the default method and all iterations, one column for each
+    motion.
+    """
     figure = Figure(figsize=(12, 9), layout="constrained")
     grid = figure.subplots(3, len(runs), sharey="row", squeeze=False)
     for column, (label, values, by_method) in zip(grid.T, runs.values(), strict=True):
@@ -167,7 +185,10 @@ def draw_motions(runs: Runs, file: Path) -> None:
         column[1].axhline(ANGLE, color=_CURVES[1], ls="--", lw=0.8)
         for k, (method, results) in enumerate(by_method.items()):
             column[2].semilogy(
-                values, np.maximum([result.iterations for result in results], 0.5), color=_CURVES[k], label=method
+                values,
+                np.maximum([result.iterations for result in results], 0.5),
+                color=_CURVES[k],
+                label=method,
             )
             lost = np.array([not result.converged for result in results])
             if lost.any():
@@ -183,7 +204,9 @@ def draw_motions(runs: Runs, file: Path) -> None:
             axes.grid(alpha=0.3)
             axes.set_xlim(values[0], values[-1])
     for axes, label in zip(
-        grid[:, 0], ("joint values [deg], hybrid", "goals, hybrid", "iterations a pose"), strict=True
+        grid[:, 0],
+        ("joint values [deg], hybrid", "goals, hybrid", "iterations a pose"),
+        strict=True,
     ):
         axes.set_ylabel(label)
     for axes, columns in zip(grid[:, 0], (4, 3, 4), strict=True):
@@ -239,7 +262,12 @@ def main() -> int:
     rows |= {"published: solved": SOLVED, "published: measured": MEASURED}
     for name, row in rows.items():
         counted = str(single[name].iterations) if name in single else ""
-        table.add_row(name, *(f"{value:.1f}" for value in row[:3]), *(f"{value:.3f}" for value in row[3:]), counted)
+        table.add_row(
+            name,
+            *(f"{value:.1f}" for value in row[:3]),
+            *(f"{value:.3f}" for value in row[3:]),
+            counted,
+        )
     console.print(table)
 
     x, trim = np.linspace(*ALONG_X, count), np.linspace(*IN_TRIM, count)
@@ -250,7 +278,11 @@ def main() -> int:
     for title, (label, values, index) in motions.items():
         poses = np.tile(GIVEN, (count, 1))
         poses[:, index] = values
-        runs[title] = label, values, {method: motion(chain, poses, q_given, method) for method in METHODS}
+        runs[title] = (
+            label,
+            values,
+            {method: motion(chain, poses, q_given, method) for method in METHODS},
+        )
         told[title] = {
             method: figures(results, q_given) | at_rest(chain, drives, results)
             for method, results in runs[title][2].items()

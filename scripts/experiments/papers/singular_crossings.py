@@ -1,16 +1,18 @@
-"""Eleven paths through and beside singular configurations, passed by each recipe [Danilov 2021, figs. 6, 7].
+"""Eleven paths through and beside singular configurations, passed by each recipe [Danilov 2021,
+figs. 6, 7].
 
     ./uvw run scripts/experiments/papers/singular_crossings.py
 
-Each path is a straight line of the tool without turning, through a tip pose at which the wrist is singular, or up to
-20 mm beside it. That of the European Robotic Arm (ERA) is the published one; on the others the wrist has to spin.
-The tool is off its path where it is more than 0.1 mm or 1 mrad away.
+Each path is a straight line of the tool without turning, through a tip pose at which the wrist is
+singular, or up to 20 mm beside it. That of the European Robotic Arm (ERA) is the published one; on
+the others the wrist has to spin. The tool is off its path where it is more than 0.1 mm or 1 mrad
+away.
 
-The recipes: without passing; those of the paper, joints 5 and 6 kept within +-80 deg, or joint 1 held near the
-singularity; and those of `uuv.controllers.ik.tracking`.
+The recipes: without passing; those of the paper, joints 5 and 6 kept within +-80 deg, or joint 1
+held near the singularity; and those of `uuv.controllers.ik.tracking`.
 
-Writes metrics.json. Exit code 0: no recipe but "without" exceeds the speed limit, and the default one leaves the paths
-for the least share.
+Writes metrics.json. Exit code 0: no recipe but "without" exceeds the speed limit, and the default
+one leaves the paths for the least share.
 """
 
 from collections.abc import Iterator
@@ -41,7 +43,9 @@ RECIPES: dict[str, dict[str, Any]] = {  # options of `track`; `narrow` limits jo
     "auto": {"passing": "auto"},
 }
 WITHOUT, DEFAULT = "without", "limit (default)"
-WRISTS = {  # [rad] singular joint values, joint 5 at zero; and which directions of `fast_first` lead along and across
+# [rad] singular joint values, joint 5 at zero; and which directions of `fast_first` lead along and
+# across
+WRISTS = {
     "puma560": (np.array([0.3, -0.6, 0.5, 0.5, 0.0, 0.2]), 0, 2),
     "ur5": (np.array([0.3, -1.2, 1.4, -0.6, 0.0, 0.2]), 1, 2),
 }
@@ -82,7 +86,9 @@ def crossings(options: Options) -> Iterator[Crossing]:
     era = published_arms.load("era")
     q, y, z = lock(era), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     for beside in BESIDE_ERA:
-        yield crossing(f"era, {1e3 * beside:.0f} mm", era, q, lines(y, beside * z, 1.0, options), 0.4)
+        yield crossing(
+            f"era, {1e3 * beside:.0f} mm", era, q, lines(y, beside * z, 1.0, options), 0.4
+        )
     for name, (q, along, across) in WRISTS.items():
         arm = published_arms.load(name)
         ways = fast_first(Chain.from_arm(arm), q)
@@ -124,7 +130,9 @@ def crossing(name: str, arm: PublishedArm, q: Array, line: Array, slow: float | 
 
 
 def fast_first(chain: Chain, q: Array) -> Array:
-    """Directions of the tool, rows of (3, 3), from the one that needs the fastest joints beside the singular `q`."""
+    """Directions of the tool, rows of (3, 3), from the one that needs the fastest joints beside the
+    singular `q`.
+    """
     return np.linalg.svd(np.linalg.pinv(chain.jacobian(q + NEAR))[:, :3])[2]
 
 
@@ -142,7 +150,12 @@ def passed(crossing: Crossing, recipe: dict[str, Any], options: Options) -> Trac
     given = dict(recipe)
     arm = narrowed(crossing.arm, crossing.q0) if given.pop("narrow", False) else crossing.arm
     return track(
-        Chain.from_arm(arm), crossing.path, crossing.q0, options.period, speed_limits=options.speed_limit, **given
+        Chain.from_arm(arm),
+        crossing.path,
+        crossing.q0,
+        options.period,
+        speed_limits=options.speed_limit,
+        **given,
     )
 
 
@@ -163,7 +176,8 @@ def main() -> int:
     folder = new_folder("singular_crossings", options.out)
     given = list(crossings(options))
     told = {
-        name: {one.name: figures(passed(one, recipe, options)) for one in given} for name, recipe in RECIPES.items()
+        name: {one.name: figures(passed(one, recipe, options)) for one in given}
+        for name, recipe in RECIPES.items()
     }
     table = Table(title=f"{len(given)} crossings: the worst (the mean)", title_justify="left")
     for heading in ("", "deviation mm", "deg", "share off the path %", "joint speed rad/s"):
@@ -175,15 +189,27 @@ def main() -> int:
         "joint_speed_rad_s": 1.0,
     }
     means = {
-        name: {key: float(np.mean([run[key] for run in runs.values()])) for key in keys} for name, runs in told.items()
+        name: {key: float(np.mean([run[key] for run in runs.values()])) for key in keys}
+        for name, runs in told.items()
     }
-    worst = {name: {key: max(run[key] for run in runs.values()) for key in keys} for name, runs in told.items()}
+    worst = {
+        name: {key: max(run[key] for run in runs.values()) for key in keys}
+        for name, runs in told.items()
+    }
     for name in told:
-        cells = (f"{factor * worst[name][key]:.3g} ({factor * means[name][key]:.3g})" for key, factor in keys.items())
+        cells = (
+            f"{factor * worst[name][key]:.3g} ({factor * means[name][key]:.3g})"
+            for key, factor in keys.items()
+        )
         table.add_row(name, *cells)
     console.print(table)
     limit = options.speed_limit * (1.0 + 1e-9)
-    slow = all(run["joint_speed_rad_s"] <= limit for name in told if name != WITHOUT for run in told[name].values())
+    slow = all(
+        run["joint_speed_rad_s"] <= limit
+        for name in told
+        if name != WITHOUT
+        for run in told[name].values()
+    )
     least = min(means[name]["share_off"] for name in told if name != WITHOUT)
     accepted = slow and means[DEFAULT]["share_off"] <= least
     metrics = {

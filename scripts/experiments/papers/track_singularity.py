@@ -1,15 +1,17 @@
-"""Reproduction: ERA's wrist moves through gimbal lock with and without passing [Danilov 2021, figs. 6, 7].
+"""Reproduction: ERA's wrist moves through gimbal lock with and without passing [Danilov 2021, figs.
+6, 7].
 
     ./uvw run scripts/experiments/papers/track_singularity.py
     ./uvw run scripts/experiments/papers/track_singularity.py --passing limit --speed 0.05 --view
 
-The arm is the European Robotic Arm (ERA). The lock: at a yaw of 90 deg the wrist's roll axis is parallel to its pitch
-axis. Its pitch turns the yaw axis until it points at the shoulder. The tool then cannot move along the pitch axis,
-which the published path along y0 requires. The arm has a seventh joint and may evade the lock. The start is therefore
-found by tracking the path backwards from the lock.
+The arm is the European Robotic Arm (ERA). The lock: at a yaw of 90 deg the wrist's roll axis is
+parallel to its pitch axis. Its pitch turns the yaw axis until it points at the shoulder. The tool
+then cannot move along the pitch axis, which the published path along y0 requires. The arm has a
+seventh joint and may evade the lock. The start is therefore found by tracking the path backwards
+from the lock.
 
-Writes metrics.json, track_singularity.png and run.rrd. Exit code 0: a joint exceeds the speed limit without passing,
-none does with passing, and the tool ends on its path.
+Writes metrics.json, track_singularity.png and run.rrd. Exit code 0: a joint exceeds the speed limit
+without passing, none does with passing, and the tool ends on its path.
 """
 
 import math
@@ -57,7 +59,9 @@ class Options:
     period: float = 0.05
     """Time between poses [s]."""
     out: Path | None = None
-    """Folder for metrics.json, the picture and run.rrd; default: a new one in runs/track_singularity."""
+    """Folder for metrics.json, the picture and run.rrd; default: a new one in
+    runs/track_singularity.
+    """
     view: bool = False
     """Open the Rerun viewer."""
     quick: bool = False
@@ -67,10 +71,11 @@ class Options:
 
 
 def lock(arm: SerialArm) -> Array:
-    """Joint values (7,) [rad] in the gimbal lock: `AT_LOCK`, the wrist's pitch refined by bisection.
+    """Joint values (7,) [rad] in the gimbal lock: `AT_LOCK`, the wrist's pitch refined by
+    bisection.
 
-    The yaw axis passes through the shoulder (joint 2) where the link before it is perpendicular to the line to the
-    shoulder.
+    The yaw axis passes through the shoulder (joint 2) where the link before it is perpendicular to
+    the line to the shoulder.
     """
 
     def along(pitch: float) -> float:
@@ -86,7 +91,8 @@ def lock(arm: SerialArm) -> Array:
 
 
 def start(chain: Chain, q_lock: Array, path: Array, options: Options) -> Array:
-    """Joint values at the first pose of `path` from which tracking leads into the lock, found backwards from the lock.
+    """Joint values at the first pose of `path` from which tracking leads into the lock, found
+    backwards from the lock.
 
     Args:
         chain: The arm.
@@ -98,10 +104,13 @@ def start(chain: Chain, q_lock: Array, path: Array, options: Options) -> Array:
         ConfigurationError: The arm does not return to its path in time.
     """
     back = path[: len(path) // 2][::-1]
-    run = track(chain, back, q_lock, options.period, speed_limits=4.0 * options.speed_limit, passing="limit")
+    run = track(
+        chain, back, q_lock, options.period, speed_limits=4.0 * options.speed_limit, passing="limit"
+    )
     if not run.converged[-1]:
         raise ConfigurationError(
-            f"--reach {options.reach} at --speed {options.speed}: the arm does not come back to its path in time"
+            f"--reach {options.reach} at --speed {options.speed}: the arm does not come back to "
+            "its path in time"
         )
     return np.array(run.q[-1])
 
@@ -121,7 +130,9 @@ def figures(run: Track, options: Options) -> dict[str, Any]:
     }
 
 
-def write_log(file: Path, arm: PublishedArm, runs: dict[str, Track], path: Array, view: bool) -> None:
+def write_log(
+    file: Path, arm: PublishedArm, runs: dict[str, Track], path: Array, view: bool
+) -> None:
     """Writes run.rrd.
 
     Args:
@@ -135,7 +146,10 @@ def write_log(file: Path, arm: PublishedArm, runs: dict[str, Track], path: Array
 
     names = list(runs)
     curves = [
-        rrb.TimeSeriesView(name=f"joint speeds {name} passing [rad/s]", origin=f"series/speed_{name}") for name in names
+        rrb.TimeSeriesView(
+            name=f"joint speeds {name} passing [rad/s]", origin=f"series/speed_{name}"
+        )
+        for name in names
     ]
     blueprint = rrb.Horizontal(
         rrb.Spatial3DView(name="arm", origin="world"),
@@ -152,12 +166,20 @@ def write_log(file: Path, arm: PublishedArm, runs: dict[str, Track], path: Array
         for (name, run), color in zip(runs.items(), (ORANGE, BLUE), strict=True):
             log.arm(name, arm, time, run.q, color, stride=2)
             log.series(f"speed_{name}", [f"joint {i + 1}" for i in range(arm.n)], time, run.qd)
-        log.series("error", names, time, 1e3 * np.column_stack([run.position_error for run in runs.values()]))
-        log.series("nearness", names, time, np.column_stack([run.nearness for run in runs.values()]))
+        log.series(
+            "error",
+            names,
+            time,
+            1e3 * np.column_stack([run.position_error for run in runs.values()]),
+        )
+        log.series(
+            "nearness", names, time, np.column_stack([run.nearness for run in runs.values()])
+        )
 
 
 def draw(runs: dict[str, Track], options: Options, file: Path) -> None:
-    """Plots joint values, joint speeds and tool errors over time, one column for each run [Danilov 2021, fig. 7].
+    """Plots joint values, joint speeds and tool errors over time, one column for each run [Danilov
+    2021, fig. 7].
 
     Args:
         runs: Runs by name.
@@ -186,7 +208,14 @@ def draw(runs: dict[str, Track], options: Options, file: Path) -> None:
             axes.grid(alpha=0.3)
             for active, color in ((clamped, _CURVES[1]), (held, _CURVES[4])):
                 axes.fill_between(
-                    run.time, 0, 1, where=active, transform=axes.get_xaxis_transform(), color=color, alpha=0.15, lw=0
+                    run.time,
+                    0,
+                    1,
+                    where=active,
+                    transform=axes.get_xaxis_transform(),
+                    color=color,
+                    alpha=0.15,
+                    lw=0,
                 )
         column[3].set_xlabel("time [s]")
         turn = math.degrees(max(float(each.orientation_error.max()) for each in runs.values()))
@@ -202,7 +231,8 @@ def draw(runs: dict[str, Track], options: Options, file: Path) -> None:
     grid[2, 0].set_ylim(bottom=0.0)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
     figure.suptitle(
-        "European Robotic Arm: wrist along y0 through the gimbal lock (orange: clamped, pink: a joint held)"
+        "European Robotic Arm: wrist along y0 through the gimbal lock (orange: clamped, pink: a "
+        "joint held)"
     )
     figure.savefig(file, dpi=100)
 
@@ -212,9 +242,13 @@ def main() -> int:
     options = parse(Options)
     for name in ("reach", "speed", "speed_limit", "period"):
         if not (math.isfinite(value := getattr(options, name)) and value > 0.0):
-            raise ConfigurationError(f"--{name.replace('_', '-')}: must be positive and finite, got {value}")
+            raise ConfigurationError(
+                f"--{name.replace('_', '-')}: must be positive and finite, got {value}"
+            )
     if options.passing == "off":
-        raise ConfigurationError("--passing: one run passes the lock; allowed auto, limit, hold, got 'off'")
+        raise ConfigurationError(
+            "--passing: one run passes the lock; allowed auto, limit, hold, got 'off'"
+        )
     if options.quick:
         options.reach, options.period = 0.5 * options.reach, 2.0 * options.period
     folder = new_folder("track_singularity", options.out)
@@ -243,10 +277,15 @@ def main() -> int:
     told = {name: figures(run, options) for name, run in runs.items()}
     for name, run in runs.items():  # by the arm's own forward kinematics, independent of the solver
         tips = np.array([arm.joint_frames(row)[-1] for row in run.q])
-        told[name]["checked_position_error_m"] = float(np.linalg.norm(tips[:, :3, 3] - path[1:, :3, 3], axis=1).max())
+        told[name]["checked_position_error_m"] = float(
+            np.linalg.norm(tips[:, :3, 3] - path[1:, :3, 3], axis=1).max()
+        )
         turned = [rotation_angle(a[:3, :3], b[:3, :3]) for a, b in zip(tips, path[1:], strict=True)]
         told[name]["checked_orientation_error_rad"] = float(max(turned))
-    table = Table(title=f"{arm.title}, {2 * options.reach:g} m along y0 at {options.speed:g} m/s", title_justify="left")
+    table = Table(
+        title=f"{arm.title}, {2 * options.reach:g} m along y0 at {options.speed:g} m/s",
+        title_justify="left",
+    )
     table.add_column("")
     table.add_column("without passing", justify="right")
     table.add_column(f"with passing ({options.passing})", justify="right")
@@ -268,7 +307,11 @@ def main() -> int:
         and with_passing["largest_joint_speed"] <= options.speed_limit * (1.0 + 1e-9)
         and with_passing["position_error_at_the_end_m"] <= 1e-5
     )
-    metrics = {"runs": told, "accepted": accepted, "provenance": provenance("track_singularity", options)}
+    metrics = {
+        "runs": told,
+        "accepted": accepted,
+        "provenance": provenance("track_singularity", options),
+    }
     write_json(folder / "metrics.json", metrics)
     draw(runs, options, folder / "track_singularity.png")
     if options.record or options.view:

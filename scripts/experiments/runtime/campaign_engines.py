@@ -1,10 +1,12 @@
-"""Benchmark: what an engine of campaigns costs beside the runs: its start, a task, a message, a row on the disk.
+"""Benchmark: what an engine of campaigns costs beside the runs: its start, a task, a message, a row
+on the disk.
 
     ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py              # 100 runs on each engine: 20
     min ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py --runs 4     # one minute
 
-The same runs are done by each engine, and their rows must be equal to the bit. Needs an idle machine. Writes
-campaign_engines.json, and the rows of each engine, into --out. docs/scale.md says what follows for large campaigns.
+The same runs are done by each engine, and their rows must be equal to the bit. Needs an idle
+machine. Writes campaign_engines.json, and the rows of each engine, into --out. docs/scale.md says
+what follows for large campaigns.
 """
 
 from uuv.start import new_folder, parse, run_scenario  # isort: skip
@@ -31,7 +33,8 @@ from uuv.experiment.worker import Limits
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.saving import write_json
 
-OVERHEAD = 0.03  # goal: largest time of an engine's workers beside their runs, over that of the runs
+# goal: largest time of an engine's workers beside their runs, over that of the runs
+OVERHEAD = 0.03
 _SIZES = (0, 10_000)  # rows that are there when the time of another one is taken
 _ADDED = 100  # times that are taken, of which the median counts
 _PLANNED = 20_000  # runs that are drawn
@@ -72,7 +75,8 @@ def no_task(task: CampaignRun) -> Mapping[str, Any]:
 
 
 def empty_tasks(engine: EngineName, tasks: Sequence[CampaignRun], workers: int) -> dict[str, float]:
-    """Time to the first result [s], that of each one after it [s], and the size of a task's message [B].
+    """Time to the first result [s], that of each one after it [s], and the size of a task's message
+    [B].
 
     Args:
         engine: Name of the engine.
@@ -83,11 +87,17 @@ def empty_tasks(engine: EngineName, tasks: Sequence[CampaignRun], workers: int) 
     for found in engine_for(engine, workers, len(tasks), Limits()).results(tasks, nothing, no_task):
         times += [time.perf_counter()] * len(found)
     told = {"first_s": times[1] - times[0], "task_s": (times[-1] - times[1]) / (len(tasks) - 1)}
-    return told | {"end_s": time.perf_counter() - times[-1], "message_b": float(np.mean([*map(_size, tasks)]))}
+    return told | {
+        "end_s": time.perf_counter() - times[-1],
+        "message_b": float(np.mean([*map(_size, tasks)])),
+    }
 
 
-def real_runs(engine: EngineName, campaign: Campaign, options: Options, folder: Path) -> tuple[list[Row], dict]:
-    """Rows of a campaign by case, and wall time, that of the runs alone, and their difference by worker [s].
+def real_runs(
+    engine: EngineName, campaign: Campaign, options: Options, folder: Path
+) -> tuple[list[Row], dict]:
+    """Rows of a campaign by case, and wall time, that of the runs alone, and their difference by
+    worker [s].
 
     Args:
         engine: Name of the engine.
@@ -121,12 +131,15 @@ def plan_costs(campaign: Campaign) -> dict[str, float]:
 
 
 def row_costs(rows: Sequence[Row]) -> dict[str, float]:
-    """Median time to add a row alone, and in a batch [s], with so many there; and what one takes in memory [B].
+    """Median time to add a row alone, and in a batch [s], with so many there; and what one takes in
+    memory [B].
 
     Args:
         rows: Rows of a campaign; they are repeated under other numbers.
     """
-    plain = [{name: value for name, value in row.items() if name not in (KEY, TIMING)} for row in rows]
+    plain = [
+        {name: value for name, value in row.items() if name not in (KEY, TIMING)} for row in rows
+    ]
     found: dict[str, float] = {}
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with tempfile.TemporaryDirectory() as name, RowLog.open(Path(name)) as log:
@@ -134,7 +147,10 @@ def row_costs(rows: Sequence[Row]) -> dict[str, float]:
         def add(count: int) -> float:
             """Time [s] to add so many rows at once, for each."""
             numbers = range(len(log.rows), len(log.rows) + count)
-            more = [(str(k), {**plain[k % len(plain)], "case": k}, {"wall_s": 1.0, "cpu_s": 1.0}) for k in numbers]
+            more = [
+                (str(k), {**plain[k % len(plain)], "case": k}, {"wall_s": 1.0, "cpu_s": 1.0})
+                for k in numbers
+            ]
             began = time.perf_counter()
             log.add(more)
             return (time.perf_counter() - began) / count
@@ -147,7 +163,9 @@ def row_costs(rows: Sequence[Row]) -> dict[str, float]:
         began = time.perf_counter()
         count = len(read_rows(name))
         found["read_s"] = (time.perf_counter() - began) / count
-        found["memory_b"] = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / len(log.rows)
+        found["memory_b"] = (
+            1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / len(log.rows)
+        )
     return found
 
 
@@ -190,18 +208,26 @@ def main() -> int:
     equal = all(each == bare[0] for each in bare)
     of_rows = row_costs(next(iter(rows.values())))
     console.print(_told(costs).printed())
-    size = sum(file.stat().st_size for file in (out / options.engines[0] / ROWS).iterdir()) / len(runs)
+    size = sum(file.stat().st_size for file in (out / options.engines[0] / ROWS).iterdir()) / len(
+        runs
+    )
     console.print(
-        f"a row: {size:.0f} B on the disk, {1e-3 * of_rows['memory_b']:.1f} kB in the memory of the study; "
+        f"a row: {size:.0f} B on the disk, {1e-3 * of_rows['memory_b']:.1f} kB in the memory of "
+        "the study; "
         f"{1e3 * of_rows['add_s_at_0']:.1f} ms to add the first ones, "
         f"{1e3 * of_rows[f'add_s_at_{_SIZES[-1]}']:.1f} ms to {_SIZES[-1]} others, "
-        f"{1e3 * of_rows['add_s_in_batch']:.2f} ms with {_BATCH} at once, {1e3 * of_rows['read_s']:.2f} ms to read it; "
+        f"{1e3 * of_rows['add_s_in_batch']:.2f} ms with {_BATCH} at once, "
+        f"{1e3 * of_rows['read_s']:.2f} ms to read it; "
         f"{1e3 * of_plan['plan_s']:.2f} ms and {1e-3 * of_plan['plan_b']:.1f} kB to draw a run",
         highlight=False,
     )
-    console.print(f"{len(runs)} rows, {'equal to the bit' if equal else 'NOT EQUAL'} on all engines", highlight=False)
+    console.print(
+        f"{len(runs)} rows, {'equal to the bit' if equal else 'NOT EQUAL'} on all engines",
+        highlight=False,
+    )
     write_json(
-        out / "campaign_engines.json", {"engines": costs, "row": {**of_rows, **of_plan, "row_b": size}, "equal": equal}
+        out / "campaign_engines.json",
+        {"engines": costs, "row": {**of_rows, **of_plan, "row_b": size}, "equal": equal},
     )
     console.print(f"written to {out}/", highlight=False)
     return 0 if equal else 1

@@ -1,4 +1,5 @@
-"""Lists anew which kernels a contact job compiles, into first_start.json: after a change of kernels.
+"""Lists anew which kernels a contact job compiles, into first_start.json: after a change of
+kernels.
 
     ./uvw run scripts/experiments/runtime/list_kernels.py
 
@@ -45,7 +46,9 @@ class _Stopwatch(event.Listener):
 
 
 def _can_be_told(args: Any) -> bool:
-    """True if types can be listed; a kernel with others, such as the water's, is compiled with those that call it."""
+    """True if types can be listed; a kernel with others, such as the water's, is compiled with
+    those that call it.
+    """
     try:
         return all(decoded(json.loads(json.dumps(encoded(each)))) == each for each in args)
     except UuvError:
@@ -73,10 +76,14 @@ def listed() -> list[KernelJob]:
             found |= {rows[id(each)]} if id(each) in rows else called(each)
         return found
 
-    after = [called(kernel.overloads[args].library) - {row} for row, (_, args, kernel) in enumerate(made)]
+    after = [
+        called(kernel.overloads[args].library) - {row} for row, (_, args, kernel) in enumerate(made)
+    ]
     order: list[int] = []
     while len(order) < len(made):  # those that a job calls before it
-        order += [row for row in range(len(made)) if row not in order and after[row].issubset(order)]
+        order += [
+            row for row in range(len(made)) if row not in order and after[row].issubset(order)
+        ]
     found: list[KernelJob] = []
     for row in order:
         name, args, kernel = made[row]

@@ -4,10 +4,11 @@
     clean_barrel.py.
 
 The job runs twice from the same seed. The first run is unchanged, with compiled ticks
-(`uuv.ticks.compiled_ticks`). It gives processor time, so that other load on the machine does not count, over the
-time of MuJoCo's own step. In the second, every tick is taken part by part, and a stopwatch around every part gives the
-shares. Both must end with the same bits. The printed digest of the recording shows whether a change of the code
-changes the results. Writes bench_loop.json into --out.
+(`uuv.ticks.compiled_ticks`). It gives processor time, so that other load on the machine does not
+count, over the time of MuJoCo's own step. In the second, every tick is taken part by part, and a
+stopwatch around every part gives the shares. Both must end with the same bits. The printed digest
+of the recording shows whether a change of the code changes the results. Writes bench_loop.json into
+--out.
 """
 
 from uuv.start import new_folder, run_scenario  # first: it tells BLAS to use one thread
@@ -43,7 +44,8 @@ from uuv.sim.sensors.depth_camera import DepthCamera
 
 GOAL = 4.5  # largest time of the loop over that of MuJoCo's own step
 GOAL_WHOLE = 9.0  # the same with identification and placement
-SLOWEST = 0.01  # share of a part's slowest calls that is left out: in those the machine did something else
+# share of a part's slowest calls that is left out: in those the machine did something else
+SLOWEST = 0.01
 
 
 @dataclass(kw_only=True)
@@ -90,7 +92,9 @@ class Stopwatch:
         return 1e-9 * sum(self.spent)
 
     def typical(self, overhead: float) -> float:
-        """Mean duration [us] of a call without the slowest ones, less `overhead` [us] of reading the clock."""
+        """Mean duration [us] of a call without the slowest ones, less `overhead` [us] of reading
+        the clock.
+        """
         spent = np.sort(self.spent)[: max(1, int((1.0 - SLOWEST) * len(self.spent)))]
         return max(0.0, 1e-3 * float(spent.mean()) - overhead)
 
@@ -107,7 +111,9 @@ class Part:
 
 
 class PlannerPart:
-    """Proxy of a planner; the one long call, the placement of the hull, has a stopwatch of its own."""
+    """Proxy of a planner; the one long call, the placement of the hull, has a stopwatch of its
+    own.
+    """
 
     def __init__(self, part: Any, watch: Stopwatch, placing: Stopwatch) -> None:
         self.period, self.init = part.period, part.init
@@ -142,7 +148,9 @@ class Rest:
 
 
 class Instants:
-    """Observer that copies the plant's data every second, for steps of MuJoCo alone from the same states."""
+    """Observer that copies the plant's data every second, for steps of MuJoCo alone from the same
+    states.
+    """
 
     def __init__(self, built: Assembly) -> None:
         self._model, self._data, self.copies = built.plant.model, built.plant.data, []
@@ -154,7 +162,9 @@ class Instants:
             self.copies.append(copy.copy(self._data))
 
     def step_us(self) -> float:
-        """Time [us] of MuJoCo's own step: best of ten at each instant, averaged over the instants."""
+        """Time [us] of MuJoCo's own step: best of ten at each instant, averaged over the
+        instants.
+        """
         best = []
         for data in self.copies:
             spent = []
@@ -181,25 +191,35 @@ def digest(outcome: Run) -> str:
 
 
 def as_it_is(job: MeasuredJob) -> tuple[Run, dict[str, float], Instants]:
-    """Runs the unchanged job; returns outcome, processor times [s] (whole, identification, placement) and instants."""
+    """Runs the unchanged job; returns outcome, processor times [s] (whole, identification,
+    placement) and instants.
+    """
     built = fresh(job)
     seeing, placing, planning = (Stopwatch(time.process_time_ns) for _ in range(3))
     parts = built.parts
     parts = replace(
         parts,
-        sensors=[Part(s, "step", seeing) if isinstance(s, DepthCamera) else s for s in parts.sensors],
+        sensors=[
+            Part(s, "step", seeing) if isinstance(s, DepthCamera) else s for s in parts.sensors
+        ],
         finder=Part(parts.finder, "step", seeing),
         planner=PlannerPart(parts.planner, planning, placing),
     )
     instants = Instants(built)
     began = time.process_time()
     outcome = run(replace(built, loop=replace(built.loop, parts=parts)), observers=[instants])
-    spent = {"whole": time.process_time() - began, "identification": seeing.total, "placement": placing.total}
+    spent = {
+        "whole": time.process_time() - began,
+        "identification": seeing.total,
+        "placement": placing.total,
+    }
     return outcome, spent, instants
 
 
 def by_part(job: MeasuredJob) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
-    """Runs the job with a stopwatch around every part; returns outcome, stopwatches and the one for the rest."""
+    """Runs the job with a stopwatch around every part; returns outcome, stopwatches and the one for
+    the rest.
+    """
     built = fresh(job)
     watches: dict[str, Stopwatch] = {}
 
@@ -215,7 +235,11 @@ def by_part(job: MeasuredJob) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
         planner=PlannerPart(parts.planner, watch("planner"), watch("placement")),
         controller=Part(parts.controller, "step", watch("controller")),
     )
-    stepped = Part(Part(plant, "observe", watch("plant, up to the sensors")), "step", watch("plant, from the commands"))
+    stepped = Part(
+        Part(plant, "observe", watch("plant, up to the sensors")),
+        "step",
+        watch("plant, from the commands"),
+    )
     rest = Rest(watches)
     recorder_part: Any = Part(recorder, "observe", watch("recorder"))
     timed_loop: Any = replace(built.loop, parts=timed, plant=stepped)
@@ -243,15 +267,23 @@ def main() -> int:
         nothing()
     reading = clock.typical(0.0)  # [us]
     once = ("sensor DepthCamera", "finder", "placement")
-    rows = {name: (len(w.spent) / steps, w.typical(reading)) for name, w in watches.items() if name not in once}
+    rows = {
+        name: (len(w.spent) / steps, w.typical(reading))
+        for name, w in watches.items()
+        if name not in once
+    }
     # A stopwatch takes about as much time outside its own measurement as within it.
     rest = rest_watch.typical(reading * sum(often for often, _ in rows.values()))
     whole = rest + sum(often * us for often, us in rows.values())
-    table = Table(title=f"{steps} physics steps of {1e3 * simulated / steps:g} ms, digest {digest(outcome)}")
+    table = Table(
+        title=f"{steps} physics steps of {1e3 * simulated / steps:g} ms, digest {digest(outcome)}"
+    )
     for column in ("part", "calls a step", "us a call", "us a step", "share"):
         table.add_column(column, justify="left" if column == "part" else "right")
     for name, (often, us) in rows.items():
-        table.add_row(name, f"{often:.2g}", f"{us:.1f}", f"{often * us:.1f}", f"{often * us / whole:.0%}")
+        table.add_row(
+            name, f"{often:.2g}", f"{us:.1f}", f"{often * us:.1f}", f"{often * us / whole:.0%}"
+        )
     table.add_row("loop itself", "1", "", f"{rest:.1f}", f"{rest / whole:.0%}", end_section=True)
     table.add_row("all", "", "", f"{whole:.1f}", "100%")
     own = instants.step_us()
@@ -260,10 +292,14 @@ def main() -> int:
     factors = {"loop": simulated / loop, "whole": simulated / spent["whole"]}
     ratios = {"loop": 1e6 * loop / steps / own, "whole": 1e6 * spent["whole"] / steps / own}
     console.print(
-        f"{simulated:.1f} s simulated. With compiled ticks the loop alone takes {1e6 * loop / steps:.1f} us a step, "
-        f"[bold]{ratios['loop']:.1f}[/bold] times MuJoCo's own step (goal {GOAL:g}): {factors['loop']:.0f} times real "
-        f"time. With identification ({spent['identification']:.2f} s) and placement ({spent['placement']:.2f} s) "
-        f"[bold]{ratios['whole']:.1f}[/bold] times (goal {GOAL_WHOLE:g}): {factors['whole']:.0f} times real time.",
+        f"{simulated:.1f} s simulated. With compiled ticks the loop alone takes "
+        f"{1e6 * loop / steps:.1f} us a step, "
+        f"[bold]{ratios['loop']:.1f}[/bold] times MuJoCo's own step (goal {GOAL:g}): "
+        f"{factors['loop']:.0f} times real "
+        f"time. With identification ({spent['identification']:.2f} s) and placement "
+        f"({spent['placement']:.2f} s) "
+        f"[bold]{ratios['whole']:.1f}[/bold] times (goal {GOAL_WHOLE:g}): {factors['whole']:.0f} "
+        "times real time.",
         highlight=False,
     )
     figures = {
@@ -275,7 +311,10 @@ def main() -> int:
         "mujoco_step_us": own,
         "over_mujoco_step": ratios,
         "part_by_part": outcome.result.part_by_part,
-        "us_a_step": {**{name: often * us for name, (often, us) in rows.items()}, "loop itself": rest},
+        "us_a_step": {
+            **{name: often * us for name, (often, us) in rows.items()},
+            "loop itself": rest,
+        },
     }
     write_json(folder / "bench_loop.json", figures)
     console.print(f"written to {folder}/", highlight=False)

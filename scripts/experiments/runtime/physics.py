@@ -1,11 +1,12 @@
-"""Benchmark: cost of the exact hydrodynamics over bare MuJoCo and other fluid models, the best of many rounds.
+"""Benchmark: cost of the exact hydrodynamics over bare MuJoCo and other fluid models, the best of
+many rounds.
 
     ./uvw run scripts/experiments/runtime/physics.py                          # one core; then a batch on one and two
     threads. ./uvw run --with auv-sim-bench scripts/experiments/runtime/physics.py     # adds the simulator
     auv-sim-bench from PyPI.
 
-Only ratios within one run are comparable; the batch needs an idle machine. Writes bench_physics.json and .md into
---out.
+Only ratios within one run are comparable; the batch needs an idle machine. Writes
+bench_physics.json and .md into --out.
 """
 
 import json
@@ -36,7 +37,9 @@ GOALS = {"bare": 1.6, "ellipsoid": 0.3, "threads": 1.8}
 
 @dataclass
 class Options:
-    """Cost of one step of a hull with a six-joint arm, its growth with the number of links, and cost of a batch."""
+    """Cost of one step of a hull with a six-joint arm, its growth with the number of links, and
+    cost of a batch.
+    """
 
     steps: int = 2000
     """Steps of a round."""
@@ -88,7 +91,9 @@ def vehicle(links: int, integrator: str, *, branched: bool = False) -> mujoco.Mj
         integrator: MuJoCo's integrator.
         branched: Chains of at most ten links; False: one chain.
     """
-    spec = mujoco.MjSpec.from_string(f'<mujoco><option timestep="0.002" integrator="{integrator}"/></mujoco>')
+    spec = mujoco.MjSpec.from_string(
+        f'<mujoco><option timestep="0.002" integrator="{integrator}"/></mujoco>'
+    )
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT
     hull = spec.worldbody.add_body(name="hull")
     hull.add_freejoint()
@@ -99,20 +104,28 @@ def vehicle(links: int, integrator: str, *, branched: bool = False) -> mujoco.Mj
             parent = hull
         parent = parent.add_body(name=f"link{i}", pos=[0.7, 0, 0] if parent is hull else LINK)
         parent.add_joint(axis=[0, 0, 1] if i % 2 else [0, 1, 0], damping=[1.0, 0.0, 0.0])
-        parent.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.05, 0, 0], fromto=[0, 0, 0, *LINK], mass=3)
+        parent.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.05, 0, 0], fromto=[0, 0, 0, *LINK], mass=3
+        )
     return spec
 
 
 def with_water(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The vehicle compiled with the exact hydrodynamics: full 6x6 added masses, drag, strips on the links."""
+    """The vehicle compiled with the exact hydrodynamics: full 6x6 added masses, drag, strips on the
+    links.
+    """
     link = water.cylinder(0.05, np.zeros(3), LINK)
     hull = water.box([1.4, 0.8, 0.6])
-    water.attach(spec, {body.name: hull if body.name == "hull" else link for body in spec.bodies[1:]})
+    water.attach(
+        spec, {body.name: hull if body.name == "hull" else link for body in spec.bodies[1:]}
+    )
     return hydrodynamics.compile(spec)
 
 
 def with_ellipsoids(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The vehicle with MuJoCo's fluid model: drag, lift and velocity terms of added mass, no added inertia."""
+    """The vehicle with MuJoCo's fluid model: drag, lift and velocity terms of added mass, no added
+    inertia.
+    """
     spec.option.density, spec.option.viscosity = water.SEA_WATER, 1e-3
     for geom in spec.geoms:
         geom.fluid_ellipsoid = 1.0
@@ -132,7 +145,8 @@ def stepping(model: mujoco.MjModel) -> Callable[[int], object]:
 
 
 def measure(contenders: list[Contender], steps: int, rounds: int) -> None:
-    """Updates `best` of all contenders, round by round, so that a slow moment of the machine affects all alike.
+    """Updates `best` of all contenders, round by round, so that a slow moment of the machine
+    affects all alike.
 
     Args:
         contenders: Models to step.
@@ -145,7 +159,8 @@ def measure(contenders: list[Contender], steps: int, rounds: int) -> None:
                 hydrodynamics.uninstall()
                 mujoco.set_mjcb_passive(contender.callback)
             contender.run(20)
-            begin = time.thread_time()  # processor time of this thread: other load on the machine does not count
+            # processor time of this thread: other load on the machine does not count
+            begin = time.thread_time()
             contender.run(steps)
             contender.best = min(contender.best, (time.thread_time() - begin) / steps)
             if contender.callback:
@@ -182,10 +197,19 @@ def one_vehicle(options: Options, report: Report) -> None:
         if integrator == "implicitfast":
             share = verdict(exact / ellipsoid, GOALS["ellipsoid"])
         cells = [f"{base * 1e6:.2f}", verdict(exact / base, GOALS["bare"])]
-        rows.append([integrator, *cells, f"{ellipsoid / base:.2f} x", f"{python / base:.1f} x", share])
+        rows.append(
+            [integrator, *cells, f"{ellipsoid / base:.2f} x", f"{python / base:.1f} x", share]
+        )
         keys = ("bare_s", "exact_s", "ellipsoid_s", "numpy_callback_s")
         report.numbers[integrator] = dict(zip(keys, (base, exact, ellipsoid, python), strict=True))
-    columns = ("integrator", "bare [us]", "exact", "ellipsoid fluid", "numpy callback, drag only", "exact / ellipsoid")
+    columns = (
+        "integrator",
+        "bare [us]",
+        "exact",
+        "ellipsoid fluid",
+        "numpy callback, drag only",
+        "exact / ellipsoid",
+    )
     report.table("A step: 12 degrees of freedom, 7 bodies, no contact", columns, rows)
 
 
@@ -202,10 +226,25 @@ def growth(options: Options, report: Report) -> None:
             base, exact = (contender.best for contender in pair)
             first = first or exact / base
             times = [f"{base * 1e6:.1f}", f"{exact * 1e6:.1f}"]
-            rows.append([shape, str(links), *times, f"{exact / base:.2f} x", f"{exact / base / first:.2f} x"])
+            rows.append(
+                [
+                    shape,
+                    str(links),
+                    *times,
+                    f"{exact / base:.2f} x",
+                    f"{exact / base / first:.2f} x",
+                ]
+            )
             numbers.append({"shape": shape, "links": links, "bare_s": base, "exact_s": exact})
     report.numbers["growth"] = numbers
-    columns = ("shape", "links", "bare [us]", "exact [us]", "exact / bare", f"that over {options.links[0]} links")
+    columns = (
+        "shape",
+        "links",
+        "bare [us]",
+        "exact [us]",
+        "exact / bare",
+        f"that over {options.links[0]} links",
+    )
     report.table("Growth with the number of links (implicitfast)", columns, rows)
 
 
@@ -218,15 +257,25 @@ def one_body(options: Options, report: Report) -> None:
     body = water.box([1.4, 0.8, 0.6])
     water.attach(spec, {"hull": body})
     model = hydrodynamics.compile(spec)
-    loop = fossen_loop(float(model.body_mass[1]), model.body_inertia[1], body, 0.002, water.SEA_WATER)
-    contenders = {"ours, full step": Contender(stepping(model)), "numpy loop after Fossen": Contender(loop)}
+    loop = fossen_loop(
+        float(model.body_mass[1]), model.body_inertia[1], body, 0.002, water.SEA_WATER
+    )
+    contenders = {
+        "ours, full step": Contender(stepping(model)),
+        "numpy loop after Fossen": Contender(loop),
+    }
     if peer := auv_sim_bench(0.002):
         contenders["auv-sim-bench (no added mass)"] = Contender(peer)
     measure(list(contenders.values()), options.steps, options.rounds)
     ours = next(iter(contenders.values())).best
-    rows = [[name, f"{each.best * 1e6:.2f}", f"{each.best / ours:.1f} x"] for name, each in contenders.items()]
+    rows = [
+        [name, f"{each.best * 1e6:.2f}", f"{each.best / ours:.1f} x"]
+        for name, each in contenders.items()
+    ]
     report.numbers["one_body"] = {name: each.best for name, each in contenders.items()}
-    report.table("One rigid body, 6 degrees of freedom", ("simulator", "step [us]", "over ours"), rows)
+    report.table(
+        "One rigid body, 6 degrees of freedom", ("simulator", "step [us]", "over ours"), rows
+    )
 
 
 def resident() -> int:
@@ -236,7 +285,9 @@ def resident() -> int:
 
 
 def batch(options: Options, report: Report) -> None:
-    """Adds the table of many simulations of the vehicle on one and two threads, by wall-clock time."""
+    """Adds the table of many simulations of the vehicle on one and two threads, by wall-clock
+    time.
+    """
     model = with_water(vehicle(6, "implicitfast"))
     starts = 0.1 * np.random.default_rng(0).normal(size=(options.sims, model.nv))
     batches = {n: mujoco.batch.Batch(model, nsim=options.sims, nthread=n) for n in (1, 2)}
@@ -266,8 +317,14 @@ def batch(options: Options, report: Report) -> None:
         ["processor time of a step, 2 threads over 1", f"{busy[2] / busy[1]:.2f} x"],
         ["bit for bit the same", "yes" if identical else "NO"],
         ["memory of a simulation: state row", f"{row_bytes / 1024:.1f} KiB"],
-        ["memory of a persistent one, its MjData in use", f"{kept / 1024:.0f} KiB" if kept else "not told here"],
-        ["memory reserved by one MjData", f"{(mujoco.MjData(model).nbuffer + model.narena) / 1024:.0f} KiB"],
+        [
+            "memory of a persistent one, its MjData in use",
+            f"{kept / 1024:.0f} KiB" if kept else "not told here",
+        ],
+        [
+            "memory reserved by one MjData",
+            f"{(mujoco.MjData(model).nbuffer + model.narena) / 1024:.0f} KiB",
+        ],
     ]
     numbers = {"step_s_1": best[1], "step_s_2": best[2], "identical": identical}
     numbers |= {"processor_s_1": busy[1], "processor_s_2": busy[2]}
@@ -282,7 +339,10 @@ def main() -> int:
     report = Report(Console())
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    head = f"MuJoCo {mujoco.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores, load {load:.1f}"
+    head = (
+        f"MuJoCo {mujoco.__version__}, Python {platform.python_version()}, {os.cpu_count()} "
+        f"cores, load {load:.1f}"
+    )
     report.numbers |= {"mujoco": mujoco.__version__, "load_before": load}
     report.console.print(head)
     report.markdown.append(head)

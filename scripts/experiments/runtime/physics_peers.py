@@ -44,11 +44,15 @@ def numpy_callback(model: mujoco.MjModel) -> Callable[[mujoco.MjModel, mujoco.Mj
     return passive
 
 
-def fossen_loop(mass: float, inertia: Array, body: BodyHydrodynamics, timestep: float, density: float) -> Stepper:
-    """Explicit Euler loop in numpy for one rigid body by the vectorial model of [Fossen 2021, eq. 8.4].
+def fossen_loop(
+    mass: float, inertia: Array, body: BodyHydrodynamics, timestep: float, density: float
+) -> Stepper:
+    """Explicit Euler loop in numpy for one rigid body by the vectorial model of [Fossen 2021, eq.
+    8.4].
 
-    (M_RB + M_A) nudot + C_RB(nu) nu + C_A(nu_r) nu_r + D(nu_r) nu_r + g(eta) = 0, with Euler angles. The inverse of the
-    inertia is computed once. Python vehicle simulators commonly work this way.
+    (M_RB + M_A) nudot + C_RB(nu) nu + C_A(nu_r) nu_r + D(nu_r) nu_r + g(eta) = 0, with Euler
+    angles. The inverse of the inertia is computed once. Python vehicle simulators commonly work
+    this way.
 
     Args:
         mass: [kg].
@@ -92,12 +96,16 @@ def fossen_loop(mass: float, inertia: Array, body: BodyHydrodynamics, timestep: 
                     [-st, ct * sf, ct * cf],
                 ]
             )
-            T = np.array([[1.0, sf * st / ct, cf * st / ct], [0.0, cf, -sf], [0.0, sf / ct, cf / ct]])
+            T = np.array(
+                [[1.0, sf * st / ct, cf * st / ct], [0.0, cf, -sf], [0.0, sf / ct, cf / ct]]
+            )
             nu_r = nu - nu_c
             up = R.T @ np.array([0.0, 0.0, 1.0])
             restoring = np.concatenate([(lift - 9.81 * mass) * up, np.cross(r_b, lift * up)])
             damping = D @ nu_r + Dq * np.abs(nu_r) * nu_r
-            nudot = Minv @ (restoring - damping - coriolis(M_RB, nu) @ nu - coriolis(M_A, nu_r) @ nu_r)
+            nudot = Minv @ (
+                restoring - damping - coriolis(M_RB, nu) @ nu - coriolis(M_A, nu_r) @ nu_r
+            )
             nu = nu + timestep * nudot
             eta = eta + timestep * np.concatenate([R @ nu[:3], T @ nu[3:]])
 
@@ -105,7 +113,9 @@ def fossen_loop(mass: float, inertia: Array, body: BodyHydrodynamics, timestep: 
 
 
 def auv_sim_bench(timestep: float) -> Stepper | None:
-    """Dynamics of auv-sim-bench (one body, diagonal drag, no added mass); None if it is not installed."""
+    """Dynamics of auv-sim-bench (one body, diagonal drag, no added mass); None if it is not
+    installed.
+    """
     if find_spec("auv_sim_bench") is None:
         return None
     vehicle = import_module("auv_sim_bench.dynamics").AUVDynamics()

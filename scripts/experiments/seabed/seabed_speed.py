@@ -1,4 +1,6 @@
-"""Processor time from a sonar cloud to the path on the seabed by size of the cloud, beside other triangulations."""
+"""Processor time from a sonar cloud to the path on the seabed by size of the cloud, beside other
+triangulations.
+"""
 
 import time
 from typing import Any
@@ -34,7 +36,9 @@ def run(seed: int) -> Row:
         ours = min(_timed(lambda cloud=cloud: plan_seabed_work(cloud, B))[0] for _ in range(3))
         row: Row = {"points": points, "cloud_to_path_s": ours}
         at = np.column_stack([rng.uniform(-1.5, 1.5, (2_000, 2)), np.full(2_000, 2.0)])
-        row["ours_mm"], row["ours_missed"] = _off(build_terrain(cloud).scene, at - cloud.mean(axis=0), ground, at)
+        row["ours_mm"], row["ours_missed"] = _off(
+            build_terrain(cloud).scene, at - cloud.mean(axis=0), ground, at
+        )
         if o3d and points <= 20_000:
             shape = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud))
             for name, make in (("ball_pivoting", _pivot), ("poisson", _poisson)):
@@ -54,7 +58,8 @@ def summarise(runs: list[Row]) -> Summary:
             str(row["points"]),
             f"{row['cloud_to_path_s']:.3f}",
             *(
-                f"{row[f'{name}_s']:.2f}, {row[f'{name}_mm']:.1f}, {row[f'{name}_missed']:.1%} missed"
+                f"{row[f'{name}_s']:.2f}, {row[f'{name}_mm']:.1f}, {row[f'{name}_missed']:.1%} "
+                "missed"
                 if f"{name}_s" in row
                 else "-"
                 for name in ("ball_pivoting", "poisson")
@@ -65,10 +70,18 @@ def summarise(runs: list[Row]) -> Summary:
     ]
     table = Table(
         title="Time from the cloud to the path",
-        columns=("points", "cloud to path, s", "ball pivoting: s, mm off", "Poisson: s, mm off", "ours: mm off"),
+        columns=(
+            "points",
+            "cloud to path, s",
+            "ball pivoting: s, mm off",
+            "Poisson: s, mm off",
+            "ours: mm off",
+        ),
         rows=cells,
     )
-    return Summary(metrics={"rows": run["rows"]}, tables=[table], lines=[run["said"]] if run["said"] else [])
+    return Summary(
+        metrics={"rows": run["rows"]}, tables=[table], lines=[run["said"]] if run["said"] else []
+    )
 
 
 def _scatter(ground: Seabed, points: int, rng: np.random.Generator) -> Array:
@@ -87,7 +100,9 @@ def _timed(work: Any) -> tuple[float, Any]:
 
 
 def _off(scene: Any, starts: Array, ground: Seabed, at: Array) -> tuple[float, float]:
-    """95 % quantile of the vertical error [mm] at places `at`, and the share of rays without a hit."""
+    """95 % quantile of the vertical error [mm] at places `at`, and the share of rays without a
+    hit.
+    """
     t = scene.cast(starts, np.broadcast_to([0.0, 0.0, -1.0], starts.shape))["t"]
     hit = np.isfinite(t)
     off = np.abs(at[hit, 2] - t[hit] - ground.height(at[hit]))
@@ -102,7 +117,9 @@ def _pivot(o3d: Any, cloud: Any) -> Any:
 
 
 def _poisson(o3d: Any, cloud: Any) -> Any:
-    return o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(_clean(cloud), depth=8, n_threads=1)[0]
+    return o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
+        _clean(cloud), depth=8, n_threads=1
+    )[0]
 
 
 def _clean(cloud: Any) -> Any:

@@ -1,4 +1,6 @@
-"""Reconstruction of the seabed and choice of the working height on random terrains: one terrain, summary of many."""
+"""Reconstruction of the seabed and choice of the working height on random terrains: one terrain,
+summary of many.
+"""
 
 from dataclasses import dataclass
 from functools import cache, partial
@@ -20,13 +22,23 @@ from uuv.sim.interfaces.errors import PerceptionError, ReachError
 from uuv.sim.interfaces.messages import SonarScan
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.sensors.sonar import Sonar, SonarBeams, SonarNoise
-from uuv.tasks.seabed_sampling import ABOVE, AHEAD, APART, LOOKS, height_search, sonar_beams, sonar_on_hull
+from uuv.tasks.seabed_sampling import (
+    ABOVE,
+    AHEAD,
+    APART,
+    LOOKS,
+    height_search,
+    sonar_beams,
+    sonar_on_hull,
+)
 
 SWATH = sonar_beams().azimuth  # [rad] swath of the sonar, both ways
 STANDOFF = 0.1  # [m] from which the tool approaches the path
 
 
-def seen(ground: Seabed, X_WB: Array, box: Array, rng: np.random.Generator, *, beam: float, noise: float) -> Array:
+def seen(
+    ground: Seabed, X_WB: Array, box: Array, rng: np.random.Generator, *, beam: float, noise: float
+) -> Array:
     """Echoes of LOOKS pings of the sonar under the hull.
 
     Args:
@@ -74,7 +86,9 @@ def searched_with(vehicle: str) -> WorkVehicle:
 
 
 def run(case: TerrainCase) -> Row:
-    """Errors of targets and profile in units of 1 cm + 0.5 % of the range, and the height or the refusal."""
+    """Errors of targets and profile in units of 1 cm + 0.5 % of the range, and the height or the
+    refusal.
+    """
     own = searched_with(case.vehicle)
     vehicle, chain, box = own.vehicle, own.chain, own.hull_box
     rng = np.random.default_rng(case.seed)
@@ -86,7 +100,13 @@ def run(case: TerrainCase) -> Row:
     cloud = seen(ground, X_WB, box, rng, beam=np.radians(case.beam), noise=0.01 * case.noise)
     true = ground.mesh()[0]
     work = partial(_work, own=own, X_WB=X_WB, B=B)
-    result: Row = {"seed": case.seed, "kind": kind, "points": len(cloud), "refused": "", "margin": None}
+    result: Row = {
+        "seed": case.seed,
+        "kind": kind,
+        "points": len(cloud),
+        "refused": "",
+        "margin": None,
+    }
     plan, found, result["refused"] = work(cloud)
     result["truly_refused"] = work(true)[2]
     if plan is not None and plan.profile is not None:
@@ -102,12 +122,18 @@ def run(case: TerrainCase) -> Row:
         "margin": at.margin,
         "aside_m": found.aside,
         "hull_to_true_ground_m": float(np.linalg.norm(outside, axis=1).min()),
-        "arm_to_true_ground_m": arm_gap(chain, at.X_WB @ vehicle.X_BA, tools, at.q_start, cKDTree(true)),
+        "arm_to_true_ground_m": arm_gap(
+            chain, at.X_WB @ vehicle.X_BA, tools, at.q_start, cKDTree(true)
+        ),
     }
 
 
-def _work(cloud: Array, *, own: WorkVehicle, X_WB: Array, B: Array) -> tuple[SeabedPlan | None, WorkHeight | None, str]:
-    """Plan and working height on a cloud (N, 3) [m], None from a failed stage on; and the reason of the failure."""
+def _work(
+    cloud: Array, *, own: WorkVehicle, X_WB: Array, B: Array
+) -> tuple[SeabedPlan | None, WorkHeight | None, str]:
+    """Plan and working height on a cloud (N, 3) [m], None from a failed stage on; and the reason of
+    the failure.
+    """
     try:
         plan = plan_seabed_work(cloud, B)
     except PerceptionError as error:
@@ -175,7 +201,8 @@ def summarise(runs: list[Row]) -> Summary:
         rows=cells,
     )
     lines = [
-        f"{run['kind']} {run['seed']}: {run['refused'] or 'worked'} | truly: {run['truly_refused'] or 'would do'}"
+        f"{run['kind']} {run['seed']}: {run['refused'] or 'worked'} | truly: "
+        f"{run['truly_refused'] or 'would do'}"
         for run in runs
         if run["refused"] or run["truly_refused"]
     ]

@@ -1,8 +1,9 @@
 """Study: deformation maps against the truth, on fouled and dented objects and on undeformed ones.
 
-Objects and views are those of scripts/experiments/toolpath/paths.py. A pixel of the true surface counts as deformed
-where its deviation exceeds a size, and as mapped where it is in a region of the map of that size. Overlap is
-intersection over union, over the pixels that the map compares. Undeformed objects are those of the library in random
+Objects and views are those of scripts/experiments/toolpath/paths.py. A pixel of the true surface
+counts as deformed where its deviation exceeds a size, and as mapped where it is in a region of the
+map of that size. Overlap is intersection over union, over the pixels that the map compares.
+Undeformed objects are those of the library in random
 scenes: there every region is false.
 """
 
@@ -37,8 +38,16 @@ def main() -> int:
     from uuv.experiment import Study
     from uuv.models.objects import targets
 
-    cases = [DeformationCase(name, options.seed + k, options.looks) for name in SCENES for k in range(options.runs)]
-    cases += [DeformationCase(name, options.seed + k, 0) for name in targets.available() for k in range(options.clean)]
+    cases = [
+        DeformationCase(name, options.seed + k, options.looks)
+        for name in SCENES
+        for k in range(options.runs)
+    ]
+    cases += [
+        DeformationCase(name, options.seed + k, 0)
+        for name in targets.available()
+        for k in range(options.clean)
+    ]
     study = Study(cases=cases, run_one=run, summarise=summarise)
     return study.carry_out("study_deformation", options, "Deformation maps")
 

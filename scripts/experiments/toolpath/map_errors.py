@@ -1,4 +1,6 @@
-"""Deformation maps of fouled, dented and undeformed objects against the truth: one scene, and the table of many."""
+"""Deformation maps of fouled, dented and undeformed objects against the truth: one scene, and the
+table of many.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -24,7 +26,8 @@ class DeformationCase:
 
     object: str  # of SCENES, or the name of an undeformed library object
     seed: int
-    looks: int  # depth frames whose median is compared, besides a single one; 0: an undeformed object
+    # depth frames whose median is compared, besides a single one; 0: an undeformed object
+    looks: int
 
 
 def run(case: DeformationCase) -> Row:
@@ -48,7 +51,10 @@ def _deformed(case: DeformationCase) -> Row:
     return {
         "accepted": found.accepted,
         "reason": found.reason,
-        "maps": {"1": maps(single, offset), str(case.looks): maps(with_fused_frames(single, looks), offset)},
+        "maps": {
+            "1": maps(single, offset),
+            str(case.looks): maps(with_fused_frames(single, looks), offset),
+        },
     }
 
 
@@ -56,7 +62,9 @@ def _undeformed(case: DeformationCase) -> Row:
     """Figures of the map of an undeformed library object, where every region is false."""
     scene = object_scene(case.object, case.seed)
     surface = ModelSurface.of(target_of(case.object))
-    found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    found = identify(
+        scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model
+    )
     if not found.accepted:
         return {"accepted": False}
     made = map_deformation(found)
@@ -70,7 +78,9 @@ def _undeformed(case: DeformationCase) -> Row:
 
 
 def maps(found: Identification, offset: Array) -> list[Row]:
-    """Figures of the maps of default size and of SIZES; true `offset` (H, W) [m] of each pixel, NaN off the object."""
+    """Figures of the maps of default size and of SIZES; true `offset` (H, W) [m] of each pixel, NaN
+    off the object.
+    """
     rows = []
     for size in (None, *SIZES):
         made = map_deformation(found, size)
@@ -105,21 +115,36 @@ def summarise(rows: list[Row]) -> Summary:
     for name, found in results.items():
         for count in looks:
             by_size = list(zip(*(each["maps"][count] for each in found), strict=True))
-            means = [1e3 * float(np.mean([row[key] for row in by_size[0]])) for key in ("noise_m", "error_m", "size_m")]
+            means = [
+                1e3 * float(np.mean([row[key] for row in by_size[0]]))
+                for key in ("noise_m", "error_m", "size_m")
+            ]
             accepted = f"{sum(each['accepted'] for each in found)} of {seeds}"
             cells.append(
-                (name, accepted, count, *(f"{mean:.1f}" for mean in means), *(overlap([*rows]) for rows in by_size))
+                (
+                    name,
+                    accepted,
+                    count,
+                    *(f"{mean:.1f}" for mean in means),
+                    *(overlap([*rows]) for rows in by_size),
+                )
             )
     compared = [row for row in clean if row["accepted"]]
     false = [f"{row['object']} of seed {row['seed']}" for row in compared if row["regions"]]
-    worst = min(row["both"] / max(1, row["either"]) for each in deformed for row in each["maps"][looks[-1]][:1])
+    worst = min(
+        row["both"] / max(1, row["either"])
+        for each in deformed
+        for row in each["maps"][looks[-1]][:1]
+    )
     return Summary(
         metrics={"worst_overlap": worst, "compared": len(compared), "false_regions": false},
         tables=[
             Table(
                 title=f"Maps of deformation, {seeds} seeds from {rows[0]['seed']}",
-                caption="noise: what the sensor explains, and what the map is off the truth, in mm; size: in mm, of "
-                "the map; overlap of all seeds with the truth, of the worst in brackets, at that size and at those "
+                caption="noise: what the sensor explains, and what the map is off the truth, in "
+                "mm; size: in mm, of "
+                "the map; overlap of all seeds with the truth, of the worst in brackets, at that "
+                "size and at those "
                 "asked for",
                 columns=(
                     *("object", "accepted", "looks", "noise", "error", "size", "overlap"),
@@ -128,9 +153,15 @@ def summarise(rows: list[Row]) -> Summary:
                 rows=cells,
             )
         ],
-        lines=[f"undeformed: regions on {len(false)} of {len(compared)} accepted objects {false or ''}"],
+        lines=[
+            f"undeformed: regions on {len(false)} of {len(compared)} accepted objects {false or ''}"
+        ],
         failed=[
-            *([] if worst >= BOUND else [f"overlap with the truth: {worst:.2f}, wanted {BOUND:.2f}"]),
+            *(
+                []
+                if worst >= BOUND
+                else [f"overlap with the truth: {worst:.2f}, wanted {BOUND:.2f}"]
+            ),
             *(f"region on an undeformed object: {name}" for name in false),
         ],
     )

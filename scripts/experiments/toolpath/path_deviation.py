@@ -1,4 +1,6 @@
-"""Tool paths on fouled and dented objects against their true surface: one scene, and the table of many."""
+"""Tool paths on fouled and dented objects against their true surface: one scene, and the table of
+many.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +15,16 @@ from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.objects import deformed
 from uuv.models.objects.deformed import Deformed
-from uuv.models.objects.targets import ModelPath, TargetModel, barrel, longitudinal, pile, ring, transverse, vertical
+from uuv.models.objects.targets import (
+    ModelPath,
+    TargetModel,
+    barrel,
+    longitudinal,
+    pile,
+    ring,
+    transverse,
+    vertical,
+)
 from uuv.perception.clouds.scan import Scan
 from uuv.perception.finding.target_finder import Frame, with_fused_frames
 from uuv.perception.registration.identification import Identification, identify
@@ -31,9 +42,11 @@ if TYPE_CHECKING:
 
 BOUND = 0.003  # [m] allowed distance of the path from the true surface
 _AHEAD = 0.08  # [m] before the path, where rays to the true surface start
-_PATCHES = 8  # patches; the found rotation about a symmetry axis is up to 30 deg off, and paths may miss some
+# patches; the found rotation about a symmetry axis is up to 30 deg off, and paths may miss some
+_PATCHES = 8
 _PAD = 0.045  # [m] radius of the tool's pad
-_SWAY = 0.005  # [m] standard deviation of the camera's position between frames; known to the vehicle
+# [m] standard deviation of the camera's position between frames; known to the vehicle
+_SWAY = 0.005
 
 
 @dataclass(frozen=True)
@@ -66,7 +79,11 @@ class PathScene:
         return true, looks_at(true.target, X_TC, count, noise, rng)
 
 
-_BARREL = (barrel(), {"longitudinal": longitudinal(), "transverse": transverse(2.0)}, (0.0, -0.35, 1.2))
+_BARREL = (
+    barrel(),
+    {"longitudinal": longitudinal(), "transverse": transverse(2.0)},
+    (0.0, -0.35, 1.2),
+)
 _PILE = (pile(), {"vertical": vertical(), "ring": ring(1.75)}, (1.8, 0.3, 0.0))
 SCENES = {
     f"{kind} {name}": PathScene(known, kind, height, paths, view)
@@ -85,7 +102,11 @@ class _PathPoses:
 
 
 def looks_at(
-    target: TargetModel, X_TC: Array, count: int, noise: StereoNoise | None, rng: np.random.Generator
+    target: TargetModel,
+    X_TC: Array,
+    count: int,
+    noise: StereoNoise | None,
+    rng: np.random.Generator,
 ) -> list[Frame]:
     """Depth frames of an object from a camera that sways about a pose and knows where it is.
 
@@ -123,14 +144,20 @@ class TrueSurface:
         self._nearest = NearestSurface.of(target.vertices, target.triangles)
 
     def distances(self, p_T: Array, z_T: Array) -> Array:
-        """Distances (N,) [m] from points (N, 3) along the tool's axes (N, 3); the shortest where an axis misses."""
+        """Distances (N,) [m] from points (N, 3) along the tool's axes (N, 3); the shortest where an
+        axis misses.
+        """
         along = self._scene.cast(p_T - _AHEAD * z_T, z_T)["t"] - _AHEAD
         return np.where(np.isfinite(along), along, self._nearest.query(p_T).distance)
 
     def normals(self, p_T: Array) -> Array:
         """Outward unit normals (N, 3) at the surface points nearest to `p_T` (N, 3)."""
         nearest = self._nearest.query(p_T)
-        return _unit(np.einsum("nk,nkj->nj", nearest.weights, self._normals[self._triangles[nearest.triangle]]))
+        return _unit(
+            np.einsum(
+                "nk,nkj->nj", nearest.weights, self._normals[self._triangles[nearest.triangle]]
+            )
+        )
 
     def mean_normals(self, p_T: Array, x_T: Array, z_T: Array) -> Array:
         """Outward unit normals averaged over the tool's pad.
@@ -146,7 +173,9 @@ class TrueSurface:
         y_T, total = np.cross(z_T, x_T), self.normals(p_T)
         for share, count in ((0.5, 8), (0.9, 14)):  # share of the pad's radius, points on the ring
             for angle in np.linspace(0.0, 2.0 * np.pi, count, endpoint=False):
-                total = total + self.normals(p_T + _PAD * share * (np.cos(angle) * x_T + np.sin(angle) * y_T))
+                total = total + self.normals(
+                    p_T + _PAD * share * (np.cos(angle) * x_T + np.sin(angle) * y_T)
+                )
         return _unit(total)
 
 
@@ -200,7 +229,9 @@ def trial(scene: PathScene, case: PathCase) -> Row:
     return result
 
 
-def _of_path(found: Identification, path: ModelPath, surface: TrueSurface, X_TS: Array) -> dict[str, Any]:
+def _of_path(
+    found: Identification, path: ModelPath, surface: TrueSurface, X_TS: Array
+) -> dict[str, Any]:
     try:
         planned = plan_path(found, path)
     except PerceptionError as error:
@@ -209,8 +240,13 @@ def _of_path(found: Identification, path: ModelPath, surface: TrueSurface, X_TS:
     assert found.evidence is not None
     deviation = deviate(found.evidence, found.surface, found.X_sensor_target, carried, 0.05, 0.06)
     share = np.linspace(0.0, 1.0, len(planned.s))
-    seen = np.interp(share, np.linspace(0.0, 1.0, len(carried.p)), deviation.seen.astype(float)) > 0.5
-    model_T, tool_T = carry(X_TS, carried), carry(X_TS, ModelPath(p=planned.p, a=planned.z, b=planned.x))
+    seen = (
+        np.interp(share, np.linspace(0.0, 1.0, len(carried.p)), deviation.seen.astype(float)) > 0.5
+    )
+    model_T, tool_T = (
+        carry(X_TS, carried),
+        carry(X_TS, ModelPath(p=planned.p, a=planned.z, b=planned.x)),
+    )
     model = surface.distances(model_T.p, model_T.a)
     off = surface.distances(tool_T.p, tool_T.a)
     normal = surface.normals(tool_T.p)
@@ -221,8 +257,14 @@ def _of_path(found: Identification, path: ModelPath, surface: TrueSurface, X_TS:
         "unseen_m": _spread(off[~seen]),
         "within": float(np.mean(np.abs(off[seen]) < BOUND)) if seen.any() else None,
         "tilt_rad": _spread(angles(-tool_T.a, normal)[seen]),
-        "turn_in_pad_rad": _spread(angles(surface.mean_normals(tool_T.p, tool_T.b, tool_T.a), normal)[seen]),
-        "profile": {"s": planned.s[::4].tolist(), "off": off[::4].tolist(), "seen": seen[::4].tolist()},
+        "turn_in_pad_rad": _spread(
+            angles(surface.mean_normals(tool_T.p, tool_T.b, tool_T.a), normal)[seen]
+        ),
+        "profile": {
+            "s": planned.s[::4].tolist(),
+            "off": off[::4].tolist(),
+            "seen": seen[::4].tolist(),
+        },
     }
 
 
@@ -234,7 +276,9 @@ def _spread(values: Array) -> dict[str, float] | None:
 
 
 def cells_of(paths: list[dict[str, Any]], trials: int) -> list[str]:
-    """Cells of the table for one path of one object: `paths` planned or refused, in `trials` scenes."""
+    """Cells of the table for one path of one object: `paths` planned or refused, in `trials`
+    scenes.
+    """
 
     def both(name: str, scale: float) -> list[str]:
         spreads = [path[name] for path in planned if path[name] is not None]
@@ -275,20 +319,37 @@ def summarise(rows: list[Row], looks: str) -> Summary:
     planned = [path for row in rows for path in row["paths"].values()]
     worst = max((path["path_m"]["max"] for path in planned if path.get("path_m")), default=None)
     failed = (
-        [] if worst is not None and worst < BOUND else [f"off the true surface: {_mm(worst)}, allowed {_mm(BOUND)}"]
+        []
+        if worst is not None and worst < BOUND
+        else [f"off the true surface: {_mm(worst)}, allowed {_mm(BOUND)}"]
     )
     table = Table(
-        title=f"Paths on the true surface, {trials} seeds from {rows[0]['seed']}, {looks}; RMS and largest",
-        caption="model, path (where seen) and unseen: off the true surface in mm; tilt of the tool and turn of the "
+        title=f"Paths on the true surface, {trials} seeds from {rows[0]['seed']}, {looks}; RMS "
+        "and largest",
+        caption="model, path (where seen) and unseen: off the true surface in mm; tilt of the "
+        "tool and turn of the "
         "true normal within the pad, where seen, in deg",
         columns=(*_COLUMNS, "tilt", "max", "turn"),
         rows=cells,
         labels=2,
     )
-    return Summary(metrics={"worst_m": worst}, tables=[table], pictures=_pictures(results), failed=failed)
+    return Summary(
+        metrics={"worst_m": worst}, tables=[table], pictures=_pictures(results), failed=failed
+    )
 
 
-_COLUMNS = ("object", "path", "refused", "seen", "model", "max", "path", "max", "<= 3", "unseen max")
+_COLUMNS = (
+    "object",
+    "path",
+    "refused",
+    "seen",
+    "model",
+    "max",
+    "path",
+    "max",
+    "<= 3",
+    "unseen max",
+)
 
 
 def _mm(value: float | None) -> str:
@@ -296,7 +357,11 @@ def _mm(value: float | None) -> str:
 
 
 def _pictures(results: dict[str, list[Row]]) -> Iterator[tuple[str, str, "Figure"]]:
-    yield "Paths", "Distance of every path from the true surface, where seen; grey: the bound.", picture(results)
+    yield (
+        "Paths",
+        "Distance of every path from the true surface, where seen; grey: the bound.",
+        picture(results),
+    )
 
 
 def picture(results: dict[str, list[Row]]) -> "Figure":
@@ -304,7 +369,9 @@ def picture(results: dict[str, list[Row]]) -> "Figure":
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 2.4 * len(results)), layout="constrained")
-    for axes, (name, trials) in zip(np.atleast_1d(figure.subplots(len(results))), results.items(), strict=True):
+    for axes, (name, trials) in zip(
+        np.atleast_1d(figure.subplots(len(results))), results.items(), strict=True
+    ):
         for found in trials:
             for k, path in enumerate(found["paths"].values()):
                 if "profile" in path:

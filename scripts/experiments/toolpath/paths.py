@@ -1,9 +1,10 @@
 """Study: deviation of tool paths from the true surface of fouled and dented objects.
 
-For each seed an object is drawn and seen by the depth camera in a few frames from nearly one position. It is identified
-in the last frame, and a path is planned on the median of all. Distances to the true surface are taken along the tool's
-axis, from the path and from the undeformed model. The tool's tilt is relative to the true normal at its tip. Beside it
-stands the change of that normal within the pad. Seen and unseen parts of the path are listed separately.
+For each seed an object is drawn and seen by the depth camera in a few frames from nearly one
+position. It is identified in the last frame, and a path is planned on the median of all. Distances
+to the true surface are taken along the tool's axis, from the path and from the undeformed model.
+The tool's tilt is relative to the true normal at its tip. Beside it stands the change of that
+normal within the pad. Seen and unseen parts of the path are listed separately.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -21,9 +22,13 @@ class Options(StudyOptions):
     runs: int = 10
     """Number of seeds for each object, from --seed on."""
     looks: int = 1
-    """Depth frames whose median the path is planned on; jobs with possible growth or dents take 16."""
+    """Depth frames whose median the path is planned on; jobs with possible growth or dents take
+    16.
+    """
     exact: bool = False
-    """Exact depth: shows the errors due to the camera's resolution and the path's smoothing alone."""
+    """Exact depth: shows the errors due to the camera's resolution and the path's smoothing
+    alone.
+    """
     judged: bool = True
     """Plan only on accepted identifications (--no-judged: on the best pose in any case)."""
 
@@ -33,7 +38,9 @@ class Options(StudyOptions):
 
 
 def main() -> int:
-    """Runs or resumes the study; exit code 0 if all seen parts of all paths are within the bound."""
+    """Runs or resumes the study; exit code 0 if all seen parts of all paths are within the
+    bound.
+    """
     options = parse(Options)
     from experiments.toolpath.path_deviation import SCENES, PathCase, run, summarise
     from uuv.experiment import Study

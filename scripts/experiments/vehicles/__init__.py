@@ -1,1 +1,3 @@
-"""Vehicles: station keeping under pushes, hull and arm as one chain, vehicles beside the default one."""
+"""Vehicles: station keeping under pushes, hull and arm as one chain, vehicles beside the default
+one.
+"""

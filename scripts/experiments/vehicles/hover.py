@@ -1,8 +1,11 @@
-"""Study: station keeping under pushes at the tool, at full reach and in many directions, with ablations.
+"""Study: station keeping under pushes at the tool, at full reach and in many directions, with
+ablations.
 
-`envelope`: excursion of the hull with and without compensation, by current. `ablation`: errors of lag, dead band and
-coefficients, and the thruster lead. `lost`: each thruster stops during a push; two seconds later the push ends, and the
-hull keeps station on the remaining thrusters. Pushes are external forces at the tip; the drives are stiff.
+`envelope`: excursion of the hull with and without compensation, by current. `ablation`: errors of
+lag, dead band and
+coefficients, and the thruster lead. `lost`: each thruster stops during a push; two seconds later
+the push ends, and the hull keeps station on the remaining thrusters. Pushes are external forces at
+the tip; the drives are stiff.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -42,13 +45,18 @@ def main() -> int:
     from experiments.vehicles import pushed_hover as hover
     from uuv.experiment import Study
 
-    base = hover.push_case(options.directions, options.force, options.posture, options.gust, options.seed)
+    base = hover.push_case(
+        options.directions, options.force, options.posture, options.gust, options.seed
+    )
     cases = {
         "envelope": lambda: hover.envelope(base, options.currents),
         "ablation": lambda: hover.ablation(base),
         "lost": lambda: hover.lost(base),
     }[options.table]()
-    title = f"Push of {options.force:.0f} N in {len(base.directions_B)} directions, arm {options.posture}"
+    title = (
+        f"Push of {options.force:.0f} N in {len(base.directions_B)} directions, arm "
+        f"{options.posture}"
+    )
     more = [hover.authority_table()] if options.table == "lost" else []
     summary = partial(hover.summarise, title=title, more=more)
     study = Study(cases=tuple(cases), run_one=hover.run, summarise=summary, line=hover.line)

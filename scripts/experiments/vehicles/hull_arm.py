@@ -2,8 +2,9 @@
 
     ./uvw run scripts/experiments/vehicles/hull_arm.py
 
-A target is the tool pose of a random posture, with the hull up to 1 m and 1 rad away from where it starts. Start: the
-hull at the origin, the arm in `ready`. Limits are those of the joints; the hull stays level.
+A target is the tool pose of a random posture, with the hull up to 1 m and 1 rad away from where it
+starts. Start: the hull at the origin, the arm in `ready`. Limits are those of the joints; the hull
+stays level.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip

@@ -1,4 +1,6 @@
-"""Station keeping under pushes at the tool: cases with model errors and ablations, one run, and the table."""
+"""Station keeping under pushes at the tool: cases with model errors and ablations, one run, and the
+table.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +24,15 @@ POSTURES = {
 }  # [rad] of the default arm, stretched out
 
 
-MEASURED = ("excursion", "tilt", "turn", "saturated", "force_error", "current_error", "command_rate")
+MEASURED = (
+    "excursion",
+    "tilt",
+    "turn",
+    "saturated",
+    "force_error",
+    "current_error",
+    "command_rate",
+)
 _COLUMNS = (
     "case",
     "excursion [mm]",
@@ -68,8 +78,12 @@ def push_case(directions: int, force: float, posture: str, gust: float, seed: in
     q, spread = np.array(POSTURES[posture]), spread_directions(directions)
     held = holdable_directions(Vehicle.of(own), ArmDynamics(own), q, spread, force)
     if not held.any():
-        raise ConfigurationError(f"--force {force}: the arm's drives bear it in none of the directions")
-    return PushCase(directions_B=spread[held], q=q, force=force, gust=gust, current_W=flow(0.2), seed=seed)
+        raise ConfigurationError(
+            f"--force {force}: the arm's drives bear it in none of the directions"
+        )
+    return PushCase(
+        directions_B=spread[held], q=q, force=force, gust=gust, current_W=flow(0.2), seed=seed
+    )
 
 
 def envelope(case: PushCase, currents: Sequence[float]) -> Iterator[NamedPush]:
@@ -94,7 +108,9 @@ def ablation(case: PushCase) -> Iterator[NamedPush]:
     for band in (0.0, 0.1):
         yield NamedPush(f"dead band {100 * band:.0f} %", replace(case, dead_band=band))
     for error in (-0.3, 0.3):
-        yield NamedPush(f"coefficients {100 * error:+.0f} % wrong", replace(case, water_error=error))
+        yield NamedPush(
+            f"coefficients {100 * error:+.0f} % wrong", replace(case, water_error=error)
+        )
 
 
 def lost(case: PushCase) -> Iterator[NamedPush]:
@@ -103,7 +119,9 @@ def lost(case: PushCase) -> Iterator[NamedPush]:
     once = replace(case, directions_B=case.directions_B[:1], settle=8.0, push=4.0, rest=8.0)
     for thruster, name in enumerate(own.thruster_names):
         yield NamedPush(f"{name} lost, unnoticed", replace(once, lost=thruster))
-        yield NamedPush(f"{name} lost, known after 0.5 s", replace(once, lost=thruster, noticed=0.5))
+        yield NamedPush(
+            f"{name} lost, known after 0.5 s", replace(once, lost=thruster, noticed=0.5)
+        )
 
 
 def run(named: NamedPush) -> Row:
@@ -135,7 +153,9 @@ def cells_of(row: Row) -> list[str]:
     of = {name: np.array(row[name]) for name in MEASURED}
 
     def spread(values: Array) -> str:
-        return ", ".join(f"{value:.1f}" for value in (np.median(values), np.quantile(values, 0.95), values.max()))
+        return ", ".join(
+            f"{value:.1f}" for value in (np.median(values), np.quantile(values, 0.95), values.max())
+        )
 
     return [
         spread(1e3 * of["excursion"]),

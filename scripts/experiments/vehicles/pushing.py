@@ -1,7 +1,9 @@
-"""Station keeping while the tool is pushed: realistic thrusters and navigation, a stiff arm at full reach.
+"""Station keeping while the tool is pushed: realistic thrusters and navigation, a stiff arm at full
+reach.
 
-The push is an external force at the tip. Springs in the joints replace the drives, so that the figures show the hull
-alone. The felt force is the true force with the lag and noise of an estimate from the arm's torques.
+The push is an external force at the tip. Springs in the joints replace the drives, so that the
+figures show the hull alone. The felt force is the true force with the lag and noise of an estimate
+from the arm's torques.
 """
 
 from collections.abc import Collection, Sequence
@@ -53,8 +55,10 @@ class PushCase:
     settle: float = 15.0  # [s] before the first push
     current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] steady
     gust: float = 0.0  # [m/s] standard deviation per axis
-    lag: float | None = None  # [s] lag of the thrusters, known to the controller; None: the vehicle's
-    dead_band: float | None = None  # dead band of the thrusters, known to the controller; None: the vehicle's
+    # [s] lag of the thrusters, known to the controller; None: the vehicle's
+    lag: float | None = None
+    # dead band of the thrusters, known to the controller; None: the vehicle's
+    dead_band: float | None = None
     water_error: float = 0.15  # share by which the controller's coefficients are wrong
     lag_error: float = 0.0  # share by which the controller's lag is wrong
     compensation: bool = True  # feed the arm's wrench forward
@@ -69,11 +73,14 @@ class PushCase:
 class PushFigures:
     """Figures of a case, one entry for each push."""
 
-    excursion: Array  # (k,) [m] largest distance of the hull from its position at the push's begin, until the next push
+    # (k,) [m] largest distance of the hull from its position at the push's begin, until the next
+    # push
+    excursion: Array
     tilt: Array  # (k,) [rad] largest tilt of the hull's z axis, over the same time
     turn: Array  # (k,) [rad] largest rotation, yaw included, over the same time
     saturated: Array  # (k,) share of the push during which thrusters saturate
-    force_error: Array  # (k,) [N] RMS of the thrusters' force against the push, over its first second
+    # (k,) [N] RMS of the thrusters' force against the push, over its first second
+    force_error: Array
     current_error: Array  # (k, 3) [m/s] RMS error of the estimated current during the push, in B
     command_rate: float  # [1/s] RMS rate of the thruster commands without a push
 
@@ -88,7 +95,9 @@ class TipPush:
 
 
 class PushedPlant:
-    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) with an external force at the tip, and a thruster that may stop."""
+    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) with an external force at the tip, and a thruster
+    that may stop.
+    """
 
     def __init__(self, plant: Plant, push: TipPush) -> None:
         self.plant, self.push, self.timestep = plant, push, plant.timestep
@@ -105,7 +114,9 @@ class PushedPlant:
         if push.force_W.any():
             body = int(plant.model.site_bodyid[plant.vehicle.tip])
             applied = plant.data.qfrc_applied
-            mujoco.mj_applyFT(plant.model, plant.data, push.force_W, np.zeros(3), plant.truth.p_WG, body, applied)
+            mujoco.mj_applyFT(
+                plant.model, plant.data, push.force_W, np.zeros(3), plant.truth.p_WG, body, applied
+            )
         if push.dead is not None:
             thrust = command.thrusters.copy()
             thrust[push.dead] = 0.0
@@ -130,7 +141,9 @@ class HullController:
 
     period = PERIOD
 
-    def __init__(self, case: PushCase, model: mujoco.MjModel, push: TipPush, rng: np.random.Generator) -> None:
+    def __init__(
+        self, case: PushCase, model: mujoco.MjModel, push: TipPush, rng: np.random.Generator
+    ) -> None:
         self._case, self._push, self._rng = case, push, rng
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=case.water_error)
@@ -149,7 +162,9 @@ class HullController:
             period=PERIOD,
             water_error=case.water_error,
             allocation=allocation,
-            lead=ThrusterLead(self._vehicle, response=min(case.response, 1e6), lag_error=case.lag_error),
+            lead=ThrusterLead(
+                self._vehicle, response=min(case.response, 1e6), lag_error=case.lag_error
+            ),
         )
 
     def exclude(self, thruster: int) -> None:
@@ -202,7 +217,9 @@ class HullController:
 
 
 class StayPut:
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) with a constant reference: hull at W's origin, fixed posture."""
+    """Planner (`uuv.sim.interfaces.protocols.Planner`) with a constant reference: hull at W's
+    origin, fixed posture.
+    """
 
     period = PERIOD
 
@@ -213,7 +230,9 @@ class StayPut:
         """Pose of the hull to keep: the origin of W."""
         return np.eye(4)
 
-    def step(self, state: Array, estimate: StateEstimate, target: Target | None, last: Command | None):
+    def step(
+        self, state: Array, estimate: StateEstimate, target: Target | None, last: Command | None
+    ):
         """The constant reference.
 
         Args:
@@ -244,7 +263,9 @@ class StayPut:
         )
 
 
-def holdable_directions(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions_B: Array, force: float) -> np.ndarray:
+def holdable_directions(
+    vehicle: Vehicle, arm: ArmDynamics, q: Array, directions_B: Array, force: float
+) -> np.ndarray:
     """Directions in which the drives can hold a static force on the tip.
 
     Args:
@@ -263,7 +284,11 @@ def holdable_directions(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions
     for direction in directions_B:
         pushed = []
         for axis in np.eye(3):  # axes of G; the torques are linear in the force
-            pushed.append(arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, rest[:3]]), **still)[0])
+            pushed.append(
+                arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, rest[:3]]), **still)[
+                    0
+                ]
+            )
         free = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
         R_BG = arm.tip(q)[0][:3, :3]
         tau = free + force * (np.array(pushed) - free).T @ (R_BG.T @ direction)
@@ -286,7 +311,9 @@ class _PushTask(Task):
         for column, value in told.items():
             if value is not None:
                 own.model.actuator_user[own.vehicle.thruster_actuators, column] = value
-        return PlacedPush(task=self, own=own, keeper=HullController(self.case, own.model, self.push, self.felt))
+        return PlacedPush(
+            task=self, own=own, keeper=HullController(self.case, own.model, self.push, self.felt)
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -309,10 +336,15 @@ class PlacedPush(PlacedTask):
         return np.eye(4)
 
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
-        """Springs hold the joints at the posture, where the arm also starts; the thrusters are those of the case."""
-        case, inertia = self.task.case, 5.0  # [kg m^2] of the order of the arm's inertia about any joint
+        """Springs hold the joints at the posture, where the arm also starts; the thrusters are
+        those of the case.
+        """
+        # [kg m^2] of the order of the arm's inertia about any joint
+        case, inertia = self.task.case, 5.0
         home = next(key for key in vehicle.keys if key.name == HOME_KEY)
-        for name, address, q in zip(self.own.vehicle.joint_names, self.own.vehicle.qpos, case.q, strict=True):
+        for name, address, q in zip(
+            self.own.vehicle.joint_names, self.own.vehicle.qpos, case.q, strict=True
+        ):
             joint = vehicle.joint(name)
             joint.stiffness[0], joint.damping[0] = inertia * HOLD**2, 2.0 * inertia * HOLD
             joint.springref = home.qpos[address] = q
@@ -344,7 +376,8 @@ def run(case: PushCase) -> PushFigures:
         vehicle=VehicleSetup(vehicle=case.vehicle),
         perturbations=(_PushOnTip(push=push),),
     )
-    assembly = replace(assemble(scenario), noise=sensors)  # a stream of its own beside the felt force's
+    # a stream of its own beside the felt force's
+    assembly = replace(assemble(scenario), noise=sensors)
     assert isinstance(assembly.placed, PlacedPush)
     k, every = len(case.directions_B), case.push + case.rest
     pushed = PushFigures(
@@ -357,7 +390,9 @@ def run(case: PushCase) -> PushFigures:
         command_rate=0.0,
     )
     seen = _Judge(case, assembly.plant, push, assembly.placed.keeper, pushed)
-    run_through(assembly, observers=[seen], longest=round((case.settle + k * every) / PERIOD) * PERIOD)
+    run_through(
+        assembly, observers=[seen], longest=round((case.settle + k * every) / PERIOD) * PERIOD
+    )
     return seen.done()
 
 
@@ -365,9 +400,20 @@ class _Judge:
     """Observer that applies the pushes and computes the figures from the truth."""
 
     def __init__(
-        self, case: PushCase, plant: Plant, push: TipPush, keeper: HullController, pushed: PushFigures
+        self,
+        case: PushCase,
+        plant: Plant,
+        push: TipPush,
+        keeper: HullController,
+        pushed: PushFigures,
     ) -> None:
-        self._case, self._plant, self._push, self._keeper, self._pushed = case, plant, push, keeper, pushed
+        self._case, self._plant, self._push, self._keeper, self._pushed = (
+            case,
+            plant,
+            push,
+            keeper,
+            pushed,
+        )
         self._start = (np.zeros(3), np.eye(3))
         self._at = -1
         self._B = plant.vehicle.thruster_wrench
@@ -388,14 +434,18 @@ class _Judge:
             p, R = self._start
             pushed.excursion[at] = max(pushed.excursion[at], float(np.linalg.norm(truth.p_WB - p)))
             pushed.turn[at] = max(pushed.turn[at], rotation_angle(R, truth.R_WB))
-            pushed.tilt[at] = max(pushed.tilt[at], float(np.arccos(np.clip(R[:, 2] @ truth.R_WB[:, 2], -1.0, 1.0))))
+            pushed.tilt[at] = max(
+                pushed.tilt[at], float(np.arccos(np.clip(R[:, 2] @ truth.R_WB[:, 2], -1.0, 1.0)))
+            )
             if inside < case.push:
                 pushed.saturated[at] += truth.saturated * self._plant.timestep / case.push
                 error_W = self._keeper.state.current_W - truth.current_W
                 self._current.append((truth.R_WB.T @ error_W) ** 2)
             if inside < 1.0:
                 given_B = self._B[:3] @ truth.thrust - self._before_B
-                self._force.append(np.sum((given_B + rising * case.force * case.directions_B[at]) ** 2))
+                self._force.append(
+                    np.sum((given_B + rising * case.force * case.directions_B[at]) ** 2)
+                )
             if case.lost is not None and at == 0 and inside >= 0.5 * case.push:
                 self._push.dead = case.lost
                 if inside >= 0.5 * case.push + case.noticed:

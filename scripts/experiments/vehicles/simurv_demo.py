@@ -1,11 +1,13 @@
-"""Benchmark: the first demonstration of SIMURV 4.0, followed by the priorities here and by those of SIMURV.
+"""Benchmark: the first demonstration of SIMURV 4.0, followed by the priorities here and by those of
+SIMURV.
 
     ./uvw run scripts/experiments/vehicles/simurv_demo.py
 
-The tool of PHOENIX with its SMART-3S goes from the zero posture to (1.6, -0.2, 1.9) m in 6 s and turns over by 180
-degrees in 12 s [Antonelli 2013]; data and formulas read in SIAEthen/simurv_unicas, func/core_simulator_demo1.m. SIMURV
-moves hull and arm by weighted pseudo-inverses, one for each task: the tool's pose, a level hull, the second joint at
--45 degrees; each speed is cut off at its limit. Axes are its own, z down.
+The tool of PHOENIX with its SMART-3S goes from the zero posture to (1.6, -0.2, 1.9) m in 6 s and
+turns over by 180 degrees in 12 s [Antonelli 2013]; data and formulas read in
+SIAEthen/simurv_unicas, func/core_simulator_demo1.m. SIMURV moves hull and arm by weighted
+pseudo-inverses, one for each task: the tool's pose, a level hull, the second joint at -45 degrees;
+each speed is cut off at its limit. Axes are its own, z down.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -29,7 +31,8 @@ GOAL = np.array([1.6, -0.2, 1.9])  # [m]
 CRUISE, WAY_TIME = (0.3, 0.1, 0.6), 6.0  # [m/s] along x, y, z; [s]
 TURN_CRUISE, TURN_TIME = 0.7, 12.0  # [rad/s], [s]
 STEP, SECONDS = 0.01, 15.0  # [s]
-GAINS = 20.0, 10.0, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0])  # [1/s] of the tool, the level hull, and each joint
+# [1/s] of the tool, the level hull, and each joint
+GAINS = 20.0, 10.0, np.array([0.0, 10.0, 0.0, 0.0, 0.0, 0.0])
 WEIGHTS = np.repeat([50.0, 25.0, 1.0], [3, 3, 6])  # of the speeds of hull and joints
 FASTEST = np.repeat([0.2, 0.2, np.radians(20.0)], [3, 3, 6])  # [m/s], [rad/s]
 POSTURE = np.array([0.0, -0.25 * np.pi, 0.0, 0.0, 0.0, 0.0])  # [rad]
@@ -42,7 +45,9 @@ class Options:
 
 
 def profile(way: float, cruise: float, duration: float, time: float) -> float:
-    """Way of a trapezoidal speed profile at `time`; a cruise speed that does not fit is 1.5 times the mean."""
+    """Way of a trapezoidal speed profile at `time`; a cruise speed that does not fit is 1.5 times
+    the mean.
+    """
     mean = abs(way) / duration
     speed = np.sign(way) * (cruise if mean < cruise <= 2.0 * mean else 1.5 * mean)
     if not way or time >= duration:
@@ -60,7 +65,10 @@ def demonstration(X_from: Array) -> Callable[[float], Array]:
 
     def wanted(time: float) -> Array:
         done = profile(angle, TURN_CRUISE, TURN_TIME, time) / angle
-        gone = [profile(float(part), cruise, WAY_TIME, time) for part, cruise in zip(way, CRUISE, strict=True)]
+        gone = [
+            profile(float(part), cruise, WAY_TIME, time)
+            for part, cruise in zip(way, CRUISE, strict=True)
+        ]
         return pose(X_from[:3, :3] @ exp_so3(done * turn), X_from[:3, 3] + gone)
 
     return wanted
@@ -108,7 +116,9 @@ def by_pseudo_inverses(arm: SerialArm, times: Array, wanted: Callable[[float], A
         ]
         first, both = inverse_of(tool), np.vstack([tool, level])
         speeds = first @ (of_tool * off)
-        speeds += (np.eye(12) - first @ tool) @ inverse_of(level) @ (of_hull * np.array([-roll, -pitch]))
+        speeds += (
+            (np.eye(12) - first @ tool) @ inverse_of(level) @ (of_hull * np.array([-roll, -pitch]))
+        )
         posture = np.concatenate([np.zeros(6), of_joints * (POSTURE - q)])
         speeds += (np.eye(12) - inverse_of(both) @ both) @ posture
         speeds = np.clip(speeds, -FASTEST, FASTEST)
@@ -124,10 +134,15 @@ def inverse_of(J: Array) -> Array:
     return (J / WEIGHTS).T @ np.linalg.inv(across + damping * np.eye(len(J)))
 
 
-def row(name: str, motion: Motion, times: Array, wanted: Callable[[float], Array]) -> tuple[str, ...]:
+def row(
+    name: str, motion: Motion, times: Array, wanted: Callable[[float], Array]
+) -> tuple[str, ...]:
     """Figures of one motion."""
     off = [np.linalg.inv(wanted(time)) @ X for time, X in zip(times, motion.X_WG, strict=True)]
-    turned = [log_so3(a[:3, :3].T @ b[:3, :3]) for a, b in zip(motion.X_WB[:-1], motion.X_WB[1:], strict=True)]
+    turned = [
+        log_so3(a[:3, :3].T @ b[:3, :3])
+        for a, b in zip(motion.X_WB[:-1], motion.X_WB[1:], strict=True)
+    ]
     steps = np.diff(motion.X_WB[:, :3, 3], axis=0)
     speed = float(np.linalg.norm(steps, axis=1).max()) / STEP
     return (
@@ -160,11 +175,15 @@ def main() -> int:
         "joint [deg/s]",
     )
     rows = [
-        row("priorities of `uuv.controllers.mkps`", by_priorities(arm, times, wanted), times, wanted),
+        row(
+            "priorities of `uuv.controllers.mkps`", by_priorities(arm, times, wanted), times, wanted
+        ),
         row("SIMURV's pseudo-inverses", by_pseudo_inverses(arm, times, wanted), times, wanted),
     ]
     Console(width=132).print(
-        Table("First demonstration of SIMURV: largest error, ways, largest speeds", columns, rows).printed()
+        Table(
+            "First demonstration of SIMURV: largest error, ways, largest speeds", columns, rows
+        ).printed()
     )
     return 0
 

@@ -1,9 +1,10 @@
-"""Benchmark: vehicles beside the default one in all jobs, what `uuv check` promised of them and what they kept.
+"""Benchmark: vehicles beside the default one in all jobs, what `uuv check` promised of them and
+what they kept.
 
     ./uvw run scripts/experiments/vehicles/vehicles.py --workers 2
 
-A job that the check refuses is run all the same, to see whether the refusal was right. Writes vehicles.json and
-vehicles.md into --out.
+A job that the check refuses is run all the same, to see whether the refusal was right. Writes
+vehicles.json and vehicles.md into --out.
 """
 
 from uuv.start import new_folder, parse, run_scenario  # isort: skip
@@ -72,12 +73,21 @@ class Case:
 def scenario_of(case: Case) -> Scenario:
     """Scenario of a run."""
     tool, forces = VEHICLES[case.vehicle]
-    return replace(ArmJobs(case.vehicle, tool=tool, parts=None, forces=forces).scenario(case.job), seed=case.seed)
+    return replace(
+        ArmJobs(case.vehicle, tool=tool, parts=None, forces=forces).scenario(case.job),
+        seed=case.seed,
+    )
 
 
 def outcome(case: Case) -> dict[str, Any]:
     """Figures of a run: kept, or why not."""
-    row: dict[str, Any] = {"vehicle": case.vehicle, "job": case.job, "seed": case.seed, "kept": False, "said": ""}
+    row: dict[str, Any] = {
+        "vehicle": case.vehicle,
+        "job": case.job,
+        "seed": case.seed,
+        "kept": False,
+        "said": "",
+    }
     try:
         done = run(scenario_of(case))
     except UuvError as error:
@@ -86,20 +96,30 @@ def outcome(case: Case) -> dict[str, Any]:
     figures = cast(dict[str, Any], judged.metrics)
     row["kept"] = judged.accepted
     row["said"] = "; ".join(judged.failed)[:300]
-    for group, name in (("contact", "force_error_rms_n"), ("tool", "path_deviation_max_m"), ("hull", "tilt_max_rad")):
-        row[name] = figures.get(group, {}).get(name) if isinstance(figures.get(group), dict) else None
+    for group, name in (
+        ("contact", "force_error_rms_n"),
+        ("tool", "path_deviation_max_m"),
+        ("hull", "tilt_max_rad"),
+    ):
+        row[name] = (
+            figures.get(group, {}).get(name) if isinstance(figures.get(group), dict) else None
+        )
     row["felt_error_n"] = (figures.get("force_estimate") or {}).get("normal_error_rms_n")
     row["felt_sigma_n"] = _sigma(done)
     return row
 
 
 def _sigma(done: Run) -> float | None:
-    """Standard deviation [N] of the normal force that the controller stated, mean over the work; None without work."""
+    """Standard deviation [N] of the normal force that the controller stated, mean over the work;
+    None without work.
+    """
     name = "believed.f_tip_sigma_G"
     if name not in done.recording:
         return None
     work = [(event.time, event.state) for event in done.recording.events]
-    spans = [(begin, after) for (begin, state), (after, _) in pairwise(work) if state is WorkState.WORK]
+    spans = [
+        (begin, after) for (begin, state), (after, _) in pairwise(work) if state is WorkState.WORK
+    ]
     series = done.recording[name]
     at = [k for k, t in enumerate(series.time) if any(begin <= t < after for begin, after in spans)]
     return float(np.nanmean(series.value[at, 2])) if at else None
@@ -107,11 +127,19 @@ def _sigma(done: Run) -> float | None:
 
 def died(case: Case) -> dict[str, Any]:
     """Row of a run whose process died."""
-    return {"vehicle": case.vehicle, "job": case.job, "seed": case.seed, "kept": False, "said": "process died"}
+    return {
+        "vehicle": case.vehicle,
+        "job": case.job,
+        "seed": case.seed,
+        "kept": False,
+        "said": "process died",
+    }
 
 
 def main() -> int:
-    """Checks the vehicles, runs all jobs, and compares; 1 if a job that was promised was kept in less than 90 %."""
+    """Checks the vehicles, runs all jobs, and compares; 1 if a job that was promised was kept in
+    less than 90 %.
+    """
     options, console = parse(Options), Console()
     folder = new_folder("vehicles", options.out)
     promised: dict[tuple[str, str], Any] = {}
@@ -121,7 +149,12 @@ def main() -> int:
         check = check_vehicle(vehicle, tool=tool, forces=forces, jobs=(*HOVERING, *options.jobs))
         for verdict in check.jobs:
             if verdict.job in HOVERING:
-                row = {"vehicle": vehicle, "job": verdict.job, "kept": verdict.promised, "said": verdict.said}
+                row = {
+                    "vehicle": vehicle,
+                    "job": verdict.job,
+                    "kept": verdict.promised,
+                    "said": verdict.said,
+                }
                 hovering.append(row)
             promised[vehicle, verdict.job] = verdict
     cases = [
@@ -133,7 +166,9 @@ def main() -> int:
     rows: list[dict[str, Any]] = []
     for case, row in run_all(cases, options.workers, outcome, died):
         rows.append(row)
-        console.print(f"{case.vehicle} {case.job} {case.seed}: {'kept' if row['kept'] else row['said']}"[:160])
+        console.print(
+            f"{case.vehicle} {case.job} {case.seed}: {'kept' if row['kept'] else row['said']}"[:160]
+        )
     table: list[tuple[str, ...]] = []
     short = False
     for vehicle in options.vehicles:
@@ -153,13 +188,25 @@ def main() -> int:
                     _worst(mine, "felt_sigma_n", 1.0, 2),
                 )
             )
-    columns = ("vehicle", "job", "check", "kept", "force error, RMS [N]", "path, peak [mm]", "felt [N]", "sigma [N]")
+    columns = (
+        "vehicle",
+        "job",
+        "check",
+        "kept",
+        "force error, RMS [N]",
+        "path, peak [mm]",
+        "felt [N]",
+        "sigma [N]",
+    )
     tables = [
         Table("Vehicles in all jobs: worst of the runs", columns, table, labels=3),
         Table(
             "Hover",
             ("vehicle", "job", "kept", "figures"),
-            [(each["vehicle"], each["job"], "yes" if each["kept"] else "no", each["said"]) for each in hovering],
+            [
+                (each["vehicle"], each["job"], "yes" if each["kept"] else "no", each["said"])
+                for each in hovering
+            ],
             labels=4,
         ),
     ]

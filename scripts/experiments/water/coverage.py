@@ -1,4 +1,6 @@
-"""Study on simulated logs of vehicles drawn from the prior: do the intervals cover, does a plan keep its word?"""
+"""Study on simulated logs of vehicles drawn from the prior: do the intervals cover, does a plan
+keep its word?
+"""
 
 import time
 from collections.abc import Sequence
@@ -36,7 +38,9 @@ class Draw:
 
 
 def draw(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) -> Draw:
-    """Draw a vehicle from the prior, fly it through a survey in gusts, and identify it from its noisy log."""
+    """Draw a vehicle from the prior, fly it through a survey in gusts, and identify it from its
+    noisy log.
+    """
     own = _replay(vehicle)
     rng = np.random.default_rng(seed)
     parameters = own.water.parameters
@@ -72,7 +76,9 @@ class KeptWord:
 
 
 def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) -> KeptWord:
-    """Identify from a log of surge and yaw alone, plan the next manoeuvre, fly it, and identify from both logs."""
+    """Identify from a log of surge and yaw alone, plan the next manoeuvre, fly it, and identify
+    from both logs.
+    """
     own, settings = _replay(vehicle), FitSettings(gust=gust)
     rng = np.random.default_rng(seed)
     parameters = own.water.parameters
@@ -82,7 +88,11 @@ def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = G
     first = simulated(own, truth, flown, name="first", rng=rng, gust=gust)
     fit, _ = identify(own, [first], settings)
     ranked, manoeuvres = next_manoeuvres(
-        own, fit.named.deviations[:n], fit.named.covariance[:n, :n], settings, channels=tuple(first.channels)
+        own,
+        fit.named.deviations[:n],
+        fit.named.covariance[:n, :n],
+        settings,
+        channels=tuple(first.channels),
     )
     second = simulated(own, truth, manoeuvres[ranked[0].name], name="second", rng=rng, gust=gust)
     both, _ = identify(own, [first, second], settings)
@@ -97,11 +107,18 @@ def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = G
 
 
 def coverage(draws: Sequence[Draw]) -> dict[str, tuple[float, float, float]]:
-    """Share of intervals that cover, root mean square of the errors, and share told, by group and for "all"."""
+    """Share of intervals that cover, root mean square of the errors, and share told, by group and
+    for "all".
+    """
     group = np.array([group_of(name) for name in draws[0].names])
     quantile = np.array([[each.quantile] for each in draws])
-    errors, told = np.array([each.errors for each in draws]), np.array([each.told for each in draws])
-    masks = {name: group == name for name in GROUPS if np.any(group == name)} | {"all": np.ones(len(group), dtype=bool)}
+    errors, told = (
+        np.array([each.errors for each in draws]),
+        np.array([each.told for each in draws]),
+    )
+    masks = {name: group == name for name in GROUPS if np.any(group == name)} | {
+        "all": np.ones(len(group), dtype=bool)
+    }
     return {
         name: (
             float(np.mean((np.abs(errors) < quantile)[:, mask])),

@@ -1,11 +1,12 @@
-"""Benchmark: water from geometry against closed forms and literature, published vehicles, and robots' meshes.
+"""Benchmark: water from geometry against closed forms and literature, published vehicles, and
+robots' meshes.
 
     ./uvw run scripts/experiments/water/geometry.py                                # shapes and BlueROV2.
     ./uvw run --with capytaine scripts/experiments/water/geometry.py               # with Capytaine on the same
     surfaces. ./uvw run --with example-robot-data scripts/experiments/water/geometry.py      # with a UR5 and a Panda.
 
-Errors of the added mass are the largest over the diagonal terms of each shape. Seconds are those of one surface, from
-the mesh to the matrix.
+Errors of the added mass are the largest over the diagonal terms of each shape. Seconds are those of
+one surface, from the mesh to the matrix.
 """
 
 import importlib.metadata
@@ -37,10 +38,12 @@ from uuv.start import parse, run_scenario
 COUNTS = (400, 800, 1600, 3200)  # panels
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 PACKAGE = "example-robot-data"
-ROBOTS = ("ur_description/urdf/ur5_robot.urdf", "panda_description/urdf/panda.urdf")  # of the package
+# of the package
+ROBOTS = ("ur_description/urdf/ur5_robot.urdf", "panda_description/urdf/panda.urdf")
 # A cube's added mass over its displaced mass is its polarisability at permittivity zero, less one.
 CUBE = 0.6383  # [Sihvola 2004]
-CYLINDERS = ((1.2, 0.62), (2.5, 0.78), (5.0, 0.90))  # length over diameter, factor across [DNV 2010, table D-2]
+# length over diameter, factor across [DNV 2010, table D-2]
+CYLINDERS = ((1.2, 0.62), (2.5, 0.78), (5.0, 0.90))
 SKETCH = f"""<mujoco><worldbody><body name="hull"><freejoint/>
   <geom type="cylinder" size=".057 .15" zaxis="1 0 0" pos="0 0 .02"/>
   <geom type="cylinder" size=".0445 .125" zaxis="1 0 0" pos="0 0 -.085"/>
@@ -55,14 +58,18 @@ SKETCH = f"""<mujoco><worldbody><body name="hull"><freejoint/>
   <geom type="cylinder" size=".03 .05" pos=".156 -.111 -.06" zaxis="1 1 0"/>
   <geom type="cylinder" size=".03 .05" pos="-.156 .111 -.06" zaxis="1 1 0"/>
   <geom type="cylinder" size=".03 .05" pos="-.156 -.111 -.06" zaxis="1 -1 0"/>
-  <geom type="cylinder" size=".03 .05" pos=".12 .24 0"/><geom type="cylinder" size=".03 .05" pos=".12 -.24 0"/>
-  <geom type="cylinder" size=".03 .05" pos="-.12 .24 0"/><geom type="cylinder" size=".03 .05" pos="-.12 -.24 0"/>
+  <geom type="cylinder" size=".03 .05" pos=".12 .24 0"/>
+    <geom type="cylinder" size=".03 .05" pos=".12 -.24 0"/>
+  <geom type="cylinder" size=".03 .05" pos="-.12 .24 0"/>
+    <geom type="cylinder" size=".03 .05" pos="-.12 -.24 0"/>
 </body></worldbody></mujoco>"""
 
 
 @dataclass
 class Options:
-    """Accuracy and cost of the panel method, a vehicle against published figures, robots against their meshes."""
+    """Accuracy and cost of the panel method, a vehicle against published figures, robots against
+    their meshes.
+    """
 
     quick: bool = False
     """At most 800 panels, shapes only."""
@@ -119,7 +126,12 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
         rows.append([name, source, *cells, f"{best.asymmetry:.0e}"])
         numbers.setdefault("shapes", {})[name] = found
     last = max(counts[:3])
-    columns = ["shape", "reference", *(f"{count} panels" for count in counts), f"{counts[0]} and {last}"]
+    columns = [
+        "shape",
+        "reference",
+        *(f"{count} panels" for count in counts),
+        f"{counts[0]} and {last}",
+    ]
     columns += [f"Capytaine, {last}"] if peer else []
     return Table(
         title="(a) largest relative error of the added mass, and seconds",
@@ -130,7 +142,9 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
 
 
 def _known() -> list[tuple[str, str, tuple[float, float, float], Array, str]]:
-    """Shapes: name, kind, MuJoCo's size, added mass over displaced mass (NaN: not compared), source."""
+    """Shapes: name, kind, MuJoCo's size, added mass over displaced mass (NaN: not compared),
+    source.
+    """
     found = []
     for a, b, c in (
         (1.0, 1.0, 1.0),
@@ -145,7 +159,9 @@ def _known() -> list[tuple[str, str, tuple[float, float, float], Array, str]]:
         body = hydrodynamics.ellipsoid((a, b, c), water_density=1.0)
         expected = body.added_mass.diagonal() / body.volume
         expected[expected < 1e-9] = np.nan  # about an axis of revolution
-        found.append((f"ellipsoid {a:g} {b:g} {c:g}", "ellipsoid", (a, b, c), expected, "Lamb 1932"))
+        found.append(
+            (f"ellipsoid {a:g} {b:g} {c:g}", "ellipsoid", (a, b, c), expected, "Lamb 1932")
+        )
     nothing = [np.nan] * 3
     found.append(("cube", "box", (0.5, 0.5, 0.5), np.array([CUBE] * 3 + nothing), "Sihvola 2004"))
     for slenderness, factor in CYLINDERS:
@@ -167,35 +183,52 @@ def _error(found: Array, expected: Array) -> float:
 
 
 def _capytaine(vertices: Array, triangles: np.ndarray) -> tuple[Array, float]:
-    """Diagonal (6,) of the added mass at density 1 by Capytaine, in deep water far from the surface, and seconds."""
+    """Diagonal (6,) of the added mass at density 1 by Capytaine, in deep water far from the
+    surface, and seconds.
+    """
     import capytaine  # pyright: ignore[reportMissingImports]
 
     logging.getLogger("capytaine").setLevel(logging.ERROR)
     mesh = capytaine.Mesh(vertices=vertices, faces=np.column_stack([triangles, triangles[:, 0]]))
-    body = capytaine.FloatingBody(mesh=mesh, dofs=capytaine.rigid_body_dofs(rotation_center=(0, 0, 0)))
+    body = capytaine.FloatingBody(
+        mesh=mesh, dofs=capytaine.rigid_body_dofs(rotation_center=(0, 0, 0))
+    )
     names = ("Surge", "Sway", "Heave", "Roll", "Pitch", "Yaw")
     begun = time.perf_counter()
     solver = capytaine.BEMSolver()
     found = []
     for name in names:
         problem = capytaine.RadiationProblem(
-            body=body, radiating_dof=name, omega=np.inf, free_surface=np.inf, water_depth=np.inf, rho=1.0
+            body=body,
+            radiating_dof=name,
+            omega=np.inf,
+            free_surface=np.inf,
+            water_depth=np.inf,
+            rho=1.0,
         )
         found.append(float(solver.solve(problem).added_mass[name]))
     return np.array(found), time.perf_counter() - begun
 
 
 def vehicle(numbers: dict[str, Any]) -> list[Table]:
-    """BlueROV2 Heavy: the stand-ins of its model, a sketch with its frame, and two published sets."""
+    """BlueROV2 Heavy: the stand-ins of its model, a sketch with its frame, and two published
+    sets.
+    """
     made: dict[str, hydrodynamics.BodyHydrodynamics] = {}
     spec = models.load("bluerov2_heavy_benzon2022")
     made["foam and housing"] = wet(spec, geoms="visual", density=1000.0).bodies["hull"]
-    made["sketch of its parts"] = wet(mujoco.MjSpec.from_string(SKETCH), density=1000.0).bodies["hull"]
+    made["sketch of its parts"] = wet(mujoco.MjSpec.from_string(SKETCH), density=1000.0).bodies[
+        "hull"
+    ]
     spec = models.load("bluerov2_heavy_benzon2022")
-    made[f"solid box {LENGTH:g} {WIDTH:g} {HEIGHT:g} m"] = wet(spec, geoms="collision", density=1000.0).bodies["hull"]
+    made[f"solid box {LENGTH:g} {WIDTH:g} {HEIGHT:g} m"] = wet(
+        spec, geoms="collision", density=1000.0
+    ).bodies["hull"]
     added, drag = [], []
     for name, water in made.items():
-        added.append([name, f"{1e3 * water.volume:.1f}", *(f"{x:.3g}" for x in water.added_mass.diagonal())])
+        added.append(
+            [name, f"{1e3 * water.volume:.1f}", *(f"{x:.3g}" for x in water.added_mass.diagonal())]
+        )
         drag.append([name, *(f"{x:.3g}" for x in water.quadratic_damping), *["0"] * 3])
         numbers.setdefault("bluerov2", {})[name] = {
             "volume": water.volume,
@@ -203,11 +236,21 @@ def vehicle(numbers: dict[str, Any]) -> list[Table]:
             "quadratic_damping": water.quadratic_damping.tolist(),
         }
     for name, hull in (("Benzon 2022", BENZON_2022), ("Wu 2018", WU_2018)):
-        added.append([name, f"{1e3 * hull.volume:.1f}", *(f"{x:.3g}" for x in np.diag(np.asarray(hull.added_mass)))])
+        added.append(
+            [
+                name,
+                f"{1e3 * hull.volume:.1f}",
+                *(f"{x:.3g}" for x in np.diag(np.asarray(hull.added_mass))),
+            ]
+        )
         quadratic, linear = np.asarray(hull.quadratic_damping), np.asarray(hull.linear_damping)
         drag.append([name, *(f"{x:.3g}" for x in quadratic), *(f"{x:.3g}" for x in linear[:3])])
     return [
-        Table(title="(b) BlueROV2 Heavy: added mass [kg, kg m^2]", columns=["from", "litres", *AXES], rows=added),
+        Table(
+            title="(b) BlueROV2 Heavy: added mass [kg, kg m^2]",
+            columns=["from", "litres", *AXES],
+            rows=added,
+        ),
         Table(
             title="(b) BlueROV2 Heavy: quadratic drag [N s^2/m^2, N m s^2], and linear [N s/m]",
             columns=["from", *AXES, *(f"linear {axis}" for axis in AXES[:3])],
@@ -224,7 +267,9 @@ def robots(numbers: dict[str, Any]) -> list[Table]:
         return []
     tables = []
     for wanted in ROBOTS:
-        place = next((Path(str(file.locate())) for file in files if str(file).endswith(wanted)), None)
+        place = next(
+            (Path(str(file.locate())) for file in files if str(file).endswith(wanted)), None
+        )
         if place is None:
             continue
         begun = time.perf_counter()
@@ -238,7 +283,15 @@ def robots(numbers: dict[str, Any]) -> list[Table]:
         tables.append(
             Table(
                 title=f"(c) {place.stem}: {len(rows)} bodies, {1e3 * total:.2f} l, {seconds:.0f} s",
-                columns=["body", "litres", "trimesh, litres", "closed", "added mass kg", "drag", "uncertainty"],
+                columns=[
+                    "body",
+                    "litres",
+                    "trimesh, litres",
+                    "closed",
+                    "added mass kg",
+                    "drag",
+                    "uncertainty",
+                ],
                 rows=rows,
             )
         )
@@ -258,14 +311,17 @@ def _rows(wetted: Wetted, theirs: dict[str, tuple[float, str]]) -> list[list[str
                 closed,
                 " ".join(f"{x:.3g}" for x in water.added_mass.diagonal()[:3]),
                 "strip" if water.segments else "areas",
-                f"{told['volume'].uncertainty}; {told['added mass'].uncertainty}; {told['drag'].uncertainty}",
+                f"{told['volume'].uncertainty}; {told['added mass'].uncertainty}; "
+                f"{told['drag'].uncertainty}",
             ]
         )
     return rows
 
 
 def _trimesh_volumes(spec: mujoco.MjSpec) -> dict[str, tuple[float, str]]:
-    """Sum of the volumes of a body's meshes by trimesh, without union, and how many of them are closed."""
+    """Sum of the volumes of a body's meshes by trimesh, without union, and how many of them are
+    closed.
+    """
     import trimesh
 
     model = spec.copy().compile()
@@ -277,10 +333,15 @@ def _trimesh_volumes(spec: mujoco.MjSpec) -> dict[str, tuple[float, str]]:
             at = int(model.geom_dataid[g])
             v, f = int(model.mesh_vertadr[at]), int(model.mesh_faceadr[at])
             vertices = model.mesh_vert[v : v + model.mesh_vertnum[at]]
-            meshes.append(trimesh.Trimesh(vertices, model.mesh_face[f : f + model.mesh_facenum[at]]))
+            meshes.append(
+                trimesh.Trimesh(vertices, model.mesh_face[f : f + model.mesh_facenum[at]])
+            )
         if meshes:
             closed = sum(bool(mesh.is_watertight) for mesh in meshes)
-            found[model.body(body).name] = sum(float(m.volume) for m in meshes), f"{closed} of {len(meshes)}"
+            found[model.body(body).name] = (
+                sum(float(m.volume) for m in meshes),
+                f"{closed} of {len(meshes)}",
+            )
     return found
 
 

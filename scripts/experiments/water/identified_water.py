@@ -1,11 +1,12 @@
-"""Benchmark: identified water against the truth of simulated vehicles, planned intervals against found ones, the pool.
+"""Benchmark: identified water against the truth of simulated vehicles, planned intervals against
+found ones, the pool.
 
     ./uvw run scripts/experiments/water/identified_water.py --draws 100
     ./uvw run scripts/experiments/water/identified_water.py --draws 0 --plans 5
     ./uvw run scripts/experiments/water/identified_water.py --draws 0 --pool FOLDER
 
-Each draw is a vehicle from the prior, a survey of 30 s in gusts of 5 mm/s, and a fit. FOLDER holds the pool trials
-(docs/pool.md). Writes coverage.json, and prints tables.
+Each draw is a vehicle from the prior, a survey of 30 s in gusts of 5 mm/s, and a fit. FOLDER holds
+the pool trials (docs/pool.md). Writes coverage.json, and prints tables.
 """
 
 from uuv.start import new_folder, parse, run_scenario  # isort: skip
@@ -74,8 +75,13 @@ def main() -> int:
     kept: list[KeptWord] = []
 
     def write() -> None:
-        rows = [{**asdict(each), "errors": each.errors.tolist(), "told": each.told.tolist()} for each in drawn]
-        write_json(folder / "coverage.json", {"draws": rows, "plans": [asdict(each) for each in kept]})
+        rows = [
+            {**asdict(each), "errors": each.errors.tolist(), "told": each.told.tolist()}
+            for each in drawn
+        ]
+        write_json(
+            folder / "coverage.json", {"draws": rows, "plans": [asdict(each) for each in kept]}
+        )
 
     with ProcessPoolExecutor(options.workers) as pool:
         try:
@@ -101,21 +107,35 @@ def main() -> int:
 
 def coverage_table(drawn: list[Draw]) -> Table:
     """Share of 95 % intervals that cover, by vehicle and group of parameters."""
-    table = Table(title="95 % intervals that cover the truth; in brackets the share told", title_justify="left")
+    table = Table(
+        title="95 % intervals that cover the truth; in brackets the share told",
+        title_justify="left",
+    )
     names = list(dict.fromkeys(each.vehicle for each in drawn))
-    groups = list(dict.fromkeys(group for name in names for group in coverage([d for d in drawn if d.vehicle == name])))
+    groups = list(
+        dict.fromkeys(
+            group for name in names for group in coverage([d for d in drawn if d.vehicle == name])
+        )
+    )
     for column in ("vehicle", "draws", *groups, "fit [s]"):
         table.add_column(column, justify="left" if column == "vehicle" else "right")
     for name in names:
         own = [each for each in drawn if each.vehicle == name]
         found = coverage(own)
-        cells = [f"{100 * found[g][0]:.1f} % ({100 * found[g][2]:.0f})" if g in found else "" for g in groups]
-        table.add_row(name, str(len(own)), *cells, f"{np.median([each.seconds for each in own]):.1f}")
+        cells = [
+            f"{100 * found[g][0]:.1f} % ({100 * found[g][2]:.0f})" if g in found else ""
+            for g in groups
+        ]
+        table.add_row(
+            name, str(len(own)), *cells, f"{np.median([each.seconds for each in own]):.1f}"
+        )
     return table
 
 
 def single_table(drawn: list[Draw]) -> Table:
-    """Parameters whose intervals cover least, the worst draw, and what normal intervals would cover, by vehicle."""
+    """Parameters whose intervals cover least, the worst draw, and what normal intervals would
+    cover, by vehicle.
+    """
     table = Table(title="intervals of single parameters that cover least", title_justify="left")
     for column in ("vehicle", "least", "worst draw", "all, by normal intervals", "slowest fit [s]"):
         table.add_column(column, justify="left" if column in ("vehicle", "least") else "right")
@@ -123,20 +143,32 @@ def single_table(drawn: list[Draw]) -> Table:
         own = [each for each in drawn if each.vehicle == name]
         covered = np.array([np.abs(each.errors) < each.quantile for each in own])
         by_name = covered.mean(axis=0)
-        least = "; ".join(f"{own[0].names[i]} {100 * by_name[i]:.0f} %" for i in np.argsort(by_name)[:4])
+        least = "; ".join(
+            f"{own[0].names[i]} {100 * by_name[i]:.0f} %" for i in np.argsort(by_name)[:4]
+        )
         normal = np.mean([np.abs(each.errors) < NORMAL for each in own])
         worst, slowest = covered.mean(axis=1).min(), max(each.seconds for each in own)
-        table.add_row(name, least, f"{100 * worst:.0f} %", f"{100 * normal:.1f} %", f"{slowest:.1f}")
+        table.add_row(
+            name, least, f"{100 * worst:.0f} %", f"{100 * normal:.1f} %", f"{slowest:.1f}"
+        )
     return table
 
 
 def plan_table(kept: list[KeptWord]) -> Table:
     """What planned manoeuvres were expected to tell, and told."""
-    table = Table(title="intervals sharper by the planned manoeuvre, mean factor", title_justify="left")
+    table = Table(
+        title="intervals sharper by the planned manoeuvre, mean factor", title_justify="left"
+    )
     for column in ("vehicle", "manoeuvre", "predicted", "found", "last of the list"):
         table.add_column(column, justify="left" if column in ("vehicle", "manoeuvre") else "right")
     for each in kept:
-        table.add_row(each.vehicle, each.manoeuvre, f"{each.predicted:.2f}", f"{each.found:.2f}", f"{each.worst:.2f}")
+        table.add_row(
+            each.vehicle,
+            each.manoeuvre,
+            f"{each.predicted:.2f}",
+            f"{each.found:.2f}",
+            f"{each.worst:.2f}",
+        )
     return table
 
 

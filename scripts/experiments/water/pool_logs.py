@@ -1,4 +1,6 @@
-"""Pool trials [Kolano 2022] as logs: thrusters off, joints measured, attitude of the IMU, height of the mocap."""
+"""Pool trials [Kolano 2022] as logs: thrusters off, joints measured, attitude of the IMU, height of
+the mocap.
+"""
 
 from collections.abc import Sequence
 

@@ -2,9 +2,10 @@
 
     ./uvw run scripts/experiments/water/pool_trials.py --data FOLDER --workers 2
 
-FOLDER holds the trials (traj*_joint_states.csv.gz and so on); they are no part of this project. One parameter set is
-fitted to all trajectory numbers but one and judged on the one left out, each in turn. Writes pool.json, pool.md and
-pool.png into --out. With --fitted nothing is fitted: other trials are judged by parameters that are there already.
+FOLDER holds the trials (traj*_joint_states.csv.gz and so on); they are no part of this project. One
+parameter set is fitted to all trajectory numbers but one and judged on the one left out, each in
+turn. Writes pool.json, pool.md and pool.png into --out. With --fitted nothing is fitted: other
+trials are judged by parameters that are there already.
 
     ./uvw run scripts/experiments/water/pool_trials.py --data FOLDER --fitted scripts/experiments/water/pool/wu2018.json
 """
@@ -26,7 +27,13 @@ from experiments.water.pool.pool_report import (
 )
 from experiments.water.pool.pool_vehicle import HULLS, NOMINAL
 from experiments.water.pool.trials import read_trials
-from experiments.water.pool.validation import buoyancy_by_group, read_fitted, scores, validate, with_own_buoyancy
+from experiments.water.pool.validation import (
+    buoyancy_by_group,
+    read_fitted,
+    scores,
+    validate,
+    with_own_buoyancy,
+)
 from uuv.experiment.options import at_least
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.saving import write_json, write_whole
@@ -43,9 +50,13 @@ class Options:
     workers: int = 1
     """Processes."""
     leave_out: bool = True
-    """Fit again without each trajectory number; --no-leave-out: one fit, judged on what it has seen."""
+    """Fit again without each trajectory number; --no-leave-out: one fit, judged on what it has
+    seen.
+    """
     fitted: Path | None = None
-    """Judge by the parameters of this file, a pool.json or the one of the package; nothing is fitted."""
+    """Judge by the parameters of this file, a pool.json or the one of the package; nothing is
+    fitted.
+    """
     out: Path | None = None
     """Folder for the results."""
 
@@ -55,7 +66,8 @@ class Options:
             raise ConfigurationError(f"--hull {self.hull!r}: allowed {', '.join(HULLS)}")
         if not self.data.is_dir():
             raise ConfigurationError(
-                f"--data {str(self.data)!r}: there is no such folder; the trials are not part of this"
+                f"--data {str(self.data)!r}: there is no such folder; the trials are not part of "
+                "this"
             )
 
 
@@ -68,7 +80,10 @@ def main() -> int:
     if options.fitted is not None:
         hull, values = read_fitted(options.fitted)
         found = scores(hull, trials, values)
-        tables = [score_table("Simulation beside the pool: medians", {f"{hull}, as fitted": found}), trial_table(found)]
+        tables = [
+            score_table("Simulation beside the pool: medians", {f"{hull}, as fitted": found}),
+            trial_table(found),
+        ]
         for table in tables:
             console.print(table.printed())
         write_whole(folder / "pool.md", "\n\n".join(table.markdown() for table in tables))

@@ -1,10 +1,12 @@
-"""Benchmark: REMUS 100 here against the equations of PythonVehicleSimulator, from which the model is taken.
+"""Benchmark: REMUS 100 here against the equations of PythonVehicleSimulator, from which the model
+is taken.
 
     ./uvw run scripts/experiments/water/remus.py
 
-The vehicle runs from rest with its propeller at a constant speed, straight and with the rudder put over. The source is
-no package, so its equations are written down in NumPy (`experiments.water.remus100`) and stepped as it steps them, by
-Euler with 0.02 s. Ours are stepped by the plant, with the propeller as a thruster and the fins' force from
+The vehicle runs from rest with its propeller at a constant speed, straight and with the rudder put
+over. The source is no package, so its equations are written down in NumPy
+(`experiments.water.remus100`) and stepped as it steps them, by Euler with 0.02 s. Ours are stepped
+by the plant, with the propeller as a thruster and the fins' force from
 `uuv.models.vehicles.remus100.fin_wrench`. Without --out nothing is written.
 """
 
@@ -51,7 +53,8 @@ class Options:
 
 
 def ours(seconds: float, rudder: float, rpm: float) -> Array:
-    """Rows (n + 1, 12) at each step of the plant, in the source's axes: position, Euler angles, twist.
+    """Rows (n + 1, 12) at each step of the plant, in the source's axes: position, Euler angles,
+    twist.
 
     Args:
         seconds: duration [s].
@@ -71,9 +74,13 @@ def ours(seconds: float, rudder: float, rpm: float) -> Array:
         wrench = remus100.fin_wrench(v_B, fin, 0.0)
         force = R @ wrench[:3]
         plant.data.xfrc_applied[hull, :3] = force  # at the centre of mass
-        plant.data.xfrc_applied[hull, 3:] = R @ wrench[3:] - np.cross(R @ model.body_ipos[hull], force)
+        plant.data.xfrc_applied[hull, 3:] = R @ wrench[3:] - np.cross(
+            R @ model.body_ipos[hull], force
+        )
         fin += (rudder - fin) * follow
-        plant.step(Command(time=k * plant.timestep, joint_torque=none, thrusters=command, scan=False))
+        plant.step(
+            Command(time=k * plant.timestep, joint_torque=none, thrusters=command, scan=False)
+        )
     return np.array(rows)
 
 
@@ -100,7 +107,10 @@ def figures(options: Options, degrees: float) -> dict[str, float]:
         **end(mine, "our"),
         **end(theirs, "their"),
         **{f"off_{name}": float(off[i]) for i, name in ((0, "u_ms"), (1, "v_ms"), (5, "r_rads"))},
-        **{f"largest_{name}": float(largest[i]) for i, name in ((0, "u_ms"), (1, "v_ms"), (5, "r_rads"))},
+        **{
+            f"largest_{name}": float(largest[i])
+            for i, name in ((0, "u_ms"), (1, "v_ms"), (5, "r_rads"))
+        },
     }
 
 
@@ -120,7 +130,13 @@ def main() -> int:
             own, their = run[f"our_{name}_{unit}"], run[f"their_{name}_{unit}"]
             shown = unit.replace("ms", "m/s")
             rows.append(
-                [f"{run['rudder_deg']:g}", f"{name} [{shown}]", f"{own:.4g}", f"{their:.4g}", _share(own, their)]
+                [
+                    f"{run['rudder_deg']:g}",
+                    f"{name} [{shown}]",
+                    f"{own:.4g}",
+                    f"{their:.4g}",
+                    _share(own, their),
+                ]
             )
         for name, shown in (("u_ms", "u [m/s]"), ("v_ms", "v [m/s]"), ("r_rads", "r [rad/s]")):
             off, largest = run[f"off_{name}"], run[f"largest_{name}"]
@@ -133,7 +149,13 @@ def main() -> int:
                     _share(off + largest, largest),
                 ]
             )
-    columns = ("rudder [deg]", f"{options.rpm:g} rpm, {options.seconds:g} s", "here", "source", "off")
+    columns = (
+        "rudder [deg]",
+        f"{options.rpm:g} rpm, {options.seconds:g} s",
+        "here",
+        "source",
+        "off",
+    )
     table = Table(title=f"REMUS 100, MuJoCo {mujoco.__version__}", columns=columns, rows=rows)
     Console().print(table.printed())
     if options.out is not None:

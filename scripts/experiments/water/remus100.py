@@ -1,8 +1,9 @@
-"""Equations of remus100.py in PythonVehicleSimulator (commit 7e1db8e), written down from its source, in NumPy.
+"""Equations of remus100.py in PythonVehicleSimulator (commit 7e1db8e), written down from its
+source, in NumPy.
 
-Axes as there: forward, starboard, down; position north, east, down; Euler angles. Nothing of this project's models is
-used. The state (15,) is position (3) [m], Euler angles (3) [rad], twist (6) [m/s, rad/s], rudder and stern plane [rad],
-and propeller speed [rpm].
+Axes as there: forward, starboard, down; position north, east, down; Euler angles. Nothing of this
+project's models is used. The state (15,) is position (3) [m], Euler angles (3) [rad], twist (6)
+[m/s, rad/s], rudder and stern plane [rad], and propeller speed [rpm].
 """
 
 import math
@@ -14,7 +15,8 @@ from uuv.sim.interfaces.spatial import Array
 RHO, G, L, D, KG = 1026.0, 9.81, 1.6, 0.19, 0.02
 A, B = L / 2.0, D / 2.0
 M = 4.0 / 3.0 * math.pi * RHO * A * B**2
-_HOERNER = 1.2108 + (0.5 - 0.4933) / (0.5585 - 0.4933) * (1.0836 - 1.2108)  # at B / (2 T) = 0.5 of its table
+# at B / (2 T) = 0.5 of its table
+_HOERNER = 1.2108 + (0.5 - 0.4933) / (0.5585 - 0.4933) * (1.0836 - 1.2108)
 
 
 def _skew(a: Array) -> Array:
@@ -50,7 +52,9 @@ def _coriolis(mass: Array, nu: Array) -> Array:
 
 
 def rates(state: Array, rudder: float, stern: float, rpm: float) -> Array:
-    """Derivative (15,) of the state in still water, for commanded fin angles [rad] and propeller speed [rpm]."""
+    """Derivative (15,) of the state in still water, for commanded fin angles [rad] and propeller
+    speed [rpm].
+    """
     phi, theta, psi = state[3:6]
     nu, fins, n = state[6:12], state[12:14], state[14] / 60.0
     u, v, w = nu[:3]
@@ -88,7 +92,14 @@ def rates(state: Array, rudder: float, stern: float, rpm: float) -> Array:
     flow = advance * abs(n) if n > 0.0 else 0.0
     thrust = RHO * 0.14**4 * (0.4566 * abs(n) * n + (0.1798 - 0.4566) / 0.6632 * flow)
     torque = RHO * 0.14**5 * (0.0700 * abs(n) * n + (0.0312 - 0.0700) / 0.6632 * flow)
-    tau += [0.9 * thrust + side * fins[0] + heave * fins[1], side, heave, torque / 10.0, A * heave, -A * side]
+    tau += [
+        0.9 * thrust + side * fins[0] + heave * fins[1],
+        side,
+        heave,
+        torque / 10.0,
+        A * heave,
+        -A * side,
+    ]
     tau -= (_coriolis(RIGID, nu) + CA) @ nu + damping * nu
     tau[3:5] -= righting * np.array([math.cos(theta) * math.sin(phi), math.sin(theta)])
 
@@ -101,13 +112,20 @@ def rates(state: Array, rudder: float, stern: float, rpm: float) -> Array:
         ]
     )
     R[:, 2] = np.cross(R[:, 0], R[:, 1])
-    T = np.array([[1.0, s(phi) * t, c(phi) * t], [0.0, c(phi), -s(phi)], [0.0, s(phi) / c(theta), c(phi) / c(theta)]])
+    T = np.array(
+        [
+            [1.0, s(phi) * t, c(phi) * t],
+            [0.0, c(phi), -s(phi)],
+            [0.0, s(phi) / c(theta), c(phi) / c(theta)],
+        ]
+    )
     drives = [(rudder - fins[0]) / 0.1, (stern - fins[1]) / 0.1, rpm - state[14]]
     return np.concatenate([R @ nu[:3], T @ nu[3:], INVERSE @ tau, drives])
 
 
 def run(seconds: float, rudder: float, rpm: float, step: float = 0.02) -> Array:
-    """States (n + 1, 15) from rest, by the source's own integration: Euler's, of the pose with the new twist.
+    """States (n + 1, 15) from rest, by the source's own integration: Euler's, of the pose with the
+    new twist.
 
     Args:
         seconds: duration [s].

@@ -28,7 +28,8 @@ structref.define_boxing(RecordBoxType, RecordBox)
 
 
 def as_annotated(record: Any) -> Any:
-    """`record`, a NamedTuple, with its numbers as float, int or bool as it and its parts annotate them.
+    """`record`, a NamedTuple, with its numbers as float, int or bool as it and its parts annotate
+    them.
 
     A whole number given for a float would else compile everything anew.
     """
@@ -48,9 +49,9 @@ def as_annotated(record: Any) -> Any:
 def new_box(record: Any) -> Any:
     """Compiled code only: box of `record`, a NamedTuple of arrays, which are shared, and numbers.
 
-    The function that calls it stands in the module of the record's type: numba's cache of a function
-    names the types of its arguments, and a type that cannot be imported later would make the whole
-    cache of that function unreadable.
+    The function that calls it stands in the module of the record's type: numba's cache of a
+    function names the types of its arguments, and a type that cannot be imported later would make
+    the whole cache of that function unreadable.
     """
     raise NotImplementedError
 

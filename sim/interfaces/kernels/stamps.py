@@ -1,8 +1,9 @@
-"""What the machine code of a kernel depends on, as a hash: byte code, and what that takes elsewhere.
+"""What the machine code of a kernel depends on, as a hash: byte code, and what that takes
+elsewhere.
 
-Numba translates byte code, so comments, docstrings and line numbers do not count. Followed are the globals that a
-kernel names, its closure and its defaults, through every compiled function that it calls. An edit therefore changes
-the stamps of a kernel and of its callers alone.
+Numba translates byte code, so comments, docstrings and line numbers do not count. Followed are the
+globals that a kernel names, its closure and its defaults, through every compiled function that it
+calls. An edit therefore changes the stamps of a kernel and of its callers alone.
 """
 
 import hashlib
@@ -17,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-_NAMED = (type(None), bool, int, float, complex, str, bytes, type(Ellipsis))  # values whose repr tells all
+# values whose repr tells all
+_NAMED = (type(None), bool, int, float, complex, str, bytes, type(Ellipsis))
 
 _TOOLS = ("numba", "numpy", "llvmlite")  # their versions are part of every stamp
 
@@ -27,7 +29,8 @@ class UnkeyableError(Exception):
 
 
 def stamp(function: FunctionType, options: object = ()) -> str:
-    """Hash (64 hexadecimal digits) of all that the machine code of `function` depends on, but for its argument types.
+    """Hash (64 hexadecimal digits) of all that the machine code of `function` depends on, but for
+    its argument types.
 
     Args:
         function: The Python function of a kernel.
@@ -40,8 +43,8 @@ def stamp(function: FunctionType, options: object = ()) -> str:
     place = {id(function): 0}
     waiting = [function]
 
-    # Each function reached is hashed once, with those that it uses by their place in the order of discovery: the stamp
-    # of functions that call each other does not depend on where one begins.
+    # Each function reached is hashed once, with those that it uses by their place in the order of
+    # discovery: the stamp of functions that call each other does not depend on where one begins.
     while waiting:
         part, used = _described(waiting.pop())
         digest.update(part)
@@ -62,7 +65,8 @@ def _described(function: FunctionType) -> tuple[bytes, list[FunctionType]]:
     if known is None:
         used: list[FunctionType] = []
         text = "\n".join(_function(function, used)).encode()
-        known = _memo[id(function)] = (function, text, used)  # the function itself keeps its id from being reused
+        # the function itself keeps its id from being reused
+        known = _memo[id(function)] = (function, text, used)
     return known[1], known[2]
 
 
@@ -81,7 +85,15 @@ def _function(function: FunctionType, used: list[FunctionType]) -> Iterator[str]
 
 def _code(code: CodeType, doc: str | None) -> Iterator[str]:
     """All of a code object that its translation reads."""
-    yield repr((code.co_code, code.co_exceptiontable, code.co_flags, code.co_argcount, code.co_kwonlyargcount))
+    yield repr(
+        (
+            code.co_code,
+            code.co_exceptiontable,
+            code.co_flags,
+            code.co_argcount,
+            code.co_kwonlyargcount,
+        )
+    )
     yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, code.co_name))
     for const in code.co_consts:
         if isinstance(const, CodeType):
@@ -110,7 +122,13 @@ def _value(value: Any, used: list[FunctionType]) -> str:
     if isinstance(value, (set, frozenset)):
         return f"{{{','.join(sorted(_value(each, used) for each in value))}}}"
     if isinstance(value, dict):
-        return "{" + ",".join(f"{key!r}:{_value(each, used)}" for key, each in sorted(value.items(), key=repr)) + "}"
+        return (
+            "{"
+            + ",".join(
+                f"{key!r}:{_value(each, used)}" for key, each in sorted(value.items(), key=repr)
+            )
+            + "}"
+        )
     if isinstance(value, (np.ndarray, np.generic)):
         if value.dtype.hasobject:
             raise UnkeyableError(f"an array of {value.dtype}")
@@ -126,7 +144,8 @@ def _value(value: Any, used: list[FunctionType]) -> str:
 
 def _called(value: Any, used: list[FunctionType]) -> str:
     """Description of what a kernel may call."""
-    compiled = inspect.unwrap(value) if hasattr(value, "__wrapped__") else None  # numba's refer so to their source
+    # numba's refer so to their source
+    compiled = inspect.unwrap(value) if hasattr(value, "__wrapped__") else None
     if isinstance(compiled, FunctionType) and hasattr(value, "targetoptions"):
         used.append(compiled)
         return f"kernel {_value(dict(value.targetoptions), used)}"
@@ -141,18 +160,22 @@ def _called(value: Any, used: list[FunctionType]) -> str:
     if isinstance(value, BuiltinFunctionType):
         return f"{value.__module__}.{value.__qualname__}"
     if any(base.__module__.partition(".")[0] in _TOOLS for base in type(value).__mro__):
-        return f"{_class(type(value))} {_without_address(value)}"  # types of numba and LLVM, external functions
+        # types of numba and LLVM, external functions
+        return f"{_class(type(value))} {_without_address(value)}"
     raise UnkeyableError(f"{value!r}")
 
 
 def _plain(function: FunctionType, used: list[FunctionType]) -> str:
-    """A function that is not compiled itself stands for its whole file: what numba takes in its place is there."""
+    """A function that is not compiled itself stands for its whole file: what numba takes in its
+    place is there.
+    """
     name = f"{function.__module__}.{function.__qualname__}"
     if _is_told_by_version(function.__module__):
         return name
     closure = [cell.cell_contents for cell in function.__closure__ or ()]
     known = (function.__globals__.get(called) for called in sorted(set(_names(function.__code__))))
-    kernels = [value for value in known if hasattr(value, "targetoptions")]  # which may lie in other files
+    # which may lie in other files
+    kernels = [value for value in known if hasattr(value, "targetoptions")]
     called = f" {_value(kernels, used)}" if kernels else ""
     return f"{name} {_file(function.__code__.co_filename)} {_value(closure, used)}{called}"
 
@@ -171,7 +194,9 @@ def _module(module: ModuleType, used: list[FunctionType]) -> str:
     file = getattr(module, "__file__", None)
     if file is None or _is_told_by_version(module.__name__):
         return module.__name__
-    kernels = [value for _, value in sorted(vars(module).items()) if hasattr(value, "targetoptions")]
+    kernels = [
+        value for _, value in sorted(vars(module).items()) if hasattr(value, "targetoptions")
+    ]
     return f"{module.__name__} {_file(file)} {_value(kernels, used)}"
 
 

@@ -1,11 +1,14 @@
-"""Store of compiled kernels: a folder of the user's, one file a kernel and signature, shared by all processes.
+"""Store of compiled kernels: a folder of the user's, one file a kernel and signature, shared by all
+processes.
 
-A file is named by the hash of its stamp, and holds the stamp, the machine code and the code's hash. It is written
-under another name and renamed, so that no reader meets half of it. A reader takes nothing from a file that is another
-user's, that others may write, that is cut, or whose stamp differs: it is as if the file were not there.
+A file is named by the hash of its stamp, and holds the stamp, the machine code and the code's hash.
+It is written under another name and renamed, so that no reader meets half of it. A reader takes
+nothing from a file that is another user's, that others may write, that is cut, or whose stamp
+differs: it is as if the file were not there.
 
-`UUV_KERNEL_STORE` names the folder, or is `off`; by default `uuv-arm/kernel-store` in the user's cache folder, else in
-the temporary one. `UUV_KERNEL_STORE_MB` limits its size; the files that were used least recently leave first.
+`UUV_KERNEL_STORE` names the folder, or is `off`; by default `uuv-arm/kernel-store` in the user's
+cache folder, else in the temporary one. `UUV_KERNEL_STORE_MB` limits its size; the files that were
+used least recently leave first.
 """
 
 import contextlib
@@ -102,7 +105,9 @@ def save(stamp: str, code: bytes) -> bool:
     part = file.with_name(f"{uuid4().hex}{_PART}")
     try:
         with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
-            stream.write(_MAGIC + len(head).to_bytes(4, "big") + head + hashlib.sha256(code).digest() + code)
+            stream.write(
+                _MAGIC + len(head).to_bytes(4, "big") + head + hashlib.sha256(code).digest() + code
+            )
         part.replace(file)
     except OSError:
         with contextlib.suppress(OSError):
@@ -112,7 +117,9 @@ def save(stamp: str, code: bytes) -> bool:
 
 
 def trim() -> None:
-    """Remove the files that were used least recently, down to the limit, and parts that nobody finishes."""
+    """Remove the files that were used least recently, down to the limit, and parts that nobody
+    finishes.
+    """
     place = folder()
     if place is None:
         return
@@ -166,7 +173,9 @@ def note_start(loaded: int, compiled: int) -> None:
         return
     part = place / f"{uuid4().hex}{_PART}"
     with contextlib.suppress(OSError):
-        part.write_text(json.dumps(asdict(LastStart(loaded, compiled, time.time()))), encoding="utf-8")
+        part.write_text(
+            json.dumps(asdict(LastStart(loaded, compiled, time.time()))), encoding="utf-8"
+        )
         part.replace(place / _LAST_START)
 
 
@@ -195,7 +204,11 @@ def limit() -> int:
 
 def _file(stamp: str) -> Path | None:
     place = folder()
-    return None if place is None else place / f"{hashlib.sha256(stamp.encode()).hexdigest()[:40]}{_SUFFIX}"
+    return (
+        None
+        if place is None
+        else place / f"{hashlib.sha256(stamp.encode()).hexdigest()[:40]}{_SUFFIX}"
+    )
 
 
 def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
@@ -263,7 +276,10 @@ def _place_for(given: str, caches: str) -> _Place:
 
 
 def _unfit(folder: Path) -> str:
-    """Why `folder` cannot be the store, in words; empty if it can. It is made where it is missing."""
+    """Why `folder` cannot be the store, in words; empty if it can.
+
+    It is made where it is missing.
+    """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileExistsError):
@@ -274,7 +290,8 @@ def _unfit(folder: Path) -> str:
         if about.st_uid != os.getuid():
             return f"{folder} is another user's"
         if about.st_mode & 0o077:
-            folder.chmod(0o700)  # one of the user's own; what others may have put into it is refused file by file
+            # one of the user's own; what others may have put into it is refused file by file
+            folder.chmod(0o700)
         probe = folder / f"{uuid4().hex}{_PART}"
         probe.touch(mode=0o600, exist_ok=False)
         probe.unlink()

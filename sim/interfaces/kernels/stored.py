@@ -23,10 +23,25 @@ from numba.core.sigutils import normalize_signature
 from uuv.sim.interfaces.kernels import store
 from uuv.sim.interfaces.kernels.stamps import UnkeyableError, stamp
 
-# Settings of numba that change machine code. A name that this version of numba does not have counts as None.
+# Settings of numba that change machine code. A name that this version of numba does not have counts
+# as None.
 _SETTINGS = (
-    *("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "FULL_TRACEBACKS", "DEBUGINFO_DEFAULT", "USING_SVML"),
-    *("DISABLE_INTEL_SVML", "ENABLE_AVX", "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS", "CAPTURED_ERRORS"),
+    *(
+        "OPT",
+        "LOOP_VECTORIZE",
+        "SLP_VECTORIZE",
+        "BOUNDSCHECK",
+        "FULL_TRACEBACKS",
+        "DEBUGINFO_DEFAULT",
+        "USING_SVML",
+    ),
+    *(
+        "DISABLE_INTEL_SVML",
+        "ENABLE_AVX",
+        "LLVM_REFPRUNE_PASS",
+        "LLVM_REFPRUNE_FLAGS",
+        "CAPTURED_ERRORS",
+    ),
 )
 
 
@@ -47,7 +62,8 @@ def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
 
     Args:
         function: The function; None where the decorator is called with options.
-        signature: Types to compile for, on the first call, and for these alone; None: those of each call.
+        signature: Types to compile for, on the first call, and for these alone; None: those of each
+            call.
         **options: Of `numba.njit`, such as error_model="numpy".
 
     Returns:
@@ -65,10 +81,11 @@ def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
 
 
 def _compile_on_first_use(compiled: Any, signature: Any) -> None:
-    """Let `compiled` be made for one signature, when it is first called from Python or by another kernel.
+    """Let `compiled` be made for one signature, when it is first called from Python or by another
+    kernel.
 
-    Numba would make it when it is defined, so that an import compiles. Of both ways to a first call, the methods of the
-    object stand before those of its class until then.
+    Numba would make it when it is defined, so that an import compiles. Of both ways to a first
+    call, the methods of the object stand before those of its class until then.
     """
 
     def make() -> Any:
@@ -99,7 +116,12 @@ def c_function(signature: Any, **options: Any) -> Callable[[Any], Any]:
     """
 
     def decorate(function: Any) -> Any:
-        made: Any = CFunc(function, normalize_signature(signature), locals={}, options={"nopython": True, **options})
+        made: Any = CFunc(
+            function,
+            normalize_signature(signature),
+            locals={},
+            options={"nopython": True, **options},
+        )
         made._cache = StoredKernel(function, {"C": str(signature), **options})
         made.compile()
         return made
@@ -122,7 +144,8 @@ class StoredKernel(_Cache):
         self._function = function
         self._options = sorted(options.items())
         self._enabled = True
-        self._described: str | None = None  # on first use, when all that the kernel calls is defined
+        # on first use, when all that the kernel calls is defined
+        self._described: str | None = None
 
     @property
     def cache_path(self) -> Any:
@@ -170,14 +193,18 @@ class StoredKernel(_Cache):
         return where is not None and store.holds(where)
 
     def _stamp(self, sig: Any, codegen: Any) -> str | None:
-        """All that the machine code depends on; None if that cannot be told, or there is no store."""
+        """All that the machine code depends on; None if that cannot be told, or there is no
+        store.
+        """
         if not self._enabled or store.folder() is None:
             return None
         try:
             if self._described is None:
                 self._described = stamp(self._function, self._options)
             name = f"{self._function.__module__}:{self._function.__qualname__}"
-            return json.dumps([name, self._described, type_text(sig), codegen.magic_tuple(), toolchain()])
+            return json.dumps(
+                [name, self._described, type_text(sig), codegen.magic_tuple(), toolchain()]
+            )
         except UnkeyableError:
             return None
 
@@ -186,13 +213,14 @@ class StoredKernel(_Cache):
 def type_text(kind: Any) -> str:
     """Argument types as text that tells them apart, the same in every process.
 
-    Numba's own text of a named tuple has neither its module nor the names and order of its fields, which machine code
-    depends on; they stand behind it.
+    Numba's own text of a named tuple has neither its module nor the names and order of its fields,
+    which machine code depends on; they stand behind it.
 
     Raises:
         UnkeyableError: The type is of one process, such as that of a function as an argument.
     """
-    if hasattr(kind, "args") and hasattr(kind, "return_type"):  # a signature; what it returns follows from the code
+    # a signature; what it returns follows from the code
+    if hasattr(kind, "args") and hasattr(kind, "return_type"):
         kind = tuple(kind.args)
     if isinstance(kind, tuple):
         return f"({', '.join(map(type_text, kind))})"
@@ -226,7 +254,9 @@ def toolchain() -> list[Any]:
 
 def _can_be_kept(compiled: Any) -> bool:
     """True unless the machine code holds addresses of this process."""
-    return not compiled.library.has_dynamic_globals and not any(not each.can_cache for each in compiled.lifted)
+    return not compiled.library.has_dynamic_globals and not any(
+        not each.can_cache for each in compiled.lifted
+    )
 
 
 @cache

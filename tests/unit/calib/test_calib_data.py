@@ -33,7 +33,10 @@ REFUSED: dict[str, tuple[Callable[[list[Array]], object], str]] = {
     "one array": (lambda s: s[0], "list of arrays"),
     "text": (lambda _: [[["a"] * 6] * 3], "series 1"),
     "one touch each": (lambda s: [q[:1] for q in s], "at least three different touches"),
-    "equal touches": (lambda s: [np.repeat(q[:1], 10, axis=0) for q in s], "at least three different touches"),
+    "equal touches": (
+        lambda s: [np.repeat(q[:1], 10, axis=0) for q in s],
+        "at least three different touches",
+    ),
 }
 
 
@@ -64,7 +67,11 @@ def test_options_refused(options: dict, words: str, series: list[Array]):
 
 @pytest.mark.parametrize(
     ("dh", "words"),
-    [(np.rad2deg(UR10E), "degrees"), (1e3 * UR10E * [0, 1, 1, 0], "millimetres"), (UR10E[:, :3], "nominal")],
+    [
+        (np.rad2deg(UR10E), "degrees"),
+        (1e3 * UR10E * [0, 1, 1, 0], "millimetres"),
+        (UR10E[:, :3], "nominal"),
+    ],
     ids=["degrees", "millimetres", "columns"],
 )
 def test_nominal_refused(dh: Array, words: str, series: list[Array]):
@@ -74,7 +81,9 @@ def test_nominal_refused(dh: Array, words: str, series: list[Array]):
 
 def test_outliers_are_named_and_left_out(series: list[Array], within):
     arm = Arm.from_dh(PAPER)
-    off = touch(arm, OFF_AXIS, np.random.default_rng(21), points=np.array([[0.5, 0.5, 0.3]]), touches=1)[0]
+    off = touch(
+        arm, OFF_AXIS, np.random.default_rng(21), points=np.array([[0.5, 0.5, 0.3]]), touches=1
+    )[0]
     spoilt = [q.copy() for q in series]
     # A slip of 20 mm: the wrist turned, so that the tip is elsewhere.
     clean = identify(series, UR10E)
@@ -82,7 +91,12 @@ def test_outliers_are_named_and_left_out(series: list[Array], within):
         away = spoilt[s][j].copy()
         for angle in np.linspace(0.0, 0.5, 500):
             away[joint] = spoilt[s][j][joint] + angle
-            if np.linalg.norm(arm.tips(away[None], OFF_AXIS) - arm.tips(spoilt[s][j][None], OFF_AXIS)) > 0.02:
+            if (
+                np.linalg.norm(
+                    arm.tips(away[None], OFF_AXIS) - arm.tips(spoilt[s][j][None], OFF_AXIS)
+                )
+                > 0.02
+            ):
                 break
         spoilt[s][j] = away
     result = identify(spoilt, UR10E)
@@ -112,9 +126,15 @@ def test_touches_of_another_arm_are_doubted():
     assert any("not of this arm" in line for line in result.warnings)
     far = Arm.from_dh(UR10E + np.array([0.02, 0.01, 0.01, 0.02]) * (-1.0) ** np.arange(6)[:, None])
     result = identify(touch(far, OFF_AXIS, np.random.default_rng(22)), UR10E)
-    assert any("far from the nominal one" in line and "the prior is held" in line for line in result.warnings)
+    assert any(
+        "far from the nominal one" in line and "the prior is held" in line
+        for line in result.warnings
+    )
     shuffled = [q[:, ::-1] for q in touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(23))]
-    assert any("nominal" in line or "not of this arm" in line for line in identify(shuffled, UR10E).warnings)
+    assert any(
+        "nominal" in line or "not of this arm" in line
+        for line in identify(shuffled, UR10E).warnings
+    )
 
 
 def test_too_few_touches_are_not_believed(series: list[Array]):
@@ -134,7 +154,9 @@ def test_masks_hold_the_rest(series: list[Array]):
 
 
 @pytest.mark.parametrize(("size", "each"), [(0.02, 2), (0.05, 1), (0.05, 2), (0.05, 6)])
-def test_blunders_are_left_out_and_pull_no_more_than_noise(size: float, each: int, series: list[Array]):
+def test_blunders_are_left_out_and_pull_no_more_than_noise(
+    size: float, each: int, series: list[Array]
+):
     """Large ones would have the evidence widen the prior until the arm shrinks to a point."""
     spoilt = [q.copy() for q in series]
     rng = np.random.default_rng(31)
@@ -150,7 +172,9 @@ def test_blunders_are_left_out_and_pull_no_more_than_noise(size: float, each: in
 
 def test_touches_of_heavy_tail_are_kept(series: list[Array]):
     rng = np.random.default_rng(33)
-    heavy = [q + 3e-4 * rng.standard_t(3.0, (len(q), 1)) * rng.standard_normal(q.shape) for q in series]
+    heavy = [
+        q + 3e-4 * rng.standard_t(3.0, (len(q), 1)) * rng.standard_normal(q.shape) for q in series
+    ]
     assert not identify(heavy, UR10E).outliers
 
 

@@ -1,4 +1,6 @@
-"""A wrong file, table or length is refused with its odds; right ones are not, and units that are stated stay."""
+"""A wrong file, table or length is refused with its odds; right ones are not, and units that are
+stated stay.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -50,7 +52,9 @@ def examined(series: Series, nominal: SerialArm, length: float = APART) -> Exami
     told = [(0, 1, length, 5e-5)] if len(series) > 1 else []
     found = identify(series, nominal, distances=told)
     names = NAMES[: len(series)]
-    return examine(found, series, partial(identify, nominal=nominal), Told(names=names, distances=told))
+    return examine(
+        found, series, partial(identify, nominal=nominal), Told(names=names, distances=told)
+    )
 
 
 def doubted(series: Series, nominal: SerialArm, length: float = APART) -> str:
@@ -62,34 +66,50 @@ def columns(*order: int) -> Callable[[Series], Series]:
 
 
 def scaled(joint: int, factor: float) -> Callable[[Series], Series]:
-    return lambda series: [q * np.where(np.arange(q.shape[1]) == joint, factor, 1.0) for q in series]
+    return lambda series: [
+        q * np.where(np.arange(q.shape[1]) == joint, factor, 1.0) for q in series
+    ]
 
 
 WRONG = {
     "two points in one file": (lambda s: [np.vstack(s[:2]), s[2]], "touches of two points"),
     "columns exchanged": (columns(0, 1, 4, 3, 2, 5, 6), "columns 3 and 5 exchanged"),
     "sign flipped": (scaled(3, -1.0), "joint 4 with the other sign"),
-    "degrees turned twice": (scaled(3, np.pi / 180.0), "joint 4 turned from degrees once too often"),
+    "degrees turned twice": (
+        scaled(3, np.pi / 180.0),
+        "joint 4 turned from degrees once too often",
+    ),
     "the same file twice": (lambda s: [s[0], s[0], s[2]], "the same touches twice"),
     "repeated rows": (
-        lambda s: [np.vstack([q[:4]] * 4) + 1e-5 * np.sin(np.arange(7 * 16)).reshape(16, 7) for q in s],
+        lambda s: [
+            np.vstack([q[:4]] * 4) + 1e-5 * np.sin(np.arange(7 * 16)).reshape(16, 7) for q in s
+        ],
         "the rest repeats them",
     ),
     "a column that stands still": (
         lambda s: [np.where(np.arange(7) == 2, q[0], q) for q in s],
         "joint 3 moves by 0.0 deg",
     ),
-    "a zero of ten degrees": (lambda s: [q + 0.17 * (np.arange(7) == 1) for q in s], "theta2 would be off by"),
+    "a zero of ten degrees": (
+        lambda s: [q + 0.17 * (np.arange(7) == 1) for q in s],
+        "theta2 would be off by",
+    ),
     "a zero set anew in one file": (
         lambda s: [s[0], s[1] + np.deg2rad(2.0) * (np.arange(7) == 2), s[2]],
         "joint 3 reads +2",
     ),
     "a joint that slips": (
-        lambda s: [s[0], s[1], np.where(np.arange(16)[:, None] < 9, s[2], s[2] - 0.05 * (np.arange(7) == 4))],
+        lambda s: [
+            s[0],
+            s[1],
+            np.where(np.arange(16)[:, None] < 9, s[2], s[2] - 0.05 * (np.arange(7) == 4)),
+        ],
         "from touch 10 of c on",
     ),
     "a reading that froze": (
-        lambda s: [np.where((np.arange(7) == 3) & (np.arange(16)[:, None] % 16 > 10), q[11], q) for q in s],
+        lambda s: [
+            np.where((np.arange(7) == 3) & (np.arange(16)[:, None] % 16 > 10), q[11], q) for q in s
+        ],
         "joint 4 reads the same in 15 touches, of which",
     ),
     "too few touches": (lambda s: [s[0][:4]], "too few"),
@@ -119,7 +139,9 @@ HIDDEN = {
 
 
 @pytest.mark.parametrize("kind", HIDDEN)
-def test_readings_that_hide_in_the_noise_are_refused(kind: str, straight: Series, nominal: SerialArm) -> None:
+def test_readings_that_hide_in_the_noise_are_refused(
+    kind: str, straight: Series, nominal: SerialArm
+) -> None:
     assert doubted(straight, nominal) == ""
     said = doubted(last_column(HIDDEN[kind])(straight), nominal)
     assert "the readings of joint 7 are not those of these touches" in said
@@ -127,7 +149,9 @@ def test_readings_that_hide_in_the_noise_are_refused(kind: str, straight: Series
 
 
 def test_a_joint_that_explains_nothing_is_said(nominal: SerialArm) -> None:
-    """With the tip on the last axis no order of its readings is wrong, and none of its parameters moves."""
+    """With the tip on the last axis no order of its readings is wrong, and none of its parameters
+    moves.
+    """
     rng = np.random.default_rng(4)
     series = touch(nominal, STRAIGHT, rng, points=POINTS, touches=16)
     for given in (series, last_column(rng.permutation)(series)):
@@ -154,7 +178,10 @@ def test_touches_from_a_hull_that_moves_are_doubted_alike() -> None:
     longer, true = on_moving_base(arm, X_BA), wrong_arm(arm, ERRORS, rng)
     series = []
     for p_A in np.array([[0.4, 0.3, 0.2], [-0.1, 0.5, 0.3], [0.2, -0.4, 0.35]]):
-        hulls = [pose(exp_so3(0.03 * rng.standard_normal(3)), 0.02 * rng.standard_normal(3)) for _ in range(16)]
+        hulls = [
+            pose(exp_so3(0.03 * rng.standard_normal(3)), 0.02 * rng.standard_normal(3))
+            for _ in range(16)
+        ]
         p_W = transform_points(X_BA, p_A[None])
         goals = np.vstack([transform_points(inverse(X_WB @ X_BA), p_W) for X_WB in hulls])
         read = with_base(np.vstack(touch(true, TIP, rng, points=goals, touches=1)), np.array(hulls))
@@ -167,13 +194,19 @@ def test_touches_from_a_hull_that_moves_are_doubted_alike() -> None:
         return "; ".join(map(str, examine(again(given), given, again, told).doubts))
 
     assert said(series) == ""
-    assert "joint 2 with the other sign" in said([q * np.where(np.arange(12) == 7, -1.0, 1.0) for q in series])
+    assert "joint 2 with the other sign" in said(
+        [q * np.where(np.arange(12) == 7, -1.0, 1.0) for q in series]
+    )
     assert "the same touches twice" in said([series[0], series[0], series[2]])
-    assert "joint 3 reads +5" in said([series[0], series[1] + np.deg2rad(5.0) * (np.arange(12) == 8), series[2]])
+    assert "joint 3 reads +5" in said(
+        [series[0], series[1] + np.deg2rad(5.0) * (np.arange(12) == 8), series[2]]
+    )
 
 
 @pytest.mark.parametrize("share", [0.96, 1.04])
-def test_a_wrong_length_is_refused_with_its_odds(share: float, series: Series, nominal: SerialArm) -> None:
+def test_a_wrong_length_is_refused_with_its_odds(
+    share: float, series: Series, nominal: SerialArm
+) -> None:
     said = doubted(series, nominal, share * APART)
     assert f"known distance a to b: told {share * APART:.5g} m" in said
     assert "to 1)" in said
@@ -192,10 +225,14 @@ def test_touches_of_one_posture_tell_nothing(rng: np.random.Generator) -> None:
 
 
 def test_thousands_of_touches_settle() -> None:
-    """Shifts along parallel axes that cancel would let the arm look larger, and its residuals smaller, without end."""
+    """Shifts along parallel axes that cancel would let the arm look larger, and its residuals
+    smaller, without end.
+    """
     rng = np.random.default_rng(1)
     nominal = published_arms.load("ur10e")
-    truth = wrong_arm(nominal, {"theta": 2e-3, "d": 5e-4, "a": 5e-4, "alpha": 2e-3, "beta": 2e-3}, rng)
+    truth = wrong_arm(
+        nominal, {"theta": 2e-3, "d": 5e-4, "a": 5e-4, "alpha": 2e-3, "beta": 2e-3}, rng
+    )
     few = touch(truth, TIP, rng, touches=60)
     many = [np.vstack([q + 1e-4 * rng.standard_normal(q.shape) for _ in range(25)]) for q in few]
     found = identify(many, nominal)
@@ -209,9 +246,7 @@ def test_touches_coincide_by_the_arm_that_made_them(series: Series, nominal: Ser
     assert not coincide(nominal, [0.01 * q + 0.5 for q in columns(1, 0, 2, 3, 4, 5, 6)(series)])
 
 
-CANCELLING = (
-    "theta,{d},a,alpha\n0,0.09,0,1.5703\n-1.2,312.4,-0.09,-0.0009\n1.7,-271.9,-0.33,0.0031\n-0.5,-40.39,0,1.57\n"
-)
+CANCELLING = "theta,{d},a,alpha\n0,0.09,0,1.5703\n-1.2,312.4,-0.09,-0.0009\n1.7,-271.9,-0.33,0.0031\n-0.5,-40.39,0,1.57\n"
 
 
 @pytest.mark.parametrize("d", ["d", "d [m]", "d_m"])

@@ -1,4 +1,6 @@
-"""Arms and touches from files, and back: what is read is the arm, what is written is the identified one."""
+"""Arms and touches from files, and back: what is read is the arm, what is written is the identified
+one.
+"""
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -27,7 +29,9 @@ def random_arm(rng: np.random.Generator, types: str = "rrprrr") -> Arm:
         ]
     )
     arm = Arm.from_dh(table[:, :4], types, beta=table[:, 4])
-    places = [readonly(pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3))) for _ in range(2)]
+    places = [
+        readonly(pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3))) for _ in range(2)
+    ]
     return replace(arm, X_base_0=places[0], X_n_flange=places[1])
 
 
@@ -53,27 +57,37 @@ def by_mujoco(text: str, arm: Arm, q: np.ndarray) -> np.ndarray:
 
 def test_any_arm_goes_out_as_urdf_and_mjcf_and_comes_back(rng, tmp_path, within):
     arm, tcp = random_arm(rng), rng.uniform(-0.2, 0.2, 3)
-    arm = replace(arm, limits=np.tile([-2.0, 2.0], (arm.n, 1)), joint_names=tuple(f"j{k}" for k in range(arm.n)))
+    arm = replace(
+        arm,
+        limits=np.tile([-2.0, 2.0], (arm.n, 1)),
+        joint_names=tuple(f"j{k}" for k in range(arm.n)),
+    )
     q = rng.uniform(-1, 1, (20, arm.n))
     (tmp_path / "a.urdf").write_text(results.urdf(arm, tcp))
     back = read_arm(tmp_path / "a.urdf")
     assert back.arm.joint_names == arm.joint_names
     assert back.arm.joint_types == arm.joint_types
     np.testing.assert_array_equal(back.arm.limits, arm.limits)
-    within("URDF [m]", back.arm.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1.5e-10)  # 1.4e-11: twelve digits
+    # 1.4e-11: twelve digits
+    within("URDF [m]", back.arm.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1.5e-10)
     within("MJCF [m]", by_mujoco(results.mjcf(arm, tcp), arm, q) - arm.tips(q, tcp), 1e-10)  # 8e-12
 
 
 URDF = """<robot name="r"><link name="b"/><link name="l1"/><link name="f"/><link name="l2"/><link name="l3"/>
 <link name="t"/><link name="side"/>
-<joint name="A" type="revolute"><parent link="b"/><child link="l1"/><origin xyz=".1 0 .3" rpy=".1 .2 .3"/>
+<joint name="A" type="revolute"><parent link="b"/><child link="l1"/>
+  <origin xyz=".1 0 .3" rpy=".1 .2 .3"/>
 <axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="1" velocity="1"/></joint>
-<joint name="F" type="fixed"><parent link="l1"/><child link="f"/><origin xyz="0 .2 .1" rpy="0 0 1"/></joint>
-<joint name="B" type="continuous"><parent link="f"/><child link="l2"/><origin xyz=".4 0 0"/><axis xyz="0 .6 .8"/>
+<joint name="F" type="fixed"><parent link="l1"/><child link="f"/><origin xyz="0 .2 .1" rpy="0 0 1"/>
+  </joint>
+<joint name="B" type="continuous"><parent link="f"/><child link="l2"/><origin xyz=".4 0 0"/>
+  <axis xyz="0 .6 .8"/>
 </joint>
-<joint name="C" type="prismatic"><parent link="l2"/><child link="l3"/><origin rpy="1 0 0"/><axis xyz="1 0 0"/></joint>
+<joint name="C" type="prismatic"><parent link="l2"/><child link="l3"/><origin rpy="1 0 0"/>
+  <axis xyz="1 0 0"/></joint>
 <joint name="S" type="fixed"><parent link="l2"/><child link="side"/><origin xyz="0 0 .1"/></joint>
-<joint name="T" type="fixed"><parent link="l3"/><child link="t"/><origin xyz="0 .1 .2" rpy=".3 0 0"/></joint></robot>"""
+<joint name="T" type="fixed"><parent link="l3"/><child link="t"/>
+  <origin xyz="0 .1 .2" rpy=".3 0 0"/></joint></robot>"""
 
 
 @pytest.mark.parametrize("tip", ["t", "l3"])
@@ -97,9 +111,13 @@ def test_mjcf_patch_is_the_identified_arm(rng, tmp_path, within):
     patch = ET.fromstring(results.mjcf_patch(source, arm, tcp))
     spec = mujoco.MjSpec.from_file(str(tmp_path / "v.xml"))
     for entry in patch:
-        thing = spec.body(entry.get("name")) if entry.tag == "body" else spec.site(entry.get("name"))
+        thing = (
+            spec.body(entry.get("name")) if entry.tag == "body" else spec.site(entry.get("name"))
+        )
         thing.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-        thing.pos, thing.quat = ([float(x) for x in entry.get(key, "").split()] for key in ("pos", "quat"))
+        thing.pos, thing.quat = (
+            [float(x) for x in entry.get(key, "").split()] for key in ("pos", "quat")
+        )
     moved = dh_geometry.read(spec.compile(), "arm_base", "tip", exclude=["pad"])
     q = rng.uniform(-1, 1, (20, 6))
     within("patched MJCF [m]", moved.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1e-11)  # 8e-13
@@ -123,7 +141,8 @@ def test_dh_table_in_any_unit(text, tmp_path):
 
 def test_dh_table_as_yaml(tmp_path):
     (tmp_path / "a.yaml").write_text(
-        "units: {angle: deg, length: mm}\njoint_types: rp\ntcp: [0, 0, 0.1]\nlimits: [[-1, 1], [null, null]]\n"
+        "units: {angle: deg, length: mm}\njoint_types: rp\ntcp: [0, 0, 0.1]\nlimits: [[-1, 1], "
+        "[null, null]]\n"
         "dh:\n- {theta: 1, d: 20, a: 3, alpha: 4}\n- [0, 5, 6, 7]\n"
     )
     source = read_arm(tmp_path / "a.yaml")
@@ -138,7 +157,9 @@ ROWS = "dh:\n- [0, 0.1, 0.2, 1.5]\n- {theta: 0, d: 0, a: 3e-1, alpha: 0}\n"
 
 def test_what_a_yaml_of_an_arm_may_hold(tmp_path):
     """Numbers with an exponent, names that are numbers, no limits, a key that is not read."""
-    (tmp_path / "a.yaml").write_text(ROWS + "joint_names: [1, two]\nlimits: [[-.inf, 1], [null, null]]\nlimts: []\n")
+    (tmp_path / "a.yaml").write_text(
+        ROWS + "joint_names: [1, two]\nlimits: [[-.inf, 1], [null, null]]\nlimts: []\n"
+    )
     source = read_arm(tmp_path / "a.yaml")
     assert source.arm.table[1, 2] == 0.3
     assert source.arm.joint_names == ("1", "two")
@@ -160,18 +181,42 @@ def test_what_a_yaml_of_an_arm_may_hold(tmp_path):
         ("a.yaml", "{", "cannot be read"),
         ("a.yaml", ROWS + "limits: [[.nan, 1], [0, 1]]", r"limits\[0\]\[0\]: must not be NaN"),
         ("a.yaml", ROWS + "limits: [[0, 1]]", r"limits: 2 pairs of numbers, got"),
-        ("a.yaml", ROWS + "limits: [[0, 1, 2], [0, 1]]", r"limits\[0\]: must be 2 values, got \[0, 1, 2\]"),
+        (
+            "a.yaml",
+            ROWS + "limits: [[0, 1, 2], [0, 1]]",
+            r"limits\[0\]: must be 2 values, got "
+            r"\[0, 1, 2\]",
+        ),
         ("a.yaml", ROWS + "units: {angel: deg}", r"\[units\] has no 'angel'; .*did you mean angle"),
-        ("a.yaml", ROWS + "units: deg", r"units: must be \{angle: rad or deg, length: m or mm\}, got 'deg'"),
+        (
+            "a.yaml",
+            ROWS + "units: deg",
+            r"units: must be \{angle: rad or deg, length: m or mm\}, "
+            r"got 'deg'",
+        ),
         ("a.yaml", ROWS + "units: {angle: grad}", r"units.angle: allowed rad, deg, got 'grad'"),
         ("a.yaml", ROWS + "joint_types: rx", r"joint_types: must be letters r \(hinge\) and p"),
-        ("a.yaml", ROWS + "joint_names: [[1], [2]]", r"joint_names\[0\]: must be text or a whole number, got \[1\]"),
+        (
+            "a.yaml",
+            ROWS + "joint_names: [[1], [2]]",
+            r"joint_names\[0\]: must be text or a whole "
+            r"number, got \[1\]",
+        ),
         ("a.yaml", ROWS + "base: [a]", r"base: must be text, got \['a'\]"),
         ("a.yaml", ROWS + "base: a\nbase: b", r"the key 'base' stands twice .*line 5"),
         ("a.yaml", ROWS + "tcp: [0, 0, up]", r"tcp\[2\] \[m\]: must be a number, got 'up'"),
-        ("a.yaml", "dh: [[1, 2, 3]]", r"dh\[0\]: must be theta, d, a, alpha.*got \[1.0, 2.0, 3.0\]"),
+        (
+            "a.yaml",
+            "dh: [[1, 2, 3]]",
+            r"dh\[0\]: must be theta, d, a, alpha.*got \[1.0, 2.0, 3.0\]",
+        ),
         ("a.yaml", "dhh: [[1, 2, 3, 4]]", r"rows under 'dh' .*got \['dhh'\] \(did you mean dh\?\)"),
-        ("a.yaml", "kinematics: {a: {x: 1}}", r"\[kinematics.a\]: y, z, roll, pitch, yaw are missing"),
+        (
+            "a.yaml",
+            "kinematics: {a: {x: 1}}",
+            r"\[kinematics.a\]: y, z, roll, pitch, yaw are "
+            r"missing",
+        ),
         (
             "a.yaml",
             "kinematics: {a: {x: true, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}}",
@@ -197,12 +242,15 @@ def test_touches_in_all_their_forms(units, tmp_path):
     rows = [[",".join(f"{scale * x:.12f}" for x in q) for q in one] for one in series]
     texts = {
         "folder": None,
-        "label.csv": "time,point,a,b,c\n" + "\n".join(f"0.1,p{i},{r}" for i in range(2) for r in rows[i]),
+        "label.csv": "time,point,a,b,c\n"
+        + "\n".join(f"0.1,p{i},{r}" for i in range(2) for r in rows[i]),
         "number.csv": "\n".join(f"{i},{r}" for i in range(2) for r in rows[i]),
         "gap.csv": "\n\n".join("\n".join(one) for one in rows),
         "order.csv": "c;a;b\n"
         + "\n\n".join("\n".join(";".join(np.roll(r.split(","), 1)) for r in one) for one in rows),
-        "decimal.csv": "\n\n".join("\n".join(r.replace(",", ";").replace(".", ",") for r in one) for one in rows),
+        "decimal.csv": "\n\n".join(
+            "\n".join(r.replace(",", ";").replace(".", ",") for r in one) for one in rows
+        ),
     }
     for name, text in texts.items():
         if text is None:
@@ -246,7 +294,9 @@ def test_degrees_beside_radians_are_refused(tmp_path):
 
 
 def test_touches_of_more_than_a_turn_are_degrees_only_where_they_fit_far_better_so():
-    """Angles between one turn and two: as degrees the tips must lie three times closer together, over all touches."""
+    """Angles between one turn and two: as degrees the tips must lie three times closer together,
+    over all touches.
+    """
     rng, ratios, refused = np.random.default_rng(1), [], []
     arm, tcp = random_arm(rng, "rrrrrr"), np.array([0.05, -0.02, 0.1])
     for sigma in np.geomspace(3e-3, 0.1, 24):
@@ -281,11 +331,17 @@ def test_touches_of_more_than_a_turn_are_degrees_only_where_they_fit_far_better_
 
 
 def test_arm_on_a_moving_base(rng, within):
-    arm, X_BA = random_arm(rng, "rrrrrr"), pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3))
+    arm, X_BA = (
+        random_arm(rng, "rrrrrr"),
+        pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3)),
+    )
     longer = moving_base.on_moving_base(arm, X_BA)
     q = rng.uniform(-1, 1, (10, 6))
     X_WB = np.array([pose(exp_so3(rng.uniform(-0.4, 0.4, 3)), rng.uniform(-1, 1, 3)) for _ in q])
-    want = np.array([(X @ X_BA @ flange)[:3, 3] for X, flange in zip(X_WB, arm.flange(q), strict=True)])
+    want = np.array(
+        [(X @ X_BA @ flange)[:3, 3] for X, flange in zip(X_WB, arm.flange(q), strict=True)]
+    )
     tips = longer.tips(moving_base.with_base(q, X_WB), np.zeros(3))
     within("tips [m]", tips - want, 2e-13)  # 1e-15, more where rows are long
-    within("own arm [m]", moving_base.own_arm(longer, X_BA).flange(q) - arm.flange(q), 2e-13)  # 1e-15
+    # 1e-15
+    within("own arm [m]", moving_base.own_arm(longer, X_BA).flange(q) - arm.flange(q), 2e-13)

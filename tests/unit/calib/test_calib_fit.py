@@ -1,4 +1,6 @@
-"""Calibration by touching against products of elementary moves, finite differences, energy and known truths."""
+"""Calibration by touching against products of elementary moves, finite differences, energy and
+known truths.
+"""
 
 from types import SimpleNamespace
 
@@ -28,7 +30,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 H, DEG = np.pi / 2, np.pi / 180
-# UR10e, standard DH theta0, d, a, alpha (Universal Robots' table), and the arm that [Yukhimets 2023] identified.
+# UR10e, standard DH theta0, d, a, alpha (Universal Robots' table), and the arm that [Yukhimets
+# 2023] identified.
 UR10E = np.array(
     [
         (0, 0.1807, 0, H),
@@ -58,7 +61,9 @@ def criterion(dh: Array, tcp: Array, series: list[Array]) -> float:
     total = 0.0
     for q in series:
         p = tips_here(dh, q, tcp)
-        total += sum(float(np.sum((p[j] - p[s]) ** 2)) for j in range(len(p)) for s in range(j + 1, len(p)))
+        total += sum(
+            float(np.sum((p[j] - p[s]) ** 2)) for j in range(len(p)) for s in range(j + 1, len(p))
+        )
     return total
 
 
@@ -85,7 +90,9 @@ def test_cost_is_the_printed_criterion(off_axis: list[Array], within):
 
 
 def test_true_arm_is_found_without_noise(within):
-    """Four points, one distance for the scale, tilted parallel axes: relative moves to a few micrometres."""
+    """Four points, one distance for the scale, tilted parallel axes: relative moves to a few
+    micrometres.
+    """
     rng = np.random.default_rng(5)
     truth = wrong_arm(Arm.from_dh(UR10E), WORKSHOP, rng)
     points = np.array([[0.6, -0.5, 0.2], [0.6, 0.5, 0.3], [-0.5, 0.5, 0.2], [0.2, 0.7, 0.6]])
@@ -93,15 +100,20 @@ def test_true_arm_is_found_without_noise(within):
     result = identify(series, UR10E, distances=[(0, 1, float(np.hypot(1.0, 0.1)), 1e-7)])
     q, zero = flange_poses(Arm.from_dh(UR10E), rng), np.zeros(3)
     exact = track(truth, q, rng, noise=0.0)
-    clouds = compare(exact, {"nominal": Arm.from_dh(UR10E).tips(q, zero), "found": tips_here(result.dh, q, zero)})
+    clouds = compare(
+        exact, {"nominal": Arm.from_dh(UR10E).tips(q, zero), "found": tips_here(result.dh, q, zero)}
+    )
     assert clouds["nominal"].rms > 2e-4
     within("relative moves [m]", clouds["found"].rms, 2e-6)
 
 
 def test_three_steps_reach_the_noise_and_a_hundred_more_stay(straight: list[Array]):
-    three, many = (identify(straight, UR10E, method=MapFit(max_iterations=count)) for count in (3, 103))
+    three, many = (
+        identify(straight, UR10E, method=MapFit(max_iterations=count)) for count in (3, 103)
+    )
     assert len(three.history) == 4
-    for result in (three, many):  # chi-square with some 164 degrees of freedom at 0.092 mm: 29 mm^2, 1 % to 99 %
+    # chi-square with some 164 degrees of freedom at 0.092 mm: 29 mm^2, 1 % to 99 %
+    for result in (three, many):
         assert 21e-6 < result.cost < 38e-6
     before, after = np.abs(three.arm.table[:, 1:3]).sum(), np.abs(many.arm.table[:, 1:3]).sum()
     assert abs(after / before - 1.0) < 1e-3
@@ -157,22 +169,30 @@ def test_a_known_distance_tells_scale():
     assert (blind.rank.rank, told.rank.rank) == (18, 19)
     value, sigma = told.scale(q)
     true_moves, nominal = (Arm.from_dh(dh).tips(q, np.zeros(3)) for dh in (truth.dh, UR10E))
-    true_scale = np.linalg.norm(true_moves - true_moves.mean(0)) / np.linalg.norm(nominal - nominal.mean(0))
+    true_scale = np.linalg.norm(true_moves - true_moves.mean(0)) / np.linalg.norm(
+        nominal - nominal.mean(0)
+    )
     assert sigma < 1e-4
     assert abs(value - true_scale) < 4.0 * sigma
     assert blind.scale(q)[1] > 3.0 * sigma
 
 
 def test_intervals_cover():
-    """Of the seen combinations, 95 % intervals hold the truth, drawn from the stated prior, in 95 % of cases."""
+    """Of the seen combinations, 95 % intervals hold the truth, drawn from the stated prior, in 95 %
+    of cases.
+    """
     nominal, inside = Arm.from_dh(UR10E), []
     for seed in range(25):
         rng = np.random.default_rng([7, seed])
         truth = wrong_arm(nominal, WORKSHOP, rng)
         series = touch(truth, OFF_AXIS, rng)
-        result = identify(series, UR10E, prior=WORKSHOP, free=("theta", "d", "a", "alpha", "beta", "tcp"))
+        result = identify(
+            series, UR10E, prior=WORKSHOP, free=("theta", "d", "a", "alpha", "beta", "tcp")
+        )
         full = np.concatenate([truth.table.ravel(), OFF_AXIS, np.zeros(6)])
-        change = full[result.estimate.parameters.index] - (result.estimate.values - result.estimate.changes)
+        change = full[result.estimate.parameters.index] - (
+            result.estimate.values - result.estimate.changes
+        )
         for seen in result.combinations():
             value = seen.weights / result.rank_free.scales @ change
             inside.append(seen.interval[0] <= value <= seen.interval[1])
@@ -181,11 +201,17 @@ def test_intervals_cover():
 
 
 def test_joint_loads_are_slopes_of_energy(within):
-    """Weight less buoyancy: the load on each joint is minus the derivative of the potential energy."""
+    """Weight less buoyancy: the load on each joint is minus the derivative of the potential
+    energy.
+    """
     rng = np.random.default_rng(8)
     arm = wrong_arm(Arm.from_dh(UR10E, "rrprrr"), WORKSHOP, rng)
     masses, volumes = rng.uniform(1, 10, 6), rng.uniform(1e-4, 3e-3, 6)
-    centers, buoyant, held = rng.uniform(-0.2, 0.2, (6, 3)), rng.uniform(-0.2, 0.2, (6, 3)), np.array([0.0, 0.05, 0.1])
+    centers, buoyant, held = (
+        rng.uniform(-0.2, 0.2, (6, 3)),
+        rng.uniform(-0.2, 0.2, (6, 3)),
+        np.array([0.0, 0.05, 0.1]),
+    )
     g, rho = np.array([0.3, -0.5, -9.7]), 1025.0
     loads = Loads(
         link_masses=masses,
@@ -204,7 +230,9 @@ def test_joint_loads_are_slopes_of_energy(within):
         X, total = np.eye(4), 0.0
         for k, (theta, d, a, alpha, beta) in enumerate(table):
             slide = arm.slides[k]
-            X = X @ pose(exp_so3([0, 0, theta + (0 if slide else q[k])]), [0, 0, d + (q[k] if slide else 0)])
+            X = X @ pose(
+                exp_so3([0, 0, theta + (0 if slide else q[k])]), [0, 0, d + (q[k] if slide else 0)]
+            )
             X = X @ pose(exp_so3([alpha, 0, 0]), [a, 0, 0]) @ pose(exp_so3([0, beta, 0]))
             total -= masses[k] * g @ transform_points(X, centers[k])
             total += rho * volumes[k] * g @ transform_points(X, buoyant[k])
@@ -236,7 +264,13 @@ def test_compliance_in_water_from_two_loads():
         )
 
     parts = [
-        touch(truth, OFF_AXIS, rng, points=points, sag=Sag(compliance=1.0 / stiffness, loads=loads(mass)))
+        touch(
+            truth,
+            OFF_AXIS,
+            rng,
+            points=points,
+            sag=Sag(compliance=1.0 / stiffness, loads=loads(mass)),
+        )
         for mass in (0.0, 10.0)
     ]
     series = [np.vstack(pair) for pair in zip(*parts, strict=True)]
@@ -257,7 +291,9 @@ def test_encoders_of_eccentric_gears_read_a_sine_beside(within):
     stands = [rng.uniform(-3.0, 3.0, (4, 6)), rng.uniform(-3.0, 3.0, (3, 6))]
     arm = Arm.from_dh(PAPER)
     for true, read in zip(stands, read_by_encoders(arm, stands, gears=gears), strict=True):
-        within("readings [rad]", read - (true - gears.amplitude * np.sin(true + gears.phase)), 1e-15)
+        within(
+            "readings [rad]", read - (true - gears.amplitude * np.sin(true + gears.phase)), 1e-15
+        )
     assert np.abs(gears.amplitude).max() > 5e-4
     ideal = read_by_encoders(arm, stands)
     assert all(np.array_equal(a, b) for a, b in zip(ideal, stands, strict=True))
@@ -276,13 +312,16 @@ def test_true_joints_are_those_that_read_so(rng, within):
 
 
 def test_a_ball_rests_beside_the_middle_of_its_socket(off_axis: list[Array], within):
-    """By the linear map of the flange's direction, again and again; another socket has another map."""
+    """By the linear map of the flange's direction, again and again; another socket has another
+    map.
+    """
     arm, seating = Arm.from_dh(PAPER), Seating.draw(1e-4, 3, np.random.default_rng(3))
     moved = seating.seat(arm, OFF_AXIS, off_axis)
     for offset, before, after in zip(seating.maps, off_axis, moved, strict=True):
         aside = arm.tips(after, OFF_AXIS) - arm.tips(before, OFF_AXIS)
         within("seat [m]", aside - arm.flange(before)[:, :3, 2] @ offset.T, 1e-9)
-        assert np.abs(arm.flange(after)[:, :3, 2] - arm.flange(before)[:, :3, 2]).max() < 2e-3  # least motion
+        # least motion
+        assert np.abs(arm.flange(after)[:, :3, 2] - arm.flange(before)[:, :3, 2]).max() < 2e-3
     again = seating.seat(arm, OFF_AXIS, off_axis)
     assert all(np.array_equal(a, b) for a, b in zip(moved, again, strict=True))
     with pytest.raises(ConfigurationError, match="seating"):
@@ -301,13 +340,20 @@ def test_wild_touches_change_nothing(off_axis: list[Array], count: int, size: fl
         series[i][j] += size * rng.standard_normal(6)
     clean, found = identify(off_axis, nominal), identify(series, nominal)
     assert all(np.all(weights == 1.0) for weights in clean.weights)
-    reduced = {(i, j) for i, weights in enumerate(found.weights) for j in np.flatnonzero(weights < 1.0).tolist()}
-    assert len(wild - reduced) <= (1 if size < 0.01 else 0)  # a small displacement may leave the tip where it was
+    reduced = {
+        (i, j)
+        for i, weights in enumerate(found.weights)
+        for j in np.flatnonzero(weights < 1.0).tolist()
+    }
+    # a small displacement may leave the tip where it was
+    assert len(wild - reduced) <= (1 if size < 0.01 else 0)
     assert len(reduced - wild) <= 2
     assert found.noise < 1.2 * clean.noise
     plain = identify(series, nominal, method=MapFit(robust=False))
     arms = {"clean": clean.arm, "found": found.arm, "plain": plain.arm}
-    seen = compare(truth.tips(q, np.zeros(3)), {name: arm.tips(q, np.zeros(3)) for name, arm in arms.items()})
+    seen = compare(
+        truth.tips(q, np.zeros(3)), {name: arm.tips(q, np.zeros(3)) for name, arm in arms.items()}
+    )
     assert (
         seen["found"].rms < 1.5 * seen["clean"].rms
     )  # at most 1.26 over the 80 draws of experiments/calibration/calibration.py
@@ -325,7 +371,9 @@ def test_clouds_align(within):
 
 
 def test_planner_takes_what_tells_most():
-    """The greedy choice grows with every touch and beats most random ones by its own measure, recomputed here."""
+    """The greedy choice grows with every touch and beats most random ones by its own measure,
+    recomputed here.
+    """
     rng = np.random.default_rng(11)
     candidates = touch(Arm.from_dh(UR10E), OFF_AXIS, rng, points=3, touches=30)
     chosen = plan(design(UR10E, candidates, tcp=OFF_AXIS), 20)
@@ -338,7 +386,10 @@ def test_planner_takes_what_tells_most():
         picked = [every[i] for i in rng.choice(90, 20, replace=False)]
         series = [q[[j for s, j in picked if s == i]] for i, q in enumerate(candidates)]
         assert chosen.merit[-1] > plan(design(UR10E, series, tcp=OFF_AXIS), 20).merit[-1]
-        assert relative.merit[-1] < plan(design(UR10E, series, tcp=OFF_AXIS, targets=targets), 20).merit[-1]
+        assert (
+            relative.merit[-1]
+            < plan(design(UR10E, series, tcp=OFF_AXIS, targets=targets), 20).merit[-1]
+        )
     assert relative.before > 10.0 * relative.merit[-1]
     every_one = plan(design(UR10E, candidates, tcp=OFF_AXIS, targets=targets), 90)
     same = random_merits(design(UR10E, candidates, tcp=OFF_AXIS, targets=targets), 90, rng, 2)
@@ -348,12 +399,18 @@ def test_planner_takes_what_tells_most():
 
 
 def test_planned_touches_give_the_error_that_was_expected():
-    """Of moves of the flange, against arms with errors as the prior says: 12 planned touches beat 12 random ones."""
+    """Of moves of the flange, against arms with errors as the prior says: 12 planned touches beat
+    12 random ones.
+    """
     errors: dict[str, list[float]] = {"planned": [], "expected": [], "random": []}
     nominal = Arm.from_dh(UR10E)
     for seed in range(16):
         rng = np.random.default_rng([17, seed])
-        true = wrong_arm(nominal, {name: DEFAULT_PRIOR[name] for name in ("theta", "d", "a", "alpha", "beta")}, rng)
+        true = wrong_arm(
+            nominal,
+            {name: DEFAULT_PRIOR[name] for name in ("theta", "d", "a", "alpha", "beta")},
+            rng,
+        )
         candidates = touch(nominal, OFF_AXIS, rng, points=3, touches=40, noise=0.0)
         places = [nominal.tips(q[:1], OFF_AXIS)[0] for q in candidates]
         targets = flange_poses(nominal, rng, 20)
@@ -365,16 +422,22 @@ def test_planned_touches_give_the_error_that_was_expected():
             "random": [candidates[i][at_random[at_random // 40 == i] % 40] for i in range(3)],
         }
         for name, series in choices.items():
-            jogged = [touched_near(true, p, q, rng) for p, q in zip(places, series, strict=True) if len(q)]
+            jogged = [
+                touched_near(true, p, q, rng) for p, q in zip(places, series, strict=True) if len(q)
+            ]
             found = identify(jogged, nominal)
             errors[name].append(moves_off(true, found.arm, targets))
-    planned, expected, at_random = (float(np.median(errors[name])) for name in ("planned", "expected", "random"))
+    planned, expected, at_random = (
+        float(np.median(errors[name])) for name in ("planned", "expected", "random")
+    )
     assert planned < 0.8 * at_random  # measured 0.61; 0.44 of 16 other arms
     assert 0.5 < planned / expected < 2.0  # measured 0.84; 1.01
 
 
 def touched_near(true: Arm, place: Array, q: Array, rng: np.random.Generator) -> Array:
-    """Joint values (m, n) of touches of `place` by a hand, jogged from the postures `q` by the least joint motion."""
+    """Joint values (m, n) of touches of `place` by a hand, jogged from the postures `q` by the
+    least joint motion.
+    """
     out = q.copy()
     for row in out:
         goal = place + HAND_NOISE * rng.standard_normal(3)
@@ -395,7 +458,9 @@ def moves_off(true: Arm, found: Arm, q: Array) -> float:
 
 @pytest.mark.parametrize("joints", [(), (1, 2), (0, 1)], ids=["none", "middle", "first"])
 def test_the_size_of_an_arm_has_its_derivative(rng, joints, within):
-    """By every number of the table and the tool point, against central differences; some axes are parallel."""
+    """By every number of the table and the tool point, against central differences; some axes are
+    parallel.
+    """
     parallel = np.isin(np.arange(5), joints)
     table, tcp = rng.normal(size=(5, ROW)), rng.normal(size=3)
     X_flange = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3))
@@ -418,7 +483,9 @@ def scatter(residuals: Array, effective: float, counted: np.ndarray | None = Non
     count = len(residuals)
     data = Data(q=np.zeros((count, 6)), starts=np.array([0]), weights=np.ones(count))
     fit = SimpleNamespace(residuals=residuals, effective=effective)
-    return _robust_noise(untyped(fit), data, np.ones(count, dtype=bool) if counted is None else counted)
+    return _robust_noise(
+        untyped(fit), data, np.ones(count, dtype=bool) if counted is None else counted
+    )
 
 
 def test_robust_noise_is_that_of_most_touches(rng):

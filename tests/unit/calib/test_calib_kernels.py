@@ -7,11 +7,15 @@ from dh_product import drawn_arm, link_frames
 from uncompiled import uncompiled
 from uuv.sim.interfaces.spatial import Array
 
-*_, kernels = uncompiled("uuv.models.arms.kinematics", "uuv.models.arms.tip_places", "uuv.calib.kernels")
+*_, kernels = uncompiled(
+    "uuv.models.arms.kinematics", "uuv.models.arms.tip_places", "uuv.calib.kernels"
+)
 
 
 def test_the_size_is_the_root_of_summed_squares(rng: np.random.Generator) -> None:
-    """Of an arm without flange and tool: all its a and all its d but the first; and its derivative."""
+    """Of an arm without flange and tool: all its a and all its d but the first; and its
+    derivative.
+    """
     table = drawn_arm(rng)[0]
     size, _ = kernels.arm_size(table, np.eye(4), np.zeros(3), np.zeros(len(table), dtype=bool))
     assert size == pytest.approx(np.sqrt(np.sum(table[:, 2] ** 2) + np.sum(table[1:, 1] ** 2)))
@@ -22,10 +26,13 @@ def test_the_size_is_the_root_of_summed_squares(rng: np.random.Generator) -> Non
     for i in range(5 * n + 3):
         e = h * np.eye(5 * n + 3)[i]
         ahead, behind = (
-            kernels.arm_size(table + s * e[: 5 * n].reshape(n, 5), X_flange, tcp + s * e[5 * n :], parallel)[0]
+            kernels.arm_size(
+                table + s * e[: 5 * n].reshape(n, 5), X_flange, tcp + s * e[5 * n :], parallel
+            )[0]
             for s in (1, -1)
         )
-        # The last beta leaves the length of link and tool as it is only together with alpha: it is not counted.
+        # The last beta leaves the length of link and tool as it is only together with alpha: it is
+        # not counted.
         if i != 5 * (n - 1) + 4:
             assert slope[i] == pytest.approx((ahead - behind) / (2 * h), abs=1e-8)
 
@@ -40,17 +47,24 @@ def test_shifts_along_parallel_axes_that_cancel_are_no_size(rng: np.random.Gener
         shifted[1:3, 1] += 0.7, 0.7 * against
         sizes = [kernels.arm_size(each, X_flange, tcp, parallel)[0] for each in (table, shifted)]
         assert sizes[1] == pytest.approx(sizes[0], rel=1e-12)
-        assert kernels.arm_size(shifted, X_flange, tcp, np.zeros_like(parallel))[0] != pytest.approx(sizes[0], rel=1e-3)
+        assert kernels.arm_size(shifted, X_flange, tcp, np.zeros_like(parallel))[
+            0
+        ] != pytest.approx(sizes[0], rel=1e-3)
 
 
-def test_touches_are_centred_about_the_weighted_mean_of_their_series(rng: np.random.Generator) -> None:
+def test_touches_are_centred_about_the_weighted_mean_of_their_series(
+    rng: np.random.Generator,
+) -> None:
     p, J = rng.normal(size=(9, 3)), rng.normal(size=(9, 6, 3))
     weights, starts, index = rng.uniform(0.2, 1.0, 9), np.array([0, 4, 7]), np.array([5, 0, 2])
     weights[[1, 7, 8]] = 0.0  # one touch, and all of the last series
     residuals, r, rows, c, C = kernels.centred_rows(p, J, weights, starts, index)
     for s, part in enumerate((slice(0, 4), slice(4, 7))):
         w = weights[part]
-        mean, slope = np.average(p[part], axis=0, weights=w), np.average(J[part][:, index], axis=0, weights=w)
+        mean, slope = (
+            np.average(p[part], axis=0, weights=w),
+            np.average(J[part][:, index], axis=0, weights=w),
+        )
         np.testing.assert_allclose(c[s], mean)
         np.testing.assert_allclose(C[s], slope)
         np.testing.assert_allclose(residuals[part], p[part] - mean)
@@ -73,7 +87,11 @@ def test_loads_of_hanging_bodies_are_slopes_of_their_work(rng: np.random.Generat
     def work(m: int, q: Array) -> float:
         """Of dead forces, fixed in the base."""
         X = link_frames(table, slides, X_base, q)
-        total = sum(float(forces[k, b] @ (X[k + 1] @ [*points[k, b], 1.0])[:3]) for k in range(n) for b in range(2))
+        total = sum(
+            float(forces[k, b] @ (X[k + 1] @ [*points[k, b], 1.0])[:3])
+            for k in range(n)
+            for b in range(2)
+        )
         return total + float(extra_f[m, 0] @ (X[n] @ [*extra_p[m, 0], 1.0])[:3])
 
     X = np.array([link_frames(table, slides, X_base, row) for row in q])
@@ -94,13 +112,17 @@ def test_a_pose_is_reached_in_few_steps(orient: bool, rng: np.random.Generator) 
         start = q + rng.uniform(-0.03, 0.03, len(q))
         goal = (X @ [*tcp, 1.0])[:3]
         given = start.copy()
-        done = kernels.reach_pose(table, slides, X_base, X_flange, tcp, goal, X[:3, :3], given, orient, 12)
+        done = kernels.reach_pose(
+            table, slides, X_base, X_flange, tcp, goal, X[:3, :3], given, orient, 12
+        )
         assert done
         reached = link_frames(table, slides, X_base, given)[-1] @ X_flange
         np.testing.assert_allclose((reached @ [*tcp, 1.0])[:3], goal, atol=1e-10)
         if orient:
             np.testing.assert_allclose(reached[:3, :3], X[:3, :3], atol=3e-6)
-        assert not kernels.reach_pose(table, slides, X_base, X_flange, tcp, goal, X[:3, :3], start, orient, 1)
+        assert not kernels.reach_pose(
+            table, slides, X_base, X_flange, tcp, goal, X[:3, :3], start, orient, 1
+        )
 
 
 def test_a_pose_is_reached_from_the_other_side(rng: np.random.Generator) -> None:
@@ -113,5 +135,7 @@ def test_a_pose_is_reached_from_the_other_side(rng: np.random.Generator) -> None
         there = link_frames(table, slides, X_base, start)[-1] @ X_flange
         start[-1] += 2.5 if np.trace(there[:3, :3].T @ X[:3, :3]) > 1.0 else 0.0
         goal = (X @ [*tcp, 1.0])[:3]
-        solved += kernels.reach_pose(table, slides, X_base, X_flange, tcp, goal, X[:3, :3], start, True, 300)
+        solved += kernels.reach_pose(
+            table, slides, X_base, X_flange, tcp, goal, X[:3, :3], start, True, 300
+        )
     assert solved >= 2

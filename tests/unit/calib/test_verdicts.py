@@ -1,4 +1,6 @@
-"""Figures of calibration's verdicts in closed form: comparison with a tracker, places, predicted touches, doubts."""
+"""Figures of calibration's verdicts in closed form: comparison with a tracker, places, predicted
+touches, doubts.
+"""
 
 from types import SimpleNamespace
 
@@ -12,13 +14,21 @@ from uuv.calib.verification import PointTouches, compare, kabsch, pair_distances
 from uuv.models.arms import published_arms
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
-CORNERS = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)])  # [m]
+# [m]
+CORNERS = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)])
 X = pose(exp_so3([0.4, -1.1, 0.7]), [1.0, -2.0, 0.5])
 
 
 def test_clouds_are_compared_by_the_rms_of_what_alignment_leaves():
-    """Half the corners of a box stretched by 6 mm each way, half pressed: no pose makes up for it."""
-    off = 0.006 * np.sign(CORNERS[:, [0]] * CORNERS[:, [1]]) * [0.0, 0.0, 1.0] * np.sign(CORNERS[:, [2]])
+    """Half the corners of a box stretched by 6 mm each way, half pressed: no pose makes up for
+    it.
+    """
+    off = (
+        0.006
+        * np.sign(CORNERS[:, [0]] * CORNERS[:, [1]])
+        * [0.0, 0.0, 1.0]
+        * np.sign(CORNERS[:, [2]])
+    )
     off[0] *= 2.0  # one corner by twice as much
     seen = compare(transform_points(X, CORNERS), {"arm": CORNERS + off})["arm"]
     assert seen.rms == pytest.approx(np.sqrt(np.mean(seen.deviations**2)))
@@ -27,12 +37,16 @@ def test_clouds_are_compared_by_the_rms_of_what_alignment_leaves():
 
 
 def test_a_mirrored_cloud_is_turned_and_never_mirrored():
-    R = kabsch(CORNERS * [1.0, 1.0, -1.0] + 0.01 * CORNERS[:, [1, 2, 0]], transform_points(X, CORNERS))[:3, :3]
+    R = kabsch(
+        CORNERS * [1.0, 1.0, -1.0] + 0.01 * CORNERS[:, [1, 2, 0]], transform_points(X, CORNERS)
+    )[:3, :3]
     assert np.linalg.det(R) == pytest.approx(1.0)
 
 
 def test_a_place_is_a_tenth_of_the_reach():
-    """Three points in a chain, 4 and 6 cm apart, and a fourth 30 cm off, of arms of 0.5, 0.8 and 5 m."""
+    """Three points in a chain, 4 and 6 cm apart, and a fourth 30 cm off, of arms of 0.5, 0.8 and 5
+    m.
+    """
     points = np.array([[1.0, 2.0, 0.0], [1.0, 2.04, 0.0], [1.0, 2.1, 0.0], [1.0, 2.4, 0.0]])
     found = [places(points, reach).tolist() for reach in (0.3, 0.5, 0.8, 5.0)]
     assert found == [[0, 1, 2, 3], [0, 0, 2, 3], [0, 0, 0, 3], [0, 0, 0, 0]]
@@ -46,7 +60,9 @@ def test_pair_distances_are_of_each_series_alone():
     assert pair_distances(series) == pytest.approx([5.0, 2.0, 3.0, np.sqrt(13.0)])
 
 
-def refitted(rows: Array, readings: Array, noise: float, deviation: float, mine: np.ndarray) -> Array:
+def refitted(
+    rows: Array, readings: Array, noise: float, deviation: float, mine: np.ndarray
+) -> Array:
     """Scores (n,) of the readings `mine` by a fit of one parameter to all the others, anew.
 
     Args:
@@ -59,11 +75,15 @@ def refitted(rows: Array, readings: Array, noise: float, deviation: float, mine:
     variance = 1.0 / (rows[~mine] @ rows[~mine] / noise**2 + deviation**-2)
     found = variance * (rows[~mine] @ readings[~mine]) / noise**2
     lost = 1.0 - 1.0 / 4.0  # less the mean of four touches
-    return np.abs(readings[mine] - rows[mine] * found) / np.sqrt(rows[mine] ** 2 * variance + lost * noise**2)
+    return np.abs(readings[mine] - rows[mine] * found) / np.sqrt(
+        rows[mine] ** 2 * variance + lost * noise**2
+    )
 
 
 def test_touches_are_predicted_as_by_a_fit_without_their_place(rng: np.random.Generator):
-    """One parameter, four places of four touches: the step that removes a place is the fit to the three others."""
+    """One parameter, four places of four touches: the step that removes a place is the fit to the
+    three others.
+    """
     noise, deviation = 2e-4, 5e-4
     rows = rng.normal(size=(4, 4, 3))
     rows -= rows.mean(axis=1, keepdims=True)
@@ -75,13 +95,20 @@ def test_touches_are_predicted_as_by_a_fit_without_their_place(rng: np.random.Ge
         for J, r in zip(rows, readings, strict=True)
     ]
     wanted = np.concatenate(
-        [refitted(flat, read, noise, deviation, np.repeat(np.arange(4), 12) == place) for place in range(4)]
+        [
+            refitted(flat, read, noise, deviation, np.repeat(np.arange(4), 12) == place)
+            for place in range(4)
+        ]
     )
-    assert scores(series, np.arange(4), np.array([deviation]), noise) == pytest.approx(np.sort(wanted), rel=1e-9)
+    assert scores(series, np.arange(4), np.array([deviation]), noise) == pytest.approx(
+        np.sort(wanted), rel=1e-9
+    )
 
 
 def test_odds_of_a_scatter_are_those_of_two_densities():
-    """Log-normal about the usual value against log-uniform up to the most: by their densities of the logarithm."""
+    """Log-normal about the usual value against log-uniform up to the most: by their densities of
+    the logarithm.
+    """
     value, usual, factor, most = 8e-3, 1e-3, 3.0, 0.5
     z = np.log(value / usual) / np.log(factor)
     normal = np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * np.log(factor))
@@ -92,7 +119,9 @@ def test_odds_of_a_scatter_are_those_of_two_densities():
 
 @pytest.mark.parametrize(("out", "of"), [(0, 10), (3, 10), (9, 10)])
 def test_odds_of_touches_left_out_are_those_of_two_shares(out: int, of: int):
-    """Any share, against one drawn from 20 (1 - s)^19: binomials over beta densities that integrate to one."""
+    """Any share, against one drawn from 20 (1 - s)^19: binomials over beta densities that integrate
+    to one.
+    """
     found = SimpleNamespace(weights=[np.where(np.arange(of) < out, 0.0, 1.0)])
     rare = betaln(1.0 + out, 20.0 + of - out) - betaln(1.0, 20.0)
     told = doubts._left_out(untyped(found), ["a"])
@@ -101,7 +130,9 @@ def test_odds_of_touches_left_out_are_those_of_two_shares(out: int, of: int):
 
 
 def test_motion_is_the_rms_along_each_axis():
-    """Of a joint that swings a tip by 0.1 rad to either side, as far as its lever goes: over three axes."""
+    """Of a joint that swings a tip by 0.1 rad to either side, as far as its lever goes: over three
+    axes.
+    """
     arm = published_arms.load("ur10e")
     q = np.tile([0.3, -1.2, 1.0, 0.4, 0.5, 0.2], (8, 1))
     q[:, 0] += 0.1 * (-1.0) ** np.arange(8)
@@ -113,7 +144,9 @@ def test_motion_is_the_rms_along_each_axis():
 
 @pytest.mark.parametrize("off", [0.0, 0.05])
 def test_odds_of_a_length_are_those_of_two_deviations(off: float):
-    """A length right to its deviation, or wrong by a tenth: two normal densities of what the touches miss it by."""
+    """A length right to its deviation, or wrong by a tenth: two normal densities of what the
+    touches miss it by.
+    """
     length, deviation = 0.4, 1e-3
     free = SimpleNamespace(
         points=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, (1.0 + off) * length]]),
@@ -127,7 +160,10 @@ def test_odds_of_a_length_are_those_of_two_deviations(off: float):
         patch.setattr(doubts, "_slope", lambda *_: np.zeros((1, 3)))
         told = doubts.Told(names="ab", distances=[(0, 1, length, deviation)])
         (doubt,) = doubts._wrong_lengths(untyped(free), [np.zeros((4, 6))] * 2, told)
-    narrow, wide = deviation**2 + (1e-3 * length) ** 2, deviation**2 + (1e-3 * length) ** 2 + (0.1 * length) ** 2
+    narrow, wide = (
+        deviation**2 + (1e-3 * length) ** 2,
+        deviation**2 + (1e-3 * length) ** 2 + (0.1 * length) ** 2,
+    )
     error2 = (off * length) ** 2
     wanted = 0.5 * (np.log(narrow) - np.log(wide) + error2 / narrow - error2 / wide)
     assert doubt.log_odds == pytest.approx(wanted, rel=1e-9)

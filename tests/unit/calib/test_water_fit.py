@@ -1,4 +1,6 @@
-"""Water identification: the fit in blocks against closed forms, words, planning, and logs that are wrong."""
+"""Water identification: the fit in blocks against closed forms, words, planning, and logs that are
+wrong.
+"""
 
 import numpy as np
 import pytest
@@ -28,7 +30,10 @@ class Lines:
 
     def slopes(self, deviations, own):
         ones = np.ones((len(self.x), 1)) / self.noise
-        return [Slopes(r, 2.0 * self.x[:, None] / self.noise, ones) for r in self.residuals(deviations, own)]
+        return [
+            Slopes(r, 2.0 * self.x[:, None] / self.noise, ones)
+            for r in self.residuals(deviations, own)
+        ]
 
 
 def test_blocks_with_numbers_of_their_own_give_the_joint_posterior():
@@ -76,7 +81,9 @@ def test_straight_steps_find_factors_far_from_nominal():
             return [Slopes(r, np.column_stack(J), np.zeros((20, 0)))]
 
     fit = fit_blocks(Ratio(), parameters, straight=True, enough=1e-9, rounds=20)
-    assert fit.values["gain of bow"] / fit.values["added mass surge"] == pytest.approx(0.2, rel=1e-3)
+    assert fit.values["gain of bow"] / fit.values["added mass surge"] == pytest.approx(
+        0.2, rel=1e-3
+    )
     (said,) = together(fit, 3)
     assert "only their ratios are told" in said
     assert "tow" in said
@@ -88,7 +95,8 @@ def test_straight_steps_find_factors_far_from_nominal():
 
 def test_the_plan_names_what_sharpens_its_aim():
     parameters = tuple(
-        NamedParameter(name=name, unit="1", nominal=0.0, sigma=1.0) for name in ("net buoyancy", "arm drag")
+        NamedParameter(name=name, unit="1", nominal=0.0, sigma=1.0)
+        for name in ("net buoyancy", "arm drag")
     )
     candidates = {"drift": np.diag([3.0, 0.0]), "swing": np.diag([0.0, 8.0])}
     assert planned(np.eye(2), candidates, parameters)[0].name == "swing"
@@ -127,7 +135,10 @@ def test_csv_and_parquet_hold_the_same_log(tmp_path):
         table[name] = np.where(blank, np.nan, table[name])
     arrays = {name: pa.array(values, mask=np.isnan(values)) for name, values in table.items()}
     pq.write_table(pa.table(arrays), tmp_path / "b.parquet")
-    a, b = (read_log(tmp_path / name, thrusters=THRUSTERS, joints=JOINTS) for name in ("a.csv", "b.parquet"))
+    a, b = (
+        read_log(tmp_path / name, thrusters=THRUSTERS, joints=JOINTS)
+        for name in ("a.csv", "b.parquet")
+    )
     assert a.channels["attitude"].values == pytest.approx(b.channels["attitude"].values, abs=1e-8)
     assert len(b.channels["position"].time) == 101
     assert a.joints["elbow"] == pytest.approx(log.joints["elbow"], abs=1e-8)
@@ -140,7 +151,9 @@ def test_every_kind_of_line_end_is_one(end: str, tmp_path):
     lines = ["time,x,y,z,qx,qy,qz,qw", *rows]
     (tmp_path / "ours.csv").write_bytes("\n".join(lines).encode())
     (tmp_path / "theirs.csv").write_bytes(end.join(lines).encode())
-    ours, theirs = (read_log(tmp_path / f"{name}.csv", thrusters=(), joints={}) for name in ("ours", "theirs"))
+    ours, theirs = (
+        read_log(tmp_path / f"{name}.csv", thrusters=(), joints={}) for name in ("ours", "theirs")
+    )
     assert theirs.channels.keys() == ours.channels.keys() != set()
     for kind, channel in ours.channels.items():
         assert np.array_equal(theirs.channels[kind].values, channel.values)
@@ -148,15 +161,27 @@ def test_every_kind_of_line_end_is_one(end: str, tmp_path):
 
 def test_a_cell_without_end_is_one_line(tmp_path):
     (tmp_path / "dive.csv").write_text("time,x\n0.0," + "1" * 200_000 + "\n")
-    with pytest.raises(ConfigurationError, match=r"log dive\.csv: cannot be read \(field larger than field limit"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"log dive\.csv: cannot be read \(field larger "
+        r"than field limit",
+    ):
         read_log(tmp_path / "dive.csv", thrusters=(), joints={})
 
 
 def test_a_gap_divides_a_log():
     table = columns()
     keep = (table["time"] < 4.0) | (table["time"] > 5.5)
-    log = log_of("log", {name: values[keep] for name, values in table.items()}, thrusters=THRUSTERS, joints=JOINTS)
-    assert log.segments() == [(0.0, pytest.approx(3.95)), (pytest.approx(5.55), pytest.approx(10.0))]
+    log = log_of(
+        "log",
+        {name: values[keep] for name, values in table.items()},
+        thrusters=THRUSTERS,
+        joints=JOINTS,
+    )
+    assert log.segments() == [
+        (0.0, pytest.approx(3.95)),
+        (pytest.approx(5.55), pytest.approx(10.0)),
+    ]
 
 
 T = np.arange(201) / 20.0
@@ -165,9 +190,8 @@ BAD = {
     "time is in s": {"time": 1000.0 * T * 20},
     "it lasts 0.01 s; 4 s are needed": {"time": T / 1000.0},
     "no column|unknown column 'speed'": {"speed": T},
-    "unknown column 'thruster.bwo'; this vehicle has thruster.bow, thruster.stern.*did you mean thruster.bow": {
-        "thruster__bwo": T
-    },
+    "unknown column 'thruster.bwo'; this vehicle has thruster.bow, thruster.stern.*did you mean "
+    "thruster.bow": {"thruster__bwo": T},
     "unknown column 'joint.knee'; this vehicle has joint.elbow": {"joint__knee": T},
     "position changes by .* it is in m": {"x": 300.0 * 100.0 * np.sin(T)},
     "must be a unit quaternion": {"qw": 0.5 + 0.0 * T},

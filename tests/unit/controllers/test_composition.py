@@ -1,4 +1,6 @@
-"""The work controller as a composition: other parts handed in, state that is owned, threads that share a controller."""
+"""The work controller as a composition: other parts handed in, state that is owned, threads that
+share a controller.
+"""
 
 import sys
 import threading
@@ -21,7 +23,14 @@ from uuv.sim.interfaces.spatial import exp_so3, pose
 OWN = models.load("uuv_puma").compile()
 VEHICLE, ARM = Vehicle.of(OWN), ArmDynamics(OWN)
 N, STILL, DT = VEHICLE.joints.size, np.zeros(3), 0.002
-METHODS = ("compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control")
+METHODS = (
+    "compensation",
+    "hydrodynamic-term",
+    "dynamic-term",
+    "contact-term",
+    "drift-correction",
+    "force-control",
+)
 
 
 def inputs(seed: int, steps: int) -> list[tuple[StateEstimate, Reference]]:
@@ -85,7 +94,9 @@ def commands(controller: WorkController, rows: list[tuple[StateEstimate, Referen
 
 
 def row(command: Command) -> np.ndarray:
-    return np.concatenate([command.joint_torque, command.thrusters, [command.contact.normal], command.contact.force_W])
+    return np.concatenate(
+        [command.joint_torque, command.thrusters, [command.contact.normal], command.contact.force_W]
+    )
 
 
 class Integrator(ForceDisplacement):
@@ -115,7 +126,9 @@ def test_a_force_law_is_replaced_alone(within):
 
 
 def test_one_controller_steps_two_states_in_two_threads():
-    """Their commands are those of one after the other, bit for bit: nothing of a step is left in the controller."""
+    """Their commands are those of one after the other, bit for bit: nothing of a step is left in
+    the controller.
+    """
     controller = WorkController(OWN)
     work = [inputs(seed, 600) for seed in (1, 2)]
     alone = [commands(controller, rows) for rows in work]
@@ -152,7 +165,9 @@ def test_states_taken_in_turn_do_not_mix():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_each_method_left_out_changes_the_command_it_is_about(method):
-    """On given estimates those of the tool change the torques and leave the thrusters; the others change both."""
+    """On given estimates those of the tool change the torques and leave the thrusters; the others
+    change both.
+    """
     rows = [(replace(e, tau=1.01 * e.tau), r) for e, r in inputs(5, 200)]
     usual = commands(WorkController(OWN), rows)
     changed = commands(WorkController(OWN, **ablated({method}, OWN, 0.0)), rows)
@@ -177,6 +192,8 @@ def test_each_published_method_changes_the_torques(method):
 def test_the_momentum_observer_reads_no_torque_sensor():
     rows = inputs(6, 100)
     deaf = [(replace(e, tau=np.zeros(N)), r) for e, r in rows]
-    first, second = (commands(WorkController(OWN, estimator=MomentumObserver(OWN)), r) for r in (rows, deaf))
+    first, second = (
+        commands(WorkController(OWN, estimator=MomentumObserver(OWN)), r) for r in (rows, deaf)
+    )
     assert np.array_equal(first, second)
     assert np.abs(first[-1, -4:]).max() > 0.1

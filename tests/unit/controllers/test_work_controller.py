@@ -1,4 +1,6 @@
-"""The controller of contact work, one step at a time: what it makes of exact readings is known to the last digit."""
+"""The controller of contact work, one step at a time: what it makes of exact readings is known to
+the last digit.
+"""
 
 from dataclasses import replace
 
@@ -29,12 +31,18 @@ def controller() -> WorkController:
 
 @pytest.fixture(scope="module")
 def chain() -> Chain:
-    passive = [OWN.joint(j).name for j in range(OWN.njnt) if j not in VEHICLE.joints and OWN.jnt_type[j] != 0]
+    passive = [
+        OWN.joint(j).name
+        for j in range(OWN.njnt)
+        if j not in VEHICLE.joints and OWN.jnt_type[j] != 0
+    ]
     return Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=passive)
 
 
 def estimate(X_WB: Array, q: Array, tau: Array, qd: Array = HELD) -> StateEstimate:
-    return StateEstimate(time=0.0, X_WB=X_WB, v_WB_B=STILL, w_WB_B=STILL, a_WB_B=STILL, q=q, qd=qd, tau=np.array(tau))
+    return StateEstimate(
+        time=0.0, X_WB=X_WB, v_WB_B=STILL, w_WB_B=STILL, a_WB_B=STILL, q=q, qd=qd, tau=np.array(tau)
+    )
 
 
 def reference(X_WB: Array, q: Array, X_WG: Array | None = None, force: float = 0.0) -> Reference:
@@ -60,12 +68,18 @@ def anywhere(rng: np.random.Generator) -> Array:
     return pose(exp_so3(rng.uniform(-0.4, 0.4, 3)), rng.uniform(-2.0, 2.0, 3))
 
 
-def test_the_thrusters_cancel_the_arms_wrench_weight_motion_water_and_contact(controller, chain, rng, within):
-    """From torques of a moving arm under a known push: the wrench is that of the inverse dynamics with that push."""
+def test_the_thrusters_cancel_the_arms_wrench_weight_motion_water_and_contact(
+    controller, chain, rng, within
+):
+    """From torques of a moving arm under a known push: the wrench is that of the inverse dynamics
+    with that push.
+    """
     X_WB, q = anywhere(rng), VEHICLE.q_ready + rng.uniform(-0.2, 0.2, N)
     qd, push_G = rng.uniform(-0.6, 0.6, N), np.array([*rng.uniform(-25.0, 25.0, 2), -60.0])
     told = AT_REST | {"R_WB": X_WB[:3, :3]}
-    tau, wrench_B = ARM.inverse(q, qd, HELD, wrench_tip_G=np.array([*push_G, 0.0, 0.0, 0.0]), **told)
+    tau, wrench_B = ARM.inverse(
+        q, qd, HELD, wrench_tip_G=np.array([*push_G, 0.0, 0.0, 0.0]), **told
+    )
     free_B = ARM.inverse(q, qd, HELD, wrench_tip_G=np.zeros(6), **told)[1]
     assert np.linalg.norm((wrench_B - free_B)[3:]) > 10.0
     R_WG, seen = (X_WB @ VEHICLE.X_BA @ chain.forward(q))[:3, :3], estimate(X_WB, q, tau, qd)
@@ -82,15 +96,21 @@ def test_the_thrusters_cancel_the_arms_wrench_weight_motion_water_and_contact(co
         within("felt force [N]", command.contact.force_W - R_WG @ push_G, 1e-3)
 
 
-def test_the_tool_stays_where_it_was_asked_to_be_while_the_hull_is_elsewhere(controller, chain, rng, within):
-    """The drift correction p*_C = R^T (p*_O - r), for a hull that is off by centimetres and degrees."""
+def test_the_tool_stays_where_it_was_asked_to_be_while_the_hull_is_elsewhere(
+    controller, chain, rng, within
+):
+    """The drift correction p*_C = R^T (p*_O - r), for a hull that is off by centimetres and
+    degrees.
+    """
     X_WB = anywhere(rng)
     drifted = X_WB @ pose(exp_so3(rng.uniform(-0.04, 0.04, 3)), rng.uniform(-0.05, 0.05, 3))
     X_WG = X_WB @ VEHICLE.X_BA @ chain.forward(VEHICLE.q_ready)
     seen = estimate(
         drifted,
         VEHICLE.q_ready,
-        ARM.inverse(VEHICLE.q_ready, HELD, HELD, R_WB=drifted[:3, :3], wrench_tip_G=np.zeros(6), **AT_REST)[0],
+        ARM.inverse(
+            VEHICLE.q_ready, HELD, HELD, R_WB=drifted[:3, :3], wrench_tip_G=np.zeros(6), **AT_REST
+        )[0],
     )
     state, asked = controller.init(seen), reference(X_WB, VEHICLE.q_ready, X_WG)
     for _ in range(2500):  # 5 s: the blend from the held angles has died away
@@ -101,7 +121,9 @@ def test_the_tool_stays_where_it_was_asked_to_be_while_the_hull_is_elsewhere(con
 
 
 def test_joint_angles_are_found_to_a_micrometre_and_ten_microradians(controller, chain, rng):
-    """What the joint servo is asked for may not be off by what the force loop would then feel: 30 N on 3e4 N/m a mm."""
+    """What the joint servo is asked for may not be off by what the force loop would then feel: 30 N
+    on 3e4 N/m a mm.
+    """
     worst = np.zeros(2)
     for i in range(200):
         aside = 10.0 ** rng.uniform(-5.0, -0.5) * rng.uniform(-1.0, 1.0, N)
@@ -118,7 +140,9 @@ def test_joint_angles_are_found_to_a_micrometre_and_ten_microradians(controller,
 
 
 def test_what_the_gears_lose_the_motors_give(controller, rng, within):
-    """With any friction below stiction the torque beyond the gears is what it is without, one filter time later."""
+    """With any friction below stiction the torque beyond the gears is what it is without, one
+    filter time later.
+    """
     lost = rng.uniform(-1.0, 1.0, N) * VEHICLE.dry_friction.stiction
     X_WB, q = anywhere(rng), np.array(VEHICLE.q_ready)
     tau = ARM.inverse(q, HELD, HELD, R_WB=X_WB[:3, :3], wrench_tip_G=np.zeros(6), **AT_REST)[0]

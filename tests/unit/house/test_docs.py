@@ -22,8 +22,12 @@ from uuv.sim.interfaces.protocols import Controller
 from uuv.sim.interfaces.spatial import pose
 
 
-def names_of(root: Path, word: str, page: str = "docs/own_controller.md", **given: Any) -> dict[str, Any]:
-    """What the one block of Python with `word` in it defines, where the names in `given` are there already."""
+def names_of(
+    root: Path, word: str, page: str = "docs/own_controller.md", **given: Any
+) -> dict[str, Any]:
+    """What the one block of Python with `word` in it defines, where the names in `given` are there
+    already.
+    """
     blocks = re.findall(r"```python\n(.*?)```", (root / page).read_text(), flags=re.DOTALL)
     (block,) = [block for block in blocks if word in block]
     names: dict[str, Any] = {"__name__": "of_the_documents", **given}
@@ -35,7 +39,9 @@ def fields_of(root: Path, message: type) -> set[str]:
     """Names in the first column of the table of a message's fields in own_controller.md."""
     page = (root / "docs" / "own_controller.md").read_text()
     table = page.split(f"| field of `{message.__name__}` | |\n|---|---|\n")[1].split("\n\n")[0]
-    return {name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split("|")[1])}
+    return {
+        name for row in table.splitlines() for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    }
 
 
 @pytest.mark.parametrize("message", [StateEstimate, Reference, Command])
@@ -48,9 +54,18 @@ def test_the_call_of_inverse_dynamics_in_the_documents_is_as_it_says(root):
     model = models.load("uuv_puma").compile()
     arm, vehicle = ArmDynamics(model), Vehicle.of(model)
     rest, still = np.zeros(arm.n), np.zeros(3)
-    estimate = SimpleNamespace(q=vehicle.q_ready, qd=rest, X_WB=np.eye(4), v_WB_B=still, w_WB_B=still, a_WB_B=still)
-    given = names_of(root, "arm.inverse(", "docs/benchmark.md", arm=arm, estimate=estimate, qdd=rest)
-    none = {"nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": still, "wrench_tip_G": np.zeros(6)}
+    estimate = SimpleNamespace(
+        q=vehicle.q_ready, qd=rest, X_WB=np.eye(4), v_WB_B=still, w_WB_B=still, a_WB_B=still
+    )
+    given = names_of(
+        root, "arm.inverse(", "docs/benchmark.md", arm=arm, estimate=estimate, qdd=rest
+    )
+    none = {
+        "nu_B": np.zeros(6),
+        "a_B": np.zeros(6),
+        "v_current_W": still,
+        "wrench_tip_G": np.zeros(6),
+    }
     tau, wrench_B = arm.inverse(vehicle.q_ready, rest, rest, R_WB=np.eye(3), **none)
     X_BG, J_B = arm.tip(vehicle.q_ready)
     force_B = X_BG[:3, :3] @ [0.0, 0.0, -60.0]
@@ -101,16 +116,21 @@ def test_the_controller_of_the_documents_bears_the_arm(root):
 
 def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
     """The commands pass, but for the one thruster, whose own is multiplied."""
-    monkeypatch.setitem(sys.modules, "of_the_documents", ModuleType("of_the_documents"))  # dataclasses look there
+    # dataclasses look there
+    monkeypatch.setitem(sys.modules, "of_the_documents", ModuleType("of_the_documents"))
     names = names_of(root, "class SwingingPlant", "docs/own_task.md")
     fault = names["Swinging"](thruster="heave_front")
     plant = assemble(replace(jobs.clean_barrel(quick=True), perturbations=(fault,))).loop.plant
     given = np.linspace(0.1, 0.6, 6)
     sent = []
-    monkeypatch.setattr(type(untyped(plant).plant), "step", lambda _, command: sent.append(command.thrusters))
+    monkeypatch.setattr(
+        type(untyped(plant).plant), "step", lambda _, command: sent.append(command.thrusters)
+    )
     for time in (0.0, 0.125):
         plant.step(Command(time=time, joint_torque=np.zeros(6), thrusters=given, scan=False))
-    factor = np.where(np.array(untyped(plant).plant.vehicle.thruster_names) == "heave_front", 1.3, 1.0)
+    factor = np.where(
+        np.array(untyped(plant).plant.vehicle.thruster_names) == "heave_front", 1.3, 1.0
+    )
     np.testing.assert_allclose(sent, [given, factor * given], rtol=1e-12)
 
 
@@ -123,21 +143,31 @@ def test_the_examples_of_a_current_are_those_of_the_page(root, name):
 
 
 def test_the_currents_of_the_documents_are_those_of_a_run(root, monkeypatch):
-    """A jet by the command line's name, and shelter behind the object by `on_water`, at the start of a run."""
+    """A jet by the command line's name, and shelter behind the object by `on_water`, at the start
+    of a run.
+    """
     monkeypatch.syspath_prepend(root / "docs" / "examples")
-    plain = with_values(jobs.clean_barrel(quick=True), ["site.gust=0.0", "site.current=[0.0, 0.2, 0.0]"])
-    in_jet = assemble(with_values(plain, ["site.flow.kind=my_flow:Jet", "site.flow.width=3.0"])).plant
+    plain = with_values(
+        jobs.clean_barrel(quick=True), ["site.gust=0.0", "site.current=[0.0, 0.2, 0.0]"]
+    )
+    in_jet = assemble(
+        with_values(plain, ["site.flow.kind=my_flow:Jet", "site.flow.width=3.0"])
+    ).plant
     np.testing.assert_array_equal(in_jet.truth.current_W, [0.0, 0.2, 0.0])  # it sets in slowly
     for _ in range(50):
         in_jet.observe()
         in_jet.step(Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False))
     rise = 1.0 - np.exp(-0.1 / 10.0)
     across = np.exp(-((in_jet.data.qpos[0] / 3.0) ** 2))
-    np.testing.assert_allclose(in_jet.truth.current_W, [0.0, 0.2 + 0.2 * across * rise, 0.0], atol=1e-12)
+    np.testing.assert_allclose(
+        in_jet.truth.current_W, [0.0, 0.2 + 0.2 * across * rise, 0.0], atol=1e-12
+    )
 
     sheltered = assemble(with_values(plain, ["perturbations.my_wake:Sheltered.share=0.4"]))
     middle = np.array(sheltered.plant.model.body("target").pos)
-    sheltered.plant.reset(current=sheltered.current(), X_WB=pose(None, middle + np.array([0.0, 2.0, 0.0])))
+    sheltered.plant.reset(
+        current=sheltered.current(), X_WB=pose(None, middle + np.array([0.0, 2.0, 0.0]))
+    )
     expected = 0.2 * (1.0 - 0.4 * 0.5 * (1.0 + np.tanh(4.0)))
     np.testing.assert_allclose(sheltered.plant.truth.current_W, [0.0, expected, 0.0], atol=1e-12)
 

@@ -1,4 +1,6 @@
-"""The house keeps its word: our rooms and no others, a leaf that stays a leaf, documents whose commands are true."""
+"""The house keeps its word: our rooms and no others, a leaf that stays a leaf, documents whose
+commands are true.
+"""
 
 import os
 import re
@@ -19,7 +21,9 @@ from uuv.jobs import JOBS
 from uuv.sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[3]
-SCRIPTS = sorted(path for path in (ROOT / "scripts").rglob("*.py") if "run_scenario(main)" in path.read_text())
+SCRIPTS = sorted(
+    path for path in (ROOT / "scripts").rglob("*.py") if "run_scenario(main)" in path.read_text()
+)
 README = ROOT / "README.md"
 DOCUMENTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
 LEAF = "uuv.sim.interfaces"
@@ -38,7 +42,9 @@ def commands_in(document: Path) -> list[str]:
 def modules_after(statement: str) -> set[str]:
     """Modules that `statement` adds to those of a bare interpreter."""
     code = f"import sys; before = set(sys.modules); {statement}; print(*set(sys.modules) - before)"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     return set(run.stdout.split())
 
 
@@ -53,10 +59,14 @@ def test_leaf_imports_numpy_only():
     leaf = sorted((ROOT / "sim" / "interfaces").glob("*.py"))
     names = [LEAF if path.stem == "__init__" else f"{LEAF}.{path.stem}" for path in leaf]
     assert len(names) > 3
-    loaded = modules_after("import " + ", ".join(names)) - modules_after("import numpy.random, numpy.typing")
+    loaded = modules_after("import " + ", ".join(names)) - modules_after(
+        "import numpy.random, numpy.typing"
+    )
     ours = {"uuv", "uuv.sim", *(name for name in loaded if name.startswith(LEAF))}
     assert {
-        name for name in loaded - ours if name.partition(".")[0] not in {"numpy", *sys.stdlib_module_names}
+        name
+        for name in loaded - ours
+        if name.partition(".")[0] not in {"numpy", *sys.stdlib_module_names}
     } == set()
 
 
@@ -81,11 +91,16 @@ def without_uv_options(words: list[str]) -> list[str]:
         if option == "--with-requirements":
             assert (ROOT / value).is_file(), value
         elif option == "--group":
-            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"], value
+            assert (
+                value in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]
+            ), value
         elif option == "--extra":
-            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"], (
+            assert (
                 value
-            )
+                in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+                    "optional-dependencies"
+                ]
+            ), value
         else:
             assert option == "--with", option
     return words
@@ -93,15 +108,23 @@ def without_uv_options(words: list[str]) -> list[str]:
 
 def verbs_in(document: Path) -> list[str]:
     """What follows the word `uuv` where running text shows a command."""
-    text = re.sub(r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(
+        r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
     return re.findall(r"`(?:\./uvw run (?:--group \w+ )?)?uuv ([^`]+)`", text)
 
 
 def words_of_verb(words: list[str]) -> list[str]:
-    """Words that choose what helps: of a verb, and of a job where it is `run NAME`; it must be there."""
+    """Words that choose what helps: of a verb, and of a job where it is `run NAME`; it must be
+    there.
+    """
     name = chosen(words)
     assert name, f"uuv {' '.join(words)}: no such verb"
-    if name == "run" and len(words) > 1 and (words[1] in JOBS.names() or words[1].endswith(".toml")):
+    if (
+        name == "run"
+        and len(words) > 1
+        and (words[1] in JOBS.names() or words[1].endswith(".toml"))
+    ):
         return words[:2]
     return name.split()
 
@@ -133,35 +156,50 @@ def test_commands_of_the_documents_are_true(script, verb):
         elif not program.endswith(".py"):
             assert shutil.which(program, path=str(Path(sys.executable).parent)), command
             continue
-        elif program.startswith("scripts/experiments/environments/") and not find_spec("dm_control"):
+        elif program.startswith("scripts/experiments/environments/") and not find_spec(
+            "dm_control"
+        ):
             continue  # which they are about; it has no packages for Python 3.13
         elif program not in helps:
             assert (ROOT / program).is_file(), f"{command}: no such script"
-            said = script(program.removeprefix("scripts/").removesuffix(".py").replace("/", "."), "--help")
+            said = script(
+                program.removeprefix("scripts/").removesuffix(".py").replace("/", "."), "--help"
+            )
             assert said.returncode == 0, said.stderr
             helps[program] = said.stdout
         for option in (word.partition("=")[0] for word in options if re.match(r"--[a-z]", word)):
-            assert re.search(rf"(?<![\w-]){option}(?![\w-])", helps[program]), f"{command}: {option} is not in --help"
+            assert re.search(rf"(?<![\w-]){option}(?![\w-])", helps[program]), (
+                f"{command}: {option} is not in --help"
+            )
 
 
 def test_verbs_of_the_documents_and_sources_are_there():
     sources = [path for name in ("uuv", *ROOMS, "scripts") for path in (ROOT / name).rglob("*.py")]
     texts = {path: verbs_in(path) for path in [*DOCUMENTS, ROOT / "CONTRIBUTING.md", *sources]}
     no_verbs = ("VERB", "-", "{", "...")  # placeholders, options of `uuv` itself
-    told = [(path.name, text) for path, found in texts.items() for text in found if not text.startswith(no_verbs)]
+    told = [
+        (path.name, text)
+        for path, found in texts.items()
+        for text in found
+        if not text.startswith(no_verbs)
+    ]
     assert len(told) > 40
     assert [(page, text) for page, text in told if not chosen(text.split())] == []
 
 
 def test_ci_runs_what_a_newcomer_is_told_to():
-    tests = [command for command in commands_in(README) if " pytest" in command] or ["./uvw run pytest"]
+    tests = [command for command in commands_in(README) if " pytest" in command] or [
+        "./uvw run pytest"
+    ]
     ci = ROOT / ".ci" / "run"
     assert os.access(ci, os.X_OK)
     assert any(line.endswith(f" {tests[0]}") for line in ci.read_text().splitlines())
 
 
 def test_the_workflow_runs_on_all_packages_that_ci_knows():
-    (names,) = re.findall(r"^OTHERS=\((.+)\)", (ROOT / ".ci" / "run").read_text(), flags=re.MULTILINE)
+    (names,) = re.findall(
+        r"^OTHERS=\((.+)\)", (ROOT / ".ci" / "run").read_text(), flags=re.MULTILINE
+    )
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())["jobs"]
     options = [job["options"] for job in jobs["check"]["strategy"]["matrix"]["include"]]
     assert options == ["", *(f"--on {name}" for name in names.split())]

@@ -1,4 +1,6 @@
-"""Import rules: no circle, lazy imports counted; nothing over the product; a layer for each part of a room."""
+"""Import rules: no circle, lazy imports counted; nothing over the product; a layer for each part of
+a room.
+"""
 
 import ast
 import tomllib
@@ -7,7 +9,9 @@ import pytest
 
 from source_tree import ROOMS, ROOT, circles, imported_by, imports, modules
 
-CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+    "contracts"
+]
 CONTAINERS = ("uuv", *(f"uuv.{room}" for room in ROOMS))
 
 
@@ -33,8 +37,15 @@ def without_layer(container: str, parts: set[str]) -> set[str]:
 
 
 def test_all_modules_are_seen():
-    assert {"uuv", "uuv.scenario", "uuv.sim.plant.plant", "experiments.faults.faults"} <= modules().keys()
-    assert "uuv.sim.sensors.proprioception" in imports()["uuv.scenario"], "an import inside a function"
+    assert {
+        "uuv",
+        "uuv.scenario",
+        "uuv.sim.plant.plant",
+        "experiments.faults.faults",
+    } <= modules().keys()
+    assert "uuv.sim.sensors.proprioception" in imports()["uuv.scenario"], (
+        "an import inside a function"
+    )
     assert "uuv.perception.clouds.scan" in imports()["uuv.scenario"], "an import for type checkers"
 
 
@@ -58,7 +69,9 @@ def test_a_circle_is_told():
 def test_nothing_of_the_product_imports_an_experiment():
     for module, others in imports().items():
         if module.partition(".")[0] == "uuv":
-            assert not [other for other in others if other.partition(".")[0] == "experiments"], module
+            assert not [other for other in others if other.partition(".")[0] == "experiments"], (
+                module
+            )
 
 
 def test_subjects_of_experiments_do_not_import_each_other():

@@ -1,4 +1,6 @@
-"""docs/licences.md lists every dependency of the package and its extras, with the licence that its metadata states."""
+"""docs/licences.md lists every dependency of the package and its extras, with the licence that its
+metadata states.
+"""
 
 import re
 import tomllib
@@ -23,7 +25,11 @@ PHRASES = {  # of a licence's text, and its SPDX identifier; the first that is f
 
 def table() -> dict[str, tuple[str, str]]:
     """Licence, and what brings it, of each package of the page."""
-    rows = re.findall(r"^\| \[([\w-]+)\]\(\S+\) \| (.+?) \| (.+?) \|$", PAGE.read_text(encoding="utf-8"), flags=re.M)
+    rows = re.findall(
+        r"^\| \[([\w-]+)\]\(\S+\) \| (.+?) \| (.+?) \|$",
+        PAGE.read_text(encoding="utf-8"),
+        flags=re.M,
+    )
     return {name: (licence, brought_by) for name, licence, brought_by in rows}
 
 
@@ -31,12 +37,17 @@ def required() -> dict[str, str]:
     """What brings each package that pyproject.toml names: its extras, or NEEDED."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     brought: dict[str, list[str]] = {}
-    for extra, lines in {NEEDED: project["dependencies"], **project["optional-dependencies"]}.items():
+    for extra, lines in {
+        NEEDED: project["dependencies"],
+        **project["optional-dependencies"],
+    }.items():
         for line in lines:
             name = re.split(r"[^\w-]", line)[0]
             if name != project["name"] and extra not in brought.setdefault(name, []):
                 brought[name].append(extra)
-    return {name: NEEDED if NEEDED in extras else ", ".join(extras) for name, extras in brought.items()}
+    return {
+        name: NEEDED if NEEDED in extras else ", ".join(extras) for name, extras in brought.items()
+    }
 
 
 def licence_of(package: Distribution) -> str:
@@ -44,7 +55,11 @@ def licence_of(package: Distribution) -> str:
     stated = package.metadata
     if "License-Expression" in stated:
         return stated["License-Expression"]
-    own = [file for file in package.files or [] if re.match(r"(licen[cs]e|copying)(\.|$)", file.name, flags=re.I)]
+    own = [
+        file
+        for file in package.files or []
+        if re.match(r"(licen[cs]e|copying)(\.|$)", file.name, flags=re.I)
+    ]
     texts = [file.read_text() for file in own if ".dist-info" in str(file)][:1]
     text = " ".join((*texts, *(stated.get_all("License") or ()))).lower()
     return next(licence for phrase, licence in PHRASES.items() if phrase in " ".join(text.split()))
@@ -52,7 +67,10 @@ def licence_of(package: Distribution) -> str:
 
 def locked() -> dict[str, str]:
     """Version of each package in uv.lock."""
-    return {each["name"]: each["version"] for each in tomllib.loads((ROOT / "uv.lock").read_text())["package"]}
+    return {
+        each["name"]: each["version"]
+        for each in tomllib.loads((ROOT / "uv.lock").read_text())["package"]
+    }
 
 
 def test_every_dependency_is_listed_with_what_brings_it():
@@ -76,7 +94,10 @@ def test_licences_are_those_that_packages_state():
 @pytest.mark.parametrize(
     ("text", "licence"),
     [
-        ("Redistribution and use in source\nand binary forms, ... Neither the name of", "BSD-3-Clause"),
+        (
+            "Redistribution and use in source\nand binary forms, ... Neither the name of",
+            "BSD-3-Clause",
+        ),
         ("Redistribution and use in source\nand binary forms, ...", "BSD-2-Clause"),
         ("Permission is hereby granted,\nfree of charge, to any person", "MIT"),
     ],
@@ -86,5 +107,7 @@ def test_a_licence_is_known_by_its_text(tmp_path, text: str, licence: str):
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: thing\nVersion: 1.0\n")
     (folder / "LICENSE.txt").write_text(text)
-    (folder / "RECORD").write_text("thing-1.0.dist-info/METADATA,,\nthing-1.0.dist-info/LICENSE.txt,,\n")
+    (folder / "RECORD").write_text(
+        "thing-1.0.dist-info/METADATA,,\nthing-1.0.dist-info/LICENSE.txt,,\n"
+    )
     assert licence_of(Distribution.at(folder)) == licence

@@ -25,7 +25,11 @@ OPTION = re.compile(r"--[a-z]")
 def texts_with_options(tree: ast.Module) -> Iterator[str]:
     """Texts that begin with an option of a command line, those that are put together included."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and OPTION.match(node.value):
+        if (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and OPTION.match(node.value)
+        ):
             yield node.value
 
 
@@ -46,7 +50,8 @@ def test_the_lists_themselves_are_found():
     "text",
     [
         "HOLD = {'Gears': 1, 'Water': 2, 'Pad': 3}",
-        "def f(kind):\n    match kind:\n        case 'Gears' | 'Water': return 1\n        case 'Pad': return 2",
+        "def f(kind):\n    match kind:\n        case 'Gears' | 'Water': return 1\n        case "
+        "'Pad': return 2",
         "Kind = Literal['Gears', 'Water', 'Pad', 'other']",
         "ENTRIES = (Entry('Gears', 1), Entry('Water', 2), Entry('Pad', 3))",
         "MAKERS = [Gears, Water, Pad]",
@@ -60,7 +65,8 @@ def test_a_second_table_is_found(text: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    "text", ["A = ('Gears', 'Water')", "__all__ = ['Gears', 'Water', 'Pad']", "F(Gears, Water, Pad)"]
+    "text",
+    ["A = ('Gears', 'Water')", "__all__ = ['Gears', 'Water', 'Pad']", "F(Gears, Water, Pad)"],
 )
 def test_other_names_together_are_no_table(text: str, tmp_path: Path):
     file = tmp_path / "table.py"
@@ -69,7 +75,10 @@ def test_other_names_together_are_no_table(text: str, tmp_path: Path):
 
 
 def test_a_new_second_table_is_refused(monkeypatch: pytest.MonkeyPatch):
-    one_more = (*second_tables(), *tables_in(ROOT / "uuv" / "perturbations" / "perturbation.py", lists()))
+    one_more = (
+        *second_tables(),
+        *tables_in(ROOT / "uuv" / "perturbations" / "perturbation.py", lists()),
+    )
     monkeypatch.setattr(ratchets, "second_tables", lambda: one_more)
     excess = ratchets.worse(ratchets.table_counts(), ratchets.limits())
     assert excess == [("uuv/perturbations/perturbation.py", "tables", 1, 0)]
@@ -78,9 +87,14 @@ def test_a_new_second_table_is_refused(monkeypatch: pytest.MonkeyPatch):
 
 def test_what_describes_a_run_names_keys_and_not_options():
     assert len(VALUES) > 20
-    assert {name_of(path): found for path in VALUES if (found := [*texts_with_options(parsed(path))])} == {}
+    assert {
+        name_of(path): found for path in VALUES if (found := [*texts_with_options(parsed(path))])
+    } == {}
 
 
 def test_an_option_in_a_message_is_found():
-    text = "def f(x):\n    finite(x, '--range [m]')\n    plot(x, '--')\n    raise ValueError(f'--speed {x}: no')"
+    text = (
+        "def f(x):\n    finite(x, '--range [m]')\n    plot(x, '--')\n    raise "
+        "ValueError(f'--speed {x}: no')"
+    )
     assert [*texts_with_options(ast.parse(text))] == ["--range [m]", "--speed "]

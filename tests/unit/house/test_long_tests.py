@@ -39,10 +39,13 @@ def marks() -> dict[str, list[str]]:
         for mark in long_marks(tree):
             keywords = mark.keywords if isinstance(mark, ast.Call) else []
             words = {
-                word.arg: ast.literal_eval(constants.get(ast.unparse(word.value), word.value)) for word in keywords
+                word.arg: ast.literal_eval(constants.get(ast.unparse(word.value), word.value))
+                for word in keywords
             }
             assert words.keys() <= {"guarded_by"}, file
-            found.setdefault(file.relative_to(ROOT).as_posix(), []).append(words.get("guarded_by", ""))
+            found.setdefault(file.relative_to(ROOT).as_posix(), []).append(
+                words.get("guarded_by", "")
+            )
     return found
 
 
@@ -55,7 +58,9 @@ def is_plain(guard: str) -> bool:
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.FunctionDef) and node.name == function.partition("[")[0]:
             return not any(
-                is_long(part) for mark in node.decorator_list for part in (mark, getattr(mark, "func", mark))
+                is_long(part)
+                for mark in node.decorator_list
+                for part in (mark, getattr(mark, "func", mark))
             )
     return False
 

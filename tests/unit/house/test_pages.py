@@ -21,9 +21,15 @@ PAGES = {
     "columns": (f"DEPTH = '{90 * 'm'}'\n", f"DEPTH = '{91 * 'm'}'\n"),
     "tuples": ("a, b = b, a\nc, d = f(a)\n", "a, b = 3.0, f(a)\n"),
     "names": ("depth = 3.0\n", "def depth(_found): pass\n"),
-    "parameters": ("def f(self, a, b, c, d, e, g, *, h, i): pass\n", "def f(a, b, c, d, e, g, *, h, i, j): pass\n"),
+    "parameters": (
+        "def f(self, a, b, c, d, e, g, *, h, i): pass\n",
+        "def f(a, b, c, d, e, g, *, h, i, j): pass\n",
+    ),
     "fields": (CLASS + "    deepest: ClassVar[float]\n", CLASS + "    deepest: float\n"),
-    "class-lines": ("class Water:\n" + 249 * "    depth = 3.0\n", "class Water:\n" + 250 * "    depth = 3.0\n"),
+    "class-lines": (
+        "class Water:\n" + 249 * "    depth = 3.0\n",
+        "class Water:\n" + 250 * "    depth = 3.0\n",
+    ),
     "function-lines": (BODY + 59 * LINE, BODY + 60 * LINE),
     "file-lines": (FILE, FILE + "DEPTH = 3.0\n"),
     "asserts": ("assert depth is not None\n", "assert isinstance(depth, float) and depth > 0.0\n"),
@@ -69,7 +75,9 @@ def test_docstrings_and_kernels_have_no_part_in_the_length_of_functions(tmp_path
 
 
 @pytest.mark.parametrize("folder", ["sim/plant", "perception/registration/published", "uuv"])
-def test_one_worse_page_in_a_folder_is_refused(folder: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_one_worse_page_in_a_folder_is_refused(
+    folder: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
     counted = ratchets.counts(path for path in sources() if path.parent == ROOT / folder)
     page = written(tmp_path, "".join(text for _, text in PAGES.values()))
     monkeypatch.setattr(ratchets, "name_of", lambda _: folder)
@@ -77,15 +85,21 @@ def test_one_worse_page_in_a_folder_is_refused(folder: str, monkeypatch: pytest.
     broken = {rule for rule, number in added.items() if number}
     assert len(broken) >= len(RULES) - 1
     allowed = ratchets.tightened(counted, ratchets.limits())
-    assert {rule for _, rule, *_ in ratchets.worse({folder: counted[folder] + added}, allowed)} == broken
+    assert {
+        rule for _, rule, *_ in ratchets.worse({folder: counted[folder] + added}, allowed)
+    } == broken
 
 
 def test_a_new_folder_has_no_allowance():
-    assert ratchets.worse({"uuv/new": {"columns": 1, "walls": 0}}, ratchets.limits()) == [("uuv/new", "columns", 1, 0)]
+    assert ratchets.worse({"uuv/new": {"columns": 1, "walls": 0}}, ratchets.limits()) == [
+        ("uuv/new", "columns", 1, 0)
+    ]
 
 
 def test_limits_become_smaller_only():
     allowed = {"sim": {"air": 9, "walls": 2, "columns": 4}, "gone": {"air": 1}}
     counted = {"sim": {"air": 7, "walls": 0, "columns": 6}, "new": {"air": 3}}
     assert ratchets.tightened(counted, allowed) == {"sim": {"air": 7, "columns": 4}}
-    assert ratchets.as_text({"sim": {"columns": 4, "air": 7}}).endswith('\n"sim" = { air = 7, columns = 4 }\n')
+    assert ratchets.as_text({"sim": {"columns": 4, "air": 7}}).endswith(
+        '\n"sim" = { air = 7, columns = 4 }\n'
+    )

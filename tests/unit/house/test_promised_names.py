@@ -1,4 +1,6 @@
-"""docs/api.md promises names: they are there, they are few, and documents and packages offer no others."""
+"""docs/api.md promises names: they are there, they are few, and documents and packages offer no
+others.
+"""
 
 import ast
 import importlib.util
@@ -17,8 +19,13 @@ from uuv.cli.skeletons import SKELETONS
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "api.md"
 MOST = 150  # names
-PACKAGES = ("uuv", "uuv.models", "uuv.perception", "uuv.calib", "uuv.environments")  # that hand out names
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs" / "examples").glob("*"))]
+# that hand out names
+PACKAGES = ("uuv", "uuv.models", "uuv.perception", "uuv.calib", "uuv.environments")
+DOCUMENTS = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "examples").glob("*")),
+]
 
 
 def promised_names_of_site() -> ModuleType:
@@ -45,12 +52,20 @@ def needs_environments(name: str) -> bool:
 def python_blocks(document: Path) -> list[str]:
     """Fenced Python of a document, or all of a Python file."""
     text = document.read_text(encoding="utf-8")
-    return [text] if document.suffix == ".py" else re.findall(r"^```python\n(.*?)^```", text, flags=re.M | re.S)
+    return (
+        [text]
+        if document.suffix == ".py"
+        else re.findall(r"^```python\n(.*?)^```", text, flags=re.M | re.S)
+    )
 
 
 def skeletons() -> list[Any]:
     """What `uuv new` writes, parts and their tests."""
-    texts = [(f"{kind} {part}", getattr(it, part)) for kind, it in SKELETONS.items() for part in ("part", "test")]
+    texts = [
+        (f"{kind} {part}", getattr(it, part))
+        for kind, it in SKELETONS.items()
+        for part in ("part", "test")
+    ]
     return [pytest.param(text, id=name) for name, text in texts]
 
 
@@ -61,18 +76,30 @@ def is_module(name: str) -> bool:
 
 
 def names_used(code: str) -> set[str]:
-    """Dotted names of `uuv` that a piece of Python takes; of a module that it imports, the attributes."""
+    """Dotted names of `uuv` that a piece of Python takes; of a module that it imports, the
+    attributes.
+    """
     tree = ast.parse(code)
     meaning: dict[str, str] = {}  # dotted name by local name
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "uuv":
-            meaning |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            meaning |= {
+                alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names
+            }
         if isinstance(node, ast.Import):
-            meaning |= {a.asname or "uuv": a.name if a.asname else "uuv" for a in node.names if a.name[:3] == "uuv"}
+            meaning |= {
+                a.asname or "uuv": a.name if a.asname else "uuv"
+                for a in node.names
+                if a.name[:3] == "uuv"
+            }
 
     used = {name for name in meaning.values() if not is_module(name)}
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in meaning:
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id in meaning
+        ):
             home = meaning[node.value.id]
             if is_module(home) and not is_module(f"{home}.{node.attr}"):
                 used.add(f"{home}.{node.attr}")
@@ -115,22 +142,38 @@ def test_skeletons_use_promised_names_only(text: str):
 
 
 def test_names_that_a_piece_of_code_uses():
-    code = "from uuv import models as m, run\nfrom uuv.sim import hydrodynamics\nimport uuv.calib as c\nimport uuv\n"
+    code = (
+        "from uuv import models as m, run\nfrom uuv.sim import hydrodynamics\nimport uuv.calib "
+        "as c\nimport uuv\n"
+    )
     code += "m.load('x').copy()\nhydrodynamics.compile(m.load('y'))\nc.identify([])\nuuv.saved()\nrun(1)"
-    expected = {"uuv.models.load", "uuv.run", "uuv.sim.hydrodynamics.compile", "uuv.calib.identify", "uuv.saved"}
+    expected = {
+        "uuv.models.load",
+        "uuv.run",
+        "uuv.sim.hydrodynamics.compile",
+        "uuv.calib.identify",
+        "uuv.saved",
+    }
     assert names_used(code) == expected
 
 
 def test_names_of_a_stub(tmp_path):
     from uuv.sim.interfaces.lazy_names import names_of_stub
 
-    stub = "from math import pi as pi\nfrom json import dumps as dumps\nfrom json import loads\n\nread = loads\n"
+    stub = (
+        "from math import pi as pi\nfrom json import dumps as dumps\nfrom json import "
+        "loads\n\nread = loads\n"
+    )
     (tmp_path / "__init__.pyi").write_text(stub)
     get, _, names = names_of_stub("shelf", str(tmp_path / "__init__.py"))
     assert names == ["dumps", "pi", "read"]
     assert get("read")("[1, 2]") == [1, 2]
     assert get("pi") == pytest.approx(3.14159265)
-    with pytest.raises(AttributeError, match=r"module 'shelf' has no attribute 'loads'; it has \['dumps', 'pi', 're"):
+    with pytest.raises(
+        AttributeError,
+        match=r"module 'shelf' has no attribute 'loads'; it has "
+        r"\['dumps', 'pi', 're",
+    ):
         get("loads")
 
 
@@ -139,8 +182,15 @@ def examples() -> list[Any]:
     long = pytest.mark.long(
         guarded_by="tests/unit/house/test_promised_names.py::test_a_promised_name_is_there_and_is_no_module"
     )
-    blocks = [(group.page, block) for group in GROUPS for block in re.findall(r"```python\n(.*?)```", group.text, re.S)]
-    return [pytest.param(name, code, marks=[long] if "run(" in code and name == "run" else []) for name, code in blocks]
+    blocks = [
+        (group.page, block)
+        for group in GROUPS
+        for block in re.findall(r"```python\n(.*?)```", group.text, re.S)
+    ]
+    return [
+        pytest.param(name, code, marks=[long] if "run(" in code and name == "run" else [])
+        for name, code in blocks
+    ]
 
 
 @pytest.mark.parametrize(("group", "code"), examples())

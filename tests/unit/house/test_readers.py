@@ -1,4 +1,6 @@
-"""One reader and one writer of documents: no other module parses JSON, TOML or YAML, or writes TOML by hand."""
+"""One reader and one writer of documents: no other module parses JSON, TOML or YAML, or writes TOML
+by hand.
+"""
 
 import ast
 import re
@@ -10,12 +12,26 @@ import pytest
 ROOT = Path(__file__).resolve().parents[3]
 PRODUCT = ("uuv", "models", "sim", "controllers", "perception", "calib")
 DOCUMENTS = "sim/interfaces/documents.py"
-PARSERS = {"tomllib", "tomli", "tomli_w", "tomlkit", "toml", "yaml", "ruamel", "json5", "orjson", "simplejson"}
-ALLOWED = {
-    "uuv/experiment/harness.py": "a row goes through JSON's types and back, as its file will have it; no document",
-    "uuv/experiment/row_table.py": "cells of a table of rows, text of JSON in Parquet that the study wrote itself",
+PARSERS = {
+    "tomllib",
+    "tomli",
+    "tomli_w",
+    "tomlkit",
+    "toml",
+    "yaml",
+    "ruamel",
+    "json5",
+    "orjson",
+    "simplejson",
 }
-TOML_LINE = re.compile(r"(?:#.*\n)?(?:\[\[?[\w.{}]*\{\}[\w.{}]*\]\]?|[\w{}.]+ = .*\{\}.*)\n?")  # with a value put in
+ALLOWED = {
+    "uuv/experiment/harness.py": "a row goes through JSON's types and back, as its file will have "
+    "it; no document",
+    "uuv/experiment/row_table.py": "cells of a table of rows, text of JSON in Parquet that the "
+    "study wrote itself",
+}
+# with a value put in
+TOML_LINE = re.compile(r"(?:#.*\n)?(?:\[\[?[\w.{}]*\{\}[\w.{}]*\]\]?|[\w{}.]+ = .*\{\}.*)\n?")
 
 
 def product(*more: str) -> Iterator[Path]:
@@ -37,22 +53,36 @@ def parsers_in(text: str) -> set[str]:
             module = (node.module or "").partition(".")[0]
             used |= {module} & PARSERS
             if module == "json":
-                used |= {f"json.{name.name}" for name in node.names} & {"json.load", "json.loads", "json.JSONDecoder"}
-        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "json":
+                used |= {f"json.{name.name}" for name in node.names} & {
+                    "json.load",
+                    "json.loads",
+                    "json.JSONDecoder",
+                }
+        elif (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id == "json"
+        ):
             used |= {f"json.{node.attr}"} & {"json.load", "json.loads", "json.JSONDecoder"}
         elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-            used |= {str(word.value) for word in node.args if isinstance(word, ast.Constant)} & PARSERS
+            used |= {
+                str(word.value) for word in node.args if isinstance(word, ast.Constant)
+            } & PARSERS
     return used
 
 
 def toml_by_hand(text: str) -> set[str]:
-    """Texts with values put in that are `[table]` or `key = value`, in a module that speaks of TOML."""
+    """Texts with values put in that are `[table]` or `key = value`, in a module that speaks of
+    TOML.
+    """
     if "toml" not in text.lower():
         return set()
     lines: set[str] = set()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.JoinedStr):
-            pieces = [part.value if isinstance(part, ast.Constant) else "{}" for part in node.values]
+            pieces = [
+                part.value if isinstance(part, ast.Constant) else "{}" for part in node.values
+            ]
             lines |= {"".join(map(str, pieces))}
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             lines |= {node.value}  # for `format`
@@ -60,10 +90,15 @@ def toml_by_hand(text: str) -> set[str]:
 
 
 def test_documents_are_parsed_in_one_module():
-    found = {path.relative_to(ROOT).as_posix(): parsers_in(path.read_text(encoding="utf-8")) for path in product()}
+    found = {
+        path.relative_to(ROOT).as_posix(): parsers_in(path.read_text(encoding="utf-8"))
+        for path in product()
+    }
     assert {"json.loads", "tomllib", "yaml", "tomlkit"} <= found.pop(DOCUMENTS)
     second = {name: parsers for name, parsers in found.items() if parsers}
-    assert second.keys() <= ALLOWED.keys(), {name: second[name] for name in second if name not in ALLOWED}
+    assert second.keys() <= ALLOWED.keys(), {
+        name: second[name] for name in second if name not in ALLOWED
+    }
     assert ALLOWED.keys() <= second.keys(), "an exception that is none: take it out of the list"
 
 
@@ -88,13 +123,17 @@ def test_what_writes_json_is_no_reader():
 
 
 def test_no_module_writes_toml_by_hand():
-    modules = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in product("scripts")}
+    modules = {
+        path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+        for path in product("scripts")
+    }
     found = {name: toml_by_hand(text) for name, text in modules.items() if name != DOCUMENTS}
     assert {name: lines for name, lines in found.items() if lines} == {}
 
 
 @pytest.mark.parametrize(
-    "text", ['f"[{name}]"', 'f"[[{name}{key}]]\\n"', 'f"{key} = {text(value)}"', '"[{}]".format(key)']
+    "text",
+    ['f"[{name}]"', 'f"[[{name}{key}]]\\n"', 'f"{key} = {text(value)}"', '"[{}]".format(key)'],
 )
 def test_toml_by_hand_is_seen(text: str):
     assert toml_by_hand(f"{text}  # TOML")

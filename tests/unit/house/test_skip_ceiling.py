@@ -35,7 +35,12 @@ def test_expected_to_fail():
     ],
 )
 def test_skips_are_counted_by_reason(
-    options: list[str], code: int, title: str, monkeypatch: pytest.MonkeyPatch, root: Path, tmp_path: Path
+    options: list[str],
+    code: int,
+    title: str,
+    monkeypatch: pytest.MonkeyPatch,
+    root: Path,
+    tmp_path: Path,
 ):
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
@@ -49,5 +54,8 @@ def test_skips_are_counted_by_reason(
     assert ran.returncode == code, ran.stdout + ran.stderr
     _, head, rows = ran.stdout.partition(title)
     assert head, ran.stdout
-    counts = {reason: int(count) for count, reason in (line.split(maxsplit=1) for line in rows.splitlines()[1:4])}
+    counts = {
+        reason: int(count)
+        for count, reason in (line.split(maxsplit=1) for line in rows.splitlines()[1:4])
+    }
     assert counts == {"no library": 3, "no device": 1, "no packages (whole file test_b.py)": 1}

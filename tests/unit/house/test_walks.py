@@ -1,4 +1,6 @@
-"""A reader who follows one thing through the code enters few files, and comes back to few of them."""
+"""A reader who follows one thing through the code enters few files, and comes back to few of
+them.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -36,16 +38,19 @@ OPERATIONS = (
 BESIDE_A_CALIBRATION = ("sim/", "models/arms/", "uuv/arm_identification/calibration_figures.py")
 LINK = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="0.4"/>
   <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>
-  <collision><origin xyz="0 0 0.1"/><geometry><box size="0.04 0.04 0.16"/></geometry></collision></link>
+  <collision><origin xyz="0 0 0.1"/><geometry><box size="0.04 0.04 0.16"/></geometry></collision>
+    </link>
 """
 JOINT = """<joint name="{name}" type="revolute"><origin xyz="0 0 {z}"/><parent link="{parent}"/>
-  <child link="{child}"/><axis xyz="0 1 0"/><limit lower="-1.5" upper="1.2" effort="9" velocity="1"/></joint>
+  <child link="{child}"/><axis xyz="0 1 0"/>
+    <limit lower="-1.5" upper="1.2" effort="9" velocity="1"/></joint>
 """
 URDF = (
     '<robot name="rov">'
     + LINK.format(name="base").replace("0.4", "20.0")
     + "".join(LINK.format(name=name) for name in ("upper", "lower"))
-    + '<link name="bracket"/><joint name="fixed" type="fixed"><origin xyz="0.15 0.02 -0.2" rpy="3.1 0 0.1"/>'
+    + '<link name="bracket"/><joint name="fixed" type="fixed"><origin xyz="0.15 0.02 -0.2" '
+    'rpy="3.1 0 0.1"/>'
     + '<parent link="base"/><child link="bracket"/></joint>'
     + JOINT.format(name="lift", z=0, parent="bracket", child="upper")
     + JOINT.format(name="bend", z=0.2, parent="upper", child="lower")
@@ -59,7 +64,8 @@ thrusters: [{name: ahead, pos: [-0.2, 0, 0.05], direction: [1, 0, 0]}]
 trim: 0.05
 """
 WATER = (
-    "bodies: {base: {box: {size: [0.4, 0.3, 0.2]}}, upper: {sphere: {radius: 0.03}}, lower: {sphere: {radius: 0.03}}}\n"
+    "bodies: {base: {box: {size: [0.4, 0.3, 0.2]}}, upper: {sphere: {radius: 0.03}}, lower: "
+    "{sphere: {radius: 0.03}}}\n"
 )
 
 
@@ -78,11 +84,17 @@ def test_the_way_of_a_urdf_into_a_job_is_straight(tmp_path: Path) -> None:
 
     def is_vehicle(thing: Any) -> bool:
         kinds = (VehicleSetup, UrdfRobot, VehicleFile, mujoco.MjSpec)
-        return isinstance(thing, kinds) or (isinstance(thing, str | Path) and str(thing) == str(file))
+        return isinstance(thing, kinds) or (
+            isinstance(thing, str | Path) and str(thing) == str(file)
+        )
 
     path = walk(way, is_vehicle, OPERATIONS)
     assert [model.nu for model in models] == [3, 3]
-    assert path.files[:3] == ["uuv/components/contact_parts.py", "uuv/own_vehicle.py", "models/files/vehicle_file.py"]
+    assert path.files[:3] == [
+        "uuv/components/contact_parts.py",
+        "uuv/own_vehicle.py",
+        "models/files/vehicle_file.py",
+    ]
     assert path.files[-1] == "sim/hydrodynamics.py"
     assert len(path.files) <= 11, str(path)
     assert path.returns <= 10, str(path)
@@ -99,9 +111,16 @@ def test_the_way_of_touches_to_an_arm_is_straight(tmp_path: Path) -> None:
         errors=3,
         rng=np.random.default_rng(2),
     )
-    files = write_touches(tmp_path / "touches", drawn.touches.names, drawn.touches.series, drawn.source.arm.joint_names)
+    files = write_touches(
+        tmp_path / "touches",
+        drawn.touches.names,
+        drawn.touches.series,
+        drawn.source.arm.joint_names,
+    )
     length = drawn.distances[0][2]
-    known = tuple((drawn.touches.names[i], drawn.touches.names[j], length) for i, j, *_ in drawn.distances)
+    known = tuple(
+        (drawn.touches.names[i], drawn.touches.names[j], length) for i, j, *_ in drawn.distances
+    )
     options = CalibrationOptions(touches=(files,), distance=known, record=False)
     arm = tmp_path / "arm"
     arm.mkdir()
@@ -115,7 +134,10 @@ def test_the_way_of_touches_to_an_arm_is_straight(tmp_path: Path) -> None:
         if isinstance(thing, list | tuple):
             return any(map(is_touches, thing))
         if isinstance(thing, np.ndarray):
-            return any(np.shape(thing) == np.shape(q) and np.allclose(thing, q) for q in drawn.touches.series)
+            return any(
+                np.shape(thing) == np.shape(q) and np.allclose(thing, q)
+                for q in drawn.touches.series
+            )
         kinds = (CalibrationOptions, Touches, CalibrationCase, Calibration, CalibrationOutcome)
         return isinstance(thing, kinds)
 
@@ -143,7 +165,10 @@ def test_a_walk_enters_a_function_once_and_counts_the_way_back() -> None:
             OwnVehicle.of(spec, ("camera", "pad", "home", "ready", "tip", "arm_base", "thrusters"))
         hydrodynamics.compile(spec)
 
-    text = '<mujoco><worldbody><body name="hull"><freejoint/><geom size="0.1"/></body></worldbody></mujoco>'
+    text = (
+        '<mujoco><worldbody><body name="hull"><freejoint/><geom '
+        'size="0.1"/></body></worldbody></mujoco>'
+    )
     spec = mujoco.MjSpec.from_string(text)
     path = walk(way, follows)
     assert path.files == ["uuv/own_vehicle.py", "sim/hydrodynamics.py"]

@@ -1,4 +1,6 @@
-"""The tree and its words: small folders, documented names, sources that exist, one class a name, readable sentences."""
+"""The tree and its words: small folders, documented names, sources that exist, one class a name,
+readable sentences.
+"""
 
 import ast
 import re
@@ -34,11 +36,17 @@ def sentences(path: Path) -> list[str]:
     """Sentences of the docstrings of a module, or of a page without its code blocks and tables."""
     if path.suffix == ".py":
         kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-        texts = [ast.get_docstring(node) or "" for node in ast.walk(parsed(path)) if isinstance(node, kinds)]
+        texts = [
+            ast.get_docstring(node) or ""
+            for node in ast.walk(parsed(path))
+            if isinstance(node, kinds)
+        ]
     else:
         texts = [re.sub(r"```.*?```", " ", path.read_text(), flags=re.DOTALL)]
     texts = [re.sub(r"^\s*\|.*$", "\n", text, flags=re.MULTILINE) for text in texts]
-    return [s for text in texts for s in re.split(r"(?<=[.!?:;])\s+|\n\s*\n|\n\s*[-*] |\n +\w+: ", text)]
+    return [
+        s for text in texts for s in re.split(r"(?<=[.!?:;])\s+|\n\s*\n|\n\s*[-*] |\n +\w+: ", text)
+    ]
 
 
 def test_no_folder_is_crowded():
@@ -71,7 +79,11 @@ def test_a_class_name_has_one_meaning():
 
 
 def test_every_source_is_listed_once():
-    listed = re.findall(r"^- \*\*\[([^\]]+)\]\*\*", (ROOT / "docs" / "references.md").read_text(), flags=re.MULTILINE)
+    listed = re.findall(
+        r"^- \*\*\[([^\]]+)\]\*\*",
+        (ROOT / "docs" / "references.md").read_text(),
+        flags=re.MULTILINE,
+    )
     assert [key for key, n in Counter(listed).items() if n > 1] == []
     cited = defaultdict(set)
     for path in (*SOURCES, *tracked("README.md", "docs/*.md")):
@@ -83,7 +95,11 @@ def test_every_source_is_listed_once():
 def test_nothing_refers_to_what_a_stranger_cannot_open():
     closed = re.compile(r"[Pp]apers? 00\d|\bfacts/|issue \d")
     here = Path(__file__)
-    found = [path for path in tracked("*.py", "README.md", "docs/*.md") if closed.search(path.read_text())]
+    found = [
+        path
+        for path in tracked("*.py", "README.md", "docs/*.md")
+        if closed.search(path.read_text())
+    ]
     assert [path.relative_to(ROOT).as_posix() for path in found if path != here] == []
 
 

@@ -1,4 +1,6 @@
-"""A ball in a nest of three: one place only, exactly where the nest says, whichever way it came in."""
+"""A ball in a nest of three: one place only, exactly where the nest says, whichever way it came
+in.
+"""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,6 @@
-"""Growth and dents: closed as before, where and as high as said, the truth the difference of both meshes."""
+"""Growth and dents: closed as before, where and as high as said, the truth the difference of both
+meshes.
+"""
 
 from typing import Literal
 
@@ -34,11 +36,19 @@ def test_stays_closed_and_moves_where_said(name: str, change, seed: int, within)
     least = 0.01 if name != "valve" else 0.005
     result = change(clean, np.random.default_rng(seed), patches=2, height=(least, 0.04))
     assert open_edges(result.target.triangles) == 0, seed
-    away = np.min([np.linalg.norm(result.clean_T - p.p_T, axis=1) / p.radius for p in result.patches], axis=0)
+    away = np.min(
+        [np.linalg.norm(result.clean_T - p.p_T, axis=1) / p.radius for p in result.patches], axis=0
+    )
     within("moved outside of the patches [m]", result.offset[away > 1.3], 1e-12)
-    within("clean vertices off the clean mesh [m]", distance_from_clean(clean, result.clean_T), 1e-3)
+    within(
+        "clean vertices off the clean mesh [m]", distance_from_clean(clean, result.clean_T), 1e-3
+    )
     whole = volume(clean.vertices, clean.triangles)
-    within("volume before, relative", volume(result.clean_T, result.target.triangles) / whole - 1.0, 1e-9)
+    within(
+        "volume before, relative",
+        volume(result.clean_T, result.target.triangles) / whole - 1.0,
+        1e-9,
+    )
     moved = np.linalg.norm(result.target.vertices - result.clean_T, axis=1)
     assert moved.max() <= sum(p.height for p in result.patches) + 1e-9, seed
     assert moved.max() > 0.5 * max(p.height for p in result.patches), seed
@@ -69,7 +79,9 @@ def test_one_patch_on_a_plane_is_its_own_closed_form(within):
         expected = 0.03 * 0.12**2 * (0.5 * np.pi - 2.0 / np.pi)
         change = volume(mesh.vertices, mesh.triangles) - 0.8 * 0.6 * 0.3
         within("volume, relative", sign * change / expected - 1.0, 0.1)
-        points = np.column_stack([np.random.default_rng(1).uniform(-0.3, 0.3, (50, 2)), np.full(50, 0.4)])
+        points = np.column_stack(
+            [np.random.default_rng(1).uniform(-0.3, 0.3, (50, 2)), np.full(50, 0.4)]
+        )
         hit = scene.cast(points, np.broadcast_to(down, points.shape))["t"]
         surface = points + hit[:, None] * down
         within("truth against rays [m]", result.offset_at(surface) - (surface[:, 2] - 0.15), 1e-6)
@@ -86,7 +98,9 @@ def test_same_seed_same_growth_near_the_path():
 
 
 def test_growth_is_felt_where_it_is(within):
-    """Rays straight down on what collides: within a millimetre of the mesh, on the bump and beside it."""
+    """Rays straight down on what collides: within a millimetre of the mesh, on the bump and beside
+    it.
+    """
     patch = Patch(
         kind="growth",
         p_T=np.array([0.0, 0.0, 0.15]),
@@ -102,7 +116,9 @@ def test_growth_is_felt_where_it_is(within):
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     model.geom_rgba[:, 3] = 1.0
-    start = np.column_stack([np.random.default_rng(0).uniform(-0.15, 0.15, (200, 2)), np.full(200, 0.5)])
+    start = np.column_stack(
+        [np.random.default_rng(0).uniform(-0.15, 0.15, (200, 2)), np.full(200, 0.5)]
+    )
     down, geom = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32)
     group = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8)
     felt = np.array([mujoco.mj_ray(model, data, s, down, group, 1, -1, geom) for s in start])
@@ -123,12 +139,28 @@ def test_growth_is_felt_where_it_is(within):
         (lambda: dented(block(), np.random.default_rng(0), height=(0.3, 0.4)), "too small"),
         (lambda: dented(block(), np.random.default_rng(0), near=np.zeros(3)), "near"),
         (lambda: dented(block(), np.random.default_rng(0), near=np.zeros((0, 3))), "N > 0"),
-        (lambda: dented(block(), np.random.default_rng(0), near=[[9.0, 0.0, 0.0]]), "farther than its patches reach"),
-        (lambda: fouled(block(), np.random.default_rng(0)).offset_at([[np.nan, 0.0, 0.0]]), "finite"),
-        (lambda: fouled(block(), np.random.default_rng(0)).offset_at([[1e200, 0.0, 0.0]]), "within"),
+        (
+            lambda: dented(block(), np.random.default_rng(0), near=[[9.0, 0.0, 0.0]]),
+            "farther than its patches reach",
+        ),
+        (
+            lambda: fouled(block(), np.random.default_rng(0)).offset_at([[np.nan, 0.0, 0.0]]),
+            "finite",
+        ),
+        (
+            lambda: fouled(block(), np.random.default_rng(0)).offset_at([[1e200, 0.0, 0.0]]),
+            "within",
+        ),
         (lambda: fouled(block(), np.random.default_rng(0)).offset_at(np.zeros(3)), "shape"),
         (
-            lambda: Patch(kind="dent", p_T=np.zeros(3), n_T=np.ones(3), radius=0.05, height=0.03, lobes=np.zeros(2)),
+            lambda: Patch(
+                kind="dent",
+                p_T=np.zeros(3),
+                n_T=np.ones(3),
+                radius=0.05,
+                height=0.03,
+                lobes=np.zeros(2),
+            ),
             "2.5 times",
         ),
     ],

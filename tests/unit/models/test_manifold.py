@@ -1,4 +1,6 @@
-"""The manifold's holes as rays meet them, its mesh by its volume, and the sampler's mount by its deflection."""
+"""The manifold's holes as rays meet them, its mesh by its volume, and the sampler's mount by its
+deflection.
+"""
 
 import mujoco
 import numpy as np
@@ -21,7 +23,9 @@ def ray(model: mujoco.MjModel, data: mujoco.MjData, start: Array, way: Array) ->
     return mujoco.mj_ray(model, data, start, way, None, 1, -1, np.zeros(1, dtype=np.int32))
 
 
-def placed(radius: float, depth: float, chamfer: float, X_WT: Array) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def placed(
+    radius: float, depth: float, chamfer: float, X_WT: Array
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
     spec = mujoco.MjSpec()
     manifold(radius, depth, chamfer).target.add_to(spec, X_WT)
     model = spec.compile()
@@ -42,7 +46,9 @@ def test_rays_find_radius_depth_and_chamfer(radius, depth, chamfer, name, within
     def across(z: float) -> Array:
         p = X_WH[:3, :3] @ [0.0, 0.0, z] + X_WH[:3, 3]
         turns = np.linspace(0.0, 2.0 * np.pi, 97)
-        return np.array([ray(model, data, p, X_WH[:3, :3] @ [np.cos(t), np.sin(t), 0.0]) for t in turns])
+        return np.array(
+            [ray(model, data, p, X_WH[:3, :3] @ [np.cos(t), np.sin(t), 0.0]) for t in turns]
+        )
 
     for z in (1.01 * chamfer + 1e-4, 0.5 * depth, 0.99 * depth):
         found = across(z)
@@ -68,7 +74,9 @@ def _polygon(sides: int) -> float:
 
 @pytest.mark.parametrize(("radius", "depth", "chamfer"), HOLES)
 def test_volume_of_the_mesh(radius, depth, chamfer, within):
-    """By the divergence theorem, pipes and block counted each: closed, and wound outward everywhere."""
+    """By the divergence theorem, pipes and block counted each: closed, and wound outward
+    everywhere.
+    """
     target = manifold(radius, depth, chamfer).target
     a, b, c = target.vertices[target.triangles].transpose(1, 0, 2)
     found = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
@@ -78,15 +86,29 @@ def test_volume_of_the_mesh(radius, depth, chamfer, within):
     expected = float(np.prod(SIZE)) - 2.0 * _polygon(96) * bore + _polygon(48) * pipes
     within("volume, relative", (found - expected) / expected, 1e-12)
     # The face lies in z = 0 and adds nothing to the volume: its area.
-    normal = 0.5 * np.cross(b - a, c - a)[np.abs(target.vertices[target.triangles][:, :, 2]).max(axis=1) == 0.0, 2]
+    normal = (
+        0.5
+        * np.cross(b - a, c - a)[
+            np.abs(target.vertices[target.triangles][:, :, 2]).max(axis=1) == 0.0, 2
+        ]
+    )
     assert (normal > 0.0).all()
-    within("area of the face [m^2]", normal.sum() - (SIZE[0] * SIZE[1] - 2.0 * _polygon(96) * wide**2), 1e-14)
+    within(
+        "area of the face [m^2]",
+        normal.sum() - (SIZE[0] * SIZE[1] - 2.0 * _polygon(96) * wide**2),
+        1e-14,
+    )
     edges = np.sort(target.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
     assert (np.unique(edges, axis=0, return_counts=True)[1] <= 2).all()
 
 
 @pytest.mark.parametrize(
-    ("hole", "said"), [((0.05, 0.08, 0.002), "below"), ((0.02, 0.2, 0.002), "depth"), ((0.02, 0.001, 0.002), "depth")]
+    ("hole", "said"),
+    [
+        ((0.05, 0.08, 0.002), "below"),
+        ((0.02, 0.2, 0.002), "depth"),
+        ((0.02, 0.001, 0.002), "depth"),
+    ],
 )
 def test_a_hole_that_does_not_fit_is_refused(hole, said):
     with pytest.raises(ConfigurationError, match=said):
@@ -96,7 +118,9 @@ def test_a_hole_that_does_not_fit_is_refused(hole, said):
 
 
 def test_the_sampler_gives_way_by_its_springs(within):
-    """A steady force on the tip of a vehicle held still moves the tube by F / k in every direction, and no joint."""
+    """A steady force on the tip of a vehicle held still moves the tube by F / k in every direction,
+    and no joint.
+    """
     rng = np.random.default_rng(3)
     spec = uuv_puma.build("sampler")
     model = spec.compile()
@@ -107,7 +131,9 @@ def test_the_sampler_gives_way_by_its_springs(within):
     # Everything but the mount is made too heavy to move.
     water = hydrodynamics.attached(spec)
     within(
-        "weight in water, relative", 1025.0 * sum(b.volume for b in water.values()) / model.body_mass.sum() - 1, 1e-12
+        "weight in water, relative",
+        1025.0 * sum(b.volume for b in water.values()) / model.body_mass.sum() - 1,
+        1e-12,
     )
     springs = [model.joint(name).dofadr[0] for name in ("mount_x", "mount_y", "pad")]
     model.dof_armature[[d for d in range(model.nv) if d not in springs]] = 1e9
@@ -121,7 +147,9 @@ def test_the_sampler_gives_way_by_its_springs(within):
     if force @ axis > 0.0:
         force = -force  # it comes out less far than it goes in
     for _ in range(1000):
-        mujoco.mj_applyFT(model, data, force, np.zeros(3), data.xipos[tube], tube, data.qfrc_applied)
+        mujoco.mj_applyFT(
+            model, data, force, np.zeros(3), data.xipos[tube], tube, data.qfrc_applied
+        )
         mujoco.mj_step(model, data)
         data.qfrc_applied[:] = 0.0
     moved = data.site("pad_face").xpos - data.site("tip").xpos
@@ -137,15 +165,20 @@ def test_a_sampler_wants_a_pad():
 
 @pytest.mark.parametrize(("radius", "depth", "chamfer"), HOLES)
 def test_beside_each_hole_a_short_path_lies_on_the_face(radius, depth, chamfer):
-    """Of 40 mm along x at even steps, its middle 15 mm beyond the chamfer's edge; the tool into the face."""
+    """Of 40 mm along x at even steps, its middle 15 mm beyond the chamfer's edge; the tool into the
+    face.
+    """
     made = manifold(radius, depth, chamfer)
     for name, hole in made.holes.items():
         path = made.target.paths[f"beside_{name}"]
         np.testing.assert_allclose(
-            np.diff(path.p, axis=0), np.tile([0.04 / (len(path.p) - 1), 0.0, 0.0], (len(path.p) - 1, 1))
+            np.diff(path.p, axis=0),
+            np.tile([0.04 / (len(path.p) - 1), 0.0, 0.0], (len(path.p) - 1, 1)),
         )
         np.testing.assert_allclose(
-            path.p.mean(axis=0), hole.p_T + np.array([0.0, radius + chamfer + 0.015, 0.0]), atol=1e-12
+            path.p.mean(axis=0),
+            hole.p_T + np.array([0.0, radius + chamfer + 0.015, 0.0]),
+            atol=1e-12,
         )
         np.testing.assert_allclose(path.a, np.tile([0.0, 0.0, -1.0], (len(path.p), 1)))
         np.testing.assert_allclose(path.b, np.tile([1.0, 0.0, 0.0], (len(path.p), 1)))

@@ -39,7 +39,9 @@ def test_a_bolt_breaks_it():
     plate = trimesh.creation.box((0.6, 0.4, 0.02))
     bolt = trimesh.creation.cylinder(0.015, 0.03)
     bolt.apply_translation([0.2, 0.1, 0.02])
-    whole = trimesh.Trimesh(*trimesh.util.append_faces([plate.vertices, bolt.vertices], [plate.faces, bolt.faces]))
+    whole = trimesh.Trimesh(
+        *trimesh.util.append_faces([plate.vertices, bolt.vertices], [plate.faces, bolt.faces])
+    )
     bare, bolted = (
         mesh_symmetry(np.asarray(mesh.vertices), np.asarray(mesh.faces), np.random.default_rng(0))
         for mesh in (plate, whole)

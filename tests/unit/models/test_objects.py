@@ -1,4 +1,6 @@
-"""Every object there is: closed, symmetric as declared, its paths on it, and felt where it is seen."""
+"""Every object there is: closed, symmetric as declared, its paths on it, and felt where it is
+seen.
+"""
 
 import mujoco
 import numpy as np
@@ -18,9 +20,12 @@ from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 OBJECTS = {name: targets.named(name) for name in targets.available()} | {"another rock": rock(5)}
 
 
-def felt_and_seen(target: TargetModel, rng: np.random.Generator, rays: int) -> tuple[np.ndarray, np.ndarray]:
-    """How far (N,) [m] what is felt lies out of the mesh, along its normal, where rays from all sides meet both; and
-    whether (M,) a ray met one of them alone."""
+def felt_and_seen(
+    target: TargetModel, rng: np.random.Generator, rays: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far (N,) [m] what is felt lies out of the mesh, along its normal, where rays from all
+    sides meet both; and whether (M,) a ray met one of them alone.
+    """
     X_WT = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3))
     spec = mujoco.MjSpec()
     target.add_to(spec, X_WT, stand=False)
@@ -34,13 +39,16 @@ def felt_and_seen(target: TargetModel, rng: np.random.Generator, rays: int) -> t
     ways = rng.normal(size=(rays, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     start = (
-        rng.uniform(target.vertices.min(axis=0), target.vertices.max(axis=0), (rays, 3)) - 2.5 * target.radius * ways
+        rng.uniform(target.vertices.min(axis=0), target.vertices.max(axis=0), (rays, 3))
+        - 2.5 * target.radius * ways
     )
     seen = RayScene(target.vertices, target.triangles).cast(start, ways)
     model.geom_group[:] = np.where(collides, 3, 0)
     group, geom = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8), np.zeros(1, dtype=np.int32)
     start_W, ways_W = transform_points(X_WT, start), ways @ X_WT[:3, :3].T
-    felt = np.array([mujoco.mj_ray(model, data, start_W[i], ways_W[i], group, 1, -1, geom) for i in range(rays)])
+    felt = np.array(
+        [mujoco.mj_ray(model, data, start_W[i], ways_W[i], group, 1, -1, geom) for i in range(rays)]
+    )
     both = (felt >= 0.0) & np.isfinite(seen["t"])
     cosine = np.abs(np.einsum("ij,ij->i", seen["normal"], ways))
     return (seen["t"][both] - felt[both]) * cosine[both], (felt >= 0.0) != np.isfinite(seen["t"])
@@ -50,7 +58,9 @@ def felt_and_seen(target: TargetModel, rng: np.random.Generator, rays: int) -> t
 def test_object_is_closed_and_wound_outwards(name: str):
     target = OBJECTS[name]
     assert open_edges(target.triangles) == 0
-    assert 1e-4 < volume(target.vertices, target.triangles) < np.prod(np.ptp(target.vertices, axis=0))
+    assert (
+        1e-4 < volume(target.vertices, target.triangles) < np.prod(np.ptp(target.vertices, axis=0))
+    )
 
 
 @pytest.mark.parametrize("name", OBJECTS)
@@ -61,7 +71,8 @@ def test_declared_symmetry_is_one(name: str, within):
     if target.symmetry.axis is not None:
         turns += [exp_so3(angle * target.symmetry.axis) for angle in (0.4, 2.0)]
     for R in turns:
-        within("from the surface [m]", nearest.query(target.vertices @ R.T).distance, 1e-4)  # 0.02 mm: facets
+        # 0.02 mm: facets
+        within("from the surface [m]", nearest.query(target.vertices @ R.T).distance, 1e-4)
 
 
 @pytest.mark.parametrize("name", OBJECTS)
@@ -87,12 +98,16 @@ def test_object_is_felt_where_it_is_seen(name: str, within):
     # The manifold's bores are polygons, at their corners 0.17 mm wider than the mesh.
     within("felt under the surface [m]", np.minimum(off, 0.0), 2e-3 if name == "manifold" else 1e-5)
     # 0.5 mm and less; a ray that grazes may pass one and meet the other far off.
-    within("felt over the surface [m], all but 1 in 100", np.sort(off)[: int(0.99 * len(off))], 8e-4)
+    within(
+        "felt over the surface [m], all but 1 in 100", np.sort(off)[: int(0.99 * len(off))], 8e-4
+    )
     assert alone.mean() < 0.02
 
 
 def test_pad_rests_where_the_surface_is(within):
-    """The pad's dome, lowered on a rock until it touches: its distance from the mesh is its radius."""
+    """The pad's dome, lowered on a rock until it touches: its distance from the mesh is its
+    radius.
+    """
     stone = OBJECTS["another rock"]
     spec = mujoco.MjSpec()
     stone.add_to(spec, pose())
@@ -114,7 +129,9 @@ def test_pad_rests_where_the_surface_is(within):
         low, high = 0.0, 0.2
         for _ in range(22):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if touches(p + np.array([0.0, 0.0, middle])) else (low, middle)
+            low, high = (
+                (middle, high) if touches(p + np.array([0.0, 0.0, middle])) else (low, middle)
+            )
         gaps.append(float(nearest.query((p + np.array([0.0, 0.0, high]))[None]).distance[0]) - 0.06)
     within("gap under the dome [m]", gaps, 1e-3)  # 0.2 mm
 
@@ -127,7 +144,11 @@ def test_convex_solid_is_one_part():
 
 def test_triangles_without_area_change_no_part():
     """As in many users' files: three corners in a line, before and between the others."""
-    wedge = np.array([[0, 0, 0], [0.3, 0, 0], [0.3, 0.2, 0], [0.1, 0.1, 0], [0.1, 0.1, 0.1]]) - [0.1, 0.1, 0.0]
+    wedge = np.array([[0, 0, 0], [0.3, 0, 0], [0.3, 0.2, 0], [0.1, 0.1, 0], [0.1, 0.1, 0.1]]) - [
+        0.1,
+        0.1,
+        0.0,
+    ]
     solid = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [0, 3, 1], [3, 2, 1]])
     line = np.vstack([wedge, [[0.05, -0.1, 0.0]]])  # on the edge from corner 0 to 1
     spoilt = np.vstack([[[0, 5, 1]], solid[:3], [[1, 5, 0]], solid[3:]])
@@ -140,7 +161,8 @@ def test_triangles_without_area_change_no_part():
 
 def test_finer_tolerance_gives_a_truer_surface(within):
     bowl, triangles = sphere(3)
-    bowl = np.where(bowl[:, 2:] > 0.2, bowl * [1.0, 1.0, -0.4], bowl) * 0.2  # the cap pushed in: hollow
+    # the cap pushed in: hollow
+    bowl = np.where(bowl[:, 2:] > 0.2, bowl * [1.0, 1.0, -0.4], bowl) * 0.2
     worst = []
     for tolerance in (6e-3, 1.5e-3):
         hulls = convex_parts.parts(bowl, triangles, tolerance)
@@ -153,14 +175,20 @@ def test_finer_tolerance_gives_a_truer_surface(within):
 
 @pytest.mark.seeds(1, 2)
 def test_no_part_spans_a_hollow_corner(within, seed):
-    """A shaft with a flange, of slivers as long as it is: a part over two of them once filled the corner by 7 cm."""
+    """A shaft with a flange, of slivers as long as it is: a part over two of them once filled the
+    corner by 7 cm.
+    """
     rng = np.random.default_rng(seed)
     thin, wide, long = rng.uniform(0.05, 0.15), rng.uniform(0.2, 0.3), rng.uniform(0.2, 0.5)
     outline = [(-long, 0.0), (-long, thin), (0.0, thin), (0.0, wide), (0.1, wide), (0.1, 0.0)]
     shaft = revolve(outline, int(rng.integers(60, 120)))
     for hull in convex_parts.parts(*shaft):
         inside = rng.dirichlet(np.ones(len(hull)), 400) @ hull
-        within("over the surface [m]", np.maximum(signed_distance(*shaft, inside), 0.0), convex_parts.TOLERANCE)
+        within(
+            "over the surface [m]",
+            np.maximum(signed_distance(*shaft, inside), 0.0),
+            convex_parts.TOLERANCE,
+        )
 
 
 def test_splitting_keeps_a_shell_closed(rng, within):
@@ -185,7 +213,9 @@ def test_starfish_is_as_thick_as_said():
 
 
 def test_names_and_options():
-    assert targets.named("barrel", line_length=0.3).path("longitudinal").p[0, 0] == pytest.approx(-0.15)
+    assert targets.named("barrel", line_length=0.3).path("longitudinal").p[0, 0] == pytest.approx(
+        -0.15
+    )
     with pytest.raises(ConfigurationError, match="starfish"):
         targets.named("spoon")
     with pytest.raises(ConfigurationError, match="seed"):
@@ -197,4 +227,6 @@ def test_names_and_options():
     with pytest.raises(ConfigurationError, match="tolerance"):
         convex_parts.parts(*sphere(1), tolerance=0.0)
     with pytest.raises(ConfigurationError, match="hull"):
-        TargetModel(name="x", vertices=np.eye(3), triangles=np.array([[0, 1, 2]]), hulls=(np.eye(3),))
+        TargetModel(
+            name="x", vertices=np.eye(3), triangles=np.array([[0, 1, 2]]), hulls=(np.eye(3),)
+        )

@@ -34,7 +34,11 @@ def boxes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Registry[int]:
 
 def test_ours_by_name_and_alias():
     assert BOXES.names() == ("big", "large", "small")
-    assert (BOXES.load("small", size=3), BOXES.load("big"), BOXES.resolve("big")) == (3, 10, "large")
+    assert (BOXES.load("small", size=3), BOXES.load("big"), BOXES.resolve("big")) == (
+        3,
+        10,
+        "large",
+    )
     assert "small" in BOXES
     assert 3 not in BOXES
 
@@ -52,7 +56,11 @@ def test_a_name_that_is_none(name):
 
 
 def test_an_option_that_is_none():
-    with pytest.raises(ConfigurationError, match=r"box 'small' has no \['colour'\]; it has \['size'\]"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"box 'small' has no \['colour'\]; it has "
+        r"\['size'\]",
+    ):
         BOXES.load("small", colour="red")
 
 

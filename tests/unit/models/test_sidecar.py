@@ -1,4 +1,6 @@
-"""Water without Python: sidecar and custom elements equal the Python API to the last bit, both ways; their refusals."""
+"""Water without Python: sidecar and custom elements equal the Python API to the last bit, both
+ways; their refusals.
+"""
 
 import re
 import warnings
@@ -21,10 +23,12 @@ from uuv.own_vehicle import vehicle_spec
 from uuv.sim.interfaces.errors import ConfigurationError
 
 BARE = """<mujoco><worldbody>
-  <body name="hull"><freejoint/><geom type="box" size=".3 .2 .15" mass="30"/><site name="bow"/><site name="stern"/>
+  <body name="hull"><freejoint/><geom type="box" size=".3 .2 .15" mass="30"/><site name="bow"/>
+    <site name="stern"/>
     <body name="arm/link" pos=".3 0 0"><joint name="j"/><geom size=".05" mass="1"/></body>
   </body></worldbody>
-  <actuator><motor name="bow" site="bow" gear="1 0 0 0 0 0"/><motor name="stern" site="stern" gear="0 1 0 0 0 0"/>
+  <actuator><motor name="bow" site="bow" gear="1 0 0 0 0 0"/>
+    <motor name="stern" site="stern" gear="0 1 0 0 0 0"/>
   </actuator>{custom}</mujoco>"""
 YAML = """
 water_density: 1010.5
@@ -79,7 +83,10 @@ def by_python() -> mujoco.MjSpec:
     )
     link = hydrodynamics.cylinder(0.03, [0.0, 0.0, 0.0], [0.3, 0.1, 0.0], water_density=1010.5)
     hydrodynamics.attach(spec, {"hull": hull, "arm/link": link}, 1010.5)
-    thrusters.attach(spec, {"bow": Thruster(forward=50, reverse=40.5, time_constant=0.1), "stern": thrusters.t200(-1)})
+    thrusters.attach(
+        spec,
+        {"bow": Thruster(forward=50, reverse=40.5, time_constant=0.1), "stern": thrusters.t200(-1)},
+    )
     return spec
 
 
@@ -117,13 +124,18 @@ def test_elements_equal_python_and_are_taken_out(tmp_path: Path) -> None:
 
 
 def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
-    """One with every field, in digits that six do not hold, with zeros of both signs, and with all kinds of curve."""
+    """One with every field, in digits that six do not hold, with zeros of both signs, and with all
+    kinds of curve.
+    """
     spec = mujoco.MjSpec.from_string(BARE.format(custom=""))
     root = rng.normal(size=(6, 6))
     added, damping = root @ root.T, root.T @ root + 0.1 * (rng.normal(size=(6, 6)) @ np.eye(6))
     strips = tuple(
         StripDrag(
-            start=rng.normal(size=3), end=rng.normal(size=3), normal=float(rng.uniform(1, 2)), tangential=1e-7 / 3
+            start=rng.normal(size=3),
+            end=rng.normal(size=3),
+            normal=float(rng.uniform(1, 2)),
+            tangential=1e-7 / 3,
         )
         for _ in range(2)
     )
@@ -139,18 +151,34 @@ def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
         forms=(
             MunkFactor(factor=rng.uniform(size=3)),
             FadingDamping(linear=rng.uniform(size=6), rate=1.0 / 3.0),
-            LiftDrag.of_wing(area=0.1 / 3.0, span=0.3, drag_0=0.1, stall=0.3, sweep=-2, point=rng.normal(size=3)),
-            LiftDrag(area=0.1, lift_slope=2.0, forward=np.array([1.0, 2.0, 0.0]), upward=np.array([-2.0, 1.0, 0.0])),
+            LiftDrag.of_wing(
+                area=0.1 / 3.0, span=0.3, drag_0=0.1, stall=0.3, sweep=-2, point=rng.normal(size=3)
+            ),
+            LiftDrag(
+                area=0.1,
+                lift_slope=2.0,
+                forward=np.array([1.0, 2.0, 0.0]),
+                upward=np.array([-2.0, 1.0, 0.0]),
+            ),
             CrossTerms.of_gz({"xUabsV": -1.0 / 3.0, "nUV": 0.1}),
             CrossTerms(terms=np.array([[0.0, 1.0, 2.0, 1.0, 1.0 / 7.0]])),
-            PlanarStrip(start=rng.normal(size=3), end=np.zeros(3), direction=rng.normal(size=3), drag=2.0 / 3.0),
+            PlanarStrip(
+                start=rng.normal(size=3),
+                end=np.zeros(3),
+                direction=rng.normal(size=3),
+                drag=2.0 / 3.0,
+            ),
         ),
     )
-    link = hydrodynamics.cylinder(float(rng.uniform(0.01, 0.1)), rng.normal(size=3), rng.normal(size=3))
+    link = hydrodynamics.cylinder(
+        float(rng.uniform(0.01, 0.1)), rng.normal(size=3), rng.normal(size=3)
+    )
     hydrodynamics.attach(spec, {"hull": hull, "arm/link": link}, float(rng.uniform(990, 1030)))
     curves = [
         thrusters.t200(),
-        Thruster.of_polynomial([float(rng.uniform(10, 50))], [3.0, float(rng.uniform(10, 50))], slew_rate=1.0 / 3.0),
+        Thruster.of_polynomial(
+            [float(rng.uniform(10, 50))], [3.0, float(rng.uniform(10, 50))], slew_rate=1.0 / 3.0
+        ),
     ]
     thrusters.attach(spec, dict(zip(("bow", "stern"), curves, strict=True)))
     return spec
@@ -170,7 +198,9 @@ def test_writing_keeps_every_bit(rng: np.random.Generator, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("name", ["uuv_puma", "bluerov2_heavy_alpha5", "phoenix_smart3s"])
 def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
-    """The rows of bodies and thrusters to the last bit, and the compiled masses and inertias too."""
+    """The rows of bodies and thrusters to the last bit, and the compiled masses and inertias
+    too.
+    """
     wanted = models.load(name)
     file = tmp_path / "rov.xml"
     for text in (sidecar.xml_with_elements(wanted), sidecar.xml_without_water(wanted)):
@@ -185,36 +215,81 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("bodies: {hul: {volume: 1}}", r"unknown body 'hul' \(did you mean hull\?\)"),
-        ("bodies: {hull: {volme: 1}}", r"\[bodies.hull\] has no 'volme'; .*\(did you mean volume\?\)"),
+        (
+            "bodies: {hull: {volme: 1}}",
+            r"\[bodies.hull\] has no 'volme'; .*\(did you mean "
+            r"volume\?\)",
+        ),
         ("bodies: {hull: {volume: [1, 2]}}", r"bodies.hull.volume: must be a number, got \[1, 2\]"),
         ("bodies: {hull: {volume: .nan}}", "bodies.hull.volume: must not be NaN"),
-        ("bodies: {hull: {volume: 1, added_mass: [1, 2]}}", "added_mass: must be 6, 21 .* or 6 x 6 numbers"),
-        ("bodies: {hull: {volume: 1, added_mass: [a, b]}}", r"added_mass\[0\]: must be a number, got 'a'"),
+        (
+            "bodies: {hull: {volume: 1, added_mass: [1, 2]}}",
+            "added_mass: must be 6, 21 .* or 6 x 6 numbers",
+        ),
+        (
+            "bodies: {hull: {volume: 1, added_mass: [a, b]}}",
+            r"added_mass\[0\]: must be a number, "
+            r"got 'a'",
+        ),
         ("bodies: {hull: {volume: '1e-3'}}", "got '1e-3'; it is text: leave out the quotes"),
         ("bodies: {hull: {volume: true}}", "must be a number, got True"),
-        ("bodies: {hull: {volume: 1, center_of_buoyancy: [1, 2]}}", r"center_of_buoyancy.*expected shape \(3,\)"),
+        (
+            "bodies: {hull: {volume: 1, center_of_buoyancy: [1, 2]}}",
+            r"center_of_buoyancy.*expected shape "
+            r"\(3,\)",
+        ),
         ("bodies: {hull: {linear_damping: [1, 1, 1, 1, 1, 1]}}", "volume or a shape .* is missing"),
-        ("bodies: {hull: {box: {size: [1, 1, 1]}, sphere: {radius: 1}}}", "one shape, not box and sphere"),
-        ("bodies: {hull: {cylinder: {radius: 1, start: [0, 0, 0]}}}", r"cylinder\]: end is missing"),
-        ("bodies: {hull: {cylinder: {radus: 1}}}", r"cylinder\] has no 'radus'; .*\(did you mean radius\?\)"),
-        ("bodies: {hull: {volume: 1, strips: [{start: [0, 0, 0]}]}}", r"strips\[0\]: end, normal are missing"),
-        ("bodies: {hull: {volume: 1, forms: [{munk: {}}]}}", r"forms\[0\] has no 'munk'; it has munk_factor"),
+        (
+            "bodies: {hull: {box: {size: [1, 1, 1]}, sphere: {radius: 1}}}",
+            "one shape, not box and sphere",
+        ),
+        (
+            "bodies: {hull: {cylinder: {radius: 1, start: [0, 0, 0]}}}",
+            r"cylinder\]: end is missing",
+        ),
+        (
+            "bodies: {hull: {cylinder: {radus: 1}}}",
+            r"cylinder\] has no 'radus'; .*\(did you mean "
+            r"radius\?\)",
+        ),
+        (
+            "bodies: {hull: {volume: 1, strips: [{start: [0, 0, 0]}]}}",
+            r"strips\[0\]: end, normal are missing",
+        ),
+        (
+            "bodies: {hull: {volume: 1, forms: [{munk: {}}]}}",
+            r"forms\[0\] has no 'munk'; it has "
+            r"munk_factor",
+        ),
         (
             "bodies: {hull: {volume: 1, forms: [{lift_drag: {aera: 1}}]}}",
             r"lift_drag has no 'aera'; .*\(did you mean area\?\)",
         ),
-        ("bodies: {hull: {volume: 1, forms: [{wing: {area: 1, span: 1}}]}}", "wing: drag_0 is missing"),
-        ("bodies: {hull: {volume: 1, forms: [{munk_factor: {factor: [0, 2, 0]}}]}}", "must be in 0 to 1"),
+        (
+            "bodies: {hull: {volume: 1, forms: [{wing: {area: 1, span: 1}}]}}",
+            "wing: drag_0 is missing",
+        ),
+        (
+            "bodies: {hull: {volume: 1, forms: [{munk_factor: {factor: [0, 2, 0]}}]}}",
+            "must be in 0 to 1",
+        ),
         ("bodies: [hull]", r"bodies: must be a table, got \['hull'\]"),
         ("body: {}", r"the file has no 'body'; it has .*\(did you mean bodies\?\)"),
         ("water_density: wet", r"water_density \[kg/m\^3\]: must be a number, above 0"),
         ("water_density: -1\nbodies: {hull: {volume: 1}}", r"water_density .*must be above 0"),
-        ("thrusters: {bou: {forward: 1, reverse: 1}}", r"unknown actuator 'bou' \(did you mean bow\?\)"),
+        (
+            "thrusters: {bou: {forward: 1, reverse: 1}}",
+            r"unknown actuator 'bou' \(did you mean "
+            r"bow\?\)",
+        ),
         (
             "thrusters: {bow: {forwad: 1, reverse: 1}}",
             r"\[thrusters.bow\] has no 'forwad'; .*\(did you mean forward\?\)",
         ),
-        ("thrusters: {bow: {forward: -1, reverse: 1}}", "thrusters.bow: thruster forward and reverse"),
+        (
+            "thrusters: {bow: {forward: -1, reverse: 1}}",
+            "thrusters.bow: thruster forward and reverse",
+        ),
         ("thrusters: {bow: {t200: {}, forward: 1}}", "t200 takes the other fields as its own"),
         (
             "thrusters: {bow: {of_table: {command: [-1, 0, 1], thrust: [-1, 0, 1], forward: 1}}}",
@@ -224,14 +299,22 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
             "bodies: {hull: {volume: 1, forms: [{wing: {area: 0.1, span: 1e-320, drag_0: 0.1}}]}}",
             r"forms\[0\].wing: wing span \[m\]: must be at least 1e-15, got 1e-320",
         ),
-        ("thrusters: {bow: {of_polynomial: {ahead: [1e300, 1]}}}", r"polynomial: must not exceed 1e\+15"),
+        (
+            "thrusters: {bow: {of_polynomial: {ahead: [1e300, 1]}}}",
+            r"polynomial: must not exceed 1e\+15",
+        ),
         ("bodies: {hull: {volume: 1}}\nbodies: {}", "the key 'bodies' stands twice in one table"),
         ("bodies: {hull: {volume: 1, volume: 2}}", "the key 'volume' stands twice in one table"),
         (
-            "bodies: {hull: {volume: 1, strips: {start: [0, 0, 0], end: [1, 0, 0], normal: 1, stations: 2.5}}}",
+            "bodies: {hull: {volume: 1, strips: {start: [0, 0, 0], end: [1, 0, 0], normal: 1, "
+            "stations: 2.5}}}",
             "strips.stations: must be a whole number, at least 1 and at most 8, got 2.5",
         ),
-        ("bodies: {hull: {volume: 1, forms: [{}]}}", r"forms\[0\]: must be one of munk_factor, .*, got \[\]"),
+        (
+            "bodies: {hull: {volume: 1, forms: [{}]}}",
+            r"forms\[0\]: must be one of munk_factor, "
+            r".*, got \[\]",
+        ),
         (
             "thrusters: {bow: {forward: 1, reverse: 1, table: 4}}",
             r"thrusters.bow.table: must be two rows of numbers, got \[\[4\]\]",
@@ -263,7 +346,9 @@ def test_a_wrong_sidecar_is_one_clear_line(text: str, said: str, tmp_path: Path)
         ({"thruster/bou/forward": "1"}, r"no actuator 'bou'"),
     ],
 )
-def test_wrong_elements_are_one_clear_line(elements: dict[str, str], said: str, tmp_path: Path) -> None:
+def test_wrong_elements_are_one_clear_line(
+    elements: dict[str, str], said: str, tmp_path: Path
+) -> None:
     file = tmp_path / "rov.xml"
     file.write_text(mjcf(elements))
     with pytest.raises(ConfigurationError, match=said):
@@ -273,12 +358,21 @@ def test_wrong_elements_are_one_clear_line(elements: dict[str, str], said: str, 
 def test_a_row_of_one_number_is_a_row(tmp_path: Path) -> None:
     """A custom element of one number cannot say that it is a row."""
     elements = {"thruster/bow/forward": "20"}
-    elements |= {"thruster/bow/reverse": "10", "thruster/bow/polynomial/0": "20", "thruster/bow/polynomial/1": "10"}
-    elements |= {"thruster/stern/of_polynomial/ahead": "20", "thruster/stern/of_polynomial/astern": "4 6 1e-300"}
+    elements |= {
+        "thruster/bow/reverse": "10",
+        "thruster/bow/polynomial/0": "20",
+        "thruster/bow/polynomial/1": "10",
+    }
+    elements |= {
+        "thruster/stern/of_polynomial/ahead": "20",
+        "thruster/stern/of_polynomial/astern": "4 6 1e-300",
+    }
     file = tmp_path / "rov.xml"
     file.write_text(mjcf(elements))
     spec = vehicle_spec(file)
-    bow, stern = (thrusters.unpack(np.array(spec.actuator(name).userdata)) for name in ("bow", "stern"))
+    bow, stern = (
+        thrusters.unpack(np.array(spec.actuator(name).userdata)) for name in ("bow", "stern")
+    )
     assert (bow.polynomial, stern.polynomial) == (((20.0,), (10.0,)), ((20.0,), (4.0, 6.0, 1e-300)))
 
 
@@ -286,10 +380,14 @@ def test_water_stated_twice_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "rov.xml"
     file.write_text(mjcf(ELEMENTS))
     sidecar.beside(file).write_text("bodies: {hull: {volume: 0.03}}")
-    with pytest.raises(ConfigurationError, match="bodies hull have custom elements in the MJCF too"):
+    with pytest.raises(
+        ConfigurationError, match="bodies hull have custom elements in the MJCF too"
+    ):
         vehicle_spec(file)
     sidecar.beside(file).write_text("water_density: 1000")
-    with pytest.raises(ConfigurationError, match="water_density is a custom element of the MJCF too"):
+    with pytest.raises(
+        ConfigurationError, match="water_density is a custom element of the MJCF too"
+    ):
         vehicle_spec(file)
     file.write_text(by_python().to_xml())
     sidecar.beside(file).write_text("bodies: {hull: {volume: 0.03}}")
@@ -391,6 +489,8 @@ def test_whatever_is_spoilt_is_refused_or_read(rng: np.random.Generator) -> None
         except ConfigurationError:
             refused += 1
             continue
-        rows = [np.array(body.userdata) for body in spec.bodies] + [np.array(each.userdata) for each in spec.actuators]
+        rows = [np.array(body.userdata) for body in spec.bodies] + [
+            np.array(each.userdata) for each in spec.actuators
+        ]
         assert all(np.all(np.isfinite(row)) for row in rows)
     assert 75 < refused < 150

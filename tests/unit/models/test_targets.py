@@ -1,4 +1,6 @@
-"""Targets: the barrel's mesh against its closed form and its collision shape, symmetry, paths, files."""
+"""Targets: the barrel's mesh against its closed form and its collision shape, symmetry, paths,
+files.
+"""
 
 import mujoco
 import numpy as np
@@ -61,9 +63,16 @@ def test_target_stands_in_a_scene():
     model = spec.compile()
     names = {model.geom(i).name for i in range(model.ngeom)}
     assert model.body("target").id > 0
-    assert {"target", "target_rim_aft", "target_rim_fore", "target_stand_aft", "target_stand_fore"} == names
+    assert {
+        "target",
+        "target_rim_aft",
+        "target_rim_fore",
+        "target_stand_aft",
+        "target_stand_fore",
+    } == names
     stand = model.geom("target_stand_aft")
-    assert 0.45 + stand.pos[2] - stand.size[2] == pytest.approx(0.0)  # its feet are 0.45 m under the axis
+    # its feet are 0.45 m under the axis
+    assert 0.45 + stand.pos[2] - stand.size[2] == pytest.approx(0.0)
 
 
 def test_mesh_target_stands_where_its_frame_says(within):
@@ -79,7 +88,9 @@ def test_mesh_target_stands_where_its_frame_says(within):
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     corners = model.mesh_vert @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
-    gap = np.linalg.norm(corners[:, None] - (wedge.vertices + np.array([1.0, 2.0, 3.0])), axis=2).min(axis=1)
+    gap = np.linalg.norm(
+        corners[:, None] - (wedge.vertices + np.array([1.0, 2.0, 3.0])), axis=2
+    ).min(axis=1)
     within("corners [m]", gap, 1e-6)
 
 
@@ -87,11 +98,17 @@ def test_symmetric_distance(within):
     rng = np.random.default_rng(0)
     for _ in range(20):
         R = exp_so3(rng.normal(size=3))
-        turned = R @ exp_so3([rng.uniform(-9, 9), 0, 0]) @ (np.diag([-1, -1, 1]) if rng.random() < 0.5 else np.eye(3))
+        turned = (
+            R
+            @ exp_so3([rng.uniform(-9, 9), 0, 0])
+            @ (np.diag([-1, -1, 1]) if rng.random() < 0.5 else np.eye(3))
+        )
         p = rng.normal(size=3)
         within("same shape", BARREL.symmetry.error(pose(turned, p), pose(R, p))[1], 1e-9)
         tilted = R @ exp_so3([0.0, 0.02, 0.0]) @ R.T @ turned
-        within("tilted axis [rad]", BARREL.symmetry.error(pose(tilted, p), pose(R, p))[1] - 0.02, 1e-9)
+        within(
+            "tilted axis [rad]", BARREL.symmetry.error(pose(tilted, p), pose(R, p))[1] - 0.02, 1e-9
+        )
         nearest = BARREL.symmetry.nearest(R, turned)
         within("the free angle follows the prior [rad]", rotation_angle(nearest, turned), 1e-7)
 
@@ -112,20 +129,28 @@ def test_cosines_of_many_attitudes_are_those_of_their_errors(declared: Symmetry,
         within("many with one", declared.cosines(R[:5], b) - np.cos(column), 1e-14)
 
 
-@pytest.mark.parametrize("path", [longitudinal(0.7, 0.4), transverse(np.pi, 0.2), transverse(1.0, -0.3, 0.2)])
+@pytest.mark.parametrize(
+    "path", [longitudinal(0.7, 0.4), transverse(np.pi, 0.2), transverse(1.0, -0.3, 0.2)]
+)
 def test_paths_lie_on_the_shell_and_press_into_it(path: ModelPath, within):
     within("radius [m]", np.linalg.norm(path.p[:, 1:], axis=1) - 0.3, 1e-12)
     outward = path.p * [0, 1, 1] / 0.3
     within("tool axis", path.a + outward, 1e-12)
     within("a . b", np.einsum("ij,ij->i", path.a, path.b), 1e-12)
     step = np.gradient(path.p, axis=0)
-    within("b along the path", np.cross(path.b, step / np.linalg.norm(step, axis=1, keepdims=True)), 1e-2)
+    within(
+        "b along the path",
+        np.cross(path.b, step / np.linalg.norm(step, axis=1, keepdims=True)),
+        1e-2,
+    )
 
 
 def test_path_lengths(within):
     line, arc = longitudinal(0.6), transverse(np.pi)
     within("line [m]", np.linalg.norm(np.diff(line.p, axis=0), axis=1).sum() - 0.6, 1e-12)
-    within("half circle [m]", np.linalg.norm(np.diff(arc.p, axis=0), axis=1).sum() - 0.3 * np.pi, 1e-4)
+    within(
+        "half circle [m]", np.linalg.norm(np.diff(arc.p, axis=0), axis=1).sum() - 0.3 * np.pi, 1e-4
+    )
     assert line.p[len(line.p) // 2] == pytest.approx([0, 0, 0.3])  # azimuth 0 is the top generator
 
 
@@ -143,7 +168,11 @@ def test_file_round_trip(tmp_path, within):
 def test_files_that_are_no_mesh_are_refused(tmp_path):
     with pytest.raises(ConfigurationError, match="no such file"):
         TargetModel.from_file(tmp_path / "missing.stl")
-    for name, content in (("broken.ply", b"not a mesh"), ("empty.obj", b""), ("notes.txt", b"hello")):
+    for name, content in (
+        ("broken.ply", b"not a mesh"),
+        ("empty.obj", b""),
+        ("notes.txt", b"hello"),
+    ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(ConfigurationError, match=r"target (mesh|cloud)"):
             TargetModel.from_file(tmp_path / name)
@@ -157,8 +186,14 @@ def test_files_that_are_no_mesh_are_refused(tmp_path):
         (lambda: transverse(1.0, x=0.44), "rims"),
         (lambda: barrel(stand_height=0.2), "stand_height"),
         (lambda: BARREL.path("diagonal"), "longitudinal"),
-        (lambda: TargetModel(name="x", vertices=np.eye(3), triangles=np.array([[0, 1, 3]])), "outside its 3"),
-        (lambda: TargetModel(name="x", vertices=np.eye(3), triangles=np.zeros((0, 3))), "triangles"),
+        (
+            lambda: TargetModel(name="x", vertices=np.eye(3), triangles=np.array([[0, 1, 3]])),
+            "outside its 3",
+        ),
+        (
+            lambda: TargetModel(name="x", vertices=np.eye(3), triangles=np.zeros((0, 3))),
+            "triangles",
+        ),
         (lambda: ModelPath(p=np.zeros((4, 3)), a=np.zeros((4, 3)), b=np.zeros((4, 3))), "unit"),
         (lambda: ModelPath(p=np.eye(3), a=np.eye(3), b=np.eye(3)), "at least 4"),
         (lambda: Symmetry(axis=np.zeros(3)), "zero"),
@@ -166,10 +201,15 @@ def test_files_that_are_no_mesh_are_refused(tmp_path):
         (lambda: Symmetry(rotations=np.full((1, 3, 3), np.nan)), "orthonormal"),
         (lambda: Symmetry(rotations=np.diag([1.0, 1.0, -1.0])[None]), "reflection"),
         (
-            lambda: TargetModel(name="x", vertices=np.outer([0, 1, 2], np.ones(3)), triangles=np.array([[0, 1, 2]])),
+            lambda: TargetModel(
+                name="x", vertices=np.outer([0, 1, 2], np.ones(3)), triangles=np.array([[0, 1, 2]])
+            ),
             "an area",
         ),
-        (lambda: BARREL.add_to(mujoco.MjSpec(), np.diag([1.0, 1.0, -1.0, 1.0])), "X_WT: expected a pose"),
+        (
+            lambda: BARREL.add_to(mujoco.MjSpec(), np.diag([1.0, 1.0, -1.0, 1.0])),
+            "X_WT: expected a pose",
+        ),
         (lambda: revolve([[0, 1], [1, 0]], 8), "must be 0"),
     ],
 )
@@ -179,10 +219,14 @@ def test_impossible_targets_are_refused(make, words: str):
 
 
 def test_a_point_of_the_shape_may_stand_for_its_place(within):
-    """Far from the shape, the origin moves by metres where the shape turns by a degree about its middle."""
+    """Far from the shape, the origin moves by metres where the shape turns by a degree about its
+    middle.
+    """
     middle = np.array([12.0, 16.0, 1.0])
     X = pose(exp_so3([0.4, 0.1, 0.2]), [0.3, -0.2, 0.5])
-    moved = X @ pose(p=middle) @ pose(exp_so3([0.0, 0.0, 0.02]), [0.003, 0.0, 0.0]) @ pose(p=-middle)
+    moved = (
+        X @ pose(p=middle) @ pose(exp_so3([0.0, 0.0, 0.02]), [0.003, 0.0, 0.0]) @ pose(p=-middle)
+    )
     off, angle = Symmetry().error(moved, X, middle)
     within("point [m]", off - 0.003, 1e-12)
     within("angle [rad]", angle - 0.02, 1e-12)

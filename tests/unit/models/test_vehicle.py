@@ -1,4 +1,6 @@
-"""A vehicle's names: each that is missing is named, with what there is; poses through welded bodies."""
+"""A vehicle's names: each that is missing is named, with what there is; poses through welded
+bodies.
+"""
 
 from collections.abc import Callable
 
@@ -66,7 +68,10 @@ def base_on_a_joint(spec: mujoco.MjSpec) -> None:
         (without_actuators, r"no driven joint between body 'arm_base' and site 'tip'"),
         (unlimited_joint, r"joint 'joint3' of the arm must have a range"),
         (unlimited_motor, r"actuator of joint 'joint2' must have a ctrlrange"),
-        (thruster_on_a_joint, r"thruster 'thruster_sway': its actuator must be.*on a site.*trntype"),
+        (
+            thruster_on_a_joint,
+            r"thruster 'thruster_sway': its actuator must be.*on a site.*trntype",
+        ),
         (tip_on_the_hull, r"site 'tip' is not carried by body 'arm_base'"),
         (base_on_a_joint, r"body 'arm_base' must be fixed to body 'hull'"),
     ],
@@ -87,7 +92,11 @@ def test_missing_camera_is_named():
 
 
 def test_unknown_model_lists_those_there_are():
-    with pytest.raises(ConfigurationError, match=r"unknown vehicle 'nautilus'; there are .*uuv_puma"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"unknown vehicle 'nautilus'; there are "
+        r".*uuv_puma",
+    ):
         models.load("nautilus")
 
 
@@ -97,14 +106,17 @@ def test_default_vehicle():
     assert vehicle.joint_names == tuple(f"joint{i}" for i in range(1, 7))
     assert vehicle.torque_limits.tolist() == [150.0, 200.0, 120.0, 60.0, 30.0, 15.0]
     assert len(vehicle.thruster_names) == 6
-    # Thrusters against MuJoCo: each at full speed in turn, the wrench on the hull read from the free joint.
+    # Thrusters against MuJoCo: each at full speed in turn, the wrench on the hull read from the
+    # free joint.
     hydrodynamics.install()
     data = mujoco.MjData(model)
     for column, actuator in enumerate(vehicle.thruster_actuators):
         mujoco.mj_resetData(model, data)
         data.ctrl[actuator] = data.act[model.actuator_actadr[actuator] + thrusters.SPEED] = 1.0
         mujoco.mj_forward(model, data)
-        assert 300.0 * vehicle.thruster_wrench[:, column] == pytest.approx(data.qfrc_actuator[:6], abs=1e-12)
+        assert 300.0 * vehicle.thruster_wrench[:, column] == pytest.approx(
+            data.qfrc_actuator[:6], abs=1e-12
+        )
 
 
 def test_poses_through_welded_bodies():

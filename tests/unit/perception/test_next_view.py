@@ -1,4 +1,6 @@
-"""The next view is where the model predicts the most information, or the clearest difference of two poses."""
+"""The next view is where the model predicts the most information, or the clearest difference of two
+poses.
+"""
 
 from dataclasses import replace
 
@@ -40,12 +42,17 @@ def test_views_keep_range_and_aim(within):
 
 
 def test_prediction_for_the_same_view_is_what_the_fit_had(found):
-    """Standard deviations of the same look again, against those of the covariance: within a factor of three."""
+    """Standard deviations of the same look again, against those of the covariance: within a factor
+    of three.
+    """
     assert found.covariance is not None
     held = np.linalg.svd(found.covariance.free)[2][1:]  # but for the turn about the axis
     of_fit, of_view = (
         np.sqrt(np.linalg.eigvalsh(held @ matrix @ held.T))
-        for matrix in (found.covariance.matrix, np.linalg.inv(predicted_information(found, np.eye(4))))
+        for matrix in (
+            found.covariance.matrix,
+            np.linalg.inv(predicted_information(found, np.eye(4))),
+        )
     )
     assert np.all(of_view < 3.0 * of_fit)
     assert np.all(of_fit < 3.0 * of_view)
@@ -57,7 +64,9 @@ def test_view_from_far_aside_adds_more_than_the_same_again(found):
 
 
 def screened(found: Identification, side: float) -> Identification:
-    """The find, with a screen before the object that hides it from views on one side of the sensor."""
+    """The find, with a screen before the object that hides it from views on one side of the
+    sensor.
+    """
     assert found.evidence is not None
     points = np.array(found.evidence.scan.points)
     x = np.linspace(-0.5, 0.5, points.shape[1])
@@ -65,7 +74,8 @@ def screened(found: Identification, side: float) -> Identification:
     rays = found.evidence.scan.rays
     points[:, hidden] = 0.5 * rays[:, hidden]  # 0.5 m ahead
     scan = replace(found.evidence.scan, points=points)
-    return replace(found, covariance=None, evidence=replace(found.evidence, scan=scan))  # nothing else is known
+    # nothing else is known
+    return replace(found, covariance=None, evidence=replace(found.evidence, scan=scan))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -77,12 +87,18 @@ def test_view_past_what_stands_before_the_object_is_preferred(found, side):
 
 
 def test_rival_is_told_where_it_looks_different(found):
-    """A rival 10 mm nearer is told from ahead, less from 80 deg aside, where it differs along the surface."""
+    """A rival 10 mm nearer is told from ahead, less from 80 deg aside, where it differs along the
+    surface.
+    """
 
     def rival(way: Array) -> Identification:
         X = pose(p=1e-2 * way) @ found.X_sensor_target
         best = Hypothesis(X_sensor_target=found.X_sensor_target, log_likelihood=0.0)
-        return replace(found, accepted=False, hypotheses=(best, Hypothesis(X_sensor_target=X, log_likelihood=-1.0)))
+        return replace(
+            found,
+            accepted=False,
+            hypotheses=(best, Hypothesis(X_sensor_target=X, log_likelihood=-1.0)),
+        )
 
     ahead = np.array([0.0, 0.0, 1.0])
     views = [views_around(CENTER, UP, (1.4,))[0], np.eye(4)]

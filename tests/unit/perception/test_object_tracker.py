@@ -30,7 +30,14 @@ def frame(X_CT: Array, seed: int) -> DepthImage:
 def estimate() -> StateEstimate:
     zeros = np.zeros(3)
     return StateEstimate(
-        time=0.0, X_WB=np.eye(4), v_WB_B=zeros, w_WB_B=zeros, a_WB_B=zeros, q=zeros, qd=zeros, tau=zeros
+        time=0.0,
+        X_WB=np.eye(4),
+        v_WB_B=zeros,
+        w_WB_B=zeros,
+        a_WB_B=zeros,
+        q=zeros,
+        qd=zeros,
+        tau=zeros,
     )
 
 

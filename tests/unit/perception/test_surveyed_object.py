@@ -53,7 +53,9 @@ def test_path_is_that_of_the_model(path: str, within):
 def test_its_doubt_is_that_of_the_hull():
     finder = SurveyedObjectFinder(block(), "edge")
     _, near = finder.step(finder.init(), AT_REST, SEEN)
-    _, doubtful = finder.step(finder.init(), replace(AT_REST, position_sigma=np.full(3, 3e-3)), SEEN)
+    _, doubtful = finder.step(
+        finder.init(), replace(AT_REST, position_sigma=np.full(3, 3e-3)), SEEN
+    )
     assert near is not None
     assert near.covariance is not None
     assert doubtful is not None

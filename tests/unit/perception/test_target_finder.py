@@ -1,4 +1,6 @@
-"""Several looks as one: their median, wherever each was taken from; and the covariance of a find in W."""
+"""Several looks as one: their median, wherever each was taken from; and the covariance of a find in
+W.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,9 @@ from uuv.sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transfo
 
 BARREL = barrel()
 ZERO = np.zeros(3)
-AT_REST = StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=ZERO, w_WB_B=ZERO, a_WB_B=ZERO, q=ZERO, qd=ZERO, tau=ZERO)
+AT_REST = StateEstimate(
+    time=0.0, X_WB=np.eye(4), v_WB_B=ZERO, w_WB_B=ZERO, a_WB_B=ZERO, q=ZERO, qd=ZERO, tau=ZERO
+)
 VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
 
 
@@ -26,20 +30,32 @@ def plane_from(X_WS: np.ndarray, noise: float, rng: np.random.Generator) -> Fram
     tangent_x, tangent_y = np.linspace(-0.4, 0.4, 120), np.linspace(-0.3, 0.3, 90)
     rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((90, 120))], axis=-1)
     depth = (1.0 - X_WS[2, 3]) / (rays @ X_WS[2, :3]) + noise * rng.standard_normal((90, 120))
-    scan = Scan(points=readonly(rays * depth[..., None]), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
+    scan = Scan(
+        points=readonly(rays * depth[..., None]),
+        tangent_x=readonly(tangent_x),
+        tangent_y=readonly(tangent_y),
+    )
     return Frame(scan=scan, X_WS=X_WS)
 
 
 def test_median_of_looks_from_several_places(within):
     rng = np.random.default_rng(0)
-    X = [pose(exp_so3(0.02 * rng.standard_normal(3)), 0.05 * rng.standard_normal(3)) for _ in range(9)]
+    X = [
+        pose(exp_so3(0.02 * rng.standard_normal(3)), 0.05 * rng.standard_normal(3))
+        for _ in range(9)
+    ]
     looks = [plane_from(each, 0.0, rng) for each in X]
     points_W = transform_points(X[-1], fused(looks).points.reshape(-1, 3))
     assert np.isfinite(points_W).all(axis=1).mean() > 0.9
-    within("exact looks, off the plane [m]", np.nanmax(np.abs(points_W[:, 2] - 1.0)), 5e-3)  # half a pixel aside
+    # half a pixel aside
+    within("exact looks, off the plane [m]", np.nanmax(np.abs(points_W[:, 2] - 1.0)), 5e-3)
     noisy = [plane_from(X[-1], 0.01, rng) for _ in range(25)]
     error = fused(noisy).depth - fused(looks[-1:]).depth
-    within("median of 25 against 1.25 / 5 of the noise", np.nanstd(error) / (0.01 * 1.25 / 5.0) - 1.0, 0.05)
+    within(
+        "median of 25 against 1.25 / 5 of the noise",
+        np.nanstd(error) / (0.01 * 1.25 / 5.0) - 1.0,
+        0.05,
+    )
 
 
 def test_what_few_looks_saw_is_left_out():
@@ -50,7 +66,10 @@ def test_what_few_looks_saw_is_left_out():
     for each in points[:4]:
         each[20, 20] = np.nan
     seen = fused(
-        [replace(each, scan=replace(each.scan, points=p)) for each, p in zip(looks, points, strict=True)]
+        [
+            replace(each, scan=replace(each.scan, points=p))
+            for each, p in zip(looks, points, strict=True)
+        ]
     ).depth
     assert seen[10, 10] == looks[-1].scan.depth[10, 10]
     assert np.isnan(seen[20, 20])
@@ -60,7 +79,9 @@ def test_what_few_looks_saw_is_left_out():
 
 def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
     rng = np.random.default_rng(0)
-    looks = [Frame(scan=Scan.from_depth(look(BARREL, VIEW, rng)), X_WS=inverse(VIEW)) for _ in range(5)]
+    looks = [
+        Frame(scan=Scan.from_depth(look(BARREL, VIEW, rng)), X_WS=inverse(VIEW)) for _ in range(5)
+    ]
     found = identify(looks[-1].scan, ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3])
     of_all = with_fused_frames(found, looks)
     assert found.evidence is not None
@@ -69,7 +90,8 @@ def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
     assert np.array_equal(of_all.X_sensor_target, found.X_sensor_target)
     true = np.array(Scan.from_depth(look(BARREL, VIEW, rng, noise=None)).depth)
     errors = [
-        each.scan.depth[found.evidence.mask] - true[found.evidence.mask] for each in (found.evidence, of_all.evidence)
+        each.scan.depth[found.evidence.mask] - true[found.evidence.mask]
+        for each in (found.evidence, of_all.evidence)
     ]
     single, median = (1.48 * np.nanmedian(np.abs(error)) for error in errors)
     assert median < 0.75 * single  # 0.56 for normal errors
@@ -78,14 +100,17 @@ def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
 
 @pytest.mark.long
 def test_covariance_is_that_of_the_errors_in_the_world(within):
-    """Sixteen frames with drawn errors of the believed hull pose: mean NEES over its degrees of freedom 1, 16 % by
-    chance; the hull's part is told apart from that of the registration."""
+    """Sixteen frames with drawn errors of the believed hull pose: mean NEES over its degrees of
+    freedom 1, 16 % by chance; the hull's part is told apart from that of the registration.
+    """
     rng, sigma, squares = np.random.default_rng(3), np.array([3e-3, 2e-3, 1e-3]), []
     X_WT = pose(exp_so3([0.0, 0.0, 0.7]), [12.0, -7.0, -20.0])
     X_WB = X_WT @ inverse(VIEW)  # the camera at the hull's origin
     finder = KnownObjectFinder(BARREL, None, X_WT[:3, 3], X_WT[:3, :3], attitude_sigma=2e-3)
     for _ in range(16):
-        wrong = pose(exp_so3(2e-3 * rng.standard_normal(3)), X_WB[:3, 3] + sigma * rng.standard_normal(3))
+        wrong = pose(
+            exp_so3(2e-3 * rng.standard_normal(3)), X_WB[:3, 3] + sigma * rng.standard_normal(3)
+        )
         believed = pose(wrong[:3, :3] @ X_WB[:3, :3], wrong[:3, 3])
         estimate = replace(AT_REST, X_WB=believed, position_sigma=sigma)
         frame = replace(look(BARREL, VIEW, rng), X_BC=np.eye(4))
@@ -93,7 +118,9 @@ def test_covariance_is_that_of_the_errors_in_the_world(within):
         assert target is not None
         assert target.covariance is not None
         true = BARREL.symmetry.nearest_pose(X_WT, target.X_WT[:3, :3])
-        squares.append(target.covariance.normalised_error(target.X_WT, true) / target.covariance.degrees)
+        squares.append(
+            target.covariance.normalised_error(target.X_WT, true) / target.covariance.degrees
+        )
         own = np.linalg.eigvalsh(target.covariance.matrix - target.hull_covariance)
         assert own[0] > -1e-12
         assert target.covariance.position_sigma > sigma[0]

@@ -1,4 +1,6 @@
-"""Actuators of thrusters: what MuJoCo would apply otherwise than as the thrust is refused by name."""
+"""Actuators of thrusters: what MuJoCo would apply otherwise than as the thrust is refused by
+name.
+"""
 
 import re
 from typing import Any

@@ -52,7 +52,9 @@ def test_water_in_elements_that_mujoco_alone_has_read_is_refused(tmp_path):
         Plant(mujoco.MjModel.from_xml_path(str(file)), current=Current(np.zeros(3)))
 
     read = hydrodynamics.compile(vehicle_spec(str(file)))
-    assert np.array_equal(read.body_user, hydrodynamics.compile(models.load("bluerov2_heavy")).body_user)
+    assert np.array_equal(
+        read.body_user, hydrodynamics.compile(models.load("bluerov2_heavy")).body_user
+    )
 
 
 def test_only_what_fits_goes_through_as_it_is():
@@ -67,7 +69,13 @@ def test_only_what_fits_goes_through_as_it_is():
 
 
 @pytest.mark.parametrize(
-    "X", [np.diag([1.0, 1.0, -1.0, 1.0]), 2.0 * np.eye(4), np.eye(4) + np.eye(4, k=-3), np.zeros((4, 4))]
+    "X",
+    [
+        np.diag([1.0, 1.0, -1.0, 1.0]),
+        2.0 * np.eye(4),
+        np.eye(4) + np.eye(4, k=-3),
+        np.zeros((4, 4)),
+    ],
 )
 def test_what_is_no_pose(X):
     with pytest.raises(ConfigurationError, match=r"^X_WB: expected a pose"):
@@ -78,7 +86,8 @@ def test_what_is_no_pose(X):
 
 def wet_ball() -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(
-        '<mujoco><worldbody><body name="hull"><freejoint/><geom size=".1" mass="4"/></body></worldbody></mujoco>'
+        '<mujoco><worldbody><body name="hull"><freejoint/><geom size=".1" '
+        'mass="4"/></body></worldbody></mujoco>'
     )
     water.attach(spec, {"hull": water.sphere(0.1)})
     return spec
@@ -87,15 +96,33 @@ def wet_ball() -> mujoco.MjSpec:
 @pytest.mark.parametrize(
     ("act", "says"),
     [
-        (lambda spec: water.attach(spec, ["hull"]), r"bodies: expected a mapping .* got \['hull'\]"),
+        (
+            lambda spec: water.attach(spec, ["hull"]),
+            r"bodies: expected a mapping .* got \['hull'\]",
+        ),
         (lambda spec: water.attach(spec, None), "bodies: expected a mapping .* got None"),
         (lambda spec: water.attach(spec, {}, "1025"), "water_density: expected"),
-        (lambda spec: water.attach(spec.compile(), {}), "spec: expected a mujoco.MjSpec, .* got <mujoco"),
+        (
+            lambda spec: water.attach(spec.compile(), {}),
+            "spec: expected a mujoco.MjSpec, .* got <mujoco",
+        ),
         (lambda spec: water.set_current(spec.compile()), "spec: expected a mujoco.MjSpec"),
-        (lambda spec: water.trim(spec.compile(), "hull", metacentric_height=0.1), "spec: expected a mujoco.MjSpec"),
-        (lambda spec: water.trim(spec, "hull", metacentric_height="a"), r"metacentric_height \[m\]: expected"),
-        (lambda spec: hydrodynamics.compile(spec.compile()), "compile: expected a mujoco.MjSpec, got <mujoco"),
-        (lambda spec: hydrodynamics.compile(spec.to_xml()), "compile: expected a mujoco.MjSpec, got '<mujoco"),
+        (
+            lambda spec: water.trim(spec.compile(), "hull", metacentric_height=0.1),
+            "spec: expected a mujoco.MjSpec",
+        ),
+        (
+            lambda spec: water.trim(spec, "hull", metacentric_height="a"),
+            r"metacentric_height \[m\]: expected",
+        ),
+        (
+            lambda spec: hydrodynamics.compile(spec.compile()),
+            "compile: expected a mujoco.MjSpec, got <mujoco",
+        ),
+        (
+            lambda spec: hydrodynamics.compile(spec.to_xml()),
+            "compile: expected a mujoco.MjSpec, got '<mujoco",
+        ),
     ],
 )
 def test_what_is_no_spec_mapping_or_number(act, says):

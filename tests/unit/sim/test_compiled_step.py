@@ -25,7 +25,18 @@ STEPS = 200
 REST = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
 NUMBERS = ("time", "contact_normal", "contact_least", "contact_most", "collision", "saturated")
 ARRAYS = (
-    *("xpos", "xmat", "v_WB_W", "w_WB_B", "acceleration", "q", "qd", "qdd", "tau_drive", "tau_friction"),
+    *(
+        "xpos",
+        "xmat",
+        "v_WB_W",
+        "w_WB_B",
+        "acceleration",
+        "q",
+        "qd",
+        "qdd",
+        "tau_drive",
+        "tau_friction",
+    ),
     *("propeller_speed", "thrust", "current_W", "p_pad", "contact_force_W"),
 )
 
@@ -39,13 +50,19 @@ def pressed() -> mujoco.MjModel:
     mujoco.mj_resetDataKeyframe(plain, data, 0)
     mujoco.mj_kinematics(plain, data)
     below = data.geom_xpos[plain.geom("pad").id] - [0.0, 0.0, 0.1 + plain.geom("pad").rbound[0]]
-    spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=below)
+    spec.worldbody.add_geom(
+        name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=below
+    )
     return hydrodynamics.compile(spec)
 
 
 def plant_of(model: mujoco.MjModel, substeps: int, gust: float) -> Plant:
     step, rng = substeps * float(model.opt.timestep), np.random.default_rng(5)
-    return Plant(model, current=Current((0.1, -0.05, -0.2), gust=gust, timestep=step, rng=rng), substeps=substeps)
+    return Plant(
+        model,
+        current=Current((0.1, -0.05, -0.2), gust=gust, timestep=step, rng=rng),
+        substeps=substeps,
+    )
 
 
 def state_of(truth: Truth) -> dict[str, Array]:
@@ -55,7 +72,9 @@ def state_of(truth: Truth) -> dict[str, Array]:
 def commands() -> tuple[Array, Array]:
     """Torques (STEPS, 6) and thruster commands (STEPS, 6) that also saturate."""
     rng = np.random.default_rng(2)
-    return rng.uniform(-8.0, 8.0, (STEPS, 6)), np.clip(rng.uniform(-1.4, 1.4, (STEPS, 6)), -1.0, 1.0)
+    return rng.uniform(-8.0, 8.0, (STEPS, 6)), np.clip(
+        rng.uniform(-1.4, 1.4, (STEPS, 6)), -1.0, 1.0
+    )
 
 
 @numba.njit(nogil=True)
@@ -71,7 +90,9 @@ def several(plant, torques, thrusters, first, end):
 
 @pytest.mark.parametrize(("substeps", "gust"), [(1, 0.0), (1, 0.05), (4, 0.05)])
 def test_both_ways_give_the_same_bits(pressed, substeps, gust):
-    """Blocks of steps in turn with single ones of Python; over a refill of the gusts, and in contact."""
+    """Blocks of steps in turn with single ones of Python; over a refill of the gusts, and in
+    contact.
+    """
     torques, thrusters = commands()
     one, other = plant_of(pressed, substeps, gust), plant_of(pressed.__copy__(), substeps, gust)
     skipped = _BLOCK - 120 if gust else 0  # rows of gusts
@@ -101,7 +122,10 @@ def test_both_ways_give_the_same_bits(pressed, substeps, gust):
     for plant in (one, other):
         plant.observe()
     last = state_of(one.truth)
-    assert all(np.array_equal(value, last[name], equal_nan=True) for name, value in state_of(other.truth).items())
+    assert all(
+        np.array_equal(value, last[name], equal_nan=True)
+        for name, value in state_of(other.truth).items()
+    )
 
 
 def swaying(model: mujoco.MjModel) -> Plant:
@@ -195,7 +219,9 @@ def test_a_command_that_is_not_finite_changes_nothing(pressed):
     plant = plant_of(pressed, 1, 0.0)
     plant.observe()
     record, before = plant.record(), plant.data.qpos.copy()
-    assert not compiled_step.advance(record, np.zeros(6), np.array([0.0, np.nan, 0.0, 0.0, 0.0, 0.0]))
+    assert not compiled_step.advance(
+        record, np.zeros(6), np.array([0.0, np.nan, 0.0, 0.0, 0.0, 0.0])
+    )
     assert not compiled_step.advance(record, np.full(6, np.inf), np.zeros(6))
     assert np.array_equal(plant.data.qpos, before)
     assert not plant.truth.propeller_speed.any()

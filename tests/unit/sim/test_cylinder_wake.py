@@ -1,4 +1,6 @@
-"""Wake of a cylinder against closed forms: deficit and half-width, momentum and drag, a far station, its two ends."""
+"""Wake of a cylinder against closed forms: deficit and half-width, momentum and drag, a far
+station, its two ends.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -30,7 +32,9 @@ LONG = CylinderWake(
 
 
 def deficit(wake: CylinderWake, x: float, y: float, s: float = 0.0) -> float:
-    """What is missing [m/s] along the stream, at a place in the cylinder's axes; nothing is missing across."""
+    """What is missing [m/s] along the stream, at a place in the cylinder's axes; nothing is missing
+    across.
+    """
     missing_C = -R_WC.T @ wake.velocity(PLACE + R_WC @ [x, y, s], 3.0)
     np.testing.assert_allclose(missing_C[1:], 0.0, atol=1e-15)
     return float(missing_C[0])
@@ -47,7 +51,9 @@ def test_deficit_and_half_width_are_those_of_the_source(x):
 
 
 def test_the_wake_begins_at_half_the_drag_coefficient_and_half_the_diameter():
-    """The virtual source is placed so: extrapolated to the axis, where the growth over a diameter is taken off."""
+    """The virtual source is placed so: extrapolated to the axis, where the growth over a diameter
+    is taken off.
+    """
     x = 1e-3 * DIAMETER
     growth = (x / DIAMETER) ** 2 * (3.0 - 2.0 * x / DIAMETER)
     assert deficit(LONG, x, 0.0) / growth == pytest.approx(0.5 * DRAG * SPEED, rel=1e-3)
@@ -70,14 +76,17 @@ def test_a_short_cylinder_loses_the_momentum_of_its_length():
     s = np.linspace(-12.0, 12.0, 4001)
     along = np.array([deficit(short, x, 0.1, at) for at in s])
     assert np.trapezoid(along, s) == pytest.approx(1.5 * deficit(LONG, x, 0.1), rel=1e-9)
-    assert deficit(replace(LONG, length=20.0), x, 0.1, 10.0) == pytest.approx(0.5 * deficit(LONG, x, 0.1), rel=1e-9)
+    assert deficit(replace(LONG, length=20.0), x, 0.1, 10.0) == pytest.approx(
+        0.5 * deficit(LONG, x, 0.1), rel=1e-9
+    )
 
 
 def test_ahead_of_it_nothing_is_missing_and_the_wake_grows_smoothly():
     assert deficit(LONG, -0.1, 0.0) == deficit(LONG, 0.0, 0.0) == 0.0
     x = np.linspace(-0.5, 3.0, 3501)
     slope = np.abs(np.diff([deficit(LONG, at, 0.0) for at in x])) / 1e-3
-    assert 0.1 < slope.max() < 2.0 * 0.5 * DRAG * SPEED / DIAMETER  # [1/s] twice that of a straight rise
+    # [1/s] twice that of a straight rise
+    assert 0.1 < slope.max() < 2.0 * 0.5 * DRAG * SPEED / DIAMETER
 
 
 def test_only_the_stream_across_the_axis_sheds_a_wake():

@@ -10,7 +10,14 @@ import pytest
 from uuv import models
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, ImuMeasurement, Target, ToolPath, TorqueMeasurement, WorkState
+from uuv.sim.interfaces.messages import (
+    Command,
+    ImuMeasurement,
+    Target,
+    ToolPath,
+    TorqueMeasurement,
+    WorkState,
+)
 from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import exp_so3
 from uuv.sim.plant import faults
@@ -62,7 +69,9 @@ def taus(readings: list[TorqueMeasurement | None]) -> np.ndarray:
         faults.Spikes("tau", 1, 50.0, 0.5),
     ],
 )
-def test_outside_its_time_and_its_element_a_reading_is_what_it_would_have_been(fault: faults.SensorFault):
+def test_outside_its_time_and_its_element_a_reading_is_what_it_would_have_been(
+    fault: faults.SensorFault,
+):
     sound = taus(read(None, faults.Onset(at=0.0)))
     faulty = read(fault, faults.Onset(at=0.95, duration=0.5))  # readings 10 to 14
     for i in (*range(10), *range(15, 20)):
@@ -104,16 +113,24 @@ def test_an_onset_waits_for_its_event_and_does_not_begin_twice():
 
     def moment(time: float, state: WorkState, force: float) -> Any:
         return SimpleNamespace(
-            truth=SimpleNamespace(time=time), reference=SimpleNamespace(state=state, set_force=force)
+            truth=SimpleNamespace(time=time),
+            reference=SimpleNamespace(state=state, set_force=force),
         )
 
-    for time, state, force in ((1.0, "press", 95.0), (2.0, "work", 60.0), (3.0, "work", 90.0), (4.0, "work", 95.0)):
+    for time, state, force in (
+        (1.0, "press", 95.0),
+        (2.0, "work", 60.0),
+        (3.0, "work", 90.0),
+        (4.0, "work", 95.0),
+    ):
         onset.observe(moment(time, WorkState(state), force))
     assert [onset.active(t) for t in (3.4, 3.6, 4.4, 4.6)] == [False, True, True, False]
 
 
 def thrusts(*faulty: faults.ThrusterFault, command: float, seconds: float = 3.0) -> np.ndarray:
-    """Thrusts [N] of a vehicle whose thrusters were asked for half of `command`, and from 1 s on for `command`."""
+    """Thrusts [N] of a vehicle whose thrusters were asked for half of `command`, and from 1 s on
+    for `command`.
+    """
     model = hydrodynamics.compile(models.load("bluerov2_heavy"))
     plant = faults.FaultyPlant(Plant(model, current=Current(MEAN)), faulty)
     m = len(plant.plant.vehicle.thruster_names)
@@ -148,7 +165,9 @@ def test_a_current_doubles_within_its_ramp_and_its_acceleration_is_its_derivativ
     same = Current(MEAN, gust=0.03, timestep=dt, rng=np.random.default_rng(0))
     rows = [(current.step(), same.step()) for _ in range(2500)]
     share = np.array([changed[0][0] / plain[0][0] for changed, plain in rows])
-    assert np.allclose(share[[0, 499, 1000, 1499, 2000, 2499]], [1.0, 1.0, 2.0, 2.0, 1.0, 1.0], rtol=0.0, atol=1e-9)
+    assert np.allclose(
+        share[[0, 499, 1000, 1499, 2000, 2499]], [1.0, 1.0, 2.0, 2.0, 1.0, 1.0], rtol=0.0, atol=1e-9
+    )
     velocity = np.array([changed[0] for changed, _ in rows])
     acceleration = np.array([changed[1] for changed, _ in rows])
     central = (velocity[2:] - velocity[:-2]) / (2.0 * dt)
@@ -159,9 +178,15 @@ def test_a_current_doubles_within_its_ramp_and_its_acceleration_is_its_derivativ
 
 def test_a_misplaced_finder_moves_pose_and_path():
     path = ToolPath(
-        s=np.zeros(1), p=np.ones((1, 3)), z=np.ones((1, 3)), x=np.ones((1, 3)), on_scan=np.ones(1, dtype=bool)
+        s=np.zeros(1),
+        p=np.ones((1, 3)),
+        z=np.ones((1, 3)),
+        x=np.ones((1, 3)),
+        on_scan=np.ones(1, dtype=bool),
     )
-    found = Target(time=0.0, X_WT=np.eye(4), accepted=True, check_m=0.0, range_m=1.0, reason="", path=path)
+    found = Target(
+        time=0.0, X_WT=np.eye(4), accepted=True, check_m=0.0, range_m=1.0, reason="", path=path
+    )
 
     class Finder:
         def init(self) -> None: ...
@@ -187,7 +212,9 @@ def test_refusals():
     with pytest.raises(ConfigurationError, match="share"):
         faults.FaultyPlant(plant, [faults.ThrusterFault(0, faults.Onset(at=0.0), share=1.5)])
     with pytest.raises(ConfigurationError, match=r"must be in \[-1, 1\], got 2"):
-        faults.FaultyPlant(plant, [faults.ThrusterFault(0, faults.Onset(at=0.0), stuck=True, command=2.0)])
+        faults.FaultyPlant(
+            plant, [faults.ThrusterFault(0, faults.Onset(at=0.0), stuck=True, command=2.0)]
+        )
     with pytest.raises(ConfigurationError, match="no field 'torque'; it has time, tau"):
         read(faults.Fixed("torque"), faults.Onset(at=0.0))
     with pytest.raises(ConfigurationError, match="no element 3"):

@@ -1,4 +1,6 @@
-"""Flow fields on top of the current: sums, the acceleration along the water's path, and what the doors refuse."""
+"""Flow fields on top of the current: sums, the acceleration along the water's path, and what the
+doors refuse.
+"""
 
 from copy import deepcopy
 from dataclasses import dataclass
@@ -52,15 +54,21 @@ class Given:
 
 
 STRAIN = Linear(gradient=((0.3, 0.0, 0.0), (0.0, -0.2, 0.0), (0.0, 0.0, -0.1)), rate=0.05)
-TURNING = Linear(gradient=((0.0, -0.4, 0.0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.0)))  # 0.4 rad/s about the third axis
+# 0.4 rad/s about the third axis
+TURNING = Linear(gradient=((0.0, -0.4, 0.0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
 def test_the_field_is_added_to_current_wave_and_gusts():
     def current() -> Current:
         rng = np.random.default_rng(3)
-        return Current(MEAN, gust=0.04, wave=Wave(amplitude_W=(0.1, 0.0, -0.05)), timestep=0.01, rng=rng)
+        return Current(
+            MEAN, gust=0.04, wave=Wave(amplitude_W=(0.1, 0.0, -0.05)), timestep=0.01, rng=rng
+        )
 
-    alone, with_field = current(), current().with_flow(STRAIN).with_flow(untyped(Given([0.0, 0.3, 0.0])))
+    alone, with_field = (
+        current(),
+        current().with_flow(STRAIN).with_flow(untyped(Given([0.0, 0.3, 0.0]))),
+    )
     for tick in range(5):
         velocity, _ = alone.step()
         expected = velocity + STRAIN.velocity(P_W, 0.01 * tick) + [0.0, 0.3, 0.0]
@@ -69,12 +77,15 @@ def test_the_field_is_added_to_current_wave_and_gusts():
 
 @pytest.mark.parametrize("time", [0.0, 2.0])
 def test_the_acceleration_is_that_along_the_path_of_the_water(time, within):
-    """Of u = (1 + r t) A p, carried by a current c: r A p + (1 + r t) A (c + u); at the start by one side only."""
+    """Of u = (1 + r t) A p, carried by a current c: r A p + (1 + r t) A (c + u); at the start by
+    one side only.
+    """
     velocity, acceleration = Current(MEAN).with_flow(STRAIN).at(P_W, time)
     grown, A = 1.0 + STRAIN.rate * time, STRAIN.matrix()
     expected = STRAIN.rate * A @ P_W + grown * A @ velocity
     assert np.abs(expected).max() > 0.05
-    within("acceleration [m/s^2]", acceleration - expected, 5e-5 if time == 0.0 else 1e-12)  # 5e-6, 6e-14
+    # 5e-6, 6e-14
+    within("acceleration [m/s^2]", acceleration - expected, 5e-5 if time == 0.0 else 1e-12)
 
 
 def test_a_profile_is_on_the_field_too(within):
@@ -89,7 +100,8 @@ def test_a_profile_is_on_the_field_too(within):
     plain = Current(MEAN).with_flow(STRAIN).at(P_W, 0.0)[0]
     np.testing.assert_allclose(velocity[0], plain, atol=1e-15)
     assert np.abs(acceleration[1500:2500]).max() > 0.1
-    within("acceleration [m/s^2]", np.diff(velocity, axis=0) / dt - acceleration[:-1], 7e-3)  # 7e-4: of the first order
+    # 7e-4: of the first order
+    within("acceleration [m/s^2]", np.diff(velocity, axis=0) / dt - acceleration[:-1], 7e-3)
 
 
 def test_two_profiles_act_both():
@@ -103,7 +115,9 @@ def test_two_profiles_act_both():
     for tick in range(3):
         velocity, acceleration = both.step()
         t = 0.01 * tick
-        np.testing.assert_allclose(velocity, (1.0 + 0.1 * t) * np.exp(-t) * np.array(MEAN), rtol=1e-14)
+        np.testing.assert_allclose(
+            velocity, (1.0 + 0.1 * t) * np.exp(-t) * np.array(MEAN), rtol=1e-14
+        )
         rate = 0.1 * np.exp(-t) - (1.0 + 0.1 * t) * np.exp(-t)
         np.testing.assert_allclose(acceleration, rate * np.array(MEAN), rtol=1e-14)
 
@@ -111,7 +125,8 @@ def test_two_profiles_act_both():
 def ball() -> mujoco.MjModel:
     """Body of water: neutrally buoyant, of water's mass, without drag and added mass."""
     spec = mujoco.MjSpec.from_string(
-        "<mujoco><option timestep='0.002'/><worldbody><body name='hull'><freejoint/><geom size='.2' mass='50'/></body>"
+        "<mujoco><option timestep='0.002'/><worldbody><body name='hull'><freejoint/><geom "
+        "size='.2' mass='50'/></body>"
         "</worldbody></mujoco>"
     )
     attach(spec, {"hull": BodyHydrodynamics(volume=0.05)}, 1000.0)
@@ -119,19 +134,28 @@ def ball() -> mujoco.MjModel:
 
 
 def test_a_body_of_water_goes_round_with_a_turning_flow(within):
-    """Released with the water's velocity it stays on its circle, which takes the water's own acceleration."""
-    plant = Plant(ball(), current=Current([0.0, 0.0, 0.0]).with_flow(TURNING), X_WB=pose(exp_so3([0.1, 0.2, 0.3]), P_W))
+    """Released with the water's velocity it stays on its circle, which takes the water's own
+    acceleration.
+    """
+    plant = Plant(
+        ball(),
+        current=Current([0.0, 0.0, 0.0]).with_flow(TURNING),
+        X_WB=pose(exp_so3([0.1, 0.2, 0.3]), P_W),
+    )
     axis = AXES[:, 2]
     plant.data.qvel[:3] = TURNING.velocity(P_W, 0.0)
     none = Command(time=0.0, joint_torque=np.zeros(0), thrusters=np.zeros(0), scan=False)
     for _ in range(2500):
         plant.observe()
-        np.testing.assert_allclose(plant.truth.current_W, TURNING.velocity(plant.truth.p_WB, 0.0), atol=1e-12)
+        np.testing.assert_allclose(
+            plant.truth.current_W, TURNING.velocity(plant.truth.p_WB, 0.0), atol=1e-12
+        )
         plant.step(none)
     plant.observe()
     expected = exp_so3(0.4 * 5.0 * axis) @ P_W
     assert np.linalg.norm(expected - P_W) > 1.0
-    within("place after 5 s [m]", plant.truth.p_WB - expected, 8e-3)  # 9e-4: of the first order in the step
+    # 9e-4: of the first order in the step
+    within("place after 5 s [m]", plant.truth.p_WB - expected, 8e-3)
 
 
 def test_a_field_is_read_where_the_hull_is_from_the_start_and_after_a_reset():
@@ -198,7 +222,11 @@ def test_water_that_something_else_writes_is_refused(when):
     plant.model.opt.wind[1] = 0.4
     if when == "before":
         plant.observe()
-    with pytest.raises(ConfigurationError, match=r"opt.wind is \[0.0, 0.4, 0.0\] m/s, .*`on_water`.*site.flow"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"opt.wind is \[0.0, 0.4, 0.0\] m/s, "
+        r".*`on_water`.*site.flow",
+    ):
         plant.step(REST)
     with pytest.raises(ConfigurationError, match=r"opt\.wind is"):
         plant.ready()
@@ -219,7 +247,9 @@ def test_water_that_something_else_writes_is_refused(when):
 )
 def test_a_velocity_that_is_none_is_one_line(value, said):
     with pytest.raises(
-        ConfigurationError, match=rf"flow Given: velocity must be \(3,\) finite numbers \[m/s\], .*{said}"
+        ConfigurationError,
+        match=r"flow Given: velocity must be \(3,\) finite numbers \[m/s\], "
+        rf".*{said}",
     ):
         Current(MEAN).with_flow(untyped(Given(value))).at(P_W, 3.0)
 

@@ -1,4 +1,6 @@
-"""Friction in the gears: what holds, what breaks away, Stribeck's curve, and what the torque sensors see of it."""
+"""Friction in the gears: what holds, what breaks away, Stribeck's curve, and what the torque
+sensors see of it.
+"""
 
 import mujoco
 import numpy as np
@@ -38,7 +40,8 @@ def test_a_joint_holds_up_to_its_stiction_and_slides_against_less(plant, within)
     truth = plant.truth
     drive(plant, 0.99 * dry.stiction[0], 0.5)
     within("creep of a held joint [rad/s]", truth.qd[0], 5e-5)  # measured 5e-6
-    within("what holds it [N m]", truth.tau_friction[0] + 0.99 * dry.stiction[0], 2e-2)  # measured 2e-3
+    # measured 2e-3
+    within("what holds it [N m]", truth.tau_friction[0] + 0.99 * dry.stiction[0], 2e-2)
     drive(plant, 1.05 * dry.stiction[0], 0.5)
     assert truth.qd[0] > 3.0 * dry.stribeck_speed[0]
     within("sliding [N m]", truth.tau_friction[0] + dry.coulomb[0], 1e-2)  # measured 1e-3
@@ -64,7 +67,9 @@ def test_it_slides_along_the_curve_of_stribeck(plant, within):
 
 
 def test_sensors_on_the_gear_outputs_do_not_see_it(plant, within):
-    """What passes is what the drive gives less rotor and friction: nothing, at a held joint without load."""
+    """What passes is what the drive gives less rotor and friction: nothing, at a held joint without
+    load.
+    """
     plant.reset(current=Current([0.0, 0.0, 0.0]))
     sensor = proprioception.JointTorqueSensors(noise=0.0, bias=0.0)
     state = sensor.init(np.random.default_rng(1))
@@ -85,26 +90,41 @@ def test_drives_learn_what_the_gears_take(plant, within):
             drive(plant, torque, plant.timestep)
             tau = sensor.step(state, plant.truth)[1].tau
             motor = np.array([torque, *np.zeros(n - 1)])
-            gears = (vehicle.armature, vehicle.joint_damping, 1.5 * vehicle.dry_friction.stiction, 0.5)
+            gears = (
+                vehicle.armature,
+                vehicle.joint_damping,
+                1.5 * vehicle.dry_friction.stiction,
+                0.5,
+            )
             track_gear_friction(motor, tau, plant.truth.qd, plant.truth.qdd, gears, friction)
         within("friction [N m]", friction + plant.truth.tau_friction, 0.1)
     gears = (vehicle.armature, vehicle.joint_damping, vehicle.dry_friction.stiction, 0.5)
     track_gear_friction(np.full(n, 1e3), np.zeros(n), np.zeros(n), np.zeros(n), gears, friction)
-    assert friction.tolist() == vehicle.dry_friction.stiction.tolist()  # and no more, whatever a sensor says
+    # and no more, whatever a sensor says
+    assert friction.tolist() == vehicle.dry_friction.stiction.tolist()
 
 
 def test_a_plant_leaves_the_curve_in_its_model(plant):
     bounds = plant.model.dof_frictionloss.copy()
     drive(plant, 20.0, 0.2)
     assert np.array_equal(plant.model.dof_frictionloss, bounds)
-    assert Vehicle.of(plant.model).dry_friction.stiction.tolist() == plant.vehicle.dry_friction.stiction.tolist()
-    assert Vehicle.of(plant.model).dry_friction.coulomb.tolist() == plant.vehicle.dry_friction.coulomb.tolist()
+    assert (
+        Vehicle.of(plant.model).dry_friction.stiction.tolist()
+        == plant.vehicle.dry_friction.stiction.tolist()
+    )
+    assert (
+        Vehicle.of(plant.model).dry_friction.coulomb.tolist()
+        == plant.vehicle.dry_friction.coulomb.tolist()
+    )
 
 
 def test_it_rides_through_a_file_and_a_plain_frictionloss_is_coulomb_alone():
     spec = models.load("uuv_puma")
     again = mujoco.MjSpec.from_string(spec.to_xml())
-    expected, dry = Vehicle.of(spec.compile()).dry_friction, Vehicle.of(again.compile()).dry_friction
+    expected, dry = (
+        Vehicle.of(spec.compile()).dry_friction,
+        Vehicle.of(again.compile()).dry_friction,
+    )
     assert dry.coulomb == pytest.approx(expected.coulomb, rel=1e-5)
     assert dry.stiction == pytest.approx(expected.stiction, rel=1e-5)
     spec.joint(JOINT).frictionloss = 3.0
@@ -127,7 +147,10 @@ def test_figures_that_cannot_be(change, said):
 
 
 def test_joints_that_cannot_carry_it():
-    spec, gear = models.load("uuv_puma"), GearFriction(coulomb=2.0, stiction=3.0, stribeck_speed=0.03)
+    spec, gear = (
+        models.load("uuv_puma"),
+        GearFriction(coulomb=2.0, stiction=3.0, stribeck_speed=0.03),
+    )
     with pytest.raises(ConfigurationError, match=r"'nowhere': no such joint; there are .*'joint1'"):
         gear_friction.attach(spec, {"nowhere": gear})
     spec.joint(JOINT).userdata = [1.0, 2.0, 3.0, 4.0]

@@ -1,4 +1,6 @@
-"""What is worked out of a wet model before it moves: inertia, drag rates, ancestors, settings that are refused."""
+"""What is worked out of a wet model before it moves: inertia, drag rates, ancestors, settings that
+are refused.
+"""
 
 from typing import Any
 
@@ -38,7 +40,13 @@ def test_largest_inertia_is_about_the_origin(place: tuple[float, float, float]) 
     body = spec.worldbody.add_body(name="block")
     body.add_freejoint()
     R = exp_so3([0.3, -0.4, 0.5])
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=BOX, mass=8.0, pos=place, quat=quat_wxyz_from_rotation(R))
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=BOX,
+        mass=8.0,
+        pos=place,
+        quat=quat_wxyz_from_rotation(R),
+    )
     model = spec.compile()
     a, b, c = np.square(BOX)
     own = R @ np.diag(8.0 / 3.0 * np.array([b + c, a + c, a + b])) @ R.T
@@ -57,9 +65,14 @@ def test_drag_rates_are_damping_over_inertia_with_the_waters() -> None:
     still, growth = rates(added_mass=added, quadratic_damping=[3.0, 30.0, 3.0, 0.0, 0.0, 0.0])
     assert still == pytest.approx(0.0, abs=1e-12)
     assert growth == pytest.approx(2.0 * 30.0 / (8.0 + 4.0))
-    both = {"linear_damping": [0.0, 6.0, 0.0, 0.0, 0.0, 0.0], "quadratic_damping": [0.0, 30.0, 0.0, 0.0, 0.0, 0.0]}
+    both = {
+        "linear_damping": [0.0, 6.0, 0.0, 0.0, 0.0, 0.0],
+        "quadratic_damping": [0.0, 30.0, 0.0, 0.0, 0.0, 0.0],
+    }
     still, growth = rates(added_mass=added, **both)
-    assert still + growth * hydrodynamics.DRAG_SPEED == pytest.approx((6.0 + 2.0 * 2.0 * 30.0) / 12.0)
+    assert still + growth * hydrodynamics.DRAG_SPEED == pytest.approx(
+        (6.0 + 2.0 * 2.0 * 30.0) / 12.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,7 +100,9 @@ def test_settings_that_would_be_wrong_are_refused(change: dict, said: str) -> No
 
 
 def lever(scale: float, name: str, ratio: float) -> list[str]:
-    """What is said of a ball of the radius `scale`, of the density of water, with angular over linear as given."""
+    """What is said of a ball of the radius `scale`, of the density of water, with angular over
+    linear as given.
+    """
     power = 3 if name == "quadratic_damping" else 2
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body(name="ball")

@@ -12,12 +12,16 @@ NONE = np.zeros((0, 6))
 AXIS = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])  # a turn about z
 
 
-def drawn(rng: np.random.Generator, free: Array = NONE, center: Array | None = None) -> PoseCovariance:
+def drawn(
+    rng: np.random.Generator, free: Array = NONE, center: Array | None = None
+) -> PoseCovariance:
     """A random covariance of a millimetre or so, 0 along `free`."""
     L, held = 1e-3 * rng.normal(size=(6, 6)), np.eye(6) - free.T @ free
     middle = np.zeros(3) if center is None else center
     matrix = held @ (L @ L.T + 1e-7 * np.eye(6)) @ held
-    return PoseCovariance(matrix=matrix, free=free, same=free, center=middle, radius=RADIUS, size_sigma=np.inf)
+    return PoseCovariance(
+        matrix=matrix, free=free, same=free, center=middle, radius=RADIUS, size_sigma=np.inf
+    )
 
 
 def moved(X: Array, covariance: PoseCovariance, twist: Array) -> Array:
@@ -39,21 +43,29 @@ def test_sigma_is_the_same_in_every_frame(rng, within):
 
 
 def test_error_of_the_carrier_is_what_moving_it_does(rng, within):
-    """The covariance of 20 000 drawn errors of the carrier's pose, against the stated one: 1 % by chance."""
+    """The covariance of 20 000 drawn errors of the carrier's pose, against the stated one: 1 % by
+    chance.
+    """
     covariance, p_WB = drawn(rng, center=np.array([1.0, 2.0, -3.0])), np.array([0.0, 1.0, -2.0])
     stated = covariance.of_carrier(p_WB, [1e-3, 2e-3, 3e-3], 1e-3)
     X, twists = pose(np.eye(3), [1.2, 2.1, -3.0]), []
     for move, turn in zip(
-        rng.normal(size=(20000, 3)) * [1e-3, 2e-3, 3e-3], 1e-3 * rng.normal(size=(20000, 3)), strict=True
+        rng.normal(size=(20000, 3)) * [1e-3, 2e-3, 3e-3],
+        1e-3 * rng.normal(size=(20000, 3)),
+        strict=True,
     ):
         R = exp_so3(turn)
         wrong = pose(R, p_WB + move - R @ p_WB) @ X
         twists.append(covariance.twist(X, wrong))
-    within("covariance, relative", (np.cov(np.array(twists).T) - stated) / np.abs(stated).max(), 0.06)
+    within(
+        "covariance, relative", (np.cov(np.array(twists).T) - stated) / np.abs(stated).max(), 0.06
+    )
 
 
 def test_mean_is_least_squares_and_its_covariance_the_inverse_of_the_information(rng):
-    """NEES of 400 means of four finds with covariances of their own: 6 in the mean, 0.17 by chance."""
+    """NEES of 400 means of four finds with covariances of their own: 6 in the mean, 0.17 by
+    chance.
+    """
     squares = []
     for _ in range(400):
         covariances = [drawn(rng) for _ in range(4)]
@@ -76,7 +88,9 @@ def test_an_error_that_all_share_does_not_shrink(rng):
 
 
 def test_free_twist_has_no_weight_and_stays(rng, within):
-    """Turned barrels: the mean stays at the last one's angle, and a find that sees the angle decides it."""
+    """Turned barrels: the mean stays at the last one's angle, and a find that sees the angle
+    decides it.
+    """
     last = drawn(rng, AXIS)
     others = [moved(np.eye(4), last, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.2 * RADIUS])), np.eye(4)]
     X, covariance, _ = mean_pose(others, [drawn(rng, AXIS), last], np.zeros((6, 6)))
@@ -93,15 +107,22 @@ def test_distance_counts_what_both_hold(rng, within):
     within("turned about a free axis", one.distance(np.eye(4), other, turned), 1e-9)
     off = rng.multivariate_normal(np.zeros(6), one.matrix + other.matrix, size=2000)
     square = [one.distance(np.eye(4), other, moved(np.eye(4), one, twist)) ** 2 for twist in off]
-    within("mean square", np.mean(square) - 1.0, 0.1)  # chi-square with 5 degrees over 5: 1.4 % by chance
+    # chi-square with 5 degrees over 5: 1.4 % by chance
+    within("mean square", np.mean(square) - 1.0, 0.1)
 
 
 def test_path_around_a_barrel_does_not_count_the_turn_about_its_axis(rng):
-    """The axis moves every point along the path; what nobody can tell does not count, a slide that is free does."""
+    """The axis moves every point along the path; what nobody can tell does not count, a slide that
+    is free does.
+    """
     angle = np.linspace(0.0, 2.0, 30)
     p = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), 0.0 * angle])
     path = ToolPath(
-        s=0.3 * angle, p=p, z=-p / 0.3, x=np.cross([0.0, 0.0, 1.0], p / 0.3), on_scan=np.zeros(30, dtype=bool)
+        s=0.3 * angle,
+        p=p,
+        z=-p / 0.3,
+        x=np.cross([0.0, 0.0, 1.0], p / 0.3),
+        on_scan=np.zeros(30, dtype=bool),
     )
 
     def sigma(covariance: PoseCovariance) -> Array:
@@ -114,12 +135,19 @@ def test_path_around_a_barrel_does_not_count_the_turn_about_its_axis(rng):
     along = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])  # a barrel without its ends in view
     slides = drawn(rng, np.vstack([AXIS, along]))
     slides = PoseCovariance(
-        matrix=slides.matrix, free=slides.free, same=AXIS, center=slides.center, radius=RADIUS, size_sigma=1.0
+        matrix=slides.matrix,
+        free=slides.free,
+        same=AXIS,
+        center=slides.center,
+        radius=RADIUS,
+        size_sigma=1.0,
     )
     found = sigma(slides)
     assert np.isfinite(found[:, :2]).all()
     assert np.isinf(found[:, 2]).all()
-    assert slides.free_in_words == "a turn about (0.00, 0.00, 1.00), a slide along (0.00, 0.00, 1.00)"
+    assert slides.free_in_words == (
+        "a turn about (0.00, 0.00, 1.00), a slide along (0.00, 0.00, 1.00)"
+    )
 
 
 def test_ellipsoid_holds_95_percent(rng, within):

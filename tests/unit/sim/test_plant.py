@@ -1,4 +1,6 @@
-"""The plant: what cannot be is said at its door, and a motion that blows up does not begin anew behind one's back."""
+"""The plant: what cannot be is said at its door, and a motion that blows up does not begin anew
+behind one's back.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -30,7 +32,9 @@ def advance(plant: Plant, steps: int) -> None:
 
 @pytest.mark.parametrize("substeps", [1, 4])
 @pytest.mark.parametrize("steps", [0, 1, 50])
-@pytest.mark.parametrize(("what", "value"), [("qvel", np.nan), ("qvel", 1e12), ("qfrc_applied", np.inf)])
+@pytest.mark.parametrize(
+    ("what", "value"), [("qvel", np.nan), ("qvel", 1e12), ("qfrc_applied", np.inf)]
+)
 def test_a_motion_that_blows_up_is_an_error(substeps, steps, what, value):
     plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL, substeps=substeps)
     plant.observe()
@@ -41,7 +45,9 @@ def test_a_motion_that_blows_up_is_an_error(substeps, steps, what, value):
 
 
 def test_the_body_of_a_bad_position_is_named():
-    """A free joint has seven positions for its six directions: qpos[7] is the first joint of the arm."""
+    """A free joint has seven positions for its six directions: qpos[7] is the first joint of the
+    arm.
+    """
     plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
     plant.observe()
     at = int(plant.vehicle.qpos[0])
@@ -69,7 +75,8 @@ def test_options_changed_after_compiling_are_refused(change: dict[str, Any], say
 
 def test_a_vehicle_without_coefficients_may_have_the_fluid_of_mujoco():
     spec = mujoco.MjSpec.from_string(
-        '<mujoco><option density="1000"/><worldbody><body name="hull"><freejoint/><geom size=".1"/></body></worldbody>'
+        '<mujoco><option density="1000"/><worldbody><body name="hull"><freejoint/><geom '
+        'size=".1"/></body></worldbody>'
         "</mujoco>"
     )
     plant = Plant(hydrodynamics.compile(spec), current=STILL)
@@ -81,12 +88,19 @@ def test_a_vehicle_without_coefficients_may_have_the_fluid_of_mujoco():
     ("given", "says"),
     [
         ({"model": mujoco.MjSpec()}, "expected a compiled mujoco.MjModel, got <mujoco"),
-        ({"current": [0.0, 0.0, 0.0]}, r"current: expected a uuv.sim.water.current.Current, got \[0.0, 0.0, 0.0\]"),
+        (
+            {"current": [0.0, 0.0, 0.0]},
+            r"current: expected a uuv.sim.water.current.Current, got "
+            r"\[0.0, 0.0, 0.0\]",
+        ),
         ({"substeps": 0}, "substeps must be a whole number >= 1, got 0"),
         ({"substeps": -4}, "substeps must be a whole number >= 1, got -4"),
         ({"substeps": 2.0}, "substeps must be a whole number >= 1, got 2.0"),
         ({"substeps": None}, "substeps must be a whole number >= 1, got None"),
-        ({"substeps": 2, "current": GUSTS}, "current: its timestep is 0.002 s, but the plant's, .* 0.004 s"),
+        (
+            {"substeps": 2, "current": GUSTS},
+            "current: its timestep is 0.002 s, but the plant's, .* 0.004 s",
+        ),
         ({"X_WB": np.eye(3)}, r"X_WB: expected shape \(4, 4\), got \(3, 3\)"),
         ({"X_WB": 2.0 * np.eye(4)}, "X_WB: expected a pose"),
         ({"X_WB": pose(np.diag([1.0, 1.0, -1.0]))}, "X_WB: expected a pose"),
@@ -104,9 +118,19 @@ def test_arguments_that_cannot_be(given: dict[str, Any], says):
     ("change", "says"),
     [
         ({"thrusters": np.zeros(2)}, r"thruster command: expected shape \(6,\), got \(2,\)"),
-        ({"thrusters": np.array([0.0, 0.0, np.nan, 0.0, 0.0, 0.0])}, "thruster command: every number must be finite"),
-        ({"joint_torque": np.zeros(7)}, r"joint torque command .* expected shape \(6,\), got \(7,\)"),
-        ({"joint_torque": np.full(6, np.inf)}, "joint torque command .* every number must be finite"),
+        (
+            {"thrusters": np.array([0.0, 0.0, np.nan, 0.0, 0.0, 0.0])},
+            "thruster command: every number must be finite",
+        ),
+        (
+            {"joint_torque": np.zeros(7)},
+            r"joint torque command .* expected shape \(6,\), got "
+            r"\(7,\)",
+        ),
+        (
+            {"joint_torque": np.full(6, np.inf)},
+            "joint torque command .* every number must be finite",
+        ),
         ({"joint_torque": np.full(6, 1j)}, r"joint torque command .* expected \(6,\) numbers"),
         ({"thrusters": ["0.5"] * 6}, r"thruster command: expected \(6,\) numbers"),
     ],
@@ -123,17 +147,24 @@ def test_a_command_that_cannot_be_changes_nothing(change: dict[str, Any], says):
 def test_a_vehicle_without_any_water_is_told_of():
     """Such as an MJCF that MuJoCo has read, whose water is in a file beside it."""
     spec = mujoco.MjSpec.from_string(
-        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='.2' mass='9'/></body></worldbody></mujoco>"
+        "<mujoco><worldbody><body name='hull'><freejoint/><geom size='.2' "
+        "mass='9'/></body></worldbody></mujoco>"
     )
-    with pytest.warns(PhysicsWarning, match="no hydrodynamic coefficients: it falls as in a vacuum"):
+    with pytest.warns(
+        PhysicsWarning, match="no hydrodynamic coefficients: it falls as in a vacuum"
+    ):
         Plant(hydrodynamics.compile(spec), current=STILL)
 
 
 def test_reset_leaves_nothing_behind():
     """After a run in gusts, a plant that is reset moves as a new one does, to the bit."""
     used = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
-    used.reset(current=Current([0.3, 0.0, 0.0], gust=0.1, timestep=0.002, rng=np.random.default_rng(0)))
-    commands = [replace(REST, thrusters=u) for u in np.random.default_rng(7).uniform(-0.8, 0.8, (100, 6))]
+    used.reset(
+        current=Current([0.3, 0.0, 0.0], gust=0.1, timestep=0.002, rng=np.random.default_rng(0))
+    )
+    commands = [
+        replace(REST, thrusters=u) for u in np.random.default_rng(7).uniform(-0.8, 0.8, (100, 6))
+    ]
     for command in commands:
         used.observe()
         used.step(command)
@@ -143,8 +174,19 @@ def test_reset_leaves_nothing_behind():
     fresh = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=current, X_WB=X_WB)
     for command in commands:
         assert used.observe().time == fresh.observe().time
-        for name in ("R_WB", "acceleration", "current_W", "propeller_speed", "q", "tau_drive", "thrust", "v_WB_W"):
-            np.testing.assert_array_equal(getattr(used.truth, name), getattr(fresh.truth, name), err_msg=name)
+        for name in (
+            "R_WB",
+            "acceleration",
+            "current_W",
+            "propeller_speed",
+            "q",
+            "tau_drive",
+            "thrust",
+            "v_WB_W",
+        ):
+            np.testing.assert_array_equal(
+                getattr(used.truth, name), getattr(fresh.truth, name), err_msg=name
+            )
         used.step(command)
         fresh.step(command)
     np.testing.assert_array_equal(used.data.qpos, fresh.data.qpos)
@@ -181,7 +223,9 @@ def test_commands_that_are_no_plain_arrays_act_as_those():
 
 
 def pressing(substeps: int) -> Plant:
-    """At 0.5 ms, in a current, the pad on a plate and the hull pressed a millimetre into a shelf."""
+    """At 0.5 ms, in a current, the pad on a plate and the hull pressed a millimetre into a
+    shelf.
+    """
     spec = models.load("uuv_puma")
     spec.option.timestep = 5e-4
     plain = spec.compile()
@@ -190,10 +234,16 @@ def pressing(substeps: int) -> Plant:
     mujoco.mj_kinematics(plain, data)
     pad = data.geom_xpos[plain.geom("pad").id]
     below = pad - [0.0, 0.0, 0.1 + plain.geom("pad").rbound[0]]
-    spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=below)
+    spec.worldbody.add_geom(
+        name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=below
+    )
     shelf = [-0.6, 0.0, -0.399 - 0.1]
-    spec.worldbody.add_geom(name="shelf", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=shelf)
-    return Plant(hydrodynamics.compile(spec), current=Current((0.1, -0.05, -0.1)), substeps=substeps)
+    spec.worldbody.add_geom(
+        name="shelf", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=shelf
+    )
+    return Plant(
+        hydrodynamics.compile(spec), current=Current((0.1, -0.05, -0.1)), substeps=substeps
+    )
 
 
 def test_substeps_are_the_steps_of_a_finer_plant():
@@ -211,7 +261,11 @@ def test_substeps_are_the_steps_of_a_finer_plant():
             fine.step(held)
             fine.observe()
             one = fine.truth
-            normal[i], force[i], collided[i] = one.contact_normal, one.contact_force_W, one.collision
+            normal[i], force[i], collided[i] = (
+                one.contact_normal,
+                one.contact_force_W,
+                one.collision,
+            )
             assert one.contact_least == one.contact_normal == one.contact_most
         truth = whole.observe()
         assert truth.time == fine.truth.time

@@ -62,7 +62,9 @@ def test_a_foreign_one_is_refused_by_name_and_nothing_is_installed():
 def test_the_one_that_is_removed_is_named_at_once_and_missed(other):
     hydrodynamics.install()
     gc.collect()
-    with pytest.warns(RuntimeWarning, match="actuator bias callback .* thrusters give no thrust") as said:
+    with pytest.warns(
+        RuntimeWarning, match="actuator bias callback .* thrusters give no thrust"
+    ) as said:
         mujoco.set_mjcb_act_bias(other)
     assert said[0].filename == __file__
     assert not hydrodynamics.is_installed()
@@ -90,5 +92,7 @@ def test_a_model_with_thrusters_alone_installs_them_and_names_what_it_lacks():
     assert hydrodynamics.is_installed()
     assert hydrodynamics.check_installed(model)
     hydrodynamics.uninstall()
-    with pytest.warns(RuntimeWarning, match="carries thrusters or soil but they give no force: call"):
+    with pytest.warns(
+        RuntimeWarning, match="carries thrusters or soil but they give no force: call"
+    ):
         assert not hydrodynamics.check_installed(model)

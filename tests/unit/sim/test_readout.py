@@ -4,9 +4,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from uuv.sim.plant.readout import COLLISION, CONTACTS, FORCE, LEAST, MOST, NORMAL, gears_and_contacts, places_of
+from uuv.sim.plant.readout import (
+    COLLISION,
+    CONTACTS,
+    FORCE,
+    LEAST,
+    MOST,
+    NORMAL,
+    gears_and_contacts,
+    places_of,
+)
 
-# A "vehicle" of two balls, one of them the pad; a floor, a wall, and a stone that lies loose. With friction in a joint.
+# A "vehicle" of two balls, one of them the pad; a floor, a wall, and a stone that lies loose. With
+# friction in a joint.
 WORLD = """
 <mujoco>
   <option cone="{cone}"/>
@@ -15,7 +25,8 @@ WORLD = """
     <body name="vehicle" pos="0 0 .098"> <freejoint/>
       <geom name="pad" size=".1" condim="{condim}" friction=".8 .01 .001"/>
       <body pos=".25 0 0">
-        <joint name="j" axis="0 0 1" frictionloss=".3" armature=".05"/> <geom name="arm" size="{arm}"/>
+        <joint name="j" axis="0 0 1" frictionloss=".3" armature=".05"/>
+          <geom name="arm" size="{arm}"/>
       </body>
     </body>
     <body pos="-.19 0 .12"> <freejoint/> <geom name="stone" size=".1"/> </body>
@@ -27,7 +38,9 @@ WORLD = """
 @pytest.mark.parametrize("condim", [1, 3, 4, 6])
 @pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
 def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
-    """The pad between floor and stone, pushed and sliding, step by step; stone on the floor is no business of ours."""
+    """The pad between floor and stone, pushed and sliding, step by step; stone on the floor is no
+    business of ours.
+    """
     model = mujoco.MjModel.from_xml_string(WORLD.format(cone=cone, condim=condim, arm=0.02))
     data = mujoco.MjData(model)
     pad, root = model.geom("pad").id, np.asarray(model.body_rootid)
@@ -46,8 +59,14 @@ def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
                 continue
             mujoco.mj_contactForce(model, data, i, part)
             normal += part[0]
-            force += (1.0 if contact.geom[1] == pad else -1.0) * contact.frame.reshape(3, 3).T @ part[:3]
-        worst = max(worst, abs(contacts[NORMAL] - normal), float(np.abs(contacts[FORCE : FORCE + 3] - force).max()))
+            force += (
+                (1.0 if contact.geom[1] == pad else -1.0) * contact.frame.reshape(3, 3).T @ part[:3]
+            )
+        worst = max(
+            worst,
+            abs(contacts[NORMAL] - normal),
+            float(np.abs(contacts[FORCE : FORCE + 3] - force).max()),
+        )
         worst = max(worst, abs(tau[0] - data.efc_force[data.ne]))
         pushed, slid = max(pushed, normal), max(slid, float(np.hypot(*force[:2])))
         rubbed = max(rubbed, abs(tau[0]))
@@ -61,7 +80,9 @@ def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
 
 
 def test_what_touches_beside_the_pad_is_a_collision():
-    """The arm's ball reaches the floor, too; before any step there is neither contact nor friction."""
+    """The arm's ball reaches the floor, too; before any step there is neither contact nor
+    friction.
+    """
     model = mujoco.MjModel.from_xml_string(WORLD.format(cone="elliptic", condim=3, arm=0.1))
     data = mujoco.MjData(model)
     own = np.asarray(model.body_rootid)[model.geom_bodyid] == model.body("vehicle").id

@@ -1,4 +1,6 @@
-"""Soil resistance against its closed form, and the soil's force on a tool that is led through it."""
+"""Soil resistance against its closed form, and the soil's force on a tool that is led through
+it.
+"""
 
 from itertools import pairwise
 
@@ -27,7 +29,11 @@ from uuv.sim.interfaces.errors import ConfigurationError
 TUBE = core_tube(0.018, 0.002)
 DOWN = np.array([0.0, 0.0, -1.0])
 FLAT = Seabed(
-    kind="flat", heights=np.zeros((41, 41)), half=1.0, center_W=np.array([0.3, -0.2, -5.0]), rocks=np.zeros((0, 3))
+    kind="flat",
+    heights=np.zeros((41, 41)),
+    half=1.0,
+    center_W=np.array([0.3, -0.2, -5.0]),
+    rocks=np.zeros((0, 3)),
 )
 
 
@@ -38,7 +44,11 @@ def test_resistance_is_the_integral_of_the_cone_resistance(within, soil):
     cone = soil.cone + soil.cone_growth * z
     friction = soil.side_factor * TUBE.skin * np.trapezoid(cone, z)
     within("pull [N]", pull_resistance(soil, TUBE, d) - friction, 1e-9)
-    within("push [N]", push_resistance(soil, TUBE, d) - friction - soil.tip_factor * TUBE.edge * cone[-1], 1e-9)
+    within(
+        "push [N]",
+        push_resistance(soil, TUBE, d) - friction - soil.tip_factor * TUBE.edge * cone[-1],
+        1e-9,
+    )
     pressure = (soil.passive + soil.passive_growth * z) * TUBE.breadth * soil.narrow
     within("side [N]", side_resistance(soil, TUBE, d) - np.trapezoid(pressure, z), 1e-9)
     assert push_resistance(soil, TUBE, 0.0) == pull_resistance(soil, TUBE, -0.1) == 0.0
@@ -77,20 +87,30 @@ def test_a_smooth_upright_blade_bears_rankines_pressure(within, degrees):
         narrow=3.0,
         friction=float(np.radians(degrees)),
     )
-    within("of Rankine's in sand", cutting_factor(smooth, 0.5 * np.pi) - 1.0, 1e-5)  # the steps of the slip angle
+    # the steps of the slip angle
+    within("of Rankine's in sand", cutting_factor(smooth, 0.5 * np.pi) - 1.0, 1e-5)
     within("of Rankine's in clay", cutting_factor(mud(), 0.5 * np.pi) - 1.0, 1e-5)
-    within("K_p", rankine(smooth.friction) - (1 + np.sin(smooth.friction)) / (1 - np.sin(smooth.friction)), 1e-12)
+    within(
+        "K_p",
+        rankine(smooth.friction) - (1 + np.sin(smooth.friction)) / (1 - np.sin(smooth.friction)),
+        1e-12,
+    )
 
 
 @pytest.mark.parametrize("rake", [0.6, 1.2, 0.5 * np.pi])
 def test_the_wedge_before_a_blade_is_in_equilibrium(within, rake):
-    """Forces on the wedge at many slip angles solved as a plane triangle: blade, failure plane and weight."""
+    """Forces on the wedge at many slip angles solved as a plane triangle: blade, failure plane and
+    weight.
+    """
     soil = sand()
     phi, delta = soil.friction, soil.wall_friction
     level = []
     for b in np.linspace(0.02, 1.0, 4000):
-        # Level and upwards: of the blade's force P, delta off its normal, and the plane's R, phi off its own.
-        A = np.array([[np.sin(rake + delta), -np.sin(b + phi)], [np.cos(rake + delta), np.cos(b + phi)]])
+        # Level and upwards: of the blade's force P, delta off its normal, and the plane's R, phi
+        # off its own.
+        A = np.array(
+            [[np.sin(rake + delta), -np.sin(b + phi)], [np.cos(rake + delta), np.cos(b + phi)]]
+        )
         P, R = np.linalg.solve(A, [0.0, 0.5 / np.tan(rake) + 0.5 / np.tan(b)])
         if P > 0.0 and R > 0.0:
             level.append(P * np.sin(rake + delta))
@@ -117,7 +137,8 @@ def test_a_tool_pushed_in_and_drawn_out_feels_the_resistances(within, soil):
     depth = np.linspace(-0.02, 0.1, len(down))
     deep = depth > 2.0 * soil.quake
     within("above [N]", down[depth <= 0.0], 0.0)
-    within("in [N]", down[deep, 2] - push_resistance(soil, TUBE, depth[deep]), 5e-3)  # the table's steps
+    # the table's steps
+    within("in [N]", down[deep, 2] - push_resistance(soil, TUBE, depth[deep]), 5e-3)
     within("aside [N]", down[:, :2], 1e-12)
     up = lead(force, straight(at(0.1), at(-0.02)))
     rising = np.linspace(0.1, -0.02, len(up))
@@ -130,7 +151,8 @@ def test_within_the_quake_it_is_a_spring(within):
     soil = sand()
     force = LedTool(FLAT, soil, TUBE)
     lead(force, straight(at(-0.01), at(0.08)))
-    lead(force, straight(at(0.08), at(0.08 - 1.05 * soil.quake)))  # some way back, but not sliding yet
+    # some way back, but not sliding yet
+    lead(force, straight(at(0.08), at(0.08 - 1.05 * soil.quake)))
     here = at(0.08 - 1.05 * soil.quake)
     there = here - [0.0, 0.0, 0.2 * soil.quake]
     first = lead(force, straight(here, there))[-1]
@@ -158,7 +180,9 @@ def test_it_never_gives_work_back():
     soil = sand()
     for _ in range(5):
         force = LedTool(FLAT, soil, TUBE)
-        corners = np.array([at(-0.01), *(at(0.05) + rng.uniform(-0.03, 0.03, 3) for _ in range(6)), at(-0.01)])
+        corners = np.array(
+            [at(-0.01), *(at(0.05) + rng.uniform(-0.03, 0.03, 3) for _ in range(6)), at(-0.01)]
+        )
         way = np.concatenate([straight(a, b, 3000) for a, b in pairwise(corners)])
         axis = DOWN + rng.uniform(-0.2, 0.2, 3)
         f = lead(force, way, axis / np.linalg.norm(axis))
@@ -177,7 +201,9 @@ def test_the_surface_is_that_of_the_terrain(within, kind):
         within("above", force.step(np.array([x, y, z + 1e-9]), DOWN), 0.0)
         force.step(np.array([x, y, z - 1e-9]), DOWN)
         assert force.step(np.array([x, y, z - 1e-4]), DOWN)[2] > 0.0
-    within("beside the terrain", force.step(ground.center_W + np.array([1.01, 0.0, -5.0]), DOWN), 0.0)
+    within(
+        "beside the terrain", force.step(ground.center_W + np.array([1.01, 0.0, -5.0]), DOWN), 0.0
+    )
 
 
 def test_what_cannot_be_is_refused():
@@ -189,7 +215,9 @@ def test_what_cannot_be_is_refused():
         box(0.08, 0.06, 0.0015, rake=2.0)
     with pytest.raises(ConfigurationError, match="0 < 2 wall"):
         box(0.08, 0.06, 0.04, rake=1.0)
-    with pytest.raises(ConfigurationError, match="soil cone_growth: must be finite and >= 0, got nan"):
+    with pytest.raises(
+        ConfigurationError, match="soil cone_growth: must be finite and >= 0, got nan"
+    ):
         sand(growth=float("nan"))
     with pytest.raises(ConfigurationError, match="quake"):
         Soil(
@@ -204,7 +232,9 @@ def test_what_cannot_be_is_refused():
         )
 
 
-@pytest.mark.parametrize(("rake", "ok"), [(None, True), (1.2, True), (0.5 * np.pi, True), (0.0, False), (1.6, False)])
+@pytest.mark.parametrize(
+    ("rake", "ok"), [(None, True), (1.2, True), (0.5 * np.pi, True), (0.0, False), (1.6, False)]
+)
 def test_a_blade_leans_or_stands(rake, ok):
     if ok:
         assert SoilTool(edge=1e-4, skin=0.1, breadth=0.05, rake=rake).rake == rake

@@ -25,13 +25,18 @@ def test_a_scenario_has_the_format_of_its_file_and_is_read_without_one(tmp_path:
     write_scenario(SCENARIO, tmp_path / "now.toml")
     assert (tmp_path / "now.toml").read_text().startswith(f"format = {FORMAT}\n")
     (tmp_path / "before.toml").write_text(to_toml(SCENARIO))
-    assert read_scenario(tmp_path / "now.toml") == read_scenario(tmp_path / "before.toml") == SCENARIO
+    assert (
+        read_scenario(tmp_path / "now.toml") == read_scenario(tmp_path / "before.toml") == SCENARIO
+    )
 
 
 @pytest.mark.parametrize(
     ("number", "said"),
     [
-        (FORMAT + 1, f"format {FORMAT + 1}, of a later version of uuv; this one reads 1 to {FORMAT}"),
+        (
+            FORMAT + 1,
+            f"format {FORMAT + 1}, of a later version of uuv; this one reads 1 to {FORMAT}",
+        ),
         (0, "format: must be a whole number >= 1, got 0"),
         ("'2'", "format: must be a whole number >= 1, got '2'"),
         ("true", "format: must be a whole number >= 1, got True"),
@@ -41,7 +46,9 @@ def test_another_format_is_refused_by_name(number: object, said: str, tmp_path: 
     (tmp_path / "s.toml").write_text(f"format = {number}\n{to_toml(SCENARIO)}")
     with pytest.raises(ConfigurationError, match=re.escape(f"s.toml': {said}")):
         read_scenario(tmp_path / "s.toml")
-    (tmp_path / "metrics.json").write_text(json.dumps({"format": json.loads(str(number).replace("'", '"'))}))
+    (tmp_path / "metrics.json").write_text(
+        json.dumps({"format": json.loads(str(number).replace("'", '"'))})
+    )
     with pytest.raises(ConfigurationError, match=re.escape(f"metrics.json': {said}")):
         _ = PastRun.of(tmp_path).metrics
 
@@ -57,7 +64,10 @@ def test_figures_without_a_format_are_read_and_the_format_is_no_figure(tmp_path:
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
-        ("scenarios.tasks.surface_work:SurfaceWorkTask", "that module is now uuv.tasks.surface_work"),
+        (
+            "scenarios.tasks.surface_work:SurfaceWorkTask",
+            "that module is now uuv.tasks.surface_work",
+        ),
         ("scenarios.nowhere:Task", "scenarios is now a part of uuv, which has no nowhere"),
         (
             "controllers.whole_body.work_controller:Mine",
@@ -67,7 +77,9 @@ def test_figures_without_a_format_are_read_and_the_format_is_no_figure(tmp_path:
     ],
 )
 @pytest.mark.parametrize("trust", [False, True])
-def test_code_of_an_earlier_package_is_named_where_it_is_now(kind: str, said: str, trust: bool, tmp_path: Path):
+def test_code_of_an_earlier_package_is_named_where_it_is_now(
+    kind: str, said: str, trust: bool, tmp_path: Path
+):
     text = re.sub(r'(\[task\]\nkind = )"\w+"', rf'\1"{kind}"', to_toml(SCENARIO))
     assert kind in text
     (tmp_path / "s.toml").write_text(text)
@@ -76,7 +88,9 @@ def test_code_of_an_earlier_package_is_named_where_it_is_now(kind: str, said: st
     assert "\n" not in str(refused.value)
 
 
-def test_a_module_of_the_users_own_may_have_such_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_module_of_the_users_own_may_have_such_a_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     (tmp_path / "models.py").write_text("")
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     monkeypatch.setattr(sys, "meta_path", [PathFinder])

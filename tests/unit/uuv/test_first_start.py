@@ -1,4 +1,6 @@
-"""First start: the list of kernels, the order in which they are compiled, and processes that die."""
+"""First start: the list of kernels, the order in which they are compiled, and processes that
+die.
+"""
 
 import json
 import subprocess
@@ -40,19 +42,31 @@ def test_a_kernel_stands_after_those_that_it_calls_and_the_ticks_are_among_them(
     assert all(before < row for row, job in enumerate(jobs) for before in job.after)
     for caller, called in (
         ("uuv.ticks.compiled_ticks:run_ticks", "uuv.ticks.compiled_ticks:perceive"),
-        ("uuv.controllers.safety.guard_tick:guard_tick", "uuv.controllers.safety.guard_tick:finite"),
-        ("uuv.controllers.whole_body.drive_tick:drive_tick", "uuv.controllers.whole_body.tool_tick:move_tool"),
+        (
+            "uuv.controllers.safety.guard_tick:guard_tick",
+            "uuv.controllers.safety.guard_tick:finite",
+        ),
+        (
+            "uuv.controllers.whole_body.drive_tick:drive_tick",
+            "uuv.controllers.whole_body.tool_tick:move_tool",
+        ),
     ):
         (job,) = (job for job in jobs if job.kernel == caller)
         assert called in {jobs[row].kernel for row in job.after}
 
 
 def test_the_list_holds_what_a_job_loads(jobs):
-    """A kernel that is not listed would be compiled alone, without a word: it is to be listed (`list_kernels.py`)."""
-    done = subprocess.run([sys.executable, "-c", REHEARSED], capture_output=True, text=True, timeout=400, check=False)
+    """A kernel that is not listed would be compiled alone, without a word: it is to be listed
+    (`list_kernels.py`).
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", REHEARSED], capture_output=True, text=True, timeout=400, check=False
+    )
     assert done.returncode == 0, done.stderr
     told = {(job.kernel, json.dumps(job.takes)) for job in jobs}
-    missing = [name for name, takes in json.loads(done.stdout) if (name, json.dumps(takes)) not in told]
+    missing = [
+        name for name, takes in json.loads(done.stdout) if (name, json.dumps(takes)) not in told
+    ]
     assert not missing
 
 
@@ -105,14 +119,24 @@ def test_the_lines_end_with_what_they_tell_of(monkeypatch, capsys):
 
 
 def test_only_rows_that_are_wanted_run():
-    rows = [KernelJob("a", None, (), (), 1.0), KernelJob("b", None, (), (0,), 1.0), KernelJob("c", None, (), (1,), 1.0)]
+    rows = [
+        KernelJob("a", None, (), (), 1.0),
+        KernelJob("b", None, (), (0,), 1.0),
+        KernelJob("c", None, (), (1,), 1.0),
+    ]
     with ThreadPoolExecutor(1) as pool:
-        ended = list(first_start._in_order(rows, [2, 0], lambda row: pool.submit(lambda: row == 0), 1))
+        ended = list(
+            first_start._in_order(rows, [2, 0], lambda row: pool.submit(lambda: row == 0), 1)
+        )
     assert ended == [(0, True), (2, False)]
 
 
 def test_a_worker_compiles_says_what_fails_and_may_die(jobs):
-    row = next(row for row, job in enumerate(jobs) if job.kernel == "uuv.controllers.safety.guard_tick:finite")
+    row = next(
+        row
+        for row, job in enumerate(jobs)
+        if job.kernel == "uuv.controllers.safety.guard_tick:finite"
+    )
     worker = first_start._Worker()
     try:
         assert worker.compile(row)
@@ -135,5 +159,9 @@ def test_what_has_no_word_is_refused():
 
 @pytest.mark.parametrize("kernel", ["uuv.sim.plant.thrusters:gone", "uuv.sim.plant.gone:kernel"])
 def test_a_listed_kernel_that_is_gone_is_named(kernel):
-    with pytest.raises(UuvError, match=rf"^list of kernels: {kernel} is not there; .*list_kernels.py"):
+    with pytest.raises(
+        UuvError,
+        match=rf"^list of kernels: {kernel} is not there; "
+        r".*list_kernels.py",
+    ):
         KernelJob(kernel, [], (), (), 1.0).is_stored()

@@ -26,7 +26,9 @@ KINDS = (Plant, Rollout, Recorder, Recording, Scan, Evidence, mujoco.MjSpec)
 
 def alive() -> Counter[str]:
     """Number of instances of each of KINDS; a proxy of what is gone is none."""
-    return Counter(type(each).__name__ for each in gc.get_objects() if issubclass(type(each), KINDS))
+    return Counter(
+        type(each).__name__ for each in gc.get_objects() if issubclass(type(each), KINDS)
+    )
 
 
 @contextmanager

@@ -1,4 +1,6 @@
-"""A rehearsal before a run: on an assembly that is thrown away, so that parts of one's own may hold state."""
+"""A rehearsal before a run: on an assembly that is thrown away, so that parts of one's own may hold
+state.
+"""
 
 import json
 from dataclasses import dataclass, replace
@@ -75,7 +77,11 @@ class Worn(Perturbation):
             untyped(DriftingSensor(sensor)) if isinstance(sensor, JointTorqueSensors) else sensor
             for sensor in loop.parts.sensors
         ]
-        worn = Loop(plant=WearingPlant(loop.plant), parts=replace(loop.parts, sensors=sensors), observers=(Counting(),))
+        worn = Loop(
+            plant=WearingPlant(loop.plant),
+            parts=replace(loop.parts, sensors=sensors),
+            observers=(Counting(),),
+        )
         self.loops.append(worn)
         return worn
 
@@ -94,7 +100,9 @@ def digest(scenario: Scenario) -> str:
 
 
 def test_a_command_runs_as_without_its_rehearsal(worn: Scenario, tmp_path):
-    """By the door of the command line: what holds state was stepped in the rehearsal, and is new for the run."""
+    """By the door of the command line: what holds state was stepped in the rehearsal, and is new
+    for the run.
+    """
     expected = digest(worn)
     assert digest(replace(worn, perturbations=())) != expected  # the state tells in the trajectory
     Worn.loops.clear()
@@ -120,7 +128,11 @@ def test_a_run_from_python_is_the_same(worn: Scenario):
 def test_an_assembly_runs_once():
     assembly = assemble(clean_barrel(quick=True))
     run_through(assembly, longest=SECONDS)
-    with pytest.raises(ConfigurationError, match=r"run: this assembly is at 0.39\d s; make a new one for each"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"run: this assembly is at 0.39\d s; make a new "
+        r"one for each",
+    ):
         run_through(assembly, longest=SECONDS)
 
 
@@ -139,8 +151,12 @@ def test_a_part_that_cannot_run_fails_in_the_rehearsal():
 
 def test_growth_and_dents_are_not_drawn_for_a_rehearsal():
     scenario = clean_barrel(quick=True)
-    fouled = replace(scenario, site=replace(scenario.site, object=Barrel(length=0.2, fouled=0.03, dented=0.01)))
+    fouled = replace(
+        scenario, site=replace(scenario.site, object=Barrel(length=0.2, fouled=0.03, dented=0.01))
+    )
     assert to_rehearse(fouled).site.object == Barrel(length=0.2)
-    assert to_rehearse(fouled) == replace(fouled, site=replace(fouled.site, object=Barrel(length=0.2)))
+    assert to_rehearse(fouled) == replace(
+        fouled, site=replace(fouled.site, object=Barrel(length=0.2))
+    )
     alone = replace(scenario, site=replace(scenario.site, object=OpenWater()))
     assert to_rehearse(alone) == alone

@@ -1,4 +1,6 @@
-"""A saved run goes on with the bits of the run that never stopped, however often, and with failures to come."""
+"""A saved run goes on with the bits of the run that never stopped, however often, and with failures
+to come.
+"""
 
 import re
 from dataclasses import replace
@@ -76,8 +78,12 @@ def test_the_example_goes_on_to_the_bits_of_the_whole_run(as_documented):
     ],
     ids=["thruster", "encoders", "dvl", "vision"],
 )
-def test_a_failure_to_come_acts_as_in_a_scenario_that_always_had_it(looking: SavedRun, failure: Failure):
-    """A thruster that sticks keeps a command, a frozen sensor a message, from before the run was saved."""
+def test_a_failure_to_come_acts_as_in_a_scenario_that_always_had_it(
+    looking: SavedRun, failure: Failure
+):
+    """A thruster that sticks keeps a command, a frozen sensor a message, from before the run was
+    saved.
+    """
     whole = early(replace(GUSTY, perturbations=(failure,)))
     assert bits(early(looking.with_failures(failure))) == bits(whole)
     assert bits(early(looking)) != bits(whole)
@@ -92,7 +98,14 @@ def test_a_failure_to_come_acts_as_in_a_scenario_that_always_had_it(looking: Sav
             perturbations=(
                 DriftingTorque(),
                 ThrusterFailure(thruster="sway", share=0.5, at=2.0),
-                SensorFailure(sensor="torque", effect="offset", field="tau", value=3.0, state="settle", after=5.5),
+                SensorFailure(
+                    sensor="torque",
+                    effect="offset",
+                    field="tau",
+                    value=3.0,
+                    state="settle",
+                    after=5.5,
+                ),
                 PushedObject(by=(0.1, 0.0, 0.0), state="scan", after=0.2),
             ),
         ),
@@ -118,7 +131,10 @@ def test_branches_do_not_see_each_other(looking: SavedRun):
             ThrusterFailure(thruster="sway", at=1.0),
             r"ThrusterFailure would have begun at 1\.000 s, and scan is saved at",
         ),
-        (ThrusterFailure(thruster="sway", state="settle", after=1.0), r"would have begun at 1\.000 s"),
+        (
+            ThrusterFailure(thruster="sway", state="settle", after=1.0),
+            r"would have begun at 1\.000 s",
+        ),
         (PushedObject(by=(0.1, 0.0, 0.0), at=50.0), "PushedObject changes a run from its start"),
         (DriftingTorque(), "DriftingTorque changes a run from its start"),
     ],
@@ -131,7 +147,11 @@ def test_what_would_have_acted_is_refused(looking: SavedRun, failure: Any, line:
 @pytest.mark.parametrize(
     ("phase", "line"),
     [
-        ("aproach", r"a run has no phase 'aproach' \(did you mean approach\?\); allowed settle, scan, "),
+        (
+            "aproach",
+            r"a run has no phase 'aproach' \(did you mean approach\?\); allowed settle, "
+            r"scan, ",
+        ),
         ("done", "a run has no phase 'done'; allowed settle"),
         ("insert", "this task has no phase 'insert'; allowed settle, scan, close-in, "),
     ],
@@ -143,14 +163,24 @@ def test_a_phase_that_there_is_not_is_refused(phase: str, line: str):
 
 def test_a_phase_that_is_not_reached_is_an_error_that_says_where_the_run_ended():
     lost = SensorFailure(sensor="imu", effect="lost", at=0.5)
-    with pytest.raises(ConfigurationError, match=r"phase: scan was not reached; the run ended at \d+\.\d s in abort: "):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"phase: scan was not reached; the run ended at "
+        r"\d+\.\d s in abort: ",
+    ):
         saved(replace(GUSTY, perturbations=(lost,)), "scan")
 
 
 def test_a_saved_run_goes_forward_only(looking: SavedRun):
-    with pytest.raises(ConfigurationError, match="phase: settle has begun, for the run was saved in scan"):
+    with pytest.raises(
+        ConfigurationError, match="phase: settle has begun, for the run was saved in scan"
+    ):
         saved(looking, "settle")
-    with pytest.raises(ConfigurationError, match=r"longest \[s\]: the saved run is at \d\.\d+ s already, got 1"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"longest \[s\]: the saved run is at \d\.\d+ s "
+        r"already, got 1",
+    ):
         run(looking, longest=1.0)
     plant = assemble(GUSTY).plant
     with pytest.raises(ConfigurationError, match="leave `recorder` out"):
@@ -175,7 +205,11 @@ class Counted(Perturbation):
 
 
 def test_an_observer_that_cannot_be_saved_is_refused():
-    with pytest.raises(ConfigurationError, match=r"observer Counting keeps something: give it `save\(\)`"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"observer Counting keeps something: give it "
+        r"`save\(\)`",
+    ):
         saved(replace(GUSTY, perturbations=(Counted(),)), "scan")
 
 

@@ -16,7 +16,14 @@ from untyped import untyped
 from uuv import Perturbation, Scenario, assemble, jobs, models, read_scenario, run, write_scenario
 from uuv.cli.carry_out import values_of
 from uuv.cli.run_job import file_options
-from uuv.jobs import clean_object, clean_pile, identify_friction, insert_sampler, inspect_object, sample_seabed
+from uuv.jobs import (
+    clean_object,
+    clean_pile,
+    identify_friction,
+    insert_sampler,
+    inspect_object,
+    sample_seabed,
+)
 from uuv.models.objects.targets import OBJECTS
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perturbations import perturbation
@@ -48,7 +55,9 @@ ALL = (
 
 
 def scenarios() -> Iterator[Scenario]:
-    yield jobs.clean_barrel(seed=2, arc=77.7, without=("fusion", "compensation"), arm_errors=3, fouled=0.031)
+    yield jobs.clean_barrel(
+        seed=2, arc=77.7, without=("fusion", "compensation"), arm_errors=3, fouled=0.031
+    )
     yield replace(jobs.clean_barrel(), perturbations=ALL, perturbation_seed=5)
     pose = assemble_pose(jobs.clean_barrel(seed=4))
     yield replace(jobs.clean_barrel(seed=4), site=Site(X_WT=tuple(map(tuple, pose.tolist()))))
@@ -79,7 +88,10 @@ def test_random_numbers_keep_all_their_bits(rng):
 
 
 def test_every_class_that_a_file_can_name_is_registered():
-    for base, registry in ((perturbation.Perturbation, perturbation.registry()), (Task, tasks.registry())):
+    for base, registry in (
+        (perturbation.Perturbation, perturbation.registry()),
+        (Task, tasks.registry()),
+    ):
         named = {registry.maker(name) for name in registry.names()}
         ours = {one for one in subclasses(base) if one.__module__.startswith("uuv.")}
         nameless = {one for one in ours if one.__name__.startswith("_") or one.__subclasses__()}
@@ -87,9 +99,13 @@ def test_every_class_that_a_file_can_name_is_registered():
 
 
 def test_what_may_be_none_is_none_by_default():
-    """A file cannot say None: what is None is left out of it, and must be None again when it is read."""
+    """A file cannot say None: what is None is left out of it, and must be None again when it is
+    read.
+    """
     seen: set[type] = set()
-    named = (registry.maker(name) for registry in registries().values() for name in registry.names())
+    named = (
+        registry.maker(name) for registry in registries().values() for name in registry.names()
+    )
     pending: list[Any] = [Scenario, *named]
     while pending:
         kind = pending.pop()
@@ -121,20 +137,33 @@ WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
         ('name = "x"\nseeds = 1', "the file has no 'seeds'; it has name, task, seed, site"),
         ('name = "x"', "the file: task is missing"),
         ('name = "x"\n[task]\nspeed = 1', r"\[task\]: needs a kind; there are .*SurfaceWork"),
-        ('name = "x"\n[task]\nkind = "Dance"', "unknown task 'Dance'; there are GearIdentification"),
+        (
+            'name = "x"\n[task]\nkind = "Dance"',
+            "unknown task 'Dance'; there are GearIdentification",
+        ),
         (WORK + 'speed = "fast"', "task.speed: must be a number, got 'fast'"),
         (WORK + "speed = 9", "speed .m/s.: must be finite, >= 0.0001, <= 1, got 9"),
         (WORK + "forces = 9", "task.forces: must be a list, got 9"),
         (WORK + "forces = []", r"forces \[N\]: needs at least one set force, got none"),
-        ('name = "x"\nseed = true\n[task]\nkind = "SurfaceWork"', "seed: must be a whole number, got True"),
+        (
+            'name = "x"\nseed = true\n[task]\nkind = "SurfaceWork"',
+            "seed: must be a whole number, got True",
+        ),
         (WORK + "[site]\ncurrent = [1]", "site.current: must be 3 values"),
         (WORK + "[site]\ncurrent = [nan, 0, 0]", r"site.current\[0\]: must not be NaN"),
-        (WORK + '[[perturbations]]\nkind = "Water"\nspraed = 2', r"perturbations\[0\] has no 'spraed'; it has spread"),
+        (
+            WORK + '[[perturbations]]\nkind = "Water"\nspraed = 2',
+            r"perturbations\[0\] has no 'spraed'; "
+            r"it has spread",
+        ),
         (WORK + '[control]\nwithout = ["luck"]', "allowed compensation, .*got 'luck'"),
         (WORK + '[site.object]\nkind = "Barrel"\nlenght = 1', r"\[site.object\] has no 'le"),
         (WORK + '[[perturbations]]\nkind = "Water"\nspread = 2', "Water spread: must be in"),
         (WORK + "[site]\nX_WT = [[1, 0, 0, 0]]", "X_WT"),
-        ('name = "x"\nperturbations = 3\n[task]\nkind = "SurfaceWork"', "perturbations: must be a list, got 3"),
+        (
+            'name = "x"\nperturbations = 3\n[task]\nkind = "SurfaceWork"',
+            "perturbations: must be a list, got 3",
+        ),
     ],
 )
 def test_a_bad_file_is_one_line_that_says_what_is_allowed(text, said, tmp_path):
@@ -148,7 +177,8 @@ def test_a_bad_file_is_one_line_that_says_what_is_allowed(text, said, tmp_path):
 
 def test_values_are_set_by_the_keys_of_the_file():
     scenario = with_values(
-        jobs.clean_barrel(seed=3), ["seed=5", "task.speed = 0.03", "site.current=[0, 0.2, 0]", "belief.arm=a=b.yaml"]
+        jobs.clean_barrel(seed=3),
+        ["seed=5", "task.speed = 0.03", "site.current=[0, 0.2, 0]", "belief.arm=a=b.yaml"],
     )
     assert isinstance(scenario.task, SurfaceWorkTask)
     assert (scenario.seed, scenario.task.speed, scenario.site.current) == (5, 0.03, (0.0, 0.2, 0.0))
@@ -190,7 +220,9 @@ def test_a_value_that_cannot_be_set_is_refused(assignment, said):
 
 def test_a_task_at_the_wrong_site_is_refused():
     scenario = replace(jobs.clean_barrel(), site=sample_seabed().site)
-    with pytest.raises(ConfigurationError, match="task SurfaceWorkTask: needs a Workpiece at the site, got Ground"):
+    with pytest.raises(
+        ConfigurationError, match="task SurfaceWorkTask: needs a Workpiece at the site, got Ground"
+    ):
         assemble(scenario)
 
 
@@ -232,14 +264,17 @@ def test_a_new_perturbation_acts_and_changes_no_draw_of_others():
     drawn = perturb(both, [HeavyPad(), Gears(spread=0.3), Water(spread=0.3)], seed=3)
     assert {name: drawn[name] for name in before} == before
     was, now = plain.compile(), both.compile()
-    assert now.body("pad").mass[0] == pytest.approx(drawn["pad_mass"] * was.body("pad").mass[0], rel=1e-12)
+    assert now.body("pad").mass[0] == pytest.approx(
+        drawn["pad_mass"] * was.body("pad").mass[0], rel=1e-12
+    )
     assert 1.0 < drawn["pad_mass"] < 1.5
     assert np.array_equal(alone.compile().body_user, now.body_user)
     assert perturb(models.load("uuv_puma"), [HeavyPad()], seed=4)["pad_mass"] != drawn["pad_mass"]
     run(assemble(replace(jobs.clean_barrel(quick=True), perturbations=(HeavyPad(),))), longest=0.01)
 
 
-# An object of another package, whole: its module, and the entry point that a wheel of it would bring.
+# An object of another package, whole: its module, and the entry point that a wheel of it would
+# bring.
 
 MODULE = """
 import numpy as np
@@ -262,7 +297,9 @@ def test_an_object_of_another_package_is_worked_on(tmp_path, monkeypatch):
     monkeypatch.setattr(OBJECTS, "_found", None)  # what is installed is looked up once
     monkeypatch.delitem(sys.modules, "buoys", raising=False)
     scenario = replace(
-        jobs.clean_barrel(), site=Site(object=KnownObject(object="buoy")), task=SurfaceWorkTask(least=0.5)
+        jobs.clean_barrel(),
+        site=Site(object=KnownObject(object="buoy")),
+        task=SurfaceWorkTask(least=0.5),
     )
     work = placed(scenario)
     assert (work.target.name, work.truth.path) == ("buoy", "over")
@@ -272,7 +309,8 @@ def test_an_object_of_another_package_is_worked_on(tmp_path, monkeypatch):
     monkeypatch.setattr(OBJECTS, "_found", None)
 
 
-# -- failures ----------------------------------------------------------------------------------------------------------
+# -- failures
+# ----------------------------------------------------------------------------------------------------------
 
 
 def test_failures_compose_on_one_plant_and_wait_for_their_event():
@@ -285,9 +323,14 @@ def test_failures_compose_on_one_plant_and_wait_for_their_event():
     failures = (failures[0], replace(failures[1], thruster=names[-1]), failures[2])
     built = assemble(replace(jobs.clean_barrel(quick=True), perturbations=failures))
     assert isinstance(built.loop.plant, FaultyPlant)
-    assert [fault.thruster for fault in built.loop.plant.faults] == [names.index("heave_front"), len(names) - 1]
+    assert [fault.thruster for fault in built.loop.plant.faults] == [
+        names.index("heave_front"),
+        len(names) - 1,
+    ]
     assert [fault.onset.began for fault in built.loop.plant.faults] == [1.0, np.inf]
-    assert [getattr(observer, "state", None) for observer in built.loop.observers] == [WorkState.WORK]
+    assert [getattr(observer, "state", None) for observer in built.loop.observers] == [
+        WorkState.WORK
+    ]
 
 
 @pytest.mark.parametrize(
@@ -297,10 +340,24 @@ def test_failures_compose_on_one_plant_and_wait_for_their_event():
         (lambda: ThrusterFailure(thruster="x", at=1.0, state="work"), "one of the two"),
         (lambda: SensorFailure(sensor="dvl", state="lunch"), "allowed settle, .*got 'lunch'"),
         (lambda: SensorFailure(sensor="dvl", at=-1.0), "onset at: must be >= 0"),
-        (lambda: SensorFailure(sensor="dvl", effect="turned", index=0, at=1.0), "allowed for sensor 'imu'.*got 'dvl'"),
-        (lambda: SensorFailure(sensor="imu", effect="turned", at=1.0), "about index 0, 1 or 2.*and None"),
-        (lambda: SensorFailure(sensor="imu", effect="turned", index=2, value=float("inf"), at=1.0), "value .rad."),
-        (lambda: SensorFailure(sensor="dvl", rate=1.0, at=1.0), "rate: an offset or a turn grows, not effect 'lost'"),
+        (
+            lambda: SensorFailure(sensor="dvl", effect="turned", index=0, at=1.0),
+            "allowed for sensor 'imu'.*got 'dvl'",
+        ),
+        (
+            lambda: SensorFailure(sensor="imu", effect="turned", at=1.0),
+            "about index 0, 1 or 2.*and None",
+        ),
+        (
+            lambda: SensorFailure(
+                sensor="imu", effect="turned", index=2, value=float("inf"), at=1.0
+            ),
+            "value .rad.",
+        ),
+        (
+            lambda: SensorFailure(sensor="dvl", rate=1.0, at=1.0),
+            "rate: an offset or a turn grows, not effect 'lost'",
+        ),
         (lambda: MisplacedSurface(offset=float("nan")), "MisplacedSurface offset"),
     ],
 )
@@ -310,7 +367,9 @@ def test_a_failure_that_cannot_be_is_refused(make, said):
 
 
 def test_an_unknown_thruster_is_named_with_those_there_are():
-    scenario = replace(jobs.clean_barrel(quick=True), perturbations=(ThrusterFailure(thruster="stern", at=0.0),))
+    scenario = replace(
+        jobs.clean_barrel(quick=True), perturbations=(ThrusterFailure(thruster="stern", at=0.0),)
+    )
     with pytest.raises(ConfigurationError, match=r"allowed .*heave_front.*got 'stern'"):
         assemble(scenario)
 
@@ -330,10 +389,13 @@ def test_perturbations_can_be_appended_to_a_file_that_has_none(tmp_path):
 def test_a_thruster_cannot_fail_inside_a_plant_of_ones_own():
     class Wrapped(Perturbation):
         def on_loop(self, loop):
-            return replace(loop, plant=untyped(SimpleNamespace(plant=loop.plant, timestep=loop.plant.timestep)))
+            return replace(
+                loop, plant=untyped(SimpleNamespace(plant=loop.plant, timestep=loop.plant.timestep))
+            )
 
     scenario = replace(
-        jobs.clean_barrel(quick=True), perturbations=(Wrapped(), ThrusterFailure(thruster="sway", at=0.0))
+        jobs.clean_barrel(quick=True),
+        perturbations=(Wrapped(), ThrusterFailure(thruster="sway", at=0.0)),
     )
     with pytest.raises(ConfigurationError, match="comes before perturbations that wrap the plant"):
         assemble(scenario)
@@ -342,5 +404,7 @@ def test_a_thruster_cannot_fail_inside_a_plant_of_ones_own():
 def test_a_task_of_another_kind_is_refused():
     scenario = jobs.clean_barrel()
     assert scenario.task_of(SurfaceWorkTask) is scenario.task
-    with pytest.raises(ConfigurationError, match="'clean_barrel': needs InsertionTask, has SurfaceWorkTask"):
+    with pytest.raises(
+        ConfigurationError, match="'clean_barrel': needs InsertionTask, has SurfaceWorkTask"
+    ):
         scenario.task_of(InsertionTask)

@@ -1,4 +1,6 @@
-"""Water of one's own in a run, by each of its doors: scenario file, command line, Python, and `on_water`."""
+"""Water of one's own in a run, by each of its doors: scenario file, command line, Python, and
+`on_water`.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -83,7 +85,9 @@ def my_water(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def at_start(scenario: Scenario) -> tuple[Assembly, np.ndarray]:
-    """The scenario assembled without gusts, and the field's part of the water at its start (3,) [m/s]."""
+    """The scenario assembled without gusts, and the field's part of the water at its start (3,)
+    [m/s].
+    """
     still = replace(scenario, site=replace(scenario.site, gust=0.0))
     built = assemble(still)
     return built, built.plant.truth.current_W - still.site.current
@@ -116,7 +120,10 @@ def test_by_a_file_with_leave(tmp_path: Path):
     text = file.read_text().replace("rate = 0.02", "rate = 0.04")
     assert '[site.flow]\nkind = "my_water:Sheared"\nrate = 0.04\nslow = 0.5\n' in text
     file.write_text(text)
-    with pytest.raises(ConfigurationError, match="names code, 'my_water:Sheared', which is not run unless you say --t"):
+    with pytest.raises(
+        ConfigurationError,
+        match="names code, 'my_water:Sheared', which is not run unless you say --t",
+    ):
         read_scenario(file)
     scenario = read_scenario(file, trust=True)
     built, field = at_start(scenario)
@@ -135,7 +142,10 @@ def test_by_python_and_by_name():
     assert clean_barrel(quick=True, flow=flow) == scenario
     np.testing.assert_allclose(field, flow.velocity(built.X_WB[:3, 3], 0.0), atol=1e-15)
     assert field[0] < -0.05
-    assert replace(clean_barrel(quick=True), site=replace(clean_barrel(quick=True).site, flow=flow)) == scenario
+    assert (
+        replace(clean_barrel(quick=True), site=replace(clean_barrel(quick=True).site, flow=flow))
+        == scenario
+    )
 
 
 def test_without_a_field_files_are_as_they_were(tmp_path: Path):
@@ -147,8 +157,16 @@ def test_without_a_field_files_are_as_they_were(tmp_path: Path):
     ("name", "said"),
     [
         ("my_water:Missing", "flow 'my_water:Missing': cannot be imported"),
-        ("my_water:Needy", r"site.flow: my_water:Needy needs rate; set kind and keys one by one: site"),
-        ("my_water:Bare", r"\[site.flow\]: flow 'my_water:Bare' must be a dataclass that has a method velocity"),
+        (
+            "my_water:Needy",
+            r"site.flow: my_water:Needy needs rate; set kind and keys one by one: "
+            r"site",
+        ),
+        (
+            "my_water:Bare",
+            r"\[site.flow\]: flow 'my_water:Bare' must be a dataclass that has a "
+            r"method velocity",
+        ),
         ("CylinderWak", "unknown flow 'CylinderWak'; there are CylinderWake"),
     ],
 )
@@ -160,22 +178,40 @@ def test_a_name_that_is_no_field_is_refused(name: str, said: str):
 def test_an_object_that_is_no_field_is_refused():
     from my_water import Bare, Sheared  # pyright: ignore[reportMissingImports]
 
-    with pytest.raises(ConfigurationError, match=r"site.flow: must be a dataclass, whose fields are keys"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"site.flow: must be a dataclass, whose fields "
+        r"are keys",
+    ):
         Site(flow=Bare())
-    with pytest.raises(ConfigurationError, match=r"site.flow: must be an instance, got the class Sheared"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"site.flow: must be an instance, got the class "
+        r"Sheared",
+    ):
         Site(flow=Sheared)
-    with pytest.raises(ConfigurationError, match=r"site.flow: needs a method velocity\(p_W, time\), got 0.3"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"site.flow: needs a method velocity\(p_W, "
+        r"time\), got 0.3",
+    ):
         Site(flow=untyped(0.3))
 
 
 def test_a_field_that_fails_on_the_way_ends_the_run_with_one_line():
     built = assemble(clean_barrel(quick=True, flow="my_water:Late"))
-    with pytest.raises(ConfigurationError, match=r"flow Late: velocity must be \(3,\) finite .* 0.10\d s"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"flow Late: velocity must be \(3,\) finite .* "
+        r"0.10\d s",
+    ):
         run_through(built, longest=SECONDS)
 
 
 def test_a_plant_that_is_saved_goes_on_in_its_field():
-    """Two plants of the same scenario: one goes through, the other on from where the first was saved."""
+    """Two plants of the same scenario: one goes through, the other on from where the first was
+    saved.
+    """
     scenario = clean_barrel(quick=True, flow="my_water:Sheared")
     through, later = assemble(scenario).plant, assemble(scenario).plant
     for _ in range(40):
@@ -283,7 +319,11 @@ def test_a_wrapper_that_writes_the_water_is_refused_with_the_right_hook():
             return replace(loop, plant=GustyPlant(loop.plant))
 
     built = assemble(replace(clean_barrel(quick=True), perturbations=(Gusty(),)))
-    with pytest.raises(ConfigurationError, match=r"opt.wind is \[0.4, 0.0, 0.0\] m/s, .*`on_water` of a perturbation"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"opt.wind is \[0.4, 0.0, 0.0\] m/s, "
+        r".*`on_water` of a perturbation",
+    ):
         run_through(built, longest=SECONDS)
 
 
@@ -292,7 +332,11 @@ def test_water_in_the_spec_is_refused():
         def on_scene(self, scene: Any) -> None:
             scene.option.wind = [0.0, 0.3, 0.0]
 
-    with pytest.raises(ConfigurationError, match=r"opt.wind of vehicle or scene is \[0.0, 0.3, 0.0\] m/s; a run ov"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"opt.wind of vehicle or scene is \[0.0, 0.3, "
+        r"0.0\] m/s; a run ov",
+    ):
         assemble(replace(clean_barrel(quick=True), perturbations=(Windy(),)))
 
 
@@ -301,7 +345,11 @@ def test_what_is_no_current_is_refused():
         def on_water(self, current: Current) -> Current:
             return untyped(None)
 
-    with pytest.raises(ConfigurationError, match=r"Nothing.on_water: must return a uuv.*Current, got None"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"Nothing.on_water: must return a uuv.*Current, "
+        r"got None",
+    ):
         assemble(replace(clean_barrel(quick=True), perturbations=(Nothing(),)))
 
 
@@ -338,9 +386,16 @@ def test_a_flow_field_is_not_lost_in_silence():
             return Current([0.0, 0.1, 0.0], timestep=0.002)
 
     scenario = replace(clean_barrel(quick=True, flow="my_water:Sheared"), perturbations=(Fresh(),))
-    with pytest.raises(ConfigurationError, match=r"^Fresh\.on_water: .*flow field Sheared.*`with_flow` keeps it"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"^Fresh\.on_water: .*flow field "
+        r"Sheared.*`with_flow` keeps it",
+    ):
         assemble(scenario)
-    assert assemble(replace(clean_barrel(quick=True), perturbations=(Fresh(),))).plant.truth.current_W is not None
+    assert (
+        assemble(replace(clean_barrel(quick=True), perturbations=(Fresh(),))).plant.truth.current_W
+        is not None
+    )
 
 
 def test_the_steady_part_cannot_be_changed_in_place():
@@ -369,7 +424,9 @@ def test_the_water_at_a_place_is_asked_of_the_plant() -> None:
 
 
 def test_a_factor_of_time_is_on_the_field_elsewhere_too() -> None:
-    scenario = replace(clean_barrel(seed=3), site=Site(current=(0.1, 0.0, 0.0), gust=0.0, flow=TurningJet()))
+    scenario = replace(
+        clean_barrel(seed=3), site=Site(current=(0.1, 0.0, 0.0), gust=0.0, flow=TurningJet())
+    )
     built = assemble(scenario)
     built.plant.reset(current=built.current(lambda time: (0.5 + 0.1 * time, 0.1)), X_WB=built.X_WB)
     p_W = np.array([1.0, 0.3, -0.4])
@@ -378,14 +435,23 @@ def test_a_factor_of_time_is_on_the_field_elsewhere_too() -> None:
 
 
 def test_the_current_of_a_plant_is_read_and_never_replaced_in_silence() -> None:
-    plant = assemble(replace(clean_barrel(seed=3), site=Site(current=(0.1, 0.2, 0.0), gust=0.0))).plant
+    plant = assemble(
+        replace(clean_barrel(seed=3), site=Site(current=(0.1, 0.2, 0.0), gust=0.0))
+    ).plant
     np.testing.assert_array_equal(plant.current.mean_W, [0.1, 0.2, 0.0])
-    with pytest.raises(ConfigurationError, match=r"plant\.current: cannot be set.*on_water\(current\)"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"plant\.current: cannot be "
+        r"set.*on_water\(current\)",
+    ):
         plant.current = Current(np.zeros(3))
 
 
 def test_a_kind_with_keys_that_have_no_default_says_how_they_are_given() -> None:
-    needs = "stream, place, axis, diameter, length; set kind and keys one by one: site.flow.kind=CylinderWake"
+    needs = (
+        "stream, place, axis, diameter, length; set kind and keys one by one: "
+        "site.flow.kind=CylinderWake"
+    )
     with pytest.raises(ConfigurationError, match=f"site.flow: CylinderWake needs {needs}"):
         flow_of("CylinderWake")
     typed = [
@@ -397,7 +463,11 @@ def test_a_kind_with_keys_that_have_no_default_says_how_they_are_given() -> None
         "site.flow.length=4",
     ]
     assert with_values(clean_barrel(), typed).site.flow == CylinderWake(
-        stream=(0.3, 0.0, 0.0), place=(-2.0, 0.0, 0.0), axis=(0.0, 0.0, 1.0), diameter=0.6, length=4.0
+        stream=(0.3, 0.0, 0.0),
+        place=(-2.0, 0.0, 0.0),
+        axis=(0.0, 0.0, 1.0),
+        diameter=0.6,
+        length=4.0,
     )
 
 
@@ -407,7 +477,10 @@ def test_the_check_and_the_start_of_a_run_know_the_flow() -> None:
     strongest = site.strongest_water(np.zeros(3))
     np.testing.assert_allclose(strongest, [0.1, 1.9 * (1.0 - np.exp(-100.0 / 20.0)), 0.0])
     said = preflight(scenario, assemble(replace(scenario, site=Site())).own)
-    assert any("the water at the hull moves at 1.89 m/s along sway, the thrusters hold" in line for line in said)
+    assert any(
+        "the water at the hull moves at 1.89 m/s along sway, the thrusters hold" in line
+        for line in said
+    )
     still = replace(scenario, site=Site())
     assert not any("the water" in line for line in preflight(still, assemble(still).own))
 

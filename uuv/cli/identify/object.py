@@ -119,7 +119,9 @@ def print_pose(pose: "Identification", target: "TargetModel", console: "Console"
     console.print(line, highlight=False)
 
 
-def deformation(pose: "Identification", name: str, folder: Path, console: "Console") -> dict[str, Any]:
+def deformation(
+    pose: "Identification", name: str, folder: Path, console: "Console"
+) -> dict[str, Any]:
     """Figures of where an object differs from its model; also prints, writes and draws that."""
     from uuv.clouds import deformation_report
     from uuv.perception.toolpath.deformation import map_deformation

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from uuv.sim.reporting.series_tables import PastRun
 
 _LEFT_OUT = (FORMAT_KEY, "provenance", "timings", "start", "schema")
-_ASKED = ("scenario", "options.", "model_sha256")  # what was asked for, and the model that follows from it
+# what was asked for, and the model that follows from it
+_ASKED = ("scenario", "options.", "model_sha256")
 _SAME = 0.02  # share by which figures may differ and still count as alike
 Rows = list[tuple[str, list[Any]]]
 
@@ -37,7 +38,9 @@ class CompareOptions:
 
     a: Run
     b: Run
-    more: Annotated[Positional[tuple[str, ...]], arg(metavar="[RUN ...]", help="Further ones.")] = ()
+    more: Annotated[
+        Positional[tuple[str, ...]], arg(metavar="[RUN ...]", help="Further ones.")
+    ] = ()
     all: bool = False
     """All figures."""
     trust: Trust = False
@@ -62,11 +65,18 @@ def main(verb: str, args: Sequence[str]) -> int:
 
     console = console_of()
     for title, rows in found.items():
-        console.print(table(title, [str(run.folder) for run in runs], rows) if rows else f"{title}: none")
+        console.print(
+            table(title, [str(run.folder) for run in runs], rows) if rows else f"{title}: none"
+        )
     if absent(LOG):
-        console.print(f"no page of the time series: {to_install(LOG)}", markup=False, highlight=False)
+        console.print(
+            f"no page of the time series: {to_install(LOG)}", markup=False, highlight=False
+        )
     elif without := [str(run.folder) for run in runs[:2] if not run.rates]:
-        console.print(f"no page of the time series: {', '.join(without)} was run with --no-record", highlight=False)
+        console.print(
+            f"no page of the time series: {', '.join(without)} was run with --no-record",
+            highlight=False,
+        )
     else:
         try:
             console.print(f"written to {write_page(runs, found)}", highlight=False, soft_wrap=True)
@@ -81,7 +91,9 @@ def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> di
 
     asked = [flat(as_dict(scenario_of(run.folder, trust=trust))) for run in runs]
     made = [flat(run.metrics.get("provenance", {})) for run in runs]
-    made = [{key: value for key, value in one.items() if not key.startswith(_ASKED)} for one in made]
+    made = [
+        {key: value for key, value in one.items() if not key.startswith(_ASKED)} for one in made
+    ]
     figures = [dict(numbers(run.metrics)) for run in runs]
     shown = [(key, values) for key, values in _rows(figures) if every or not alike(values)]
     versions = _differing(made)
@@ -109,7 +121,10 @@ def write_page(runs: "Sequence[PastRun]", found: Mapping[str, Rows]) -> Path:
         if rows
     )
     title = " against ".join(names)
-    body = f"<header><h1>{report_page.text(title)}</h1></header>{listed}<section><h2>Time series</h2>{drawn}</section>"
+    body = (
+        f"<header><h1>{report_page.text(title)}</h1></header>{listed}<section><h2>Time "
+        f"series</h2>{drawn}</section>"
+    )
     file = runs[0].folder / f"compare_{names[1].replace('/', '_')}.html"
     write_whole(file, report_page.page(title, body))
     return file
@@ -160,7 +175,11 @@ def table(title: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[A
 
 
 def _differing(several: Sequence[Mapping[str, Any]]) -> Rows:
-    return [(key, values) for key, values in _rows(several) if any(value != values[0] for value in values)]
+    return [
+        (key, values)
+        for key, values in _rows(several)
+        if any(value != values[0] for value in values)
+    ]
 
 
 def _rows(several: Sequence[Mapping[str, Any]]) -> Rows:

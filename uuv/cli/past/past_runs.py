@@ -21,7 +21,10 @@ from uuv.sim.runs.run_folder import LATEST, RUNS
 if TYPE_CHECKING:
     from uuv.scenario import Scenario
 
-Run = Annotated[Positional[str], arg(metavar="RUN", help="Folder of a run, or the name of a job for its latest.")]
+Run = Annotated[
+    Positional[str],
+    arg(metavar="RUN", help="Folder of a run, or the name of a job for its latest."),
+]
 Trust = Annotated[bool, arg(help="Run the code, MODULE:ATTRIBUTE, that its scenario names too.")]
 _RRD = b"RRF"  # begins a log
 
@@ -73,8 +76,11 @@ def run_folder(given: str) -> Path:
     try:
         for folder in (Path(given), RUNS / given / LATEST, RUNS / given.replace("-", "_") / LATEST):
             if (folder / "metrics.json").exists():
-                return folder.parent / folder.readlink() if folder.is_symlink() else folder  # `latest` moves on
-        there = sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
+                # `latest` moves on
+                return folder.parent / folder.readlink() if folder.is_symlink() else folder
+        there = (
+            sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
+        )
     except OSError as error:  # a name that is too long, or a folder that may not be looked into
         raise ConfigurationError(f"{given}: no run ({error.strerror})") from error
     known = f"; runs/ has {', '.join(there)}" if there else "; there is no folder runs/ here"
@@ -118,14 +124,17 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
         print(f"the same to the bit: {ran.recording.duration:.1f} s, trajectory {got[:12]}")
         return 0
     print(
-        f"another trajectory: {got[:12]}, recorded {str(wanted)[:12]}. The record is of other code or libraries, of "
+        f"another trajectory: {got[:12]}, recorded {str(wanted)[:12]}. The record is of other "
+        "code or libraries, of "
         "another machine, or of a run that was interrupted (see provenance in metrics.json)."
     )
     return 1
 
 
 def report(folder: Path, *, trust: bool = False) -> int:
-    """Prints the path of the report, made where it is missing; `trust`: also by its scenario's code."""
+    """Prints the path of the report, made where it is missing; `trust`: also by its scenario's
+    code.
+    """
     file = folder / "report.html"
     if not file.exists():
         if absent(LOG):
@@ -146,7 +155,9 @@ def view(folder: Path) -> int:
     """Opens the Rerun viewer on the run's log; its exit code."""
     log = folder / "run.rrd"
     if not log.exists():
-        raise ConfigurationError(f"{folder} has no run.rrd: run it again without --no-record, with the extra {LOG}")
+        raise ConfigurationError(
+            f"{folder} has no run.rrd: run it again without --no-record, with the extra {LOG}"
+        )
     with regular(log, "log") as stream:
         if stream.read(len(_RRD)) != _RRD:
             raise ConfigurationError(f"log {shown(str(log))}: is no log of Rerun")

@@ -34,7 +34,8 @@ def pictures(folder: Path, *, trust: bool = False) -> Iterator[Path]:
     """Still and clip of a run, each when it is written; `trust`: also by its scenario's code.
 
     Raises:
-        ConfigurationError: The run has no series, or its scenario cannot be read or names what there is not.
+        ConfigurationError: The run has no series, or its scenario cannot be read or names what
+            there is not.
     """
     from uuv.inputs import check_inputs
     from uuv.sim.reporting.series_tables import SLOW, PastRun

@@ -24,13 +24,16 @@ from uuv.sim.runs.saving import write_whole
 WIDTH, HEIGHT = 960, 600  # [px]
 FRAMES, PACE = 150, 15.0  # of the clip, and frames a second: ten seconds
 MURK = 0.35  # [1/m] by which what lies behind the work fades into the water
-_WATER = np.linspace([58.0, 110.0, 130.0], [16.0, 44.0, 60.0], HEIGHT)[:, None]  # its colour, from above down
+# its colour, from above down
+_WATER = np.linspace([58.0, 110.0, 130.0], [16.0, 44.0, 60.0], HEIGHT)[:, None]
 
 
 def render(scenario: Scenario, past: PastRun, still: Path, clip: Path) -> Iterator[Path]:
     """Renders a run into the files `still` and `clip`; gives each when it is written."""
     stage = RunScene(scenario, past)
-    busy = [event.time for event in past.events if event.state in (WorkState.WORK, WorkState.INSERT)]
+    busy = [
+        event.time for event in past.events if event.state in (WorkState.WORK, WorkState.INSERT)
+    ]
     middle = stage.nearest(busy[0] + 5.0) if busy else len(stage.time) // 2
     write_whole(still, _encoded(stage.frame(middle), "png"))
     yield still
@@ -38,7 +41,12 @@ def render(scenario: Scenario, past: PastRun, still: Path, clip: Path) -> Iterat
     first, *others = [stage.frame(row) for row in rows]
     later = [Image.fromarray(frame) for frame in others]
     pace = int(1e3 / PACE)
-    write_whole(clip, _encoded(first, "webp", save_all=True, append_images=later, duration=pace, loop=0, quality=80))
+    write_whole(
+        clip,
+        _encoded(
+            first, "webp", save_all=True, append_images=later, duration=pace, loop=0, quality=80
+        ),
+    )
     yield clip
 
 
@@ -72,7 +80,9 @@ def _view(model: mujoco.MjModel) -> GlPicture | RayPicture:
     try:
         return GlPicture(model, HEIGHT, WIDTH)
     except Exception as error:  # of any kind: it depends on what is missing
-        print(f"no OpenGL here ({one_line(str(error), 80)}): pictures by ray casting", file=sys.stderr)
+        print(
+            f"no OpenGL here ({one_line(str(error), 80)}): pictures by ray casting", file=sys.stderr
+        )
         return RayPicture(model, HEIGHT, WIDTH)
 
 
@@ -84,13 +94,17 @@ class RunScene:
         self._model, vehicle = built.plant.model, Vehicle.of(built.plant.model)
         self._data, self._vehicle = mujoco.MjData(self._model), vehicle
         self.time = past.numbers("time", "slow")
-        self._q = np.column_stack([past.numbers(f"q.{name}", "slow") for name in vehicle.joint_names])
+        self._q = np.column_stack(
+            [past.numbers(f"q.{name}", "slow") for name in vehicle.joint_names]
+        )
         every = np.searchsorted(past.numbers("time"), self.time)
         hull = [past.numbers(f"p_WB.{axis}") for axis in "xyz"]
         hull += [past.numbers(f"quat_WB_wxyz.{part}") for part in "wxyz"]
         for values in (self._q, *hull):
             if not (np.abs(values) < FARTHEST).all():
-                raise ConfigurationError(f"{past.folder}: a recorded pose is not finite, or beyond {FARTHEST:g} m")
+                raise ConfigurationError(
+                    f"{past.folder}: a recorded pose is not finite, or beyond {FARTHEST:g} m"
+                )
         self._hull = np.column_stack(hull)[np.minimum(every, len(hull[0]) - 1)]
         light = self._model.vis.headlight
         light.ambient[:], light.diffuse[:], light.specular[:] = 0.5, 0.6, 0.1
@@ -120,9 +134,15 @@ class RunScene:
         places: list[Array] = []
         for row in np.linspace(0, len(self.time) - 1, 20).astype(int):
             self._put(row)
-            places += [self._data.site_xpos[self._vehicle.tip].copy(), self._data.xpos[self._vehicle.hull].copy()]
+            places += [
+                self._data.site_xpos[self._vehicle.tip].copy(),
+                self._data.xpos[self._vehicle.hull].copy(),
+            ]
         low, high = np.min(places, axis=0), np.max(places, axis=0)
         camera, ahead = self._camera, self._data.xmat[self._vehicle.hull].reshape(3, 3)[:, 0]
         camera.lookat[:] = 0.5 * (low + high) - [0.0, 0.0, 0.15]
         camera.distance = 1.5 * float(np.linalg.norm(high - low)) + 2.0
-        camera.azimuth, camera.elevation = math.degrees(math.atan2(ahead[1], ahead[0])) + 120.0, -18.0
+        camera.azimuth, camera.elevation = (
+            math.degrees(math.atan2(ahead[1], ahead[0])) + 120.0,
+            -18.0,
+        )

@@ -1,7 +1,8 @@
-"""Seeded grammar of shapes: ten classes of technical and natural objects, thin and thick, in unit size.
+"""Seeded grammar of shapes: ten classes of technical and natural objects, thin and thick, in unit
+size.
 
-Parts are closed shells that may run into each other; rays see the outside of their union only. No class is known to
-perception, and none was chosen for what identification can do.
+Parts are closed shells that may run into each other; rays see the outside of their union only. No
+class is known to perception, and none was chosen for what identification can do.
 """
 
 from collections.abc import Callable, Mapping
@@ -72,7 +73,10 @@ class UnseenShape:
     def target(self, symmetry: Symmetry | None = None) -> TargetModel:
         """What perception is given: the mesh, and a symmetry if one is declared."""
         return TargetModel(
-            name=_NAME, vertices=self.vertices, triangles=self.triangles, symmetry=symmetry or Symmetry()
+            name=_NAME,
+            vertices=self.vertices,
+            triangles=self.triangles,
+            symmetry=symmetry or Symmetry(),
         )
 
 
@@ -97,7 +101,9 @@ def unseen_shape(kind: str, rng: Rng, extent: tuple[float, float] = EXTENT) -> U
         solid = moved(solid, pose(any_rotation(rng)))
     vertices, triangles = solid
     vertices = vertices * (size / np.ptp(vertices, axis=0).max())
-    return UnseenShape(kind=kind, vertices=vertices - area_centroid(vertices, triangles), triangles=triangles)
+    return UnseenShape(
+        kind=kind, vertices=vertices - area_centroid(vertices, triangles), triangles=triangles
+    )
 
 
 def area_centroid(vertices: Array, triangles: np.ndarray) -> Array:
@@ -147,7 +153,9 @@ def _outline(rng: Rng) -> Array:
         angle = (np.arange(count) + rng.uniform(-0.3, 0.3, count)) * (2.0 * np.pi / count)
         return 0.5 * np.column_stack([np.cos(angle), width**0.5 * np.sin(angle)])
     leg, foot = rng.uniform(0.25, 0.5, 2)
-    corners = np.array([[0, 0], [1, 0], [1, foot * width], [leg, foot * width], [leg, width], [0, width]])
+    corners = np.array(
+        [[0, 0], [1, 0], [1, foot * width], [leg, foot * width], [leg, width], [0, width]]
+    )
     return corners - 0.5 * np.array([1.0, width])
 
 
@@ -182,7 +190,11 @@ def _plate(rng: Rng, least: float) -> Solid3:
     thick = max(least, _spread(rng, 0.015, 0.12))
     parts = [extruded(outline, thick, _holes(rng, outline, int(rng.integers(1, 8)), least))]
     for _ in range(_pick(rng, 0, 0, 1, 2)):
-        length, height, middle = rng.uniform(0.25, 0.5), _spread(rng, 0.04, 0.2), rng.uniform(-0.3, 0.3, 2)
+        length, height, middle = (
+            rng.uniform(0.25, 0.5),
+            _spread(rng, 0.04, 0.2),
+            rng.uniform(-0.3, 0.3, 2),
+        )
         turn = _about(2, rng.uniform(0.0, np.pi))
         foot = middle + np.linspace(-0.5, 0.5, 5)[:, None] * length * turn[:2, 0]
         if inside(foot, [outline]).all():
@@ -199,15 +211,22 @@ def _pipe(rng: Rng, least: float) -> Solid3:
         path = _bend(rng, deep)
         branches = 0
     else:
-        path = np.array([[0, 0, -0.5], [0, 0, deep - 0.5], [0, 0, 0.5 - deep], [0, 0, 0.5]], dtype=float)
+        path = np.array(
+            [[0, 0, -0.5], [0, 0, deep - 0.5], [0, 0, 0.5 - deep], [0, 0, 0.5]], dtype=float
+        )
         branches = int(rng.integers(1, 4))
     parts = [tube(path, r, bore, 1)]
     free = 0.5 - deep - 1.6 * r
     for _ in range(branches):
-        z, azimuth = rng.uniform(-free, free), _pick(rng, 0.0, 0.5, 1.0, 1.5, rng.uniform(0.0, 2.0)) * np.pi
+        z, azimuth = (
+            rng.uniform(-free, free),
+            _pick(rng, 0.0, 0.5, 1.0, 1.5, rng.uniform(0.0, 2.0)) * np.pi,
+        )
         lean, length = _pick(rng, 0.5, 0.5, 0.25) * np.pi, r + rng.uniform(0.12, 0.35)
         small = r * rng.uniform(0.55, 0.98)
-        arm = np.array([[0, 0, 0], [0, 0, 0.4 * length], [0, 0, length - 0.08], [0, 0, length]], dtype=float)
+        arm = np.array(
+            [[0, 0, 0], [0, 0, 0.4 * length], [0, 0, length - 0.08], [0, 0, length]], dtype=float
+        )
         X = _at(0.0, 0.0, z, _about(2, azimuth) @ _about(1, lean))
         parts.append(moved(tube(arm, small, 0.7 * small, 1), X))
         if rng.random() < 0.4:
@@ -223,12 +242,16 @@ def _pipe(rng: Rng, least: float) -> Solid3:
 
 
 def _bend(rng: Rng, deep: float) -> Array:
-    """Path (N, 3) of a pipe with one or two bends, in or out of a plane; its first and last step are `deep`."""
+    """Path (N, 3) of a pipe with one or two bends, in or out of a plane; its first and last step
+    are `deep`.
+    """
     around = rng.uniform(0.22, 0.35)
     ways = [np.array([1.0, 0.0, 0.0])]
     for _ in range(_pick(rng, 1, 2)):
         axis = np.cross(ways[-1], any_rotation(rng)[0])
-        ways.append(exp_so3(_pick(rng, 0.25, 0.5, 0.5) * np.pi * axis / np.linalg.norm(axis)) @ ways[-1])
+        ways.append(
+            exp_so3(_pick(rng, 0.25, 0.5, 0.5) * np.pi * axis / np.linalg.norm(axis)) @ ways[-1]
+        )
     points = [np.zeros(3), deep * ways[0], (deep + rng.uniform(0.1, 0.3)) * ways[0]]
     for before, after in pairwise(ways):
         axis = np.cross(before, after)
@@ -236,7 +259,8 @@ def _bend(rng: Rng, deep: float) -> Array:
         middle = points[-1] + around * np.cross(axis / np.linalg.norm(axis), before)
         arm = points[-1] - middle
         points += [
-            middle + exp_so3(share * angle * axis / np.linalg.norm(axis)) @ arm for share in np.linspace(0, 1, 13)[1:]
+            middle + exp_so3(share * angle * axis / np.linalg.norm(axis)) @ arm
+            for share in np.linspace(0, 1, 13)[1:]
         ]
         points.append(points[-1] + rng.uniform(0.1, 0.3) * after)
     points.append(points[-1] + deep * ways[-1])
@@ -274,7 +298,11 @@ def _flange(rng: Rng, least: float) -> Solid3:
         height, wide = rng.uniform(0.08, 0.5), bore + rng.uniform(0.3, 0.9) * (at - size - bore)
         low = 0.5 * thick - 0.01
         slim = bore + 0.6 * (wide - bore)
-        parts.append(ring(np.array([[bore, low], [wide, low], [slim, low + height], [bore, low + height]]), 72))
+        parts.append(
+            ring(
+                np.array([[bore, low], [wide, low], [slim, low + height], [bore, low + height]]), 72
+            )
+        )
     if rng.random() < 0.4:
         lug = box([0.12, rng.uniform(0.08, 0.2), thick], [0.53, 0.0, 0.0])
         parts.append(moved(lug, pose(_about(2, rng.uniform(0.0, 2.0 * np.pi)))))
@@ -287,7 +315,9 @@ def _bar(a: Array, b: Array, width: float, is_round: bool) -> Solid3:
     z = way / np.linalg.norm(way)
     R = rotation_from_z(z, np.eye(3)[np.argmin(np.abs(z))])
     length = float(np.linalg.norm(way)) + (0.0 if is_round else width)
-    bar = cylinder(0.5 * width, length, 16) if is_round else box([width, width, length], np.zeros(3))
+    bar = (
+        cylinder(0.5 * width, length, 16) if is_round else box([width, width, length], np.zeros(3))
+    )
     return moved(bar, pose(R, 0.5 * (a + b)))
 
 
@@ -310,7 +340,10 @@ def _frame(rng: Rng, least: float) -> Solid3:
         first = [k for k, (i, j) in enumerate(edges) if (i ^ j) == 4 >> axis]
         (a, b), (c, d) = (edges[k] for k in rng.choice(first, 2, replace=False))
         share = _pick(rng, 0.5, rng.uniform(0.25, 0.75))
-        ends = corners[a] + share * (corners[b] - corners[a]), corners[c] + share * (corners[d] - corners[c])
+        ends = (
+            corners[a] + share * (corners[b] - corners[a]),
+            corners[c] + share * (corners[d] - corners[c]),
+        )
         parts.append(_bar(*ends, width, is_round))
     if is_round:
         parts += [moved(ball(0.5 * width), pose(p=corner)) for corner in corners]
@@ -339,7 +372,9 @@ def _spring(rng: Rng, least: float) -> Solid3:
 
 
 def _grid(rng: Rng, least: float) -> Solid3:
-    """Periodic object: grating, ladder, rack of fins, or stacked discs; an element may be missing."""
+    """Periodic object: grating, ladder, rack of fins, or stacked discs; an element may be
+    missing.
+    """
     form = _pick(rng, "grating", "ladder", "fins", "discs")
     missing = bool(rng.random() < 0.4)
     width = max(least, rng.uniform(0.02, 0.05))
@@ -348,10 +383,16 @@ def _grid(rng: Rng, least: float) -> Solid3:
         depth = max(least, width * rng.uniform(0.6, 2.0))
         rails = [box([1.0, width, depth], [0.0, y, 0.0]) for y in (-0.5 * across, 0.5 * across)]
         count = int(rng.integers(4, 11))
-        rungs = [box([width, across, depth], [x, 0.0, 0.0]) for x in np.linspace(-0.5, 0.5, count) * (1.0 - width)]
+        rungs = [
+            box([width, across, depth], [x, 0.0, 0.0])
+            for x in np.linspace(-0.5, 0.5, count) * (1.0 - width)
+        ]
         if form == "grating":
             more = int(rng.integers(1, 7))
-            rails += [box([1.0, width, depth], [0.0, y, 0.0]) for y in np.linspace(-0.5, 0.5, more + 2)[1:-1] * across]
+            rails += [
+                box([1.0, width, depth], [0.0, y, 0.0])
+                for y in np.linspace(-0.5, 0.5, more + 2)[1:-1] * across
+            ]
         if missing:
             rungs.pop(int(rng.integers(1, count - 1)))
         return joined([*rails, *rungs])
@@ -394,7 +435,13 @@ def _extrusion(rng: Rng, least: float) -> Solid3:
         angle = np.arange(72) * (2.0 * np.pi / 72)
         radius = 0.4 * np.ones(72)
         for n in range(1, 5):
-            radius += 0.25 / n * rng.uniform(-1.0, 1.0) * np.cos(n * angle + rng.uniform(0.0, 2.0 * np.pi)) / 1.5
+            radius += (
+                0.25
+                / n
+                * rng.uniform(-1.0, 1.0)
+                * np.cos(n * angle + rng.uniform(0.0, 2.0 * np.pi))
+                / 1.5
+            )
         outline = np.maximum(radius, 0.1)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     else:
         outline = np.column_stack(_section(form, wall, width))
@@ -464,7 +511,9 @@ def _chiral(rng: Rng, least: float) -> Solid3:
         z = np.linspace(-0.5, 0.5 - thick, len(angle))
         corners = np.array([[0.5 * shaft, 0.0], [0.5 * shaft, thick], [wide, thick], [wide, 0.0]])
         r, rise = corners.T
-        rings = np.stack([np.outer(np.cos(angle), r), np.outer(np.sin(angle), r), z[:, None] + rise], axis=-1)
+        rings = np.stack(
+            [np.outer(np.cos(angle), r), np.outer(np.sin(angle), r), z[:, None] + rise], axis=-1
+        )
         return joined([skinned(rings), cylinder(shaft, 1.1)])
     if form == "stair":
         count, step = int(rng.integers(5, 11)), rng.uniform(0.35, 0.7)
@@ -473,9 +522,14 @@ def _chiral(rng: Rng, least: float) -> Solid3:
         treads = [moved(tread, _at(0.0, 0.0, h, _about(2, k * step))) for k, h in enumerate(z)]
         return joined([cylinder(max(0.04, 0.5 * least), 1.0), *treads])
     width = max(1.5 * least, rng.uniform(0.06, 0.16))
-    ends = np.cumsum([np.zeros(3), *(np.eye(3)[k] * rng.uniform(0.3, 0.8) for k in rng.permutation(3))], axis=0)
+    ends = np.cumsum(
+        [np.zeros(3), *(np.eye(3)[k] * rng.uniform(0.3, 0.8) for k in rng.permutation(3))], axis=0
+    )
     parts = [_bar(a, b, width, False) for a, b in pairwise(ends)]
-    parts += [box([3.0 * width, 3.0 * width, thick], ends[0]), box([thick, 2.0 * width, 3.0 * width], ends[-1])]
+    parts += [
+        box([3.0 * width, 3.0 * width, thick], ends[0]),
+        box([thick, 2.0 * width, 3.0 * width], ends[-1]),
+    ]
     return joined(parts)
 
 

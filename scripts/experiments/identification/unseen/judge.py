@@ -1,4 +1,6 @@
-"""Judgement of an identification: errors modulo geometric symmetry, and what a view could tell at all."""
+"""Judgement of an identification: errors modulo geometric symmetry, and what a view could tell at
+all.
+"""
 
 from dataclasses import dataclass
 
@@ -13,10 +15,11 @@ from uuv.models.meshes.ray_casting import RayScene
 from uuv.perception.clouds.scan import SensorModel
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
-FOUND = (0.005, 0.003, 3.0)  # [m] and share of the range that a found position may be off, [deg] of attitude
+# [m] and share of the range that a found position may be off, [deg] of attitude
+FOUND = (0.005, 0.003, 3.0)
 TELLING = 0.02  # [-] share of the view from which on it can tell a shape from its mirror image
-# Expected gain over the best rival pose from which on a view can tell the pose: the gain is normal with a variance of
-# twice its mean, so that noise makes the rival more likely in 4 % of the views.
+# Expected gain over the best rival pose from which on a view can tell the pose: the gain is normal
+# with a variance of twice its mean, so that noise makes the rival more likely in 4 % of the views.
 RIVAL_GAIN = 6.0  # [nat]
 SIZED = 0.015  # [-] standard deviation of the size from which on a view cannot tell 5 %
 SURE = 2.0  # [-] standard deviations of a pose that must lie within FOUND for a view to show it
@@ -24,7 +27,8 @@ _STEP = 4  # [px] between the rays of a view
 _OUTLIER = 3.0  # [sigma] beyond which a reading counts as an outlier
 _BEHIND = 0.02  # [m] least distance of what lies behind an edge of the object's image
 _SMOOTH = 2.0  # [px] of the Gaussian for the direction across such an edge
-_PRIOR = 1.0  # [1/m2], [1/rad2], [-] information without any view: 1 m, 1 rad, and a factor of e in size
+# [1/m2], [1/rad2], [-] information without any view: 1 m, 1 rad, and a factor of e in size
+_PRIOR = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +62,9 @@ class ViewBounds:
     size: float  # [-] of the size, the pose being unknown
 
     def shows_pose(self, range_m: float) -> bool:
-        """Whether SURE standard deviations of the pose lie within FOUND at the range `range_m` [m]."""
+        """Whether SURE standard deviations of the pose lie within FOUND at the range `range_m`
+        [m].
+        """
         position = FOUND[0] + FOUND[1] * range_m
         return SURE * self.position_m < position and SURE * self.angle_deg < FOUND[2]
 
@@ -74,7 +80,8 @@ class ViewOfObject:
         self.points_C = self._rays[self._seen] * self._exact[self._seen][:, None]  # (n, 3) [m]
 
     def rival_nats(self, sensor: SensorModel) -> float:
-        """Expected gain [nat] in log likelihood of the true pose over the best rival; inf if there is no rival.
+        """Expected gain [nat] in log likelihood of the true pose over the best rival; inf if there
+        is no rival.
 
         Args:
             sensor: Noise of the depth readings.
@@ -89,10 +96,13 @@ class ViewOfObject:
         return min(gains)
 
     def _gain(self, X_CT: Array, sensor: SensorModel) -> float:
-        """Expected gain [nat] in log likelihood of the scene as it is over the model at `X_CT` (4, 4)."""
+        """Expected gain [nat] in log likelihood of the scene as it is over the model at `X_CT` (4,
+        4).
+        """
         t, exact = self._model_depth(X_CT), self._exact
         hit = np.isfinite(t)
-        off = np.full(t.shape, _OUTLIER)  # also where the model would hide what is seen, or is missing
+        # also where the model would hide what is seen, or is missing
+        off = np.full(t.shape, _OUTLIER)
         both = hit & self._seen
         off[both] = np.minimum(np.abs(t[both] - exact[both]) / sensor.sigma(exact[both]), _OUTLIER)
         hides = hit & ~self._seen
@@ -103,10 +113,14 @@ class ViewOfObject:
     def _model_depth(self, X_CT: Array) -> np.ndarray:
         """Depth (h, w) [m] of the model at `X_CT` (4, 4) alone, inf where it is missed."""
         X_TC, shape = inverse(X_CT), self._scene.shape
-        return RayScene(shape.vertices, shape.triangles).distance(X_TC[:3, 3], self._rays @ X_TC[:3, :3].T)
+        return RayScene(shape.vertices, shape.triangles).distance(
+            X_TC[:3, 3], self._rays @ X_TC[:3, :3].T
+        )
 
     def mirror_share(self) -> float:
-        """Least share of the view in which the model contradicts the scene, where its mirror image stands."""
+        """Least share of the view in which the model contradicts the scene, where its mirror image
+        stands.
+        """
         likeness, X_CT = self._scene.likeness, self._scene.X_CT
         mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
         seen_T = transform_points(mirror @ inverse(X_CT), self.points_C)
@@ -117,14 +131,21 @@ class ViewOfObject:
         return min(shares)
 
     def contradicted(self, X_CT: Array) -> float:
-        """Share of the pixels with the object, or with the model at `X_CT` (4, 4), in which both lie apart."""
-        off = self._scene.likeness.distance(transform_points(inverse(X_CT), self.points_C)) > DIFFERENT
-        hides = (self._model_depth(X_CT) < self._exact - DIFFERENT) & ~self._seen  # it would hide what is seen there
+        """Share of the pixels with the object, or with the model at `X_CT` (4, 4), in which both
+        lie apart.
+        """
+        off = (
+            self._scene.likeness.distance(transform_points(inverse(X_CT), self.points_C))
+            > DIFFERENT
+        )
+        # it would hide what is seen there
+        hides = (self._model_depth(X_CT) < self._exact - DIFFERENT) & ~self._seen
         total = len(off) + int(hides.sum())
         return float((off.sum() + hides.sum()) / max(1, total))
 
     def bounds(self, sensor: SensorModel) -> ViewBounds:
-        """Cramer-Rao bounds of pose and size, from the surface in view and the outline against what lies behind.
+        """Cramer-Rao bounds of pose and size, from the surface in view and the outline against what
+        lies behind.
 
         Args:
             sensor: Noise of the depth readings and of the edges.
@@ -145,20 +166,27 @@ class ViewOfObject:
         )
 
     def _surface(self, sensor: SensorModel) -> tuple[Array, Array, Array]:
-        """Points (n, 3) [m] in view, normals (n, 3), both in T, and standard deviations (n,) [m] along the normals."""
+        """Points (n, 3) [m] in view, normals (n, 3), both in T, and standard deviations (n,) [m]
+        along the normals.
+        """
         shape = self._scene.there or self._scene.shape
         X_TC = inverse(self._scene.X_CT)
         rays = self._rays[self._seen] @ X_TC[:3, :3].T
         hit = RayScene(shape.vertices, shape.triangles).cast(X_TC[:3, 3], rays)
         n, z = hit["normal"].astype(np.float64), hit["t"].astype(np.float64)
-        across = np.abs(np.einsum("ni,ni->n", n, rays))  # cosine of incidence times the length of the ray
-        good = np.isfinite(z) & (across > np.cos(sensor.max_incidence) * np.linalg.norm(rays, axis=1))
+        # cosine of incidence times the length of the ray
+        across = np.abs(np.einsum("ni,ni->n", n, rays))
+        good = np.isfinite(z) & (
+            across > np.cos(sensor.max_incidence) * np.linalg.norm(rays, axis=1)
+        )
         n, z, across, rays = n[good], z[good], across[good], rays[good]
         share = sensor.independent(_STEP * sensor.focal / FOCAL)
         return X_TC[:3, 3] + z[:, None] * rays, n, sensor.sigma(z) * across / np.sqrt(share)
 
     def _outline(self, sensor: SensorModel) -> tuple[Array, Array, Array]:
-        """As `_surface`, for the pixels at the edge of the image, where something farther lies beside them."""
+        """As `_surface`, for the pixels at the edge of the image, where something farther lies
+        beside them.
+        """
         seen, depth = self._scene.seen, self._scene.exact
         edge = np.zeros_like(seen)
         for axis in (0, 1):

@@ -1,7 +1,8 @@
-"""Likeness of a shape to itself: its rotations, its mirror image, and motions after which it looks nearly alike.
+"""Likeness of a shape to itself: its rotations, its mirror image, and motions after which it looks
+nearly alike.
 
-All of it is measured on the surface that is visible from outside. Two surfaces agree where they lie within a tolerance
-of each other.
+All of it is measured on the surface that is visible from outside. Two surfaces agree where they lie
+within a tolerance of each other.
 """
 
 from collections.abc import Iterator
@@ -15,13 +16,21 @@ from uuv.models.meshes.closed_shells import sphere
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects.target_model import Symmetry
-from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    pose,
+    readonly,
+    rotation_from_z,
+    transform_points,
+)
 
 SAME = 0.005  # [-] of the radius: distance up to which a rotation maps the surface onto itself
 DIFFERENT = 0.005  # [m] distance from which two surfaces differ for the work
 _STRAY = 0.002  # [-] share of the surface that a symmetry may miss: below it lies sampling at edges
 _FOLDS = 48  # highest order of a rotation that is told from a turn by any angle
-_EQUAL = 0.01  # [-] by which second moments about two axes may differ for a rotation of order above 2
+# [-] by which second moments about two axes may differ for a rotation of order above 2
+_EQUAL = 0.01
 _ANGLES = (0.7, 1.9, 3.05)  # [rad] by which a body of revolution may be turned
 _EYES = 3.0  # [radii] distance of the viewpoints around the shape
 _THINNED = 3  # of the points, every third counts for a share
@@ -29,7 +38,8 @@ _FEW = 120  # points by which most candidates are excluded
 _SETTLING = 12  # iterations of an alignment
 _SLOWLY = 4  # alignments in a row, for what must be exact
 _TURNS = 24  # angles about an axis at which an alignment begins
-_SLIDES = (-0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4)  # [extents] along an axis, likewise
+# [extents] along an axis, likewise
+_SLIDES = (-0.4, -0.3, -0.2, -0.15, -0.1, 0.1, 0.15, 0.2, 0.3, 0.4)
 _APART, _SLID = np.deg2rad(8.0), 0.1  # [rad], [radii] turn and shift from which on poses are rivals
 _KEPT = 6  # reflections, and rivals, at most
 _RIVAL = 0.5  # [-] largest share of the surface in which a rival pose may differ
@@ -43,14 +53,19 @@ class Likeness:
     _nearest: NearestSurface = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_nearest", NearestSurface.of(self.shape.vertices, self.shape.triangles))
+        object.__setattr__(
+            self, "_nearest", NearestSurface.of(self.shape.vertices, self.shape.triangles)
+        )
 
     @cached_property
     def points(self) -> Array:
         """Points (n, 3) [m] in T, uniform over the surface that is visible from outside."""
         samples = SurfaceSamples(self.shape.vertices, self.shape.triangles)
         away = _EYES * self.shape.radius
-        eyes = [pose(rotation_from_z(-d, np.eye(3)[np.argmin(np.abs(d))]), away * d) for d in sphere(1)[0]]
+        eyes = [
+            pose(rotation_from_z(-d, np.eye(3)[np.argmin(np.abs(d))]), away * d)
+            for d in sphere(1)[0]
+        ]
         return readonly(samples.points[samples.seen(np.array(eyes), View((1.0, 1.0), 2.0 * away))])
 
     def distance(self, points: Array) -> Array:
@@ -58,9 +73,13 @@ class Likeness:
         return self._nearest.query(points).distance
 
     def share_apart(self, S: Array, points: Array | None = None, apart: float = DIFFERENT) -> float:
-        """Share (0..1) of points in T, by default of the whole surface, that `S` (4, 4) moves off the surface."""
+        """Share (0..1) of points in T, by default of the whole surface, that `S` (4, 4) moves off
+        the surface.
+        """
         asked = self.points[::_THINNED] if points is None else points
-        return float(np.mean(self.distance(transform_points(S, asked)) > apart)) if len(asked) else 0.0
+        return (
+            float(np.mean(self.distance(transform_points(S, asked)) > apart)) if len(asked) else 0.0
+        )
 
     @cached_property
     def symmetry(self) -> Symmetry:
@@ -76,29 +95,41 @@ class Likeness:
         if all(self._maps(exp_so3(angle * axis)) for angle in _ANGLES):
             flips = [R for R in (exp_so3(np.pi * _across(axis)),) if self._maps(R)]
             return Symmetry(axis=axis, rotations=np.array([np.eye(3), *flips]))
-        fold = next((n for n in range(_FOLDS, 1, -1) if self._maps(exp_so3(2.0 * np.pi / n * axis))), 1)
+        fold = next(
+            (n for n in range(_FOLDS, 1, -1) if self._maps(exp_so3(2.0 * np.pi / n * axis))), 1
+        )
         turns = [exp_so3(2.0 * np.pi * k / fold * axis) for k in range(fold)]
         flip = self._flip(axis, fold)
-        return Symmetry(rotations=np.array(turns if flip is None else [*turns, *(flip @ R for R in turns)]))
+        return Symmetry(
+            rotations=np.array(turns if flip is None else [*turns, *(flip @ R for R in turns)])
+        )
 
     @cached_property
     def mirror_share(self) -> float:
-        """Share (0..1) of the surface that differs from the mirror image, laid on it as well as possible."""
+        """Share (0..1) of the surface that differs from the mirror image, laid on it as well as
+        possible.
+        """
         return min(self.share_apart(S) for S in self.reflections)
 
     def has_hand(self, least: float) -> bool:
-        """Whether the mirror image differs in at least the share `least` of the surface; sooner said than the share."""
+        """Whether the mirror image differs in at least the share `least` of the surface; sooner
+        said than the share.
+        """
         return all(self.share_apart(self.settled(-R)) >= least for R in self._turns())
 
     @cached_property
     def reflections(self) -> tuple[Array, ...]:
-        """Reflections S (4, 4) with a rotation, in T, that map the surface nearly onto itself; the best first."""
+        """Reflections S (4, 4) with a rotation, in T, that map the surface nearly onto itself; the
+        best first.
+        """
         begun = [-R for R in self._turns()]
         return tuple(sorted(map(self.settled, begun), key=self.share_apart)[:_KEPT])
 
     @cached_property
     def rivals(self) -> tuple[Array, ...]:
-        """Motions S (4, 4) in T that are no symmetry and leave at least half of the surface where one was."""
+        """Motions S (4, 4) in T that are no symmetry and leave at least half of the surface where
+        one was.
+        """
         axes = self._moments[1].T
         slides = [pose(p=share * self.shape.extent * axis) for axis in axes for share in _SLIDES]
         found: list[Array] = []
@@ -110,7 +141,9 @@ class Likeness:
         return tuple(found[k] for k in np.argsort(shares)[:_KEPT] if shares[k] < _RIVAL)
 
     def are_rivals(self, S: Array, other: Array) -> bool:
-        """Whether two motions (4, 4) in T are apart by more than an error, modulo symmetry: turned, or slid."""
+        """Whether two motions (4, 4) in T are apart by more than an error, modulo symmetry: turned,
+        or slid.
+        """
         position, angle = self.symmetry.error(S, other)
         return bool(angle > _APART or position > _SLID * self.shape.radius)
 
@@ -121,11 +154,15 @@ class Likeness:
             self.shape.triangles
         ].transpose(1, 0, 2)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        second = sum(np.einsum("n,ni,nj->ij", area, v, v) for v in (a, b, c, a + b + c)) / area.sum()
+        second = (
+            sum(np.einsum("n,ni,nj->ij", area, v, v) for v in (a, b, c, a + b + c)) / area.sum()
+        )
         return np.linalg.eigh(second)
 
     def _maps(self, R: Array) -> bool:
-        """Whether a rotation, or reflection, (3, 3) about the origin maps the surface onto itself."""
+        """Whether a rotation, or reflection, (3, 3) about the origin maps the surface onto
+        itself.
+        """
         apart = max(SAME * self.shape.radius, 0.0005)
         for part in (self.points[:: max(1, len(self.points) // _FEW)], self.points):
             if np.mean(self.distance(part @ R.T) > apart) > _STRAY + 1.0 / len(part):
@@ -133,7 +170,9 @@ class Likeness:
         return True
 
     def _flip(self, axis: Array, fold: int) -> Array | None:
-        """Half turn (3, 3) about an axis across `axis` that maps the surface onto itself, if there is one."""
+        """Half turn (3, 3) about an axis across `axis` that maps the surface onto itself, if there
+        is one.
+        """
         few = self.points[:: max(1, len(self.points) // _FEW)]
         first = _across(axis)
 
@@ -150,7 +189,9 @@ class Likeness:
         return R if self._maps(R) else None
 
     def _by_search(self) -> Symmetry:
-        """Symmetry of a surface with equal moments about all axes, such as a cube's: every rotation is tried."""
+        """Symmetry of a surface with equal moments about all axes, such as a cube's: every rotation
+        is tried.
+        """
         found = [np.eye(3)]
         directions = sphere(2)[0]
         for axis in directions[directions @ [0.31, 0.53, 0.79] > 0.0]:
@@ -165,7 +206,9 @@ class Likeness:
         return Symmetry(rotations=np.array(_closed(found)))
 
     def _turns(self) -> Iterator[Array]:
-        """Rotations (3, 3) at which the search for a likeness begins: about the main axes and those of T."""
+        """Rotations (3, 3) at which the search for a likeness begins: about the main axes and those
+        of T.
+        """
         yield np.eye(3)
         for axes in (self._moments[1].T, np.eye(3)):
             for k in range(3):

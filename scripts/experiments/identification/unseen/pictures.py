@@ -1,4 +1,6 @@
-"""Pictures of the study of unseen objects: what became of the scenes, and some of the scenes themselves."""
+"""Pictures of the study of unseen objects: what became of the scenes, and some of the scenes
+themselves.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -18,7 +20,8 @@ _LIGHT = np.array([-0.4, -0.5, -0.77])  # direction towards the light, in C
 _TINT = np.array([1.0, 0.72, 0.45])  # of the object's pixels
 _DEPTHS = 0.7  # [m] range of colours before and behind the object
 
-OUTCOMES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {  # name: colour, whether a row belongs to it
+# name: colour, whether a row belongs to it
+OUTCOMES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
     "found, accepted": ("C2", lambda row: row["found"] and row["decision"] == Decision.ACCEPT),
     "found, not accepted": ("C1", lambda row: row["found"] and row["decision"] != Decision.ACCEPT),
     "not found": ("0.75", lambda row: not row["found"] and row["decision"] != Decision.ACCEPT),
@@ -27,7 +30,9 @@ OUTCOMES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {  # name: colour, w
 
 
 def recall_chart(rows: Sequence[Row]) -> "Figure":
-    """Bar chart of what became of the scenes with the object, by class of shape and of occlusion."""
+    """Bar chart of what became of the scenes with the object, by class of shape and of
+    occlusion.
+    """
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
@@ -35,10 +40,14 @@ def recall_chart(rows: Sequence[Row]) -> "Figure":
     axes = figure.subplots(1, 2, width_ratios=(10, 3))
     for panel, key, label in zip(axes, ("kind", "hidden_class"), ("shape", "hidden"), strict=True):
         there = {row[key] for row in rows}
-        names = [name for name in HIDDEN if name in there] if key == "hidden_class" else sorted(there)
+        names = (
+            [name for name in HIDDEN if name in there] if key == "hidden_class" else sorted(there)
+        )
         low = np.zeros(len(names))
         for outcome, (colour, belongs) in OUTCOMES.items():
-            count = np.array([sum(belongs(row) for row in rows if row[key] == name) for name in names])
+            count = np.array(
+                [sum(belongs(row) for row in rows if row[key] == name) for name in names]
+            )
             panel.bar(names, count, bottom=low, color=colour, label=outcome)
             low += count
         panel.tick_params(axis="x", rotation=30)
@@ -50,7 +59,9 @@ def recall_chart(rows: Sequence[Row]) -> "Figure":
 
 
 def gallery(cases: Sequence[UnseenCase]) -> "Figure":
-    """Scenes as an ideal camera sees them, the object in colour, each beside the depth that its sensor reads."""
+    """Scenes as an ideal camera sees them, the object in colour, each beside the depth that its
+    sensor reads.
+    """
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
@@ -66,15 +77,25 @@ def gallery(cases: Sequence[UnseenCase]) -> "Figure":
         left, right = axes[k // columns, 2 * (k % columns) : 2 * (k % columns) + 2]
         grey = np.repeat(shaded(scene.exact)[..., None], 3, axis=2)
         left.imshow(np.where(scene.seen[..., None], grey * _TINT, grey))
-        left.set_title(f"{scene.shape.kind}, {case.around}, {100 * scene.hidden:.0f} % hidden", fontsize=8)
+        left.set_title(
+            f"{scene.shape.kind}, {case.around}, {100 * scene.hidden:.0f} % hidden", fontsize=8
+        )
         z = float(scene.X_CT[2, 3])
-        right.imshow(scene.scan.depth, cmap=colours, vmin=z - _DEPTHS, vmax=z + _DEPTHS, interpolation="nearest")
+        right.imshow(
+            scene.scan.depth,
+            cmap=colours,
+            vmin=z - _DEPTHS,
+            vmax=z + _DEPTHS,
+            interpolation="nearest",
+        )
         right.set_title(case.sensor, fontsize=8)
     return figure
 
 
 def shaded(depth: np.ndarray) -> Array:
-    """Brightness (h, w) of the surface in a depth image (h, w) [m] under a lamp; 1 where there is nothing."""
+    """Brightness (h, w) of the surface in a depth image (h, w) [m] under a lamp; 1 where there is
+    nothing.
+    """
     step = 640 // depth.shape[1]
     with np.errstate(invalid="ignore"):
         points = pinhole(step) * depth[..., None]

@@ -1,4 +1,5 @@
-"""Placing of bodies in a scene: at rest, in touch with each other, heaped, beside an object, or before it.
+"""Placing of bodies in a scene: at rest, in touch with each other, heaped, beside an object, or
+before it.
 
 Frame F stands at the object with z up, on or above a level seabed.
 """
@@ -42,18 +43,24 @@ class Body:
         """Body of a solid in F; `rng` draws its points."""
         vertices, triangles = solid
         corner = vertices[triangles]
-        area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+        area = np.linalg.norm(
+            np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
+        )
         which = rng.choice(len(area), _TOUCH, p=area / area.sum())
         points = np.einsum("ni,nij->nj", rng.dirichlet(np.ones(3), _TOUCH), corner[which])
         some = rng.permutation(len(vertices))[:_TOUCH]
-        return cls(np.zeros(3), solid, RayScene(vertices, triangles), np.vstack([points, vertices[some]]))
+        return cls(
+            np.zeros(3), solid, RayScene(vertices, triangles), np.vstack([points, vertices[some]])
+        )
 
     def moved(self, p: Array) -> "Body":
         """The body shifted by `p` (3,) [m]."""
         return replace(self, p=self.p + p)
 
     def distance(self, origins: Array, directions: Array) -> np.ndarray:
-        """Distances (n,) from `origins`, (n, 3) or (3,) [m] in F, in units of the `directions` (n, 3)."""
+        """Distances (n,) from `origins`, (n, 3) or (3,) [m] in F, in units of the `directions` (n,
+        3).
+        """
         return self._rays.distance(origins - self.p, directions)
 
     @property
@@ -78,36 +85,51 @@ class Body:
 
 
 def resting_attitude(shape: UnseenShape, rng: Rng) -> Array:
-    """Rotation (3, 3) in which a shape rests on flat ground, z up: on a side of its convex hull that carries it."""
+    """Rotation (3, 3) in which a shape rests on flat ground, z up: on a side of its convex hull
+    that carries it.
+    """
     hull = ConvexHull(shape.vertices)
     normals, offsets = hull.equations[:, :3], -hull.equations[:, 3]
-    # The foot of the centroid, which is the origin, must lie on the side. On the nearest side it does.
+    # The foot of the centroid, which is the origin, must lie on the side. On the nearest side it
+    # does.
     way = any_rotation(rng)[0]
     limits = offsets + _CARRIED * shape.radius
-    down = next(normals[k] for k in np.argsort(-normals @ way) if (normals @ (offsets[k] * normals[k]) <= limits).all())
+    down = next(
+        normals[k]
+        for k in np.argsort(-normals @ way)
+        if (normals @ (offsets[k] * normals[k]) <= limits).all()
+    )
     R = rotation_from_z(-down, np.eye(3)[np.argmin(np.abs(down))]).T
     return exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)]) @ R
 
 
 def free_way(body: Body, others: Sequence[Body], way: Array) -> float:
-    """Distance [m] by which a body can move along the unit vector `way` until it meets another; inf if it does not."""
+    """Distance [m] by which a body can move along the unit vector `way` until it meets another; inf
+    if it does not.
+    """
     free = np.inf
     for other in others:
-        free = min(free, float(other.distance(body.points, np.broadcast_to(way, body.points.shape)).min()))
+        free = min(
+            free, float(other.distance(body.points, np.broadcast_to(way, body.points.shape)).min())
+        )
         back = body.distance(other.points, np.broadcast_to(-way, other.points.shape))
         free = min(free, float(back.min()))
     return free
 
 
 def slid(body: Body, others: Sequence[Body], way: Array, gap: float) -> Body | None:
-    """A body pushed from afar along `way` up to `gap` [m] before the first of `others`; None if it passes them."""
+    """A body pushed from afar along `way` up to `gap` [m] before the first of `others`; None if it
+    passes them.
+    """
     start = body.moved(-_AFAR * way)
     free = free_way(start, others, way)
     return start.moved((free - gap) * way) if np.isfinite(free) else None
 
 
 def heaped(shapes: Sequence[UnseenShape], rng: Rng) -> list[Array]:
-    """Poses X_FT (4, 4) of shapes that touch each other; each is let down on the others, or pushed against them."""
+    """Poses X_FT (4, 4) of shapes that touch each other; each is let down on the others, or pushed
+    against them.
+    """
     poses: list[Array] = []
     bodies: list[Body] = []
     for shape in shapes:
@@ -140,7 +162,10 @@ def _pushed(body: Body, others: Sequence[Body], rng: Rng) -> Body | None:
 
 
 def _tried(
-    place: Callable[[Body, Sequence[Body], Rng], Body | None], body: Body, others: Sequence[Body], rng: Rng
+    place: Callable[[Body, Sequence[Body], Rng], Body | None],
+    body: Body,
+    others: Sequence[Body],
+    rng: Rng,
 ) -> list[Body]:
     """What became of several tries to place a body against others."""
     return [placed for _ in range(_TRIES) if (placed := place(body, others, rng)) is not None]
@@ -152,9 +177,16 @@ def _height_and_reach(body: Body) -> tuple[float, float]:
 
 
 def beside(
-    body: Body, others: Sequence[Body], shape: UnseenShape, heading: float, gap: float, ground: float, rng: Rng
+    body: Body,
+    others: Sequence[Body],
+    shape: UnseenShape,
+    heading: float,
+    gap: float,
+    ground: float,
+    rng: Rng,
 ) -> Body | None:
-    """A shape at rest on the ground beside a body, pushed towards it until it is near or meets another.
+    """A shape at rest on the ground beside a body, pushed towards it until it is near or meets
+    another.
 
     Args:
         body: The body that it comes to.
@@ -186,12 +218,15 @@ def stone(body: Body, ground: float, rng: Rng) -> Body:
     size = rng.uniform(0.02, 0.12, 3)
     reach = body.reach + size.max() + rng.uniform(0.03, 0.6)
     heading = rng.uniform(-np.pi, np.pi)
-    X = pose(exp_so3(rng.normal(0.0, 0.4, 3)), [reach * np.cos(heading), reach * np.sin(heading), ground])
+    X = pose(
+        exp_so3(rng.normal(0.0, 0.4, 3)), [reach * np.cos(heading), reach * np.sin(heading), ground]
+    )
     return Body.of(moved(scaled(sphere(3), size), X), rng)
 
 
 def hidden_by(body: Body, others: Sequence[Body], X_CF: Array) -> tuple[Array, np.ndarray]:
-    """Coarse view of a body: points (n, 3) [m] in F that a camera would see of it alone, and which of them are hidden.
+    """Coarse view of a body: points (n, 3) [m] in F that a camera would see of it alone, and which
+    of them are hidden.
 
     Args:
         body: The body.
@@ -209,7 +244,9 @@ def hidden_by(body: Body, others: Sequence[Body], X_CF: Array) -> tuple[Array, n
     return eye[:3, 3] + t[:, None] * ways, hidden
 
 
-def veil(body: Body, others: Sequence[Body], X_CF: Array, share: tuple[float, float], rng: Rng) -> list[Body] | None:
+def veil(
+    body: Body, others: Sequence[Body], X_CF: Array, share: tuple[float, float], rng: Rng
+) -> list[Body] | None:
     """Rods, boards and stones between camera and object, so that a share of its image is hidden.
 
     Args:
@@ -268,12 +305,21 @@ def seabed(ground: float, rng: Rng) -> Solid3:
         wave = c * x + s * y + 0.05 * np.sin(3.0 * (c * y - s * x))
         height = deep * (np.sin(2.0 * np.pi * wave / length) - 1.0)
     index = np.arange(count * count).reshape(count, count)
-    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
+    a, b, c, d = (
+        index[:-1, :-1].ravel(),
+        index[:-1, 1:].ravel(),
+        index[1:, 1:].ravel(),
+        index[1:, :-1].ravel(),
+    )
     faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return np.column_stack([x.ravel(), y.ravel(), ground + height.ravel()]), faces
 
 
 def pinhole(step: int) -> Array:
-    """Lines of sight (h, w, 3) in C of every `step`-th pixel of the camera, scaled to a depth of 1."""
-    x, y = np.meshgrid((np.arange(0, 640, step) - 319.5) / FOCAL, (np.arange(0, 480, step) - 239.5) / FOCAL)
+    """Lines of sight (h, w, 3) in C of every `step`-th pixel of the camera, scaled to a depth
+    of 1.
+    """
+    x, y = np.meshgrid(
+        (np.arange(0, 640, step) - 319.5) / FOCAL, (np.arange(0, 480, step) - 239.5) / FOCAL
+    )
     return np.asarray(np.stack([x, y, np.ones(x.shape)], axis=-1), dtype=np.float64)

@@ -1,4 +1,5 @@
-"""Seeded scenes with an unseen object, or with something else in its place, as one frame of a sensor.
+"""Seeded scenes with an unseen object, or with something else in its place, as one frame of a
+sensor.
 
     scene = build(present(seed=0, index=17))
     found = identify(scene.scan, scene.target, scene.approach, sensor=scene.sensor.model)
@@ -32,7 +33,15 @@ from uuv.models.meshes.closed_shells import joined
 from uuv.models.objects.target_model import Symmetry, TargetModel
 from uuv.perception.clouds.scan import Scan
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, rotation_from_z, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    inverse,
+    pose,
+    readonly,
+    rotation_from_z,
+    transform_points,
+)
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 from uuv.sim.sensors.stereo_noise import StereoNoise
 
@@ -40,7 +49,8 @@ Content = Literal["present", "absent", "other", "mirrored", "resized", "pile"]
 Around = Literal["alone", "clutter", "touching", "pile"]
 WRONG: tuple[Content, ...] = ("absent", "other", "mirrored", "resized")
 SURROUNDINGS: tuple[Around, ...] = ("alone", "clutter", "touching")
-HIDDEN: Mapping[str, tuple[float, float]] = {  # classes of occlusion: share of the object's image that others hide
+# classes of occlusion: share of the object's image that others hide
+HIDDEN: Mapping[str, tuple[float, float]] = {
     "none": (0.0, 0.005),
     "little": (0.005, 0.2),
     "much": (0.2, 0.6),
@@ -48,15 +58,20 @@ HIDDEN: Mapping[str, tuple[float, float]] = {  # classes of occlusion: share of 
 DEPTH_SENSORS: Mapping[str, Camera | Imager] = {
     "white": SENSORS["white"],
     "stereo": SENSORS["stereo"],
-    "quantised": Camera(stereo=StereoNoise(disparity_sigma=0.1, correlation=1.0, disparity_step=0.25)),
+    "quantised": Camera(
+        stereo=StereoNoise(disparity_sigma=0.1, correlation=1.0, disparity_step=0.25)
+    ),
 }
 UNSEEN_SENSORS: Mapping[str, Camera | Imager] = {**DEPTH_SENSORS, "sonar": SENSORS["sonar"]}
 PILE = 5  # objects of a pile
 RESIZED = 0.05  # [-] by which a resized object is larger or smaller
 _CONTENTS = ("present", *WRONG, "pile")
-_ORDER = ("none", "much", "little", "none", "little", "much", "none", "little", "much", "none")  # 40, 30, 30 %
-_HAND = 0.04  # [-] least share in which a shape differs from its mirror image, for a scene with that
-_RESTS = 0.5  # share of the objects that lie on the seabed where nothing touches them; others hang above it
+# 40, 30, 30 %
+_ORDER = ("none", "much", "little", "none", "little", "much", "none", "little", "much", "none")
+# [-] least share in which a shape differs from its mirror image, for a scene with that
+_HAND = 0.04
+# share of the objects that lie on the seabed where nothing touches them; others hang above it
+_RESTS = 0.5
 _HANGS = (0.03, 0.4)  # [m] above the seabed
 _GROUND = 0.8  # share of the scenes without neighbours that show a seabed
 _SIMILAR = 0.6  # share of the neighbours that are of the object's class
@@ -69,7 +84,8 @@ _VIEW = 2.3  # [radii] least distance, so that the object fits in the image
 _NEAR_SMALL = 6.0  # [extents] largest distance of a small object
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(75.0))  # [rad] of the camera above the horizon
 _ROLL = np.deg2rad(15.0)  # [rad] largest roll of the camera, either way
-_ASIDE = 0.02  # [-] of the range, by which the camera looks beside the object, one standard deviation
+# [-] of the range, by which the camera looks beside the object, one standard deviation
+_ASIDE = 0.02
 _IN_VIEW = 0.98  # [-] least share of the object's corners within the image
 _LEAST_PIXELS = 1200  # of the object's image, occluded parts included
 _ATTEMPTS = 40  # draws of a scene until it meets its conditions
@@ -116,7 +132,9 @@ class UnseenScene:
 
 
 def present(seed: int, index: int, sensor: str | None = None) -> UnseenCase:
-    """Case `index` with the object in its place: classes, occlusion, sensors and surroundings in turn."""
+    """Case `index` with the object in its place: classes, occlusion, sensors and surroundings in
+    turn.
+    """
     kinds, block = tuple(KINDS), index // len(KINDS)
     k = index % len(kinds)
     names = tuple(DEPTH_SENSORS)
@@ -132,31 +150,42 @@ def present(seed: int, index: int, sensor: str | None = None) -> UnseenCase:
 
 
 def wrong(seed: int, index: int, sensor: str | None = None) -> UnseenCase:
-    """Case `index` with nothing, another object, the mirrored or the resized one in the object's place, in turn."""
+    """Case `index` with nothing, another object, the mirrored or the resized one in the object's
+    place, in turn.
+    """
     case = present(seed, index // len(WRONG) + 3 * (index % len(WRONG)), sensor)
     return replace(case, content=WRONG[index % len(WRONG)], index=index)
 
 
 def piled(seed: int, index: int) -> UnseenCase:
-    """Case `index` of the objects in piles of PILE: five cases in a row have the same pile and another member."""
+    """Case `index` of the objects in piles of PILE: five cases in a row have the same pile and
+    another member.
+    """
     pile, member = divmod(index, PILE)
     case = present(seed, PILE * pile)
     sensor = tuple(DEPTH_SENSORS)[pile % len(DEPTH_SENSORS)]
-    return replace(case, content="pile", hidden="", around="pile", sensor=sensor, index=pile, member=member)
+    return replace(
+        case, content="pile", hidden="", around="pile", sensor=sensor, index=pile, member=member
+    )
 
 
 def build(case: UnseenCase) -> UnseenScene:
     """The scene of a case; the same case always gives the same scene.
 
     Raises:
-        ConfigurationError: A name in the case is unknown, or no draw of the scene meets its conditions.
+        ConfigurationError: A name in the case is unknown, or no draw of the scene meets its
+            conditions.
     """
     if case.sensor not in UNSEEN_SENSORS:
-        raise ConfigurationError(f"no sensor {case.sensor!r}; there are {', '.join(UNSEEN_SENSORS)}")
+        raise ConfigurationError(
+            f"no sensor {case.sensor!r}; there are {', '.join(UNSEEN_SENSORS)}"
+        )
     if case.kind not in KINDS:
         raise ConfigurationError(f"no class of shapes {case.kind!r}; there are {', '.join(KINDS)}")
     if case.content != "pile" and case.hidden not in HIDDEN:
-        raise ConfigurationError(f"no class of occlusion {case.hidden!r}; there are {', '.join(HIDDEN)}")
+        raise ConfigurationError(
+            f"no class of occlusion {case.hidden!r}; there are {', '.join(HIDDEN)}"
+        )
     for attempt in range(_ATTEMPTS):
         drawn = _Draw(case, attempt).scene()
         if drawn is not None:
@@ -187,7 +216,9 @@ class _Draw:
         later = attempt // 4 if case.content == "mirrored" else 0
         self.kind = kinds[(kinds.index(case.kind) + later) % len(kinds)]
         streams = np.random.SeedSequence(key).spawn(5)
-        self.model, self.view, self.around, self.veil, self.noise = map(np.random.default_rng, streams)
+        self.model, self.view, self.around, self.veil, self.noise = map(
+            np.random.default_rng, streams
+        )
         self.start = np.random.default_rng([*key, case.member])
 
     def scene(self) -> UnseenScene | None:
@@ -222,13 +253,19 @@ class _Draw:
             likeness=likeness,
             there=there,
             body=body,
-            visible=[*([] if there is None else [body.solid]), *(each.solid for each in (*others, *occluders)), *floor],
+            visible=[
+                *([] if there is None else [body.solid]),
+                *(each.solid for each in (*others, *occluders)),
+                *floor,
+            ],
             X_CF=X_CF,
             X_FT=pose(R),
         )
 
     def _pile(self) -> _Layout | None:
-        """Touching objects of as many classes, the whole pile in view, and none of them hidden for the most part."""
+        """Touching objects of as many classes, the whole pile in view, and none of them hidden for
+        the most part.
+        """
         rng = self.model
         kinds = rng.permutation(tuple(KINDS))[:PILE]
         shapes = [unseen_shape(str(kind), rng, _OF_PILE) for kind in kinds]
@@ -252,7 +289,8 @@ class _Draw:
             likeness=Likeness(shapes[k]),
             there=shapes[k],
             body=bodies[k],
-            visible=[*(body.solid for body in bodies), seabed(0.0, self.around)],  # the same order for all its members
+            # the same order for all its members
+            visible=[*(body.solid for body in bodies), seabed(0.0, self.around)],
             X_CF=X_CF,
             X_FT=poses[k],
         )
@@ -284,7 +322,9 @@ class _Draw:
         return inverse(pose(R, eye))
 
     def _neighbours(self, body: Body, X_CF: Array, ground: float) -> list[Body]:
-        """Shapes of the same and other classes beside the object, on the ground; they touch it, or stand clear."""
+        """Shapes of the same and other classes beside the object, on the ground; they touch it, or
+        stand clear.
+        """
         rng, touching = self.around, self.case.around == "touching"
         away = inverse(X_CF)[:2, 2]  # horizontally from the camera
         # Beside and behind rather than in front, unless much is to be hidden.
@@ -368,7 +408,9 @@ def _compiled(solids: Sequence[Solid3]) -> mujoco.MjModel:
         userface=triangles.astype(np.int32).ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="scene", contype=0, conaffinity=0)
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_MESH, meshname="scene", contype=0, conaffinity=0
+    )
     return spec.compile()
 
 

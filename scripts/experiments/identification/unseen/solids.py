@@ -1,4 +1,5 @@
-"""Closed solids of which shapes are put together: extruded outlines with holes, swept and turned profiles, primitives.
+"""Closed solids of which shapes are put together: extruded outlines with holes, swept and turned
+profiles, primitives.
 
 A solid is a pair of vertices (V, 3) [m] and triangles (T, 3), counter-clockwise seen from outside.
 """
@@ -42,8 +43,12 @@ def circle(radius: float, sides: int = SIDES) -> Array:
 
 
 def rectangle(length: float, width: float, rounding: float = 0.0) -> Array:
-    """Corners (N, 2) [m] of a rectangle around the origin, its corners rounded with radius `rounding` [m]."""
-    corners = 0.5 * np.array([[length, width], [-length, width], [-length, -width], [length, -width]])
+    """Corners (N, 2) [m] of a rectangle around the origin, its corners rounded with radius
+    `rounding` [m].
+    """
+    corners = 0.5 * np.array(
+        [[length, width], [-length, width], [-length, -width], [length, -width]]
+    )
     if rounding <= 0.0:
         return corners
     turn = np.linspace(0.0, 0.5 * np.pi, 9)
@@ -54,14 +59,20 @@ def rectangle(length: float, width: float, rounding: float = 0.0) -> Array:
 
 
 def extruded(
-    outline: Array, thickness: float, holes: Sequence[Array] = (), *, twist: float = 0.0, layers: int = 1
+    outline: Array,
+    thickness: float,
+    holes: Sequence[Array] = (),
+    *,
+    twist: float = 0.0,
+    layers: int = 1,
 ) -> Solid3:
     """Solid of an outline moved along z, from -thickness/2 to thickness/2.
 
     Args:
         outline: (N, 2) [m] corners, counter-clockwise, without self-intersection.
         thickness: [m] along z.
-        holes: Outlines (M, 2) [m] of holes, counter-clockwise, within the outline and apart from each other.
+        holes: Outlines (M, 2) [m] of holes, counter-clockwise, within the outline and apart from
+            each other.
         twist: [rad] by which the upper end is turned about z against the lower one.
         layers: Number of layers along z, which a twist needs.
 
@@ -79,19 +90,26 @@ def extruded(
 
 
 def _divided(loop: Array, spacing: float) -> Array:
-    """Closed outline (N, 2) with points added, so that none of its edges is longer than `spacing` [m]."""
+    """Closed outline (N, 2) with points added, so that none of its edges is longer than `spacing`
+    [m].
+    """
     after = np.roll(loop, -1, axis=0)
     parts = [
         a + (b - a) * (np.arange(n) / n)[:, None]
         for a, b, n in zip(
-            loop, after, np.maximum(1, np.ceil(np.linalg.norm(after - loop, axis=1) / spacing)).astype(int), strict=True
+            loop,
+            after,
+            np.maximum(1, np.ceil(np.linalg.norm(after - loop, axis=1) / spacing)).astype(int),
+            strict=True,
         )
     ]
     return np.vstack(parts)
 
 
 def _filled(loops: Sequence[Array]) -> np.ndarray:
-    """Triangles (T, 3) of the area inside an odd number of `loops`, counter-clockwise; indices count through them."""
+    """Triangles (T, 3) of the area inside an odd number of `loops`, counter-clockwise; indices
+    count through them.
+    """
     points = np.vstack(loops)
     triangles = Delaunay(points).simplices
     a, b, c = points[triangles].transpose(1, 0, 2)
@@ -114,7 +132,9 @@ def inside(points: Array, loops: Iterable[Array]) -> np.ndarray:
     return odd
 
 
-def _lofted(loops: Sequence[Array], faces: np.ndarray, thickness: float, twist: float, layers: int) -> Solid3:
+def _lofted(
+    loops: Sequence[Array], faces: np.ndarray, thickness: float, twist: float, layers: int
+) -> Solid3:
     """Solid between copies of the triangulated area `loops`, `faces` along z."""
     flat = np.vstack(loops)
     count = len(flat)
@@ -124,7 +144,9 @@ def _lofted(loops: Sequence[Array], faces: np.ndarray, thickness: float, twist: 
         turned = flat @ np.array([[c, s], [-s, c]])
         vertices.append(np.column_stack([turned, np.full(count, share * thickness)]))
     first = np.arange(count)
-    after = np.concatenate([np.roll(part, -1) for part in np.split(first, np.cumsum([len(p) for p in loops])[:-1])])
+    after = np.concatenate(
+        [np.roll(part, -1) for part in np.split(first, np.cumsum([len(p) for p in loops])[:-1])]
+    )
     walls = [
         part
         for low in range(0, layers * count, count)
@@ -150,10 +172,14 @@ def swept(path: Array, profile: Array, scale: ArrayLike = 1.0) -> Solid3:
         The solid.
     """
     scales = np.broadcast_to(np.asarray(scale, dtype=np.float64), len(path))
-    return skinned(path[:, None] + scales[:, None, None] * np.einsum("mk,nki->nmi", profile, _frames(path)))
+    return skinned(
+        path[:, None] + scales[:, None, None] * np.einsum("mk,nki->nmi", profile, _frames(path))
+    )
 
 
-def tube(path: Array, radius: float, bore: float = 0.0, depth: int = 0, sides: int = SIDES) -> Solid3:
+def tube(
+    path: Array, radius: float, bore: float = 0.0, depth: int = 0, sides: int = SIDES
+) -> Solid3:
     """Round bar along a path, with a blind bore at both ends.
 
     Args:
@@ -174,7 +200,9 @@ def tube(path: Array, radius: float, bore: float = 0.0, depth: int = 0, sides: i
 
 
 def skinned(rings: Array) -> Solid3:
-    """Solid through convex rings (N, M, 3) [m] that are counter-clockwise about the way, closed by flat ends."""
+    """Solid through convex rings (N, M, 3) [m] that are counter-clockwise about the way, closed by
+    flat ends.
+    """
     places, corners = rings.shape[:2]
     i = np.arange(corners)
     j = (i + 1) % corners
@@ -190,14 +218,18 @@ def skinned(rings: Array) -> Solid3:
 
 
 def _frames(path: Array) -> Array:
-    """Two unit axes (N, 2, 3) across a path (N, 3), turned no more than it turns; doubled places share theirs."""
+    """Two unit axes (N, 2, 3) across a path (N, 3), turned no more than it turns; doubled places
+    share theirs.
+    """
     ahead = np.diff(path, axis=0)
     length = np.linalg.norm(ahead, axis=1)
     tangent = ahead[length > _STEP][0] / length[length > _STEP][0]
     u = np.cross(tangent, np.eye(3)[np.argmin(np.abs(tangent))])
     frames = np.empty((len(path), 2, 3))
     for n in range(len(path)):
-        around = [ahead[k] / length[k] for k in (n - 1, n) if 0 <= k < len(ahead) and length[k] > _STEP]
+        around = [
+            ahead[k] / length[k] for k in (n - 1, n) if 0 <= k < len(ahead) and length[k] > _STEP
+        ]
         if around:
             middle = np.sum(around, axis=0)
             tangent = middle / np.linalg.norm(middle)
@@ -212,7 +244,12 @@ def ring(profile: Array, sides: int = SIDES) -> Solid3:
     angle = np.arange(sides) * (2.0 * np.pi / sides)
     radius, z = profile.T
     rings = np.stack(
-        [np.outer(np.cos(angle), radius), np.outer(np.sin(angle), radius), np.broadcast_to(z, (sides, len(z)))], axis=-1
+        [
+            np.outer(np.cos(angle), radius),
+            np.outer(np.sin(angle), radius),
+            np.broadcast_to(z, (sides, len(z))),
+        ],
+        axis=-1,
     )
     corners = len(profile)
     i = np.arange(corners)
@@ -228,7 +265,9 @@ def ring(profile: Array, sides: int = SIDES) -> Solid3:
 
 
 def turned(profile: ArrayLike, sides: int = SIDES) -> Solid3:
-    """Solid of revolution about z of a profile (P, 2) [m], rows (z, radius), that begins and ends on the axis."""
+    """Solid of revolution about z of a profile (P, 2) [m], rows (z, radius), that begins and ends
+    on the axis.
+    """
     vertices, triangles = revolve(profile, sides)
     return vertices[:, [1, 2, 0]], triangles
 
@@ -240,7 +279,9 @@ def cylinder(radius: float, height: float, sides: int = SIDES) -> Solid3:
 
 
 def hexagon(radius: float, height: float) -> Solid3:
-    """Hexagonal prism about z around the origin, such as the head of a bolt; `radius` [m] to its edges."""
+    """Hexagonal prism about z around the origin, such as the head of a bolt; `radius` [m] to its
+    edges.
+    """
     corner = circle(radius, 6)
     low, high = (np.column_stack([corner, np.full(6, z)]) for z in (-0.5 * height, 0.5 * height))
     return prism(low, high)

@@ -1,4 +1,6 @@
-"""Study of identification on unseen objects: one scene, and recall, accepts and false accepts over many."""
+"""Study of identification on unseen objects: one scene, and recall, accepts and false accepts over
+many.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from scipy.stats import chi2
 
-from experiments.identification.unseen.judge import RIVAL_GAIN, SIZED, TELLING, ViewOfObject, pose_error
+from experiments.identification.unseen.judge import (
+    RIVAL_GAIN,
+    SIZED,
+    TELLING,
+    ViewOfObject,
+    pose_error,
+)
 from experiments.identification.unseen.pictures import gallery, recall_chart
 from experiments.identification.unseen.scenes import PILE, UnseenCase, UnseenScene, build, present
 from uuv.experiment import Row, Summary, Table
@@ -33,7 +41,9 @@ class UnseenTrial:
     """One identification; a case of the study."""
 
     scene: UnseenCase
-    known: Known  # beforehand: position within 0.3 m and attitude within 45 deg (coarse), position only, or nothing
+    # beforehand: position within 0.3 m and attitude within 45 deg (coarse), position only, or
+    # nothing
+    known: Known
 
 
 def run(trial: UnseenTrial) -> Row:
@@ -75,14 +85,19 @@ def run(trial: UnseenTrial) -> Row:
         "hidden": scene.hidden,
         "pixels": int(scene.seen.sum()),
         "declared": scene.declared,
-        "symmetric": scene.likeness.symmetry.axis is not None or len(scene.likeness.symmetry.rotations) > 1,
+        "symmetric": scene.likeness.symmetry.axis is not None
+        or len(scene.likeness.symmetry.rotations) > 1,
         "sigma_mm": None if bounds is None else 1e3 * bounds.position_m,
         "sigma_deg": None if bounds is None else bounds.angle_deg,
         "size_sigma": None if bounds is None else bounds.size,
-        "shown": bounds is not None and bounds.shows_pose(scene.range_m) and rival_nats >= RIVAL_GAIN,
+        "shown": bounds is not None
+        and bounds.shows_pose(scene.range_m)
+        and rival_nats >= RIVAL_GAIN,
         "contradicted": contradicted,
         "rival_nats": rival_nats,
-        "mirror_share": min(view.mirror_share(), contradicted) if case.content == "mirrored" else 1.0,
+        "mirror_share": min(view.mirror_share(), contradicted)
+        if case.content == "mirrored"
+        else 1.0,
         "position_m": error.position_m,
         "angle_deg": error.angle_deg,
         "found": bool(there and error.found),
@@ -97,18 +112,24 @@ def run(trial: UnseenTrial) -> Row:
 
 @lru_cache(maxsize=1)  # its members are cases in a row
 def _of_pile(first: UnseenCase, known: Known) -> list[tuple[Identification, float]]:
-    """Result of each object of a pile, all of them sought together, and its share of the processor time [s]."""
+    """Result of each object of a pile, all of them sought together, and its share of the processor
+    time [s].
+    """
     scenes = [build(replace(first, member=k)) for k in range(PILE)]
     began = process_time()
     surfaces = {str(k): ModelSurface.of(scene.target) for k, scene in enumerate(scenes)}
-    approaches = {} if known == "any" else {str(k): scene.approach for k, scene in enumerate(scenes)}
+    approaches = (
+        {} if known == "any" else {str(k): scene.approach for k, scene in enumerate(scenes)}
+    )
     found = identify_together(scenes[0].scan, surfaces, approaches, sensor=scenes[0].sensor.model)
     spent = (process_time() - began) / PILE
     return [(found[str(k)], spent) for k in range(PILE)]
 
 
 def _doubt(found: Identification, scene: UnseenScene, right: bool) -> Row:
-    """Normalised squared error of a right pose over its covariance, and its degrees of freedom; None without one."""
+    """Normalised squared error of a right pose over its covariance, and its degrees of freedom;
+    None without one.
+    """
     if not right or found.covariance is None:
         return {"nees": None, "nees_degrees": None}
     X_CT = scene.likeness.symmetry.nearest_pose(scene.X_CT, found.X_sensor_target[:3, :3])
@@ -125,7 +146,8 @@ def line(row: Row) -> str:
         return ""
     reason = f": {row['reason']}" if row["reason"] else ""
     return (
-        f"{row['content']} {row['index']}, {row['kind']}, {row['around']}, {row['sensor']}, hidden {row['hidden']:.2f}:"
+        f"{row['content']} {row['index']}, {row['kind']}, {row['around']}, {row['sensor']}, "
+        f"hidden {row['hidden']:.2f}:"
         f" {1e3 * row['position_m']:.0f} mm, {row['angle_deg']:.0f} deg, {row['decision']}{reason}"
     )
 
@@ -141,21 +163,31 @@ def outcome(row: Row) -> str:
     if content in _THERE:
         return f"{_TITLES[content]}, {'found' if row['found'] else 'not found'}"
     if content == "mirrored":
-        return f"mirrored, {'>=' if row['mirror_share'] >= TELLING else '<'} {100 * TELLING:.0f} % of the view differ"
+        return (
+            f"mirrored, {'>=' if row['mirror_share'] >= TELLING else '<'} {100 * TELLING:.0f} "
+            "% of the view differ"
+        )
     if content == "resized":
         sigma = row["size_sigma"]
-        return f"resized, sigma of size {'<' if sigma is not None and sigma < SIZED else '>='} {100 * SIZED:.1f} %"
+        return (
+            f"resized, sigma of size {'<' if sigma is not None and sigma < SIZED else '>='} "
+            f"{100 * SIZED:.1f} %"
+        )
     return {"absent": "absent", "other": "another object of the class"}[content]
 
 
 def summarise(rows: list[Row], title: str) -> Summary:
-    """Recall, accepts and false accepts by condition and by class of shape, and the confusion table.
+    """Recall, accepts and false accepts by condition and by class of shape, and the confusion
+    table.
 
     Args:
         rows: Rows of all scenes.
         title: Title of the tables.
     """
-    depth, sonar = ([row for row in rows if (row["sensor"] == "sonar") is by_sonar] for by_sonar in (False, True))
+    depth, sonar = (
+        [row for row in rows if (row["sensor"] == "sonar") is by_sonar]
+        for by_sonar in (False, True)
+    )
     there = [row for row in depth if row["content"] == "present"]
     tables: list[Table] = []
     metrics: dict[str, Any] = {}
@@ -165,7 +197,9 @@ def summarise(rows: list[Row], title: str) -> Summary:
         ("piles", [row for row in depth if row["content"] == "pile"]),
     ):
         if part:
-            metrics[name] = {label: figures_of(some) for label, some in _parts(part, name == "present")}
+            metrics[name] = {
+                label: figures_of(some) for label, some in _parts(part, name == "present")
+            }
             tables.append(_recall_table(metrics[name], f"{name.capitalize()}: {title}"))
     metrics["confusion"] = confusion(depth)
     if depth:
@@ -181,14 +215,20 @@ def summarise(rows: list[Row], title: str) -> Summary:
     said = [f"processor time of a scene {metrics['scene_s']:.2f} s (mean)"]
     if depth:
         share = metrics["false_accept_percent"]
-        said.append(f"false accepts: {len(false)} of {len(depth)} verdicts ({share:.1f} %); sonar apart")
+        said.append(
+            f"false accepts: {len(false)} of {len(depth)} verdicts ({share:.1f} %); sonar apart"
+        )
     if doubts["poses"]:
         said.append(
-            f"covariance of {doubts['poses']} poses found: squared error {doubts['nees_mean']:.2f} of what it says "
-            f"(mean), {doubts['nees_median']:.2f} (median); {doubts['covered_percent']:.0f} % within the 95 % ellipsoid"
+            f"covariance of {doubts['poses']} poses found: squared error "
+            f"{doubts['nees_mean']:.2f} of what it says "
+            f"(mean), {doubts['nees_median']:.2f} (median); {doubts['covered_percent']:.0f} % "
+            "within the 95 % ellipsoid"
         )
     said += [f"false accept: {line(row)}" for row in false]
-    return Summary(metrics=metrics, tables=tables, lines=said, pictures=_pictures(there) if there else ())
+    return Summary(
+        metrics=metrics, tables=tables, lines=said, pictures=_pictures(there) if there else ()
+    )
 
 
 def _parts(rows: Sequence[Row], by_condition: bool) -> Iterator[tuple[str, list[Row]]]:
@@ -240,15 +280,21 @@ def figures_of(rows: Sequence[Row]) -> dict[str, float]:
 
 
 def consistency(rows: Sequence[Row]) -> dict[str, float]:
-    """Whether the errors of found poses are as their covariance says: chi-square with its degrees of freedom."""
+    """Whether the errors of found poses are as their covariance says: chi-square with its degrees
+    of freedom.
+    """
     nees, degrees = (
-        np.array([(row["nees"], row["nees_degrees"]) for row in rows if row["nees"] is not None]).reshape(-1, 2).T
+        np.array([(row["nees"], row["nees_degrees"]) for row in rows if row["nees"] is not None])
+        .reshape(-1, 2)
+        .T
     )
     return {
         "poses": len(nees),
         "nees_mean": float(nees.sum() / degrees.sum()) if len(nees) else np.nan,
         "nees_median": float(np.median(nees / chi2.median(degrees))) if len(nees) else np.nan,
-        "covered_percent": 100.0 * float(np.mean(nees < chi2.ppf(0.95, degrees))) if len(nees) else np.nan,
+        "covered_percent": 100.0 * float(np.mean(nees < chi2.ppf(0.95, degrees)))
+        if len(nees)
+        else np.nan,
     }
 
 
@@ -287,7 +333,9 @@ def _recall_table(figures: Mapping[str, Mapping[str, float]], title: str) -> Tab
         )
         for name, f in figures.items()
     ]
-    return Table(title=title, columns=columns, rows=rows, caption="Errors are those of found poses.")
+    return Table(
+        title=title, columns=columns, rows=rows, caption="Errors are those of found poses."
+    )
 
 
 def _or_dash(value: float, digits: int) -> str:
@@ -302,6 +350,14 @@ def _confusion_table(table: Mapping[str, Mapping[str, int]], title: str) -> Tabl
 
 
 def _pictures(rows: Sequence[Row]) -> Iterator[tuple[str, str, "Figure"]]:
-    yield "Recall", "Scenes with the object, by class of shape and of occlusion.", recall_chart(rows)
+    yield (
+        "Recall",
+        "Scenes with the object, by class of shape and of occlusion.",
+        recall_chart(rows),
+    )
     cases = [present(row["seed"], row["index"]) for row in rows[:_SHOWN]]
-    yield "Scenes", "The first of them: the object in colour, and the depth that the sensor reads.", gallery(cases)
+    yield (
+        "Scenes",
+        "The first of them: the object in colour, and the depth that the sensor reads.",
+        gallery(cases),
+    )

@@ -1,17 +1,20 @@
-"""Benchmark: identification of unseen objects against the registrations of other libraries, on the same pixels.
+"""Benchmark: identification of unseen objects against the registrations of other libraries, on the
+same pixels.
 
     ./uvw run scripts/experiments/identification/unseen/unseen_peers.py  # ours alone.
     PEERS=scripts/experiments/identification/peers_requirements.txt
     ./uvw run --extra open3d --with-requirements $PEERS scripts/experiments/identification/unseen/unseen_peers.py  #
     with the peers.
 
-The scenes are those of the study of unseen objects with the object present; its position is known within 0.3 m, its
-attitude is not. Ours begins at the depth frame. The peers get the points with normals that our segmentation assigns to
-the object, cropped and thinned as ours are; where it leaves none, all points where the object could be. ICP alone, and
-small_gicp, also start from the true position with an attitude 25 deg off the truth: a help that the others do not get.
+The scenes are those of the study of unseen objects with the object present; its position is known
+within 0.3 m, its attitude is not. Ours begins at the depth frame. The peers get the points with
+normals that our segmentation assigns to the object, cropped and thinned as ours are; where it
+leaves none, all points where the object could be. ICP alone, and small_gicp, also start from the
+true position with an attitude 25 deg off the truth: a help that the others do not get.
 
-A pose is found within 5 mm plus 0.3 % of the range and 3 deg, modulo the geometric symmetry of the shape. Times are
-processor times; what a method prepares once for a model is counted apart. Ours counts its own segmentation and check.
+A pose is found within 5 mm plus 0.3 % of the range and 3 deg, modulo the geometric symmetry of the
+shape. Times are processor times; what a method prepares once for a model is counted apart. Ours
+counts its own segmentation and check.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip
@@ -54,7 +57,10 @@ class Options(StudyOptions):
     peers: tuple[str, ...] = tuple(PEERS)
     """Names of peers; those whose package is not installed are left out."""
     workers: int = 1
-    """Number of processes; 0: one for each core, 1: this one. Computing times are comparable with 1 only."""
+    """Number of processes; 0: one for each core, 1: this one.
+
+    Computing times are comparable with 1 only.
+    """
 
     def __post_init__(self) -> None:
         at_least(self, runs=1, workers=0)
@@ -75,8 +81,15 @@ def run(case: PeerCase) -> Row:
     """Errors and times of all methods on one scene."""
     scene = build(case.scene)
     model_s, surface = _timed(lambda: ModelSurface.of(scene.target))
-    find_s, found = _timed(lambda: identify(scene.scan, surface, scene.approach, sensor=scene.sensor.model))
-    ours = {**_judged(scene, found.X_sensor_target), "model_s": model_s, "find_s": find_s, "error": ""}
+    find_s, found = _timed(
+        lambda: identify(scene.scan, surface, scene.approach, sensor=scene.sensor.model)
+    )
+    ours = {
+        **_judged(scene, found.X_sensor_target),
+        "model_s": model_s,
+        "find_s": find_s,
+        "error": "",
+    }
     task = task_of(scene, surface, found)
     methods = {OURS: ours, **{name: _raced(name, scene, task) for name in case.peers}}
     return {
@@ -91,7 +104,9 @@ def run(case: PeerCase) -> Row:
 
 
 def task_of(scene: UnseenScene, surface: ModelSurface, found: Identification) -> RegistrationTask:
-    """What the peers get of a scene, with the points that our identification `found` to be the object's."""
+    """What the peers get of a scene, with the points that our identification `found` to be the
+    object's.
+    """
     evidence = found.evidence
     if evidence is None:
         near = near_any(scene.scan.points, scene.approach[None], surface.radius + APPROACH_ERROR)
@@ -142,7 +157,8 @@ def _timed(what: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
-    """Poses found by each method, by occlusion, sensor and class of shape; errors of those found, and times.
+    """Poses found by each method, by occlusion, sensor and class of shape; errors of those found,
+    and times.
 
     Args:
         rows: Rows of all scenes.
@@ -156,24 +172,38 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
     tables = [
         Table(
             title=f"Poses found of {len(rows)}, and time",
-            columns=("method", "found", *by_condition, "error [mm]", "[deg]", "time [ms]", "p95", "model [ms]"),
+            columns=(
+                "method",
+                "found",
+                *by_condition,
+                "error [mm]",
+                "[deg]",
+                "time [ms]",
+                "p95",
+                "model [ms]",
+            ),
             rows=[
                 (
                     titles[name],
                     str(each["found"]),
                     *(_of(each["found_of"][label]) for label in by_condition),
-                    *(_figure(each[key], digits) for key, digits in (("median_mm", 2), ("median_deg", 2))),
+                    *(
+                        _figure(each[key], digits)
+                        for key, digits in (("median_mm", 2), ("median_deg", 2))
+                    ),
                     *(_figure(each[key], 0) for key in ("find_ms", "find_p95_ms", "model_ms")),
                 )
                 for name, each in metrics.items()
             ],
-            caption="Errors and times are medians, errors those of found poses; model: prepared once for each.",
+            caption="Errors and times are medians, errors those of found poses; model: prepared "
+            "once for each.",
         ),
         Table(
             title="Poses found, by class of shape",
             columns=("method", *by_shape),
             rows=[
-                (titles[name], *(_of(each["found_of"][label]) for label in by_shape)) for name, each in metrics.items()
+                (titles[name], *(_of(each["found_of"][label]) for label in by_shape))
+                for name, each in metrics.items()
             ],
         ),
     ]
@@ -183,7 +213,11 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
         f"ours: {sum(row['accepted'] for row in found)} of {len(found)} found poses accepted,"
         f" {sum(row['accepted'] for row in rows) - sum(row['accepted'] for row in found)} others",
         f"scenes whose segmentation leaves no points: {sum(not row['segmented'] for row in rows)}",
-        *(f"{titles[name]}: {each['errors']} errors raised" for name, each in metrics.items() if each["errors"]),
+        *(
+            f"{titles[name]}: {each['errors']} errors raised"
+            for name, each in metrics.items()
+            if each["errors"]
+        ),
     ]
     return Summary(metrics={"scenes": len(rows), "methods": metrics}, tables=tables, lines=lines)
 
@@ -201,7 +235,8 @@ def figures_of(rows: Sequence[Row], name: str) -> dict[str, Any]:
     return {
         "found": len(found),
         "found_of": {
-            label: [sum(row["methods"][name]["found"] for row in some), len(some)] for label, some in _parts(rows)
+            label: [sum(row["methods"][name]["found"] for row in some), len(some)]
+            for label, some in _parts(rows)
         },
         "median_mm": 1e3 * median(found, "position_m"),
         "median_deg": median(found, "angle_deg"),
@@ -238,7 +273,9 @@ def main() -> int:
     ]
     cases = [PeerCase(present(options.seed, k), there) for k in range(options.runs)]
     study = Study(cases=cases, run_one=run, summarise=partial(summarise, left_out=left_out))
-    return study.carry_out("bench_unseen_peers", options, "Unseen objects: ours and other libraries")
+    return study.carry_out(
+        "bench_unseen_peers", options, "Unseen objects: ours and other libraries"
+    )
 
 
 if __name__ == "__main__":

@@ -1,1 +1,3 @@
-"""Pool trials of a BlueROV2 with a Reach Alpha arm beside our simulation of them: read, replay, fit, compare."""
+"""Pool trials of a BlueROV2 with a Reach Alpha arm beside our simulation of them: read, replay,
+fit, compare.
+"""

@@ -55,7 +55,13 @@ def trial_table(found: Sequence[TrialScore]) -> Table:
     """Each trial."""
     return Table(
         title="Each trial",
-        columns=("trial", "RMS roll, pitch [deg]", "correlation", "amplitude ratio", "rise measured, error [m]"),
+        columns=(
+            "trial",
+            "RMS roll, pitch [deg]",
+            "correlation",
+            "amplitude ratio",
+            "rise measured, error [m]",
+        ),
         rows=[
             [
                 each.name,
@@ -95,7 +101,14 @@ def parameter_table(result: Validation) -> Table:
         )
     return Table(
         title=f"Parameters of the {result.hull} hull from the trials",
-        columns=("parameter", "unit", "nominal", "fitted", "95 %, by trajectory numbers", "told by the trials"),
+        columns=(
+            "parameter",
+            "unit",
+            "nominal",
+            "fitted",
+            "95 %, by trajectory numbers",
+            "told by the trials",
+        ),
         rows=rows,
     )
 
@@ -114,8 +127,14 @@ def numbers_of(result: Validation) -> dict[str, Any]:
             }
             for i, each in enumerate(PARAMETERS)
         },
-        "untuned": {"medians": medians(result.untuned), "trials": [asdict(each) for each in result.untuned]},
-        "left_out": {"medians": medians(result.left_out), "trials": [asdict(each) for each in result.left_out]},
+        "untuned": {
+            "medians": medians(result.untuned),
+            "trials": [asdict(each) for each in result.untuned],
+        },
+        "left_out": {
+            "medians": medians(result.left_out),
+            "trials": [asdict(each) for each in result.left_out],
+        },
     }
 
 
@@ -125,7 +144,10 @@ def draw(file: Path, result: Validation, trials: Sequence[PoolTrial]) -> None:
         from matplotlib.figure import Figure
 
     order = sorted(result.left_out, key=lambda each: max(each.rms))
-    chosen = [order[i].name for i in np.linspace(0, len(order) - 1, min(_SHOWN, len(order))).round().astype(int)]
+    chosen = [
+        order[i].name
+        for i in np.linspace(0, len(order) - 1, min(_SHOWN, len(order))).round().astype(int)
+    ]
     by_name = {trial.name: trial for trial in trials}
     fitted = values_of(PARAMETERS, result.fit.deviations)
     models = {

@@ -1,7 +1,8 @@
 """The vehicle of the pool trials by a published hull and the parameters that no table states.
 
-Nominal values are those of the tables, or plain guesses where there are none; a prior says how far they may be off. The
-vehicle floats in fresh water with its thrusters off, and its joints follow the measured angles stiffly.
+Nominal values are those of the tables, or plain guesses where there are none; a prior says how far
+they may be off. The vehicle floats in fresh water with its thrusters off, and its joints follow the
+measured angles stiffly.
 """
 
 from collections.abc import Mapping
@@ -24,9 +25,11 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array, shown
 FRESH_WATER = 997.0  # [kg/m^3] as the trials' authors state
 TIMESTEP = 0.005  # [s]
 JAW = (0.0, 0.0, -0.19)  # [m] of the jaw's mass in the wrist
-_STIFF, _DAMPED, _ROTOR = 800.0, 16.0, 0.02  # [N m/rad], [N m s/rad], [kg m^2] of the servos that replay the angles
+# [N m/rad], [N m s/rad], [kg m^2] of the servos that replay the angles
+_STIFF, _DAMPED, _ROTOR = 800.0, 16.0, 0.02
 
-# Hull of the trials' authors (N, m, z up there): 20.9 kg with what it entrains, so the added mass of [Wu 2018] is left.
+# Hull of the trials' authors (N, m, z up there): 20.9 kg with what it entrains, so the added mass
+# of [Wu 2018] is left.
 KOLANO_2022 = PublishedHull(
     mass=13.17,
     center_of_gravity=[0.0, 0.0, 0.0],
@@ -37,7 +40,11 @@ KOLANO_2022 = PublishedHull(
     linear_damping=[4.03, 6.22, 5.18, 0.07, 0.07, 0.07],
     quadratic_damping=[18.18, 21.66, 36.99, 1.55, 1.55, 1.55],
 )
-HULLS = {"benzon2022": bluerov2_heavy.BENZON_2022, "wu2018": bluerov2_heavy.WU_2018, "kolano2022": KOLANO_2022}
+HULLS = {
+    "benzon2022": bluerov2_heavy.BENZON_2022,
+    "wu2018": bluerov2_heavy.WU_2018,
+    "kolano2022": KOLANO_2022,
+}
 
 
 def _factor(name: str, sigma: float) -> NamedParameter:
@@ -121,7 +128,11 @@ def _servos(spec: mujoco.MjSpec) -> None:
     """Position servos in place of the arm's motors; no limits: an encoder's zero may be off."""
     for actuator in list(spec.actuators):
         joint = spec.joint(actuator.target)
-        joint.damping, joint.armature, joint.limited = [0.0, 0.0, 0.0], _ROTOR, mujoco.mjtLimited.mjLIMITED_FALSE
+        joint.damping, joint.armature, joint.limited = (
+            [0.0, 0.0, 0.0],
+            _ROTOR,
+            mujoco.mjtLimited.mjLIMITED_FALSE,
+        )
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
         actuator.set_to_position(kp=_STIFF, kv=_DAMPED)
 
@@ -135,13 +146,17 @@ def _load_jaw(spec: mujoco.MjSpec, mass: float) -> None:
 
 def _scaled_link(link: BodyHydrodynamics, values: Mapping[str, float]) -> BodyHydrodynamics:
     drag = values["arm drag"]
-    strips = tuple(replace(s, normal=drag * s.normal, tangential=drag * s.tangential) for s in link.segments)
+    strips = tuple(
+        replace(s, normal=drag * s.normal, tangential=drag * s.tangential) for s in link.segments
+    )
     return replace(link, strips=strips, added_mass=values["arm added mass"] * link.added_mass)
 
 
 def _scaled_hull(hull: BodyHydrodynamics, values: Mapping[str, float]) -> BodyHydrodynamics:
     roots = np.sqrt([1.0, 1.0, *(values[name] for name in _ADDED), 1.0])
-    drag = np.array([1.0, 1.0, *(values[f"{axis} drag"] for axis in ("heave", "roll", "pitch", "yaw"))])
+    drag = np.array(
+        [1.0, 1.0, *(values[f"{axis} drag"] for axis in ("heave", "roll", "pitch", "yaw"))]
+    )
     turning = [values[f"linear {axis} damping"] for axis in ("roll", "pitch", "yaw")]
     center = np.array(hull.center_of_buoyancy)
     center[:2] += values["center of buoyancy x"], values["center of buoyancy y"]

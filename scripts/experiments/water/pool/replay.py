@@ -1,4 +1,6 @@
-"""Replay of pool trials: our vehicle begins as the real one and moves its joints as measured; what differs."""
+"""Replay of pool trials: our vehicle begins as the real one and moves its joints as measured; what
+differs.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +16,11 @@ from uuv.calib.water.named_fit import values_of
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
-# Standard deviations by which residuals are weighed: tenths of a degree are within reach, the heading and the drift
-# depend on the pool's own currents, and the height on a buoyancy that changes from day to day.
-ATTITUDE, HEADING, HEIGHT = float(np.radians(0.7)), float(np.radians(6.0)), 0.06  # [rad], [rad], [m]
+# Standard deviations by which residuals are weighed: tenths of a degree are within reach, the
+# heading and the drift depend on the pool's own currents, and the height on a buoyancy that changes
+# from day to day.
+# [rad], [rad], [m]
+ATTITUDE, HEADING, HEIGHT = float(np.radians(0.7)), float(np.radians(6.0)), 0.06
 SAMPLES = 20.0  # independent ones that a record of a trial counts as
 _STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 
@@ -40,7 +44,9 @@ def replay(model: mujoco.MjModel, trial: PoolTrial, values: Mapping[str, float])
     dt = float(model.opt.timestep)
     begin, end = trial.times[0], trial.times[-1]
     grid = begin + dt * np.arange(max(2, round((end - begin) / dt) + 1))
-    joints = np.column_stack([np.interp(grid, trial.joint_times, trial.joints[:, j]) for j in range(4)])
+    joints = np.column_stack(
+        [np.interp(grid, trial.joint_times, trial.joints[:, j]) for j in range(4)]
+    )
     joints = joints + joint_zeros(values)
     on_hull = mount(values)
     data = mujoco.MjData(model)
@@ -58,13 +64,17 @@ def replay(model: mujoco.MjModel, trial: PoolTrial, values: Mapping[str, float])
 
 
 class Residuals:
-    """Residuals of trials as a function of the parameters, for `uuv.calib.water.named_fit.fit_named`."""
+    """Residuals of trials as a function of the parameters, for
+    `uuv.calib.water.named_fit.fit_named`.
+    """
 
     def __init__(self, hull: str, trials: Sequence[PoolTrial]) -> None:
         self._hull, self._trials = hull, tuple(trials)
 
     def __call__(self, deviations: Array) -> Array:
-        """Residuals of roll, pitch, heading and height in their standard deviations; NaN where there is no vehicle."""
+        """Residuals of roll, pitch, heading and height in their standard deviations; NaN where
+        there is no vehicle.
+        """
         values = values_of(PARAMETERS, deviations)
         try:
             model = pool_model(self._hull, values)
@@ -79,7 +89,9 @@ class Residuals:
         off[:, 2] -= off[0, 2]  # the IMU's heading has an origin of its own
         rise = found.position[:, 2] - trial.position[:, 2]
         weight = np.sqrt(SAMPLES / len(trial.times))
-        return weight * np.concatenate([off[:, 0] / ATTITUDE, off[:, 1] / ATTITUDE, off[:, 2] / HEADING, rise / HEIGHT])
+        return weight * np.concatenate(
+            [off[:, 0] / ATTITUDE, off[:, 1] / ATTITUDE, off[:, 2] / HEADING, rise / HEIGHT]
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

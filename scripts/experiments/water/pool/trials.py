@@ -1,6 +1,8 @@
-"""Pool trials [Kolano 2022]: a floating vehicle moves its arm, its thrusters off, and what it does is recorded.
+"""Pool trials [Kolano 2022]: a floating vehicle moves its arm, its thrusters off, and what it does
+is recorded.
 
-Files of a trial NAME: NAME_joint_states.csv, NAME_imu.csv and NAME_mocap.csv, also with .gz behind; times in s.
+Files of a trial NAME: NAME_joint_states.csv, NAME_imu.csv and NAME_mocap.csv, also with .gz behind;
+times in s.
 """
 
 import gzip
@@ -14,14 +16,16 @@ from scipy.spatial.transform import Rotation
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
 
-EXCLUDED = ("traj003-1", "traj012-3", "traj014-0", "traj014-1")  # touches the ground; marked bad by their authors
+# touches the ground; marked bad by their authors
+EXCLUDED = ("traj003-1", "traj012-3", "traj014-0", "traj014-1")
 START = 0.5  # [s] from which the start is taken
 RATE = 10.0  # [Hz] at which trial and simulation are compared
 SHORTEST = 5.0  # [s]
 _KINDS = ("joint_states", "imu", "mocap")
 _JOINTS = ("axis_e_pos", "axis_d_pos", "axis_c_pos", "axis_b_pos")  # joints 1 to 4
 _ZEROS = (3.07, 0.0, 0.0, 2.879)  # [rad] of their encoders, as their authors state
-# Joint 1 turns the other way than the axis of our model: with the stated sign every roll comes out mirrored.
+# Joint 1 turns the other way than the axis of our model: with the stated sign every roll comes out
+# mirrored.
 _SIGNS = (-1.0, 1.0, 1.0, 1.0)
 
 
@@ -55,7 +59,9 @@ def names_in(folder: Path) -> tuple[str, ...]:
     names = {path.name.partition("_joint_states")[0] for path in folder.glob("*_joint_states.csv*")}
     kept = tuple(sorted(name for name in names if name.startswith("traj") and name not in EXCLUDED))
     if not kept:
-        raise ConfigurationError(f"--data {shown(str(folder))}: holds no pool trials (traj*_joint_states.csv.gz)")
+        raise ConfigurationError(
+            f"--data {shown(str(folder))}: holds no pool trials (traj*_joint_states.csv.gz)"
+        )
     return kept
 
 
@@ -63,8 +69,8 @@ def read_trials(folder: Path, names: Iterable[str] | None = None) -> list[PoolTr
     """Trials of a folder; None: all but those EXCLUDED.
 
     Raises:
-        ConfigurationError: A file is missing, cannot be read, or lacks a column; a number is not finite, times do not
-            increase, or a trial is too short.
+        ConfigurationError: A file is missing, cannot be read, or lacks a column; a number is not
+            finite, times do not increase, or a trial is too short.
     """
     return [read_trial(folder, name) for name in (names_in(folder) if names is None else names)]
 
@@ -73,7 +79,10 @@ def read_trial(folder: Path, name: str) -> PoolTrial:
     """One trial; as `read_trials`."""
     joints, imu, mocap = (_table(folder, f"{name}_{kind}") for kind in _KINDS)
     t_joints, t_imu, t_mocap = (_times(table, name) for table in (joints, imu, mocap))
-    begin, end = max(t[0] for t in (t_joints, t_imu, t_mocap)), min(t[-1] for t in (t_joints, t_imu, t_mocap))
+    begin, end = (
+        max(t[0] for t in (t_joints, t_imu, t_mocap)),
+        min(t[-1] for t in (t_joints, t_imu, t_mocap)),
+    )
     if end - begin < SHORTEST:
         raise ConfigurationError(
             f"pool trial {name}: its records have {end - begin:.1f} s in common, {SHORTEST} needed"
@@ -104,7 +113,9 @@ def read_trial(folder: Path, name: str) -> PoolTrial:
 
 
 def _first(times: Array, begin: float) -> np.ndarray:
-    """Mask of the samples from which the start is taken: those of the first START, five at least."""
+    """Mask of the samples from which the start is taken: those of the first START, five at
+    least.
+    """
     mask = (times >= begin) & (times <= begin + START)
     if mask.sum() < 5:
         mask[np.flatnonzero(times >= begin)[:5]] = True
@@ -112,9 +123,13 @@ def _first(times: Array, begin: float) -> np.ndarray:
 
 
 def _table(folder: Path, stem: str) -> dict[str, Array]:
-    found = [path for ending in (".csv.gz", ".csv") if (path := folder / f"{stem}{ending}").exists()]
+    found = [
+        path for ending in (".csv.gz", ".csv") if (path := folder / f"{stem}{ending}").exists()
+    ]
     if not found:
-        raise ConfigurationError(f"pool trial: there is no {stem}.csv or .csv.gz in {shown(str(folder))}")
+        raise ConfigurationError(
+            f"pool trial: there is no {stem}.csv or .csv.gz in {shown(str(folder))}"
+        )
     path = found[0]
     try:
         with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
@@ -123,18 +138,24 @@ def _table(folder: Path, stem: str) -> dict[str, Array]:
     except (OSError, ValueError, EOFError) as error:
         raise ConfigurationError(f"pool trial {path.name}: cannot be read: {error}") from error
     if rows.ndim != 2 or len(rows) < 10 or rows.shape[1] != len(head):
-        raise ConfigurationError(f"pool trial {path.name}: expected ten rows of {len(head)} numbers at least")
+        raise ConfigurationError(
+            f"pool trial {path.name}: expected ten rows of {len(head)} numbers at least"
+        )
     return dict(zip(head, rows.T, strict=True))
 
 
 def _columns(table: dict[str, Array], names: tuple[str, ...], trial: str) -> Array:
     missing = [name for name in names if name not in table]
     if missing:
-        raise ConfigurationError(f"pool trial {trial}: lacks the column {missing[0]!r}; it has {', '.join(table)}")
+        raise ConfigurationError(
+            f"pool trial {trial}: lacks the column {missing[0]!r}; it has {', '.join(table)}"
+        )
     found = np.column_stack([table[name] for name in names])
     if not np.all(np.isfinite(found)):
         bad = names[int(np.flatnonzero(~np.isfinite(found).all(axis=0))[0])]
-        raise ConfigurationError(f"pool trial {trial}: column {bad!r} holds numbers that are not finite")
+        raise ConfigurationError(
+            f"pool trial {trial}: column {bad!r} holds numbers that are not finite"
+        )
     return found
 
 

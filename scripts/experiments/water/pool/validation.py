@@ -1,4 +1,6 @@
-"""Validation by pool trials: a fit to all trajectory numbers but one, judged on the one left out, each in turn."""
+"""Validation by pool trials: a fit to all trajectory numbers but one, judged on the one left out,
+each in turn.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -17,7 +19,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
 
 BUOYANCIES = (-0.5, 2.5)  # [N] among which that of a trajectory number is sought
-FITTED = Path(__file__).with_name("wu2018.json")  # parameters fitted to the 24 trials of docs/pool.md
+# parameters fitted to the 24 trials of docs/pool.md
+FITTED = Path(__file__).with_name("wu2018.json")
 _IN_WORKER: dict[str, Residuals] = {}
 
 
@@ -27,13 +30,18 @@ class Validation:
 
     hull: str
     fit: NamedFit  # to all trials
-    spread: Array  # (n,) standard errors of the deviations, from the fits that leave a trajectory number out
+    # (n,) standard errors of the deviations, from the fits that leave a trajectory number out
+    spread: Array
     untuned: tuple[TrialScore, ...]
     left_out: tuple[TrialScore, ...]  # each trial by the fit that did not see its trajectory number
 
     def interval(self, index: int) -> tuple[float, float]:
         """95 % interval of a parameter, by the jackknife over trajectory numbers."""
-        each, x, half = PARAMETERS[index], float(self.fit.deviations[index]), 1.96 * float(self.spread[index])
+        each, x, half = (
+            PARAMETERS[index],
+            float(self.fit.deviations[index]),
+            1.96 * float(self.spread[index]),
+        )
         return each.value(x - half), each.value(x + half)
 
 
@@ -45,14 +53,20 @@ def groups_of(trials: Sequence[PoolTrial]) -> dict[str, list[PoolTrial]]:
     return found
 
 
-def scores(hull: str, trials: Iterable[PoolTrial], values: Mapping[str, float]) -> tuple[TrialScore, ...]:
+def scores(
+    hull: str, trials: Iterable[PoolTrial], values: Mapping[str, float]
+) -> tuple[TrialScore, ...]:
     """Scores of trials by one parameter set."""
     model = pool_model(hull, values)
     return tuple(score_of(trial, replay(model, trial, values)) for trial in trials)
 
 
-def buoyancy_by_group(hull: str, trials: Sequence[PoolTrial], values: Mapping[str, float]) -> dict[str, float]:
-    """Net buoyancy [N] of each trajectory number that its rises speak for, all else as in `values`."""
+def buoyancy_by_group(
+    hull: str, trials: Sequence[PoolTrial], values: Mapping[str, float]
+) -> dict[str, float]:
+    """Net buoyancy [N] of each trajectory number that its rises speak for, all else as in
+    `values`.
+    """
     found = {}
     for name, members in groups_of(trials).items():
 
@@ -60,12 +74,17 @@ def buoyancy_by_group(hull: str, trials: Sequence[PoolTrial], values: Mapping[st
             given = {**values, "net buoyancy": buoyancy}
             return float(np.sum([each.rise_error**2 for each in scores(hull, members, given)]))
 
-        found[name] = float(minimize_scalar(missed, bounds=BUOYANCIES, method="bounded", options={"xatol": 5e-3}).x)
+        found[name] = float(
+            minimize_scalar(missed, bounds=BUOYANCIES, method="bounded", options={"xatol": 5e-3}).x
+        )
     return found
 
 
 def with_own_buoyancy(
-    hull: str, trials: Sequence[PoolTrial], values: Mapping[str, float], buoyancies: Mapping[str, float]
+    hull: str,
+    trials: Sequence[PoolTrial],
+    values: Mapping[str, float],
+    buoyancies: Mapping[str, float],
 ) -> tuple[TrialScore, ...]:
     """Scores of trials, each with the net buoyancy of its trajectory number."""
     found: list[TrialScore] = []
@@ -85,7 +104,9 @@ def read_fitted(file: Path) -> tuple[str, dict[str, float]]:
         values = {each.name: float(told["parameters"][each.name]["fitted"]) for each in PARAMETERS}
         hull = str(told["hull"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(f"--fitted {shown(str(file))}: is no file of fitted parameters: {error!r}") from error
+        raise ConfigurationError(
+            f"--fitted {shown(str(file))}: is no file of fitted parameters: {error!r}"
+        ) from error
     return hull, values
 
 
@@ -103,14 +124,17 @@ def medians(of: Sequence[TrialScore]) -> dict[str, float]:
     }
 
 
-def validate(hull: str, trials: Sequence[PoolTrial], *, workers: int = 1, leave_out: bool = True) -> Validation:
+def validate(
+    hull: str, trials: Sequence[PoolTrial], *, workers: int = 1, leave_out: bool = True
+) -> Validation:
     """Fit and judge.
 
     Args:
         hull: One of `experiments.water.pool.pool_vehicle.HULLS`.
         trials: All trials.
         workers: Processes.
-        leave_out: Fit again without each trajectory number; False: the scores are those of the fit to all.
+        leave_out: Fit again without each trajectory number; False: the scores are those of the fit
+            to all.
 
     Returns:
         The result.
@@ -137,13 +161,20 @@ def validate(hull: str, trials: Sequence[PoolTrial], *, workers: int = 1, leave_
     return Validation(hull=hull, fit=whole, spread=spread, untuned=untuned, left_out=tuple(found))
 
 
-def fit(hull: str, trials: Sequence[PoolTrial], *, workers: int = 1, start: Array | None = None) -> NamedFit:
+def fit(
+    hull: str, trials: Sequence[PoolTrial], *, workers: int = 1, start: Array | None = None
+) -> NamedFit:
     """Parameters of the vehicle from trials; `start` (n,) are deviations to begin with."""
     residuals = Residuals(hull, trials)
     if workers == 1:
         return fit_named(residuals, PARAMETERS, start=start)
     with ProcessPoolExecutor(workers, initializer=_begin, initargs=(residuals,)) as pool:
-        return fit_named(residuals, PARAMETERS, start=start, mapped=lambda _, points: pool.map(_residuals, points))
+        return fit_named(
+            residuals,
+            PARAMETERS,
+            start=start,
+            mapped=lambda _, points: pool.map(_residuals, points),
+        )
 
 
 def _begin(residuals: Residuals) -> None:

@@ -1,4 +1,6 @@
-"""Lateral compliance against its differential equation, its bounds, and what it must not answer to."""
+"""Lateral compliance against its differential equation, its bounds, and what it must not answer
+to.
+"""
 
 import numpy as np
 import pytest
@@ -11,8 +13,12 @@ DT = 0.004  # [s]
 LAW = LateralCompliance()
 
 
-def against_wall(law: LateralCompliance, stiffness: float, depth: float, z: np.ndarray, seconds: float) -> np.ndarray:
-    """Offsets (N,) [m] along the wall's normal of a tool that was moved `depth` [m] into a wall along its side."""
+def against_wall(
+    law: LateralCompliance, stiffness: float, depth: float, z: np.ndarray, seconds: float
+) -> np.ndarray:
+    """Offsets (N,) [m] along the wall's normal of a tool that was moved `depth` [m] into a wall
+    along its side.
+    """
     out = np.cross(z, [0.3, -0.5, 0.8])
     out /= np.linalg.norm(out)
     state, offsets = ComplianceState(), []
@@ -24,7 +30,9 @@ def against_wall(law: LateralCompliance, stiffness: float, depth: float, z: np.n
 
 @pytest.mark.parametrize("stiffness", [1e4, 3e4])
 def test_a_wall_is_given_way_to_as_the_equation_says(stiffness, within):
-    """o' = A (K (d - o) - b) has o = (d - b / K) (1 - exp(-K A t)); Euler's step errs by K A dt / 2 of it at most."""
+    """o' = A (K (d - o) - b) has o = (d - b / K) (1 - exp(-K A t)); Euler's step errs by K A dt / 2
+    of it at most.
+    """
     z = exp_so3([0.3, -0.4, 0.2]) @ [0.0, 0.0, -1.0]
     depth = 0.5e-3
     law = LateralCompliance(speed=1.0)
@@ -58,7 +66,9 @@ def test_speed_place_and_the_way_back_are_bounded(within):
     # Nothing was wound up: a force the other way moves it at once.
     before = state.offset_W.copy()
     LAW.step(state, np.array([-10.0, 0.0, 0.0]), z, DT)
-    assert before[0] - state.offset_W[0] == pytest.approx(LAW.admittance * (10.0 - LAW.dead_band) * DT)
+    assert before[0] - state.offset_W[0] == pytest.approx(
+        LAW.admittance * (10.0 - LAW.dead_band) * DT
+    )
     steps = 0
     while np.linalg.norm(LAW.release(state, DT)) > 0.0:
         steps += 1
@@ -83,7 +93,9 @@ def test_a_tool_that_stands_yields_and_returns_gently(within):
 
 
 def test_the_loop_with_its_lags_is_stable_at_the_stiffness_of_the_mount():
-    """Filter and servo as the docstring of the law has them: it settles at 3e4 N/m without swinging far, not at 3e5."""
+    """Filter and servo as the docstring of the law has them: it settles at 3e4 N/m without swinging
+    far, not at 3e5.
+    """
 
     def largest(stiffness: float) -> tuple[float, float]:
         state, z, dt = ComplianceState(), np.array([0.0, 0.0, 1.0]), 1e-3
@@ -107,7 +119,11 @@ def test_the_loop_with_its_lags_is_stable_at_the_stiffness_of_the_mount():
 
 @pytest.mark.parametrize(
     ("change", "said"),
-    [({"admittance": 0.0}, "admittance"), ({"limit": float("nan")}, "limit"), ({"dead_band": -1.0}, "dead_band")],
+    [
+        ({"admittance": 0.0}, "admittance"),
+        ({"limit": float("nan")}, "limit"),
+        ({"dead_band": -1.0}, "dead_band"),
+    ],
 )
 def test_what_cannot_be_is_refused(change, said):
     with pytest.raises(ConfigurationError, match=said):

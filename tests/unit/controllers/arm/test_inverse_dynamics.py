@@ -1,4 +1,6 @@
-"""Newton-Euler kernel, uncompiled: against MuJoCo where dry; in water by power, virtual work and invariance."""
+"""Newton-Euler kernel, uncompiled: against MuJoCo where dry; in water by power, virtual work and
+invariance.
+"""
 
 from copy import copy
 from typing import Any
@@ -66,7 +68,9 @@ def drawn(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def test_dry_it_is_mujocos_inverse_dynamics(model: mujoco.MjModel, arm: Any, rng: np.random.Generator) -> None:
+def test_dry_it_is_mujocos_inverse_dynamics(
+    model: mujoco.MjModel, arm: Any, rng: np.random.Generator
+) -> None:
     without(arm, *WATER)
     arm.parameters = arm.parameters._replace(stations=arm.parameters.stations[:0])
     model = copy(model)
@@ -81,8 +85,16 @@ def test_dry_it_is_mujocos_inverse_dynamics(model: mujoco.MjModel, arm: Any, rng
     own = vehicle.hull_qpos
     first = int(model.jnt_dofadr[model.body_jntadr[vehicle.hull]])
     data.qpos[own + 3 : own + 7], data.qpos[at] = quaternion, q
-    data.qvel[first : first + 3], data.qvel[first + 3 : first + 6], data.qvel[dof] = R @ nu[:3], nu[3:], qd
-    data.qacc[first : first + 3], data.qacc[first + 3 : first + 6], data.qacc[dof] = R @ a[:3], a[3:], qdd
+    data.qvel[first : first + 3], data.qvel[first + 3 : first + 6], data.qvel[dof] = (
+        R @ nu[:3],
+        nu[3:],
+        qd,
+    )
+    data.qacc[first : first + 3], data.qacc[first + 3 : first + 6], data.qacc[dof] = (
+        R @ a[:3],
+        a[3:],
+        qdd,
+    )
     model.dof_armature[dof] = 0.0
     # Bias and inertia alone: no springs, dampers, friction or contacts.
     mujoco.mj_fwdPosition(model, data)
@@ -105,7 +117,9 @@ def kinetic(arm: Any, q: Array, qd: Array, case: dict[str, Any]) -> float:
     for b, nu in enumerate(kept(arm.parameters.layout)[21 * nb : 27 * nb].reshape(nb, 6)):
         v, w = nu[:3], nu[3:]
         energy += (
-            0.5 * mass[b, 0] * v @ v + mass[b, 0] * v @ np.cross(w, com[b]) + 0.5 * w @ inertia[b].reshape(3, 3) @ w
+            0.5 * mass[b, 0] * v @ v
+            + mass[b, 0] * v @ np.cross(w, com[b])
+            + 0.5 * w @ inertia[b].reshape(3, 3) @ w
         )
         own = np.concatenate([v + np.cross(w, origin[b]), w])
         energy += 0.5 * own @ added[b].reshape(6, 6) @ own
@@ -118,7 +132,9 @@ def power(arm: Any, q: Array, qd: Array, qdd: Array, case: dict[str, Any]) -> fl
     return float(tau @ qd - wrench_B @ case["nu_B"])
 
 
-def test_without_weight_and_drag_all_power_becomes_motion(arm: Any, rng: np.random.Generator) -> None:
+def test_without_weight_and_drag_all_power_becomes_motion(
+    arm: Any, rng: np.random.Generator
+) -> None:
     without(arm, "linear", "quadratic")
     arm.weightless(arm.parameters.numbers)
     arm.parameters = arm.parameters._replace(stations=arm.parameters.stations[:0])
@@ -128,7 +144,8 @@ def test_without_weight_and_drag_all_power_becomes_motion(arm: Any, rng: np.rand
         h, nu, a = 1e-5, case["nu_B"], case["a_B"]
         rate = np.concatenate([a[:3] - np.cross(nu[3:], nu[:3]), a[3:]])  # of the components of nu
         ahead, behind = (
-            kinetic(arm, q + s * h * qd, qd + s * h * qdd, case | {"nu_B": nu + s * h * rate}) for s in (1, -1)
+            kinetic(arm, q + s * h * qd, qd + s * h * qdd, case | {"nu_B": nu + s * h * rate})
+            for s in (1, -1)
         )
         assert power(arm, q, qd, qdd, case) == pytest.approx((ahead - behind) / (2 * h), rel=1e-6)
 
@@ -138,7 +155,9 @@ def test_drag_takes_the_power_of_each_bodys_motion(arm: Any, rng: np.random.Gene
     without(arm, "mass", "inertia", "added")
     arm.weightless(arm.parameters.numbers)
     nb = arm.parameters.layout.shape[1]
-    linear, quadratic, origin = arm.of_bodies(arm.parameters.numbers, "linear", "quadratic", "origin")
+    linear, quadratic, origin = arm.of_bodies(
+        arm.parameters.numbers, "linear", "quadratic", "origin"
+    )
     stations = arm.parameters.stations
     for strips in (False, True):
         arm.parameters = arm.parameters._replace(stations=stations if strips else stations[:0])
@@ -173,7 +192,9 @@ def test_a_current_is_the_opposite_motion_of_the_hull(arm: Any, rng: np.random.G
     np.testing.assert_allclose(a[1], b[1], atol=1e-9)
 
 
-def test_at_rest_torques_are_slopes_of_weight_and_buoyancy(model: mujoco.MjModel, arm: Any, rng: np.random.Generator):
+def test_at_rest_torques_are_slopes_of_weight_and_buoyancy(
+    model: mujoco.MjModel, arm: Any, rng: np.random.Generator
+):
     nb, (mass, com, buoyancy, cob, origin) = (
         arm.parameters.layout.shape[1],
         arm.of_bodies(arm.parameters.numbers, "mass", "com", "buoyancy", "cob", "origin"),
@@ -199,7 +220,9 @@ def test_at_rest_torques_are_slopes_of_weight_and_buoyancy(model: mujoco.MjModel
     np.testing.assert_allclose(wrench_B[:3], R.T @ g * (mass.sum() - buoyancy.sum()), atol=1e-9)
 
 
-def test_tip_kinematics_and_contact_are_virtual_work(model: mujoco.MjModel, arm: Any, rng: np.random.Generator) -> None:
+def test_tip_kinematics_and_contact_are_virtual_work(
+    model: mujoco.MjModel, arm: Any, rng: np.random.Generator
+) -> None:
     data, vehicle = mujoco.MjData(model), Vehicle.of(model)
     q = rng.uniform(-0.4, 0.4, arm.n)
     data.qpos[model.jnt_qposadr[[model.joint(name).id for name in arm.joint_names]]] = q
@@ -218,7 +241,11 @@ def test_tip_kinematics_and_contact_are_virtual_work(model: mujoco.MjModel, arm:
         dynamics.tip_kinematics(arm.parameters, kept(arm.parameters.layout), moved, unused)
         np.testing.assert_allclose(J[:3, i], (moved[:3, 3] - X[:3, 3]) / h, atol=1e-5)
         turn = moved[:3, :3] @ X[:3, :3].T
-        angular = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / h
+        angular = (
+            0.5
+            * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+            / h
+        )
         np.testing.assert_allclose(J[3:, i], angular, atol=1e-5)
     wrench_G = rng.normal(size=6)
     f, m = X[:3, :3] @ wrench_G[:3], X[:3, :3] @ wrench_G[3:]
@@ -241,7 +268,9 @@ def test_stations_add_up_to_their_strip(model: mujoco.MjModel) -> None:
             part = found[first : first + strip.stations]
             first += strip.stations
             length = np.linalg.norm(strip.end - strip.start)
-            np.testing.assert_allclose(part[:, 4:7], np.tile((strip.end - strip.start) / length, (len(part), 1)))
+            np.testing.assert_allclose(
+                part[:, 4:7], np.tile((strip.end - strip.start) / length, (len(part), 1))
+            )
             np.testing.assert_allclose(
                 part[:, 7:].sum(axis=0), 1.1 * length * np.array([strip.normal, strip.tangential])
             )

@@ -1,4 +1,6 @@
-"""Force law from a function of one's own: its displacement by hand, its memory, and what is refused."""
+"""Force law from a function of one's own: its displacement by hand, its memory, and what is
+refused.
+"""
 
 import numpy as np
 import pytest
@@ -58,7 +60,11 @@ def test_what_numba_cannot_compile_is_refused_in_one_line():
     def opens(*_):
         return float(open("a file").read())
 
-    with pytest.raises(ConfigurationError, match=r"^force law opens: numba cannot compile it: .*'open'[^\n]*$"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"^force law opens: numba cannot compile it: "
+        r".*'open'[^\n]*$",
+    ):
         KernelForceLaw(law=opens)
     with pytest.raises(ConfigurationError, match="at least 1, got 0"):
         KernelForceLaw(law=leap, numbers=0)

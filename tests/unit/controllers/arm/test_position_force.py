@@ -1,4 +1,6 @@
-"""The displacement from the force error: closed form on springs, what it learns of them, limits, windup, release."""
+"""The displacement from the force error: closed form on springs, what it learns of them, limits,
+windup, release.
+"""
 
 from dataclasses import replace
 
@@ -20,7 +22,8 @@ DT = 0.002  # [s]
 
 
 def pressed(loop, state, spring, set_force, dt=DT, servo=SERVO):
-    """Felt force over the course of `set_force`, with the tool borne by its servo against a spring [N/m].
+    """Felt force over the course of `set_force`, with the tool borne by its servo against a spring
+    [N/m].
 
     The drives bear the set force at once, so the tool gives way by servo * (felt - set_force) from
     where it is displaced.
@@ -33,7 +36,9 @@ def pressed(loop, state, spring, set_force, dt=DT, servo=SERVO):
 
 
 def test_force_on_a_spring_settles_as_the_equations_say(within):
-    """Integral action alone on servo and surface in series: the error decays at 24 rad/s (servo + known) / (both)."""
+    """Integral action alone on servo and surface in series: the error decays at 24 rad/s (servo +
+    known) / (both).
+    """
     loop, spring, dt = ForceDisplacement(speed=10.0, prior=1e9), 3e4, 1e-5
     time = dt * np.arange(20000)
     felt = pressed(loop, ForceDisplacementState(), spring, np.full(len(time), 10.0), dt)
@@ -44,7 +49,9 @@ def test_force_on_a_spring_settles_as_the_equations_say(within):
 
 @pytest.mark.parametrize("spring", [5e3, 1e4, 3e4, 1e5, 1e6])
 def test_surface_is_learnt_as_the_force_grows(spring):
-    """The slope of k over the force is the surface's compliance, on rubber and on steel; on steel it hardly counts."""
+    """The slope of k over the force is the surface's compliance, on rubber and on steel; on steel
+    it hardly counts.
+    """
     loop, state = ForceDisplacement(), ForceDisplacementState()
     ramp = np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)])
     pressed(loop, state, spring, ramp)
@@ -55,7 +62,9 @@ def test_surface_is_learnt_as_the_force_grows(spring):
 def test_a_step_overshoots_little_on_any_surface_with_one_tuning(spring):
     loop, state = ForceDisplacement(), ForceDisplacementState()
     pressed(loop, state, spring, np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)]))
-    felt = pressed(loop, state, spring, np.concatenate([np.linspace(60.0, 90.0, 250), np.full(500, 90.0)]))
+    felt = pressed(
+        loop, state, spring, np.concatenate([np.linspace(60.0, 90.0, 250), np.full(500, 90.0)])
+    )
     assert felt.max() < 90.0 + 0.05 * 30.0
     assert felt[-1] == pytest.approx(90.0, abs=0.1)
 
@@ -65,14 +74,18 @@ def test_a_change_of_the_set_force_is_displaced_at_once_by_what_is_known_of_the_
     loop, k = ForceDisplacement(), []
     for change in (0.0, 0.5):
         state = ForceDisplacementState()
-        felt = pressed(loop, state, 3e4, np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)]))
+        felt = pressed(
+            loop, state, 3e4, np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)])
+        )
         k.append(loop.step(state, 60.0 + change, felt[-1], SERVO, DT))
     assert state.compliance > 2e-5
     assert k[1] - k[0] == pytest.approx(0.5 * state.compliance, rel=0.02)
 
 
 def test_a_drifting_surface_at_a_steady_force_teaches_nothing():
-    """What k does at a steady force is the path's shape or the hull's drift; the compliance stays as it was."""
+    """What k does at a steady force is the path's shape or the hull's drift; the compliance stays
+    as it was.
+    """
     loop, state = ForceDisplacement(), ForceDisplacementState()
     pressed(loop, state, 3e4, np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)]))
     known, k = state.compliance, state.k
@@ -96,7 +109,9 @@ def test_speed_and_size_of_the_displacement_are_limited():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_no_windup(sign):
-    """However long the output was at its limit, it leaves it with the first error of the other sign."""
+    """However long the output was at its limit, it leaves it with the first error of the other
+    sign.
+    """
     loop = ForceDisplacement()
     turned = []
     for seconds in (5, 50):
@@ -128,7 +143,8 @@ def test_release_goes_back_at_the_limited_speed_and_takes_up_again_without_a_bum
 
 def test_a_tool_that_is_held_off_the_expected_surface_stays_off_on_its_way_back():
     loop = ForceDisplacement()
-    for set_force, felt in ((0.0, 60.0), (60.0, 0.0)):  # the surface nearer than expected, and farther
+    # the surface nearer than expected, and farther
+    for set_force, felt in ((0.0, 60.0), (60.0, 0.0)):
         state = ForceDisplacementState()
         for _ in range(500):
             loop.step(state, set_force, felt, SERVO, DT)
@@ -157,7 +173,9 @@ def test_gains_that_cannot_be(name, value):
 
 
 def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
-    """As soft as it is under force control at first, and then linearly as stiff as ever, in `hardening_time`."""
+    """As soft as it is under force control at first, and then linearly as stiff as ever, in
+    `hardening_time`.
+    """
     own = models.load("uuv_puma").compile()
     data, vehicle = mujoco.MjData(own), Vehicle.of(own)
     data.qpos[vehicle.qpos] = vehicle.q_ready
@@ -195,7 +213,8 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
     state, softness = controller.init(estimate), []
     for asked in (
         press,
-        *[replace(press, set_force=0.0, force_control=False)] * round(1.5 * tuning.hardening_time / DT),
+        *[replace(press, set_force=0.0, force_control=False)]
+        * round(1.5 * tuning.hardening_time / DT),
     ):
         state, _ = controller.step(state, estimate, asked)
         softness.append(float(state.softness[0]))

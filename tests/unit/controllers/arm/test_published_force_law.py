@@ -32,7 +32,9 @@ def test_both_parts_displace_along_the_whole_error(within):
     f_tip_W = -60.0 * z + rng.normal(0.0, 5.0, (200, 3))  # of the world on the tip
     law, across = PublishedForceLaw(**FREE), TangentialForceLoop(**FREE)
     state, side = law.init(), across.init()
-    moved = np.array([law.step(state, 60.0, -f @ z, 0.0, DT) * z + across.step(side, f, z, DT) for f in f_tip_W])
+    moved = np.array(
+        [law.step(state, 60.0, -f @ z, 0.0, DT) * z + across.step(side, f, z, DT) for f in f_tip_W]
+    )
     within("displacement [m]", moved - by_hand(60.0 * z + f_tip_W), 1e-15)
 
 
@@ -59,7 +61,9 @@ def test_limits_hold_and_release_goes_back_to_zero(within):
     assert state.error is None
 
 
-@pytest.mark.parametrize("wrong", [{"integral": -1.0}, {"limit": 0.0}, {"derivative": float("nan")}])
+@pytest.mark.parametrize(
+    "wrong", [{"integral": -1.0}, {"limit": 0.0}, {"derivative": float("nan")}]
+)
 def test_gains_out_of_range_are_refused(wrong):
     with pytest.raises(ConfigurationError, match="published force law"):
         PublishedForceLaw(**wrong)

@@ -15,7 +15,8 @@ def test_a_pose_is_moved_on_as_by_the_exponential(turn, within):
     since, k = 0.01, 0.02
     plain = pose(exp_so3(since * w) @ X_WG[:3, :3])
     plain[:3, 3] = X_WG[:3, 3] + since * v + k * plain[:3, 2] + offset
-    within("pose moved on [-, m]", extrapolated(X_WG, v, w, since, k, offset) - plain, 3e-15)  # measured 2.2e-16
+    # measured 2.2e-16
+    within("pose moved on [-, m]", extrapolated(X_WG, v, w, since, k, offset) - plain, 3e-15)
 
 
 def test_an_offset_fades_critically_damped(within):
@@ -27,13 +28,16 @@ def test_an_offset_fades_critically_damped(within):
     for _ in range(50):
         wanted, speed, offset, rate = bumpless(q, still, wanted, offset, rate, T, 1.0, dt)
     t = 50 * dt
-    within("offset left [rad]", offset - (x0 + (v0 + x0 / T) * t) * np.exp(-t / T), 1e-15)  # measured 5e-17
+    # measured 5e-17
+    within("offset left [rad]", offset - (x0 + (v0 + x0 / T) * t) * np.exp(-t / T), 1e-15)
     assert np.array_equal(wanted, q + offset)
     assert np.array_equal(speed, rate)
 
 
 def test_no_angle_moves_faster_than_it_may_and_the_others_lag_with_it():
-    """A joint that lags alone takes the tool off its way: into the surface, near a stretched elbow."""
+    """A joint that lags alone takes the tool off its way: into the surface, near a stretched
+    elbow.
+    """
     far, still = np.array([1.0, -1.0, 0.001]), np.zeros(3)
     wanted, *_ = bumpless(far, still, still, still, still, 0.2, 0.01, 0.004)
     assert wanted == pytest.approx([0.01, -0.01, 1e-5])

@@ -12,18 +12,25 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3
 
 
-def motion(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def motion(
+    rng: np.random.Generator, n: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """State of the hull (24,) as for `newton_euler`, and joint motion."""
     R = exp_so3(rng.uniform(-0.5, 0.5, 3))
     hull = np.concatenate([R.ravel(), rng.uniform(-0.3, 0.3, 15)])
     return hull, rng.uniform(-1.0, 1.0, n), rng.uniform(-0.5, 0.5, n), rng.uniform(-2.0, 2.0, n)
 
 
-def total(arm: ArmDynamics, hull: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+def total(
+    arm: ArmDynamics, hull: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+) -> np.ndarray:
     R, nu, nudot = hull[:9].reshape(3, 3), hull[9:15], hull[15:21]
-    # `inverse` takes the acceleration of the origin, the block of numbers the rate of its components.
+    # `inverse` takes the acceleration of the origin, the block of numbers the rate of its
+    # components.
     a = np.concatenate([nudot[:3] + np.cross(nu[3:], nu[:3]), nudot[3:]])
-    return arm.inverse(q, qd, qdd, R_WB=R, nu_B=nu, a_B=a, v_current_W=hull[21:], wrench_tip_G=np.zeros(6))[1]
+    return arm.inverse(
+        q, qd, qdd, R_WB=R, nu_B=nu, a_B=a, v_current_W=hull[21:], wrench_tip_G=np.zeros(6)
+    )[1]
 
 
 def dry_twin() -> ArmDynamics:

@@ -1,4 +1,6 @@
-"""The published closed form of the tip force in the loop: against a known force, and where it is singular."""
+"""The published closed form of the tip force in the loop: against a known force, and where it is
+singular.
+"""
 
 from dataclasses import replace
 
@@ -26,7 +28,14 @@ def pressed(q: np.ndarray, f_G: np.ndarray) -> StateEstimate:
     at_rest = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": STILL}
     tau = ARM.inverse(q, np.zeros(N), np.zeros(N), wrench_tip_G=np.append(f_G, STILL), **at_rest)[0]
     return StateEstimate(
-        time=0.0, X_WB=np.eye(4), v_WB_B=STILL, w_WB_B=STILL, a_WB_B=STILL, q=q, qd=np.zeros(N), tau=tau
+        time=0.0,
+        X_WB=np.eye(4),
+        v_WB_B=STILL,
+        w_WB_B=STILL,
+        a_WB_B=STILL,
+        q=q,
+        qd=np.zeros(N),
+        tau=tau,
     )
 
 
@@ -43,7 +52,8 @@ def test_a_pure_force_is_found(within):
     for _ in range(10):
         q, f_G = BENT + rng.uniform(-0.2, 0.2, N), rng.uniform(-80.0, 80.0, 3)
         state = felt(ClosedFormForce, pressed(q, f_G))
-        within("force [N]", state.sensed.f_G - f_G, 1e-9)  # measured 3e-12; the filter has come to rest
+        # measured 3e-12; the filter has come to rest
+        within("force [N]", state.sensed.f_G - f_G, 1e-9)
         assert state.estimate.normal == pytest.approx(-f_G[2])
 
 
@@ -53,7 +63,9 @@ def test_it_is_the_formula_of_the_paper(within):
     estimate = replace(estimate, tau=estimate.tau + np.array([0.5, -0.4, 0.3, 0.2, -0.6, 0.1]))
     state = felt(ClosedFormForce, estimate)
     paper_G = tip_force_closed_form(state.sensed.tau_e, BENT, (0.6, 0.5, 0.22))
-    within("length of the force [N]", np.linalg.norm(state.sensed.f_G) - np.linalg.norm(paper_G), 1e-9)
+    within(
+        "length of the force [N]", np.linalg.norm(state.sensed.f_G) - np.linalg.norm(paper_G), 1e-9
+    )
 
 
 def test_only_its_three_joints_count(within):
@@ -63,7 +75,12 @@ def test_only_its_three_joints_count(within):
     tau[others] += 3.0
     changed = felt(ClosedFormForce, replace(estimate, tau=tau))
     within("force [N]", changed.sensed.f_G - felt(ClosedFormForce, estimate).sensed.f_G, 1e-12)
-    assert np.abs(felt(TorqueSensors, replace(estimate, tau=tau)).sensed.f_G - changed.sensed.f_G).max() > 1.0
+    assert (
+        np.abs(
+            felt(TorqueSensors, replace(estimate, tau=tau)).sensed.f_G - changed.sensed.f_G
+        ).max()
+        > 1.0
+    )
 
 
 def test_the_force_is_held_where_the_wrist_is_straight():

@@ -1,4 +1,6 @@
-"""The observer of the hull against MuJoCo's water: what it can tell apart, and what it says where it cannot."""
+"""The observer of the hull against MuJoCo's water: what it can tell apart, and what it says where
+it cannot.
+"""
 
 from collections.abc import Callable
 
@@ -30,7 +32,9 @@ class Basin:
         self.hover = StationKeeping(self.model, water_error=water_error)
         self.state, self.hull = self.hover.init(), self.model.body("hull").id
         self.rng, self.noise, self.flow = np.random.default_rng(5), noise, np.zeros(3)
-        self.slot = coefficients.world_row(self.model)[coefficients.LAYOUT.current_acceleration :][:3]
+        self.slot = coefficients.world_row(self.model)[coefficients.LAYOUT.current_acceleration :][
+            :3
+        ]
 
     def run(
         self,
@@ -41,8 +45,9 @@ class Basin:
         hidden_W: Array = NONE,
         hidden_B: Array = NONE,
     ) -> Array:
-        """Errors (k, 3) [m/s] of the current; `push_B(t)` is felt and fed forward, the force `hidden_W` and
-        the moment `hidden_B` are not."""
+        """Errors (k, 3) [m/s] of the current; `push_B(t)` is felt and fed forward, the force
+        `hidden_W` and the moment `hidden_B` are not.
+        """
         errors, data = [], self.data
         for i in range(round(seconds / DT)):
             t = DT * i
@@ -90,12 +95,16 @@ def test_gusts_are_followed(within):
     basin = Basin(gusting, noise=1e-3)
     basin.run(10.0)
     errors = basin.run(60.0)
-    within("RMS error [m/s], surge, sway", np.sqrt(np.mean(errors[:, :2] ** 2, axis=0)), 0.02)  # measured 5e-3, 9e-3
-    within("RMS error [m/s], heave", np.sqrt(np.mean(errors[:, 2] ** 2)), 0.03)  # 0.016: no mean flow, hardly any drag
+    # measured 5e-3, 9e-3
+    within("RMS error [m/s], surge, sway", np.sqrt(np.mean(errors[:, :2] ** 2, axis=0)), 0.02)
+    # 0.016: no mean flow, hardly any drag
+    within("RMS error [m/s], heave", np.sqrt(np.mean(errors[:, 2] ** 2)), 0.03)
 
 
 def test_a_wrong_gain_is_told_from_the_current_by_the_push(within):
-    """Thrusters 20 % weak under a push of 20 N: the current is told in contact, and the gain comes to be known."""
+    """Thrusters 20 % weak under a push of 20 N: the current is told in contact, and the gain comes
+    to be known.
+    """
     basin = Basin(Current([0.2, 0.1, 0.0]))
     basin.run(20.0, gain=0.8)
     errors = basin.run(40.0, gain=0.8, push_B=push)
@@ -105,7 +114,9 @@ def test_a_wrong_gain_is_told_from_the_current_by_the_push(within):
 
 
 def test_what_cannot_be_told_passes_for_current_and_is_still_cancelled(within):
-    """A steady force that nobody feels: the hull stays where it is, the current is wrong by what would explain it."""
+    """A steady force that nobody feels: the hull stays where it is, the current is wrong by what
+    would explain it.
+    """
     basin = Basin(Current([0.0, 0.0, 0.0]))
     basin.run(40.0, hidden_W=np.array([3.0, 0.0, 0.0]))
     within("off the place [m]", basin.data.qpos[:3], 2e-7)  # measured 1.3e-8
@@ -116,12 +127,15 @@ def test_a_moment_nobody_feels_is_cancelled(within):
     basin = Basin(Current([0.1, 0.2, 0.0]))
     basin.run(30.0, hidden_B=np.array([0.5, -1.0, 0.7]))
     within("off the attitude [-]", basin.data.qpos[4:7], 2e-6)  # measured 1.2e-7
-    within("moment [N m]", basin.state.observer.moment_B - [0.5, -1.0, 0.7], 0.5)  # 0.14, of the water itself
+    # 0.14, of the water itself
+    within("moment [N m]", basin.state.observer.moment_B - [0.5, -1.0, 0.7], 0.5)
 
 
 @pytest.mark.parametrize("error", [-0.3, 0.3])
 def test_wrong_coefficients_make_the_current_wrong_by_their_root_at_most(error, within):
-    """Drag that is known 30 % wrong explains the same force by a current up to 30 % wrong; the place is held alike."""
+    """Drag that is known 30 % wrong explains the same force by a current up to 30 % wrong; the
+    place is held alike.
+    """
     basin = Basin(Current([0.2, -0.1, 0.05]), water_error=error)
     errors = basin.run(60.0)
     within("off the place [m]", basin.data.qpos[:3], 2e-7)  # measured 1.3e-8
@@ -129,7 +143,9 @@ def test_wrong_coefficients_make_the_current_wrong_by_their_root_at_most(error, 
 
 
 def test_a_hull_that_tumbles_freely_is_pushed_by_no_moment():
-    """Euler's equations with three different inertias: what turns it over is its own spin, and no moment is told."""
+    """Euler's equations with three different inertias: what turns it over is its own spin, and no
+    moment is told.
+    """
     turning = np.diag([20.0, 60.0, 90.0])
     inertia = np.block([[150.0 * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), turning]])
     observer, w, nothing = (

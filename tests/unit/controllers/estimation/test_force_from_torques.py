@@ -1,11 +1,18 @@
-"""Tool force from joint torques: the paper's closed form and the least squares, against J^T and each other."""
+"""Tool force from joint torques: the paper's closed form and the least squares, against J^T and
+each other.
+"""
 
 import mujoco
 import numpy as np
 import pytest
 
 from uuv import models
-from uuv.controllers.estimation.force_from_torques import force_covariance, tip_force, tip_force_closed_form, tip_wrench
+from uuv.controllers.estimation.force_from_torques import (
+    force_covariance,
+    tip_force,
+    tip_force_closed_form,
+    tip_wrench,
+)
 from uuv.controllers.estimation.tip_force_kernels import Tare, add_to_tare, force_sigma
 from uuv.models.naming import TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -15,7 +22,9 @@ LENGTHS = (0.6, 0.5, 0.22)  # [m] l2, l3, wrist to tip of the default arm
 
 
 def paper_arm(q: Array) -> tuple[Array, Array]:
-    """Axes (3, 3) of the paper's G, columns x y z, and the tip's Jacobian (3, 4): yaw, then three pitches upward."""
+    """Axes (3, 3) of the paper's G, columns x y z, and the tip's Jacobian (3, 4): yaw, then three
+    pitches upward.
+    """
 
     def tip(q):  # complex, for a derivative without cancellation
         elevation = np.cumsum(q[1:])
@@ -40,12 +49,16 @@ def test_closed_form_turns_the_transposed_jacobian_round(within):
         if abs(np.sin(q[3])) < 0.05 or abs(tip_radius) < 0.05:
             continue
         tried += 1
-        worst = max(worst, float(np.max(np.abs(tip_force_closed_form(J.T @ axes @ f_G, q, LENGTHS) - f_G))))
+        worst = max(
+            worst, float(np.max(np.abs(tip_force_closed_form(J.T @ axes @ f_G, q, LENGTHS) - f_G)))
+        )
     within("force [N]", worst, 1e-11)  # measured 1e-12
 
 
 def test_closed_form_holds_on_the_default_arm(within):
-    """Its wrist at zero, the default vehicle has the paper's arm: MuJoCo gives the Jacobian and the torques."""
+    """Its wrist at zero, the default vehicle has the paper's arm: MuJoCo gives the Jacobian and the
+    torques.
+    """
     model = models.load("uuv_puma").compile()
     data, tip = mujoco.MjData(model), model.site(TIP_SITE).id
     rng = np.random.default_rng(2)
@@ -60,13 +73,19 @@ def test_closed_form_holds_on_the_default_arm(within):
         base = data.body("arm_base").xmat.reshape(3, 3)
         axes, f_G = base @ paper_arm(q[:4])[0], rng.uniform(-100.0, 100.0, 3)
         tau_e = J[:, dofs].T @ axes @ f_G
-        within("eq. (5) [N]", tip_force_closed_form(tau_e, q, LENGTHS) - f_G, 2e-11)  # measured 2e-12
+        # measured 2e-12
+        within("eq. (5) [N]", tip_force_closed_form(tau_e, q, LENGTHS) - f_G, 2e-11)
         f_W, covariance = tip_force(tau_e, J[:, dofs], np.full(6, 0.5))
         # The weak prior of 1 kN takes its share, no more.
-        assert np.linalg.norm(f_W - axes @ f_G) <= 1.01e-6 * np.linalg.norm(covariance) * np.linalg.norm(f_G) + 1e-9
+        assert (
+            np.linalg.norm(f_W - axes @ f_G)
+            <= 1.01e-6 * np.linalg.norm(covariance) * np.linalg.norm(f_G) + 1e-9
+        )
 
 
-@pytest.mark.parametrize("q", [(0.3, 0.4, 0.5, 0.0), (0.3, 0.4, 0.5, np.pi), (0.3, np.pi / 2, 0.0, 1e-8)])
+@pytest.mark.parametrize(
+    "q", [(0.3, 0.4, 0.5, 0.0), (0.3, 0.4, 0.5, np.pi), (0.3, np.pi / 2, 0.0, 1e-8)]
+)
 def test_closed_form_refuses_a_straight_wrist(q):
     with pytest.raises(ConfigurationError, match="singular"):
         tip_force_closed_form(np.ones(4), np.array(q), LENGTHS)
@@ -81,7 +100,9 @@ def test_closed_form_refuses_the_tip_over_the_yaw_axis():
 
 
 def test_least_squares_knows_where_the_closed_form_loses_its_grip():
-    """Standard deviation of Fx with 0.5 N m of noise on each torque: 20, 6.6 and 1.9 N, against 1.0 to 1.5 N."""
+    """Standard deviation of Fx with 0.5 N m of noise on each torque: 20, 6.6 and 1.9 N, against 1.0
+    to 1.5 N.
+    """
     closed, squares = [], []
     for degrees in (10.0, 30.0, 90.0):
         q = np.array([0.0, 0.6, 1.0, np.radians(degrees)])
@@ -111,7 +132,9 @@ def test_covariance_is_what_repeated_measurements_show():
     rng = np.random.default_rng(3)
     J, sigma = paper_arm(np.array([0.2, 0.6, 1.0, 0.7]))[1], np.array([1.5, 2.0, 1.2, 0.6])
     force = np.array([20.0, -30.0, 60.0])
-    noisy = [tip_force(J.T @ force + sigma * rng.standard_normal(4), J, sigma)[0] for _ in range(4000)]
+    noisy = [
+        tip_force(J.T @ force + sigma * rng.standard_normal(4), J, sigma)[0] for _ in range(4000)
+    ]
     stated = tip_force(np.zeros(4), J, sigma)[1]
     seen = np.cov(np.array(noisy).T)
     assert np.allclose(np.mean(noisy, axis=0), force, atol=4.0 * np.sqrt(np.diag(stated) / 4000))
@@ -127,8 +150,14 @@ def test_tare_is_a_mean():
 
 def test_covariance_of_torques_weighed_wrongly_is_what_repeated_measurements_show():
     rng = np.random.default_rng(4)
-    J, weighed, true = paper_arm(np.array([0.2, 0.6, 1.0, 0.7]))[1], np.full(4, 0.3), np.array([1.5, 2.0, 0.2, 0.6])
-    seen = np.cov(np.array([tip_force(true * rng.standard_normal(4), J, weighed)[0] for _ in range(4000)]).T)
+    J, weighed, true = (
+        paper_arm(np.array([0.2, 0.6, 1.0, 0.7]))[1],
+        np.full(4, 0.3),
+        np.array([1.5, 2.0, 0.2, 0.6]),
+    )
+    seen = np.cov(
+        np.array([tip_force(true * rng.standard_normal(4), J, weighed)[0] for _ in range(4000)]).T
+    )
     stated = force_covariance(J, weighed, np.diag(true**2))
     assert np.abs(seen - stated).max() < 0.1 * np.abs(stated).max()  # 4.5 standard deviations
     right = tip_force(np.zeros(4), J, true)[1]
@@ -143,12 +172,16 @@ def test_the_compiled_sigma_is_that_of_the_covariance():
         X_BG[:3, :3] = np.linalg.qr(rng.standard_normal((3, 3)))[0]
         weighed, variance = rng.uniform(0.1, 1.0, 6), rng.uniform(0.0, 1.0, 6)
         plain = force_covariance(X_BG[:3, :3].T @ J_B[:3], weighed, np.diag(variance))
-        assert force_sigma(X_BG, J_B, weighed, variance) == pytest.approx(np.sqrt(np.diag(plain)), rel=1e-9)
+        assert force_sigma(X_BG, J_B, weighed, variance) == pytest.approx(
+            np.sqrt(np.diag(plain)), rel=1e-9
+        )
 
 
 @pytest.mark.parametrize("joints", [3, 5, 6, 7, 9])
 def test_force_and_moment_are_found_as_far_as_the_joints_see_them(joints, within):
-    """Any number of joints: errors as stated, drawn from the prior itself, and a full arm without noise exact."""
+    """Any number of joints: errors as stated, drawn from the prior itself, and a full arm without
+    noise exact.
+    """
     rng = np.random.default_rng([5, joints])
     J, sigma, squared = rng.normal(size=(6, joints)), np.full(joints, 0.1), []
     prior = np.repeat([50.0, 5.0], 3)

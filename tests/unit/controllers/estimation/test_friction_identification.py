@@ -1,10 +1,16 @@
-"""Friction of the gears from recorded motion: exact where nothing is wrong, as sure as it says where there is noise."""
+"""Friction of the gears from recorded motion: exact where nothing is wrong, as sure as it says
+where there is noise.
+"""
 
 import numpy as np
 import pytest
 
 from uuv import models
-from uuv.controllers.estimation.friction_identification import FrictionMotion, identify_friction, over_steps
+from uuv.controllers.estimation.friction_identification import (
+    FrictionMotion,
+    identify_friction,
+    over_steps,
+)
 from uuv.controllers.whole_body.work_controller import WorkController
 from uuv.models.vehicle import Vehicle
 from uuv.perception.navigation.strapdown_filter import Navigation
@@ -21,24 +27,33 @@ ARMATURE = np.array([0.5])
 
 
 def motion(rng: np.random.Generator, noise: float) -> tuple[Array, Array, Array, Array]:
-    """Speeds, accelerations, motor and gear torques (N, 1) of one joint that swings slowly, then fast."""
+    """Speeds, accelerations, motor and gear torques (N, 1) of one joint that swings slowly, then
+    fast.
+    """
     t = np.arange(0.0, 20.0, 0.004)[:, None]
     qd = np.where(t < 14.0, 0.1 * np.sin(0.9 * t), 0.4 * np.sin(2.0 * t))
     qdd = np.gradient(qd, 0.004, axis=0)
     b, viscous, coulomb, stiction, over = TRUE
-    lost = b + viscous * qd + np.sign(qd) * (coulomb + (stiction - coulomb) * np.exp(-((qd / over) ** 2)))
+    lost = (
+        b
+        + viscous * qd
+        + np.sign(qd) * (coulomb + (stiction - coulomb) * np.exp(-((qd / over) ** 2)))
+    )
     gear = 30.0 * np.sin(0.5 * t)
     return qd, qdd, gear + ARMATURE * qdd + lost + noise * rng.standard_normal(qd.shape), gear
 
 
 def numbers(result) -> Array:
     dry = result.dry
-    return np.array([result.bias[0], result.viscous[0], dry.coulomb[0], dry.stiction[0], dry.stribeck_speed[0]])
+    return np.array(
+        [result.bias[0], result.viscous[0], dry.coulomb[0], dry.stiction[0], dry.stribeck_speed[0]]
+    )
 
 
 def test_without_noise_it_is_found(within):
     result = identify_friction(*motion(np.random.default_rng(1), 0.0), ARMATURE)
-    within("share", numbers(result) / TRUE - 1.0, 1e-2)  # measured 7e-4: how fine the speed is searched
+    # measured 7e-4: how fine the speed is searched
+    within("share", numbers(result) / TRUE - 1.0, 1e-2)
     assert result.residual[0] < 1e-3
 
 
@@ -53,12 +68,16 @@ def test_it_is_as_sure_as_it_says():
 
 
 def test_a_gear_without_stiction_is_told_so():
-    """Viscous friction alone: where stiction comes out below Coulomb friction, both are one number near zero."""
+    """Viscous friction alone: where stiction comes out below Coulomb friction, both are one number
+    near zero.
+    """
     without = 0
     for seed in range(10):
         rng = np.random.default_rng([4, seed])
         qd = motion(rng, 0.0)[0]
-        result = identify_friction(qd, 0.0 * qd, 3.0 * qd + 0.01 * rng.standard_normal(qd.shape), 0.0 * qd, ARMATURE)
+        result = identify_friction(
+            qd, 0.0 * qd, 3.0 * qd + 0.01 * rng.standard_normal(qd.shape), 0.0 * qd, ARMATURE
+        )
         assert abs(result.viscous[0] - 3.0) < 5.0 * result.sigma("viscous")[0]
         if np.isinf(result.sigma("stribeck_speed")[0]):
             without += 1
@@ -68,9 +87,11 @@ def test_a_gear_without_stiction_is_told_so():
 
 
 def test_sigma_holds_where_noise_is_a_share_of_the_reading():
-    """As a torque sensor's is, here under drag: squared errors over their variances, means of 40 repeats.
+    """As a torque sensor's is, here under drag: squared errors over their variances, means of 40
+    repeats.
 
-    Their deviation is 0.22. With one variance for all samples they are 4.0 for viscous friction, 0.02 for stiction.
+    Their deviation is 0.22. With one variance for all samples they are 4.0 for viscous friction,
+    0.02 for stiction.
     """
     squared = []
     for repeat in range(40):
@@ -99,8 +120,9 @@ class Record:
 
 
 def test_gears_of_the_hovering_vehicle_are_identified():
-    """Against the plant's own numbers. Over 14 s of swings they are found within 0.1 % (Coulomb), 0.4 % (viscous) and
-    0.7 % (stiction, which few samples show)."""
+    """Against the plant's own numbers. Over 14 s of swings they are found within 0.1 % (Coulomb),
+    0.4 % (viscous) and 0.7 % (stiction, which few samples show).
+    """
     spec = models.load("uuv_puma")
     plant = Plant(hydrodynamics.compile(spec), current=Current([0.1, 0.0, 0.0]))
     own = spec.compile()
@@ -123,9 +145,16 @@ def test_gears_of_the_hovering_vehicle_are_identified():
     rollout(plant, parts, duration=end, rng=np.random.default_rng(3), observers=[record])
     rows = [row for row in record.rows if row[0] > begin]
     qd, gear, motor = (np.array([row[i] for row in rows]) for i in (1, 2, 3))
-    result = identify_friction(*over_steps(qd, plant.timestep), motor[1:], gear[1:], vehicle.armature)
+    result = identify_friction(
+        *over_steps(qd, plant.timestep), motor[1:], gear[1:], vehicle.armature
+    )
     true = vehicle.dry_friction
-    print("coulomb", result.dry.coulomb / true.coulomb, "stiction", result.dry.stiction / true.stiction)
+    print(
+        "coulomb",
+        result.dry.coulomb / true.coulomb,
+        "stiction",
+        result.dry.stiction / true.stiction,
+    )
     print("viscous", result.viscous / vehicle.joint_damping, "speed", result.dry.stribeck_speed)
     assert result.dry.coulomb == pytest.approx(true.coulomb, rel=0.01)
     assert result.dry.stiction == pytest.approx(true.stiction, rel=0.05)

@@ -1,4 +1,6 @@
-"""Contact estimator of one's own as a kernel: its force by hand, within the controller's tick and by itself."""
+"""Contact estimator of one's own as a kernel: its force by hand, within the controller's tick and
+by itself.
+"""
 
 from dataclasses import replace
 
@@ -36,7 +38,9 @@ def pressed(rng: np.random.Generator) -> StateEstimate:
     still = {"R_WB": X_WB[:3, :3], "nu_B": none, "a_B": none, "v_current_W": STILL}
     tau = ARM.inverse(q, rest, rest, wrench_tip_G=np.append(f_G, STILL), **still)[0]
     qd = 1e-3 * rng.standard_normal(N)
-    return StateEstimate(time=0.0, X_WB=X_WB, v_WB_B=STILL, w_WB_B=STILL, a_WB_B=STILL, q=q, qd=qd, tau=tau)
+    return StateEstimate(
+        time=0.0, X_WB=X_WB, v_WB_B=STILL, w_WB_B=STILL, a_WB_B=STILL, q=q, qd=qd, tau=tau
+    )
 
 
 def test_its_force_and_friction_are_those_of_the_function(rng, within):
@@ -59,7 +63,9 @@ def test_its_force_and_friction_are_those_of_the_function(rng, within):
 
 
 def test_the_tick_of_the_controller_calls_it(rng):
-    """The command's force is what `sense` makes of the same readings; the parts in Python do not name it."""
+    """The command's force is what `sense` makes of the same readings; the parts in Python do not
+    name it.
+    """
     estimate = pressed(rng)
     controller = WorkController(OWN, estimator=KernelContact(OWN, by_three_joints, arm=ARM))
     held = Reference(
@@ -95,7 +101,11 @@ def test_what_cannot_be_compiled_is_refused_in_one_line():
     def opens(*_):
         print(open)
 
-    with pytest.raises(ConfigurationError, match=r"^contact estimator opens: numba cannot compile it: [^\n]*$"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"^contact estimator opens: numba cannot compile "
+        r"it: [^\n]*$",
+    ):
         KernelContact(OWN, opens)
     with pytest.raises(ConfigurationError, match="at least 1, got 0"):
         KernelContact(OWN, by_three_joints, numbers=0)

@@ -1,4 +1,6 @@
-"""The momentum observer against the plant's true external torque, its designed lag, and Newton-Euler."""
+"""The momentum observer against the plant's true external torque, its designed lag, and
+Newton-Euler.
+"""
 
 from dataclasses import dataclass
 
@@ -27,22 +29,28 @@ CURRENT = np.array([0.3, -0.2, 0.1])  # [m/s]
 ODD_ARM = """
 <mujoco><compiler angle="radian"/><option integrator="implicitfast"/>
   <worldbody><body name="hull"><freejoint/><inertial pos="0 .1 0" mass="80" diaginertia="8 9 10"/>
-    <body name="arm_base" pos=".3 0 -.2" euler=".3 .5 .7"><inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>
-      <body name="l1" pos="0 0 .1"><joint name="j1" axis="0 0 1" pos=".02 .01 0" range="-30 30" damping="2"/>
+    <body name="arm_base" pos=".3 0 -.2" euler=".3 .5 .7">
+      <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/>
+      <body name="l1" pos="0 0 .1">
+        <joint name="j1" axis="0 0 1" pos=".02 .01 0" range="-30 30" damping="2"/>
         <inertial pos=".2 0 .1" mass="5" diaginertia=".1 .2 .2"/>
         <body name="l2" pos=".4 0 .1" euler="1.5 0 .5">
           <joint name="j2" type="slide" axis="0 .6 .8" range="-9 9" damping="40"/>
           <inertial pos=".1 .1 0" mass="3" diaginertia=".1 .2 .15"/>
           <body name="l3" pos=".3 0 0">
             <joint name="j3" axis="1 0 0" pos="0 .05 0" range="-30 30" damping="1" armature=".2"/>
-            <inertial pos="0 .1 .2" mass="2" diaginertia=".1 .05 .08"/><site name="tip" pos="0 .2 .3"/>
+            <inertial pos="0 .1 .2" mass="2" diaginertia=".1 .05 .08"/>
+              <site name="tip" pos="0 .2 .3"/>
           </body></body></body></body></body></worldbody>
-  <actuator><motor name="j1" joint="j1" ctrlrange="-9 9"/><motor name="j2" joint="j2" ctrlrange="-9 9"/>
+  <actuator><motor name="j1" joint="j1" ctrlrange="-9 9"/>
+    <motor name="j2" joint="j2" ctrlrange="-9 9"/>
     <motor name="j3" joint="j3" ctrlrange="-9 9"/></actuator></mujoco>"""
 
 
 def odd_arm(rng: np.random.Generator) -> mujoco.MjSpec:
-    """A hinge, a slide, a hinge, their axes beside the bodies' origins, with full random added masses and drags."""
+    """A hinge, a slide, a hinge, their axes beside the bodies' origins, with full random added
+    masses and drags.
+    """
     spec = mujoco.MjSpec.from_string(ODD_ARM)
     bodies = {}
     for name in ("hull", "arm_base", "l1", "l2", "l3"):
@@ -59,7 +67,9 @@ def odd_arm(rng: np.random.Generator) -> mujoco.MjSpec:
 
 
 def puma(rng: np.random.Generator) -> mujoco.MjSpec:
-    """The default vehicle without its pad's spring, which the arm's model holds still, its gears without stiction."""
+    """The default vehicle without its pad's spring, which the arm's model holds still, its gears
+    without stiction.
+    """
     del rng
     spec = models.load("uuv_puma")
     for joint in spec.joints:
@@ -75,8 +85,12 @@ def spec(request: pytest.FixtureRequest, rng: np.random.Generator) -> mujoco.MjS
     return request.param(rng)
 
 
-def test_momentum_is_the_inertia_times_speed_and_its_turning_the_slope_of_the_energy(spec, rng, within):
-    """p by Newton-Euler at rest under accelerations equal to the speeds; dT/dq by differences of half their product."""
+def test_momentum_is_the_inertia_times_speed_and_its_turning_the_slope_of_the_energy(
+    spec, rng, within
+):
+    """p by Newton-Euler at rest under accelerations equal to the speeds; dT/dq by differences of
+    half their product.
+    """
     arm = ArmDynamics(spec.compile())
     own = arm.parameters
     n, nb = arm.n, own.layout.shape[1]
@@ -101,9 +115,11 @@ def test_momentum_is_the_inertia_times_speed_and_its_turning_the_slope_of_the_en
         inertial(q, qd, np.zeros(n), nu, np.zeros(6))
         momentum(own, work, p, turning)
         expected = inertial(q, np.zeros(n), qd, np.zeros(6), nu)[0]
-        within("momentum", (p - expected) / np.abs(expected).max(), 2e-14)  # measured 1e-16 to 2e-15
+        # measured 1e-16 to 2e-15
+        within("momentum", (p - expected) / np.abs(expected).max(), 2e-14)
         slope = np.array([(energy(q + 1e-5 * u) - energy(q - 1e-5 * u)) / 2e-5 for u in np.eye(n)])
-        within("dT/dq", (turning - slope) / np.abs(slope).max(), 1e-7)  # measured 1e-9: that of the differences
+        # measured 1e-9: that of the differences
+        within("dT/dq", (turning - slope) / np.abs(slope).max(), 1e-7)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,7 +142,9 @@ def run(
     current: Array = CURRENT,
     lag: float = LAG,
 ) -> Run:
-    """Hull adrift and turning, motors swinging the arm, and from half time on `push` (3,) [N] in W on the tip."""
+    """Hull adrift and turning, motors swinging the arm, and from half time on `push` (3,) [N] in W
+    on the tip.
+    """
     spec = spec.copy()
     spec.option.timestep = step
     model = hydrodynamics.compile(spec)
@@ -148,17 +166,34 @@ def run(
         nu_B = np.concatenate([R.T @ qvel[:3], qvel[3:6]])
         observed.append(
             observer.step(
-                state, data.qpos[vehicle.qpos], qvel[vehicle.dof], tau, R_WB=R, nu_B=nu_B, v_current_W=current
+                state,
+                data.qpos[vehicle.qpos],
+                qvel[vehicle.dof],
+                tau,
+                R_WB=R,
+                nu_B=nu_B,
+                v_current_W=current,
             )
         )
         data.qfrc_applied[:] = 0.0
         if i >= steps // 2:
-            mujoco.mj_applyFT(model, data, push, np.zeros(3), data.site_xpos[vehicle.tip], tip_body, data.qfrc_applied)
+            mujoco.mj_applyFT(
+                model,
+                data,
+                push,
+                np.zeros(3),
+                data.site_xpos[vehicle.tip],
+                tip_body,
+                data.qfrc_applied,
+            )
         true.append(data.qfrc_applied[vehicle.dof].copy())
         tau = swing * np.sin(beat * data.time + phase)
         data.ctrl[vehicle.actuators] = tau
         mujoco.mj_step2(model, data)
-        speed, turn = max(speed, np.abs(qvel[vehicle.dof]).max()), max(turn, np.abs(qvel[3:6]).max())
+        speed, turn = (
+            max(speed, np.abs(qvel[vehicle.dof]).max()),
+            max(turn, np.abs(qvel[3:6]).max()),
+        )
     return Run(observed=np.array(observed[1:]), true=np.array(true[:-1]), speed=speed, turn=turn)
 
 
@@ -172,7 +207,10 @@ def lagged(true: Array, step: float, lag: float) -> Array:
 
 
 def test_nothing_is_observed_in_free_motion_but_the_error_of_the_step(spec, rng):
-    """Halving the step halves it: the plant's integrator is of first order. Weight, drag and current are at work."""
+    """Halving the step halves it: the plant's integrator is of first order.
+
+    Weight, drag and current are at work.
+    """
     worst = []
     seed = int(rng.integers(2**31))
     for step in (0.002, 0.001):
@@ -180,15 +218,18 @@ def test_nothing_is_observed_in_free_motion_but_the_error_of_the_step(spec, rng)
         worst.append(np.abs(free.observed).max())
         assert free.speed > 0.1
         assert free.turn > 0.05
-    # Measured: 0.06 N m at 2 ms on the default vehicle, 1.7 on the odd arm that falls at up to 6 rad/s; halves 0.497.
+    # Measured: 0.06 N m at 2 ms on the default vehicle, 1.7 on the odd arm that falls at up to 6
+    # rad/s; halves 0.497.
     assert worst[0] < 20.0
     assert worst[1] / worst[0] == pytest.approx(0.5, abs=0.1)
 
 
 def test_what_runs_on_within_a_step_costs_an_error_of_second_order(spec, rng):
-    """A smooth motion of the joints and the mean torque over each step that it needs: no error of a plant's steps.
+    """A smooth motion of the joints and the mean torque over each step that it needs: no error of a
+    plant's steps.
 
-    Measured: halving the step divides the worst by 3.5 to 3.9; taking what was known at the start of the step, by 2.
+    Measured: halving the step divides the worst by 3.5 to 3.9; taking what was known at the start
+    of the step, by 2.
     """
     model = hydrodynamics.compile(spec)
     vehicle, arm = Vehicle.of(model), ArmDynamics(model)
@@ -200,7 +241,11 @@ def test_what_runs_on_within_a_step_costs_an_error_of_second_order(spec, rng):
 
     def at(t: float) -> tuple[Array, Array, Array]:
         angle = beat * t + phase
-        return middle + swing * np.sin(angle), swing * beat * np.cos(angle), -swing * beat**2 * np.sin(angle)
+        return (
+            middle + swing * np.sin(angle),
+            swing * beat * np.cos(angle),
+            -swing * beat**2 * np.sin(angle),
+        )
 
     def needed(t: float) -> Array:
         q, qd, qdd = at(t)
@@ -214,21 +259,28 @@ def test_what_runs_on_within_a_step_costs_an_error_of_second_order(spec, rng):
         for k in range(round(0.4 / step)):
             q, qd, _ = at(k * step)
             seen = max(seen, float(np.abs(observer.step(state, q, qd, held, **hull)).max()))
-            parts = [0.5 * w * needed((k + 0.5 + 0.5 * x) * step) for x, w in zip(nodes, weights, strict=True)]
+            parts = [
+                0.5 * w * needed((k + 0.5 + 0.5 * x) * step)
+                for x, w in zip(nodes, weights, strict=True)
+            ]
             held = np.sum(parts, axis=0)
         worst.append(seen)
     assert worst[0] / worst[1] == pytest.approx(4.0, rel=0.2)
 
 
 def test_a_push_is_seen_with_the_designed_lag(spec, rng):
-    """A step of 40 N at the tip: the observed torques are the true ones behind a first-order lag of the stated time.
+    """A step of 40 N at the tip: the observed torques are the true ones behind a first-order lag of
+    the stated time.
 
-    Measured: within 0.6 % of the greatest torque, the error of free motion included; with a lag 1.5 times as long 14 %.
+    Measured: within 0.6 % of the greatest torque, the error of free motion included; with a lag 1.5
+    times as long 14 %.
     """
     push, seed = np.array([25.0, -25.0, 20.0]), int(rng.integers(2**31))
     for lag in (0.012, 0.04):
         pushed = run(spec, np.random.default_rng(seed), step=0.001, seconds=0.6, push=push, lag=lag)
-        free = run(spec, np.random.default_rng(seed), step=0.001, seconds=0.6, push=np.zeros(3), lag=lag)
+        free = run(
+            spec, np.random.default_rng(seed), step=0.001, seconds=0.6, push=np.zeros(3), lag=lag
+        )
         scale = np.abs(pushed.true).max()
         assert scale > 3.0
         error = np.abs(pushed.observed - lagged(pushed.true, 0.001, lag)).max()
@@ -240,16 +292,25 @@ def test_a_push_is_seen_with_the_designed_lag(spec, rng):
 def test_an_unknown_current_is_taken_for_a_push(rng):
     seed = int(rng.integers(2**31))
     known, unknown = (
-        run(puma(rng), np.random.default_rng(seed), step=0.001, seconds=0.5, push=np.zeros(3), current=current)
+        run(
+            puma(rng),
+            np.random.default_rng(seed),
+            step=0.001,
+            seconds=0.5,
+            push=np.zeros(3),
+            current=current,
+        )
         for current in (CURRENT, np.zeros(3))
     )
     assert np.abs(unknown.observed[-100:]).max() > 5.0 * np.abs(known.observed[-100:]).max()
 
 
 def test_noise_of_the_speeds_comes_through_as_designed(rng):
-    """White noise on qd gives K M qd through (1 - z^-1) / (1 - a z^-1): variance 2 / (1 + a) of the input's.
+    """White noise on qd gives K M qd through (1 - z^-1) / (1 - a z^-1): variance 2 / (1 + a) of the
+    input's.
 
-    With the default encoders and lag, the arm stretched out: 0.34, 0.13 and 0.01 N m on joints 2, 3 and 4.
+    With the default encoders and lag, the arm stretched out: 0.34, 0.13 and 0.01 N m on joints 2, 3
+    and 4.
     """
     model = puma(rng).compile()
     vehicle, step, sigma = Vehicle.of(model), 0.002, 2e-4
@@ -268,7 +329,11 @@ def test_noise_of_the_speeds_comes_through_as_designed(rng):
     state, rows = observer.init(), []
     for _ in range(6000):
         qd = sigma * rng.standard_normal(n)
-        rows.append(observer.step(state, q, qd, static, R_WB=np.eye(3), nu_B=np.zeros(6), v_current_W=np.zeros(3)))
+        rows.append(
+            observer.step(
+                state, q, qd, static, R_WB=np.eye(3), nu_B=np.zeros(6), v_current_W=np.zeros(3)
+            )
+        )
     kept = np.exp(-step / LAG)
     expected = (1.0 - kept) / step * sigma * np.sqrt(2.0 / (1.0 + kept)) * np.linalg.norm(M, axis=1)
     seen = np.std(rows[500:], axis=0)
@@ -277,19 +342,29 @@ def test_noise_of_the_speeds_comes_through_as_designed(rng):
 
 def test_observed_torques_give_the_force_of_the_plain_least_squares(rng, within):
     X_WB, X_BG = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
-    J_B, tau_e, bias, tau = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6), 50.0 * rng.normal(size=6)
+    J_B, tau_e, bias, tau = (
+        rng.normal(size=(6, 6)),
+        rng.normal(size=6),
+        rng.normal(size=6),
+        50.0 * rng.normal(size=6),
+    )
     sensed, f_W = SensedArm.start(np.zeros(6), np.zeros(3)), np.empty(3)
     sensed.X_BG[:], sensed.J_B[:], sensed.tau_e[:] = X_BG, J_B, tau_e
-    normal = force_from_external_torques(X_WB, tau, (bias, np.full(6, 0.1), 0.01), tuple(sensed), f_W)
+    normal = force_from_external_torques(
+        X_WB, tau, (bias, np.full(6, 0.1), 0.01), tuple(sensed), f_W
+    )
     f_B, f_G = sensed.f_B, sensed.f_G
     expected = tip_force(tau_e - bias, J_B[:3], 0.1 + 0.01 * np.abs(tau))[0]
-    within("force [N]", (f_B - expected) / np.abs(expected).max(), 1e-8)  # measured 2e-13, more near singular postures
+    # measured 2e-13, more near singular postures
+    within("force [N]", (f_B - expected) / np.abs(expected).max(), 1e-8)
     within("tool axes [N]", f_G - X_BG[:3, :3].T @ f_B, 1e-12 * np.abs(f_B).max())
     within("world axes [N]", f_W - X_WB[:3, :3] @ f_B, 1e-12 * np.abs(f_B).max())
     assert normal == -f_G[2]
 
 
-@pytest.mark.parametrize("change", [{"period": 0.0}, {"time_constant": -1.0}, {"time_constant": np.nan}])
+@pytest.mark.parametrize(
+    "change", [{"period": 0.0}, {"time_constant": -1.0}, {"time_constant": np.nan}]
+)
 def test_times_that_cannot_be(change):
     with pytest.raises(ConfigurationError, match=r"load observer .* > 0 s"):
         LoadObserver(models.load("uuv_puma").compile(), **({"period": 0.002} | change))

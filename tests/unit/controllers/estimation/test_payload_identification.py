@@ -1,4 +1,6 @@
-"""Weighing of the arm: torques of MuJoCo's own model of a heavier arm, in postures as it passes them."""
+"""Weighing of the arm: torques of MuJoCo's own model of a heavier arm, in postures as it passes
+them.
+"""
 
 import mujoco
 import numpy as np
@@ -11,11 +13,14 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.spatial import Array
 
 LEVEL = np.concatenate([np.eye(3).ravel(), np.zeros(15)])
-LEFT = 0.5  # share of the wrong torques that may remain; 0.22 in the median of 120 seeds, 0.39 in the worst
+# share of the wrong torques that may remain; 0.22 in the median of 120 seeds, 0.39 in the worst
+LEFT = 0.5
 
 
 def heavier(rng: np.random.Generator, spread: float) -> mujoco.MjModel:
-    """The vehicle, each part of its arm heavier or lighter by up to that share, inertia in proportion."""
+    """The vehicle, each part of its arm heavier or lighter by up to that share, inertia in
+    proportion.
+    """
     model = models.load("uuv_puma").compile()
     hull = Vehicle.of(model).hull
     for body in range(hull + 1, model.nbody):
@@ -26,7 +31,9 @@ def heavier(rng: np.random.Generator, spread: float) -> mujoco.MjModel:
     return model
 
 
-def torques(arm: ArmDynamics, numbers: Array, q: Array, qd: Array, qdd: Array, water: float = 1.0) -> Array:
+def torques(
+    arm: ArmDynamics, numbers: Array, q: Array, qd: Array, qdd: Array, water: float = 1.0
+) -> Array:
     """(n,) [N m] in still water under a hull at rest; `water` times what moving water adds."""
     own, none = arm.parameters._replace(numbers=numbers), np.zeros(6)
     tau = inverse_dynamics(tuple(own), (q, qd, qdd), LEVEL, none)[0]
@@ -48,32 +55,50 @@ def way(arm: ArmDynamics, vehicle: Vehicle, share: float) -> tuple[Array, Array,
     return vehicle.q_home + smooth * change, speed * change, acceleration * change
 
 
-def weighed(rng: np.random.Generator, spread: float, bias: float, water: float) -> tuple[float, float, Array]:
-    """Largest wrong torque around the work, tared there, believing what was and what was weighed; and the excesses."""
+def weighed(
+    rng: np.random.Generator, spread: float, bias: float, water: float
+) -> tuple[float, float, Array]:
+    """Largest wrong torque around the work, tared there, believing what was and what was weighed;
+    and the excesses.
+    """
     true = ArmDynamics(heavier(rng, spread))
     model = models.load("uuv_puma").compile()
-    arm, vehicle, weighing = ArmDynamics(model), Vehicle.of(model), PayloadIdentification(ArmDynamics(model))
+    arm, vehicle, weighing = (
+        ArmDynamics(model),
+        Vehicle.of(model),
+        PayloadIdentification(ArmDynamics(model)),
+    )
     state, b = weighing.init(), rng.uniform(-bias, bias, arm.n)
     for share in np.concatenate([np.zeros(50), np.linspace(0.0, 1.0, 300)]):
         q, qd, qdd = way(arm, vehicle, float(share))
         measured = torques(true, true.parameters.numbers, q, qd, qdd, water) + b
         measured *= 1.0 + 0.01 * rng.normal(size=arm.n)
-        weighing.add(state, JointMotion(q, qd, qdd), LEVEL, torques(arm, arm.parameters.numbers, q, qd, qdd) - measured)
+        weighing.add(
+            state,
+            JointMotion(q, qd, qdd),
+            LEVEL,
+            torques(arm, arm.parameters.numbers, q, qd, qdd) - measured,
+        )
     excess = weighing.excess(state)
     at_work, rest = way(arm, vehicle, 1.0)[0], np.zeros(arm.n)
 
     def wrong(numbers: Array, q: Array) -> Array:
-        return torques(arm, numbers, q, rest, rest) - torques(true, true.parameters.numbers, q, rest, rest)
+        return torques(arm, numbers, q, rest, rest) - torques(
+            true, true.parameters.numbers, q, rest, rest
+        )
 
     worst = []
     for numbers in (arm.parameters.numbers, weighing.weighed(excess).numbers):
         others = [at_work + rng.uniform(-0.5, 0.5, arm.n) for _ in range(50)]
-        worst.append(max(float(np.abs(wrong(numbers, q) - wrong(numbers, at_work)).max()) for q in others))
+        worst.append(
+            max(float(np.abs(wrong(numbers, q) - wrong(numbers, at_work)).max()) for q in others)
+        )
     return worst[0], worst[1], excess
 
 
 def test_what_is_as_heavy_as_believed_is_found_so(rng, within):
-    within("excess", weighed(rng, 0.0, 0.0, 1.0)[2], 0.02)  # measured up to 0.008, from 1 % of noise
+    # measured up to 0.008, from 1 % of noise
+    within("excess", weighed(rng, 0.0, 0.0, 1.0)[2], 0.02)
 
 
 def test_a_heavier_arm_is_felt_less_in_other_postures(rng, within):
@@ -100,5 +125,8 @@ def test_weighed_numbers_are_those_of_that_arm(share, within):
     for body in range(hull + 1, model.nbody):
         model.body_mass[body] *= 1.0 + share
         model.body_inertia[body] *= 1.0 + share
-    arm = PayloadIdentification(believed).weighed(np.full(believed.parameters.layout.shape[1], share))
-    within("numbers", arm.numbers - ArmDynamics(model).parameters.numbers, 1e-15)  # measured up to 2e-16
+    arm = PayloadIdentification(believed).weighed(
+        np.full(believed.parameters.layout.shape[1], share)
+    )
+    # measured up to 2e-16
+    within("numbers", arm.numbers - ArmDynamics(model).parameters.numbers, 1e-15)

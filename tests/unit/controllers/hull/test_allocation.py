@@ -1,4 +1,6 @@
-"""Allocation against the plant's thrusters, SciPy's bounded least squares, and the conditions of optimality."""
+"""Allocation against the plant's thrusters, SciPy's bounded least squares, and the conditions of
+optimality.
+"""
 
 import itertools
 from dataclasses import replace
@@ -9,7 +11,14 @@ import pytest
 from scipy.optimize import linprog, lsq_linear, nnls
 
 from uuv import models
-from uuv.controllers.hull.allocation import AXES, Allocation, bounded, nearest_thrusts, normal_equations, preloads
+from uuv.controllers.hull.allocation import (
+    AXES,
+    Allocation,
+    bounded,
+    nearest_thrusts,
+    normal_equations,
+    preloads,
+)
 from uuv.controllers.tuning import HULL
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
@@ -27,7 +36,9 @@ def vehicle() -> Vehicle:
 
 
 def eight() -> Array:
-    """Wrench (6, 8) of the heavy frame: four vectored at 45 deg, four vertical [m] (Wu 2018's layout, rounded)."""
+    """Wrench (6, 8) of the heavy frame: four vectored at 45 deg, four vertical [m] (Wu 2018's
+    layout, rounded).
+    """
     columns = []
     for x, y in itertools.product((0.156, -0.156), (0.111, -0.111)):
         axis = np.array([1.0, -np.sign(x * y), 0.0]) / np.sqrt(2.0)
@@ -38,7 +49,11 @@ def eight() -> Array:
 
 
 def with_thrusters(vehicle: Vehicle, B: Array, thruster: Thruster) -> Vehicle:
-    return replace(vehicle, thruster_wrench=B, thruster_table=np.tile(thrusters.pack(thruster), (B.shape[1], 1)))
+    return replace(
+        vehicle,
+        thruster_wrench=B,
+        thruster_table=np.tile(thrusters.pack(thruster), (B.shape[1], 1)),
+    )
 
 
 def given(vehicle: Vehicle, command: Array) -> Array:
@@ -47,7 +62,8 @@ def given(vehicle: Vehicle, command: Array) -> Array:
     return np.array([thrust_at(curve, float(u)) for curve, u in zip(curves, command, strict=True)])
 
 
-# ---------------------------------------------------------------------------------------------------- within the bounds
+# ----------------------------------------------------------------------------------------------------
+# within the bounds
 
 
 def test_exact_while_no_bound_is_met(vehicle, within):
@@ -58,24 +74,32 @@ def test_exact_while_no_bound_is_met(vehicle, within):
         command = allocation.command(thrust)
         assert np.abs(command).max() < 1.0
         assert not allocation.lacking(wrench_B, thrust).any()
-        within("wrench [N, N m]", vehicle.thruster_wrench @ given(vehicle, command) - wrench_B, 3e-12)  # measured 3e-13
+        # measured 3e-13
+        within(
+            "wrench [N, N m]", vehicle.thruster_wrench @ given(vehicle, command) - wrench_B, 3e-12
+        )
 
 
 def test_command_inverts_the_static_curve_for_both_signs(vehicle, within):
     allocation = Allocation(vehicle)
     for thrust in (-215.0, -40.0, -0.5, -1e-9, 0.0, 1e-9, 0.5, 40.0, 295.0):
         wanted = np.full(6, thrust)
-        within("thrust [N]", given(vehicle, allocation.command(wanted)) - wanted, 6e-13)  # measured 6e-14
+        # measured 6e-14
+        within("thrust [N]", given(vehicle, allocation.command(wanted)) - wanted, 6e-13)
     assert not allocation.command(np.zeros(6)).any()
     assert np.abs(allocation.command(np.full(6, 1e4))).max() == 1.0
 
 
 def test_eight_thrusters_give_the_wrench_with_least_effort(vehicle, rng, within):
-    """Exact, and orthogonal to the null space in the effort's metric: no other thrusts of that wrench cost less."""
+    """Exact, and orthogonal to the null space in the effort's metric: no other thrusts of that
+    wrench cost less.
+    """
     B = eight()
     null = np.linalg.svd(B)[2][6:].T
     for effort in (np.ones(8), rng.uniform(0.3, 3.0, 8)):
-        allocation = Allocation(with_thrusters(vehicle, B, thrusters.t200(least_thrust=0.0)), effort=effort)
+        allocation = Allocation(
+            with_thrusters(vehicle, B, thrusters.t200(least_thrust=0.0)), effort=effort
+        )
         for _ in range(50):
             wrench_B = rng.normal(size=6) * [10.0, 10.0, 10.0, 1.0, 1.0, 1.0]
             thrust = allocation.thrust(wrench_B)
@@ -83,10 +107,13 @@ def test_eight_thrusters_give_the_wrench_with_least_effort(vehicle, rng, within)
             within("null space", null.T @ (effort**2 * thrust), 1e-11)  # measured 1e-13
 
 
-# -------------------------------------------------------------------------------------------------------- at the bounds
+# --------------------------------------------------------------------------------------------------------
+# at the bounds
 
 
-def random_problem(rng: np.random.Generator, rank: int | None = None) -> tuple[Array, Array, Array, Array]:
+def random_problem(
+    rng: np.random.Generator, rank: int | None = None
+) -> tuple[Array, Array, Array, Array]:
     """A (6, m), b (6,), bounds (m,): some free, some met, some hopeless; of `rank` if given."""
     m = int(rng.integers(1, 11))
     A = rng.normal(size=(6, m)) * rng.uniform(0.1, 4.0, (6, 1))
@@ -128,13 +155,16 @@ def test_minimum_is_where_kuhn_and_tucker_say(rng):
         bounded(H, right @ b, low, high, x)
         slope = H @ x - right @ b
         scale = np.abs(right @ b).max() + np.abs(H).max() * 60.0
-        assert np.abs(slope[(x > low) & (x < high)]).max(initial=0.0) < 1e-11 * scale  # measured 3e-15
+        # measured 3e-15
+        assert np.abs(slope[(x > low) & (x < high)]).max(initial=0.0) < 1e-11 * scale
         assert slope[x == low].min(initial=0.0) > -1e-11 * scale
         assert slope[x == high].max(initial=0.0) < 1e-11 * scale
 
 
 def test_saturated_thrusts_keep_attitude_then_force_then_yaw(vehicle, rng, within):
-    """Each level is as near as the bounds and the levels above allow, by Kuhn and Tucker; what lacks is what lacks."""
+    """Each level is as near as the bounds and the levels above allow, by Kuhn and Tucker; what
+    lacks is what lacks.
+    """
     allocation = Allocation(vehicle)
     high, low = 0.98 * vehicle.thruster_table[:, 0], -0.98 * vehicle.thruster_table[:, 1]
     B, saturated, levels = vehicle.thruster_wrench, 0, ([3, 4], [0, 1, 2], [5])
@@ -144,7 +174,8 @@ def test_saturated_thrusts_keep_attitude_then_force_then_yaw(vehicle, rng, withi
         low_now, high_now = thrust <= low + 1e-9, thrust >= high - 1e-9
         assert np.all((thrust >= low) & (thrust <= high))
         for number, level in enumerate(levels):
-            # The slope of a level's cost is a sum of what holds it: levels above either way, bounds inward only.
+            # The slope of a level's cost is a sum of what holds it: levels above either way, bounds
+            # inward only.
             slope = B[level].T @ (B[level] @ thrust - wrench_B[level])
             above = B[[axis for upper in levels[:number] for axis in upper]].T
             holding = np.hstack([above, -above, np.eye(6)[:, low_now], -np.eye(6)[:, high_now]])
@@ -159,20 +190,25 @@ def test_saturated_thrusts_keep_attitude_then_force_then_yaw(vehicle, rng, withi
 
 
 def test_levels_keep_what_weights_give_away(vehicle, rng):
-    """Under a push that saturates, the attitude's moment is whole wherever it can be; weights of 4 to 1 lose some."""
+    """Under a push that saturates, the attitude's moment is whole wherever it can be; weights of 4
+    to 1 lose some.
+    """
     allocation, B = Allocation(vehicle), vehicle.thruster_wrench
     high, low = 0.98 * vehicle.thruster_table[:, 0], -0.98 * vehicle.thruster_table[:, 1]
     lost = []
     for _ in range(60):
         moments = rng.uniform(-1.0, 1.0, 2) * [100.0, 140.0]
         wrench_B = np.array([0.0, 0.0, rng.choice([-1.0, 1.0]) * 900.0, *moments, 0.0])
-        weighted = lsq_linear(W[:, None] * B, W * wrench_B, bounds=(low, high), method="bvls", tol=1e-14).x
+        weighted = lsq_linear(
+            W[:, None] * B, W * wrench_B, bounds=(low, high), method="bvls", tol=1e-14
+        ).x
         assert (B @ allocation.thrust(wrench_B))[3:5] == pytest.approx(moments, abs=1e-9)
         lost.append(np.abs((B @ weighted - wrench_B)[3:5]).max())
     assert np.mean(lost) > 1.0  # [N m]
 
 
-# ----------------------------------------------------------------------------------------------------- the least thrust
+# -----------------------------------------------------------------------------------------------------
+# the least thrust
 
 
 def in_gap(x: Array, least: Array) -> Array:
@@ -180,10 +216,12 @@ def in_gap(x: Array, least: Array) -> Array:
 
 
 def test_no_thrust_falls_into_the_gap_and_greed_costs_little(rng):
-    """Without a null space, against all 3^m choices of branch: never below, mostly the best, far from plain rounding.
+    """Without a null space, against all 3^m choices of branch: never below, mostly the best, far
+    from plain rounding.
 
-    Measured on 520 such problems with gaps of 1 N: the best in 97 % (four thrusters) and 87 % (five), 0.003 and 0.015 N
-    (weighted) above it in the mean and 0.5 N at worst; each thrust rounded by itself is 0.10 and 0.16 N above it.
+    Measured on 520 such problems with gaps of 1 N: the best in 97 % (four thrusters) and 87 %
+    (five), 0.003 and 0.015 N (weighted) above it in the mean and 0.5 N at worst; each thrust
+    rounded by itself is 0.10 and 0.16 N above it.
     """
     B, seen, excess, rounded = eight(), 0, [], []
     A = W[:, None] * B[:, :8]
@@ -213,7 +251,9 @@ def test_no_thrust_falls_into_the_gap_and_greed_costs_little(rng):
             assert found >= best - 1e-6
             free = np.zeros(m)
             bounded(H, right @ b, low, high, free)
-            nearest = np.where(np.abs(free) < 0.5 * least, 0.0, np.sign(free) * np.maximum(np.abs(free), least))
+            nearest = np.where(
+                np.abs(free) < 0.5 * least, 0.0, np.sign(free) * np.maximum(np.abs(free), least)
+            )
             seen += bool(in_gap(free, least).any())
             excess.append(np.sqrt(found) - np.sqrt(best))
             rounded.append(np.sqrt(cost(Am, b, nearest)) - np.sqrt(best))
@@ -222,7 +262,9 @@ def test_no_thrust_falls_into_the_gap_and_greed_costs_little(rng):
 
 
 def test_eight_thrusters_work_against_each_other_rather_than_miss_the_wrench(vehicle, rng, within):
-    """With a null space no wrench is missed for the gaps, however small; nothing is asked where nothing is wanted."""
+    """With a null space no wrench is missed for the gaps, however small; nothing is asked where
+    nothing is wanted.
+    """
     B = eight()
     allocation = Allocation(with_thrusters(vehicle, B, thrusters.t200()))
     patterns = preloads(B)
@@ -234,9 +276,11 @@ def test_eight_thrusters_work_against_each_other_rather_than_miss_the_wrench(veh
             wrench_B = scale * rng.normal(size=6) * [1.0, 1.0, 1.0, 0.1, 0.1, 0.1]
             thrust = allocation.thrust(wrench_B)
             assert not in_gap(thrust, np.full(8, 0.36)).any()
-            within("wrench [N, N m]", B @ thrust - wrench_B, 1e-6)  # measured 5e-8: the effort's share
+            # measured 5e-8: the effort's share
+            within("wrench [N, N m]", B @ thrust - wrench_B, 1e-6)
             seen.append(tuple(np.sign(thrust)))
-    assert len(set(seen[:20])) == 1  # small wrenches all on one pattern: no propeller turns round between them
+    # small wrenches all on one pattern: no propeller turns round between them
+    assert len(set(seen[:20])) == 1
 
 
 def test_t200_gaps_are_kept_through_the_class(vehicle, rng):
@@ -251,41 +295,63 @@ def test_t200_gaps_are_kept_through_the_class(vehicle, rng):
         assert not allocation.lacking(wrench_B, thrust).any()  # a gap is not saturation
 
 
-# ------------------------------------------------------------------------------------------------------- one is lost
+# -------------------------------------------------------------------------------------------------------
+# one is lost
 
 
-def most_alone(B: Array, low: Array, high: Array, axis: int, free: tuple[int, ...], sign: float) -> float:
-    """Greatest wrench along an axis with the others at zero but for the `free` ones, by a linear programme."""
+def most_alone(
+    B: Array, low: Array, high: Array, axis: int, free: tuple[int, ...], sign: float
+) -> float:
+    """Greatest wrench along an axis with the others at zero but for the `free` ones, by a linear
+    programme.
+    """
     others = [i for i in range(6) if i != axis and i not in free]
     found = linprog(
-        -sign * B[axis], A_eq=B[others], b_eq=np.zeros(len(others)), bounds=list(zip(low, high, strict=True))
+        -sign * B[axis],
+        A_eq=B[others],
+        b_eq=np.zeros(len(others)),
+        bounds=list(zip(low, high, strict=True)),
     )
     assert found.status == 0
     return float(B[axis] @ found.x)
 
 
 def test_authority_is_what_linear_programmes_find(vehicle, rng, within):
-    """With all thrusters, with each one lost, with two lost; on the square layout and on one with a null space."""
+    """With all thrusters, with each one lost, with two lost; on the square layout and on one with a
+    null space.
+    """
     for craft in (vehicle, with_thrusters(vehicle, eight(), thrusters.t200())):
         table, whole, m = craft.thruster_table, Allocation(craft), craft.thruster_wrench.shape[1]
-        for lost in ([], *([i] for i in range(m)), [0, 1], sorted(rng.choice(m, 2, replace=False).tolist())):
+        for lost in (
+            [],
+            *([i] for i in range(m)),
+            [0, 1],
+            sorted(rng.choice(m, 2, replace=False).tolist()),
+        ):
             alive = np.isin(np.arange(m), lost, invert=True)
             left = whole.without(*lost)
             low, high = -0.98 * table[:, 1] * alive, 0.98 * table[:, 0] * alive
             for free in ((), (5,)):
                 authority = left.authority(spoiling=[AXES[i] for i in free])
                 best = [
-                    [most_alone(craft.thruster_wrench, low, high, axis, free, sign) for sign in (-1.0, 1.0)]
+                    [
+                        most_alone(craft.thruster_wrench, low, high, axis, free, sign)
+                        for sign in (-1.0, 1.0)
+                    ]
                     for axis in range(6)
                 ]
                 within("authority [N, N m]", authority - best, 1e-9)  # measured 6e-14
             for direction in left.lost_directions():
                 within("what is lost", direction @ (craft.thruster_wrench * alive), 1e-13)
-            assert len(left.lost_directions()) == 6 - np.linalg.matrix_rank(craft.thruster_wrench[:, alive])
+            assert len(left.lost_directions()) == 6 - np.linalg.matrix_rank(
+                craft.thruster_wrench[:, alive]
+            )
 
 
 def test_each_thruster_of_six_takes_its_own_axes_along(vehicle):
-    """Square, so each loss costs one direction: worked out by hand from the places of the thrusters."""
+    """Square, so each loss costs one direction: worked out by hand from the places of the
+    thrusters.
+    """
     allocation = Allocation(vehicle)
     gone = {
         "surge_left": "surge yaw",
@@ -315,12 +381,18 @@ def test_a_lost_thruster_is_never_used_and_the_rest_keep_the_order(vehicle, rng)
             thrust = left.thrust(wrench_B)
             assert thrust[index] == 0.0
             if not name.startswith("heave"):
-                assert (vehicle.thruster_wrench @ thrust)[3:5] == pytest.approx(wrench_B[3:5], abs=1e-9)
+                assert (vehicle.thruster_wrench @ thrust)[3:5] == pytest.approx(
+                    wrench_B[3:5], abs=1e-9
+                )
 
 
 @pytest.mark.parametrize("wrong", [6, -1, "bow", 1.5, None])
 def test_a_thruster_that_is_none_is_not_lost(vehicle, wrong):
-    with pytest.raises(ConfigurationError, match=r"expected an index below 6 or one of \['surge_left'"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"expected an index below 6 or one of "
+        r"\['surge_left'",
+    ):
         Allocation(vehicle).without(wrong)
 
 
@@ -329,16 +401,23 @@ def test_not_all_can_be_lost(vehicle):
         Allocation(vehicle).without(*range(6))
 
 
-# ---------------------------------------------------------------------------------------------------------- at the door
+# ----------------------------------------------------------------------------------------------------------
+# at the door
 
 
 def test_too_few_thrusters_are_refused_unless_their_axis_is_given_up(vehicle):
-    five = replace(vehicle, thruster_wrench=vehicle.thruster_wrench[:, 1:], thruster_table=vehicle.thruster_table[1:])
+    five = replace(
+        vehicle,
+        thruster_wrench=vehicle.thruster_wrench[:, 1:],
+        thruster_table=vehicle.thruster_table[1:],
+    )
     with pytest.raises(ConfigurationError, match="5 thrusters do not span all six"):
         Allocation(five)
     allocation = Allocation(five, priorities=[("roll", "pitch", "surge", "sway", "heave")])
     wrench_B = np.array([20.0, -30.0, 40.0, 5.0, -6.0, 70.0])
-    assert (five.thruster_wrench @ allocation.thrust(wrench_B))[:5] == pytest.approx(wrench_B[:5], abs=1e-11)
+    assert (five.thruster_wrench @ allocation.thrust(wrench_B))[:5] == pytest.approx(
+        wrench_B[:5], abs=1e-11
+    )
 
 
 @pytest.mark.parametrize(
@@ -361,7 +440,8 @@ def test_figures_that_cannot_be(vehicle, change: dict[str, Any], named):
 
 
 @pytest.mark.parametrize(
-    ("wrench_B", "says"), [(np.zeros(3), r"shape \(6,\), got \(3,\)"), (np.full(6, np.nan), "must be finite")]
+    ("wrench_B", "says"),
+    [(np.zeros(3), r"shape \(6,\), got \(3,\)"), (np.full(6, np.nan), "must be finite")],
 )
 def test_wrenches_that_cannot_be(vehicle, wrench_B, says):
     with pytest.raises(ConfigurationError, match=f"wrench wanted of the thrusters: .*{says}"):

@@ -1,4 +1,6 @@
-"""The lead against the plant's own thrusters: closed form of what comes, what it costs, and what a wrong lag leaves."""
+"""The lead against the plant's own thrusters: closed form of what comes, what it costs, and what a
+wrong lag leaves.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -36,7 +38,9 @@ def changed(vehicle: Vehicle, column: int, value: float) -> Vehicle:
 def follow(
     vehicle: Vehicle, lead: ThrusterLead, wanted: Array, nu_r_B: Array = STILL
 ) -> tuple[Array, Array, Array, Array]:
-    """Speeds (k, m) at the end of each step, commands (k, m), mean wrenches given (k, 6) and predicted (k, 6)."""
+    """Speeds (k, m) at the end of each step, commands (k, m), mean wrenches given (k, 6) and
+    predicted (k, 6).
+    """
     plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
     state, speeds, commands, given, told = lead.init(), [], [], [], []
     for row in wanted:
@@ -57,27 +61,35 @@ def steps(level: float, count: int = 40) -> Array:
 
 
 def test_the_speed_comes_with_the_lag_that_is_asked_for(vehicle, within):
-    """Within the range of the command: n = c (1 - exp(-t / T_r)) at every step of the hover, exactly."""
+    """Within the range of the command: n = c (1 - exp(-t / T_r)) at every step of the hover,
+    exactly.
+    """
     speeds, commands, _, _ = follow(vehicle, ThrusterLead(vehicle, response=0.05), steps(0.3))
     assert np.abs(commands).max() < 1.0
     t = DT * np.arange(1, len(speeds) + 1)
-    within("speed", speeds - steps(0.3) * (1.0 - np.exp(-t / 0.05))[:, None], 1e-14)  # measured 2e-16
+    # measured 2e-16
+    within("speed", speeds - steps(0.3) * (1.0 - np.exp(-t / 0.05))[:, None], 1e-14)
 
 
 @pytest.mark.parametrize("response", [0.15, 0.2])
 def test_a_slow_response_leaves_the_command_alone(vehicle, response):
     wanted = steps(0.5)
-    assert np.array_equal(follow(vehicle, ThrusterLead(vehicle, response=response), wanted)[1], wanted)
+    assert np.array_equal(
+        follow(vehicle, ThrusterLead(vehicle, response=response), wanted)[1], wanted
+    )
 
 
 @pytest.mark.parametrize("level", [0.3, 0.9])
 def test_what_is_given_is_known(vehicle, level, within):
-    """Mean wrench over each step, with the command at its limit or not, in still water and in a stream."""
+    """Mean wrench over each step, with the command at its limit or not, in still water and in a
+    stream.
+    """
     for nu_r_B in (STILL, np.array([0.3, -0.2, 0.1, 0.05, 0.0, 0.1])):
         _, commands, given, told = follow(vehicle, ThrusterLead(vehicle), steps(level), nu_r_B)
         assert (np.abs(commands).max() == 1.0) == (level == 0.9)
         scale = np.abs(given).max(axis=0)
-        within("mean wrench", (told - given)[1:] / scale, 0.05)  # measured 8e-3: four points against ten physics steps
+        # measured 8e-3: four points against ten physics steps
+        within("mean wrench", (told - given)[1:] / scale, 0.05)
 
 
 def test_slow_drives_are_reckoned_with(vehicle, within):
@@ -87,16 +99,24 @@ def test_slow_drives_are_reckoned_with(vehicle, within):
 
 
 def test_a_step_of_force_comes_sooner_also_with_a_wrong_lag(vehicle):
-    """90 N down within one step: force missing, integrated over the first 0.6 s [N s], by the lag that is true."""
+    """90 N down within one step: force missing, integrated over the first 0.6 s [N s], by the lag
+    that is true.
+    """
     allocation = Allocation(vehicle)
     command = allocation.command(allocation.thrust(np.array([0.0, 0.0, -90.0, 0.0, 0.0, 0.0])))
 
     def missing(true_lag: float, lead: ThrusterLead) -> float:
-        given = follow(changed(vehicle, TIME_CONSTANT, true_lag), lead, np.tile(command, (30, 1)))[2]
+        given = follow(changed(vehicle, TIME_CONSTANT, true_lag), lead, np.tile(command, (30, 1)))[
+            2
+        ]
         return float(np.abs(given[:, 2] + 90.0).sum() * DT)
 
-    for true_lag in (0.10, 0.15, 0.225):  # the lead believes 0.15: too long, right, too short by half
-        none, some = missing(true_lag, ThrusterLead(vehicle, response=1.0)), missing(true_lag, ThrusterLead(vehicle))
+    # the lead believes 0.15: too long, right, too short by half
+    for true_lag in (0.10, 0.15, 0.225):
+        none, some = (
+            missing(true_lag, ThrusterLead(vehicle, response=1.0)),
+            missing(true_lag, ThrusterLead(vehicle)),
+        )
         assert some < 0.65 * none, (true_lag, some, none)
 
 
@@ -107,17 +127,23 @@ def test_the_steady_thrust_is_as_wanted_whatever_the_lag(vehicle, within):
 
 
 def test_noise_of_the_command_grows_by_the_ratio_of_the_lags(vehicle, within):
-    """White noise on what is wanted: its gain is that of the discrete filter, worked out by hand."""
+    """White noise on what is wanted: its gain is that of the discrete filter, worked out by
+    hand.
+    """
     wanted = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((20_000, 6))
     commands = follow(vehicle, ThrusterLead(vehicle, response=0.05), wanted)[1]
     keep, g = np.exp(-DT / 0.05), np.expm1(-DT / 0.05) / np.expm1(-DT / 0.15)
-    # n' = keep n + (1 - keep) c, u = n + g (c - n): u is white g c beside (1 - g) n, and n is an AR(1) of the past c.
+    # n' = keep n + (1 - keep) c, u = n + g (c - n): u is white g c beside (1 - g) n, and n is an
+    # AR(1) of the past c.
     gain = np.sqrt(g**2 + (1.0 - g) ** 2 * (1.0 - keep) ** 2 / (1.0 - keep**2))
-    within("growth of noise", commands[100:].std() / 0.01 / gain - 1.0, 0.03)  # 120 000 numbers: 3e-3
+    # 120 000 numbers: 3e-3
+    within("growth of noise", commands[100:].std() / 0.01 / gain - 1.0, 0.03)
 
 
 def test_the_static_command_gives_the_thrust_wanted_in_any_inflow(vehicle, rng, within):
-    """Against the plant's own thrusters, run to their end; where full speed gives less, full speed."""
+    """Against the plant's own thrusters, run to their end; where full speed gives less, full
+    speed.
+    """
     lead, low = ThrusterLead(vehicle), vehicle.thruster_table[:, LEAST]
     reached = full = 0
     for _ in range(200):
@@ -130,7 +156,8 @@ def test_the_static_command_gives_the_thrust_wanted_in_any_inflow(vehicle, rng, 
             plant.step(command, np.eye(3), nu_r_B[:3], nu_r_B[3:], np.zeros(3))
         assert np.all(np.sign(command) == np.sign(wanted))
         inside = np.abs(command) < 1.0
-        # The flow may drive a slow propeller to more than is wanted: then the least thrust is the nearest.
+        # The flow may drive a slow propeller to more than is wanted: then the least thrust is the
+        # nearest.
         helped = (
             inside
             & (np.abs(plant.thrust) > np.abs(wanted))
@@ -203,7 +230,9 @@ def hold(**changed: Any) -> Reference:
 
 
 def test_what_is_asked_for_in_a_current_is_what_comes(vehicle, within):
-    """A hull at rest in a current of 0.45 m/s that it knows of: commands for still water miss the wrench by 20 N."""
+    """A hull at rest in a current of 0.45 m/s that it knows of: commands for still water miss the
+    wrench by 20 N.
+    """
     control = HullControl(models.load("uuv_puma").compile())
     state, rest, reference = control.init(), at_rest(), hold()
     command = np.zeros(len(vehicle.thruster_names))
@@ -212,11 +241,15 @@ def test_what_is_asked_for_in_a_current_is_what_comes(vehicle, within):
         command = control.step(state, replace(rest, time=0.02 * step), reference, np.zeros(6))
     given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
     within("wrench [N, N m]", vehicle.thruster_wrench @ given - state.wanted_B, 0.5)
-    assert np.abs(vehicle.thruster_wrench @ thrust_of(vehicle, command) - state.wanted_B).max() > 20.0
+    assert (
+        np.abs(vehicle.thruster_wrench @ thrust_of(vehicle, command) - state.wanted_B).max() > 20.0
+    )
 
 
 def test_a_stuck_thruster_is_borne_by_the_others(within):
-    """A heave thruster that gives 15 N whatever is commanded: with what the others are told the hull feels nothing."""
+    """A heave thruster that gives 15 N whatever is commanded: with what the others are told the
+    hull feels nothing.
+    """
     model = models.load("uuv_puma").compile()
     vehicle = Vehicle.of(model)
     control, stuck, thrust = HullControl(model), vehicle.thruster_names.index("heave_left"), 15.0
@@ -228,22 +261,30 @@ def test_a_stuck_thruster_is_borne_by_the_others(within):
     given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
     assert given[stuck] == 0.0
     left = (B @ given + thrust * B[:, stuck])[[2, 3, 4]]  # what comes first after a loss
-    within("heave, roll, pitch [N, N m]", float(np.abs(left - state.wanted_B[[2, 3, 4]]).max()), 8.0)
+    within(
+        "heave, roll, pitch [N, N m]", float(np.abs(left - state.wanted_B[[2, 3, 4]]).max()), 8.0
+    )
     alone = B @ given - state.wanted_B
-    assert np.abs(alone[[2, 3, 4]]).max() > 10.0  # without the stuck one they would be out of balance
+    # without the stuck one they would be out of balance
+    assert np.abs(alone[[2, 3, 4]]).max() > 10.0
 
 
 def test_depth_is_kept_when_a_dead_heave_thruster_meets_a_stuck_surge_thruster():
-    """Levels first would let the hull sink: without heave_left a level hull has no heave of its own to give."""
+    """Levels first would let the hull sink: without heave_left a level hull has no heave of its own
+    to give.
+    """
     model = models.load("uuv_puma").compile()
     vehicle = Vehicle.of(model)
     names = vehicle.thruster_names
     lost = (names.index("heave_left"), names.index("surge_right"))
     rest, reference = at_rest(), hold(lost_thrusters=lost, lost_thrust=(0.0, -190.0))
-    up = replace(reference, X_WB=reference.X_WB + 0.3 * np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]))
+    up = replace(
+        reference, X_WB=reference.X_WB + 0.3 * np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+    )
     control = HullControl(model)
     state, command = control.init(), np.zeros(len(names))
-    for step in range(10):  # soon: the observer takes a hull that does not move for one that is held
+    # soon: the observer takes a hull that does not move for one that is held
+    for step in range(10):
         command = control.step(state, replace(rest, time=0.02 * step), up, np.zeros(6))
     given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
     wanted = float(state.wanted_B[2])

@@ -1,4 +1,6 @@
-"""Least squares by levels against SciPy's sequential programmes, Kuhn and Tucker's conditions, and what order means."""
+"""Least squares by levels against SciPy's sequential programmes, Kuhn and Tucker's conditions, and
+what order means.
+"""
 
 import itertools
 
@@ -10,8 +12,10 @@ from uuv.sim.interfaces.spatial import Array
 
 
 def random_layout(rng: np.random.Generator) -> tuple[Array, Array, np.ndarray, Array, Array, Array]:
-    """A (6, m), b (6,), starts of levels, effort (m,), bounds (m,): 1 to 10 thrusters, some dead, some alike, some in
-    rows of whole numbers so that levels and bounds meet exactly, some of low rank."""
+    """A (6, m), b (6,), starts of levels, effort (m,), bounds (m,): 1 to 10 thrusters, some dead,
+    some alike, some in rows of whole numbers so that levels and bounds meet exactly, some of low
+    rank.
+    """
     m = int(rng.integers(1, 11))
     A = rng.normal(size=(6, m)) * rng.uniform(0.1, 4.0, (6, 1))
     kind = rng.integers(4)
@@ -31,11 +35,15 @@ def random_layout(rng: np.random.Generator) -> tuple[Array, Array, np.ndarray, A
 
 
 def stationarity(A: Array, b: Array, above: Array, low: Array, high: Array, x: Array) -> float:
-    """Least |A^T (A x - b) + above^T l + m| over all l and over m that press x on the bounds it lies on: zero at the
-    minimum of |A x - b| within bounds and `above` x, and there only, for the problem is convex."""
+    """Least |A^T (A x - b) + above^T l + m| over all l and over m that press x on the bounds it
+    lies on: zero at the minimum of |A x - b| within bounds and `above` x, and there only, for the
+    problem is convex.
+    """
     live, close = high > low, 1e-9 * (high - low)
     eye = np.eye(len(x))
-    pull = np.hstack([above.T, -above.T, -eye[:, live & (x - low <= close)], eye[:, live & (high - x <= close)]])[live]
+    pull = np.hstack(
+        [above.T, -above.T, -eye[:, live & (x - low <= close)], eye[:, live & (high - x <= close)]]
+    )[live]
     slope = (A.T @ (A @ x - b))[live]
     if not slope.size or not pull.size:
         return float(np.linalg.norm(slope))
@@ -47,7 +55,8 @@ def test_every_level_is_at_its_minimum_under_those_above(rng, within):
     for _ in range(300):
         A, b, starts, effort, low, high = random_layout(rng)
         x = rng.normal(size=len(low)) * 100.0
-        assert solve_levels(A, b, starts, effort, low, high, x) < 30 * len(x)  # measured up to 58 for ten thrusters
+        # measured up to 58 for ten thrusters
+        assert solve_levels(A, b, starts, effort, low, high, x) < 30 * len(x)
         assert np.all((x >= low) & (x <= high))
         scale = np.abs(A).max() * (np.abs(b).max() + np.abs(A).max() * 60.0)
         for first, last in itertools.pairwise(starts):
@@ -66,14 +75,18 @@ def test_one_level_is_bounded_least_squares(rng, within):
             continue
         x = np.zeros(len(low))
         solve_levels(A, b, np.array([0, 6]), effort, low, high, x)
-        reference = lsq_linear(A[:, live], b, bounds=(low[live], high[live]), method="bvls", tol=1e-14, max_iter=1000)
+        reference = lsq_linear(
+            A[:, live], b, bounds=(low[live], high[live]), method="bvls", tol=1e-14, max_iter=1000
+        )
         cost = float(np.sum((A @ x - b) ** 2))
         scale = float(b @ b) + float(np.sum(A**2)) * 60.0**2
         within("cost", (cost - 2.0 * reference.cost) / scale, 1e-12)
 
 
 def test_axis_by_axis_is_what_linear_programmes_say_in_turn(rng, within):
-    """Six levels of one row: min |a_l x - b_l| with all rows above held, by linear programmes that start afresh."""
+    """Six levels of one row: min |a_l x - b_l| with all rows above held, by linear programmes that
+    start afresh.
+    """
     for _ in range(40):
         A, b, _, effort, low, high = random_layout(rng)
         m = len(low)
@@ -90,10 +103,12 @@ def test_axis_by_axis_is_what_linear_programmes_say_in_turn(rng, within):
                 b_eq=A[:row] @ x if row else None,
                 bounds=[*zip(low, high, strict=True), (0.0, None)],
             )
-            if least.status != 0:  # its own tolerance on the rows held; the conditions above are the exact test
+            # its own tolerance on the rows held; the conditions above are the exact test
+            if least.status != 0:
                 continue
             scale = np.abs(b[row]) + np.abs(A).sum() * 60.0
-            within("row", (abs(A[row] @ x - b[row]) - least.fun) / scale, 1e-6)  # measured 3e-16; HiGHS: 1e-7
+            # measured 3e-16; HiGHS: 1e-7
+            within("row", (abs(A[row] @ x - b[row]) - least.fun) / scale, 1e-6)
 
 
 def test_a_level_below_changes_nothing_above(rng, within):
@@ -104,14 +119,19 @@ def test_a_level_below_changes_nothing_above(rng, within):
         solve_levels(A, b, starts, effort, low, high, first)
         level = int(rng.integers(1, len(starts)))
         other, wish = A.copy(), b.copy()
-        other[starts[level] :], wish[starts[level] :] = rng.normal(size=(6 - starts[level], len(low))), 40.0
+        other[starts[level] :], wish[starts[level] :] = (
+            rng.normal(size=(6 - starts[level], len(low))),
+            40.0,
+        )
         solve_levels(other, wish, starts, effort, low, high, second)
         kept = A[: starts[level]] @ (first - second)
         within("levels above", kept / (np.abs(A).sum() * 60.0), 1e-12)
 
 
 def test_the_answer_changes_continuously_with_what_is_wanted(rng, within):
-    """Along a line of wishes, looked at ever closer where the thrusts change most: a jump would stay a jump."""
+    """Along a line of wishes, looked at ever closer where the thrusts change most: a jump would
+    stay a jump.
+    """
     A, starts = rng.normal(size=(6, 8)), np.array([0, 2, 5, 6])
     low, high, effort = -rng.uniform(10.0, 60.0, 8), rng.uniform(10.0, 60.0, 8), np.ones(8)
     start, end = rng.normal(size=(2, 6)) * 150.0

@@ -1,4 +1,6 @@
-"""The hover loop: nothing winds up where the thrusters run out, and the current is told from what pushes the hull."""
+"""The hover loop: nothing winds up where the thrusters run out, and the current is told from what
+pushes the hull.
+"""
 
 import mujoco
 import numpy as np
@@ -28,12 +30,23 @@ def parts() -> tuple[StationKeeping, Allocation, Array]:
 
 def estimate(X_WB: Array, nu_B: Array) -> StateEstimate:
     return StateEstimate(
-        time=0.0, X_WB=X_WB, v_WB_B=nu_B[:3], w_WB_B=nu_B[3:], a_WB_B=np.zeros(3), q=NONE, qd=NONE, tau=NONE
+        time=0.0,
+        X_WB=X_WB,
+        v_WB_B=nu_B[:3],
+        w_WB_B=nu_B[3:],
+        a_WB_B=np.zeros(3),
+        q=NONE,
+        qd=NONE,
+        tau=NONE,
     )
 
 
-def run(parts: tuple[StationKeeping, Allocation, Array], start: Array, seconds: float, *, told: bool) -> Array:
-    """Errors (steps, 6) of position in W and attitude, from `start`, on a body of the loop's own inertia."""
+def run(
+    parts: tuple[StationKeeping, Allocation, Array], start: Array, seconds: float, *, told: bool
+) -> Array:
+    """Errors (steps, 6) of position in W and attitude, from `start`, on a body of the loop's own
+    inertia.
+    """
     hover, allocation, B = parts
     state, X, nu, errors = hover.init(), start.copy(), np.zeros(6), []
     for _ in range(round(seconds / DT)):
@@ -42,7 +55,8 @@ def run(parts: tuple[StationKeeping, Allocation, Array], start: Array, seconds: 
         if told:
             state.given_B = B @ thrust
         R = X[:3, :3]
-        nu = nu + DT * np.linalg.solve(hover.inertia, B @ thrust + hover.static_wrench(R))  # no water: no drag
+        # no water: no drag
+        nu = nu + DT * np.linalg.solve(hover.inertia, B @ thrust + hover.static_wrench(R))
         X[:3, 3] += DT * (R @ nu[:3])
         X[:3, :3] = R @ exp_so3(DT * nu[3:])
         errors.append(np.concatenate([X[:3, 3], log_so3(X[:3, :3])]))
@@ -60,7 +74,8 @@ def test_a_long_way_overshoots_less_when_the_loop_knows_what_was_withheld(parts)
 
 @pytest.mark.parametrize("axis", range(6))
 def test_a_small_error_dies_away_as_a_double_pole_at_1_6_per_second(parts, axis, within):
-    """(1 + w t) exp(-w t) with w = 1.6 rad/s in each of the six directions, and nothing in the others.
+    """(1 + w t) exp(-w t) with w = 1.6 rad/s in each of the six directions, and nothing in the
+    others.
 
     Measured 0.047 off, for the loop steps, and expects a drag that this body has not.
     """
@@ -68,15 +83,23 @@ def test_a_small_error_dies_away_as_a_double_pole_at_1_6_per_second(parts, axis,
     error[axis] = 0.02  # [m] or [rad]
     errors = run(parts, pose(exp_so3(error[3:]), error[:3]), 4.0, told=True)
     w_t = 1.6 * DT * np.arange(1, len(errors) + 1)
-    within("error, relative", errors / 0.02 - np.outer((1.0 + w_t) * np.exp(-w_t), error / 0.02), 0.08)
+    within(
+        "error, relative", errors / 0.02 - np.outer((1.0 + w_t) * np.exp(-w_t), error / 0.02), 0.08
+    )
 
 
 def test_feedback_is_proportional_in_hull_axes_wherever_the_hull_is_to_stand(parts, rng, within):
-    """1.6^2 times the error and 3.2 times its rate, accelerations of the loop's inertia beyond its weight."""
+    """1.6^2 times the error and 3.2 times its rate, accelerations of the loop's inertia beyond its
+    weight.
+    """
     hover, _, _ = parts
     for _ in range(20):
         wanted = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.uniform(-1.0, 1.0, 3))
-        error, nu, turning_W = rng.uniform(-0.3, 0.3, 6), rng.uniform(-0.2, 0.2, 6), rng.uniform(-0.2, 0.2, 3)
+        error, nu, turning_W = (
+            rng.uniform(-0.3, 0.3, 6),
+            rng.uniform(-0.2, 0.2, 6),
+            rng.uniform(-0.2, 0.2, 3),
+        )
         X = wanted @ pose(exp_so3(error[3:]))
         X[:3, 3] += X[:3, :3] @ error[:3]
         wrench = hover.step(hover.init(), estimate(X, nu), wanted, np.zeros(3), NONE, DT, turning_W)
@@ -89,10 +112,20 @@ def test_feedback_is_proportional_in_hull_axes_wherever_the_hull_is_to_stand(par
 def test_the_hull_weighs_and_floats_at_its_centres(name, rng, within):
     model = models.load(name).compile()
     hull, R_WB = Vehicle.of(model).hull, exp_so3(rng.uniform(-1.0, 1.0, 3))
-    water, up = coefficients.unpack(model.body_user[hull]), R_WB.T @ [0.0, 0.0, -model.opt.gravity[2]]
-    floats, weighs = coefficients.water_density(model) * water.volume * up, -model.body_mass[hull] * up
+    water, up = (
+        coefficients.unpack(model.body_user[hull]),
+        R_WB.T @ [0.0, 0.0, -model.opt.gravity[2]],
+    )
+    floats, weighs = (
+        coefficients.water_density(model) * water.volume * up,
+        -model.body_mass[hull] * up,
+    )
     moment = np.cross(water.center_of_buoyancy, floats) + np.cross(model.body_ipos[hull], weighs)
-    within("wrench [N, N m]", StationKeeping(model).static_wrench(R_WB) - [*(floats + weighs), *moment], 1e-10)
+    within(
+        "wrench [N, N m]",
+        StationKeeping(model).static_wrench(R_WB) - [*(floats + weighs), *moment],
+        1e-10,
+    )
 
 
 def test_nothing_changes_while_the_thrusters_suffice(parts, within):
@@ -114,10 +147,14 @@ def test_the_force_that_is_held_tells_the_current(current_W, within):
     state, seen = hover.init(), estimate(wanted_W, NONE)
     for _ in range(round(60.0 / DT)):
         R = data.xmat[hull].reshape(3, 3).copy() if data.time else wanted_W[:3, :3]
-        seen = estimate(pose(R, data.qpos[:3]), np.concatenate([R.T @ data.qvel[:3], data.qvel[3:6]]))
+        seen = estimate(
+            pose(R, data.qpos[:3]), np.concatenate([R.T @ data.qvel[:3], data.qvel[3:6]])
+        )
         wrench_B = hover.step(state, seen, wanted_W, np.zeros(3), NONE, DT)
         data.qfrc_applied[:] = 0.0
-        mujoco.mj_applyFT(model, data, R @ wrench_B[:3], R @ wrench_B[3:], data.qpos[:3], hull, data.qfrc_applied)
+        mujoco.mj_applyFT(
+            model, data, R @ wrench_B[:3], R @ wrench_B[3:], data.qpos[:3], hull, data.qfrc_applied
+        )
         mujoco.mj_step(model, data, nstep=round(DT / model.opt.timestep))
     within("place held [m]", data.qpos[:3], 1e-11)  # measured 6e-13
     within("current [m/s]", hover.current(state) - current_W, 5e-3)  # 1.1e-3 is taken for gain

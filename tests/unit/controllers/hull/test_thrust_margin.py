@@ -1,4 +1,6 @@
-"""What the thrusters must give while the arm stands and pushes, checked by MuJoCo's own inverse dynamics."""
+"""What the thrusters must give while the arm stands and pushes, checked by MuJoCo's own inverse
+dynamics.
+"""
 
 from copy import copy
 
@@ -17,8 +19,11 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
 
-def needed(model: mujoco.MjModel, q: Array, f_tip_G: Array, current_W: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Wrench (6,) of the thrusters on the hull at its origin, level and still: MuJoCo's, buoyancies, and drags.
+def needed(
+    model: mujoco.MjModel, q: Array, f_tip_G: Array, current_W: ArrayLike = (0.0, 0.0, 0.0)
+) -> Array:
+    """Wrench (6,) of the thrusters on the hull at its origin, level and still: MuJoCo's,
+    buoyancies, and drags.
 
     The drags are those of the plant's passive callback in a current, less those in still water.
     """
@@ -44,7 +49,9 @@ def needed(model: mujoco.MjModel, q: Array, f_tip_G: Array, current_W: ArrayLike
 
 
 def drag(model: mujoco.MjModel, q: Array, current_W: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Passive force (6,) on the free joint of a vehicle at rest in a current, by the plant's callback."""
+    """Passive force (6,) on the free joint of a vehicle at rest in a current, by the plant's
+    callback.
+    """
     moved, data, vehicle = copy(model), mujoco.MjData(model), Vehicle.of(model)
     moved.opt.wind[:] = current_W
     data.qpos[3:7] = [1.0, 0.0, 0.0, 0.0]
@@ -61,14 +68,17 @@ def test_share_of_the_strongest_used_thruster(name, rng, within):
     for _ in range(20):
         q = rng.uniform(vehicle.q_limits[:, 0], vehicle.q_limits[:, 1])
         f_tip_G = rng.normal(size=3) * 60.0
-        thrust = np.linalg.solve(vehicle.thruster_wrench, needed(model, q, f_tip_G))  # six thrusters: one way only
+        # six thrusters: one way only
+        thrust = np.linalg.solve(vehicle.thruster_wrench, needed(model, q, f_tip_G))
         shares = np.where(thrust > 0.0, thrust / table[:, FORWARD], -thrust / table[:, REVERSE])
         within("share", holding.used(q, np.eye(3), f_tip_G) - shares.max(), 1e-9)
 
 
 @pytest.mark.parametrize("name", ["uuv_puma", "uuv_puma_side"])
 def test_share_used_in_a_current(name, rng, within):
-    """Drag of hull and arm is that which the plant's callback gives; the inflow takes from the strength."""
+    """Drag of hull and arm is that which the plant's callback gives; the inflow takes from the
+    strength.
+    """
     install()
     model = models.load(name).compile()
     vehicle, holding = Vehicle.of(model), ThrustMargin.of(model)
@@ -79,8 +89,14 @@ def test_share_used_in_a_current(name, rng, within):
         f_tip_G, current_W = rng.normal(size=3) * 60.0, rng.normal(size=3) * 0.3
         thrust = np.linalg.solve(vehicle.thruster_wrench, needed(model, q, f_tip_G, current_W))
         taken = table[:, INFLOW_LOSS] * (vehicle.thruster_wrench[:3].T @ -current_W)
-        shares = np.where(thrust > 0.0, thrust / (table[:, FORWARD] - taken), -thrust / (table[:, REVERSE] + taken))
-        within("share", holding.in_current(current_W).used(q, np.eye(3), f_tip_G) - shares.max(), 1e-9)
+        shares = np.where(
+            thrust > 0.0,
+            thrust / (table[:, FORWARD] - taken),
+            -thrust / (table[:, REVERSE] + taken),
+        )
+        within(
+            "share", holding.in_current(current_W).used(q, np.eye(3), f_tip_G) - shares.max(), 1e-9
+        )
 
 
 @pytest.mark.parametrize("drag", [-0.1, np.nan])
@@ -91,7 +107,9 @@ def test_a_friction_that_cannot_be(drag):
 
 @pytest.mark.parametrize("yaw", [0.7, -2.1])
 def test_share_used_by_a_turned_hull_in_a_current(yaw, rng, within):
-    """A level hull at any heading meets the current turned into its own axes; MuJoCo is asked at heading 0."""
+    """A level hull at any heading meets the current turned into its own axes; MuJoCo is asked at
+    heading 0.
+    """
     install()
     model = models.load("uuv_puma").compile()
     vehicle, holding = Vehicle.of(model), ThrustMargin.of(model)
@@ -103,5 +121,9 @@ def test_share_used_by_a_turned_hull_in_a_current(yaw, rng, within):
         current_B = R_WB.T @ current_W
         thrust = np.linalg.solve(vehicle.thruster_wrench, needed(model, q, f_tip_G, current_B))
         taken = table[:, INFLOW_LOSS] * (vehicle.thruster_wrench[:3].T @ -current_B)
-        shares = np.where(thrust > 0.0, thrust / (table[:, FORWARD] - taken), -thrust / (table[:, REVERSE] + taken))
+        shares = np.where(
+            thrust > 0.0,
+            thrust / (table[:, FORWARD] - taken),
+            -thrust / (table[:, REVERSE] + taken),
+        )
         within("share", holding.in_current(current_W).used(q, R_WB, f_tip_G) - shares.max(), 1e-9)

@@ -1,4 +1,6 @@
-"""Kinematics kernels, one by one and uncompiled, against matrices, determinants and published numbers."""
+"""Kinematics kernels, one by one and uncompiled, against matrices, determinants and published
+numbers.
+"""
 
 import math
 
@@ -11,7 +13,14 @@ from uuv.controllers.ik.chain import Chain
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
 H = np.pi / 2
-PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)]
+PUMA = [
+    (0, 0, 0, H),
+    (0, 0, 0.4318, 0),
+    (0, 0.15005, 0.0203, -H),
+    (0, 0.4318, 0, H),
+    (0, 0, 0, -H),
+    (0, 0, 0, 0),
+]
 
 
 def unit(rng: np.random.Generator) -> Array:
@@ -19,7 +28,9 @@ def unit(rng: np.random.Generator) -> Array:
     return v / np.linalg.norm(v)
 
 
-def test_forward_is_the_product_of_exponentials_and_its_jacobian_the_derivative(rng: np.random.Generator) -> None:
+def test_forward_is_the_product_of_exponentials_and_its_jacobian_the_derivative(
+    rng: np.random.Generator,
+) -> None:
     for kinds in ("rporrr", "oprpo", "rrrrrrr"):
         it = plain(drawn_chain(rng, kinds))
         q = drawn_q(it.chain, rng)
@@ -28,7 +39,9 @@ def test_forward_is_the_product_of_exponentials_and_its_jacobian_the_derivative(
         np.testing.assert_allclose(X, by_exponentials(it.chain, q), atol=1e-13)  # measured 1e-15
         h = 1e-5
         for i in range(it.chain.n):
-            ahead, behind = (by_exponentials(it.chain, q + s * h * np.eye(it.chain.n)[i]) for s in (1, -1))
+            ahead, behind = (
+                by_exponentials(it.chain, q + s * h * np.eye(it.chain.n)[i]) for s in (1, -1)
+            )
             linear = (ahead[:3, 3] - behind[:3, 3]) / (2 * h)
             angular = log_so3(ahead[:3, :3] @ behind[:3, :3].T) / (2 * h)
             np.testing.assert_allclose(J[:, i], [*linear, *angular], atol=1e-8)  # measured 1e-10
@@ -36,9 +49,17 @@ def test_forward_is_the_product_of_exponentials_and_its_jacobian_the_derivative(
 
 def test_sine_and_cosine_are_the_librarys() -> None:
     both = kernels._compiled_cosine_and_sine(types.float64)
-    angles = [*np.linspace(-20.0, 20.0, 401), *np.random.default_rng(1).uniform(-9e4, 9e4, 200), 3e5, -2e7, 0.0]
+    angles = [
+        *np.linspace(-20.0, 20.0, 401),
+        *np.random.default_rng(1).uniform(-9e4, 9e4, 200),
+        3e5,
+        -2e7,
+        0.0,
+    ]
     for angle in map(float, angles):
-        np.testing.assert_allclose(both(angle), (math.cos(angle), math.sin(angle)), rtol=0.0, atol=4e-16)
+        np.testing.assert_allclose(
+            both(angle), (math.cos(angle), math.sin(angle)), rtol=0.0, atol=4e-16
+        )
     single = kernels._compiled_cosine_and_sine(types.float32)
     assert single(0.7) == kernels.cosine_and_sine(0.7) == (math.cos(0.7), math.sin(0.7))
 
@@ -52,7 +73,8 @@ def test_orientation_error_is_the_axis_times_the_chord(rng: np.random.Generator)
             goal[1:] = (exp_so3(angle * axis) @ R).T
             *error, chord2 = kernels.turn_left(goal, (0.0, 0.0, 0.0, *R.T.ravel()))
             chord = 2.0 * math.sin(0.5 * angle)
-            # Near half a turn the axis is a column of R + 1, which is parallel to it at half a turn alone.
+            # Near half a turn the axis is a column of R + 1, which is parallel to it at half a turn
+            # alone.
             near = 2.0 * math.sin(angle) if math.cos(angle) <= -0.99 else 0.0
             np.testing.assert_allclose(error, chord * axis, rtol=0.0, atol=1e-12 + near)
             assert np.linalg.norm(error) == pytest.approx(chord, rel=1e-9)
@@ -89,7 +111,12 @@ def test_a_target_is_a_pose_in_each_of_its_numbers(rng: np.random.Generator) -> 
     X = pose(exp_so3([0.5, 0.7, -0.6]), rng.normal(size=3))
     for i in range(4):
         for k in range(4):
-            for change, good in ((1e-10, True), (1e-4, i < 3 and k == 3), (math.nan, False), (math.inf, False)):
+            for change, good in (
+                (1e-10, True),
+                (1e-4, i < 3 and k == 3),
+                (math.nan, False),
+                (math.inf, False),
+            ):
                 bad = X.copy()
                 bad[i, k] += change
                 assert kernels.set_goal(it.table, bad, it.goal) == good, (i, k, change)
@@ -130,8 +157,14 @@ def test_what_a_solver_is_given_is_judged(rng: np.random.Generator) -> None:
 def test_the_reach_bounds_every_configuration(rng: np.random.Generator) -> None:
     for kinds in ("rrprr", "oorp", "rrrrrr"):
         it = plain(drawn_chain(rng, kinds))
-        tips = np.array([by_exponentials(it.chain, drawn_q(it.chain, rng))[:3, 3] for _ in range(60)])
-        assert SCALE * np.linalg.norm(tips - it.chain.points[0], axis=1).max() < it.table[0, kernels.REACH] < 10.0
+        tips = np.array(
+            [by_exponentials(it.chain, drawn_q(it.chain, rng))[:3, 3] for _ in range(60)]
+        )
+        assert (
+            SCALE * np.linalg.norm(tips - it.chain.points[0], axis=1).max()
+            < it.table[0, kernels.REACH]
+            < 10.0
+        )
     straight = plain(Chain.from_dh([(0, 0, 0.5, 0), (0, 0, 0.25, 0), (0, 0, 0.25, 0)]))
     assert straight.table[0, kernels.REACH] == pytest.approx(SCALE * 1.0)
 
@@ -151,7 +184,9 @@ def test_the_reach_bounds_every_configuration(rng: np.random.Generator) -> None:
         (9.0, True, 2.0),  # one turn back is 2.72
     ],
 )
-def test_a_joint_value_is_admitted_within_limits(value: float, hinge: bool, admitted: float) -> None:
+def test_a_joint_value_is_admitted_within_limits(
+    value: float, hinge: bool, admitted: float
+) -> None:
     assert kernels.admit(value, -1.0, 2.0, hinge, 2 * math.pi) == pytest.approx(admitted)
 
 
@@ -175,14 +210,18 @@ def test_restarts_are_drawn_by_splitmix64() -> None:
     """Published values of the generator for seed 0, then: uniform, and no two alike."""
     published = (0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F)
     with np.errstate(over="ignore"):
-        assert [kernels.restart_angle(0, k) for k in range(3)] == [(v >> 11) * 2.0**-53 for v in published]
+        assert [kernels.restart_angle(0, k) for k in range(3)] == [
+            (v >> 11) * 2.0**-53 for v in published
+        ]
         drawn = np.array([kernels.restart_angle(r, k) for r in range(60) for k in range(8)])
     assert len(set(drawn)) == 480
     np.testing.assert_allclose(np.histogram(drawn, 4, (0.0, 1.0))[0], 120, atol=45)
 
 
 def test_starts_of_restarts_fill_the_limits_or_one_turn_about_the_first() -> None:
-    limits = np.array([(-1.0, 0.5), (-np.inf, np.inf), (-9.0, 9.0), (-0.1, 9.0), (-np.inf, np.inf), (-50.0, 50.0)])
+    limits = np.array(
+        [(-1.0, 0.5), (-np.inf, np.inf), (-9.0, 9.0), (-0.1, 9.0), (-np.inf, np.inf), (-50.0, 50.0)]
+    )
     chain = Chain.from_dh(np.tile([0.1, 0.1, 0.3, 1.0], (6, 1)), "rrrppr", limits=limits)
     it = plain(chain)
     it.work[:, kernels.START] = start = np.array([0.0, 4.0, 8.5, 8.0, -3.0, -49.5])
@@ -191,7 +230,9 @@ def test_starts_of_restarts_fill_the_limits_or_one_turn_about_the_first() -> Non
         for restart in range(1, 200):
             kernels.scatter(it.table, restart, it.work, it.q)
             starts.append(it.q.copy())
-    low = np.array([-1.0, 4.0 - math.pi, 9.0 - 2 * math.pi, 9.0 - 2 / SCALE, -3.0 - 1 / SCALE, -50.0])
+    low = np.array(
+        [-1.0, 4.0 - math.pi, 9.0 - 2 * math.pi, 9.0 - 2 / SCALE, -3.0 - 1 / SCALE, -50.0]
+    )
     size = np.array([1.5, 2 * math.pi, 2 * math.pi, 2 / SCALE, 2 / SCALE, 2 * math.pi])
     share = (np.array(starts) - low) / size
     assert np.all((share >= 0.0) & (share <= 1.0))
@@ -211,15 +252,21 @@ def test_errors_and_results_are_in_their_units(rng: np.random.Generator) -> None
     it = plain(drawn_chain(rng))
     target, q = drawn_q(it.chain, rng), drawn_q(it.chain, rng)
     it.aim(by_exponentials(it.chain, target))
-    np.testing.assert_allclose(kernels.errors(it.table, it.goal, target, it.work), [0.0, 0.0], atol=1e-25)
+    np.testing.assert_allclose(
+        kernels.errors(it.table, it.goal, target, it.work), [0.0, 0.0], atol=1e-25
+    )
     expected = it.errors(q)
     np.testing.assert_allclose(kernels.errors(it.table, it.goal, q, it.work), expected, rtol=1e-9)
     it.work[:, kernels.BEST] = q
-    np.testing.assert_allclose(kernels.recall(it.table, it.goal, it.work, it.q), expected, rtol=1e-9)
+    np.testing.assert_allclose(
+        kernels.recall(it.table, it.goal, it.work, it.q), expected, rtol=1e-9
+    )
     np.testing.assert_array_equal(it.q, q)
     X, X_goal = by_exponentials(it.chain, q), by_exponentials(it.chain, target)
     out = np.empty(it.chain.n)
-    code, count, restarts, position, angle = kernels.hand_over(it.table, q, *expected, 2, 17, 3, out)
+    code, count, restarts, position, angle = kernels.hand_over(
+        it.table, q, *expected, 2, 17, 3, out
+    )
     assert (code, count, restarts) == (2, 17, 3)
     np.testing.assert_array_equal(out, q)
     assert position == pytest.approx(np.linalg.norm(X[:3, 3] - X_goal[:3, 3]))
@@ -227,7 +274,9 @@ def test_errors_and_results_are_in_their_units(rng: np.random.Generator) -> None
 
 
 @pytest.mark.parametrize("n", [3, 5, 6, 8])
-def test_a_change_of_orientation_is_the_sign_of_a_determinant(n: int, rng: np.random.Generator) -> None:
+def test_a_change_of_orientation_is_the_sign_of_a_determinant(
+    n: int, rng: np.random.Generator
+) -> None:
     work, past, normal = np.zeros((n, kernels.WORK)), np.zeros((n, kernels.PAST)), np.zeros((6, 8))
     seen = set()
     for _ in range(40):
@@ -244,7 +293,9 @@ def test_a_change_of_orientation_is_the_sign_of_a_determinant(n: int, rng: np.ra
         assert not kernels.turned_over(work, past, normal, n)
 
 
-def test_a_branch_is_left_where_the_determinant_of_the_jacobian_changes_sign(rng: np.random.Generator) -> None:
+def test_a_branch_is_left_where_the_determinant_of_the_jacobian_changes_sign(
+    rng: np.random.Generator,
+) -> None:
     it = plain(Chain.from_dh(PUMA))
     X, J = np.empty((4, 4)), np.empty((6, 6))
 
@@ -261,14 +312,17 @@ def test_a_branch_is_left_where_the_determinant_of_the_jacobian_changes_sign(rng
         it.work[:, kernels.START] = start
         left = kernels.branch_left(it.table, end, 0.01, it.work, it.past, it.normal)
         assert left == (len(signs) > 1)
-        assert not kernels.branch_left(it.table, end, 2.0, it.work, it.past, it.normal)  # near enough not to be asked
+        # near enough not to be asked
+        assert not kernels.branch_left(it.table, end, 2.0, it.work, it.past, it.normal)
         seen.append(left)
     assert True in seen
     assert False in seen
 
 
 def test_how_far_a_slide_moves_counts_in_scaled_length() -> None:
-    """The elbow of two hinges passes its straight position while a slide before them moves by 1 m."""
+    """The elbow of two hinges passes its straight position while a slide before them moves by 1
+    m.
+    """
     chain = Chain.from_dh([(0, 0, 0.3, 0), (0, 0, 0.3, H), (0, 0.1, 0, 0)], "rrp")
     it = plain(chain)
     it.work[:, kernels.START] = [0.0, 0.05, -0.5]

@@ -1,4 +1,6 @@
-"""What a solve can be asked for beyond its answer: precision, stages, goals; random chains, odd arguments."""
+"""What a solve can be asked for beyond its answer: precision, stages, goals; random chains, odd
+arguments.
+"""
 
 from dataclasses import replace
 
@@ -13,7 +15,14 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
 H = np.pi / 2
-PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)]
+PUMA = [
+    (0, 0, 0, H),
+    (0, 0, 0.4318, 0),
+    (0, 0.15005, 0.0203, -H),
+    (0, 0.4318, 0, H),
+    (0, 0, 0, -H),
+    (0, 0, 0, 0),
+]
 GENERAL = [
     (0.1, 0.3, 0.1, 1.2),
     (0.2, 0.1, 0.4, -0.4),
@@ -34,17 +43,32 @@ def reachable(chain: Chain, count: int, seed: int) -> Array:
 
 @pytest.mark.parametrize("dh", [PUMA, GENERAL], ids=["puma", "general 6R"])
 @pytest.mark.parametrize(("method", "least"), [("hybrid", 1.0), ("jacobian_free", 0.9)])
-def test_single_precision_reaches_what_the_dissertation_says(dh: list, method: Method, least: float) -> None:
-    """0.01 mm and 2 arc seconds, by forward kinematics in double precision. Measured: 0.007 mm and 1.4"."""
+def test_single_precision_reaches_what_the_dissertation_says(
+    dh: list, method: Method, least: float
+) -> None:
+    """0.01 mm and 2 arc seconds, by forward kinematics in double precision.
+
+    Measured: 0.007 mm and 1.4".
+    """
     chain = Chain.from_dh(dh, limits=np.tile([-2.7, 2.7], (6, 1)))
     targets = reachable(chain, 60, 2)
     solved = 0
     for target in targets:
-        result = solve(chain, target, HOME, 1e-5, 2 * ARC_SECOND, method=method, options=IkOptions(precision="single"))
+        result = solve(
+            chain,
+            target,
+            HOME,
+            1e-5,
+            2 * ARC_SECOND,
+            method=method,
+            options=IkOptions(precision="single"),
+        )
         X = chain.forward(result.q)
         position = np.linalg.norm(X[:3, 3] - target[:3, 3])
         turn = np.linalg.norm(log_so3(X[:3, :3].T @ target[:3, :3]))
-        np.testing.assert_allclose([result.position_error, result.orientation_error], [position, turn], atol=1e-12)
+        np.testing.assert_allclose(
+            [result.position_error, result.orientation_error], [position, turn], atol=1e-12
+        )
         assert result.converged == bool(position <= 1e-5 and turn <= 2 * ARC_SECOND)
         assert np.all((result.q >= chain.limits[:, 0]) & (result.q <= chain.limits[:, 1]))
         np.testing.assert_array_equal(result.q, result.q.astype(np.float32))
@@ -87,7 +111,9 @@ def test_single_precision_is_single_throughout() -> None:
         paper_stages.place,
         paper_stages.align,
     ):
-        returned = [str(s.return_type) for s in loop.nopython_signatures if "float32" in str(s.args[0])]
+        returned = [
+            str(s.return_type) for s in loop.nopython_signatures if "float32" in str(s.args[0])
+        ]
         assert returned
         assert not any("float64" in kind for kind in returned), loop
 
@@ -97,7 +123,9 @@ def test_goals_of_the_history(method: Method) -> None:
     """F_R, F_alpha1 and F_alpha2 of every iteration, by [Danilov 2021]."""
     chain = Chain.from_dh(PUMA)
     target = reachable(chain, 1, 5)[0]
-    result = solve(chain, target, HOME, method=method, options=IkOptions(history=True, stage_axes="joint"))
+    result = solve(
+        chain, target, HOME, method=method, options=IkOptions(history=True, stage_axes="joint")
+    )
     assert result.history is not None
     assert result.goals is not None
     assert result.goals.shape == (result.iterations + 1, 3)
@@ -128,20 +156,31 @@ def test_the_stages_have_their_own_tolerances() -> None:
 
 
 def test_tool_axes_along_the_last_joint_make_plain_mkps_converge() -> None:
-    """With an oblique tool the two axis stages undo each other, unless the target is rewritten for the last joint."""
+    """With an oblique tool the two axis stages undo each other, unless the target is rewritten for
+    the last joint.
+    """
     tool = pose(exp_so3([0.4, 0.5, 0.2]), [0.02, 0.03, 0.1])
     chain = Chain.from_dh(PUMA, tool=tool)
     targets = reachable(chain, 100, 7)
     options = IkOptions(max_iterations=1000, stage_axes="joint")
     joint = solve_many(chain, targets, HOME, method="plain", options=options)
-    literal = solve_many(chain, targets, HOME, method="plain", options=IkOptions(max_iterations=1000))
-    print(f"last joint's axes {joint.converged.mean():.2f}, the tool's own {literal.converged.mean():.2f}")
+    literal = solve_many(
+        chain, targets, HOME, method="plain", options=IkOptions(max_iterations=1000)
+    )
+    print(
+        f"last joint's axes {joint.converged.mean():.2f}, the tool's own "
+        f"{literal.converged.mean():.2f}"
+    )
     assert joint.converged.mean() > literal.converged.mean() + 0.2  # measured 0.68 and 0.20
 
 
 @pytest.mark.parametrize("arm", ["general6r", "jaco", "era"])
-def test_targets_made_from_joint_values_on_limits_are_solved(arm: str, rng: np.random.Generator) -> None:
-    """All joints on a limit of +-150 deg: before, 2 to 26 % of such poses were missed, with all restarts."""
+def test_targets_made_from_joint_values_on_limits_are_solved(
+    arm: str, rng: np.random.Generator
+) -> None:
+    """All joints on a limit of +-150 deg: before, 2 to 26 % of such poses were missed, with all
+    restarts.
+    """
     arm_there = published_arms.load(arm)
     limits = np.radians(np.tile([-150.0, 150.0], (len(arm_there.joint_types), 1)))
     chain = Chain.from_arm(replace(arm_there, limits=limits))
@@ -152,13 +191,20 @@ def test_targets_made_from_joint_values_on_limits_are_solved(arm: str, rng: np.r
 
 
 def test_random_chains_with_pantograph_links_are_solved(rng) -> None:
-    """forward(solve(forward(q))) = forward(q), within limits, for chains of all joints in any order."""
+    """forward(solve(forward(q))) = forward(q), within limits, for chains of all joints in any
+    order.
+    """
     missed = 0
     for _ in range(30):
         n = int(rng.integers(4, 10))
         types = "".join(rng.choice(list("rrrpo"), n))
         dh = np.column_stack(
-            [rng.uniform(-3, 3, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0.1, 0.4, n), rng.uniform(-2, 2, n)]
+            [
+                rng.uniform(-3, 3, n),
+                rng.uniform(-0.3, 0.3, n),
+                rng.uniform(0.1, 0.4, n),
+                rng.uniform(-2, 2, n),
+            ]
         )
         limits = np.array([(-0.2, 0.4) if kind == "p" else (-2.9, 2.9) for kind in types])
         chain = Chain.from_dh(dh, types, limits=limits)
@@ -175,16 +221,25 @@ def test_random_chains_with_pantograph_links_are_solved(rng) -> None:
 
 
 def test_arguments_of_other_types_are_taken() -> None:
-    """Lists, whole numbers, single precision, strides and read-only arrays: the usual call must not be the only one."""
+    """Lists, whole numbers, single precision, strides and read-only arrays: the usual call must not
+    be the only one.
+    """
     chain = Chain.from_dh(PUMA)
     target = reachable(chain, 1, 3)[0]
     expected = solve(chain, target, HOME).q
     locked = target.copy()
     locked.setflags(write=False)
-    for X in (target.tolist(), locked, np.asfortranarray(target), np.repeat(target, 2, axis=1)[:, ::2]):
+    for X in (
+        target.tolist(),
+        locked,
+        np.asfortranarray(target),
+        np.repeat(target, 2, axis=1)[:, ::2],
+    ):
         for q0 in (HOME.tolist(), np.repeat(HOME, 2)[::2]):
             assert solve(chain, X, q0).q.tobytes() == expected.tobytes()
-    assert solve(chain, target, np.zeros(6, dtype=int), 1, 1, options=IkOptions(max_iterations=50)).converged
+    assert solve(
+        chain, target, np.zeros(6, dtype=int), 1, 1, options=IkOptions(max_iterations=50)
+    ).converged
     with pytest.raises(ConfigurationError, match="X_base_tip: expected numbers"):
         solve(chain, untyped([["a"] * 4] * 4), HOME)
     for wrong in ("branch", "method"):  # after calls that took the quick way, too
@@ -193,7 +248,9 @@ def test_arguments_of_other_types_are_taken() -> None:
 
 
 def test_unreachable_directions_give_the_nearest_pose() -> None:
-    """A planar arm asked to tilt out of its plane reaches the point and leaves the tilt: that is the nearest."""
+    """A planar arm asked to tilt out of its plane reaches the point and leaves the tilt: that is
+    the nearest.
+    """
     chain = Chain.from_dh([(0, 0, 0.5, 0), (0, 0, 0.4, 0), (0, 0, 0.1, 0)])
     q = np.array([0.3, 0.9, -0.4])
     target = chain.forward(q)

@@ -5,7 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from plain_chains import SCALE, Plain, by_exponentials, descent, drawn_chain, drawn_q, kernels, plain, settings
+from plain_chains import (
+    SCALE,
+    Plain,
+    by_exponentials,
+    descent,
+    drawn_chain,
+    drawn_q,
+    kernels,
+    plain,
+    settings,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 
@@ -32,7 +42,8 @@ def test_a_step_solves_the_damped_normal_equations(rng: np.random.Generator) -> 
             q, error = drawn_q(it.chain, rng), rng.normal(size=6)
             J = jacobian(it, q)
             expected = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
-            np.testing.assert_allclose(step(it, q, error, damping), expected, atol=1e-11)  # measured 1e-13
+            # measured 1e-13
+            np.testing.assert_allclose(step(it, q, error, damping), expected, atol=1e-11)
 
 
 def test_a_joint_at_a_limit_does_not_step_beyond_it(rng: np.random.Generator) -> None:
@@ -49,7 +60,8 @@ def test_a_joint_at_a_limit_does_not_step_beyond_it(rng: np.random.Generator) ->
             expected = rest.T @ np.linalg.solve(rest @ rest.T + 0.1 * np.eye(6), outwards)
             np.testing.assert_allclose(np.delete(dq, joint), expected, atol=1e-11)
             assert sign * step(it, q, inwards, 0.1)[joint] < 0.0
-            free = step(it, q, outwards, 0.1, limited=False)[joint]  # a hinge may pass, a slide may not
+            # a hinge may pass, a slide may not
+            free = step(it, q, outwards, 0.1, limited=False)[joint]
             assert free == 0.0 if joint == 2 else sign * free > 0.0
 
 
@@ -62,7 +74,8 @@ def test_a_step_is_cut_to_the_longest_and_kept_within_limits(rng: np.random.Gene
         descent.take_step(it.table, cap, 0.8, kernels.ALONG, it.work, it.q)
         np.testing.assert_allclose(it.q, q + factor * dq)
     (low, high), slide = it.chain.limits[0], it.chain.limits[2, 1]
-    beyond = np.array([2 * math.pi + low + 0.1, 3.0, 5.0])  # a turn back is within; it is not; a slide
+    # a turn back is within; it is not; a slide
+    beyond = np.array([2 * math.pi + low + 0.1, 3.0, 5.0])
     second = it.chain.limits[1, 1]
     for mode, expected in (
         (kernels.ALONG, [high, second, slide]),
@@ -75,7 +88,9 @@ def test_a_step_is_cut_to_the_longest_and_kept_within_limits(rng: np.random.Gene
 
 
 @pytest.mark.parametrize("mode", [kernels.ALONG, kernels.WITHIN, kernels.THROUGH])
-def test_a_descent_meets_a_near_pose_and_says_what_it_did(mode: int, rng: np.random.Generator) -> None:
+def test_a_descent_meets_a_near_pose_and_says_what_it_did(
+    mode: int, rng: np.random.Generator
+) -> None:
     it = plain(drawn_chain(rng, "rrrrrr"))
     q = 0.6 * drawn_q(it.chain, rng)
     it.aim(by_exponentials(it.chain, q))
@@ -110,7 +125,13 @@ def test_a_descent_ends_where_the_error_no_longer_halves(rng: np.random.Generato
     it = plain(drawn_chain(rng, "rrrr"))
     it.aim(pose(exp_so3([1.0, 0.0, 2.0]), [0.2, 0.3, 0.4]))
     code, steps, *_ = descent.descend(
-        it.views, kernels.Near(1e-12, 1e-12), None, descent.Pace(500, 0.5, kernels.ALONG), math.inf, np.empty((0, 4)), 0
+        it.views,
+        kernels.Near(1e-12, 1e-12),
+        None,
+        descent.Pace(500, 0.5, kernels.ALONG),
+        math.inf,
+        np.empty((0, 4)),
+        0,
     )
     assert code == kernels.STALLED
     assert 0 < steps < 200
@@ -118,7 +139,9 @@ def test_a_descent_ends_where_the_error_no_longer_halves(rng: np.random.Generato
 
 
 def test_settling_ends_in_a_minimum_no_worse_than_the_start(rng: np.random.Generator) -> None:
-    """Where the error's gradient vanishes, but for joints that stand on a limit and would pass it."""
+    """Where the error's gradient vanishes, but for joints that stand on a limit and would pass
+    it.
+    """
     for kinds in ("rrrr", "rrprr"):
         it = plain(drawn_chain(rng, kinds))
         q = 0.6 * drawn_q(it.chain, rng)
@@ -126,7 +149,9 @@ def test_settling_ends_in_a_minimum_no_worse_than_the_start(rng: np.random.Gener
         it.aim(by_exponentials(it.chain, q) @ missed)
         it.work[:, kernels.BEST] = start = q + rng.uniform(-0.3, 0.3, it.chain.n)
         best = sum(it.errors(start))
-        code, steps, (p2, chord2) = descent.settle(it.views, kernels.Near(1e-12, 1e-12), None, np.empty((0, 4)), 0)
+        code, steps, (p2, chord2) = descent.settle(
+            it.views, kernels.Near(1e-12, 1e-12), None, np.empty((0, 4)), 0
+        )
         assert code == kernels.STALLED
         assert 4 <= steps <= descent.SETTLE_STEPS
         np.testing.assert_allclose([p2, chord2], it.errors(it.q), rtol=1e-9)
@@ -136,7 +161,9 @@ def test_settling_ends_in_a_minimum_no_worse_than_the_start(rng: np.random.Gener
         h = 1e-5
         for i, e in enumerate(h * np.eye(it.chain.n)):
             slope = (sum(it.errors(it.q + e)) - sum(it.errors(it.q - e))) / (2 * h)
-            at_limit = (it.q[i] >= upper[i] and slope < 0.0) or (it.q[i] <= lower[i] and slope > 0.0)
+            at_limit = (it.q[i] >= upper[i] and slope < 0.0) or (
+                it.q[i] <= lower[i] and slope > 0.0
+            )
             assert abs(slope) < 1e-3 or at_limit
 
 
@@ -155,12 +182,22 @@ def test_settling_from_within_reach_converges(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(it.errors(it.q), [p2, chord2], atol=1e-18)
 
 
-def solve(it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool = False, **changed: float) -> tuple:
+def solve(
+    it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool = False, **changed: float
+) -> tuple:
     tolerances = {"p": 1e-6, "r": 1e-5} | changed
     out, solver = np.full(it.chain.n, np.nan), descent.solve_keep if keep else descent.solve_hybrid
     trail = np.full((600, it.chain.n), np.nan)
     with np.errstate(over="ignore"):
-        found = solver(it.memory, X, q0, settings(tolerances["p"], tolerances["r"], limit, restarts), None, trail, out)
+        found = solver(
+            it.memory,
+            X,
+            q0,
+            settings(tolerances["p"], tolerances["r"], limit, restarts),
+            None,
+            trail,
+            out,
+        )
     return *found, out, trail
 
 
@@ -206,7 +243,9 @@ def test_restarts_are_taken_until_the_pose_is_met(rng: np.random.Generator) -> N
 
 
 @pytest.mark.parametrize("pays", [0.0, 1.0])
-def test_a_sweep_comes_first_from_a_far_start_where_it_pays(pays: float, rng: np.random.Generator) -> None:
+def test_a_sweep_comes_first_from_a_far_start_where_it_pays(
+    pays: float, rng: np.random.Generator
+) -> None:
     it = plain(drawn_chain(rng, "rrrrrr"))
     it.table[1, kernels.SWEEPS] = pays
     start, target = drawn_q(it.chain, rng), drawn_q(it.chain, rng)

@@ -35,7 +35,8 @@ HULL_ARM = """
         </body>
       </body>
       <body name="camera"> <geom size="0.1"/> <site name="lens"/> </body>
-      <body name="ball"> <joint name="neck" type="ball"/> <geom size="0.1"/> <site name="eye"/> </body>
+      <body name="ball"> <joint name="neck" type="ball"/> <geom size="0.1"/> <site name="eye"/>
+        </body>
     </body>
   </worldbody>
 </mujoco>
@@ -48,19 +49,37 @@ def dh_forward(dh: np.ndarray, types: str, q: Array, tool: Array | None = None) 
     for (theta, d, a, alpha), kind, value in zip(dh, types, q, strict=True):
         turn, lift = (theta, d + value) if kind == "p" else (theta + value, d)
         c, s, ca, sa = np.cos(turn), np.sin(turn), np.cos(alpha), np.sin(alpha)
-        X = X @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, lift], [0, 0, 0, 1]])
+        X = X @ np.array(
+            [
+                [c, -s * ca, s * sa, a * c],
+                [s, c * ca, -c * sa, a * s],
+                [0, sa, ca, lift],
+                [0, 0, 0, 1],
+            ]
+        )
         if kind == "o":  # undo the turn, about the joint axis, at the end of the link
-            X[:3, :3] = X[:3, :3] @ exp_so3([-alpha, 0, 0]) @ exp_so3([0, 0, -value]) @ exp_so3([alpha, 0, 0])
+            X[:3, :3] = (
+                X[:3, :3]
+                @ exp_so3([-alpha, 0, 0])
+                @ exp_so3([0, 0, -value])
+                @ exp_so3([alpha, 0, 0])
+            )
     return X if tool is None else X @ tool
 
 
 def errors_between(X_a: Array, X_b: Array) -> tuple[float, float]:
-    return float(np.linalg.norm(X_a[:3, 3] - X_b[:3, 3])), float(np.linalg.norm(log_so3(X_a[:3, :3].T @ X_b[:3, :3])))
+    return float(np.linalg.norm(X_a[:3, 3] - X_b[:3, 3])), float(
+        np.linalg.norm(log_so3(X_a[:3, :3].T @ X_b[:3, :3]))
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_what_is_found_by_default_is_within_a_tenth_of_a_millimetre_and_a_milliradian(method: Method, rng):
-    """And mostly no more than that is asked: the tolerances are those of the signature, not some others."""
+def test_what_is_found_by_default_is_within_a_tenth_of_a_millimetre_and_a_milliradian(
+    method: Method, rng
+):
+    """And mostly no more than that is asked: the tolerances are those of the signature, not some
+    others.
+    """
     arm, worst = ARMS["puma560"], np.zeros(2)
     chain = Chain.from_arm(arm)
     for _ in range(150):
@@ -77,7 +96,12 @@ def random_dh(rng: np.random.Generator, n: int, kinds: str) -> tuple[np.ndarray,
     """DH rows with offsets everywhere, joint letters, and limits: a good turn, or 0.6 m."""
     types = "".join(rng.choice(list(kinds), size=n))
     dh = np.column_stack(
-        [rng.uniform(-3, 3, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0, 0.4, n), rng.uniform(-2, 2, n)]
+        [
+            rng.uniform(-3, 3, n),
+            rng.uniform(-0.3, 0.3, n),
+            rng.uniform(0, 0.4, n),
+            rng.uniform(-2, 2, n),
+        ]
     )
     limits = np.array([(-0.3, 0.3) if kind == "p" else (-2.6, 2.6) for kind in types])
     return dh, types, limits
@@ -89,9 +113,17 @@ def arm_case(
     """A known arm with even limits, joint values within them, their poses, and a home."""
     arm, n = ARMS[name], ARMS[name].n
     dh, types, tool = arm.dh, arm.joint_types, arm.X_n_flange
-    limits = np.array([(0.1, 0.9) if kind == "p" else (-np.radians(degrees), np.radians(degrees)) for kind in types])
+    limits = np.array(
+        [
+            (0.1, 0.9) if kind == "p" else (-np.radians(degrees), np.radians(degrees))
+            for kind in types
+        ]
+    )
     q = rng.uniform(limits[:, 0], limits[:, 1], size=(count, n))
-    chain, home = Chain.from_dh(dh, types, limits=limits, tool=tool), np.clip(HOME[:n], limits[:, 0], limits[:, 1])
+    chain, home = (
+        Chain.from_dh(dh, types, limits=limits, tool=tool),
+        np.clip(HOME[:n], limits[:, 0], limits[:, 1]),
+    )
     return chain, q, [dh_forward(dh, types, values, tool) for values in q], home
 
 
@@ -119,8 +151,12 @@ def test_forward_agrees_with_mujoco(rng: np.random.Generator) -> None:
         data.qpos[7 + chain.n :] = 0.0
         mujoco.mj_kinematics(model, data)
         hull, tip = data.body("hull"), data.site("tip")
-        X_W_hull, X_W_tip = pose(hull.xmat.reshape(3, 3), hull.xpos), pose(tip.xmat.reshape(3, 3), tip.xpos)
-        assert np.abs(chain.forward(q) - inverse(X_W_hull) @ X_W_tip).max() < 2e-14  # measured 1e-15
+        X_W_hull, X_W_tip = (
+            pose(hull.xmat.reshape(3, 3), hull.xpos),
+            pose(tip.xmat.reshape(3, 3), tip.xpos),
+        )
+        # measured 1e-15
+        assert np.abs(chain.forward(q) - inverse(X_W_hull) @ X_W_tip).max() < 2e-14
         assert chain.names == ("yaw", "reach", "pitch", "spring")[: chain.n]
         assert chain.joint_types == "rprp"[: chain.n]
         np.testing.assert_allclose(chain.limits[:2], [[-1, 2], [-np.inf, np.inf]])
@@ -147,29 +183,42 @@ def test_jacobian_is_the_derivative_of_forward(rng: np.random.Generator) -> None
     q, step = rng.uniform(-2, 2, 7), 1e-6
     J = chain.jacobian(q)
     for i in range(7):
-        ahead, behind = chain.forward(q + step * np.eye(7)[i]), chain.forward(q - step * np.eye(7)[i])
+        ahead, behind = (
+            chain.forward(q + step * np.eye(7)[i]),
+            chain.forward(q - step * np.eye(7)[i]),
+        )
         linear = (ahead[:3, 3] - behind[:3, 3]) / (2 * step)
         angular = log_so3(ahead[:3, :3] @ behind[:3, :3].T) / (2 * step)
         np.testing.assert_allclose(J[:, i], [*linear, *angular], atol=1e-8)  # measured 3e-10
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_errors_are_those_of_the_answer_and_limits_hold(method: Method, rng: np.random.Generator) -> None:
+def test_errors_are_those_of_the_answer_and_limits_hold(
+    method: Method, rng: np.random.Generator
+) -> None:
     converged = 0
     for n in (6, 7, 8):
         dh, types, limits = random_dh(rng, n, "rrrp")
         chain = Chain.from_dh(dh, types, limits=limits)
         for _ in range(20):
             target = dh_forward(dh, types, rng.uniform(limits[:, 0], limits[:, 1]))
-            result = solve(chain, target, rng.uniform(-4, 4, n), method=method, options=IkOptions(max_iterations=1000))
+            result = solve(
+                chain,
+                target,
+                rng.uniform(-4, 4, n),
+                method=method,
+                options=IkOptions(max_iterations=1000),
+            )
             position, orientation = errors_between(dh_forward(dh, types, result.q), target)
             assert abs(position - result.position_error) < 1e-12
-            assert abs(orientation - result.orientation_error) < 1e-7  # log_so3 loses digits near zero
+            # log_so3 loses digits near zero
+            assert abs(orientation - result.orientation_error) < 1e-7
             assert np.all((limits[:, 0] <= result.q) & (result.q <= limits[:, 1]))
             assert result.converged == (position <= 1e-4 and orientation <= 1e-3)
             assert result.converged == result.cause.startswith("converged")
             converged += result.converged
-    assert converged >= {"hybrid": 55, "jacobian_free": 40, "plain": 0}[method]  # of 60; 60 seeds gave 60, and 52 to 60
+    # of 60; 60 seeds gave 60, and 52 to 60
+    assert converged >= {"hybrid": 55, "jacobian_free": 40, "plain": 0}[method]
 
 
 @pytest.mark.parametrize("name", list(ARMS))
@@ -204,9 +253,14 @@ def test_keep_follows_the_branch(name: str) -> None:
 
 
 def test_keep_says_when_the_branch_is_lost() -> None:
-    """The elbow-up pose is asked for from elbow down: `free` may take it, `keep` must not cross over unsaid."""
+    """The elbow-up pose is asked for from elbow down: `free` may take it, `keep` must not cross
+    over unsaid.
+    """
     chain = Chain.from_dh(ARMS["puma560"].dh)
-    elbow_down, elbow_up = np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1]), np.array([0.3, 0.4, 2.6, 0.2, 0.9, 0.1])
+    elbow_down, elbow_up = (
+        np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1]),
+        np.array([0.3, 0.4, 2.6, 0.2, 0.9, 0.1]),
+    )
     crossed = 0
     for blend in np.linspace(0.0, 1.0, 21):
         target = chain.forward(elbow_down + blend * (elbow_up - elbow_down))
@@ -219,7 +273,9 @@ def test_keep_says_when_the_branch_is_lost() -> None:
 
 
 def test_tracking_through_a_wrist_singularity() -> None:
-    """500 Hz steps of a joint path that takes the wrist of a PUMA through zero [Danilov 2021, ch. 4]."""
+    """500 Hz steps of a joint path that takes the wrist of a PUMA through zero [Danilov 2021, ch.
+    4].
+    """
     chain = Chain.from_dh(ARMS["puma560"].dh)
     q = np.array([0.2, 0.5, 0.7, 0.4, 0.35, 0.1])
     for s in np.linspace(0.0, 1.0, 501):
@@ -235,7 +291,9 @@ def test_answers_do_not_depend_on_what_came_before(method: Method) -> None:
     chain, _, targets, home = arm_case("general6r", 150.0, 12, np.random.default_rng(5))
 
     def answer(i: int) -> bytes:
-        return solve(chain, targets[i], home, method=method, options=IkOptions(max_iterations=500)).q.tobytes()
+        return solve(
+            chain, targets[i], home, method=method, options=IkOptions(max_iterations=500)
+        ).q.tobytes()
 
     once = [answer(i) for i in range(12)]
     assert [answer(i) for i in reversed(range(12))][::-1] == once
@@ -285,7 +343,9 @@ def test_a_target_out_of_reach_gives_the_nearest_pose(method: Method, branch: Br
     """A planar 2R arm of 1 m, reached for along x at 3 m: straight out, and said so."""
     chain = Chain.from_dh([(0, 0, 0.6, 0), (0, 0, 0.4, 0)], limits=[(-2, 2), (-2, 2)])
     options = IkOptions(max_iterations=300)
-    result = solve(chain, pose(p=[3.0, 0.0, 0.0]), [0.5, 0.5], method=method, branch=branch, options=options)
+    result = solve(
+        chain, pose(p=[3.0, 0.0, 0.0]), [0.5, 0.5], method=method, branch=branch, options=options
+    )
     assert not result.converged
     assert "farther away" in result.cause
     np.testing.assert_allclose(result.q, 0.0, atol=1e-3)
@@ -299,14 +359,23 @@ def test_history_leads_from_the_start_to_the_answer(method: Method, far: bool) -
     for values, target in zip(q, targets, strict=True):
         start = home if far else values + 0.05
         wanted = target + np.array([[0, 0, 0, 3.0], *np.zeros((3, 4))]) if far else target
-        result = solve(chain, wanted, start, method=method, options=IkOptions(max_iterations=200, history=True))
+        result = solve(
+            chain, wanted, start, method=method, options=IkOptions(max_iterations=200, history=True)
+        )
         assert result.history is not None
         assert result.history.shape == (result.iterations + 1, 6)
         np.testing.assert_array_equal(result.history[0], np.clip(start, *chain.limits.T))
         np.testing.assert_array_equal(result.history[-1], result.q)
-        assert solve(chain, wanted, start, method=method, options=IkOptions(max_iterations=200)).history is None
+        assert (
+            solve(
+                chain, wanted, start, method=method, options=IkOptions(max_iterations=200)
+            ).history
+            is None
+        )
         if not far:
-            distances = [np.linalg.norm(chain.forward(row)[:3, 3] - target[:3, 3]) for row in result.history]
+            distances = [
+                np.linalg.norm(chain.forward(row)[:3, 3] - target[:3, 3]) for row in result.history
+            ]
             assert distances[-1] < distances[0]
 
 
@@ -343,16 +412,20 @@ def test_a_pantograph_link_keeps_what_it_carries_parallel() -> None:
         np.testing.assert_allclose(result.q, q, atol=1e-2)
 
 
-@pytest.mark.parametrize("coupling", ['joint1="elbow" joint2="lift"', 'joint1="lift" joint2="elbow"'])
+@pytest.mark.parametrize(
+    "coupling", ['joint1="elbow" joint2="lift"', 'joint1="lift" joint2="elbow"']
+)
 def test_coupled_joints_of_a_model_are_a_pantograph_link(coupling: str) -> None:
     model = mujoco.MjModel.from_xml_string(f"""
     <mujoco>
       <compiler angle="radian"/>
       <worldbody>
         <body name="turret"> <joint name="yaw" axis="0 0 1"/> <geom size="0.1"/>
-          <body pos="0.1 0 0.2"> <joint name="lift" axis="0 1 0" ref="0.2" range="-1 1" limited="true"/>
+          <body pos="0.1 0 0.2">
+            <joint name="lift" axis="0 1 0" ref="0.2" range="-1 1" limited="true"/>
             <geom size="0.1"/>
-            <body pos="0.5 0 0.1"> <joint name="elbow" axis="0 1 0" ref="-0.1" range="-0.5 2" limited="true"/>
+            <body pos="0.5 0 0.1">
+              <joint name="elbow" axis="0 1 0" ref="-0.1" range="-0.5 2" limited="true"/>
               <geom size="0.1"/>
               <body pos="0.2 0.1 0"> <joint name="wrist" axis="1 0 0"/> <geom size="0.1"/>
                 <site name="tip" pos="0.1 0.2 0.3" euler="0.3 0.1 0.2"/>
@@ -366,7 +439,8 @@ def test_coupled_joints_of_a_model_are_a_pantograph_link(coupling: str) -> None:
     chain = Chain.from_mjcf(model, "world", "tip")
     assert chain.joint_types == "ror"
     assert chain.names == ("yaw", "lift", "wrist")
-    # elbow - (-0.1) = 0.3 - (lift - 0.2), so elbow = 0.4 - lift, and its range leaves lift -1.6 to 0.9
+    # elbow - (-0.1) = 0.3 - (lift - 0.2), so elbow = 0.4 - lift, and its range leaves lift -1.6 to
+    # 0.9
     np.testing.assert_allclose(chain.limits[1], [-1.0, 0.9])
     data = mujoco.MjData(model)
     for lift in (-0.7, 0.0, 0.6):
@@ -405,7 +479,9 @@ def test_other_couplings_are_refused(second: str, polycoef: str, axis: str) -> N
 def test_long_chains_are_solved() -> None:
     rng = np.random.default_rng(2)
     n = 60
-    chain = Chain.from_dh(np.column_stack([np.zeros(n), np.zeros(n), np.full(n, 0.05), np.tile([H, -H], n // 2)]))
+    chain = Chain.from_dh(
+        np.column_stack([np.zeros(n), np.zeros(n), np.full(n, 0.05), np.tile([H, -H], n // 2)])
+    )
     for _ in range(10):
         target = chain.forward(rng.uniform(-0.4, 0.4, n))
         assert solve(chain, target, rng.uniform(-0.1, 0.1, n)).converged

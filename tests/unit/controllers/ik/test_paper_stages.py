@@ -1,16 +1,35 @@
-"""Stages of plain MKPS, uncompiled: each joint's step against a search, the stage axes against what they shall be."""
+"""Stages of plain MKPS, uncompiled: each joint's step against a search, the stage axes against what
+they shall be.
+"""
 
 import math
 
 import numpy as np
 import pytest
 
-from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, settings, stages
+from plain_chains import (
+    SCALE,
+    Plain,
+    by_exponentials,
+    drawn_chain,
+    drawn_q,
+    kernels,
+    plain,
+    settings,
+    stages,
+)
 from uuv.controllers.ik.chain import Chain
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 H = np.pi / 2
-PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)]
+PUMA = [
+    (0, 0, 0, H),
+    (0, 0, 0.4318, 0),
+    (0, 0.15005, 0.0203, -H),
+    (0, 0.4318, 0, H),
+    (0, 0, 0, -H),
+    (0, 0, 0, 0),
+]
 HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2])
 
 
@@ -31,7 +50,9 @@ def between(a: Array, b: Array) -> float:
 
 
 @pytest.mark.parametrize("kinds", ["rrrrrr", "rporrr", "orpor"])
-def test_the_position_stage_brings_the_tip_as_near_as_each_joint_can(kinds: str, rng: np.random.Generator) -> None:
+def test_the_position_stage_brings_the_tip_as_near_as_each_joint_can(
+    kinds: str, rng: np.random.Generator
+) -> None:
     it = plain(drawn_chain(rng, kinds))
     it.aim(by_exponentials(it.chain, drawn_q(it.chain, rng)))
     n = it.chain.n
@@ -46,12 +67,16 @@ def test_the_position_stage_brings_the_tip_as_near_as_each_joint_can(kinds: str,
         if not lower < it.q[joint] < upper:
             assert lower <= it.q[joint] <= upper
             continue
-        grid = [np.where(np.arange(n) == joint, value, q) for value in np.linspace(lower, upper, 40)]
+        grid = [
+            np.where(np.arange(n) == joint, value, q) for value in np.linspace(lower, upper, 40)
+        ]
         assert left <= min(it.errors(tried)[0] for tried in grid) + 1e-12
 
 
 @pytest.mark.parametrize("kinds", ["rrrrrr", "rporrr"])
-def test_the_position_stage_goes_base_to_tip_and_ends_when_near(kinds: str, rng: np.random.Generator) -> None:
+def test_the_position_stage_goes_base_to_tip_and_ends_when_near(
+    kinds: str, rng: np.random.Generator
+) -> None:
     it = plain(drawn_chain(rng, kinds))
     it.aim(by_exponentials(it.chain, drawn_q(it.chain, rng)))
     start = drawn_q(it.chain, rng)
@@ -71,7 +96,9 @@ def test_the_position_stage_goes_base_to_tip_and_ends_when_near(kinds: str, rng:
 
 
 @pytest.mark.parametrize("kinds", ["rrrrrr", "rporrr"])
-def test_the_axis_stage_turns_hinges_alone_tip_to_base(kinds: str, rng: np.random.Generator) -> None:
+def test_the_axis_stage_turns_hinges_alone_tip_to_base(
+    kinds: str, rng: np.random.Generator
+) -> None:
     it = plain(drawn_chain(rng, kinds))
     n, hinges = it.chain.n, np.array([kind == "r" for kind in kinds])
     u, t = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
@@ -85,7 +112,10 @@ def test_the_axis_stage_turns_hinges_alone_tip_to_base(kinds: str, rng: np.rando
         assert angle <= between(last_frame(it, before) @ u, t) + 1e-12
         lower, upper = it.chain.limits[joint]
         if hinges[joint] and lower < one[joint] < upper:
-            grid = [np.where(np.arange(n) == joint, value, one) for value in np.linspace(lower, upper, 40)]
+            grid = [
+                np.where(np.arange(n) == joint, value, one)
+                for value in np.linspace(lower, upper, 40)
+            ]
             assert angle <= min(between(last_frame(it, tried) @ u, t) for tried in grid) + 1e-12
     it.table[kernels.HEAD :, kernels.LOWER : kernels.UPPER + 1] = it.chain.limits
     stages.align(it.table, u, t, 0.0, whole := start.copy(), it.work)
@@ -99,7 +129,9 @@ def test_angles_and_components(rng: np.random.Generator) -> None:
     for _ in range(20):
         a, b, v = rng.normal(size=(3, 3))
         b *= np.linalg.norm(a) / np.linalg.norm(b)
-        assert stages.angle_between(*a, *b) == pytest.approx(math.acos(float(a @ b / (a @ a))), abs=1e-7)
+        assert stages.angle_between(*a, *b) == pytest.approx(
+            math.acos(float(a @ b / (a @ a))), abs=1e-7
+        )
         R = exp_so3(rng.normal(size=3))
         np.testing.assert_allclose(stages.in_frame(v, *R.T), R @ v, atol=1e-14)
 
@@ -114,8 +146,12 @@ def test_stage_axes_are_the_last_hinge_and_one_across(kinds: str, rng: np.random
         moved = by_exponentials(it.chain, q + 1e-6 * np.eye(it.chain.n)[last])[:3, :3]
         here = by_exponentials(it.chain, q)[:3, :3]
         turned = moved @ here.T  # about the hinge, in base axes
-        hinge = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
-        np.testing.assert_allclose(last_frame(it, q) @ along, hinge / np.linalg.norm(hinge), atol=1e-6)
+        hinge = np.array(
+            [turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]
+        )
+        np.testing.assert_allclose(
+            last_frame(it, q) @ along, hinge / np.linalg.norm(hinge), atol=1e-6
+        )
         assert np.linalg.norm(across) == pytest.approx(1.0)
         assert across @ along == pytest.approx(0.0, abs=1e-14)
     q = drawn_q(it.chain, rng)
@@ -137,7 +173,9 @@ def test_goal_functions_are_distances_and_angles(rng: np.random.Generator) -> No
     assert angle_2 == pytest.approx(between(R @ v, wanted @ v))
 
 
-def solve(it: Plain, X: Array, q0: Array, limit: int, changed: dict[str, float] | None = None) -> tuple:
+def solve(
+    it: Plain, X: Array, q0: Array, limit: int, changed: dict[str, float] | None = None
+) -> tuple:
     tol = {"p": 1e-3, "r": 1e-2, "one": 1e-2, "two": 1e-2} | (changed or {})
     out, trail = np.full(it.chain.n, np.nan), np.full((200, it.chain.n), np.nan)
     how = settings(tol["p"], tol["r"], limit, axes=(tol["one"], tol["two"]))
@@ -163,8 +201,11 @@ def test_the_solver_says_how_it_ended(rng: np.random.Generator) -> None:
     code, count, *_, out, _ = solve(it, far, q, 30)
     assert code == kernels.OUT_OF_REACH
     assert count >= 30
-    # At most one round of three stages is begun, and the best joint values so far are handed over with their errors.
-    code, count, _, position, angle, out, trail = solve(it, X, -q, 1, dict.fromkeys(("p", "r", "one", "two"), 1e-9))
+    # At most one round of three stages is begun, and the best joint values so far are handed over
+    # with their errors.
+    code, count, _, position, angle, out, trail = solve(
+        it, X, -q, 1, dict.fromkeys(("p", "r", "one", "two"), 1e-9)
+    )
     assert code == kernels.EXHAUSTED
     assert 3 <= count <= 3 * stages.STAGE_SWEEPS
     assert np.isfinite(trail[: count + 1]).all()

@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plain_chains import SCALE, Plain, by_exponentials, descent, drawn_chain, drawn_q, kernels, parts, plain
+from plain_chains import (
+    SCALE,
+    Plain,
+    by_exponentials,
+    descent,
+    drawn_chain,
+    drawn_q,
+    kernels,
+    parts,
+    plain,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 ONE = parts.Weights(1.0, 1.0, 1.0)
@@ -22,7 +32,9 @@ def at(it: Plain, q: Array, weights: object = ONE) -> tuple:
 
 
 def by_matrices(X: Array, target: Array) -> tuple[float, float, float]:
-    """Distance, angle between the z axes, and turn about z that is left once the shortest rotation aligned them."""
+    """Distance, angle between the z axes, and turn about z that is left once the shortest rotation
+    aligned them.
+    """
     z, wanted = X[:3, 2], target[:3, 2]
     tilt = math.atan2(float(np.linalg.norm(np.cross(z, wanted))), float(z @ wanted))
     axis = np.cross(z, wanted)
@@ -38,7 +50,10 @@ def test_the_parts_are_distance_tilt_and_turn(rng: np.random.Generator) -> None:
         it.aim(target)
         error, error2, left = at(it, q)
         distance, tilt, turn = by_matrices(by_exponentials(it.chain, q), target)
-        expected = (SCALE * distance) ** 2, *(4.0 * math.sin(0.5 * angle) ** 2 for angle in (tilt, turn))
+        expected = (
+            (SCALE * distance) ** 2,
+            *(4.0 * math.sin(0.5 * angle) ** 2 for angle in (tilt, turn)),
+        )
         np.testing.assert_allclose((left[0], left[2], left[3]), expected, rtol=1e-7, atol=1e-12)
         np.testing.assert_allclose(left[:2], it.errors(q), rtol=1e-9)
         assert error2 == pytest.approx(sum(expected), rel=1e-9)
@@ -83,11 +98,14 @@ def test_weighted_columns_are_the_slopes_of_the_weighted_error(rng: np.random.Ge
     z = parts.tool_axis(it.table, tip)
     np.testing.assert_allclose(z, by_exponentials(it.chain, q)[:3, 2], atol=1e-12)
     columns = [
-        parts.weighted_column(kernels.column(it.table, it.work, i, *tip[:3]), z, weights) for i in range(it.chain.n)
+        parts.weighted_column(kernels.column(it.table, it.work, i, *tip[:3]), z, weights)
+        for i in range(it.chain.n)
     ]
     h = 1e-6
     for e, column in zip(h * np.eye(it.chain.n), columns, strict=True):
-        slope = (np.array(at(it, q - e, weights)[0]) - np.array(at(it, q + e, weights)[0])) / (2 * h)
+        slope = (np.array(at(it, q - e, weights)[0]) - np.array(at(it, q + e, weights)[0])) / (
+            2 * h
+        )
         np.testing.assert_allclose(column, slope, atol=1e-8)
 
 
@@ -116,12 +134,18 @@ def test_weights_are_in_proportion_to_the_tolerances() -> None:
         (0.5, 1e-4, False),
     ],
 )
-def test_a_pose_is_solved_for_by_parts_where_they_do_not_count_alike(p: float, r: float, alike: bool) -> None:
+def test_a_pose_is_solved_for_by_parts_where_they_do_not_count_alike(
+    p: float, r: float, alike: bool
+) -> None:
     assert parts.count_alike(SCALE, p, r) is alike
 
 
-def test_one_error_is_traded_for_another_until_both_are_within_their_tolerances(rng: np.random.Generator) -> None:
-    """A stretched arm: the target lies beyond reach by less than the tolerance, and turned by less than another."""
+def test_one_error_is_traded_for_another_until_both_are_within_their_tolerances(
+    rng: np.random.Generator,
+) -> None:
+    """A stretched arm: the target lies beyond reach by less than the tolerance, and turned by less
+    than another.
+    """
     it = plain(drawn_chain(rng, "rrrr"))
     q = 0.5 * drawn_q(it.chain, rng)
     missed = pose(exp_so3([0.9e-3, 0.0, 0.0]), [0.0, 0.9e-4, 0.0])
@@ -133,7 +157,8 @@ def test_one_error_is_traded_for_another_until_both_are_within_their_tolerances(
     assert p2 <= near.p2
     assert chord2 <= near.chord2
     np.testing.assert_allclose((p2, chord2), it.errors(it.q), rtol=1e-6)
-    # Half the tolerances: no pose nearby is within them, and the joint values of the least sum of squares stay.
+    # Half the tolerances: no pose nearby is within them, and the joint values of the least sum of
+    # squares stay.
     near = kernels.Near((SCALE * 1e-5) ** 2, 1e-8)
     it.work[:, kernels.BEST] = q + 1e-3
     code, _, left = descent.settle(it.views, near, None, np.empty((0, 4)), 0)

@@ -1,4 +1,6 @@
-"""Solutions of a part of a pose: every part alone, on arms of three to eight joints, judged by DH matrices."""
+"""Solutions of a part of a pose: every part alone, on arms of three to eight joints, judged by DH
+matrices.
+"""
 
 import math
 
@@ -27,9 +29,18 @@ KINDS = {
 def drawn_arm(n: int, seed: int) -> Chain:
     rng = np.random.default_rng(seed)
     dh = np.column_stack(
-        [rng.uniform(-3, 3, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0.1, 0.6, n), rng.uniform(-1.6, 1.6, n)]
+        [
+            rng.uniform(-3, 3, n),
+            rng.uniform(-0.3, 0.3, n),
+            rng.uniform(0.1, 0.6, n),
+            rng.uniform(-1.6, 1.6, n),
+        ]
     )
-    return Chain.from_dh(dh, limits=np.tile([-2.6, 2.3], (n, 1)), tool=pose(exp_so3([0.4, -0.5, 0.3]), [0.02, 0, 0.1]))
+    return Chain.from_dh(
+        dh,
+        limits=np.tile([-2.6, 2.3], (n, 1)),
+        tool=pose(exp_so3([0.4, -0.5, 0.3]), [0.02, 0, 0.1]),
+    )
 
 
 CHAINS = {
@@ -49,7 +60,9 @@ def drawn(chain: Chain, rng: np.random.Generator) -> Array:
 
 
 def judged(chain: Chain, q: Array, target: Array) -> dict[str, float]:
-    """Errors of joint values by rotation vectors: distance, whole angle, tilt of the tool axis, turn about it."""
+    """Errors of joint values by rotation vectors: distance, whole angle, tilt of the tool axis,
+    turn about it.
+    """
     X = chain.forward(q)
     z, wanted = X[:3, 2], target[:3, 2]
     axis = np.cross(z, wanted)
@@ -57,7 +70,9 @@ def judged(chain: Chain, q: Array, target: Array) -> dict[str, float]:
     aligned = exp_so3(tilt * axis / max(np.linalg.norm(axis), 1e-300)) @ X[:3, :3]
     return {
         "position_tolerance": float(np.linalg.norm(X[:3, 3] - target[:3, 3])),
-        "orientation_tolerance": float(Rotation.from_matrix(X[:3, :3].T @ target[:3, :3]).magnitude()),
+        "orientation_tolerance": float(
+            Rotation.from_matrix(X[:3, :3].T @ target[:3, :3]).magnitude()
+        ),
         "axis_tolerance": tilt,
         "turn_tolerance": float(Rotation.from_matrix(aligned.T @ target[:3, :3]).magnitude()),
     }
@@ -74,7 +89,9 @@ def claimed(kind: str) -> dict[str, float]:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("arm", CHAINS)
-def test_every_target_that_is_reachable_is_found(arm: str, kind: str, rng: np.random.Generator) -> None:
+def test_every_target_that_is_reachable_is_found(
+    arm: str, kind: str, rng: np.random.Generator
+) -> None:
     chain = CHAINS[arm]
     targets = np.array([chain.forward(drawn(chain, rng)) for _ in range(40)])
     if kind == "position":  # any orientation will do
@@ -82,7 +99,9 @@ def test_every_target_that_is_reachable_is_found(arm: str, kind: str, rng: np.ra
     if kind in ("axis", "orientation"):
         targets[:, :3, 3] = rng.uniform(-9.0, 9.0, (40, 3))
     if kind in ("axis", "position and axis"):
-        targets[:, :3, :3] = targets[:, :3, :3] @ Rotation.from_euler("z", rng.uniform(-3, 3, (40, 1))).as_matrix()
+        targets[:, :3, :3] = (
+            targets[:, :3, :3] @ Rotation.from_euler("z", rng.uniform(-3, 3, (40, 1))).as_matrix()
+        )
     if kind == "position and a loose rotation":
         targets[:, :3, :3] = targets[:, :3, :3] @ exp_so3([0.2, -0.15, 0.2])
     start = drawn(chain, rng)
@@ -90,7 +109,9 @@ def test_every_target_that_is_reachable_is_found(arm: str, kind: str, rng: np.ra
     found = solve_many(chain, targets, start, **untyped(KINDS[kind]))
 
     assert found.converged.all()
-    for target, q, axis, turn in zip(targets, found.q, found.axis_error, found.turn_error, strict=True):
+    for target, q, axis, turn in zip(
+        targets, found.q, found.axis_error, found.turn_error, strict=True
+    ):
         assert np.all((q >= chain.limits[:, 0]) & (q <= chain.limits[:, 1]))
         errors = judged(chain, q, target)
         for name, tolerance in claimed(kind).items():
@@ -102,17 +123,25 @@ def test_every_target_that_is_reachable_is_found(arm: str, kind: str, rng: np.ra
 @pytest.mark.parametrize("branch", ["free", "keep"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_claim_is_false(kind: str, branch: str, rng: np.random.Generator) -> None:
-    """Targets of which many are out of reach: what is called converged is within every tolerance that counts."""
+    """Targets of which many are out of reach: what is called converged is within every tolerance
+    that counts.
+    """
     met = 0
     for chain in (CHAINS["URDF of 3"], CHAINS["drawn 5"]):
         for _ in range(30):
             target = pose(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-0.2, 0.2, 3))
-            result = solve(chain, target, drawn(chain, rng), branch=untyped(branch), **untyped(KINDS[kind]))
+            result = solve(
+                chain, target, drawn(chain, rng), branch=untyped(branch), **untyped(KINDS[kind])
+            )
             errors = judged(chain, result.q, target)
-            within = all(errors[name] <= tolerance + 1e-9 for name, tolerance in claimed(kind).items())
+            within = all(
+                errors[name] <= tolerance + 1e-9 for name, tolerance in claimed(kind).items()
+            )
             assert within or not result.converged
             assert result.position_error == pytest.approx(errors["position_tolerance"], abs=1e-9)
-            assert result.orientation_error == pytest.approx(errors["orientation_tolerance"], abs=1e-6)
+            assert result.orientation_error == pytest.approx(
+                errors["orientation_tolerance"], abs=1e-6
+            )
             met += result.converged
     assert met < 60 or "position" not in kind
 
@@ -130,7 +159,10 @@ def test_one_at_a_time_equals_many(rng: np.random.Generator) -> None:
     whole = solve(chain, targets[0], start)
     assert math.isnan(whole.axis_error)
     for branch in ("free", "keep"):  # the first call and those after it go the same way
-        results = [solve(chain, targets[0], start, orientation_tolerance=0.5, branch=untyped(branch)) for _ in range(3)]
+        results = [
+            solve(chain, targets[0], start, orientation_tolerance=0.5, branch=untyped(branch))
+            for _ in range(3)
+        ]
         np.testing.assert_array_equal(results[0].q, results[1].q)
         np.testing.assert_array_equal(results[1].q, results[2].q)
         assert not math.isnan(results[2].axis_error)
@@ -152,14 +184,24 @@ def test_history_and_single_precision(rng: np.random.Generator) -> None:
     assert single.axis_error == pytest.approx(errors["axis_tolerance"], abs=1e-9)
     assert single.turn_error == pytest.approx(errors["turn_tolerance"], abs=1e-9)
     fine = solve(
-        chain, target, start, 1e-9, axis_tolerance=1e-9, turn_tolerance=INF, options=IkOptions(precision="single")
+        chain,
+        target,
+        start,
+        1e-9,
+        axis_tolerance=1e-9,
+        turn_tolerance=INF,
+        options=IkOptions(precision="single"),
     )
     assert not fine.converged
 
 
 @pytest.mark.parametrize("branch", ["free", "keep"])
-def test_a_stretched_arm_trades_one_error_for_the_other(branch: str, rng: np.random.Generator) -> None:
-    """Targets beyond the reach of a straight UR5, by less than the tolerances: poses within both are there."""
+def test_a_stretched_arm_trades_one_error_for_the_other(
+    branch: str, rng: np.random.Generator
+) -> None:
+    """Targets beyond the reach of a straight UR5, by less than the tolerances: poses within both
+    are there.
+    """
     chain = CHAINS["UR5"]
     found = []
     for _ in range(30):
@@ -180,12 +222,21 @@ def test_a_stretched_arm_trades_one_error_for_the_other(branch: str, rng: np.ran
     ("given", "said"),
     [
         ({"position_tolerance": INF, "orientation_tolerance": INF}, "at least one must be finite"),
-        ({"position_tolerance": INF, "axis_tolerance": INF, "turn_tolerance": 4.0}, "at least one must be finite"),
+        (
+            {"position_tolerance": INF, "axis_tolerance": INF, "turn_tolerance": 4.0},
+            "at least one must be finite",
+        ),
         ({"axis_tolerance": 0.0}, r"axis_tolerance \[rad\]: must be positive, got 0"),
         ({"turn_tolerance": math.nan}, r"turn_tolerance \[rad\]"),
         ({"turn_tolerance": "wide"}, r"turn_tolerance \[rad\]"),
-        ({"method": "plain", "turn_tolerance": INF}, "method: 'plain' solves for whole poses; \"hybrid\""),
-        ({"method": "jacobian_free", "orientation_tolerance": INF}, "method: 'jacobian_free' solves for whole poses"),
+        (
+            {"method": "plain", "turn_tolerance": INF},
+            "method: 'plain' solves for whole poses; \"hybrid\"",
+        ),
+        (
+            {"method": "jacobian_free", "orientation_tolerance": INF},
+            "method: 'jacobian_free' solves for whole poses",
+        ),
         ({"method": "priority", "position_tolerance": INF}, 'position_tolerance: "priority"'),
         ({"method": "priority", "turn_tolerance": 0.1}, 'turn_tolerance: "priority" never counts'),
     ],

@@ -1,11 +1,23 @@
-"""Kernels of the Jacobian-free method, uncompiled: each joint's step against a search, the mixing by least squares."""
+"""Kernels of the Jacobian-free method, uncompiled: each joint's step against a search, the mixing
+by least squares.
+"""
 
 import math
 
 import numpy as np
 import pytest
 
-from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, settings, sweeps
+from plain_chains import (
+    SCALE,
+    Plain,
+    by_exponentials,
+    drawn_chain,
+    drawn_q,
+    kernels,
+    plain,
+    settings,
+    sweeps,
+)
 from uuv.controllers.ik.chain import Chain
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
@@ -21,7 +33,9 @@ def only(it: Plain, joint: int, q: Array) -> None:
     """Lock all other joints at `q`, by their limits."""
     for i in range(it.chain.n):
         rows = it.table[kernels.HEAD + i]
-        rows[kernels.LOWER], rows[kernels.UPPER] = it.chain.limits[i] if i == joint else (q[i], q[i])
+        rows[kernels.LOWER], rows[kernels.UPPER] = (
+            it.chain.limits[i] if i == joint else (q[i], q[i])
+        )
 
 
 def test_a_vector_is_turned_about_an_axis(rng: np.random.Generator) -> None:
@@ -49,7 +63,10 @@ def test_each_joint_takes_the_exact_minimiser_within_its_limits(
         lower, upper = it.chain.limits[joint]
         assert lower <= it.q[joint] <= upper
         grid = np.linspace(lower, upper, 40)
-        tried = [objective(it, np.where(np.arange(it.chain.n) == joint, value, q), weight) for value in grid]
+        tried = [
+            objective(it, np.where(np.arange(it.chain.n) == joint, value, q), weight)
+            for value in grid
+        ]
         # The nearer limit need not be the better one: then the step is at least no worse than none.
         bound = objective(it, q, weight) if it.q[joint] in (lower, upper) else min(tried)
         assert objective(it, it.q, weight) <= bound + 1e-12
@@ -79,7 +96,11 @@ def test_limits_are_kept_jumped_or_passed() -> None:
     """A single hinge whose goal lies beyond its limits."""
     it = plain(Chain.from_dh([(0, 0, 0.5, 0)], limits=np.array([(-4.0, 1.0)])))
     it.aim(by_exponentials(it.chain, np.array([2.8])))
-    for mode, expected in ((kernels.ALONG, 1.0), (kernels.WITHIN, 2.8 - 2 * math.pi), (kernels.THROUGH, 2.8)):
+    for mode, expected in (
+        (kernels.ALONG, 1.0),
+        (kernels.WITHIN, 2.8 - 2 * math.pi),
+        (kernels.THROUGH, 2.8),
+    ):
         it.q[:] = 0.5
         sweeps.sweep(it.table, it.goal, 0.01, mode, it.q, it.work)
         np.testing.assert_allclose(it.q, expected, atol=1e-12)
@@ -93,7 +114,8 @@ def test_mixing_is_least_squares(rng: np.random.Generator) -> None:
         steps = past[:, sweeps.STEPS : sweeps.STEPS + count]
         y = np.linalg.lstsq(turns, past[:, sweeps.RESIDUAL], rcond=None)[0]
         sweeps.mix(count, past, normal, q)
-        np.testing.assert_allclose(q, past[:, sweeps.SWEPT] - steps @ y, atol=1e-10)  # measured 1e-13
+        # measured 1e-13
+        np.testing.assert_allclose(q, past[:, sweeps.SWEPT] - steps @ y, atol=1e-10)
 
 
 def test_mixing_takes_dependent_differences(rng: np.random.Generator) -> None:
@@ -112,7 +134,9 @@ def test_mixing_takes_dependent_differences(rng: np.random.Generator) -> None:
 def run(it: Plain, start: Array, mode: int, limit: int, best2: float = math.inf) -> tuple:
     trail = np.full((400, it.chain.n), np.nan)
     it.q[:] = start
-    found = sweeps.accelerate(it.views, 0.03, kernels.Near(1e-12, 1e-12), limit, mode, best2, trail, 1)
+    found = sweeps.accelerate(
+        it.views, 0.03, kernels.Near(1e-12, 1e-12), limit, mode, best2, trail, 1
+    )
     return *found, trail
 
 
@@ -132,7 +156,9 @@ def test_accelerated_sweeps_meet_a_near_pose(mode: int, rng: np.random.Generator
     assert np.isnan(trail[0]).all()
     assert np.isnan(trail[2 + count :]).all()
     along = np.array([sum(it.errors(row)) for row in went])
-    assert best2 == (math.inf if mode == kernels.THROUGH else pytest.approx(along[:-1].min(), rel=1e-6))
+    assert best2 == (
+        math.inf if mode == kernels.THROUGH else pytest.approx(along[:-1].min(), rel=1e-6)
+    )
     plainly = start.copy()
     for _ in range(count):  # acceleration is worth its name
         sweeps.sweep(it.table, it.goal, 0.03, mode, plainly, it.work)
@@ -141,7 +167,9 @@ def test_accelerated_sweeps_meet_a_near_pose(mode: int, rng: np.random.Generator
     assert (code, spent, best2) == (kernels.EXHAUSTED, 2, 1e-30)
 
 
-def solve(it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool, **changed: float) -> tuple:
+def solve(
+    it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool, **changed: float
+) -> tuple:
     tolerances = {"p": 1e-5, "r": 1e-4} | changed
     out, trail = np.full(it.chain.n, np.nan), np.empty((0, it.chain.n))
     with np.errstate(over="ignore"):

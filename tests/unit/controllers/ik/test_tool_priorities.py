@@ -1,4 +1,6 @@
-"""Tool motion by priorities, against pseudo-inverses in NumPy and constrained minimisation in SciPy."""
+"""Tool motion by priorities, against pseudo-inverses in NumPy and constrained minimisation in
+SciPy.
+"""
 
 import numpy as np
 import pytest
@@ -24,9 +26,15 @@ CLEAR = 0.3  # [-] least singular value from which on the damping does not show
 
 
 def by_pseudo_inverses(J: Array, z: Array, twist: Array, posture: Array) -> tuple[Array, float]:
-    """Joint rates task by task, each in the exact null space of those before it; and the least singular value used."""
+    """Joint rates task by task, each in the exact null space of those before it; and the least
+    singular value used.
+    """
     across = np.eye(3) - np.outer(z, z)
-    tasks = ((J[:3], twist[:3]), (across @ J[3:], across @ twist[3:]), (z[None] @ J[3:], z[None] @ twist[3:]))
+    tasks = (
+        (J[:3], twist[:3]),
+        (across @ J[3:], across @ twist[3:]),
+        (z[None] @ J[3:], z[None] @ twist[3:]),
+    )
     rates, free, least = np.zeros(len(posture)), np.eye(len(posture)), np.inf
     for A, wanted in tasks[: 3 if len(posture) >= FULL else 2]:
         left, values, right = np.linalg.svd(A @ free, full_matrices=False)
@@ -71,20 +79,35 @@ def test_arms_of_six_and_seven_joints_meet_the_whole_pose(rng, within, name):
     for _ in range(40):
         q = low + (0.2 + 0.6 * rng.random(chain.n)) * (high - low)
         X = chain.forward(q)
-        found = solve(chain, X, np.clip(q + rng.uniform(-0.3, 0.3, chain.n), low, high), 1e-6, 1e-5, "priority")
+        found = solve(
+            chain,
+            X,
+            np.clip(q + rng.uniform(-0.3, 0.3, chain.n), low, high),
+            1e-6,
+            1e-5,
+            "priority",
+        )
         met += found.converged
         if found.converged:
             there = inverse(chain.forward(found.q)) @ X
-            off = max(off, float(np.linalg.norm(there[:3, 3])), float(np.linalg.norm(log_so3(there[:3, :3]))))
+            off = max(
+                off,
+                float(np.linalg.norm(there[:3, 3])),
+                float(np.linalg.norm(log_so3(there[:3, :3]))),
+            )
     assert met >= 36
     within("whole pose, turn about the axis included [m, rad]", off, 1e-5)
 
 
 def test_four_joints_meet_the_position_and_lean_the_least(rng, within, four):
-    """The lean is compared with the least one at that position, found by SciPy from the same start."""
+    """The lean is compared with the least one at that position, found by SciPy from the same
+    start.
+    """
     worse = []
     for _ in range(12):
-        q = np.array([rng.uniform(-1, 1), rng.uniform(0.9, 2.0), rng.uniform(0.9, 1.7), rng.uniform(-1, 1)])
+        q = np.array(
+            [rng.uniform(-1, 1), rng.uniform(0.9, 2.0), rng.uniform(0.9, 1.7), rng.uniform(-1, 1)]
+        )
         X = four.forward(q) @ pose(exp_so3(0.3 * rng.normal(size=3)), 0.03 * rng.normal(size=3))
         found = solve(four, X, q, 1e-6, np.pi, "priority")
         assert found.position_error < 1e-6
@@ -108,7 +131,9 @@ def test_four_joints_meet_the_position_and_lean_the_least(rng, within, four):
 
 
 def test_a_place_out_of_reach_is_approached_as_far_as_it_goes(within, four):
-    """Straight away from the shoulder: the nearest place lies on the sphere of the stretched arm, or at the limits."""
+    """Straight away from the shoulder: the nearest place lies on the sphere of the stretched arm,
+    or at the limits.
+    """
     q = np.array([0.0, 1.6, 2.4, 0.0])
     X = four.forward(q)
     far = pose(X[:3, :3], 3.0 * X[:3, 3])
@@ -136,5 +161,7 @@ def test_a_seventh_joint_keeps_the_others_off_their_limits(rng):
         near[2] = high[2] - 0.05
         found = solve(chain, X, near, 1e-6, 1e-5, "priority", options=IkOptions(max_iterations=400))
         if found.converged:
-            inside += bool(np.all(found.q > low + 0.9 * zone) and np.all(found.q < high - 0.9 * zone))
+            inside += bool(
+                np.all(found.q > low + 0.9 * zone) and np.all(found.q < high - 0.9 * zone)
+            )
     assert inside >= 12

@@ -12,8 +12,23 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
 H = np.pi / 2
-PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0.1, 0, 0)]
-SEVEN = [(0, 0.34, 0, -H), (0, 0, 0, H), (0, 0.4, 0, H), (0, 0, 0, -H), (0, 0.4, 0, -H), (0, 0, 0, H), (0, 0.126, 0, 0)]
+PUMA = [
+    (0, 0, 0, H),
+    (0, 0, 0.4318, 0),
+    (0, 0.15005, 0.0203, -H),
+    (0, 0.4318, 0, H),
+    (0, 0, 0, -H),
+    (0, 0.1, 0, 0),
+]
+SEVEN = [
+    (0, 0.34, 0, -H),
+    (0, 0, 0, H),
+    (0, 0.4, 0, H),
+    (0, 0, 0, -H),
+    (0, 0.4, 0, -H),
+    (0, 0, 0, H),
+    (0, 0.126, 0, 0),
+]
 PERIOD = 0.01  # [s]
 
 
@@ -21,12 +36,17 @@ def straight(X_a: Array, X_b: Array, count: int) -> Array:
     """Poses on a straight line, turning about one axis at a steady rate."""
     turn = log_so3(X_a[:3, :3].T @ X_b[:3, :3])
     return np.array(
-        [pose(X_a[:3, :3] @ exp_so3(s * turn), (1 - s) * X_a[:3, 3] + s * X_b[:3, 3]) for s in np.linspace(0, 1, count)]
+        [
+            pose(X_a[:3, :3] @ exp_so3(s * turn), (1 - s) * X_a[:3, 3] + s * X_b[:3, 3])
+            for s in np.linspace(0, 1, count)
+        ]
     )
 
 
 def through_the_wrist_lock(chain: Chain, miss: float) -> tuple[Array, Array]:
-    """A start, and poses that tilt the tool past the gimbal lock of a PUMA's wrist, missed by `miss` [rad]."""
+    """A start, and poses that tilt the tool past the gimbal lock of a PUMA's wrist, missed by
+    `miss` [rad].
+    """
     q0 = np.array([0.2, -0.4, 0.9, 2.0 * miss, 0.5, 0.1])
     return q0, straight(chain.forward(q0), chain.forward([0.2, -0.4, 0.9, 0.0, -0.5, 0.1]), 300)
 
@@ -43,7 +63,9 @@ def largest_speed(result: Track) -> float:
 
 @pytest.mark.parametrize("miss", [0.002, 0.02, 0.1])
 @pytest.mark.parametrize("passing", ["auto", "limit"])
-def test_passing_a_gimbal_lock_keeps_the_speed_limits_and_comes_back(miss: float, passing: Passing) -> None:
+def test_passing_a_gimbal_lock_keeps_the_speed_limits_and_comes_back(
+    miss: float, passing: Passing
+) -> None:
     chain = Chain.from_dh(PUMA)
     q0, poses = through_the_wrist_lock(chain, miss)
     spun = track(chain, poses, q0, PERIOD, passing="off")
@@ -64,7 +86,9 @@ def test_passing_a_gimbal_lock_keeps_the_speed_limits_and_comes_back(miss: float
 
 
 def test_the_way_of_passing_follows_nearness() -> None:
-    """Held where the arm is nearest to the lock, limited round about, free elsewhere [Danilov 2021, ch. 4]."""
+    """Held where the arm is nearest to the lock, limited round about, free elsewhere [Danilov 2021,
+    ch. 4].
+    """
     chain = Chain.from_dh(PUMA)
     q0, poses = through_the_wrist_lock(chain, 0.02)
     passed = track(chain, poses, q0, PERIOD, near=0.1, passing="auto")
@@ -81,11 +105,17 @@ def test_the_way_of_passing_follows_nearness() -> None:
 
 
 def test_a_held_joint_is_let_go() -> None:
-    """The path ends in the lock, where the plain solution would spin for good; the paper's joint is held, then not."""
+    """The path ends in the lock, where the plain solution would spin for good; the paper's joint is
+    held, then not.
+    """
     chain = Chain.from_dh(PUMA)
     q0, poses = through_the_wrist_lock(chain, 0.005)
-    waiting = np.concatenate([poses[: len(poses) // 2], np.tile(poses[-1], (round(5.0 / PERIOD), 1, 1))])
-    run = track(chain, waiting, q0, PERIOD, passing="hold", hold_joint=3, near=np.inf, speed_limits=0.2)
+    waiting = np.concatenate(
+        [poses[: len(poses) // 2], np.tile(poses[-1], (round(5.0 / PERIOD), 1, 1))]
+    )
+    run = track(
+        chain, waiting, q0, PERIOD, passing="hold", hold_joint=3, near=np.inf, speed_limits=0.2
+    )
     held = np.array([way == "hold" for way in run.way])
     assert held.any()
     assert np.all(run.restricted[held, 3])
@@ -101,7 +131,8 @@ def test_nearness_is_the_least_singular_value() -> None:
     rng = np.random.default_rng(4)
     for q in rng.uniform(-2, 2, (5, 6)):
         J = chain.jacobian(q)
-        J[:3] *= 2.0 ** -round(np.log2(0.4318 + 0.1501 + 0.0203 + 0.4318 + 0.1))  # about one unit long
+        # about one unit long
+        J[:3] *= 2.0 ** -round(np.log2(0.4318 + 0.1501 + 0.0203 + 0.4318 + 0.1))
         _, step = tracker.step(tracker.init(q), chain.forward(q))
         assert abs(step.nearness - np.linalg.svd(J)[1][-1]) < 1e-9
     locked = np.array([0.2, -0.4, 0.9, 0.3, 0.0, 0.1])
@@ -116,8 +147,16 @@ def test_far_from_singular_configurations_passing_changes_nothing(method: Method
     goal = chain.forward(q0)
     goal[:3, 3] += [0.0, 0.1, -0.05]
     poses = straight(chain.forward(q0), goal, 100)
-    options = {"period": PERIOD, "method": method, "position_tolerance": 1e-5, "orientation_tolerance": 1e-4}
-    passed, plain = track(chain, poses, q0, **options), track(chain, poses, q0, passing="off", **options)
+    options = {
+        "period": PERIOD,
+        "method": method,
+        "position_tolerance": 1e-5,
+        "orientation_tolerance": 1e-4,
+    }
+    passed, plain = (
+        track(chain, poses, q0, **options),
+        track(chain, poses, q0, passing="off", **options),
+    )
     assert set(passed.way) == {"none"}
     assert np.all(passed.converged)
     np.testing.assert_array_equal(passed.q, plain.q)
@@ -148,7 +187,9 @@ def test_a_solver_called_by_address_has_the_bits_of_solve(method: Method) -> Non
         q0 = rng.uniform(-2.0, 2.0, chain.n)
         X = np.ascontiguousarray(chain.forward(q0 + rng.uniform(-0.05, 0.05, chain.n)))
         q, errors = np.empty(chain.n), np.empty(2)
-        code = solve_at(solver_address(method), chain.memory(), X, q0, (1e-6, 1e-5), 4000, q, errors)
+        code = solve_at(
+            solver_address(method), chain.memory(), X, q0, (1e-6, 1e-5), 4000, q, errors
+        )
         most = IkOptions(max_iterations=4000)
         result = solve(chain, X, q0, 1e-6, 1e-5, method=method, branch="keep", options=most)
         assert (code == 0) == result.converged
@@ -193,13 +234,17 @@ def test_bad_tracking_is_refused(change: dict[str, object], names: str) -> None:
 def test_tolerances_that_differ_very_much_are_tracked() -> None:
     chain = Chain.from_dh(PUMA, limits=np.tile([-3, 3], (6, 1)))
     q0, poses = through_the_wrist_lock(chain, 0.02)
-    result = track(chain, poses[:3], q0, PERIOD, position_tolerance=1e-3, orientation_tolerance=1e-7)
+    result = track(
+        chain, poses[:3], q0, PERIOD, position_tolerance=1e-3, orientation_tolerance=1e-7
+    )
     assert result.converged.all()
     assert result.orientation_error.max() <= 1e-7
 
 
 def test_keep_refuses_answers_beyond_a_singular_configuration_of_seven_joints() -> None:
-    """Elbow q4 to -q4 of a seven-joint arm crosses the stretched arm; a turn of the whole elbow does not."""
+    """Elbow q4 to -q4 of a seven-joint arm crosses the stretched arm; a turn of the whole elbow
+    does not.
+    """
     chain = Chain.from_dh(SEVEN)
     q0 = np.array([0.1, 0.5, 0.2, 1.0, 0.3, 0.8, 0.2])
     mirrored = q0 * [1, 1, 1, -1, 1, 1, 1]
@@ -222,18 +267,26 @@ def test_keep_refuses_answers_beyond_a_singular_configuration_of_seven_joints() 
 
 @pytest.mark.parametrize("count", [3, 6])
 def test_keep_tells_elbow_up_from_elbow_down(count: int) -> None:
-    """A planar arm of three joints and a PUMA: the straight way between the two postures crosses the stretched arm."""
+    """A planar arm of three joints and a PUMA: the straight way between the two postures crosses
+    the stretched arm.
+    """
     if count == 3:
         chain = Chain.from_dh([(0, 0, 0.5, 0), (0, 0, 0.4, 0), (0, 0, 0.2, 0)])
         down, up = np.array([0.2, 1.0, 0.3]), np.array([1.2, -0.9, 0.4])
     else:
         chain = Chain.from_dh(PUMA)
-        down, up = np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1]), np.array([0.3, 0.5, 2.7, 0.2, 0.9, 0.1])
+        down, up = (
+            np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1]),
+            np.array([0.3, 0.5, 2.7, 0.2, 0.9, 0.1]),
+        )
     for blend in np.linspace(0.0, 1.0, 21):
         result = solve(chain, chain.forward(down + blend * (up - down)), down, branch="keep")
         assert result.restarts == 0
         if result.converged:
-            square = [chain.jacobian(q)[[0, 1, 5]] if count == 3 else chain.jacobian(q) for q in (down, result.q)]
+            square = [
+                chain.jacobian(q)[[0, 1, 5]] if count == 3 else chain.jacobian(q)
+                for q in (down, result.q)
+            ]
             assert np.linalg.det(square[0]) * np.linalg.det(square[1]) > 0.0
         else:
             assert "converged" not in result.cause

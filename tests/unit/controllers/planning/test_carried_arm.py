@@ -31,13 +31,21 @@ def placed(path: ToolPath, obstacle: Array, force: float = FORCE) -> Placement:
     search = PlacementSearch.of_size(size(CHAIN))
     around = Surroundings(obstacle=obstacle, hull_box=BOX)
     arm = CarriedArm(
-        vehicle=VEHICLE, chain=CHAIN, around=around, force=force, standoff=STANDOFF, search=search, holding=None
+        vehicle=VEHICLE,
+        chain=CHAIN,
+        around=around,
+        force=force,
+        standoff=STANDOFF,
+        search=search,
+        holding=None,
     )
     return arm.place(path)
 
 
 def on_barrel(name: str) -> tuple[ToolPath, Array]:
-    """Middle half of a path on a barrel, and the barrel's points; no level hull can follow half a turn about it."""
+    """Middle half of a path on a barrel, and the barrel's points; no level hull can follow half a
+    turn about it.
+    """
     target, X_WT = barrel(), pose(exp_so3([0.0, 0.0, 0.7]), [0.4, 0.2, -2.0])
     line, R = target.path(name), X_WT[:3, :3]
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line.p, axis=0), axis=1))])
@@ -96,7 +104,9 @@ def test_a_force_beyond_the_drives_is_refused_with_the_joint():
 
 
 def test_hull_and_arm_of_four_joints_meet_position_and_axis_of_poses_near_by(rng):
-    """Random tool poses before a hull that may move: met in position and axis by hull and arm together."""
+    """Random tool poses before a hull that may move: met in position and axis by hull and arm
+    together.
+    """
     whole, low, high = with_hull(CHAIN, VEHICLE.X_BA), *VEHICLE.q_limits.T
     off, moved = [], []
     for _ in range(40):

@@ -1,4 +1,6 @@
-"""The coarse approach: ranges of the Doppler log, the plane through them, and where the vehicle goes on its word."""
+"""The coarse approach: ranges of the Doppler log, the plane through them, and where the vehicle
+goes on its word.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -21,7 +23,14 @@ BOX = np.array([[-0.8, -0.5, -0.4], [0.8, 0.5, 0.4]])
 NO_NOISE = DvlBeams(noise=0.0, dropouts=0.0)
 ZERO = np.zeros(3)
 ESTIMATE = StateEstimate(
-    time=0.0, X_WB=X_WB, v_WB_B=ZERO, w_WB_B=ZERO, a_WB_B=ZERO, q=np.zeros(6), qd=np.zeros(6), tau=np.zeros(6)
+    time=0.0,
+    X_WB=X_WB,
+    v_WB_B=ZERO,
+    w_WB_B=ZERO,
+    a_WB_B=ZERO,
+    q=np.zeros(6),
+    qd=np.zeros(6),
+    tau=np.zeros(6),
 )
 
 
@@ -29,7 +38,13 @@ def slope(sx: float, sy: float) -> Seabed:
     """A plane that rises by `sx` and `sy` per metre."""
     x = np.linspace(-4.0, 4.0, 41)
     heights = sx * x[None, :] + sy * x[:, None]
-    return Seabed(kind="slope", heights=heights, half=4.0, center_W=np.array([0.0, 0.0, -10.0]), rocks=np.zeros((0, 3)))
+    return Seabed(
+        kind="slope",
+        heights=heights,
+        half=4.0,
+        center_W=np.array([0.0, 0.0, -10.0]),
+        rocks=np.zeros((0, 3)),
+    )
 
 
 def pings(ground: Seabed, beams: DvlBeams, count: int, seed: int = 0) -> list[DvlRangesMeasurement]:
@@ -98,7 +113,9 @@ def test_the_plane_of_a_slope_is_found_exactly_without_noise(within):
 
 
 def test_noise_and_dropouts_average_out(within, rng):
-    """1 % of 4 m, a median of ten pings: 1.6 cm a beam, and over four of them some 1.3 deg of slope: 7 sigma."""
+    """1 % of 4 m, a median of ten pings: 1.6 cm a beam, and over four of them some 1.3 deg of
+    slope: 7 sigma.
+    """
     ground = slope(0.1, 0.15)
     found = estimate(ground, DvlBeams(dropouts=0.1), seed=int(rng.integers(2**31))).ground
     assert found is not None
@@ -129,8 +146,14 @@ def test_all_of_the_hull_keeps_clear_of_a_slope(within):
 @pytest.mark.parametrize(
     ("sea", "beams", "said"),
     [
-        pytest.param(slope(0.0, 0.0), DvlBeams(dead=(1, 3)), "2 of the Doppler log's beams see it, 3 .* silent: 1, 3"),
-        pytest.param(slope(0.0, 0.0), DvlBeams(dropouts=1.0), "0 of the Doppler log's beams see it"),
+        pytest.param(
+            slope(0.0, 0.0),
+            DvlBeams(dead=(1, 3)),
+            "2 of the Doppler log's beams see it, 3 .* silent: 1, 3",
+        ),
+        pytest.param(
+            slope(0.0, 0.0), DvlBeams(dropouts=1.0), "0 of the Doppler log's beams see it"
+        ),
         pytest.param(slope(0.8, 0.0), NO_NOISE, "slopes by 39 deg"),
     ],
     ids=["two dead beams", "nothing heard", "too steep"],

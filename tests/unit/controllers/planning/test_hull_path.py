@@ -13,11 +13,18 @@ from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
 from uuv.models.objects.targets import pile
 from uuv.models.site import scenes
 from uuv.models.vehicle import Vehicle
-from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    pose,
+    quat_wxyz_from_rotation,
+    transform_points,
+)
 
 X_WT = pose(p=[0.2, -0.1, 0.1])
 HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.28]])  # [m] of the geom "hull_box"
-NEAREST = CLEARANCE - 0.08  # [m] of any geom: the tool is a ball of 6 cm; on 24 ways no more than that under `gap`
+# [m] of any geom: the tool is a ball of 6 cm; on 24 ways no more than that under `gap`
+NEAREST = CLEARANCE - 0.08
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +55,14 @@ def nearest(site: mujoco.MjModel, poses: list[Array]) -> float:
         for share in np.linspace(0.0, 1.0, 15):
             at = vehicle.hull_qpos
             data.qpos[at : at + 3] = (1.0 - share) * start[:3, 3] + share * end[:3, 3]
-            data.qpos[at + 3 : at + 7] = quat_wxyz_from_rotation(start[:3, :3] @ exp_so3([0.0, 0.0, share * turn]))
+            data.qpos[at + 3 : at + 7] = quat_wxyz_from_rotation(
+                start[:3, :3] @ exp_so3([0.0, 0.0, share * turn])
+            )
             mujoco.mj_kinematics(site, data)
-            gap = min(gap, *(mujoco.mj_geomDistance(site, data, a, b, 1.0, None) for a in own for b in there))
+            gap = min(
+                gap,
+                *(mujoco.mj_geomDistance(site, data, a, b, 1.0, None) for a in own for b in there),
+            )
     return gap
 
 

@@ -1,4 +1,6 @@
-"""Placement on the barrel, checked by MuJoCo's own kinematics and distances, not by the chain it was found with."""
+"""Placement on the barrel, checked by MuJoCo's own kinematics and distances, not by the chain it
+was found with.
+"""
 
 import mujoco
 import numpy as np
@@ -18,7 +20,14 @@ from uuv.models.site import scenes
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ReachError, StrongCurrentError
 from uuv.sim.interfaces.messages import Target, ToolPath
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, transform_points
+from uuv.sim.interfaces.spatial import (
+    Array,
+    exp_so3,
+    inverse,
+    pose,
+    quat_wxyz_from_rotation,
+    transform_points,
+)
 
 HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.28]])  # [m] of the geom "hull_box"
 X_WT = pose(exp_so3([0.0, 0.0, 0.4]), [0.3, -0.2, -1.5])
@@ -31,7 +40,9 @@ def tool_path(target: TargetModel, name: str, X_WT: Array = X_WT) -> ToolPath:
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     R = X_WT[:3, :3]
     on_scan = np.ones(len(s), dtype=bool)
-    return ToolPath(s=s, p=transform_points(X_WT, path.p), z=path.a @ R.T, x=path.b @ R.T, on_scan=on_scan)
+    return ToolPath(
+        s=s, p=transform_points(X_WT, path.p), z=path.a @ R.T, x=path.b @ R.T, on_scan=on_scan
+    )
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +65,9 @@ def found(
         Vehicle.of(own),
         chain,
         path,
-        around=Surroundings(obstacle=transform_points(X_WT, target.vertices), hull_box=HULL_BOX, floor=floor),
+        around=Surroundings(
+            obstacle=transform_points(X_WT, target.vertices), hull_box=HULL_BOX, floor=floor
+        ),
         force=90.0,
         standoff=STANDOFF,
         travel=travel,
@@ -65,7 +78,9 @@ def found(
 
 
 def test_tool_pose_and_its_change_along_an_arc(within):
-    """On the half circle, radius 0.3 m: the tip goes around at 1 m/m, the axes turn with it at 1/0.3 rad/m."""
+    """On the half circle, radius 0.3 m: the tip goes around at 1 m/m, the axes turn with it at
+    1/0.3 rad/m.
+    """
     path = tool_path(barrel(), "transverse")
     for s in np.linspace(0.05, 0.9, 7):
         for roll in (0.0, 1.2):
@@ -75,7 +90,8 @@ def test_tool_pose_and_its_change_along_an_arc(within):
                 "on the barrel [m]", np.linalg.norm((inverse(X_WT) @ X)[1:3, 3]) - 0.3, 1.1e-5
             )  # the sagitta of 5 mm chords
             outward, axle = -X[:3, 2], X_WT[:3, 0]
-            within("change of place", tangent - np.cross(axle, outward), 9e-3)  # half the angle of a chord
+            # half the angle of a chord
+            within("change of place", tangent - np.cross(axle, outward), 9e-3)
             within("change of axes [rad/m]", turn - axle / 0.3, 1e-3)  # measured 7e-5
 
 
@@ -85,7 +101,9 @@ def test_middle_part():
     assert part.s[0] == 0.0
     assert part.s[-1] == pytest.approx(0.3, abs=0.02)
     assert part.p.mean(axis=0) == pytest.approx(path.p.mean(axis=0), abs=0.006)
-    assert np.linalg.norm(np.diff(part.p, axis=0), axis=1) == pytest.approx(np.diff(part.s), abs=1e-12)
+    assert np.linalg.norm(np.diff(part.p, axis=0), axis=1) == pytest.approx(
+        np.diff(part.s), abs=1e-12
+    )
     assert len(part.s) == len(part.z) == len(part.x) == len(part.on_scan)
     assert middle_part(path, 1.0) is path
 
@@ -97,9 +115,13 @@ X_WP = pose(exp_so3([0.01, -0.01, 2.8]), [0.2, -0.1, 0.1])  # of a pile, azimuth
     ("vehicle_name", "target", "name", "X_WT"),
     [
         pytest.param("uuv_puma", barrel(line_length=0.6), "longitudinal", X_WT, id="longitudinal"),
-        pytest.param("uuv_puma", barrel(arc=np.radians(120.0)), "transverse", X_WT, id="transverse"),
+        pytest.param(
+            "uuv_puma", barrel(arc=np.radians(120.0)), "transverse", X_WT, id="transverse"
+        ),
         pytest.param("uuv_puma_side", pile(), "vertical", X_WP, id="vertical"),
-        pytest.param("uuv_puma_side", pile({"ring": ring(np.radians(80.0))}), "ring", X_WP, id="ring"),
+        pytest.param(
+            "uuv_puma_side", pile({"ring": ring(np.radians(80.0))}), "ring", X_WP, id="ring"
+        ),
     ],
 )
 def test_whole_path_is_worked_from_the_placement(vehicle_name, target, name, X_WT, within):
@@ -126,7 +148,10 @@ def test_whole_path_is_worked_from_the_placement(vehicle_name, target, name, X_W
         within("tool axes", tip[:3, :3] - X_WG[:3, :3], 1e-3)
         gaps = [mujoco.mj_geomDistance(scene, data, hull_geom, g, 2.0, None) for g in objects]
         assert min(gaps) >= COARSE.clearance - 1e-3
-        assert min(mujoco.mj_geomDistance(scene, data, a, g, 2.0, None) for a in arm for g in objects) > 0.0
+        assert (
+            min(mujoco.mj_geomDistance(scene, data, a, g, 2.0, None) for a in arm for g in objects)
+            > 0.0
+        )
 
     off = tool_pose(path, 0.0, placement.roll)[0]
     off[:3, 3] -= STANDOFF * off[:3, 2]
@@ -146,8 +171,12 @@ def test_whole_path_is_worked_from_the_placement(vehicle_name, target, name, X_W
         assert np.all(np.abs(J[:, vehicle.dof].T @ (90.0 * X_WG[:3, 2])) < vehicle.torque_limits)
 
 
-def most_used(vehicle_name: str, path: ToolPath, placement: Placement, holding: ThrustMargin) -> float:
-    """Largest share of a thruster along the path, pressed with 90 N and dragged back by friction."""
+def most_used(
+    vehicle_name: str, path: ToolPath, placement: Placement, holding: ThrustMargin
+) -> float:
+    """Largest share of a thruster along the path, pressed with 90 N and dragged back by
+    friction.
+    """
     own = models.load(vehicle_name).compile()
     vehicle, chain = Vehicle.of(own), Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
     q, used = placement.q_start, []
@@ -161,7 +190,9 @@ def most_used(vehicle_name: str, path: ToolPath, placement: Placement, holding: 
 
 
 def test_hull_stands_where_its_thrusters_can_bear_the_push():
-    """On the pile the arm alone would have the hull stand where one thruster gives 0.9 of what it can."""
+    """On the pile the arm alone would have the hull stand where one thruster gives 0.9 of what it
+    can.
+    """
     name = "uuv_puma_side"
     own, target = models.load(name).compile(), pile()
     path, holding = tool_path(target, "vertical", X_WP), ThrustMargin.of(own)
@@ -187,7 +218,9 @@ def standing(own) -> PathStanding:
 
 
 def on_barrel(path: ToolPath) -> Target:
-    return Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=1.0, reason="", path=path)
+    return Target(
+        time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=1.0, reason="", path=path
+    )
 
 
 def test_a_current_turns_the_hull_only_where_it_must_and_is_refused_where_nothing_helps(standing):
@@ -201,21 +234,33 @@ def test_a_current_turns_the_hull_only_where_it_must_and_is_refused_where_nothin
     turned = standing(target, path, across)[0]
     assert standing.used(turned, path, still.in_current(across)) <= standing.limits.thrust
     assert abs(turned.X_WB[:3, 1] @ calm.X_WB[:3, 1]) < 0.9
-    with pytest.raises(StrongCurrentError, match=r"current of 1\.50 m/s is too strong: .* \d+% of a thruster, 95% may"):
+    with pytest.raises(
+        StrongCurrentError,
+        match=r"current of 1\.50 m/s is too strong: .* \d+% of "
+        r"a thruster, 95% may",
+    ):
         standing(target, path, 1.5 * calm.X_WB[:3, 1])
 
 
 def test_a_push_that_no_place_lets_the_thrusters_bear(own):
     target = barrel(line_length=0.2)
     holding = ThrustMargin.of(own, drag=20.0)
-    with pytest.raises(ReachError, match=r"out of reach.* where the thrusters cannot bear push and friction"):
+    with pytest.raises(
+        ReachError,
+        match=r"out of reach.* where the thrusters cannot bear push "
+        r"and friction",
+    ):
         found(own, target, tool_path(target, "longitudinal"), holding=holding)
 
 
 def test_path_out_of_reach(own):
     """From beyond the arm's length there is nothing to be had."""
     target = barrel()
-    with pytest.raises(ReachError, match=r"out of reach.*at best 0%, up to 0\.00 m, where the arm is too short"):
+    with pytest.raises(
+        ReachError,
+        match=r"out of reach.*at best 0%, up to 0\.00 m, where the arm "
+        r"is too short",
+    ):
         found(
             own,
             target,
@@ -226,7 +271,11 @@ def test_path_out_of_reach(own):
 
 def test_no_room_for_the_hull(own):
     target = barrel(line_length=0.2)
-    with pytest.raises(ReachError, match=r"out of reach.*at best 0%: nowhere is there room for the hull"):
+    with pytest.raises(
+        ReachError,
+        match=r"out of reach.*at best 0%: nowhere is there room for "
+        r"the hull",
+    ):
         found(own, target, tool_path(target, "longitudinal"), PlacementSearch(clearance=5.0))
 
 
@@ -234,13 +283,20 @@ def margins(own: mujoco.MjModel, force: float = 90.0, clearance: float = 0.06) -
     """Of an arm far from any object."""
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
     far = np.array([[1.0, 0.0, 0.0, 10.0]])
-    return ArmMargins(vehicle=Vehicle.of(own), chain=chain, planes=far, force=force, clearance=clearance)
+    return ArmMargins(
+        vehicle=Vehicle.of(own), chain=chain, planes=far, force=force, clearance=clearance
+    )
 
 
 def track(own: mujoco.MjModel, *postures: Array) -> ToolTrack:
     """Tool poses of joint angles, from a hull at the origin."""
-    chain, X_BA = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]), Vehicle.of(own).X_BA
-    return ToolTrack(poses=[X_BA @ chain.kinematics(q)[0] for q in postures], gone=np.zeros((len(postures), 3)))
+    chain, X_BA = (
+        Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]),
+        Vehicle.of(own).X_BA,
+    )
+    return ToolTrack(
+        poses=[X_BA @ chain.kinematics(q)[0] for q in postures], gone=np.zeros((len(postures), 3))
+    )
 
 
 def test_what_ends_a_path_is_named_with_its_joint(own):
@@ -266,12 +322,15 @@ def test_what_ends_a_path_is_named_with_its_joint(own):
 
 
 def test_hull_keeps_off_the_seabed():
-    """Low on the pile: what is left of the places is over the seabed, and where none is left that is said."""
+    """Low on the pile: what is left of the places is over the seabed, and where none is left that
+    is said.
+    """
     own, target = models.load("uuv_puma_side").compile(), pile({"low": vertical(0.2, height=-0.8)})
     path = tool_path(target, "low", X_WP)
     middle = 0.5 * (path.p[0, 2] + path.p[-1, 2])
     free = found(own, target, path, X_WT=X_WP)[1]
-    floor = free.X_WB[2, 3] + HULL_BOX[0, 2] - COARSE.clearance + 0.1  # what it took is now too low by 10 cm
+    # what it took is now too low by 10 cm
+    floor = free.X_WB[2, 3] + HULL_BOX[0, 2] - COARSE.clearance + 0.1
     kept = found(own, target, path, X_WT=X_WP, floor=floor)[1]
     assert kept.X_WB[2, 3] + HULL_BOX[0, 2] >= floor + COARSE.clearance
     with pytest.raises(ReachError, match="out of reach"):
@@ -279,11 +338,19 @@ def test_hull_keeps_off_the_seabed():
 
 
 def test_a_path_longer_than_the_arm_is_worked_by_a_hull_that_travels(own, within):
-    """3 m straight: out of reach from any one place; with the hull at the tool's pace the arm stands as it began."""
+    """3 m straight: out of reach from any one place; with the hull at the tool's pace the arm
+    stands as it began.
+    """
     s = np.linspace(0.0, 3.0, 61)
     ones = np.ones((len(s), 1))
     p = np.column_stack([s - 1.5, np.zeros((len(s), 2))])
-    path = ToolPath(s=s, p=p, z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=np.ones(len(s), dtype=bool))
+    path = ToolPath(
+        s=s,
+        p=p,
+        z=ones * [0.0, 0.0, -1.0],
+        x=ones * [1.0, 0.0, 0.0],
+        on_scan=np.ones(len(s), dtype=bool),
+    )
     plate = np.array([[x, y, z] for x in (-1.6, 1.6) for y in (-0.2, 0.2) for z in (-0.02, 0.0)])
     chain, vehicle = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]), Vehicle.of(own)
     around = Surroundings(obstacle=plate, hull_box=HULL_BOX)
@@ -294,7 +361,10 @@ def test_a_path_longer_than_the_arm_is_worked_by_a_hull_that_travels(own, within
     within("travel [m]", placement.travel_W - [3.0, 0.0, 0.0], 1e-12)
     q, angles = placement.q_start, []
     for share in np.linspace(0.0, 1.0, 9):
-        X_AG = inverse(placement.hull_at(share) @ vehicle.X_BA) @ tool_pose(path, 3.0 * share, placement.roll)[0]
+        X_AG = (
+            inverse(placement.hull_at(share) @ vehicle.X_BA)
+            @ tool_pose(path, 3.0 * share, placement.roll)[0]
+        )
         result = solve(chain, X_AG, q, 1e-6, 1e-5, branch="keep")
         assert result.converged
         q = result.q
@@ -309,7 +379,9 @@ def test_travel_by_half_the_way_is_a_longer_reach(own):
     search = PlacementSearch(heights=(0.5, 0.65), radii=(0.13, 0.26), bearings=6, rolls=2)
     still, going = (found(own, target, path, search, travel=travel)[1] for travel in (0.0, 0.5))
     assert going.margin > still.margin
-    assert going.hull_at(1.0)[:3, 3] - going.hull_at(0.0)[:3, 3] == pytest.approx(0.5 * (path.p[-1] - path.p[0]))
+    assert going.hull_at(1.0)[:3, 3] - going.hull_at(0.0)[:3, 3] == pytest.approx(
+        0.5 * (path.p[-1] - path.p[0])
+    )
 
 
 def test_the_gap_of_a_box_is_that_of_its_nearest_point(rng):
@@ -332,14 +404,22 @@ def test_the_kernels_gap_is_the_arms_but_for_rounding(own, within):
     for chain in (hinges, sliding):
         slides = np.array([kind == "p" for kind in chain.joint_types])
         for q in rng.uniform(-3.0, 3.0, (20, chain.n)):
-            X_AW, planes, gone = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)), rng.normal(size=(9, 4)), q[:3]
-            centres = hull_path.joint_centres_kernel(slides, chain.axes, chain.points, q)[2 : chain.n - 2]
+            X_AW, planes, gone = (
+                pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)),
+                rng.normal(size=(9, 4)),
+                q[:3],
+            )
+            centres = hull_path.joint_centres_kernel(slides, chain.axes, chain.points, q)[
+                2 : chain.n - 2
+            ]
             gap = hull_path.joint_gap_kernel(centres, X_AW, planes, gone)
             within("rounding [m]", gap - hull_path.arm_gap(chain, q, X_AW, planes, gone), 1e-13)
 
 
 def test_a_tool_turned_by_half_is_not_chosen_by_rounding(rng):
-    """A round tool's margins are equal but for rounding: an object 10 um aside does not turn it over."""
+    """A round tool's margins are equal but for rounding: an object 10 um aside does not turn it
+    over.
+    """
     own, target = models.load("uuv_puma_side").compile(), pile({"ring": ring(np.radians(40.0))})
     rolls = set()
     for _ in range(3):

@@ -19,15 +19,26 @@ ONCE = 0.5 * NAVIGATION_TIME  # [s] of work in which the hull's place errs once
 
 
 def target(sigma: float, free: Array | None = None) -> Target:
-    """A straight path along x on an object whose place is known to `sigma` [m] in every direction, without rotation."""
+    """A straight path along x on an object whose place is known to `sigma` [m] in every direction,
+    without rotation.
+    """
     p = np.column_stack([np.linspace(-0.1, 0.1, N), np.zeros((N, 2))])
     z, x = np.tile([0.0, 0.0, -1.0], (N, 1)), np.tile([1.0, 0.0, 0.0], (N, 1))
     path = ToolPath(s=np.linspace(0.0, 0.2, N), p=p, z=z, x=x, on_scan=np.ones(N, dtype=bool))
     none = np.zeros((0, 6)) if free is None else free
     matrix = np.diag([sigma**2] * 3 + [0.0] * 3)
-    covariance = PoseCovariance(matrix=matrix, free=none, center=np.zeros(3), radius=0.3, size_sigma=np.inf)
+    covariance = PoseCovariance(
+        matrix=matrix, free=none, center=np.zeros(3), radius=0.3, size_sigma=np.inf
+    )
     return Target(
-        time=0.0, X_WT=np.eye(4), accepted=True, check_m=0.0, range_m=1.0, reason="", path=path, covariance=covariance
+        time=0.0,
+        X_WT=np.eye(4),
+        accepted=True,
+        check_m=0.0,
+        range_m=1.0,
+        reason="",
+        path=path,
+        covariance=covariance,
     )
 
 
@@ -35,7 +46,9 @@ def estimate(sigma: float) -> StateEstimate:
     return at_rest(position_sigma=np.full(3, sigma))
 
 
-def chance(of_hull: float, of_object: float, duration: float = ONCE, tolerance: float = 3e-3) -> float:
+def chance(
+    of_hull: float, of_object: float, duration: float = ONCE, tolerance: float = 3e-3
+) -> float:
     told = promise(estimate(of_hull), target(of_object), tolerance, duration)
     assert told is not None
     return told.chance
@@ -47,7 +60,8 @@ def within(sigma: float, tolerance: float = 3e-3) -> float:
 
 
 def test_one_error_of_either_kind_has_the_normal_chance_on_both_axes():
-    assert chance(0.0, 2e-3) == pytest.approx(within(2e-3) ** 2, abs=4e-3)  # a step, by 512 quantiles
+    # a step, by 512 quantiles
+    assert chance(0.0, 2e-3) == pytest.approx(within(2e-3) ** 2, abs=4e-3)
     assert chance(2e-3, 0.0) == pytest.approx(within(2e-3) ** 2, rel=1e-9)
     assert chance(1.2e-3, 1.6e-3) == pytest.approx(within(2e-3) ** 2, abs=1e-3)
 
@@ -56,7 +70,9 @@ def test_a_longer_work_has_more_errors_of_the_hull_and_one_of_the_object():
     """Against a hundred thousand simulated works."""
     rng = np.random.default_rng(0)
     of_hull, of_object, looks = 0.9e-3, 0.7e-3, 20
-    errors = of_object * rng.standard_normal((100_000, 1)) + of_hull * rng.standard_normal((100_000, looks))
+    errors = of_object * rng.standard_normal((100_000, 1)) + of_hull * rng.standard_normal(
+        (100_000, looks)
+    )
     kept = float(np.mean(np.abs(errors).max(axis=1) < 3e-3)) ** 2
     assert chance(of_hull, of_object, looks * ONCE) == pytest.approx(kept, abs=6e-3)
     assert chance(0.0, 2e-3, looks * ONCE) == pytest.approx(chance(0.0, 2e-3), rel=1e-9)

@@ -1,4 +1,6 @@
-"""The height of work over a seabed: every pose checked again by kinematics, and against the ground point by point."""
+"""The height of work over a seabed: every pose checked again by kinematics, and against the ground
+point by point.
+"""
 
 import numpy as np
 import pytest
@@ -6,7 +8,12 @@ import pytest
 from uuv import models
 from uuv.controllers.mkps import Chain, solve
 from uuv.controllers.planning.path_poses import tool_pose
-from uuv.controllers.planning.seabed_height import HeightSearch, choose_height, jet_shear, silt_height
+from uuv.controllers.planning.seabed_height import (
+    HeightSearch,
+    choose_height,
+    jet_shear,
+    silt_height,
+)
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.site.seabed import seabed
@@ -47,7 +54,9 @@ def core(A, depth):
 def choose(own, path, ground, X_WB, search=SEARCH, force=60.0):
     vehicle, chain = own
     known = WorkVehicle(vehicle=vehicle, chain=chain, hull_box=HULL_BOX)
-    return choose_height(known, path, ground=ground, X_WB=X_WB, force=force, standoff=0.1, search=search)
+    return choose_height(
+        known, path, ground=ground, X_WB=X_WB, force=force, standoff=0.1, search=search
+    )
 
 
 def grid(half=2.0, step=0.05):
@@ -86,7 +95,9 @@ def test_it_goes_no_lower_than_it_must(own):
     path = core([0.5, 0.1, 0.0], 0.12)
     search = HeightSearch(roomy=0.2, margin=0.2, jet=0.1)
     found = choose(own, path, grid(), pose(p=[0.0, 0.0, 3.0]), search)
-    higher = HeightSearch(roomy=0.2, margin=0.2, jet=0.1, clearance=found.hull_gap + 0.5 * search.step, asides=(0.0,))
+    higher = HeightSearch(
+        roomy=0.2, margin=0.2, jet=0.1, clearance=found.hull_gap + 0.5 * search.step, asides=(0.0,)
+    )
     with pytest.raises(ReachError, match="m clear of the ground"):
         choose(own, path, grid(), pose(p=[0.0, 0.0, 3.0]), higher)
 
@@ -102,7 +113,8 @@ def test_a_rock_under_the_hull_is_kept_clear_of(own):
     beside = np.maximum(0.0, np.maximum(HULL_BOX[0] - p_B, p_B - HULL_BOX[1]))
     assert np.linalg.norm(beside, axis=1).min() >= HeightSearch().clearance - 1e-9
     bare = choose(own, path, grid(), pose(p=[0.0, 0.0, 3.0]))
-    assert np.abs(X[:3, 3] - bare.placement.X_WB[:3, 3]).max() > 0.03  # not where it would go without
+    # not where it would go without
+    assert np.abs(X[:3, 3] - bare.placement.X_WB[:3, 3]).max() > 0.03
 
 
 def test_refusals_say_what_stands_against_the_work(own):
@@ -127,7 +139,11 @@ def test_jets(within):
     thrust = 1025.0 * speed**2 * np.pi * diameter**2 / 4.0
     beltaos = 0.16 * 1025.0 * speed**2 * (diameter / height) ** 2
     within("0.16 rho U^2 (d / H)^2, relative", jet_shear(thrust, height) / beltaos - 1.0, 1e-12)
-    within("silt height is where the shear is critical [Pa]", jet_shear(7.0, silt_height(7.0, 0.15)) - 0.15, 1e-12)
+    within(
+        "silt height is where the shear is critical [Pa]",
+        jet_shear(7.0, silt_height(7.0, 0.15)) - 0.15,
+        1e-12,
+    )
 
 
 @pytest.mark.parametrize("kind", ["ripples", "slope", "rocks"])

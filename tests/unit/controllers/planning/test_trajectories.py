@@ -1,10 +1,19 @@
-"""Motions in time: bounds of speed and acceleration kept and reached, rest at both ends, rates that are derivatives."""
+"""Motions in time: bounds of speed and acceleration kept and reached, rest at both ends, rates that
+are derivatives.
+"""
 
 import numpy as np
 import pytest
 
 from uuv.controllers.planning.path_poses import samples_along
-from uuv.controllers.planning.trajectories import TURN, JointMove, PoseMove, Progress, SpeedLaw, progress_along
+from uuv.controllers.planning.trajectories import (
+    TURN,
+    JointMove,
+    PoseMove,
+    Progress,
+    SpeedLaw,
+    progress_along,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
@@ -14,18 +23,29 @@ H = 1e-5  # [s] of the differences
 
 def random_move(rng: np.random.Generator) -> tuple[PoseMove, Array, Array]:
     X_from, X_to = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
-    move = PoseMove.between(3.0, X_from, X_to, speed=0.25, acceleration=0.08, turn_rate=rng.uniform(0.1, 1.0))
+    move = PoseMove.between(
+        3.0, X_from, X_to, speed=0.25, acceleration=0.08, turn_rate=rng.uniform(0.1, 1.0)
+    )
     return move, X_from, X_to
 
 
 def test_pose_move_keeps_its_bounds_and_meets_one(rng):
     X_from, X_to = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
-    speed, acceleration, turn_rate = rng.uniform(0.1, 0.4), rng.uniform(0.03, 0.2), rng.uniform(0.1, 1.0)
-    move = PoseMove.between(3.0, X_from, X_to, speed=speed, acceleration=acceleration, turn_rate=turn_rate)
+    speed, acceleration, turn_rate = (
+        rng.uniform(0.1, 0.4),
+        rng.uniform(0.03, 0.2),
+        rng.uniform(0.1, 1.0),
+    )
+    move = PoseMove.between(
+        3.0, X_from, X_to, speed=speed, acceleration=acceleration, turn_rate=turn_rate
+    )
     times = np.linspace(3.0, 3.0 + move.duration, 2001)
     v = np.array([move.at(t)[1] for t in times])
     a = [np.linalg.norm(move.at(t + H)[1] - move.at(t - H)[1]) / (2 * H) for t in times]
-    w = [rotation_angle(move.at(t - H)[0][:3, :3], move.at(t + H)[0][:3, :3]) / (2 * H) for t in times]
+    w = [
+        rotation_angle(move.at(t - H)[0][:3, :3], move.at(t + H)[0][:3, :3]) / (2 * H)
+        for t in times
+    ]
     shares = [np.linalg.norm(v, axis=1).max() / speed, max(a) / acceleration, max(w) / turn_rate]
     assert max(shares) == pytest.approx(1.0, abs=1e-3)  # the shortest move within the bounds
 
@@ -43,7 +63,8 @@ def test_pose_move_velocity_is_the_derivative(rng, within):
     move, *_ = random_move(rng)
     for t in rng.uniform(3.0, 3.0 + move.duration, 20):
         difference = (move.at(t + H)[0][:3, 3] - move.at(t - H)[0][:3, 3]) / (2 * H)
-        within("velocity [m/s]", move.at(t)[1] - difference, 2e-9)  # measured 2e-10, rounding over H
+        # measured 2e-10, rounding over H
+        within("velocity [m/s]", move.at(t)[1] - difference, 2e-9)
 
 
 def test_joint_move(rng, within):
@@ -55,7 +76,8 @@ def test_joint_move(rng, within):
     assert np.abs(speeds).max() <= 0.5 * (1.0 + 1e-9)
     assert np.abs(np.gradient(speeds, times, axis=0)).max() <= 0.5 * 1.01
     assert np.abs(speeds).max() == pytest.approx(0.5, rel=1e-6)
-    within("ends", np.array([move.at(0.0)[0] - q_from, move.at(1e3)[0] - q_to]), 5e-15)  # measured 4e-16
+    # measured 4e-16
+    within("ends", np.array([move.at(0.0)[0] - q_from, move.at(1e3)[0] - q_to]), 5e-15)
     assert not move.at(1.0)[1].any()
     assert not move.at(1.0 + move.duration)[1].any()
     t = float(rng.uniform(1.0, 1.0 + move.duration))
@@ -64,9 +86,13 @@ def test_joint_move(rng, within):
     )  # measured 4e-11, rounding over H
 
 
-@pytest.mark.parametrize(("length", "top"), [(0.6, 0.02), (0.021, 0.02), (0.02, 0.02), (0.005, 0.01)])
+@pytest.mark.parametrize(
+    ("length", "top"), [(0.6, 0.02), (0.021, 0.02), (0.02, 0.02), (0.005, 0.01)]
+)
 def test_progress(length, top, within):
-    """A trapezoid, or a triangle where the path is too short for the speed: v^2 = length * acceleration."""
+    """A trapezoid, or a triangle where the path is too short for the speed: v^2 = length *
+    acceleration.
+    """
     progress = Progress(length, 0.02, 1.0)
     times = np.linspace(0.0, progress.duration, 5001)
     s, rate = np.array([progress.at(t) for t in times]).T
@@ -81,7 +107,9 @@ def test_progress(length, top, within):
     assert length / progress.duration < 0.02
 
 
-@pytest.mark.parametrize("figures", [(0.0, 0.02, 1.0), (0.6, -0.02, 1.0), (0.6, 0.02, 0.0), (float("nan"), 0.02, 1.0)])
+@pytest.mark.parametrize(
+    "figures", [(0.0, 0.02, 1.0), (0.6, -0.02, 1.0), (0.6, 0.02, 0.0), (float("nan"), 0.02, 1.0)]
+)
 def test_progress_that_cannot_be(figures):
     with pytest.raises(ConfigurationError, match="path progress"):
         Progress(*figures)
@@ -92,10 +120,18 @@ def bent(radius: float) -> ToolPath:
     quarter = 0.5 * np.pi * radius
     s = np.linspace(0.0, 0.4 + quarter, 801)
     turn = np.clip((s - 0.2) / radius, 0.0, 0.5 * np.pi)
-    p = np.column_stack([np.minimum(s, 0.2) + radius * np.sin(turn), radius * (1.0 - np.cos(turn)), 0.0 * s])
+    p = np.column_stack(
+        [np.minimum(s, 0.2) + radius * np.sin(turn), radius * (1.0 - np.cos(turn)), 0.0 * s]
+    )
     p[:, 1] += np.maximum(s - 0.2 - quarter, 0.0)
     ones = np.ones((len(s), 1))
-    return ToolPath(s=s, p=p, z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=np.ones(len(s), dtype=bool))
+    return ToolPath(
+        s=s,
+        p=p,
+        z=ones * [0.0, 0.0, -1.0],
+        x=ones * [1.0, 0.0, 0.0],
+        on_scan=np.ones(len(s), dtype=bool),
+    )
 
 
 def test_bend_is_taken_as_slowly_as_the_acceleration_asks(within):
@@ -117,13 +153,16 @@ def test_without_a_tight_bend_the_motion_is_trapezoidal():
     path = bent(0.5)
     stretch = progress_along(path, 0.1, 0.9, speed=0.1, ramp=2.0)
     assert stretch == Progress(0.8, 0.1, 2.0)
-    law = progress_along(path, 0.1, 0.9, speed=0.1, ramp=2.0, bend=0.0199)  # just binding: 0.1^2 / 0.5
+    # just binding: 0.1^2 / 0.5
+    law = progress_along(path, 0.1, 0.9, speed=0.1, ramp=2.0, bend=0.0199)
     assert isinstance(law, SpeedLaw)
     assert law.duration == pytest.approx(stretch.duration, rel=0.01)
 
 
 def over_an_edge(radius: float) -> ToolPath:
-    """Straight, over a quarter of a circle about y, straight; the tool's axis stays normal to it."""
+    """Straight, over a quarter of a circle about y, straight; the tool's axis stays normal to
+    it.
+    """
     quarter = 0.5 * np.pi * radius
     s = np.linspace(0.0, 0.4 + quarter, 2001)
     angle = np.clip((s - 0.2) / radius, 0.0, 0.5 * np.pi)
@@ -140,7 +179,9 @@ def test_edge_is_taken_as_slowly_as_the_tool_turns():
         path = over_an_edge(radius)
         law = progress_along(path, 0.0, float(path.s[-1]), speed=0.05, ramp=1.0)
         assert isinstance(law, SpeedLaw)
-        assert np.interp(0.5 * path.s[-1], law.s, law.speed) == pytest.approx(TURN * radius, rel=1e-2)
+        assert np.interp(0.5 * path.s[-1], law.s, law.speed) == pytest.approx(
+            TURN * radius, rel=1e-2
+        )
 
 
 def test_samples_of_an_edge_turn_the_tool_a_little_each():
@@ -149,4 +190,6 @@ def test_samples_of_an_edge_turn_the_tool_a_little_each():
     angles = np.clip((at - 0.2) / 0.01, 0.0, 0.5 * np.pi)
     assert np.diff(angles).max() <= 0.3 + 1e-6
     assert {*np.linspace(0.0, path.s[-1], 20)} <= {*at}
-    np.testing.assert_array_equal(samples_along(bent(0.5), 20), np.linspace(0.0, bent(0.5).s[-1], 20))
+    np.testing.assert_array_equal(
+        samples_along(bent(0.5), 20), np.linspace(0.0, bent(0.5).s[-1], 20)
+    )

@@ -1,4 +1,6 @@
-"""Blind departure: the thrusts balance what they did without the contact, and push off the surface, then up."""
+"""Blind departure: the thrusts balance what they did without the contact, and push off the surface,
+then up.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -9,13 +11,24 @@ from hypothesis import strategies as st
 
 from uuv import models
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance, ascent_direction
+from uuv.controllers.safety.blind_departure import (
+    BlindDeparture,
+    DepartureStage,
+    HullBalance,
+    ascent_direction,
+)
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import HULL, SAFETY
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import FORWARD, curves
-from uuv.sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.messages import (
+    Command,
+    ContactEstimate,
+    Reference,
+    StateEstimate,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 MODEL = models.load("uuv_puma").compile()
@@ -27,7 +40,9 @@ DT = 0.01
 
 
 def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Command, Reference]:
-    """Hull and arm at random, pressed with `force` [N] at random thrusts of up to a tenth of full ones."""
+    """Hull and arm at random, pressed with `force` [N] at random thrusts of up to a tenth of full
+    ones.
+    """
     X_WB = pose(exp_so3(0.3 * rng.standard_normal(3)), rng.standard_normal(3))
     q = np.array(VEHICLE.q_ready) + 0.1 * rng.standard_normal(N)
     X_WG = X_WB @ ARM.tip(q)[0]
@@ -68,7 +83,9 @@ def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Comm
     return sound, command, reference
 
 
-def stages(sound: StateEstimate, reference: Reference, *commands: Command) -> tuple[DepartureStage, ...]:
+def stages(
+    sound: StateEstimate, reference: Reference, *commands: Command
+) -> tuple[DepartureStage, ...]:
     """Stages after `commands`."""
     departure, balance = BlindDeparture(MODEL, VEHICLE, ARM), HullBalance()
     for command in commands:
@@ -79,11 +96,15 @@ def stages(sound: StateEstimate, reference: Reference, *commands: Command) -> tu
 def thrusts(commands: Array) -> Array:
     """Steady thrusts (m,) [N] in still water."""
     table = VEHICLE.thruster_table
-    return np.array([thrust_at(curve, one) for curve, one in zip(curves(table), commands, strict=True)])
+    return np.array(
+        [thrust_at(curve, one) for curve, one in zip(curves(table), commands, strict=True)]
+    )
 
 
 def pushed(sound: StateEstimate, command: Command, contact_W: Array, thrusters: Array) -> Array:
-    """Wrench (6,), hull axes, that `thrusters` give beyond those of `command`, with the contact gone."""
+    """Wrench (6,), hull axes, that `thrusters` give beyond those of `command`, with the contact
+    gone.
+    """
     at_tip = np.zeros(6)
     at_tip[:3] = sound.X_WB[:3, :3].T @ contact_W
     at_tip[3:] = np.cross(ARM.tip(sound.q)[0][:3, 3], at_tip[:3])
@@ -92,17 +113,23 @@ def pushed(sound: StateEstimate, command: Command, contact_W: Array, thrusters: 
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6), force=st.floats(0.0, 40.0))
-def test_the_hull_is_held_without_the_contact_and_pushed_off_the_surface_then_up(seed: int, force: float):
+def test_the_hull_is_held_without_the_contact_and_pushed_off_the_surface_then_up(
+    seed: int, force: float
+):
     sound, command, reference = at_work(np.random.default_rng(seed), force)
     assert reference.X_WG is not None
     off_W = -reference.X_WG[:3, 2]
     up_W = ascent_direction(off_W) / np.linalg.norm(ascent_direction(off_W))
     found = stages(sound, reference, command)
-    assert [stage.until for stage in found] == [SAFETY.leave_time, SAFETY.leave_time + SAFETY.rise_time][: len(found)]
+    assert [stage.until for stage in found] == [
+        SAFETY.leave_time,
+        SAFETY.leave_time + SAFETY.rise_time,
+    ][: len(found)]
     assert len(found) == (2 if up_W[2] > 0.0 else 1)
     for stage, along_W in zip(found, (off_W, up_W), strict=False):
         wrench = pushed(sound, command, command.contact.force_W, stage.thrusters)
-        # The push, no other force, and no moment: the hull's balance stays what it was. Measured: 5e-14.
+        # The push, no other force, and no moment: the hull's balance stays what it was. Measured:
+        # 5e-14.
         push = np.append(PUSH * (sound.X_WB[:3, :3].T @ along_W), np.zeros(3))
         assert np.allclose(wrench, push, rtol=0.0, atol=1e-9)
 
@@ -114,7 +141,9 @@ def test_an_unknown_contact_counts_as_the_set_force(unknown: ContactEstimate):
     off_W = -reference.X_WG[:3, 2]
     leave = stages(sound, reference, replace(command, contact=unknown))[0]
     wrench = pushed(sound, command, 40.0 * off_W, leave.thrusters)
-    assert np.allclose(wrench, np.append(PUSH * (sound.X_WB[:3, :3].T @ off_W), np.zeros(3)), rtol=0.0, atol=1e-9)
+    assert np.allclose(
+        wrench, np.append(PUSH * (sound.X_WB[:3, :3].T @ off_W), np.zeros(3)), rtol=0.0, atol=1e-9
+    )
 
 
 def test_a_force_where_none_is_meant_to_be_does_not_count():
@@ -170,7 +199,8 @@ def test_off_an_overhang_the_hull_does_not_rise():
     for tilt, count in ((0.0, 2), (np.pi / 2.0, 2), (np.pi, 1)):
         sound, command, reference = at_work(np.random.default_rng(3), 0.0)
         now = sound.X_WB[:3, :3] @ ARM.tip(sound.q)[0][:3, :3]
-        wanted = exp_so3(np.array([tilt, 0.0, 0.0])) @ np.diag([1.0, -1.0, -1.0])  # z of the tool down, across, up
+        # z of the tool down, across, up
+        wanted = exp_so3(np.array([tilt, 0.0, 0.0])) @ np.diag([1.0, -1.0, -1.0])
         sound = replace(sound, X_WB=pose(wanted @ now.T @ sound.X_WB[:3, :3], np.zeros(3)))
         assert len(stages(sound, reference, command)) == count
 
@@ -183,7 +213,9 @@ def test_what_swings_about_a_mean_departs_from_the_mean():
     swung = []
     for k in range(1200):
         swing = np.sin(2.0 * np.pi * k * DT / 0.2)
-        contact = ContactEstimate(force_W=(1.0 + 0.3 * swing) * command.contact.force_W, normal=30.0)
+        contact = ContactEstimate(
+            force_W=(1.0 + 0.3 * swing) * command.contact.force_W, normal=30.0
+        )
         thrusters = command.thrusters * (1.0 + 0.1 * swing)
         swung.append(replace(command, time=k * DT, thrusters=thrusters, contact=contact))
     leave = stages(sound, reference, *swung)[0]
@@ -193,7 +225,8 @@ def test_what_swings_about_a_mean_departs_from_the_mean():
     at_tip[3:] = np.cross(ARM.tip(sound.q)[0][:3, 3], at_tip[:3])
     wrench = VEHICLE.thruster_wrench @ (thrusts(leave.thrusters) - mean) - at_tip
     push = np.append(PUSH * (sound.X_WB[:3, :3].T @ off_W), np.zeros(3))
-    last = VEHICLE.thruster_wrench @ (thrusts(swung[-5].thrusters) - mean)  # what the mean spares, at a crest
+    # what the mean spares, at a crest
+    last = VEHICLE.thruster_wrench @ (thrusts(swung[-5].thrusters) - mean)
     assert np.abs(wrench - push).max() < 0.1 * np.abs(last).max()  # 0.044 measured
 
 
@@ -207,15 +240,23 @@ class Steady:
     def init(self, estimate: StateEstimate) -> None:
         del estimate
 
-    def step(self, state: None, estimate: StateEstimate, reference: Reference) -> tuple[None, Command]:
+    def step(
+        self, state: None, estimate: StateEstimate, reference: Reference
+    ) -> tuple[None, Command]:
         del estimate, reference
         return state, self.command
 
 
 def wrapped(
-    sound: StateEstimate, command: Command, reference: Reference, *blind: StateEstimate, lead: int = 1
+    sound: StateEstimate,
+    command: Command,
+    reference: Reference,
+    *blind: StateEstimate,
+    lead: int = 1,
 ) -> Array:
-    """Thrusters (k, m) that the wrapper sends for `lead` sound estimates, then for those `blind`."""
+    """Thrusters (k, m) that the wrapper sends for `lead` sound estimates, then for those
+    `blind`.
+    """
     wrapper = SafetyWrapper(Steady(command), MODEL)
     state, sent = wrapper.init(sound if lead else blind[0]), list[Array]()
     for one in (*[replace(sound, time=k * DT) for k in range(lead)], *blind):
@@ -228,7 +269,9 @@ def wrapped(
 def test_the_wrapper_leaves_then_rises_then_stops():
     sound, command, reference = at_work(np.random.default_rng(4), 40.0)
     leave, rise = stages(sound, reference, command)
-    near = wrapped(sound, command, reference, *[replace(sound, a_WB_B=np.full(3, np.nan))] * round(14.0 / DT))
+    near = wrapped(
+        sound, command, reference, *[replace(sound, a_WB_B=np.full(3, np.nan))] * round(14.0 / DT)
+    )
     near = near[round(0.06 / DT) :]
     rises, stops, margin = round(leave.until / DT), round(rise.until / DT), round(0.1 / DT)
     assert np.all(near[: rises - margin] == leave.thrusters)

@@ -31,7 +31,9 @@ COMMAND = np.array([0.7, -0.75, 0.65, 0.8, 0.7, -0.75])  # of the thrusters
 
 @dataclass
 class Rig:
-    """A vehicle at rest whose joints swing, with sensors of 1 % noise; readings pass through `torque` and `encoder`."""
+    """A vehicle at rest whose joints swing, with sensors of 1 % noise; readings pass through
+    `torque` and `encoder`.
+    """
 
     torque: Callable[[float, Array], Array] = lambda _, tau: tau
     encoder: Callable[[float, Array, Array], tuple[Array, Array]] = lambda _, q, qd: (q, qd)
@@ -41,9 +43,17 @@ class Rig:
     command: Array = field(default_factory=COMMAND.copy)  # of the thrusters
 
     def run(self, duration: float) -> tuple[Fault, ...]:
-        health, rng = FaultDetection(MODEL, period=DT, limits=self.limits), np.random.default_rng(self.seed)
+        health, rng = (
+            FaultDetection(MODEL, period=DT, limits=self.limits),
+            np.random.default_rng(self.seed),
+        )
         state: Any = None
-        thrust = np.array([thrust_at(c, u) for c, u in zip(curves(VEHICLE.thruster_table), self.command, strict=True)])
+        thrust = np.array(
+            [
+                thrust_at(c, u)
+                for c, u in zip(curves(VEHICLE.thruster_table), self.command, strict=True)
+            ]
+        )
         faults: tuple[Fault, ...] = ()
         motor = np.zeros(N)
         phase = np.arange(N)
@@ -57,13 +67,25 @@ class Rig:
             nu = self.velocity(t)
             X = np.eye(4)
             estimate = StateEstimate(
-                time=t, X_WB=X, v_WB_B=nu[:3], w_WB_B=nu[3:], a_WB_B=np.zeros(3), q=q, qd=qd, tau=tau
+                time=t,
+                X_WB=X,
+                v_WB_B=nu[:3],
+                w_WB_B=nu[3:],
+                a_WB_B=np.zeros(3),
+                q=q,
+                qd=qd,
+                tau=tau,
             )
-            motor = 0.3 * VEHICLE.torque_limits * np.sin(0.7 * t + phase) + 0.01 * rng.standard_normal(N)
-            load = HullLoad(arm_wrench_B=-VEHICLE.thruster_wrench @ thrust)  # the thrusters bear it, the hull rests
+            motor = 0.3 * VEHICLE.torque_limits * np.sin(
+                0.7 * t + phase
+            ) + 0.01 * rng.standard_normal(N)
+            # the thrusters bear it, the hull rests
+            load = HullLoad(arm_wrench_B=-VEHICLE.thruster_wrench @ thrust)
             if i % 10:
                 load = None
-            command = Command(time=t, joint_torque=motor, thrusters=self.command, scan=False, hull_load=load)
+            command = Command(
+                time=t, joint_torque=motor, thrusters=self.command, scan=False, hull_load=load
+            )
             if state is None:
                 state = health.init(estimate)
             faults = health.step(state, estimate, command)
@@ -92,7 +114,11 @@ def test_sound_readings_are_let_pass(seed: int):
 @pytest.mark.parametrize("joint", range(N))
 def test_a_frozen_torque_sensor_is_found_after_the_time_that_it_may_stand_still(joint: int):
     (fault,) = Rig(torque=stuck(10.0, joint)).run(11.0)
-    assert (fault.kind, fault.index, fault.part) == (FaultKind.TORQUE_SENSOR, joint, VEHICLE.joint_names[joint])
+    assert (fault.kind, fault.index, fault.part) == (
+        FaultKind.TORQUE_SENSOR,
+        joint,
+        VEHICLE.joint_names[joint],
+    )
     assert 0.0 < fault.time - 10.0 - FaultLimits().frozen_time < 3.0 * DT
 
 
@@ -112,8 +138,13 @@ def test_a_drifting_torque_sensor_is_found_when_it_is_out_of_bounds():
     least = limits.torque_floor * VEHICLE.torque_limits[joint]
     least += limits.friction * VEHICLE.dry_friction.stiction[joint]
     most = least + limits.torque_share * (0.3 * VEHICLE.torque_limits[joint] + rate * 10.0)
-    # Learning takes part of the drift for usual, up to half the bound; then filter and confirmation.
-    assert least / rate < fault.time - 10.0 < 1.6 * most / rate + limits.torque_time + limits.torque_confirm
+    # Learning takes part of the drift for usual, up to half the bound; then filter and
+    # confirmation.
+    assert (
+        least / rate
+        < fault.time - 10.0
+        < 1.6 * most / rate + limits.torque_time + limits.torque_confirm
+    )
 
 
 def test_an_encoder_whose_angle_stands_still_is_found_by_its_speed():
@@ -148,8 +179,12 @@ def test_an_encoder_that_stands_still_whole_is_found():
     assert faults[0].time - 10.0 < FaultLimits().frozen_encoder_time + 3.0 * DT
 
 
-def accelerated(force_B: Array, since: float = 10.0, rise: float = 0.15) -> Callable[[float], Array]:
-    """Velocity of the hull alone that a wrench (6,) begins to push at `since` with a first-order lag, without drag."""
+def accelerated(
+    force_B: Array, since: float = 10.0, rise: float = 0.15
+) -> Callable[[float], Array]:
+    """Velocity of the hull alone that a wrench (6,) begins to push at `since` with a first-order
+    lag, without drag.
+    """
     gained = np.linalg.solve(hull_inertia(MODEL, VEHICLE.hull, 1.0), force_B)
 
     def velocity(t: float) -> Array:
@@ -163,12 +198,20 @@ def in_flow(thruster: int, command: float, nu_r_B: Array) -> float:
     """Thrust [N] at a steady command while the hull moves through the water."""
     table = VEHICLE.thruster_table
     inflow = float(inflow_levers(table, VEHICLE.thruster_wrench)[:, thruster] @ nu_r_B)
-    return float(thrust_in_flow(curves(table)[thruster], table[thruster, INFLOW_LOSS], inflow, command))
+    return float(
+        thrust_in_flow(curves(table)[thruster], table[thruster, INFLOW_LOSS], inflow, command)
+    )
 
 
 def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any):
-    """What the controller asks for on top, so that a current takes nothing, is not a thrust that is missing."""
-    current, thrust, w = rng.uniform(-0.6, 0.6, 3), rng.uniform(-60.0, 60.0, M), rng.uniform(-0.2, 0.2, 3)
+    """What the controller asks for on top, so that a current takes nothing, is not a thrust that is
+    missing.
+    """
+    current, thrust, w = (
+        rng.uniform(-0.6, 0.6, 3),
+        rng.uniform(-60.0, 60.0, M),
+        rng.uniform(-0.2, 0.2, 3),
+    )
     X_WB = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)))
     asked = ThrusterLead(VEHICLE).static(thrust, np.concatenate([-X_WB[:3, :3].T @ current, w]))
 
@@ -177,7 +220,9 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
         state = health.init(at_rest(X_WB=X_WB, w_WB_B=w))
         for t in np.arange(0.02, 3.0, 0.02):
             load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=current)
-            command = Command(time=t, joint_torque=np.zeros(N), thrusters=commands, scan=False, hull_load=load)
+            command = Command(
+                time=t, joint_torque=np.zeros(N), thrusters=commands, scan=False, hull_load=load
+            )
             health.judge_hull(state, at_rest(time=float(t), X_WB=X_WB, w_WB_B=w), command)
         return state.hull.missing
 
@@ -186,21 +231,27 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
 
 
 def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, within: Any):
-    """A hull that flies a steady curve askew through a current: Kirchhoff's equations with drag, in vectors."""
+    """A hull that flies a steady curve askew through a current: Kirchhoff's equations with drag, in
+    vectors.
+    """
     X_WB, current_W = pose(exp_so3(rng.uniform(-1.0, 1.0, 3))), rng.uniform(-0.4, 0.4, 3)
     v, w, arm_B = rng.uniform(-0.5, 0.5, 3), rng.uniform(-0.3, 0.3, 3), rng.uniform(-20.0, 20.0, 6)
     health = FaultDetection(MODEL, period=DT)
     state = health.init(at_rest(X_WB=X_WB, v_WB_B=v, w_WB_B=w))
     for t in np.arange(0.02, 6.0, 0.02):
         load = HullLoad(arm_wrench_B=arm_B, current_W=current_W)
-        command = Command(time=t, joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False, hull_load=load)
+        command = Command(
+            time=t, joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False, hull_load=load
+        )
         health.judge_hull(state, at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
 
     water = hydrodynamics.unpack(MODEL.body_user[VEHICLE.hull])
     nu, flow = np.concatenate([v, w]), np.concatenate([X_WB[:3, :3].T @ current_W, np.zeros(3)])
     nu_r = nu - flow
     momentum = hull_inertia(MODEL, VEHICLE.hull, 1.0) @ nu - water.added_mass @ flow
-    turned = np.concatenate([np.cross(w, momentum[:3]), np.cross(w, momentum[3:]) + np.cross(nu_r[:3], momentum[:3])])
+    turned = np.concatenate(
+        [np.cross(w, momentum[:3]), np.cross(w, momentum[3:]) + np.cross(nu_r[:3], momentum[:3])]
+    )
     drag = water.linear_damping @ nu_r + water.quadratic_damping * np.abs(nu_r) * nu_r
     thrust = np.array([in_flow(i, 0.0, nu_r) for i in range(M)])
     wanted = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
@@ -220,10 +271,16 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
     if not turns:  # it is probed
         (missing,) = (float(word) for word in re.findall(r"([-\d]+)%", fault.figures))
         assert missing == pytest.approx(100.0, abs=15.0)
-        assert 2.0 * limits.probe_time < fault.time - 10.0 - limits.current_confirm < 2.0 * limits.probe_time + 0.65
+        assert (
+            2.0 * limits.probe_time
+            < fault.time - 10.0 - limits.current_confirm
+            < 2.0 * limits.probe_time + 0.65
+        )
         return
     gave, asked = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
-    assert asked == pytest.approx(in_flow(thruster, COMMAND[thruster], velocity(fault.time)), abs=1.0)
+    assert asked == pytest.approx(
+        in_flow(thruster, COMMAND[thruster], velocity(fault.time)), abs=1.0
+    )
     assert abs(gave) < 0.5 * abs(asked)  # what is left, as it was judged then
     assert limits.thruster_confirm < fault.time - 10.0 < limits.thruster_confirm + 0.65
 
@@ -238,7 +295,8 @@ def test_a_thruster_stuck_at_full_thrust_is_found_with_what_it_gives(name: str, 
     (fault,) = Rig(velocity=pushed, command=0.3 * COMMAND).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
     within("time to find it [s]", fault.time - 10.0, 1.0)
-    within("share of its thrust", fault.thrust / gives - 1.0, 0.35)  # as it has grown through the filter till then
+    # as it has grown through the filter till then
+    within("share of its thrust", fault.thrust / gives - 1.0, 0.35)
 
 
 def test_a_push_that_is_learnt_for_a_current_is_no_lost_thruster():
@@ -263,14 +321,29 @@ def test_old_vision_is_a_fault_until_it_is_new_again():
 
     def look(age: float) -> list[FaultKind]:
         estimate = StateEstimate(
-            time=1.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six, vision_age=age
+            time=1.0,
+            X_WB=np.eye(4),
+            v_WB_B=zero,
+            w_WB_B=zero,
+            a_WB_B=zero,
+            q=six,
+            qd=six,
+            tau=six,
+            vision_age=age,
         )
         return [fault.kind for fault in health.step(state, estimate, command)]
 
     state = health.init(
-        StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six)
+        StateEstimate(
+            time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six
+        )
     )
-    assert [look(age) for age in (0.3, 1.1, 2.0, 0.2)] == [[], [FaultKind.VISION], [FaultKind.VISION], []]
+    assert [look(age) for age in (0.3, 1.1, 2.0, 0.2)] == [
+        [],
+        [FaultKind.VISION],
+        [FaultKind.VISION],
+        [],
+    ]
     assert look(float("nan")) == []
 
 
@@ -279,7 +352,13 @@ def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
     state, told = health.init(at_rest()), []
     for k, age in enumerate(ages):
         load = HullLoad(arm_wrench_B=np.zeros(6))
-        command = Command(time=float(k), joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False, hull_load=load)
+        command = Command(
+            time=float(k),
+            joint_torque=np.zeros(N),
+            thrusters=np.zeros(M),
+            scan=False,
+            hull_load=load,
+        )
         told.append(health.step(state, at_rest(time=float(k), imu_jump_age=age), command))
     assert told[:2] == [(), ()]
     (fault,) = told[2]

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from uuv.controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
+from uuv.controllers.safety.joint_residuals import (
+    JointResidualModel,
+    JointResiduals,
+    update_residuals,
+)
 from uuv.sim.interfaces.spatial import Array
 
 DT = 0.002  # [s]
@@ -29,7 +33,9 @@ def stepped(q: Array, qd: Array, tau: Array, motor: Array, *, warm: bool = True)
 
 
 def test_a_gear_passes_the_motor_less_rotor_and_viscous_friction():
-    """A joint that speeds up evenly and one that turns evenly: the sensors read just what is left."""
+    """A joint that speeds up evenly and one that turns evenly: the sensors read just what is
+    left.
+    """
     time = DT * np.arange(20, dtype=np.float64)
     rate = np.array([4.0, 0.0])  # [rad/s^2]
     qd = np.array([0.1, -0.6]) + np.outer(time, rate)
@@ -38,7 +44,9 @@ def test_a_gear_passes_the_motor_less_rotor_and_viscous_friction():
     tau = motor - MODEL.armature * rate - MODEL.damping * qd
     found = stepped(q, qd, tau, motor)
     assert found.excess == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert stepped(q, qd, np.add(tau, [0.0, 1.5]), motor).excess == pytest.approx([0.0, 1.5], abs=1e-9)
+    assert stepped(q, qd, np.add(tau, [0.0, 1.5]), motor).excess == pytest.approx(
+        [0.0, 1.5], abs=1e-9
+    )
 
 
 def test_only_a_torque_that_stays_beyond_its_bound_adds_up():

@@ -58,7 +58,9 @@ class Inner:
         self.seen = estimate
         return 0
 
-    def step(self, state: int, estimate: StateEstimate, reference: Reference) -> tuple[int, Command]:
+    def step(
+        self, state: int, estimate: StateEstimate, reference: Reference
+    ) -> tuple[int, Command]:
         self.seen = estimate
         assert reference is REFERENCE
         value = np.nan if state + 1 >= self.breaks else 0.01 * state
@@ -134,13 +136,17 @@ def test_no_numbers_anywhere_in_the_estimate_end_in_brakes_and_a_departure(name:
 
 
 def test_a_few_missing_numbers_are_passed_over():
-    commands = run([estimate(i, q=np.full(N, np.nan)) if 20 <= i < 30 else estimate(i) for i in range(60)])
+    commands = run(
+        [estimate(i, q=np.full(N, np.nan)) if 20 <= i < 30 else estimate(i) for i in range(60)]
+    )
     assert all(c.faults == () for c in commands)
     assert commands[-1].joint_torque[0] == pytest.approx(0.01 * 49)  # ten steps were left out
 
 
 def test_a_drive_without_its_encoder_bears_the_weight_and_no_more():
-    """Whatever the controller makes of an angle that stands still; the other drives do as it says."""
+    """Whatever the controller makes of an angle that stands still; the other drives do as it
+    says.
+    """
     joint, limits = 1, FaultLimits(warm_up=0.1)
 
     def frozen(i: int) -> StateEstimate:
@@ -195,9 +201,19 @@ def test_a_controller_of_no_numbers_is_replaced_for_good():
 
 
 def test_brakes_act_against_the_motion_and_bear_the_weight():
-    still = run([estimate(i) if i < 20 else estimate(i, a_WB_B=np.full(3, np.nan), qd=np.zeros(N)) for i in range(60)])
+    still = run(
+        [
+            estimate(i) if i < 20 else estimate(i, a_WB_B=np.full(3, np.nan), qd=np.zeros(N))
+            for i in range(60)
+        ]
+    )
     fast = np.array([0.1, -0.1, 0.1, -0.1, 0.1, -0.1])
-    moving = run([estimate(i) if i < 20 else estimate(i, a_WB_B=np.full(3, np.nan), qd=fast) for i in range(60)])
+    moving = run(
+        [
+            estimate(i) if i < 20 else estimate(i, a_WB_B=np.full(3, np.nan), qd=fast)
+            for i in range(60)
+        ]
+    )
     brake = moving[-1].joint_torque - still[-1].joint_torque
     assert np.allclose(brake, -0.5 * VEHICLE.torque_limits * fast / 0.4, rtol=0.0, atol=1e-9)
     assert np.abs(still[-1].joint_torque).max() > 1.0  # the arm is heavy in water
@@ -220,7 +236,8 @@ def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
     state, command = guarded.step(state, estimate(0), REFERENCE)
     tau = estimate(0).tau
     for i in range(1, 2600):
-        tau = estimate(i).tau + 0.01 * max(i - 1, 0) + 3.0  # what the motors were asked for, and an offset
+        # what the motors were asked for, and an offset
+        tau = estimate(i).tau + 0.01 * max(i - 1, 0) + 3.0
         state, command = guarded.step(state, estimate(i, tau=np.array(tau)), REFERENCE)
     assert command.faults == ()
     assert state.health is not None
@@ -240,13 +257,19 @@ def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
 
 
 def test_the_arm_gives_way_once_the_work_is_broken_off(within):
-    """Beyond the arm's weight each drive bears what 50 N at the tip need of it, whatever the controller asks for."""
+    """Beyond the arm's weight each drive bears what 50 N at the tip need of it, whatever the
+    controller asks for.
+    """
     most, arm = SAFETY.gentle_force, ArmDynamics(MODEL)
     one = estimate(0, qd=np.zeros(N))
 
     class Strong(Inner):
-        def step(self, state: int, estimate: StateEstimate, reference: Reference) -> tuple[int, Command]:
-            command = Command(time=estimate.time, joint_torque=1e4 * np.ones(N), thrusters=np.zeros(M), scan=False)
+        def step(
+            self, state: int, estimate: StateEstimate, reference: Reference
+        ) -> tuple[int, Command]:
+            command = Command(
+                time=estimate.time, joint_torque=1e4 * np.ones(N), thrusters=np.zeros(M), scan=False
+            )
             return state, command
 
     guarded = SafetyWrapper(Strong(), MODEL)
@@ -258,8 +281,17 @@ def test_the_arm_gives_way_once_the_work_is_broken_off(within):
     J = arm.tip(one.q)[1][:3]
     rest, none = np.zeros(N), np.zeros(6)
     borne = arm.inverse(
-        one.q, rest, rest, R_WB=np.eye(3), nu_B=none, a_B=none, v_current_W=none[:3], wrench_tip_G=none
+        one.q,
+        rest,
+        rest,
+        R_WB=np.eye(3),
+        nu_B=none,
+        a_B=none,
+        v_current_W=none[:3],
+        wrench_tip_G=none,
     )[0]
     excess = torque[AbortCode.THRUSTER] - borne
     lever = np.maximum(np.linalg.norm(J, axis=0), 0.1)
-    within("torque over what the force needs", float(np.abs(excess / (most * lever) - 1.0).max()), 1e-9)
+    within(
+        "torque over what the force needs", float(np.abs(excess / (most * lever) - 1.0).max()), 1e-9
+    )

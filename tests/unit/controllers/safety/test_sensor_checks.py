@@ -13,7 +13,9 @@ def sound() -> StateEstimate:
     X_WB = np.eye(4)
     X_WB[:3, :3], X_WB[:3, 3] = exp_so3([0.3, -0.2, 0.9]), [1.0, 2.0, -8.0]
     three, six = np.full(3, 0.01), np.zeros(6)
-    return StateEstimate(time=12.0, X_WB=X_WB, v_WB_B=three, w_WB_B=three, a_WB_B=three, q=six, qd=six, tau=six)
+    return StateEstimate(
+        time=12.0, X_WB=X_WB, v_WB_B=three, w_WB_B=three, a_WB_B=three, q=six, qd=six, tau=six
+    )
 
 
 def told(estimate: StateEstimate) -> list[Fault]:
@@ -34,11 +36,15 @@ def test_each_axis_of_a_gyro_is_a_fault_of_its_own():
 def test_an_attitude_is_one_fault_with_all_its_axes():
     (fault,) = told(replace(sound(), attitude_off_B=np.array([0.01, 0.0, -0.02])))
     assert (fault.kind, fault.part, fault.index) == (FaultKind.ATTITUDE, "", -1)
-    assert fault.figures == "leaves the integral of the rate by +0.57 deg about x, -1.15 deg about z"
+    assert fault.figures == (
+        "leaves the integral of the rate by +0.57 deg about x, -1.15 deg about z"
+    )
 
 
 def test_where_it_may_be_either_both_say_so():
-    gyro, attitude = told(replace(sound(), gyro_off_B=np.eye(3)[1] * 0.01, attitude_off_B=np.eye(3)[1] * 0.001))
+    gyro, attitude = told(
+        replace(sound(), gyro_off_B=np.eye(3)[1] * 0.01, attitude_off_B=np.eye(3)[1] * 0.001)
+    )
     assert gyro.figures.endswith("unless the attitude drifts")
     assert attitude.figures.endswith("unless the gyro does")
 

@@ -1,4 +1,6 @@
-"""The probe of a thruster: a wave along it is told from its loss, and from a part of it, also where it is saturated."""
+"""The probe of a thruster: a wave along it is told from its loss, and from a part of it, also where
+it is saturated.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ TABLE = Vehicle.of(models.load("uuv_puma").compile()).thruster_table
 SWAY, DT = 2, 0.02  # index, [s]
 
 
-def probed(lost: float, wave: float, frequency: float, wanted: float, inflow: float = 0.0) -> tuple[float, float]:
+def probed(
+    lost: float, wave: float, frequency: float, wanted: float, inflow: float = 0.0
+) -> tuple[float, float]:
     """Share that a probe states, and how long it took [s].
 
     Args:
@@ -57,7 +61,9 @@ def test_a_loss_is_told_from_a_wave(wave: float, frequency: float, wanted: float
 @pytest.mark.parametrize("inflow", [-0.5, 0.5])
 @pytest.mark.parametrize("wanted", [0.1, 0.4, -0.4])
 def test_it_tells_the_whole_loss_in_a_current(wanted: float, inflow: float, within):
-    """With the doublet as it would be in still water the share is 0.8 to 1.5, or not to be known."""
+    """With the doublet as it would be in still water the share is 0.8 to 1.5, or not to be
+    known.
+    """
     for lost in (0.0, 1.0):
         share, _ = probed(lost, 0.0, 0.1, wanted, inflow)
         within("share", share - lost, 0.03)  # measured 0.013

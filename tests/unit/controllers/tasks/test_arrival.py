@@ -9,27 +9,48 @@ from at_rest import at_rest
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.promise import NAVIGATION_TIME, PromiseLimits
 from uuv.controllers.tasks import arrival
-from uuv.controllers.tasks.arrival import CertainPlace, ScanLimits, ScanTarget, TareSensors, fuse_poses
+from uuv.controllers.tasks.arrival import (
+    CertainPlace,
+    ScanLimits,
+    ScanTarget,
+    TareSensors,
+    fuse_poses,
+)
 from uuv.controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
 from uuv.sim.interfaces.messages import AbortCode, Promise, Target, ToolPath
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
 
-TRUE = pose(exp_so3([0.3, -0.5, 2.0]), [40.0, -25.0, -12.0])  # far from the origin: turns have a long lever there
+# far from the origin: turns have a long lever there
+TRUE = pose(exp_so3([0.3, -0.5, 2.0]), [40.0, -25.0, -12.0])
 PATH_T = np.linspace([-0.3, 0.0, 0.3], [0.3, 0.1, 0.3], 40)
 
 
 def found(X_WT: Array, *, path: bool = True) -> Target:
     s, turned = np.linspace(0.0, 0.6, 40), np.ones((40, 1)) * X_WT[:3, 2]
     on = ToolPath(
-        s=s, p=transform_points(X_WT, PATH_T), z=-turned, x=np.ones((40, 1)) * X_WT[:3, 0], on_scan=np.ones(40, bool)
+        s=s,
+        p=transform_points(X_WT, PATH_T),
+        z=-turned,
+        x=np.ones((40, 1)) * X_WT[:3, 0],
+        on_scan=np.ones(40, bool),
     )
-    return Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=1.0, reason="", path=on if path else None)
+    return Target(
+        time=0.0,
+        X_WT=X_WT,
+        accepted=True,
+        check_m=0.0,
+        range_m=1.0,
+        reason="",
+        path=on if path else None,
+    )
 
 
 def off(rng: np.random.Generator, move: float, turn: float) -> Array:
     """TRUE moved and turned about its own origin by random errors of those deviations [m, rad]."""
-    return pose(exp_so3(turn * rng.normal(size=3)) @ TRUE[:3, :3], TRUE[:3, 3] + move * rng.normal(size=3))
+    return pose(
+        exp_so3(turn * rng.normal(size=3)) @ TRUE[:3, :3], TRUE[:3, 3] + move * rng.normal(size=3)
+    )
 
 
 def test_mean_of_one_is_that_one(within):
@@ -40,7 +61,9 @@ def test_mean_of_one_is_that_one(within):
 
 
 def test_errors_shrink_by_the_root_of_the_number(rng, within):
-    """Of 9 finds a third is left, in place and in turn, over 100 means (chi-square: 4 % of deviation)."""
+    """Of 9 finds a third is left, in place and in turn, over 100 means (chi-square: 4 % of
+    deviation).
+    """
     moves, turns = [], []
     for _ in range(100):
         mean = fuse_poses([found(off(rng, 2e-3, 3e-3)) for _ in range(9)])
@@ -64,7 +87,9 @@ def test_path_goes_with_the_pose(rng, within):
     "other",
     [
         pytest.param(pose(TRUE[:3, :3], TRUE[:3, 3] + [0.2, 0.0, 0.0]), id="elsewhere"),
-        pytest.param(pose(TRUE[:3, :3] @ exp_so3([np.pi, 0.0, 0.0]), TRUE[:3, 3]), id="turned over"),
+        pytest.param(
+            pose(TRUE[:3, :3] @ exp_so3([np.pi, 0.0, 0.0]), TRUE[:3, 3]), id="turned over"
+        ),
     ],
 )
 def test_what_does_not_agree_is_left_out(other, within):
@@ -79,18 +104,24 @@ def test_without_a_path(rng):
 
 
 def stated(rng: np.random.Generator, deviation: Array, error: Array | None = None) -> Target:
-    """A find that is off by drawn errors (or `error`) of the stated deviations (6,) [m] of its twist."""
+    """A find that is off by drawn errors (or `error`) of the stated deviations (6,) [m] of its
+    twist.
+    """
     center = transform_points(TRUE, np.array([0.1, 0.0, 0.2]))
     drawn = deviation * rng.normal(size=6) if error is None else error
     R = exp_so3(drawn[3:] / 0.5)
     X_WT = pose(R @ TRUE[:3, :3], center + drawn[:3] + R @ (TRUE[:3, 3] - center))
     free, matrix = np.zeros((0, 6)), np.diag(deviation**2)
-    doubt = PoseCovariance(matrix=matrix, free=free, center=center + drawn[:3], radius=0.5, size_sigma=1.0)
+    doubt = PoseCovariance(
+        matrix=matrix, free=free, center=center + drawn[:3], radius=0.5, size_sigma=1.0
+    )
     return replace(found(X_WT), covariance=doubt)
 
 
 def test_better_finds_weigh_more_and_the_covariance_is_right(rng):
-    """Two views, each of which is loose along another direction: the mean is good along both; NEES 6."""
+    """Two views, each of which is loose along another direction: the mean is good along both; NEES
+    6.
+    """
     loose, squares, errors = np.full(6, 1e-3), [], []
     one, other = np.array(loose), np.array(loose)
     one[0], other[1] = 10e-3, 10e-3
@@ -117,7 +148,9 @@ def test_outlier_is_told_by_its_normalised_distance(rng):
 
 
 def looked(targets: list[Target], views: int = 3) -> tuple[Held, list[str]]:
-    """Run ScanTarget over the targets of successive views, two looks each; what the phases share, and the events."""
+    """Run ScanTarget over the targets of successive views, two looks each; what the phases share,
+    and the events.
+    """
     phase, events = ScanTarget(ScanLimits(views=views, finds=2, interval=0.0)), []
     held, time = Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(0)), 0.0
     at = at_rest()
@@ -159,7 +192,9 @@ def test_a_loose_find_is_kept_where_the_other_view_shows_nothing(rng):
 
 
 def test_the_error_of_the_hull_shrinks_with_time_but_that_of_its_attitude_does_not(rng):
-    """Finds with registration of 0.1 mm, hull position of 2 mm and attitude of 1 mrad; 0.03, 2.4 and 240 s apart."""
+    """Finds with registration of 0.1 mm, hull position of 2 mm and attitude of 1 mrad; 0.03, 2.4
+    and 240 s apart.
+    """
     own, place, angle, lever = 1e-4, 2e-3, 1e-3, np.array([1.0, 0.0, -0.5])
     base = stated(rng, np.full(6, own), np.zeros(6))
     assert base.covariance is not None
@@ -172,7 +207,8 @@ def test_the_error_of_the_hull_shrinks_with_time_but_that_of_its_attitude_does_n
         mean = fuse_poses([replace(find, time=k * apart) for k in range(6)])
         assert mean.covariance is not None
         told[apart] = np.diag(mean.covariance.matrix - turned)[:3]
-    alike = np.exp(-np.abs(np.subtract.outer(np.arange(6), np.arange(6))))  # one correlation time apart
+    # one correlation time apart
+    alike = np.exp(-np.abs(np.subtract.outer(np.arange(6), np.arange(6))))
     for apart, share in zip(told, (1.0, alike.mean(), 1.0 / 6.0), strict=True):
         assert np.sqrt(told[apart]) == pytest.approx(place * np.sqrt(share), rel=0.05)
 
@@ -180,7 +216,9 @@ def test_the_error_of_the_hull_shrinks_with_time_but_that_of_its_attitude_does_n
 def tared(
     chances: list[float], limits: PromiseLimits, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Held, float, Abort | None]:
-    """Run the tare with a chance of `chances[k]` k seconds after it; when it was done [s], and the abort if any."""
+    """Run the tare with a chance of `chances[k]` k seconds after it; when it was done [s], and the
+    abort if any.
+    """
     zero, began = np.zeros(3), 3.5
     at = at_rest()
     now = {"time": 0.0}
@@ -190,7 +228,9 @@ def tared(
         return Promise(chance=chance, tolerance=3e-3, navigation_sigma=1e-3, object_sigma=1e-3)
 
     monkeypatch.setattr(arrival, "promise", told)
-    place = Placement(X_WB=np.eye(4), travel_W=zero, roll=0.0, q_start=zero, margin=1.0, reached=1.0)
+    place = Placement(
+        X_WB=np.eye(4), travel_W=zero, roll=0.0, q_start=zero, margin=1.0, reached=1.0
+    )
     target = found(TRUE)
     assert target.path is not None
     held = Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(0), target=target)
@@ -200,7 +240,9 @@ def tared(
     for k in range(1, 6000):
         now["time"] = 0.01 * k
         outcome = phase.step(state, held, Context(now["time"], 0.01, at, None, None))
-        assert phase.setpoint(state, held, Context(now["time"], 0.01, at, None, None)).X_WG is not None
+        assert (
+            phase.setpoint(state, held, Context(now["time"], 0.01, at, None, None)).X_WG is not None
+        )
         if outcome is not None:
             return held, now["time"], outcome if isinstance(outcome, Abort) else None
     raise AssertionError("it never ended")
@@ -215,7 +257,9 @@ def tared(
         pytest.param([0.3 + 0.02 * k for k in range(40)], 15.0, id="but not for ever"),
     ],
 )
-def test_a_better_place_is_waited_for(chances: list[float], seconds: float, monkeypatch: pytest.MonkeyPatch):
+def test_a_better_place_is_waited_for(
+    chances: list[float], seconds: float, monkeypatch: pytest.MonkeyPatch
+):
     held, done, abort = tared(chances, PromiseLimits(), monkeypatch)
     assert abort is None
     assert done - 3.5 == pytest.approx(seconds, abs=0.06)
@@ -228,5 +272,6 @@ def test_too_small_a_chance_is_refused_with_its_figures(monkeypatch: pytest.Monk
     assert abort is not None
     assert abort.code is AbortCode.PLACE_UNCERTAIN
     assert (
-        abort.reason == "chance to keep 3 mm: 60.0% (hull's place 1.0 mm, object's 1.0 mm); at least 80.0% is asked for"
+        abort.reason == "chance to keep 3 mm: 60.0% (hull's place 1.0 mm, object's 1.0 mm); at "
+        "least 80.0% is asked for"
     )

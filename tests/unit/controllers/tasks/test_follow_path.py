@@ -22,16 +22,24 @@ def held() -> Held:
     s, ones = np.linspace(0.0, LENGTH, 25), np.ones((25, 1))
     R = X_WT[:3, :3]
     path = ToolPath(
-        s=s, p=X_WT[:3, 3] + s[:, None] * R[:, 0], z=-ones * R[:, 2], x=ones * R[:, 0], on_scan=np.ones(25, dtype=bool)
+        s=s,
+        p=X_WT[:3, 3] + s[:, None] * R[:, 0],
+        z=-ones * R[:, 2],
+        x=ones * R[:, 0],
+        on_scan=np.ones(25, dtype=bool),
     )
     travel = np.array([0.0, 0.3, 0.0])
-    placement = Placement(X_WB=X_WT, travel_W=travel, roll=0.2, q_start=np.zeros(6), margin=1.0, reached=1.0)
+    placement = Placement(
+        X_WB=X_WT, travel_W=travel, roll=0.2, q_start=np.zeros(6), margin=1.0, reached=1.0
+    )
     line = ToolLine(path=path, placement=placement, offset=0.0)
     return Held(X_WB=X_WT, X_WB_scan=X_WT, q=np.zeros(6), line=line, set_force=FORCE)
 
 
 def followed(*pauses: tuple[float, float]) -> np.ndarray:
-    """Rows (N, 4) of time [s], place [m], commanded speed [m/s] and force [N]; paused from and to each pair [s]."""
+    """Rows (N, 4) of time [s], place [m], commanded speed [m/s] and force [N]; paused from and to
+    each pair [s].
+    """
     here, phase, rows = held(), FollowPath(LIMITS, (FORCE,), rate=200.0), []
     state = phase.enter(here, Context(0.0, PERIOD, at_rest(), None, None))
     for tick in range(4000):
@@ -46,13 +54,18 @@ def followed(*pauses: tuple[float, float]) -> np.ndarray:
 
 
 def test_a_pause_delays_the_end_by_its_own_time():
-    """With ramps of 1 s to 0.02 m/s the path takes 7 s, and lingers 0.5 s; stop and go of the pauses cancel.
+    """With ramps of 1 s to 0.02 m/s the path takes 7 s, and lingers 0.5 s; stop and go of the
+    pauses cancel.
 
     In 0.2 s the pace falls by 0.4 only, and takes as long to come back: 0.08 s are lost.
     """
     whole = followed()
     assert whole[-1, 0] == pytest.approx(7.5, abs=1.5 * PERIOD)
-    for pauses, lost in (([(2.0, 5.0)], 3.0), ([(2.0, 3.0), (4.0, 6.5)], 3.5), ([(2.0, 2.2)], 0.08)):
+    for pauses, lost in (
+        ([(2.0, 5.0)], 3.0),
+        ([(2.0, 3.0), (4.0, 6.5)], 3.5),
+        ([(2.0, 2.2)], 0.08),
+    ):
         assert followed(*pauses)[-1, 0] - whole[-1, 0] == pytest.approx(lost, abs=1.5 * PERIOD)
 
 
@@ -64,4 +77,5 @@ def test_the_tool_stands_through_a_pause_at_less_force_and_its_speed_is_that_of_
     assert np.all(force[still] == 0.5 * FORCE)
     assert force[0] == force[-1] == FORCE
     assert place[-1] == pytest.approx(LENGTH)
-    assert np.gradient(place, time)[1:-1] == pytest.approx(speed[1:-1], abs=1e-3)  # a period of the ramps
+    # a period of the ramps
+    assert np.gradient(place, time)[1:-1] == pytest.approx(speed[1:-1], abs=1e-3)

@@ -56,11 +56,15 @@ def free(tip_H: Array, time: float) -> Array:
 
 
 def wall_at(depth: float, radius: float = np.inf) -> World:
-    """A face `depth` [m] below the mouth, but for a bore of `radius` around (6, 3) mm, to be found by the search."""
+    """A face `depth` [m] below the mouth, but for a bore of `radius` around (6, 3) mm, to be found
+    by the search.
+    """
 
     def world(tip_H: Array, time: float) -> Array:
         del time
-        inside = np.hypot(tip_H[0] - 6e-3, tip_H[1] - 3e-3) < radius if np.isfinite(radius) else False
+        inside = (
+            np.hypot(tip_H[0] - 6e-3, tip_H[1] - 3e-3) < radius if np.isfinite(radius) else False
+        )
         return np.array([0.0, 0.0, 0.0 if inside else -STIFFNESS * max(0.0, tip_H[2] - depth)])
 
     return world
@@ -68,7 +72,9 @@ def wall_at(depth: float, radius: float = np.inf) -> World:
 
 @dataclass
 class Script(Told):
-    """Drives a planner through a world that answers with forces; every reference that it gives is kept."""
+    """Drives a planner through a world that answers with forces; every reference that it gives is
+    kept.
+    """
 
     world: World = free
     job: InsertionJob = field(default_factory=InsertionJob)
@@ -78,7 +84,9 @@ class Script(Told):
     def run(self, seconds: float = 200.0) -> "Script":
         vehicle = Vehicle.of(OWN)
         own = WorkVehicle(vehicle=vehicle, chain=CHAIN, hull_box=np.zeros((2, 3)))
-        planner = HoleInsertion(own, BLOCK.target, HOLE, self.job, X_WB_scan=SCAN_POSE, period=PERIOD)
+        planner = HoleInsertion(
+            own, BLOCK.target, HOLE, self.job, X_WB_scan=SCAN_POSE, period=PERIOD
+        )
         X_WB, state, command, seen, scanning, zero = SCAN_POSE, None, None, None, False, np.zeros(3)
         for tick in range(round(seconds / PERIOD)):
             time = tick * PERIOD
@@ -139,7 +147,12 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def place(vehicle: Vehicle, *_: Any, **__: Any) -> Placement:
         return Placement(
-            X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.7, q_start=vehicle.q_ready, margin=1.0, reached=1.0
+            X_WB=WORK_POSE,
+            travel_W=np.zeros(3),
+            roll=0.7,
+            q_start=vehicle.q_ready,
+            margin=1.0,
+            reached=1.0,
         )
 
     monkeypatch.setattr(hull_placement, "place_hull", place)
@@ -153,19 +166,29 @@ def test_a_free_hole_is_entered_along_its_axis_and_left(within):
     within("off the axis [m]", np.linalg.norm(tips[:, :2], axis=1), 1e-12)
     assert 0.0 <= script.deepest - script.job.depth < 1e-3  # it slows down at 30 mm/s^2
     within("back at the stand-off [m]", tips[-1, 2] + script.job.axial.standoff, 3e-4)
-    axes = np.array([r.X_WG[:3, 2] for r in script.references if r.state in AFTER and r.X_WG is not None])
+    axes = np.array(
+        [r.X_WG[:3, 2] for r in script.references if r.state in AFTER and r.X_WG is not None]
+    )
     within("tool axis", axes - X_WH[:3, 2], 1e-12)
     # What is asked of the tool's speed is how its place moves.
     moved = np.diff(tips[:, 2]) / PERIOD
-    asked = [r.v_WG_W @ X_WH[:3, 2] for r in script.references if r.state in (WorkState.APPROACH, *AFTER)]
-    within("speed [m/s]", moved[:-1] - np.array(asked)[1 : len(moved)], script.job.axial.acceleration * PERIOD + 1e-9)
+    asked = [
+        r.v_WG_W @ X_WH[:3, 2] for r in script.references if r.state in (WorkState.APPROACH, *AFTER)
+    ]
+    within(
+        "speed [m/s]",
+        moved[:-1] - np.array(asked)[1 : len(moved)],
+        script.job.axial.acceleration * PERIOD + 1e-9,
+    )
     stay = script.of(WorkState.WORK)
     assert len(stay) * PERIOD == pytest.approx(script.job.stay, abs=0.05)
     assert {r.state for r in script.references if r.compliant} == set(AFTER)
     assert {r.state for r in script.references if r.tare} == {WorkState.TARE}
 
 
-@pytest.mark.parametrize(("depth", "first"), [(-0.009, WorkState.APPROACH), (0.004, WorkState.INSERT)])
+@pytest.mark.parametrize(
+    ("depth", "first"), [(-0.009, WorkState.APPROACH), (0.004, WorkState.INSERT)]
+)
 def test_the_rim_is_met_and_the_hole_is_searched_for(depth, first):
     script = Script(wall_at(depth, radius=0.004)).run()
     at = script.states.index(WorkState.SEARCH)
@@ -176,16 +199,27 @@ def test_the_rim_is_met_and_the_hole_is_searched_for(depth, first):
     search = script.tips(WorkState.SEARCH)
     speed = np.linalg.norm(np.diff(search[:, :2], axis=0), axis=1)[20:] / PERIOD
     assert speed.max() < 1.2 * script.job.search.speed
-    # Pressed by no more than the force with which it feels, but for the speed at which the rim is met.
-    pressed = STIFFNESS * (search[50:, 2] - depth)[np.hypot(search[50:, 0] - 6e-3, search[50:, 1] - 3e-3) > 4e-3]
+    # Pressed by no more than the force with which it feels, but for the speed at which the rim is
+    # met.
+    pressed = (
+        STIFFNESS
+        * (search[50:, 2] - depth)[np.hypot(search[50:, 0] - 6e-3, search[50:, 1] - 3e-3) > 4e-3]
+    )
     assert pressed.max() < 1.3 * script.job.search.force
 
 
 def test_no_hole_is_there():
     script = Script(wall_at(0.001)).run()
-    assert script.states[-4:] == [WorkState.INSERT, WorkState.SEARCH, WorkState.WITHDRAW, WorkState.ABORT]
+    assert script.states[-4:] == [
+        WorkState.INSERT,
+        WorkState.SEARCH,
+        WorkState.WITHDRAW,
+        WorkState.ABORT,
+    ]
     assert "no hole within 16 mm" in script.end.note
-    assert np.linalg.norm(script.tips(WorkState.SEARCH)[:, :2], axis=1).max() == pytest.approx(0.016, rel=0.02)
+    assert np.linalg.norm(script.tips(WorkState.SEARCH)[:, :2], axis=1).max() == pytest.approx(
+        0.016, rel=0.02
+    )
 
 
 def test_a_jam_is_drawn_back_from_and_tried_again():
@@ -212,7 +246,9 @@ def test_pressed_aside_it_waits():
         del time
         return np.array([12.0 if 0.02 < tip_H[2] < 0.03 else 0.0, 0.0, 0.0])
 
-    script = Script(aside, job=InsertionJob(axial=replace(InsertionJob().axial, longest=30.0))).run()
+    script = Script(
+        aside, job=InsertionJob(axial=replace(InsertionJob().axial, longest=30.0))
+    ).run()
     assert 0.02 < script.deepest < 0.021  # at 6 mm/s it needs 0.6 mm to stop
     assert script.states[-1] is WorkState.ABORT
 
@@ -221,7 +257,11 @@ def test_pressed_aside_it_waits():
     ("world", "said"),
     [
         pytest.param(wall_at(-0.03), "29 mm before the mouth", id="early"),
-        pytest.param(lambda tip_H, _: np.array([0.0, 70.0 * (tip_H[2] > 0.02), 0.0]), "above the limit", id="force"),
+        pytest.param(
+            lambda tip_H, _: np.array([0.0, 70.0 * (tip_H[2] > 0.02), 0.0]),
+            "above the limit",
+            id="force",
+        ),
     ],
 )
 def test_breaks_off_and_is_drawn_out(world, said):
@@ -237,9 +277,15 @@ def test_stuck_on_the_way_out_it_pulls_no_harder_than_it_pushed():
     def stuck(tip_H: Array, time: float) -> Array:
         del time
         held.append(max([0.0, *held[-1:], tip_H[2]]))
-        return np.array([0.0, 0.0, STIFFNESS * max(0.0, 0.04 - tip_H[2])]) if held[-1] > 0.0599 else np.zeros(3)
+        return (
+            np.array([0.0, 0.0, STIFFNESS * max(0.0, 0.04 - tip_H[2])])
+            if held[-1] > 0.0599
+            else np.zeros(3)
+        )
 
-    script = Script(stuck, job=InsertionJob(axial=replace(InsertionJob().axial, longest=20.0))).run()
+    script = Script(
+        stuck, job=InsertionJob(axial=replace(InsertionJob().axial, longest=20.0))
+    ).run()
     assert script.states[-2:] == [WorkState.WITHDRAW, WorkState.ABORT]
     assert "stuck at 40" in script.end.note
     pulled = STIFFNESS * (0.04 - script.tips(WorkState.WITHDRAW)[:, 2])
@@ -259,7 +305,8 @@ def test_a_fault_before_the_hole_ends_the_work_there(state):
     assert script.states == [*BEFORE[: BEFORE.index(state) + 1], WorkState.ABORT]
     assert script.end.abort is AbortCode.THRUSTER
     tips = script.tips(*WorkState)
-    assert not len(tips) or tips[:, 2].max() < -0.9 * script.job.axial.standoff  # never nearer than the stand-off
+    # never nearer than the stand-off
+    assert not len(tips) or tips[:, 2].max() < -0.9 * script.job.axial.standoff
 
 
 def test_without_compliance_nothing_gives_way():
@@ -293,21 +340,26 @@ def test_a_controller_that_feels_nothing_is_refused():
         Context(0.0, PERIOD, estimate, None, dumb).contact_force(np.array([0.0, 0.0, 1.0]))
 
 
-# ------------------------------------------------------------------------------------------------------------ figures
+# ------------------------------------------------------------------------------------------------------------
+# figures
 
 
 def test_error_of_the_hole_is_across_its_axis(within):
     rng = np.random.default_rng(5)
     for _ in range(5):
         aside, turn = rng.normal(scale=0.002, size=2), rng.uniform(0.001, 0.02)
-        X = X_WH @ pose(exp_so3([turn, 0.0, 0.0]) @ exp_so3([0.0, 0.0, 1.0]), [*aside, rng.normal(scale=0.01)])
+        X = X_WH @ pose(
+            exp_so3([turn, 0.0, 0.0]) @ exp_so3([0.0, 0.0, 1.0]), [*aside, rng.normal(scale=0.01)]
+        )
         position, angle = hole_error(X, X_WH)
         within("aside [m]", position - np.hypot(*aside), 1e-12)
         within("tilt [rad]", angle - turn, 1e-9)
 
 
 def test_failures_are_told_apart():
-    def trial(abort: AbortCode | None, state: str = "abort", failed: str = "the run ended") -> dict[str, Any]:
+    def trial(
+        abort: AbortCode | None, state: str = "abort", failed: str = "the run ended"
+    ) -> dict[str, Any]:
         metrics = crashed(7, "")
         metrics["run"] |= {"state": state, "abort": abort}
         return {**metrics, "failed": [failed]}
@@ -320,8 +372,19 @@ def test_failures_are_told_apart():
         trial(None, "done", "side force, peak: 23.10 N, bound 20.00"),
         crashed(1, "blew up"),
     ]
-    kinds = ["not identified", "hole not found", "jammed", "force limit", "side force, peak", "crashed"]
+    kinds = [
+        "not identified",
+        "hole not found",
+        "jammed",
+        "force limit",
+        "side force, peak",
+        "crashed",
+    ]
     assert summary(trials)["failures"] == dict.fromkeys(kinds, 1)
     good = {**crashed(3, ""), "accepted": True}
     figures = summary([good, good, crashed(9, "blew up")])
-    assert (figures["accepted"], figures["failures"], figures["failed_seeds"]) == (2, {"crashed": 1}, [9])
+    assert (figures["accepted"], figures["failures"], figures["failed_seeds"]) == (
+        2,
+        {"crashed": 1},
+        [9],
+    )

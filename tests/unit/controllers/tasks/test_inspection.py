@@ -1,4 +1,6 @@
-"""The inspection flight: the line around an object, the hull's poses on it, and the planner that flies it."""
+"""The inspection flight: the line around an object, the hull's poses on it, and the planner that
+flies it.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -37,7 +39,9 @@ VEHICLE, CHAIN = Vehicle.of(OWN), Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, 
 X_WT = pose(exp_so3([0.06, -0.04, 0.7]), [0.3, -0.2, -3.0])
 TILT = np.radians(60.0)
 X_BC = pose(
-    np.column_stack([[0.0, -1.0, 0.0], [-np.sin(TILT), 0.0, -np.cos(TILT)], [np.cos(TILT), 0.0, -np.sin(TILT)]]),
+    np.column_stack(
+        [[0.0, -1.0, 0.0], [-np.sin(TILT), 0.0, -np.cos(TILT)], [np.cos(TILT), 0.0, -np.sin(TILT)]]
+    ),
     [0.8, 0.0, -0.4],
 )
 BOX = np.array([[-0.8, -0.5, -0.4], [0.83, 0.5, 0.4]])
@@ -47,12 +51,16 @@ ZERO = np.zeros(3)
 
 
 def to_outline(points: Array, target: TargetModel) -> Array:
-    """Level distance (N,) [m] of `points` in W from the outline of `target` at X_WT, by its sides."""
+    """Level distance (N,) [m] of `points` in W from the outline of `target` at X_WT, by its
+    sides.
+    """
     corners = transform_points(X_WT, target.vertices)[:, :2]
     corners = corners[ConvexHull(corners).vertices]
     side = np.roll(corners, -1, axis=0) - corners
     off = points[:, None, :2] - corners
-    share = np.clip(np.einsum("nki,ki->nk", off, side) / np.einsum("ki,ki->k", side, side), 0.0, 1.0)
+    share = np.clip(
+        np.einsum("nki,ki->nk", off, side) / np.einsum("ki,ki->k", side, side), 0.0, 1.0
+    )
     return np.linalg.norm(off - share[..., None] * side, axis=2).min(axis=1)
 
 
@@ -69,7 +77,8 @@ def test_the_camera_keeps_its_distance_and_looks_at_the_object(within, name):
     heights = transform_points(X_WT, target.vertices)[:, 2]
     above = found.p_WC[:, 2] - 0.5 * (heights.min() + heights.max())
     within("height [m]", above - np.sin(TILT) * JOB.distance, 1e-9)
-    # Along its axis for the distance it comes to the outline; where the spline rounds a corner, 2.5 deg beside it.
+    # Along its axis for the distance it comes to the outline; where the spline rounds a corner, 2.5
+    # deg beside it.
     ahead = np.column_stack([np.cos(found.yaw), np.sin(found.yaw)])
     within("off the outline [m]", to_outline(found.p_WC[:, :2] + level * ahead, target), 0.06)
 
@@ -89,7 +98,9 @@ def test_it_is_closed_and_goes_once_around(within, name):
 def test_a_round_outline_gives_a_circle(within):
     angle = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
     disc = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), np.zeros(200)])
-    line, inward = offset_outline(np.vstack([disc, disc + np.array([0.0, 0.0, 0.2])]), np.array([0.0, 0.0, 2.0]), 0.9)
+    line, inward = offset_outline(
+        np.vstack([disc, disc + np.array([0.0, 0.0, 0.2])]), np.array([0.0, 0.0, 2.0]), 0.9
+    )
     radius = np.linalg.norm(line[:, :2], axis=1)
     within("radius [m]", radius - 1.2, 0.01)
     within("height [m]", line[:, 2] - 0.1, 1e-12)
@@ -97,11 +108,15 @@ def test_a_round_outline_gives_a_circle(within):
 
 
 def test_carrying_over_keeps_the_line(within, rng):
-    """Eq. (6): around the object where it was found is the line around its model, carried by its pose."""
+    """Eq. (6): around the object where it was found is the line around its model, carried by its
+    pose.
+    """
     target = targets.named("starfish")
     turn = pose(exp_so3([0.0, 0.0, rng.uniform(-3.0, 3.0)]), rng.uniform(-2.0, 2.0, 3))
     first = orbit(target, np.eye(4), JOB, X_BC=X_BC, near_W=np.array([3.0, 0.0, 0.0]))
-    moved = orbit(target, turn, JOB, X_BC=X_BC, near_W=transform_points(turn, np.array([[3.0, 0.0, 0.0]]))[0])
+    moved = orbit(
+        target, turn, JOB, X_BC=X_BC, near_W=transform_points(turn, np.array([[3.0, 0.0, 0.0]]))[0]
+    )
     # The spline is fitted in other axes of the ground: its own 2 mm, not more.
     shares = np.linspace(0.0, 1.0, 50)
     ways = [
@@ -125,7 +140,10 @@ def test_motion_is_bounded(name):
     assert 0.4 < max(shares) < 1.02
     # The samples' own kinks are averaged over 0.5 s.
     slow = np.array([np.convolve(column, np.ones(10) / 10.0, "valid") for column in v.T]).T
-    assert np.linalg.norm(np.gradient(slow, time[: len(slow)], axis=0), axis=1).max() < 1.2 * JOB.acceleration
+    assert (
+        np.linalg.norm(np.gradient(slow, time[: len(slow)], axis=0), axis=1).max()
+        < 1.2 * JOB.acceleration
+    )
 
 
 @dataclass
@@ -141,7 +159,9 @@ class Script(Told):
         found = orbit(target, X_WT, self.job, X_BC=X_BC, near_W=np.array([2.0, 0.0, -2.0]))
         X_WB_scan = found.at(0.0)[0] @ pose(p=[-0.1, 0.0, 0.1])
         own = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=BOX, X_BC=X_BC)
-        planner = Inspection(own, target, self.job, X_WB_scan=X_WB_scan, floor=self.floor, period=0.05)
+        planner = Inspection(
+            own, target, self.job, X_WB_scan=X_WB_scan, floor=self.floor, period=0.05
+        )
         X_WB, state, seen = X_WB_scan, None, None
         for tick in range(8000):
             estimate = StateEstimate(
@@ -176,7 +196,13 @@ class Script(Told):
 
 def test_it_flies_once_around_and_ends_where_it_began(within):
     script = Script().run()
-    assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.WORK, WorkState.DONE]
+    assert script.states == [
+        WorkState.SETTLE,
+        WorkState.SCAN,
+        WorkState.CLOSE_IN,
+        WorkState.WORK,
+        WorkState.DONE,
+    ]
     work = script.of(WorkState.WORK)
     within("ends apart [m]", work[-1].X_WB - work[0].X_WB, 1e-3)
     assert max(np.ptp([r.X_WB[i, 3] for r in work]) for i in range(2)) > 1.5
@@ -223,7 +249,8 @@ def test_what_cannot_be_is_refused():
 
 @pytest.mark.parametrize("name", ["barrel", "manifold", "valve"])
 def test_levels_cover_what_can_be_seen_and_keep_clear(name, within):
-    """95 % of what is visible from the allowed places, a grid that the choice of levels does not use.
+    """95 % of what is visible from the allowed places, a grid that the choice of levels does not
+    use.
 
     By the samples and rays that the planner uses, and by a judge that shares nothing with them.
     """
@@ -234,18 +261,27 @@ def test_levels_cover_what_can_be_seen_and_keep_clear(name, within):
     orbits = covering(first, target, X_WT, JOB, camera=HullCamera(X_BC, view), keep=keep)
     assert orbits[0] is first
     samples = SurfaceSamples(target.vertices, target.triangles)
-    X_WC = np.array([each.at(s)[0] @ X_BC for each in orbits for s in np.arange(0.0, each.s[-1], 0.15)])
+    X_WC = np.array(
+        [each.at(s)[0] @ X_BC for each in orbits for s in np.arange(0.0, each.s[-1], 0.15)]
+    )
     once = np.array([first.at(s)[0] @ X_BC for s in np.arange(0.0, first.s[-1], 0.15)])
     allowed = allowed_cameras(vertices, X_BC, keep)
-    seen, alone, visible = (samples.seen(inverse(X_WT) @ each, view) for each in (X_WC, once, allowed))
+    seen, alone, visible = (
+        samples.seen(inverse(X_WT) @ each, view) for each in (X_WC, once, allowed)
+    )
     assert seen.sum() > alone.sum()
     assert seen.sum() >= 0.95 * (seen | visible).sum()
     judge = MujocoVisibility(target.vertices, target.triangles, X_WT)
-    seen_j, alone_j, visible_j = (judge.seen(each, view.half_view, view.far) for each in (X_WC, once, allowed))
+    seen_j, alone_j, visible_j = (
+        judge.seen(each, view.half_view, view.far) for each in (X_WC, once, allowed)
+    )
     assert seen_j.sum() >= 0.95 * (seen_j | visible_j).sum()
     pairs = ((seen, seen_j), (alone, alone_j), (seen | visible, seen_j | visible_j))
     # Each has samples of its own: a share scatters by 0.7 % (4000) and 1 % (2000).
     within("shares of the surface", [ours.mean() - theirs.mean() for ours, theirs in pairs], 0.02)
     covered = seen.sum() / (seen | visible).sum(), seen_j.sum() / (seen_j | visible_j).sum()
     within("coverage", covered[0] - covered[1], 0.01)
-    assert keep.short(each.at(s)[0] for each in orbits[1:] for s in np.arange(0.0, each.s[-1], 0.1)) is None
+    assert (
+        keep.short(each.at(s)[0] for each in orbits[1:] for s in np.arange(0.0, each.s[-1], 0.1))
+        is None
+    )

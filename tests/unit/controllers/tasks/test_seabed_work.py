@@ -20,17 +20,38 @@ from uuv.models.vehicle import Vehicle
 from uuv.models.vehicles import uuv_puma
 from uuv.perception.seabed.terrain_path import core_path
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
-from uuv.sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.messages import (
+    Command,
+    ContactEstimate,
+    StateEstimate,
+    Target,
+    ToolPath,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, pose, readonly
 
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[0.0, 0.0, 2.5]), pose(p=[0.1, 0.0, 1.6])
 OWN = uuv_puma.build("sampler").compile()
-VEHICLE, CHAIN = Vehicle.of(OWN), Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad", "mount_x", "mount_y"])
-FLAT = Seabed(kind="flat", heights=np.zeros((3, 3)), half=2.0, center_W=np.zeros(3), rocks=np.zeros((0, 3)))
+VEHICLE, CHAIN = (
+    Vehicle.of(OWN),
+    Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad", "mount_x", "mount_y"]),
+)
+FLAT = Seabed(
+    kind="flat", heights=np.zeros((3, 3)), half=2.0, center_W=np.zeros(3), rocks=np.zeros((0, 3))
+)
 TUBE = core_tube(0.018, 0.002)
-BEFORE = [WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.APPROACH, WorkState.INSERT]
-CORE = core_path(np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), 0.18)
+BEFORE = [
+    WorkState.SETTLE,
+    WorkState.SCAN,
+    WorkState.CLOSE_IN,
+    WorkState.TARE,
+    WorkState.APPROACH,
+    WorkState.INSERT,
+]
+CORE = core_path(
+    np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), 0.18
+)
 
 
 def profile() -> ToolPath:
@@ -41,7 +62,13 @@ def profile() -> ToolPath:
     x = np.column_stack([np.zeros(80), np.ones(80), slope]) / np.sqrt(1.0 + slope**2)[:, None]
     down = np.column_stack([np.zeros(80), slope, -np.ones(80)]) / np.sqrt(1.0 + slope**2)[:, None]
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
-    return ToolPath(s=readonly(s), p=readonly(p), z=readonly(down), x=readonly(x), on_scan=np.ones(80, dtype=bool))
+    return ToolPath(
+        s=readonly(s),
+        p=readonly(p),
+        z=readonly(down),
+        x=readonly(x),
+        on_scan=np.ones(80, dtype=bool),
+    )
 
 
 @dataclass
@@ -58,7 +85,15 @@ class Script(Told):
     def run(self, seconds: float = 150.0) -> "Script":
         own = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=np.zeros((2, 3)))
         planner = SeabedWork(own, self.job, X_WB_scan=SCAN_POSE, period=PERIOD)
-        X_WB, state, command, seen, scanning, zero, k = SCAN_POSE, None, None, None, False, np.zeros(3), 0.0
+        X_WB, state, command, seen, scanning, zero, k = (
+            SCAN_POSE,
+            None,
+            None,
+            None,
+            False,
+            np.zeros(3),
+            0.0,
+        )
         for tick in range(round(seconds / PERIOD)):
             time = tick * PERIOD
             estimate = StateEstimate(
@@ -94,7 +129,11 @@ class Script(Told):
                 z = reference.X_WG[:3, 2]
                 f_W = self.world.step(reference.X_WG[:3, 3] + k * z, z).copy()
                 normal = -float(f_W @ z)
-                k = k + 2e-4 * PERIOD * (reference.set_force - normal) if reference.force_control else 0.0
+                k = (
+                    k + 2e-4 * PERIOD * (reference.set_force - normal)
+                    if reference.force_control
+                    else 0.0
+                )
             self.forces.append(normal)
             command = Command(
                 time=time,
@@ -109,18 +148,27 @@ class Script(Told):
 
     def tips(self, *states: WorkState) -> Array:
         """(N, 3) [m] tip references in `states`."""
-        return np.array([r.X_WG[:3, 3] for r in self.references if r.state in states and r.X_WG is not None])
+        return np.array(
+            [r.X_WG[:3, 3] for r in self.references if r.state in states and r.X_WG is not None]
+        )
 
 
 @pytest.fixture(autouse=True)
 def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
-    """The choice of the height has its own tests: here every path is within reach from WORK_POSE."""
+    """The choice of the height has its own tests: here every path is within reach from
+    WORK_POSE.
+    """
     asked = []
 
     def choose(own: WorkVehicle, path: ToolPath, **_: object) -> WorkHeight:
         asked.append(path)
         place = Placement(
-            X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.4, q_start=own.vehicle.q_ready, margin=1.0, reached=1.0
+            X_WB=WORK_POSE,
+            travel_W=np.zeros(3),
+            roll=0.4,
+            q_start=own.vehicle.q_ready,
+            margin=1.0,
+            reached=1.0,
         )
         return WorkHeight(placement=place, aside=0.0, hull_gap=1.0, jet_height=1.0, shear=0.0)
 
@@ -130,7 +178,13 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
 
 def test_a_core_goes_where_the_soil_bears_the_push(within):
     script = Script(job=SeabedJob()).run()
-    assert script.states == [*BEFORE, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW, WorkState.DONE]
+    assert script.states == [
+        *BEFORE,
+        WorkState.PRESS,
+        WorkState.WORK,
+        WorkState.WITHDRAW,
+        WorkState.DONE,
+    ]
     assert script.end.note == ""
     work = [i for i, r in enumerate(script.references) if r.state is WorkState.WORK]
     within("push while held [N]", np.array(script.forces)[work] - 50.0, 2.5)
@@ -169,9 +223,13 @@ def test_a_tool_is_dragged_at_its_depth(within, placed):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        pytest.param({"refusal": "two layers"}, "not identified in 3 views: two layers", id="bad cloud"),
         pytest.param(
-            {"drift": 0.3}, "the hull cannot hold its place: 0.300 m off, above the limit of 0.08 m", id="carried away"
+            {"refusal": "two layers"}, "not identified in 3 views: two layers", id="bad cloud"
+        ),
+        pytest.param(
+            {"drift": 0.3},
+            "the hull cannot hold its place: 0.300 m off, above the limit of 0.08 m",
+            id="carried away",
         ),
     ],
 )
@@ -189,7 +247,13 @@ def test_a_refused_cloud_leaves_the_vehicle_where_it_scanned(within):
 
 def test_something_in_the_way_is_noticed():
     """A table 80 mm over the ground as scanned."""
-    table = Seabed(kind="flat", heights=np.full((3, 3), 0.08), half=2.0, center_W=np.zeros(3), rocks=np.zeros((0, 3)))
+    table = Seabed(
+        kind="flat",
+        heights=np.full((3, 3), 0.08),
+        half=2.0,
+        center_W=np.zeros(3),
+        rocks=np.zeros((0, 3)),
+    )
     script = Script(job=SeabedJob(), world=LedTool(table, mud(strength=2e4), TUBE)).run()
     assert script.states[-1] is WorkState.ABORT
     assert "over the ground as scanned" in script.end.note

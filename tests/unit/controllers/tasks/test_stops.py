@@ -1,4 +1,6 @@
-"""Stops of a pressed tool on its path: when it stops, what it says, and that a pause calls it off."""
+"""Stops of a pressed tool on its path: when it stops, what it says, and that a pause calls it
+off.
+"""
 
 from collections.abc import Callable
 
@@ -22,9 +24,18 @@ def context(time: float, *, paused: bool = False, across: float = 3.0) -> Contex
     """A tool pressed with 60 N, and `across` [N] to the side."""
     zero = np.zeros(3)
     contact = ContactEstimate(force_W=np.array([across, 0.0, 60.0]), normal=60.0)
-    command = Command(time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False, contact=contact)
+    command = Command(
+        time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False, contact=contact
+    )
     estimate = StateEstimate(
-        time=time, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=np.full(6, time), qd=zero, tau=zero
+        time=time,
+        X_WB=np.eye(4),
+        v_WB_B=zero,
+        w_WB_B=zero,
+        a_WB_B=zero,
+        q=np.full(6, time),
+        qd=zero,
+        tau=zero,
     )
     return Context(time, PERIOD, estimate, None, command, paused=paused)
 
@@ -42,7 +53,9 @@ def follow(
     ramped: Callable[[float], bool] = never,
     across: float = 3.0,
 ) -> tuple[list[ToolAtRest], list[tuple[float, float, bool]]]:
-    """Messages, and (time, pace, standing) of every period, of a tool that slows down as `FollowPath` does."""
+    """Messages, and (time, pace, standing) of every period, of a tool that slows down as
+    `FollowPath` does.
+    """
     said, trace, pace = [], [], 1.0
     for k in range(round(seconds / PERIOD)):
         time = k * PERIOD
@@ -66,7 +79,11 @@ def test_each_stop_says_when_it_began_and_that_nothing_has_moved_since():
         assert end.time - begin.time == pytest.approx(limits.lasting, abs=1.5 * PERIOD)
         assert end.slip_sigma == pytest.approx(limits.creep * (end.time - end.since), rel=1e-9)
         assert end.q == pytest.approx(np.full(6, end.time))  # the joints of that moment
-        still = [pace for time, pace, _ in trace if begin.time - limits.settle + PERIOD <= time < end.time]
+        still = [
+            pace
+            for time, pace, _ in trace
+            if begin.time - limits.settle + PERIOD <= time < end.time
+        ]
         assert max(still) == 0.0
         assert all(standing for time, _, standing in trace if begin.time <= time < end.time)
     moving = [begin.time - end.time for end, begin in zip(ends, begins[1:], strict=False)]
@@ -76,7 +93,8 @@ def test_each_stop_says_when_it_began_and_that_nothing_has_moved_since():
 def test_a_pause_calls_a_stop_off():
     """The force is reduced in a pause: nothing tells whether it still holds the tool."""
     said, _ = follow(Stops(StopLimits(every=1.0)), 6.0, paused=lambda time: 2.0 <= time < 2.5)
-    assert [m.time == m.since for m in said[:2]] == [True, True]  # begun, called off, and begun anew
+    # begun, called off, and begun anew
+    assert [m.time == m.since for m in said[:2]] == [True, True]
     assert said[1].time > 2.5 + 1.0
     assert said[2].since == said[1].since
 
@@ -93,7 +111,9 @@ def test_a_tool_that_friction_may_not_hold_says_nothing_and_goes_on(across):
 
 
 def test_a_force_that_changes_makes_it_wait():
-    """The pad's spring gives way meanwhile, which the arm's joints would tell as a motion of the hull."""
+    """The pad's spring gives way meanwhile, which the arm's joints would tell as a motion of the
+    hull.
+    """
     said, _ = follow(Stops(StopLimits(every=1.0)), 4.0, ramped=lambda time: time <= 2.2)
     assert said[0].time > 2.2
     assert [m.time == m.since for m in said[:2]] == [True, False]
@@ -101,7 +121,10 @@ def test_a_force_that_changes_makes_it_wait():
 
 def test_it_stops_only_where_navigation_is_poor():
     limits = StopLimits(below=0.9)
-    promised = [Promise(chance=c, tolerance=0.003, navigation_sigma=1e-3, object_sigma=1e-3) for c in (0.8, 0.95)]
+    promised = [
+        Promise(chance=c, tolerance=0.003, navigation_sigma=1e-3, object_sigma=1e-3)
+        for c in (0.8, 0.95)
+    ]
     assert [limits.help(None), *(limits.help(p) for p in promised)] == [True, True, False]
 
 

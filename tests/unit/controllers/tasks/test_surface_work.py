@@ -1,4 +1,6 @@
-"""The supervisor's states under scripted estimates: a hull that is where it should be, and a force that is told."""
+"""The supervisor's states under scripted estimates: a hull that is where it should be, and a force
+that is told.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -97,7 +99,9 @@ def obedient(reference: Reference) -> float:
 class Script(Told):
     """Drives a supervisor; every reference that it gives is kept."""
 
-    job: SurfaceTaskConfig = field(default_factory=lambda: SurfaceTaskConfig(forces=(60.0, 90.0, 60.0)))
+    job: SurfaceTaskConfig = field(
+        default_factory=lambda: SurfaceTaskConfig(forces=(60.0, 90.0, 60.0))
+    )
     felt: Callable[[Reference], float] = obedient  # [N] from the last reference
     looks: Sequence[bool] = (True,) * 6  # whether each look finds the object
     finds: Sequence[float] = (0.0,) * 6  # [m] where along x it finds it
@@ -106,9 +110,11 @@ class Script(Told):
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
     fastest_after: float = np.inf  # [m/s] the same once a thruster is dead
     dead: int | None = None  # thruster that is found dead
-    dead_from: Callable[[Reference], bool] = lambda reference: reference.path_s > 0.06  # half-way along the path
+    # half-way along the path
+    dead_from: Callable[[Reference], bool] = lambda reference: reference.path_s > 0.06
     sigma: float = np.inf  # [N] stated standard deviation of the normal force; inf: none
-    friction: float | None = None  # share of the felt force that is felt across the tool too; None: that is not known
+    # share of the felt force that is felt across the tool too; None: that is not known
+    friction: float | None = None
     hollow: tuple[float, float] | None = None  # [m] part of the path on which the tool does not fit
     period: float = PERIOD  # [s] of the planner
 
@@ -146,7 +152,10 @@ class Script(Told):
                 seen = target(time, accepted, next(finds) if accepted else 0.0)
                 if self.hollow is not None and seen.path is not None:
                     s, (first, last) = seen.path.s, self.hollow
-                    seen = replace(seen, path=replace(seen.path, fits=(s < first) | (s > last), note="a hollow"))
+                    seen = replace(
+                        seen,
+                        path=replace(seen.path, fits=(s < first) | (s > last), note="a hollow"),
+                    )
             scanning = reference.scan
             if self.dead is not None and not faults and self.dead_from(reference):
                 faults = (Fault(kind=FaultKind.THRUSTER, part="", index=self.dead, time=time),)
@@ -159,12 +168,17 @@ class Script(Told):
                 contact=self._contact(self.felt(reference)),
                 faults=faults,
             )
-            if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:
+            if (
+                reference.state in (WorkState.DONE, WorkState.ABORT)
+                and len(self.of(reference.state)) > 20
+            ):
                 break
         return self
 
     def _contact(self, felt: float) -> ContactEstimate:
-        known = {} if self.friction is None else {"force_W": felt * np.array([self.friction, 0.0, 1.0])}
+        known = (
+            {} if self.friction is None else {"force_W": felt * np.array([self.friction, 0.0, 1.0])}
+        )
         return ContactEstimate(normal=felt, sigma_G=np.array([1.0, 1.0, self.sigma]), **known)
 
     def _moved(self, X_WB: Array, wanted: Array) -> Array:
@@ -177,14 +191,22 @@ class Script(Told):
 
 @pytest.fixture(autouse=True)
 def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
-    """Placement has its own tests: here every path is within reach from WORK_POSE. The paths asked for."""
+    """Placement has its own tests: here every path is within reach from WORK_POSE.
+
+    The paths asked for.
+    """
     asked: list[ToolPath] = []
 
     def place(vehicle: Vehicle, chain: Chain, path: ToolPath, **options: Any) -> Placement:
         del chain, options
         asked.append(path)
         return Placement(
-            X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0
+            X_WB=WORK_POSE,
+            travel_W=np.zeros(3),
+            roll=0.0,
+            q_start=vehicle.q_ready,
+            margin=1.0,
+            reached=1.0,
         )
 
     monkeypatch.setattr(hull_placement, "place_hull", place)
@@ -213,7 +235,8 @@ def test_states_follow_each_other(smooth):
     assert {r.state for r in smooth.references if r.scan} == {WorkState.SCAN}
     assert {r.state for r in smooth.references if r.tare} == {WorkState.TARE}
     assert len([r for r in smooth.references if r.tare]) == pytest.approx(2.0 / PERIOD, abs=2)
-    pressing = {WorkState.PRESS, WorkState.WORK, WorkState.RETREAT}  # the last as long as it lets go
+    # the last as long as it lets go
+    pressing = {WorkState.PRESS, WorkState.WORK, WorkState.RETREAT}
     assert {r.state for r in smooth.references if r.force_control} == pressing
     assert {r.state for r in smooth.references if r.set_force > 0.0} == pressing
 
@@ -237,7 +260,9 @@ def test_the_way_up_leads_off_every_surface(rng):
 
 @pytest.mark.parametrize("surface", [0.02, 0.0, -0.03])  # [m] above where it is expected
 def test_tool_reference_is_continuous_and_its_velocity_the_derivative(surface):
-    """From the tare to the end, wherever the surface is met: a jump would go straight into it, or tear off it."""
+    """From the tare to the end, wherever the surface is met: a jump would go straight into it, or
+    tear off it.
+    """
 
     def felt(reference: Reference) -> float:
         if reference.state is WorkState.APPROACH:
@@ -249,7 +274,9 @@ def test_tool_reference_is_continuous_and_its_velocity_the_derivative(surface):
     steps = np.linalg.norm(np.diff([tip(r) for r in moving], axis=0), axis=1)
     assert steps.max() <= 1.01 * script.job.approach.speed * FINE
     for state in (WorkState.APPROACH, WorkState.WORK):
-        places, velocity = (np.array([what(r) for r in script.of(state)]) for what in (tip, lambda r: r.v_WG_W))
+        places, velocity = (
+            np.array([what(r) for r in script.of(state)]) for what in (tip, lambda r: r.v_WG_W)
+        )
         central = 0.5 * (places[2:] - places[:-2]) / FINE
         assert np.abs(velocity[1:-1] - central).max() < 3e-4  # half a step of the acceleration
     # Away from the surface that was met, and from the one that was expected.
@@ -293,7 +320,9 @@ def test_in_trouble_the_tool_leaves_at_once(state):
 
 
 def test_a_knock_is_not_a_contact(smooth):
-    """Felt for less than `touch_time`, again and again, in free water: the approach goes on to the surface."""
+    """Felt for less than `touch_time`, again and again, in free water: the approach goes on to the
+    surface.
+    """
     knocks = iter(range(10**6))
 
     def felt(reference: Reference) -> float:
@@ -335,7 +364,9 @@ def test_contact_starts_the_press_wherever_it_is_met():
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
 def test_no_motion_along_the_path_before_the_force_is_reached(share):
-    script = Script(felt=lambda r: share * r.set_force if r.state is WorkState.PRESS else obedient(r)).run()
+    script = Script(
+        felt=lambda r: share * r.set_force if r.state is WorkState.PRESS else obedient(r)
+    ).run()
     assert script.states == [*JOURNEY[:6], WorkState.RETREAT, WorkState.ABORT]
     assert script.end.path_s == 0.0
     assert "did not settle at 60 N within 6 s" in script.end.note
@@ -356,7 +387,9 @@ def test_force_must_be_held_before_the_work_begins():
 
 def test_without_force_control_the_work_begins_all_the_same():
     job = SurfaceTaskConfig(forces=(60.0,), force_control=False)
-    script = Script(job=job, felt=lambda r: 20.0 if r.state in IN_CONTACT[1:] else obedient(r)).run()
+    script = Script(
+        job=job, felt=lambda r: 20.0 if r.state in IN_CONTACT[1:] else obedient(r)
+    ).run()
     assert script.states == [*JOURNEY, WorkState.DONE]
 
 
@@ -369,7 +402,8 @@ def test_too_much_force_ends_in_a_retreat(state):
     reached = JOURNEY[: JOURNEY.index(state) + 1]
     assert script.states == [*reached, WorkState.RETREAT, WorkState.ABORT]
     assert len(script.of(state)) <= 2  # at once
-    assert "119 N is above the limit of 118 N" in script.end.note  # 90 N, a quarter more, and the touch
+    # 90 N, a quarter more, and the touch
+    assert "119 N is above the limit of 118 N" in script.end.note
     lifted = tip(script.end) - tip(script.of(WorkState.RETREAT)[0])
     assert lifted[2] >= 0.95 * script.job.approach.standoff
     assert script.end.set_force == 0.0
@@ -378,11 +412,15 @@ def test_too_much_force_ends_in_a_retreat(state):
 
 @pytest.mark.parametrize(("sigma", "ends"), [(np.inf, "abort"), (1.2, "abort"), (2.0, "done")])
 def test_force_counts_as_reached_within_the_noise_that_is_stated(sigma: float, ends: str):
-    """Noise of 4 N is more than 5 % of the set force; it is judged by what the estimate says of itself."""
+    """Noise of 4 N is more than 5 % of the set force; it is judged by what the estimate says of
+    itself.
+    """
     signs = cycle((1.0, 1.0, -1.0, 0.0))
 
     def felt(reference: Reference) -> float:
-        return obedient(reference) + (4.0 * next(signs) if reference.state is WorkState.PRESS else 0.0)
+        return obedient(reference) + (
+            4.0 * next(signs) if reference.state is WorkState.PRESS else 0.0
+        )
 
     script = Script(felt=felt, sigma=sigma).run()
     assert script.end.state == ends
@@ -400,7 +438,9 @@ def test_contact_may_be_lost_for_a_moment(gap, ends):
     assert ("contact lost for 0.5 s" in script.end.note) is (ends is WorkState.ABORT)
 
 
-@pytest.mark.parametrize(("time", "share", "ends"), [(0.2, 1.5, "done"), (0.5, 1.5, "abort"), (5.0, 1.2, "done")])
+@pytest.mark.parametrize(
+    ("time", "share", "ends"), [(0.2, 1.5, "done"), (0.5, 1.5, "abort"), (5.0, 1.2, "done")]
+)
 def test_force_may_be_above_the_set_one_for_a_moment(time: float, share: float, ends: str):
     def felt(reference: Reference) -> float:
         more = 2.0 < 100.0 * reference.path_s < 2.0 + 2.0 * time  # at 2 cm/s
@@ -431,7 +471,8 @@ def test_another_view_when_the_first_shows_nothing():
     ("looks", "finds", "mean"),
     [
         ((True,) * 6, (0.0, 4e-3, 0.0, 8e-3, 0.0, 6e-3), 3e-3),
-        ((True, False, True, False, True, False), (0.0, 4e-3, 2e-3), 2e-3),  # what is not found at a look is left out
+        # what is not found at a look is left out
+        ((True, False, True, False, True, False), (0.0, 4e-3, 2e-3), 2e-3),
         ((True, False, False, True, False, False), (5e-3, 5e-3), 5e-3),
     ],
 )
@@ -448,7 +489,11 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
 @pytest.mark.parametrize(
     ("looks", "finds", "said"),
     [
-        ((True,) * 6, (0.0, 0.2, 0.4, 0.0, 0.2, 0.4), "6 finds within 20 s lie up to 400 mm apart, 2 of them agree"),
+        (
+            (True,) * 6,
+            (0.0, 0.2, 0.4, 0.0, 0.2, 0.4),
+            "6 finds within 20 s lie up to 400 mm apart, 2 of them agree",
+        ),
         ((True, True, *(False,) * 4), (0.0, 0.0), "found, but in none of 4 looks after that"),
     ],
 )
@@ -466,7 +511,9 @@ def test_finds_that_are_not_repeated_ask_for_another_view():
 
 
 @pytest.mark.parametrize("bears", [True, False])
-def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_hold_at_all_refused(bears, monkeypatch):
+def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_hold_at_all_refused(
+    bears, monkeypatch
+):
     asked: list[float] = []
     arm_alone = hull_placement.place_hull
 
@@ -495,7 +542,9 @@ def test_a_current_that_is_too_strong_is_refused_before_the_arm_unfolds(monkeypa
     assert all(np.array_equal(r.q, script.references[0].q) for r in script.references)
 
 
-@pytest.mark.parametrize("wrong", [{"finds": 0}, {"finds": True}, {"interval": -1.0}, {"interval": np.nan}])
+@pytest.mark.parametrize(
+    "wrong", [{"finds": 0}, {"finds": True}, {"interval": -1.0}, {"interval": np.nan}]
+)
 def test_looks_that_cannot_be(wrong):
     with pytest.raises(ConfigurationError, match=next(iter(wrong))):
         ScanLimits(**wrong)
@@ -520,7 +569,9 @@ WITHOUT_CONTACT = [state for state in JOURNEY if state is not WorkState.PRESS]
 
 
 def test_work_without_contact_keeps_its_distance():
-    script = Script(job=SurfaceTaskConfig(forces=(60.0,), contactless=0.03), felt=lambda _: 0.0).run()
+    script = Script(
+        job=SurfaceTaskConfig(forces=(60.0,), contactless=0.03), felt=lambda _: 0.0
+    ).run()
     assert script.states == [*WITHOUT_CONTACT, WorkState.DONE]
     work = script.of(WorkState.WORK)
     assert {round(float(tip(r)[2]), 9) for r in work} == {0.03}
@@ -533,7 +584,11 @@ def test_work_without_contact_keeps_its_distance():
 
 def test_a_touch_on_the_way_ends_work_without_contact():
     def felt(reference: Reference) -> float:  # something 50 mm before the surface
-        return STIFFNESS * max(0.0, 0.05 - float(tip(reference)[2])) if reference.state is WorkState.APPROACH else 0.0
+        return (
+            STIFFNESS * max(0.0, 0.05 - float(tip(reference)[2]))
+            if reference.state is WorkState.APPROACH
+            else 0.0
+        )
 
     script = Script(job=SurfaceTaskConfig(forces=(60.0,), contactless=0.03), felt=felt).run()
     assert script.states == [*JOURNEY[:5], WorkState.RETREAT, WorkState.ABORT]
@@ -542,7 +597,10 @@ def test_a_touch_on_the_way_ends_work_without_contact():
 
 @pytest.mark.parametrize("axis", [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 def test_it_comes_in_along_the_axis_of_the_arms_base(axis):
-    """Under the hull: from above; on its side: from the side. The arm unfolds before that, `lift` or more away."""
+    """Under the hull: from above; on its side: from the side.
+
+    The arm unfolds before that, `lift` or more away.
+    """
     script = Script()
     script.side = axis[1] > 0.0
     script.run()
@@ -559,13 +617,26 @@ def test_it_comes_in_along_the_axis_of_the_arms_base(axis):
 
 
 @pytest.mark.seeds(0, 1)
-def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int, monkeypatch: pytest.MonkeyPatch):
-    """Its place to the last bit: a hull that ended 1.6e-8 short, turned, unfolded its arm and moved on for ever."""
+def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+):
+    """Its place to the last bit: a hull that ended 1.6e-8 short, turned, unfolded its arm and moved
+    on for ever.
+    """
     rng = np.random.default_rng(seed)
-    X_WB = pose(exp_so3([0.0, 0.0, rng.uniform(-3.1, 3.1)]), WORK_POSE[:3, 3] + rng.uniform(-0.2, 0.2, 3))
+    X_WB = pose(
+        exp_so3([0.0, 0.0, rng.uniform(-3.1, 3.1)]), WORK_POSE[:3, 3] + rng.uniform(-0.2, 0.2, 3)
+    )
 
     def place(vehicle: Vehicle, *_: Any, **__: Any) -> Placement:
-        return Placement(X_WB=X_WB, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
+        return Placement(
+            X_WB=X_WB,
+            travel_W=np.zeros(3),
+            roll=0.0,
+            q_start=vehicle.q_ready,
+            margin=1.0,
+            reached=1.0,
+        )
 
     monkeypatch.setattr(hull_placement, "place_hull", place)
     script = Script().run(seconds=200.0)  # half a turn takes 113
@@ -576,7 +647,9 @@ def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int, monkeyp
 
 
 def test_a_tool_stays_off_the_object_while_the_hull_rises_on_what_thrusters_are_left():
-    """Drawn up in W beside the hull's way, and folded once the hull has come up; a tilted hull does not swing it in."""
+    """Drawn up in W beside the hull's way, and folded once the hull has come up; a tilted hull does
+    not swing it in.
+    """
     script = Script(dead=3, fastest=0.05).run()  # a hull that comes less far than it is asked to
     assert script.states == [*JOURNEY, WorkState.ABORT]
     back = [r for r in script.of(WorkState.RETREAT) if r.X_WG is not None]
@@ -588,7 +661,12 @@ def test_a_tool_stays_off_the_object_while_the_hull_rises_on_what_thrusters_are_
     limits, standoff = script.job.escape, script.job.approach.standoff
     assert away[0] >= standoff
     assert away[-1] == pytest.approx(standoff + limits.draw + limits.free, abs=0.01)
-    turns = np.array([np.abs(np.asarray(r.X_WG)[:3, :3] - np.asarray(rising[0].X_WG)[:3, :3]).max() for r in rising])
+    turns = np.array(
+        [
+            np.abs(np.asarray(r.X_WG)[:3, :3] - np.asarray(rising[0].X_WG)[:3, :3]).max()
+            for r in rising
+        ]
+    )
     assert turns.max() == 0.0
     assert script.end.X_WG is None
     assert script.end.q == pytest.approx(script.references[0].q)  # folded as at the start
@@ -599,7 +677,9 @@ def test_a_hull_that_cannot_ascend_is_given_up_with_the_tool_off_the_surface():
     assert script.states == [*JOURNEY, WorkState.ABORT]
     back = script.of(WorkState.RETREAT)
     assert back[-1].time - back[0].time == pytest.approx(script.job.escape.patience, abs=0.1)
-    assert tip(back[-1])[2] == pytest.approx(script.job.approach.standoff + script.job.escape.draw, abs=0.01)
+    assert tip(back[-1])[2] == pytest.approx(
+        script.job.approach.standoff + script.job.escape.draw, abs=0.01
+    )
     assert script.end.X_WG is None
 
 
@@ -614,26 +694,40 @@ def test_a_thruster_that_is_lost_on_the_way_back_makes_the_vehicle_leave_at_once
 
 def test_a_tool_that_is_pressed_on_the_way_back_makes_the_vehicle_leave_at_once():
     def caught(reference: Reference) -> float:
-        drawn_off = reference.state is WorkState.RETREAT and not reference.force_control and reference.abort is None
+        drawn_off = (
+            reference.state is WorkState.RETREAT
+            and not reference.force_control
+            and reference.abort is None
+        )
         return 140.0 if drawn_off else obedient(reference)
 
     script = Script(felt=caught).run()
     assert script.states == [*JOURNEY, WorkState.ABORT]
     assert script.end.abort is AbortCode.FORCE_LIMIT
     assert "140 N" in script.end.note
-    assert Script(felt=lambda r: 100.0 if caught(r) > 100.0 else caught(r)).run().end.state is WorkState.DONE
+    assert (
+        Script(felt=lambda r: 100.0 if caught(r) > 100.0 else caught(r)).run().end.state
+        is WorkState.DONE
+    )
 
 
 def test_friction_across_the_tool_does_not_count_until_it_is_released():
-    """Forces of 90 N with friction 0.9 are 121 N in all, above the limit of 118 N: the job ends as any other."""
+    """Forces of 90 N with friction 0.9 are 121 N in all, above the limit of 118 N: the job ends as
+    any other.
+    """
     job = SurfaceTaskConfig(forces=(90.0,))
     assert Script(job=job, friction=0.9).run().end.state is WorkState.DONE
 
     def caught(reference: Reference) -> float:
-        back = reference.state is WorkState.RETREAT and not reference.force_control and reference.abort is None
+        back = (
+            reference.state is WorkState.RETREAT
+            and not reference.force_control
+            and reference.abort is None
+        )
         return 60.0 if back else obedient(reference)
 
-    caught_aside = Script(job=job, felt=caught, friction=2.0).run()  # 134 N in all, 60 N along the axis
+    # 134 N in all, 60 N along the axis
+    caught_aside = Script(job=job, felt=caught, friction=2.0).run()
     assert caught_aside.end.abort is AbortCode.FORCE_LIMIT
 
 
@@ -663,7 +757,9 @@ def test_the_middle_is_worked_where_the_reach_ends_sooner(monkeypatch):
 
 
 def test_hull_is_waited_for_on_its_way():
-    """One that makes 5 cm/s where 25 are asked for, against a current: it arrives, and its reference stays near it."""
+    """One that makes 5 cm/s where 25 are asked for, against a current: it arrives, and its
+    reference stays near it.
+    """
     slow, free = Script(fastest=0.05).run(), Script().run()
     assert slow.states == free.states == [*JOURNEY, WorkState.DONE]
     longer = len(slow.of(WorkState.CLOSE_IN)) - len(free.of(WorkState.CLOSE_IN))
@@ -703,14 +799,26 @@ def test_jobs_that_cannot_be(options, said):
 
 
 def test_a_hollow_is_passed_at_the_stand_off(within):
-    """Lifted before it, pressed again behind it; no stretch is left out, and the path is worked to its end."""
+    """Lifted before it, pressed again behind it; no stretch is left out, and the path is worked to
+    its end.
+    """
     script = Script(hollow=(0.05, 0.07)).run()
-    again = [WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT]
+    again = [
+        WorkState.CLOSE_IN,
+        WorkState.APPROACH,
+        WorkState.PRESS,
+        WorkState.WORK,
+        WorkState.RETREAT,
+    ]
     assert script.states == [*JOURNEY, *again, WorkState.DONE]
     worked = np.array([reference.path_s for reference in script.of(WorkState.WORK)])
     assert not np.any((worked > 0.05) & (worked < 0.07))
     within("begin and end [m]", [worked.min(), worked.max() - 0.12], 1e-3)
-    moved = [tip(reference) for reference in script.of(WorkState.CLOSE_IN) if 0.051 < reference.path_s < 0.069]
+    moved = [
+        tip(reference)
+        for reference in script.of(WorkState.CLOSE_IN)
+        if 0.051 < reference.path_s < 0.069
+    ]
     assert len(moved) > 50
     standoff = script.job.approach.standoff
     within("height of the tool [m]", min(place[2] for place in moved) - standoff, 1e-9)

@@ -18,20 +18,34 @@ from uuv.controllers.tasks.task import TaskState
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.messages import (
+    Command,
+    ContactEstimate,
+    StateEstimate,
+    Target,
+    ToolPath,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, pose
 
 PERIOD, STIFFNESS = 0.01, 3e4  # [s], [N/m]
-HEIGHTS = {0.0: 4e-3, 0.05: 0.0, 0.12: -3e-3}  # [m] of the real surface over that expected, at each point
+# [m] of the real surface over that expected, at each point
+HEIGHTS = {0.0: 4e-3, 0.05: 0.0, 0.12: -3e-3}
 JOB = SurfaceTaskConfig(forces=(30.0,))
 
 
 def target(time: float) -> Target:
     s, ones = np.linspace(0.0, 0.12, 41), np.ones((41, 1))
     path = ToolPath(
-        s=s, p=s[:, None] * [1.0, 0.0, 0.0], z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=s >= 0.0
+        s=s,
+        p=s[:, None] * [1.0, 0.0, 0.0],
+        z=ones * [0.0, 0.0, -1.0],
+        x=ones * [1.0, 0.0, 0.0],
+        on_scan=s >= 0.0,
     )
-    return Target(time=time, X_WT=np.eye(4), accepted=True, check_m=1e-3, range_m=1.2, reason="", path=path)
+    return Target(
+        time=time, X_WT=np.eye(4), accepted=True, check_m=1e-3, range_m=1.2, reason="", path=path
+    )
 
 
 class World(Told):
@@ -53,12 +67,30 @@ class World(Told):
             margin=1,
             reached=1,
         )
-        site = WorkSite(own=own, X_WB_scan=pose(p=[-1.0, 0.2, 0.5]), stand=lambda _, path, _current: (place, path, 1.0))
+        site = WorkSite(
+            own=own,
+            X_WB_scan=pose(p=[-1.0, 0.2, 0.5]),
+            stand=lambda _, path, _current: (place, path, 1.0),
+        )
         planner = tap(site, JOB, tuple(HEIGHTS), lambda _: self.tip, hold=2.0)
-        X_WB, seen, command, state, zero, joints = site.X_WB_scan, None, None, None, np.zeros(3), np.zeros(6)
+        X_WB, seen, command, state, zero, joints = (
+            site.X_WB_scan,
+            None,
+            None,
+            None,
+            np.zeros(3),
+            np.zeros(6),
+        )
         for tick in range(20_000):
             now: dict[str, Any] = {"time": tick * PERIOD}
-            still = {"v_WB_B": zero, "w_WB_B": zero, "a_WB_B": zero, "q": joints, "qd": joints, "tau": joints}
+            still = {
+                "v_WB_B": zero,
+                "w_WB_B": zero,
+                "a_WB_B": zero,
+                "q": joints,
+                "qd": joints,
+                "tau": joints,
+            }
             estimate = StateEstimate(X_WB=X_WB, **still, **now)
             state = state or planner.init(estimate)
             state, reference = planner.step(state, estimate, seen, command)
@@ -80,21 +112,30 @@ class World(Told):
 
 def test_every_point_is_touched_with_its_force_for_its_time_and_its_place_noted(within):
     world = World().run()
-    tapping = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT, WorkState.CLOSE_IN]
+    tapping = [
+        WorkState.APPROACH,
+        WorkState.PRESS,
+        WorkState.WORK,
+        WorkState.RETREAT,
+        WorkState.CLOSE_IN,
+    ]
     assert world.states[4:] == [*tapping * 3, WorkState.DONE]
     held = world.of(WorkState.WORK)
     assert {reference.set_force for reference in held} == {30.0}
     assert len(held) * PERIOD == pytest.approx(3 * 2.0, abs=0.1)
     places = np.array(world.state.held.places)
     within("along [m]", places[:, 0] - list(HEIGHTS), 1e-9)
-    within("height [m]", places[:, 2] - list(HEIGHTS.values()), 1.5e-3)  # at touch speed the tool sinks in by 6 N
+    # at touch speed the tool sinks in by 6 N
+    within("height [m]", places[:, 2] - list(HEIGHTS.values()), 1.5e-3)
     tips = [r.X_WG[:3, 3] for r in world.references if r.X_WG is not None]
     steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(tips)]
     assert max(steps) <= 1.01 * JOB.approach.speed * PERIOD  # the tool never jumps
 
 
 def test_the_hull_travels_along_from_point_to_point(within):
-    """It stands where the placement has it for the share of the path that lies behind, so the arm keeps its margin."""
+    """It stands where the placement has it for the share of the path that lies behind, so the arm
+    keeps its margin.
+    """
     travel = np.array([0.06, -0.02, 0.01])
     world = World().run(travel=travel)
     held = [reference.X_WB[:3, 3] for reference in world.of(WorkState.WORK)]
@@ -105,7 +146,9 @@ def test_the_hull_travels_along_from_point_to_point(within):
     for now, then in pairwise(moving):
         step = then.X_WB[:3, 3] - now.X_WB[:3, 3]
         if now.state is then.state and np.linalg.norm(step) < 1e-2:
-            within("speed of the hull [m/s]", step / PERIOD - 0.5 * (now.v_WB_W + then.v_WB_W), 2e-4)
+            within(
+                "speed of the hull [m/s]", step / PERIOD - 0.5 * (now.v_WB_W + then.v_WB_W), 2e-4
+            )
 
 
 def test_a_tap_that_is_too_hard_ends_the_task_off_the_surface():

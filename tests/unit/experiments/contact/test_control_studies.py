@@ -1,4 +1,6 @@
-"""What the studies of control say of rows made by hand: spreads, settling, and a gyro's axis that is named."""
+"""What the studies of control say of rows made by hand: spreads, settling, and a gyro's axis that
+is named.
+"""
 
 from typing import Any
 
@@ -13,7 +15,9 @@ from uuv.sim.interfaces.messages import FaultKind
 
 
 def test_cells_of_a_push_are_median_quantile_and_largest_and_the_current_is_rms():
-    """Of 0 to 20 mm the 95 % is 19 mm; errors of the current of 30 and 10 mm/s have an RMS of 22."""
+    """Of 0 to 20 mm the 95 % is 19 mm; errors of the current of 30 and 10 mm/s have an RMS of
+    22.
+    """
     row: dict[str, Any] = {
         "excursion": (1e-3 * np.arange(21)).tolist(),
         "tilt": np.radians(0.1 * np.arange(21)).tolist(),
@@ -23,7 +27,15 @@ def test_cells_of_a_push_are_median_quantile_and_largest_and_the_current_is_rms(
         "current_error": [0.03, -0.01],
         "command_rate": 0.123,
     }
-    assert hover.cells_of(row) == ["10.0, 19.0, 20.0", "1.0, 1.9, 2.0", "5.0, 9.5, 10.0", "5.0", "6", "22", "0.12"]
+    assert hover.cells_of(row) == [
+        "10.0, 19.0, 20.0",
+        "1.0, 1.9, 2.0",
+        "5.0, 9.5, 10.0",
+        "5.0",
+        "6",
+        "22",
+        "0.12",
+    ]
 
 
 def test_spread_of_the_steps_is_about_their_mean_response():
@@ -38,8 +50,22 @@ def test_spread_of_the_steps_is_about_their_mean_response():
 
 def steps_found(kind: FaultKind, part: str, found_s: float, **changed: Any) -> dict[str, Any]:
     """A row of a step of 0.03 rad/s about x."""
-    row = {"path": "longitudinal", "seed": 1, "axis": "x", "size_rad_s": -0.03, "kind": kind.value, "part": part}
-    return {**row, "found_s": found_s, "force_max_n": 95.0, "path_max_m": 0.0021, "left": "", **changed}
+    row = {
+        "path": "longitudinal",
+        "seed": 1,
+        "axis": "x",
+        "size_rad_s": -0.03,
+        "kind": kind.value,
+        "part": part,
+    }
+    return {
+        **row,
+        "found_s": found_s,
+        "force_max_n": 95.0,
+        "path_max_m": 0.0021,
+        "left": "",
+        **changed,
+    }
 
 
 def test_a_gyro_is_named_by_its_kind_and_its_axis():

@@ -1,4 +1,6 @@
-"""The study of the felt force: what is stated for each axis is what the draws show, on arms of any number of joints."""
+"""The study of the felt force: what is stated for each axis is what the draws show, on arms of any
+number of joints.
+"""
 
 import numpy as np
 import pytest
@@ -15,4 +17,9 @@ def test_the_stated_deviation_of_each_axis_is_that_of_the_errors(arm: str):
 
 
 def test_unweighted_torques_state_nothing():
-    assert run(ForceCase("default", "sensor, bias", "least squares", 0, 100, 0.01, 0.5))["axes_stated_n"] is None
+    assert (
+        run(ForceCase("default", "sensor, bias", "least squares", 0, 100, 0.01, 0.5))[
+            "axes_stated_n"
+        ]
+        is None
+    )

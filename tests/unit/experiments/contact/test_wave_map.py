@@ -24,8 +24,15 @@ def row(amplitude: float, **changed: Any) -> dict[str, Any]:
 
 
 def test_runs_are_counted_by_wave():
-    refused = {"class": "refused", "kind": "hull not at rest", "force_peak_n": None, "excursion_m": None}
-    told = summarise([row(0.1), row(0.1, force_peak_n=6.0), row(0.1, **refused), row(0.2, **refused)])
+    refused = {
+        "class": "refused",
+        "kind": "hull not at rest",
+        "force_peak_n": None,
+        "excursion_m": None,
+    }
+    told = summarise(
+        [row(0.1), row(0.1, force_peak_n=6.0), row(0.1, **refused), row(0.2, **refused)]
+    )
     assert not told.failed
     assert told.metrics == {"runs": 4, "kept": 2, "blamed": 0, "force_over_set": 1.05}
     tables = told.tables or []
@@ -44,7 +51,10 @@ def test_a_sound_thruster_that_is_blamed_fails_the_map():
 
 
 def test_damage_is_told():
-    damaged = row(0.1, **{"class": DAMAGED, "kind": "force above 1.5 times the set one", "detail": "felt 140 N"})
+    damaged = row(
+        0.1,
+        **{"class": DAMAGED, "kind": "force above 1.5 times the set one", "detail": "felt 140 N"},
+    )
     assert "force above 1.5 times the set one: felt 140 N" in line(damaged)
 
 

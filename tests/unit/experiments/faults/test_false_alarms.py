@@ -1,4 +1,6 @@
-"""Study of the faults that are named while nothing fails: what it draws, what it counts, and the check switched off."""
+"""Study of the faults that are named while nothing fails: what it draws, what it counts, and the
+check switched off.
+"""
 
 from dataclasses import replace
 
@@ -18,11 +20,14 @@ def row(run: int, *faults: str, **more):
 
 def test_the_draw_takes_every_job_of_every_vehicle_within_its_seas():
     drawn = [draw(SoundCase(seed=7, run=i, paired=False)) for i in range(25)]
-    assert {(vehicle, job) for vehicle, job, _ in drawn} == {(each.name, job) for each in WORKERS for job in each.jobs}
+    assert {(vehicle, job) for vehicle, job, _ in drawn} == {
+        (each.name, job) for each in WORKERS for job in each.jobs
+    }
 
     sites = [scenario.site for _, _, scenario in drawn]
     speeds, waves = (
-        [float(np.linalg.norm(v)) for v in vs] for vs in zip(*((s.current, s.wave) for s in sites), strict=True)
+        [float(np.linalg.norm(v)) for v in vs]
+        for vs in zip(*((s.current, s.wave) for s in sites), strict=True)
     )
     assert 0.5 * CURRENT < max(speeds) <= CURRENT
     assert 0.5 * WAVE < max(waves) <= WAVE
@@ -40,7 +45,12 @@ def test_a_gyro_or_an_attitude_that_is_named_fails_the_study_and_another_fault_i
         named = row(2, f"{kind.value} x", paired=True, unchecked_ended="done", unchecked_digest="b")
         summary = summarise([row(0), named | {"ended": "attitude wrong"}])
         assert not summary.accepted
-        assert summary.metrics["paired"] == {"runs": 1, "same": 0, "left": 1, "left_without_check": 0}
+        assert summary.metrics["paired"] == {
+            "runs": 1,
+            "same": 0,
+            "left": 1,
+            "left_without_check": 0,
+        }
 
 
 def test_navigation_does_without_the_check_where_it_is_left_out():

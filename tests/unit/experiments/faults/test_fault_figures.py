@@ -12,7 +12,9 @@ from uuv.sim.interfaces.messages import WorkState
 
 
 def trace(states: list[tuple[float, WorkState, str]]) -> Trace:
-    """10 s in steps of 0.5 s: 60 N until 4 s and from 6 to 7 s, none at 1 and 1.5 s; one hull offset and one tilt."""
+    """10 s in steps of 0.5 s: 60 N until 4 s and from 6 to 7 s, none at 1 and 1.5 s; one hull
+    offset and one tilt.
+    """
     time = 0.5 * np.arange(1, 21)
     rows = np.zeros((time.size, 17))
     touching = (time <= 4.0) | ((time >= 6.0) & (time <= 7.0))
@@ -26,7 +28,9 @@ def trace(states: list[tuple[float, WorkState, str]]) -> Trace:
 
 
 def test_figures_of_a_work_that_was_left():
-    left = figures(trace([(0.5, WorkState.WORK, ""), (2.5, WorkState.RETREAT, "gone")]), "transverse", 4)
+    left = figures(
+        trace([(0.5, WorkState.WORK, ""), (2.5, WorkState.RETREAT, "gone")]), "transverse", 4
+    )
     assert left.touch_s == pytest.approx(7.0 - 2.5)  # counted from letting go
     assert left.reaction_s == 2.5
     assert (left.found, left.detection_s) == ("thruster t1", 1.2)
@@ -47,10 +51,16 @@ def test_a_work_that_was_not_left_has_no_last_touch():
 
 @pytest.mark.parametrize(
     ("late", "peak", "said"),
-    [(1.9, 60.0, []), (2.1, 60.0, ["contact 2.1 s after the work was left"]), (0.0, 91.0, ["damage"])],
+    [
+        (1.9, 60.0, []),
+        (2.1, 60.0, ["contact 2.1 s after the work was left"]),
+        (0.0, 91.0, ["damage"]),
+    ],
 )
 def test_a_late_touch_or_damage_fails_the_study(late: float, peak: float, said: list[str]):
-    """Work at 60 N that is left at 2.5 s: a touch counts as late from 2 s after that on, a peak as damage from 90 N."""
+    """Work at 60 N that is left at 2.5 s: a touch counts as late from 2 s after that on, a peak as
+    damage from 90 N.
+    """
     left = trace([(0.5, WorkState.WORK, ""), (2.5, WorkState.RETREAT, "gone")])
     one = replace(figures(left, "transverse", 4), touch_s=late, peak_n=peak, damage=peak > 90.0)
     summary = summarise([{"path": "transverse", "seed": 4, "cases": [asdict(one)]}])

@@ -1,4 +1,6 @@
-"""Scenes with unseen objects: the frame shows what the truth says, occlusion is in its class, and a case repeats."""
+"""Scenes with unseen objects: the frame shows what the truth says, occlusion is in its class, and a
+case repeats.
+"""
 
 from collections import Counter
 from dataclasses import replace
@@ -9,8 +11,21 @@ import numpy as np
 import pytest
 
 from experiments.identification.unseen.grammar import KINDS, unseen_shape
-from experiments.identification.unseen.judge import FOUND, RIVAL_GAIN, TELLING, ViewOfObject, pose_error
-from experiments.identification.unseen.placing import Body, hidden_by, pinhole, resting_attitude, slid, veil
+from experiments.identification.unseen.judge import (
+    FOUND,
+    RIVAL_GAIN,
+    TELLING,
+    ViewOfObject,
+    pose_error,
+)
+from experiments.identification.unseen.placing import (
+    Body,
+    hidden_by,
+    pinhole,
+    resting_attitude,
+    slid,
+    veil,
+)
 from experiments.identification.unseen.scenes import (
     DEPTH_SENSORS,
     HIDDEN,
@@ -42,7 +57,9 @@ def scene_of(case: UnseenCase) -> UnseenScene:
 
 
 def mujoco_depth(scene: UnseenScene, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Depth (n,) [m] by MuJoCo's ray caster, which shares no code with the camera; inf where nothing is hit."""
+    """Depth (n,) [m] by MuJoCo's ray caster, which shares no code with the camera; inf where
+    nothing is hit.
+    """
     data = mujoco.MjData(scene.model)
     mujoco.mj_forward(scene.model, data)
     hit = np.zeros(1, dtype=np.int32)
@@ -61,7 +78,11 @@ def test_cases_are_balanced_and_named():
     assert Counter(case.hidden for case in cases) == {"none": 120, "little": 90, "much": 90}
     assert set(Counter(case.sensor for case in cases).values()) == {100}
     for name in KINDS:  # within each class too
-        assert Counter(case.hidden for case in cases if case.kind == name) == {"none": 12, "little": 9, "much": 9}
+        assert Counter(case.hidden for case in cases if case.kind == name) == {
+            "none": 12,
+            "little": 9,
+            "much": 9,
+        }
     assert len({(case.sensor, case.around) for case in cases[:10]}) == len(DEPTH_SENSORS) ** 2
     assert set(Counter(wrong(0, k).content for k in range(100)).values()) == {25}
 
@@ -75,7 +96,9 @@ def test_a_case_gives_one_scene():
     assert not np.allclose(scene.X_CT, other.X_CT)
 
 
-@pytest.mark.parametrize("case", [present(0, 1), present(0, 7), wrong(0, 3)], ids=lambda case: case.content)
+@pytest.mark.parametrize(
+    "case", [present(0, 1), present(0, 7), wrong(0, 3)], ids=lambda case: case.content
+)
 def test_the_frame_is_that_of_another_ray_caster(case: UnseenCase, within):
     scene = scene_of(case)
     rng = np.random.default_rng(0)
@@ -105,7 +128,8 @@ def test_occlusion_is_measured_and_in_its_class(index: int):
     scene = scene_of(present(0, index))
     low, high = HIDDEN[scene.case.hidden]
     assert low <= scene.hidden <= high
-    # By the surface samples of the shape instead of pixels: how many of those that face the camera are in the frame?
+    # By the surface samples of the shape instead of pixels: how many of those that face the camera
+    # are in the frame?
     eye_T = inverse(scene.X_CT)[:3, 3]
     way = scene.likeness.points - eye_T
     own = RayScene(scene.shape.vertices, scene.shape.triangles).distance(eye_T, way) > 1.0 - 1e-3
@@ -177,7 +201,8 @@ def test_a_resting_shape_is_carried_by_what_it_touches():
         standing = shape.vertices @ resting_attitude(shape, np.random.default_rng(4)).T
         base = standing[standing[:, 2] < standing[:, 2].min() + 1e-6 * shape.radius, :2]
         assert len(base) >= 3
-        # The centroid, at the origin, lies within the base: no direction has all of the base on its far side.
+        # The centroid, at the origin, lies within the base: no direction has all of the base on its
+        # far side.
         angle = np.linspace(0.0, 2.0 * np.pi, 360)
         assert (base @ np.array([np.cos(angle), np.sin(angle)])).max(axis=0).min() >= -1e-6
 
@@ -190,11 +215,15 @@ def test_bodies_meet_where_spheres_do(within):
         second = first.moved(np.array([0.0, aside, 0.0]))
         met = slid(second, [first], np.array([-1.0, 0.0, 0.0]), 0.0)
         assert met is not None
-        within("distance [m]", np.linalg.norm(met.p) - 2.0 * radius, 9e-3)  # 0.9 mm: a ball of 1280 triangles
+        # 0.9 mm: a ball of 1280 triangles
+        within("distance [m]", np.linalg.norm(met.p) - 2.0 * radius, 9e-3)
         kept = slid(second, [first], np.array([-1.0, 0.0, 0.0]), 0.05)
         assert kept is not None
         assert kept.p[0] - met.p[0] == pytest.approx(0.05)
-    assert slid(first.moved(np.array([0.0, 0.5, 0.0])), [first], np.array([-1.0, 0.0, 0.0]), 0.0) is None
+    assert (
+        slid(first.moved(np.array([0.0, 0.5, 0.0])), [first], np.array([-1.0, 0.0, 0.0]), 0.0)
+        is None
+    )
 
 
 def test_a_veil_hides_what_it_should():
@@ -228,7 +257,9 @@ def test_found_means_near_modulo_symmetry():
 
 
 def test_bounds_of_a_view_are_those_of_rendered_differences(within):
-    """The information of the surface in view, from depth images of slightly moved and scaled models."""
+    """The information of the surface in view, from depth images of slightly moved and scaled
+    models.
+    """
     scene, sensor = scene_of(present(0, 6)), NO_EDGES  # a pebble
     bounds = ViewOfObject(scene).bounds(sensor)
     rays = pinhole(_STEP)[scene.seen[::_STEP, ::_STEP]]
@@ -241,14 +272,17 @@ def test_bounds_of_a_view_are_those_of_rendered_differences(within):
     h = 1e-3
     with np.errstate(invalid="ignore"):
         J = np.column_stack([(depth(h * e) - depth(-h * e)) / (2.0 * h) for e in np.eye(7)])
-    # A shift by n moves the depth along a ray r by 1 / (n.r): this leaves out what is seen at grazing incidence.
+    # A shift by n moves the depth along a ray r by 1 / (n.r): this leaves out what is seen at
+    # grazing incidence.
     slant = np.linalg.norm(J[:, :3] * np.linalg.norm(rays, axis=1)[:, None], axis=1)
     facing = slant < 1.0 / np.cos(sensor.max_incidence)
     sigma = sensor.sigma(depth(np.zeros(7))[facing]) / np.sqrt(sensor.independent(_STEP))
     J = J[facing] / sigma[:, None]
     H = J.T @ J + np.eye(7)
     covariance = np.linalg.inv(H[:6, :6])
-    position, angle = (np.sqrt(np.linalg.eigvalsh(part)[-1]) for part in (covariance[:3, :3], covariance[3:, 3:]))
+    position, angle = (
+        np.sqrt(np.linalg.eigvalsh(part)[-1]) for part in (covariance[:3, :3], covariance[3:, 3:])
+    )
     within("position", bounds.position_m / position - 1.0, 0.1)  # 0.012
     within("angle", np.deg2rad(bounds.angle_deg) / angle - 1.0, 0.1)  # 0.012
     within("size", bounds.size / np.sqrt(np.linalg.inv(H)[6, 6]) - 1.0, 0.1)  # 0.015
@@ -256,7 +290,9 @@ def test_bounds_of_a_view_are_those_of_rendered_differences(within):
 
 def test_edges_and_better_sensors_tell_more():
     view = ViewOfObject(scene_of(present(0, 7)))
-    plain, blind, fine = (view.bounds(s) for s in (SensorModel(), NO_EDGES, SensorModel(disparity_sigma=0.05)))
+    plain, blind, fine = (
+        view.bounds(s) for s in (SensorModel(), NO_EDGES, SensorModel(disparity_sigma=0.05))
+    )
     for name in ("position_m", "angle_deg", "size"):
         assert getattr(fine, name) < getattr(plain, name) < getattr(blind, name)
 
@@ -269,11 +305,15 @@ def test_a_better_sensor_tells_more_rivals_apart():
 
 def test_unknown_names_are_refused():
     case = present(0, 0)
-    with pytest.raises(ConfigurationError, match="no sensor 'lidar'; there are white, stereo, quantised, sonar"):
+    with pytest.raises(
+        ConfigurationError, match="no sensor 'lidar'; there are white, stereo, quantised, sonar"
+    ):
         build(replace(case, sensor="lidar"))
     with pytest.raises(ConfigurationError, match="no class of shapes 'teapot'"):
         build(replace(case, kind="teapot"))
-    with pytest.raises(ConfigurationError, match="no class of occlusion 'all'; there are none, little, much"):
+    with pytest.raises(
+        ConfigurationError, match="no class of occlusion 'all'; there are none, little, much"
+    ):
         build(replace(case, hidden="all"))
 
 
@@ -286,7 +326,9 @@ def test_an_empty_sea_is_drawn_anew():
 @pytest.mark.long
 @pytest.mark.parametrize("member", [0, 4])
 def test_in_a_heap_the_object_is_found_that_others_resemble_more(member: int):
-    """A frame and a union, 2000 and 3500 pixels among four others: none of the likeliest starts leads there."""
+    """A frame and a union, 2000 and 3500 pixels among four others: none of the likeliest starts
+    leads there.
+    """
     row = run(UnseenTrial(piled(990001, 10 + member), "place"))
     assert row["found"]
     assert row["decision"] == "accept", row["reason"]

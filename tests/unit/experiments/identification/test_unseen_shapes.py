@@ -1,9 +1,17 @@
-"""Shapes of the grammar are closed and repeat; symmetry and likeness agree with what is known of simple solids."""
+"""Shapes of the grammar are closed and repeat; symmetry and likeness agree with what is known of
+simple solids.
+"""
 
 import numpy as np
 import pytest
 
-from experiments.identification.unseen.grammar import EXTENT, KINDS, UnseenShape, area_centroid, unseen_shape
+from experiments.identification.unseen.grammar import (
+    EXTENT,
+    KINDS,
+    UnseenShape,
+    area_centroid,
+    unseen_shape,
+)
 from experiments.identification.unseen.likeness import Likeness
 from experiments.identification.unseen.solids import (
     Solid3,
@@ -29,12 +37,16 @@ PITCH, RACK = 0.12, np.arange(-4, 5)  # [m], numbers of the fins
 
 def likeness(solid: Solid3) -> Likeness:
     vertices, triangles = solid
-    return Likeness(UnseenShape(kind="", vertices=vertices - area_centroid(*solid), triangles=triangles))
+    return Likeness(
+        UnseenShape(kind="", vertices=vertices - area_centroid(*solid), triangles=triangles)
+    )
 
 
 def spring(coils: float, radius: float = 0.1, wire: float = 0.012) -> Solid3:
     angle = np.linspace(-np.pi * coils, np.pi * coils, int(24 * coils) + 1)
-    path = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.06 * angle / (2.0 * np.pi)])
+    path = np.column_stack(
+        [radius * np.cos(angle), radius * np.sin(angle), 0.06 * angle / (2.0 * np.pi)]
+    )
     return swept(path, circle(wire, 12))
 
 
@@ -50,10 +62,14 @@ def orders(symmetry: Symmetry) -> tuple[bool, int]:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.seeds(1, 2, 3)
 def test_shapes_are_closed_of_their_size_and_repeat(kind: str, seed: int):
-    shape, again, other = (unseen_shape(kind, np.random.default_rng(k)) for k in (seed, seed, seed + 1000))
+    shape, again, other = (
+        unseen_shape(kind, np.random.default_rng(k)) for k in (seed, seed, seed + 1000)
+    )
     assert np.array_equal(shape.vertices, again.vertices)
     assert np.array_equal(shape.triangles, again.triangles)
-    assert shape.vertices.shape != other.vertices.shape or not np.allclose(shape.vertices, other.vertices)
+    assert shape.vertices.shape != other.vertices.shape or not np.allclose(
+        shape.vertices, other.vertices
+    )
     assert open_edges(shape.triangles) == 0
     assert volume(shape.vertices, shape.triangles) > 0.0
     assert EXTENT[0] - 1e-9 <= shape.extent <= EXTENT[1] + 1e-9
@@ -74,7 +90,9 @@ def shells(shape: UnseenShape) -> list[Solid3]:
 
     edges = np.vstack([shape.triangles[:, [0, 1]], shape.triangles[:, [1, 2]]])
     count = len(shape.vertices)
-    label = connected_components(coo_matrix((np.ones(len(edges)), edges.T), (count, count)))[1][shape.triangles[:, 0]]
+    label = connected_components(coo_matrix((np.ones(len(edges)), edges.T), (count, count)))[1][
+        shape.triangles[:, 0]
+    ]
     return [(shape.vertices, shape.triangles[label == k]) for k in np.unique(label)]
 
 
@@ -89,16 +107,30 @@ def test_an_unknown_class_is_refused():
         # Polygons of 48 sides: the area of a circle is 0.29 % too small.
         (cylinder(0.3, 0.5), np.pi * 0.3**2 * 0.5, 3e-3),
         (turned([(-0.2, 0.0), (0.2, 0.3), (0.2, 0.0)]), np.pi * 0.3**2 * 0.4 / 3.0, 3e-3),
-        (ring(np.array([[0.2, -0.05], [0.3, -0.05], [0.3, 0.05], [0.2, 0.05]])), np.pi * (0.09 - 0.04) * 0.1, 3e-3),
-        (tube(np.outer([-0.5, -0.4, 0.4, 0.5], [0, 0, 1.0]), 0.1, 0.05, 1), np.pi * (0.01 - 0.2 * 0.0025), 3e-3),
-        (extruded(rectangle(0.4, 0.2), 0.05, [circle(0.05)]), (0.08 - np.pi * 0.05**2) * 0.05, 3e-3),
+        (
+            ring(np.array([[0.2, -0.05], [0.3, -0.05], [0.3, 0.05], [0.2, 0.05]])),
+            np.pi * (0.09 - 0.04) * 0.1,
+            3e-3,
+        ),
+        (
+            tube(np.outer([-0.5, -0.4, 0.4, 0.5], [0, 0, 1.0]), 0.1, 0.05, 1),
+            np.pi * (0.01 - 0.2 * 0.0025),
+            3e-3,
+        ),
+        (
+            extruded(rectangle(0.4, 0.2), 0.05, [circle(0.05)]),
+            (0.08 - np.pi * 0.05**2) * 0.05,
+            3e-3,
+        ),
         (extruded(rectangle(0.4, 0.2), 0.5, twist=1.0, layers=40), 0.04, 2e-3),
         (hexagon(0.1, 0.2), 1.5 * np.sqrt(3.0) * 0.01 * 0.2, 1e-9),
         (ball(0.2), 4.0 / 3.0 * np.pi * 0.008, 1.5e-2),
         (box([0.1, 0.2, 0.3], np.zeros(3)), 0.006, 1e-9),
     ],
 )
-def test_solids_are_closed_and_have_their_volume(solid: Solid3, true_volume: float, within_share: float):
+def test_solids_are_closed_and_have_their_volume(
+    solid: Solid3, true_volume: float, within_share: float
+):
     assert open_edges(solid[1]) == 0
     assert volume(*solid) == pytest.approx(true_volume, rel=within_share)
 
@@ -117,7 +149,11 @@ def test_outlines_that_cross_are_refused():
 
 def test_inside_counts_a_hole_out():
     loops = [rectangle(2.0, 2.0), circle(0.5)]
-    assert inside(np.array([[0.8, 0.8], [0.1, 0.2], [1.2, 0.0]]), loops).tolist() == [True, False, False]
+    assert inside(np.array([[0.8, 0.8], [0.1, 0.2], [1.2, 0.0]]), loops).tolist() == [
+        True,
+        False,
+        False,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -125,15 +161,27 @@ def test_inside_counts_a_hole_out():
     [
         (box([0.2, 0.3, 0.5], np.zeros(3)), False, 4),
         (box([0.3, 0.3, 0.5], np.zeros(3)), False, 8),
-        pytest.param(box([0.4, 0.4, 0.4], np.zeros(3)), False, 24, marks=pytest.mark.long),  # every rotation is tried
+        # every rotation is tried
+        pytest.param(box([0.4, 0.4, 0.4], np.zeros(3)), False, 24, marks=pytest.mark.long),
         (hexagon(0.2, 0.5), False, 12),
         (cylinder(0.2, 0.5), True, 2),
         (turned([(-0.2, 0.0), (-0.2, 0.3), (0.3, 0.1), (0.3, 0.0)]), True, 1),
         (extruded(circle(0.3, 72), 0.05, two_holes(0.05, 0.05)), False, 4),
         (extruded(circle(0.3, 72), 0.05, two_holes(0.04, 0.05)), False, 2),
-        (spring(4.0), False, 2),  # a half turn about the one axis across it through the middle of its wire
+        # a half turn about the one axis across it through the middle of its wire
+        (spring(4.0), False, 2),
     ],
-    ids=["box", "square bar", "cube", "hexagon", "cylinder", "cone", "two holes", "unequal holes", "spring"],
+    ids=[
+        "box",
+        "square bar",
+        "cube",
+        "hexagon",
+        "cylinder",
+        "cone",
+        "two holes",
+        "unequal holes",
+        "spring",
+    ],
 )
 def test_symmetry_is_that_of_the_solid(solid: Solid3, has_axis: bool, rotations: int):
     turn = exp_so3([0.3, -0.8, 0.5])  # it does not stand along the axes
@@ -143,14 +191,17 @@ def test_symmetry_is_that_of_the_solid(solid: Solid3, has_axis: bool, rotations:
         assert np.median(found.distance(found.points @ R.T)) < 1e-3
 
 
-@pytest.mark.parametrize("solid", [box([0.2, 0.3, 0.5], np.zeros(3)), cylinder(0.2, 0.5), hexagon(0.2, 0.5)])
+@pytest.mark.parametrize(
+    "solid", [box([0.2, 0.3, 0.5], np.zeros(3)), cylinder(0.2, 0.5), hexagon(0.2, 0.5)]
+)
 def test_what_has_a_plane_of_symmetry_is_its_mirror_image(solid: Solid3):
     assert likeness(solid).mirror_share == 0.0
 
 
 def test_a_spring_has_a_hand():
     found = likeness(spring(4.0))
-    assert found.mirror_share > 0.3  # 0.48: both hands agree near the points where their wires cross
+    # 0.48: both hands agree near the points where their wires cross
+    assert found.mirror_share > 0.3
     twin = Likeness(found.shape.mirrored())
     assert volume(twin.shape.vertices, twin.shape.triangles) > 0.0
     assert orders(twin.symmetry) == (False, 2)
@@ -163,12 +214,17 @@ def test_a_missing_bolt_leaves_rivals_of_which_one_differs_by_two_bolts():
     found = likeness(extruded(circle(0.3, 72), 0.06, holes))
     assert orders(found.symmetry) == (False, 2)
     turns = [found.symmetry.error(S, np.eye(4))[1] for S in found.rivals]
-    assert np.rad2deg(min(turns, key=lambda turn: abs(turn - np.pi / 3.0))) == pytest.approx(60.0, abs=1.5)
+    assert np.rad2deg(min(turns, key=lambda turn: abs(turn - np.pi / 3.0))) == pytest.approx(
+        60.0, abs=1.5
+    )
     assert 0.0 < found.share_apart(found.rivals[0]) < 0.1
 
 
 def test_a_rack_of_fins_is_its_own_rival_one_pitch_further():
-    base, fins = box([0.3, 0.04, 1.0], np.zeros(3)), [box([0.3, 0.3, 0.02], [0.0, 0.15, z]) for z in PITCH * RACK]
+    base, fins = (
+        box([0.3, 0.04, 1.0], np.zeros(3)),
+        [box([0.3, 0.3, 0.02], [0.0, 0.15, z]) for z in PITCH * RACK],
+    )
     found = likeness(joined([base, *fins]))
     slides = [np.linalg.norm(S[:3, 3]) for S in found.rivals if np.trace(S[:3, :3]) > 2.9]
     assert slides

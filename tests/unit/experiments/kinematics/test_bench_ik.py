@@ -1,4 +1,6 @@
-"""The benchmark's own parts: what it checks answers by, what it gives the peers, and its baseline."""
+"""The benchmark's own parts: what it checks answers by, what it gives the peers, and its
+baseline.
+"""
 
 from importlib import import_module
 from types import ModuleType
@@ -27,7 +29,9 @@ def test_answers_are_checked_by_the_right_kinematics(bench: ModuleType, name: st
     arm = published_arms.load(name)
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (5, arm.n))
     frames = [arm.joint_frames(row)[-1] for row in q]
-    np.testing.assert_allclose(bench.dh_forward(arm, q), frames, atol=1e-13 * (1.0 + np.abs(frames).max()))
+    np.testing.assert_allclose(
+        bench.dh_forward(arm, q), frames, atol=1e-13 * (1.0 + np.abs(frames).max())
+    )
 
 
 def test_wrong_answers_are_not_counted(bench: ModuleType) -> None:
@@ -40,7 +44,13 @@ def test_wrong_answers_are_not_counted(bench: ModuleType) -> None:
     q[4, 0] += 2.0 * np.pi  # the pose, but beyond the limits
     q[5] = np.nan
     moved = bench.IkCase(
-        arm=case.arm, degrees=180, warm=False, bar="A", limits=case.limits, targets=targets, starts=case.starts
+        arm=case.arm,
+        degrees=180,
+        warm=False,
+        bar="A",
+        limits=case.limits,
+        targets=targets,
+        starts=case.starts,
     )
     assert bench.reached(moved, q).tolist() == [True, True, False, False, False, False]
 
@@ -57,11 +67,18 @@ def test_peers_are_given_the_same_arm(fellows: ModuleType, name: str) -> None:
     data = mujoco.MjData(model)
     data.qpos[:] = q
     mujoco.mj_kinematics(model, data)
-    np.testing.assert_allclose(pose(data.site_xmat[0].reshape(3, 3), data.site_xpos[0]), tip, atol=1e-12)
+    np.testing.assert_allclose(
+        pose(data.site_xmat[0].reshape(3, 3), data.site_xpos[0]), tip, atol=1e-12
+    )
     np.testing.assert_allclose(model.jnt_range, limits)
-    inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    inertia = (
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+        'iyz="0"/></inertial>'
+    )
     text = fellows.urdf(task).replace("/><joint", f">{inertia}</link><joint")
-    text = text.replace('<robot name="arm">', '<robot name="arm"><mujoco><compiler fusestatic="false"/></mujoco>')
+    text = text.replace(
+        '<robot name="arm">', '<robot name="arm"><mujoco><compiler fusestatic="false"/></mujoco>'
+    )
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     data.qpos[:] = q
@@ -75,7 +92,11 @@ def test_peers_are_given_the_same_arm(fellows: ModuleType, name: str) -> None:
 @pytest.mark.parametrize("warm", [False, True])
 def test_the_baseline_solves_within_the_limits(bench: ModuleType, name: str, warm: bool) -> None:
     """It must be worth comparing with: every one of 200 targets, at the close bar, limits kept."""
-    case = next(c for c in bench.cases(bench.Options(), name, 200) if (c.warm, c.bar, c.degrees) == (warm, "B", 150))
+    case = next(
+        c
+        for c in bench.cases(bench.Options(), name, 200)
+        if (c.warm, c.bar, c.degrees) == (warm, "B", 150)
+    )
     solver = bench.baseline(case.task)
     answers = np.array([solver(X, q0) for X, q0 in zip(case.targets, case.starts, strict=True)])
     assert np.all(bench.reached(case, answers))
@@ -89,9 +110,15 @@ def test_cases_are_the_same_under_a_seed(bench: ModuleType) -> None:
     assert np.abs(targets(1) - targets(2)).max() > 1e-3
 
 
-@pytest.mark.parametrize("limits", [(47.0, 313.0), (-1.0, 215.0), (-225.0, 45.0), (-360.0, 360.0), (-400.0, -100.0)])
-def test_angles_of_peers_are_turned_into_uneven_limits(fellows: ModuleType, limits: tuple[float, float]) -> None:
-    """Whatever whole turn a peer answers with, an angle that the joint can have is one within its limits."""
+@pytest.mark.parametrize(
+    "limits", [(47.0, 313.0), (-1.0, 215.0), (-225.0, 45.0), (-360.0, 360.0), (-400.0, -100.0)]
+)
+def test_angles_of_peers_are_turned_into_uneven_limits(
+    fellows: ModuleType, limits: tuple[float, float]
+) -> None:
+    """Whatever whole turn a peer answers with, an angle that the joint can have is one within its
+    limits.
+    """
     arm = published_arms.load("puma560")
     task = fellows.SolverTask(arm=arm, limits=np.tile(np.radians(limits), (6, 1)), bar=(1e-4, 1e-3))
     q = np.random.default_rng(3).uniform(*task.limits.T, size=(200, 6))
@@ -105,7 +132,11 @@ def test_angles_of_peers_are_turned_into_uneven_limits(fellows: ModuleType, limi
 @pytest.mark.parametrize("pitch", [90.0, -90.0, 90.0 - 1e-7, 89.9, 20.0])
 def test_a_urdf_says_every_rotation(fellows: ModuleType, pitch: float) -> None:
     for roll, yaw in np.radians(np.random.default_rng(5).uniform(-180.0, 180.0, (50, 2))):
-        R = exp_so3([0.0, 0.0, yaw]) @ exp_so3([0.0, np.radians(pitch), 0.0]) @ exp_so3([roll, 0.0, 0.0])
+        R = (
+            exp_so3([0.0, 0.0, yaw])
+            @ exp_so3([0.0, np.radians(pitch), 0.0])
+            @ exp_so3([roll, 0.0, 0.0])
+        )
         r, p, y = fellows.roll_pitch_yaw(R)
         found = exp_so3([0.0, 0.0, y]) @ exp_so3([0.0, p, 0.0]) @ exp_so3([r, 0.0, 0.0])
         np.testing.assert_allclose(found, R, atol=1e-8)
@@ -114,5 +145,7 @@ def test_a_urdf_says_every_rotation(fellows: ModuleType, pitch: float) -> None:
 def test_an_arm_can_be_raced_within_its_own_limits(bench: ModuleType) -> None:
     case = next(bench.cases(bench.Options(limits=(bench.OWN_LIMITS,)), "jaco", 200))
     assert np.all(case.limits[1:3, 0] > 0.0)  # zero is beyond them
-    answers = np.array([bench.baseline(case.task)(X, q0) for X, q0 in zip(case.targets, case.starts, strict=True)])
+    answers = np.array(
+        [bench.baseline(case.task)(X, q0) for X, q0 in zip(case.targets, case.starts, strict=True)]
+    )
     assert np.mean(bench.reached(case, answers)) > 0.99

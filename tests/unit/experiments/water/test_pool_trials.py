@@ -1,4 +1,6 @@
-"""Pool trials: read with one clear error where they are wrong; the fit finds again what a replay was made of."""
+"""Pool trials: read with one clear error where they are wrong; the fit finds again what a replay
+was made of.
+"""
 
 import os
 from pathlib import Path
@@ -45,7 +47,10 @@ def made(name: str, seed: int, deviations: Array) -> PoolTrial:
     noise = rng.normal(0.0, np.radians(0.1), found.attitude.shape)
     return PoolTrial(
         **{
-            **{field: getattr(still, field) for field in ("name", "group", "times", "joint_times", "joints")},
+            **{
+                field: getattr(still, field)
+                for field in ("name", "group", "times", "joint_times", "joints")
+            },
             **{field: getattr(still, field) for field in ("R_start", "w_start", "v_start")},
             "attitude": found.attitude + noise,
             "position": found.position,
@@ -57,13 +62,19 @@ def made(name: str, seed: int, deviations: Array) -> PoolTrial:
 def test_the_fit_finds_the_vehicle_that_made_the_trials():
     index = {each.name: i for i, each in enumerate(PARAMETERS)}
     true = np.zeros(len(PARAMETERS))
-    true[index["center of mass z"]], true[index["net buoyancy"]], true[index["center of mass y"]] = -0.4, 0.6, 0.2
+    (
+        true[index["center of mass z"]],
+        true[index["net buoyancy"]],
+        true[index["center of mass y"]],
+    ) = -0.4, 0.6, 0.2
     trials = [made(f"traj{group}-0", group, true) for group in (1, 2)]
     fit = fit_named(Residuals("benzon2022", trials), PARAMETERS, rounds=5)
     found = fit.values
     assert found["center of mass z"] == pytest.approx(-0.008, abs=0.002)
     assert found["net buoyancy"] == pytest.approx(0.9, abs=0.15)
-    assert found["center of mass y"] - found["center of buoyancy y"] == pytest.approx(0.004, abs=0.001)
+    assert found["center of mass y"] - found["center of buoyancy y"] == pytest.approx(
+        0.004, abs=0.001
+    )
     before, after = (medians(scores("benzon2022", trials, values)) for values in (NOMINAL, found))
     assert after["roll_rms_deg"] < 0.2 < before["roll_rms_deg"]
     assert fit.told[index["center of mass z"]] > 0.9
@@ -84,7 +95,9 @@ def test_a_fit_by_names():
     assert fit.values["slope"] == pytest.approx(3.0, abs=1e-5)
     assert fit.values["gain"] == pytest.approx(2.5, abs=1e-5)
     design = np.column_stack([2.0 * x, np.full(50, 0.5)]) / 1e-3
-    np.testing.assert_allclose(fit.covariance, np.linalg.inv(design.T @ design + np.eye(2)), rtol=1e-3)
+    np.testing.assert_allclose(
+        fit.covariance, np.linalg.inv(design.T @ design + np.eye(2)), rtol=1e-3
+    )
     with pytest.raises(ConfigurationError, match="not finite at the start"):
         fit_named(lambda _: np.array([np.nan]), (slope,))
     with pytest.raises(ConfigurationError, match="a factor must be > 0"):
@@ -95,12 +108,22 @@ def write(folder: Path, **changes: str) -> None:
     """A trial of 8 s in files, with single lines replaced."""
     t = np.arange(0.0, 8.0, 0.05)
     files = {
-        "joint_states": ("time_secs,axis_a_pos,axis_b_pos,axis_c_pos,axis_d_pos,axis_e_pos", [t, *(0.1 * t,) * 5]),
+        "joint_states": (
+            "time_secs,axis_a_pos,axis_b_pos,axis_c_pos,axis_d_pos,axis_e_pos",
+            [t, *(0.1 * t,) * 5],
+        ),
         "imu": (
             "time_secs,x_ori,y_ori,z_ori,w_ori,x_angvel,y_angvel,z_angvel",
-            [t, *Rotation.from_euler("ZYX", np.outer(0.01 * t, [1.0, 2.0, 3.0])).as_quat().T, *(0.0 * t,) * 3],
+            [
+                t,
+                *Rotation.from_euler("ZYX", np.outer(0.01 * t, [1.0, 2.0, 3.0])).as_quat().T,
+                *(0.0 * t,) * 3,
+            ],
         ),
-        "mocap": ("time_secs,x_pose,y_pose,z_pose,roll,pitch,yaw", [t, 0.0 * t, 0.0 * t, 0.02 * t, *(0.0 * t,) * 3]),
+        "mocap": (
+            "time_secs,x_pose,y_pose,z_pose,roll,pitch,yaw",
+            [t, 0.0 * t, 0.0 * t, 0.02 * t, *(0.0 * t,) * 3],
+        ),
     }
     for kind, (head, columns) in files.items():
         rows = [",".join(f"{value:.6f}" for value in row) for row in np.column_stack(columns)]
@@ -126,9 +149,21 @@ def test_reads_angles_in_our_joints_and_the_start(tmp_path: Path, within):
     [
         ({"imu": "time_secs,x_ori\n0,1\n"}, "expected ten rows"),
         ({"imu": "a,b\n" + "\n".join(f"{k},1" for k in range(20))}, "lacks the column 'time_secs'"),
-        ({"mocap": "time_secs,x_pose\n" + "\n".join("0,1" for _ in range(20))}, "its times must increase"),
-        ({"mocap": "time_secs,x_pose\n" + "\n".join(f"{k},nan" for k in range(20))}, "lacks the column 'y_pose'"),
-        ({"joint_states": "time_secs,axis_e_pos\n" + "\n".join(f"{0.01 * k},1" for k in range(20))}, "in common"),
+        (
+            {"mocap": "time_secs,x_pose\n" + "\n".join("0,1" for _ in range(20))},
+            "its times must increase",
+        ),
+        (
+            {"mocap": "time_secs,x_pose\n" + "\n".join(f"{k},nan" for k in range(20))},
+            "lacks the column 'y_pose'",
+        ),
+        (
+            {
+                "joint_states": "time_secs,axis_e_pos\n"
+                + "\n".join(f"{0.01 * k},1" for k in range(20))
+            },
+            "in common",
+        ),
         ({"imu": "words\nand more\n" * 9}, "cannot be read"),
     ],
 )
@@ -160,7 +195,9 @@ def test_reads_fitted_parameters(tmp_path: Path):
 
 
 def test_spread_and_left_out_scores_are_those_of_the_fits_without_a_group(monkeypatch):
-    """Fits of 1, 2 and 6 without each of three groups: the jackknife's error is sqrt(2 / 3 (4 + 1 + 9))."""
+    """Fits of 1, 2 and 6 without each of three groups: the jackknife's error is sqrt(2 / 3 (4 + 1 +
+    9)).
+    """
     each = {"traj1": 1.0, "traj2": 2.0, "traj3": 6.0}
     n = len(PARAMETERS)
 
@@ -170,8 +207,12 @@ def test_spread_and_left_out_scores_are_those_of_the_fits_without_a_group(monkey
 
     monkeypatch.setattr(validation, "fit", fit)
     monkeypatch.setattr(validation, "values_of", lambda _, deviations: float(deviations[0]))
-    monkeypatch.setattr(validation, "scores", lambda _, members, values: [(m.group, values) for m in members])
-    told = validation.validate("wu2018", untyped([SimpleNamespace(group=group) for group in each for _ in range(2)]))
+    monkeypatch.setattr(
+        validation, "scores", lambda _, members, values: [(m.group, values) for m in members]
+    )
+    told = validation.validate(
+        "wu2018", untyped([SimpleNamespace(group=group) for group in each for _ in range(2)])
+    )
     assert told.spread == pytest.approx(np.full(n, np.sqrt(2.0 / 3.0 * 14.0)))
     assert told.left_out == tuple((group, value) for group, value in each.items() for _ in range(2))
     least = PARAMETERS[0].value(0.5 - 1.96 * np.sqrt(28.0 / 3.0))
@@ -179,9 +220,13 @@ def test_spread_and_left_out_scores_are_those_of_the_fits_without_a_group(monkey
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not REAL.is_dir(), reason="the pool trials are not here: UUV_POOL_TRIALS names their folder")
+@pytest.mark.skipif(
+    not REAL.is_dir(), reason="the pool trials are not here: UUV_POOL_TRIALS names their folder"
+)
 def test_the_pool():
-    """Fitted to half of the trajectory numbers, judged on the others; the bars are those of the whole study."""
+    """Fitted to half of the trajectory numbers, judged on the others; the bars are those of the
+    whole study.
+    """
     trials = read_trials(REAL)
     groups = sorted({trial.group for trial in trials})
     seen = [trial for trial in trials if trial.group in groups[::2]]

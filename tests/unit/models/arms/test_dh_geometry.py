@@ -13,17 +13,25 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_
 
 
 def random_arm(rng: np.random.Generator, n: int = 6) -> mujoco.MjSpec:
-    """Hinges anywhere and any way round, some parallel or nearly, references, fixed bodies between, a tool body."""
+    """Hinges anywhere and any way round, some parallel or nearly, references, fixed bodies between,
+    a tool body.
+    """
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
-    body = spec.worldbody.add_body(name="base", pos=rng.uniform(-1, 1, 3), quat=rng.standard_normal(4))
+    body = spec.worldbody.add_body(
+        name="base", pos=rng.uniform(-1, 1, 3), quat=rng.standard_normal(4)
+    )
     for i in range(n):
         if rng.random() < 0.3:
-            body = body.add_body(name=f"spacer{i}", pos=rng.uniform(-0.3, 0.3, 3), quat=rng.standard_normal(4))
+            body = body.add_body(
+                name=f"spacer{i}", pos=rng.uniform(-0.3, 0.3, 3), quat=rng.standard_normal(4)
+            )
         tilt = rng.choice([0.0, 1e-3, 1.0]) * rng.standard_normal(3)
         turn = quat_wxyz_from_rotation(exp_so3(tilt))
         body = body.add_body(name=f"link{i}", pos=rng.uniform(-0.5, 0.5, 3), quat=turn)
-        body.add_joint(name=f"j{i}", axis=[0, 0, 1], pos=rng.uniform(-0.1, 0.1, 3), ref=rng.choice([0.0, 0.4]))
+        body.add_joint(
+            name=f"j{i}", axis=[0, 0, 1], pos=rng.uniform(-0.1, 0.1, 3), ref=rng.choice([0.0, 0.4])
+        )
         body.add_geom(size=[0.05, 0.05, 0.05], mass=1.0)
     tool = body.add_body(name="tool", pos=[0.0, 0.1, 0.2], quat=rng.standard_normal(4))
     tool.add_site(name="tip", pos=[0.05, 0.0, 0.1], quat=rng.standard_normal(4))
@@ -93,7 +101,8 @@ def test_what_rides_on_the_links_rides_along(within):
 def test_refusals():
     spec = mujoco.MjSpec.from_string(
         """<mujoco><worldbody><body name="base"><body name="a"><joint name="slide" type="slide"/><geom size=".1"/>
-        <body name="b"><joint name="x" axis="1 0 0"/><joint name="y" axis="0 1 0"/><geom size=".1"/><site name="tip"/>
+        <body name="b"><joint name="x" axis="1 0 0"/><joint name="y" axis="0 1 0"/><geom size=".1"/>
+          <site name="tip"/>
         </body></body><site name="near"/></body></worldbody></mujoco>"""
     )
     model = spec.compile()

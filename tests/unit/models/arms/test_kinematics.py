@@ -1,4 +1,6 @@
-"""Kinematics of arms with tables, uncompiled, against products of elementary moves and their differences."""
+"""Kinematics of arms with tables, uncompiled, against products of elementary moves and their
+differences.
+"""
 
 import numpy as np
 
@@ -31,7 +33,12 @@ def test_tips_and_their_derivatives(rng: np.random.Generator) -> None:
     n, q = len(table), rng.normal(size=(3, len(table)))
 
     def tips(table: Array, tcp: Array) -> Array:
-        return np.array([(link_frames(table, slides, X_base, row)[-1] @ X_flange @ [*tcp, 1.0])[:3] for row in q])
+        return np.array(
+            [
+                (link_frames(table, slides, X_base, row)[-1] @ X_flange @ [*tcp, 1.0])[:3]
+                for row in q
+            ]
+        )
 
     J = np.zeros((3, 5 * n + 3, 3))
     np.testing.assert_allclose(

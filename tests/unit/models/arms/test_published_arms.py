@@ -16,24 +16,31 @@ from uuv.sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation
 @pytest.mark.parametrize(
     ("name", "q_deg", "tip"),
     [
-        ("puma560", [0, 0, 0, 0, 0, 0], [0.4521, -0.15005, 1.10363]),  # Corke's "zero angle" posture
+        # Corke's "zero angle" posture
+        ("puma560", [0, 0, 0, 0, 0, 0], [0.4521, -0.15005, 1.10363]),
         ("ur5", [0, 0, 0, 0, 0, 0], [-0.81725, -0.19145, -0.005491]),  # stretched out along -x
-        ("ur10e", [0, -90, 0, -90, 0, 0], [0.0, -0.2907, 1.4848]),  # upright: d1 - a2 - a3 + d5, d4 + d6
+        # upright: d1 - a2 - a3 + d5, d4 + d6
+        ("ur10e", [0, -90, 0, -90, 0, 0], [0.0, -0.2907, 1.4848]),
         ("panda", [0, 0, 0, 0, 0, 0, 0], [0.088, 0.0, 0.926]),  # .333 + .316 + .384 - .107
         ("iiwa7", [0, 0, 0, 0, 0, 0, 0], [0.0, 0.0, 1.266]),  # .34 + .4 + .4 + .126
         ("gen3", [0, 0, 0, 0, 0, 0, 0], [0.0, 0.0246, -1.1873]),  # its base frame points down
         ("xarm7", [0, 0, 0, 0, 0, 0, 0], [0.206, 0.0, 0.1205]),  # the maker's zero pose
-        ("irb140", [0, -90, 0, 0, 0, 0], [0.515, 0.0, 0.712]),  # upright upper arm: .07 + .38 + .065, .352 + .36
+        # upright upper arm: .07 + .38 + .065, .352 + .36
+        ("irb140", [0, -90, 0, 0, 0, 0], [0.515, 0.0, 0.712]),
         ("era", [0, 0, 0, 0, 0, 0, 0], [0.0, 0.0, 11.28]),
     ],
 )
 def test_tip_stands_where_the_maker_says(name: str, q_deg: list[float], tip: list[float]) -> None:
-    np.testing.assert_allclose(published_arms.load(name).joint_frames(np.radians(q_deg))[-1, :3, 3], tip, atol=1e-5)
+    np.testing.assert_allclose(
+        published_arms.load(name).joint_frames(np.radians(q_deg))[-1, :3, 3], tip, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("name", published_arms.available())
 def test_frames_are_those_of_a_mujoco_model(name: str) -> None:
-    """Each joint's frame as a body of MuJoCo's, which turns it; and the tip as the solver's chain has it."""
+    """Each joint's frame as a body of MuJoCo's, which turns it; and the tip as the solver's chain
+    has it.
+    """
     arm = published_arms.load(name)
     spec = mujoco.MjSpec()
     body = spec.worldbody
@@ -41,7 +48,10 @@ def test_frames_are_those_of_a_mujoco_model(name: str) -> None:
     for X, kind in zip(joints, arm.joint_types, strict=True):
         body = body.add_body(pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         slide = kind == "p"
-        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
+        body.add_joint(
+            type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=[0, 0, 1],
+        )
         body.add_geom(size=[0.01, 0, 0])
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -69,7 +79,9 @@ def test_the_european_arm_is_the_same_from_both_ends() -> None:
     """It walks end over end: turned round, its lengths and kinds of joints are the same."""
     points = published_arms.load("era").joint_frames(np.zeros(7))[:, :3, 3]
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    np.testing.assert_allclose(np.sort(lengths[lengths > 0.0]), [0.34, 0.34, 1.228, 1.228, 4.072, 4.072], atol=1e-12)
+    np.testing.assert_allclose(
+        np.sort(lengths[lengths > 0.0]), [0.34, 0.34, 1.228, 1.228, 4.072, 4.072], atol=1e-12
+    )
 
 
 def test_the_servo_arm_hangs_straight_down() -> None:
@@ -87,27 +99,38 @@ def test_an_unknown_arm_is_refused_by_name() -> None:
 
 
 def stretched(name: str, origin: int, frame: int, level: bool) -> float:
-    """Largest distance [m] of a frame's origin from joint axis `origin` + 1, or from the base's axis where `level`."""
+    """Largest distance [m] of a frame's origin from joint axis `origin` + 1, or from the base's
+    axis where `level`.
+    """
     arm = published_arms.load(name)
     limits, rng = np.clip(arm.limits, -np.pi, np.pi), np.random.default_rng(3)
 
     def near(q: Array) -> float:
         points = arm.joint_frames(q)[:, :3, 3]
-        return -float(np.hypot(*points[frame, :2]) if level else np.linalg.norm(points[frame] - points[origin]))
+        return -float(
+            np.hypot(*points[frame, :2])
+            if level
+            else np.linalg.norm(points[frame] - points[origin])
+        )
 
     starts = [limits.mean(axis=1) + 0.1, rng.uniform(*limits.T)]
-    return -min(minimize(near, q, method="L-BFGS-B", bounds=limits, options={"maxiter": 12}).fun for q in starts)
+    return -min(
+        minimize(near, q, method="L-BFGS-B", bounds=limits, options={"maxiter": 12}).fun
+        for q in starts
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "origin", "frame", "level", "reach", "miss"),
     [
-        ("panda", 0, -1, True, 0.855, 5e-3),  # Franka Emika, Robot's technical data: maximum reach 855 mm
+        # Franka Emika, Robot's technical data: maximum reach 855 mm
+        ("panda", 0, -1, True, 0.855, 5e-3),
         ("iiwa7", 0, 5, True, 0.8, 1e-3),  # its name, R800: to the wrist
         ("irb140", 0, 4, True, 0.81, 1e-3),  # ABB, IRB 140 data sheet: reach of 5th axis 810 mm
         ("gen3", 1, -1, False, 0.902, 5e-3),  # Kinova, Gen3 data sheet: maximum reach 902 mm
         ("jaco", 1, -1, False, 0.9, 0.03),  # Kinova, Jaco data sheet: reach 90 cm
-        ("ur5", 0, -2, True, 0.85, 0.07),  # Universal Robots: 850 mm, without saying between which points
+        # Universal Robots: 850 mm, without saying between which points
+        ("ur5", 0, -2, True, 0.85, 0.07),
         ("ur10e", 0, -2, True, 1.3, 0.03),  # 1300 mm, likewise
         ("puma560", 0, 4, True, 0.864, 0.03),  # Unimation: 0.864 m to the wrist
         ("era", 0, -1, False, 11.3, 0.05),  # ESA: 11.3 m
@@ -116,7 +139,9 @@ def stretched(name: str, origin: int, frame: int, level: bool) -> float:
 def test_an_arm_reaches_as_far_as_its_maker_says(
     name: str, origin: int, frame: int, level: bool, reach: float, miss: float
 ) -> None:
-    """Against reaches as they are commonly stated; the data sheets themselves were not read for this."""
+    """Against reaches as they are commonly stated; the data sheets themselves were not read for
+    this.
+    """
     assert stretched(name, origin, frame, level) == pytest.approx(reach, abs=miss)
 
 
@@ -129,8 +154,12 @@ def test_an_arm_reaches_as_far_as_its_maker_says(
         ("stanford", [0, 0, 0.5, 0, 0, 0], [0.0, 0.154 - 0.0203, 0.412 + 0.5]),
     ],
 )
-def test_the_tip_at_zero_is_read_off_the_drawing(name: str, q: list[float], tip: list[float]) -> None:
-    np.testing.assert_allclose(published_arms.load(name).joint_frames(np.array(q))[-1, :3, 3], tip, atol=1e-12)
+def test_the_tip_at_zero_is_read_off_the_drawing(
+    name: str, q: list[float], tip: list[float]
+) -> None:
+    np.testing.assert_allclose(
+        published_arms.load(name).joint_frames(np.array(q))[-1, :3, 3], tip, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -150,7 +179,9 @@ def test_the_tip_at_zero_is_read_off_the_drawing(name: str, q: list[float], tip:
         ("era", range(7), [(0, 6), *((1, i) for i in range(2, 6))]),
     ],
 )
-def test_limits_are_even_where_the_maker_has_them_so(name: str, even: list[int], alike: list[tuple[int, int]]) -> None:
+def test_limits_are_even_where_the_maker_has_them_so(
+    name: str, even: list[int], alike: list[tuple[int, int]]
+) -> None:
     limits = published_arms.load(name).limits
     np.testing.assert_allclose(limits[even, 0], -limits[even, 1])
     for i, j in alike:
@@ -158,7 +189,9 @@ def test_limits_are_even_where_the_maker_has_them_so(name: str, even: list[int],
 
 
 def test_the_limits_of_upper_and_forearm_mirror_each_other() -> None:
-    """The PUMA's elbow bends by as much as its shoulder swings, the other way; the Jaco's stand even about straight."""
+    """The PUMA's elbow bends by as much as its shoulder swings, the other way; the Jaco's stand
+    even about straight.
+    """
     puma, jaco = published_arms.load("puma560").limits, published_arms.load("jaco").limits
     np.testing.assert_allclose(puma[1], -puma[2, ::-1])
     np.testing.assert_allclose(jaco[1:3].sum(axis=1), 2.0 * np.pi)

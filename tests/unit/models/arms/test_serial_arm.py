@@ -1,4 +1,6 @@
-"""The arm type: its table against products of elementary moves, its derivatives, and its other descriptions."""
+"""The arm type: its table against products of elementary moves, its derivatives, and its other
+descriptions.
+"""
 
 from dataclasses import replace
 
@@ -19,7 +21,9 @@ OFF_AXIS = np.array([0.08, 0.0, 0.15])  # [m] tool point
 
 
 def tilted(rng: np.random.Generator) -> SerialArm:
-    """A UR10e with errors in every number; its parallel axes are tilted by about a degree in both directions."""
+    """A UR10e with errors in every number; its parallel axes are tilted by about a degree in both
+    directions.
+    """
     arm = SerialArm.from_dh(UR10E)
     scales = np.tile([1.0 * DEG, 5e-3, 5e-3, 1.0 * DEG, 0.0], (6, 1))
     scales[list(arm.near_parallel), 4] = 1.0 * DEG
@@ -29,8 +33,12 @@ def tilted(rng: np.random.Generator) -> SerialArm:
 def random_arm(rng: np.random.Generator, types: str) -> SerialArm:
     """Joints anywhere and any way round, base and flange aside, uneven limits."""
     n = len(types)
-    dh = np.column_stack([rng.uniform(-3, 3, n), rng.uniform(-0.5, 0.5, (n, 2)), rng.uniform(-2, 2, n)])
-    base, flange = (readonly(pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3))) for _ in range(2))
+    dh = np.column_stack(
+        [rng.uniform(-3, 3, n), rng.uniform(-0.5, 0.5, (n, 2)), rng.uniform(-2, 2, n)]
+    )
+    base, flange = (
+        readonly(pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3))) for _ in range(2)
+    )
     return replace(
         SerialArm.from_dh(dh, types, beta=rng.uniform(-0.1, 0.1, n)),
         X_base_0=base,
@@ -50,7 +58,8 @@ def test_derivatives(within):
         step = np.zeros(arm.table.size + 3)
         step[i] = h
         ends = [
-            arm.with_table(arm.table + s * step[:-3].reshape(-1, 5)).tips(q, tcp + s * step[-3:]) for s in (1.0, -1.0)
+            arm.with_table(arm.table + s * step[:-3].reshape(-1, 5)).tips(q, tcp + s * step[-3:])
+            for s in (1.0, -1.0)
         ]
         within("derivative", J[:, i] - (ends[0] - ends[1]) / (2 * h), 3e-9)
 
@@ -75,7 +84,9 @@ def test_arm_from_axes(within):
 
 @pytest.mark.parametrize("types", ["rrrrrr", "prrp"])
 def test_every_description_is_the_same_arm(rng, types, within):
-    """Joint frames, the chain of the inverse kinematics, and a tip taken into the flange; with beta and a base."""
+    """Joint frames, the chain of the inverse kinematics, and a tip taken into the flange; with beta
+    and a base.
+    """
     arm, tcp = random_arm(rng, types), rng.uniform(-0.2, 0.2, 3)
     q = rng.uniform(-1, 1, (10, arm.n))
     flanges = arm.flange(q)
@@ -120,11 +131,23 @@ def test_other_numbers_of_joints_are_refused(change, said):
     ("make", "said"),
     [
         (lambda: SerialArm.from_dh(UR10E[:, :3]), r"^dh: expected shape \(n, 4\)"),
-        (lambda: SerialArm.from_dh(np.rad2deg(UR10E), name="table"), "^table: alpha of joint 1 is 90 rad.*degrees"),
-        (lambda: SerialArm.from_dh(UR10E * [1, 1e3, 1e3, 1]), "^dh: a of joint 2 is -612.7 m.*millimetres"),
+        (
+            lambda: SerialArm.from_dh(np.rad2deg(UR10E), name="table"),
+            "^table: alpha of joint 1 is 90 rad.*degrees",
+        ),
+        (
+            lambda: SerialArm.from_dh(UR10E * [1, 1e3, 1e3, 1]),
+            "^dh: a of joint 2 is -612.7 m.*millimetres",
+        ),
         (lambda: SerialArm.from_dh(UR10E, beta=np.zeros(5)), "^beta: expected shape"),
-        (lambda: SerialArm.from_axes(np.zeros((2, 3)), np.zeros((2, 3)), np.eye(4)), "^axes: .*row 0 has none"),
-        (lambda: SerialArm.from_axes(np.eye(3), 1e3 * np.eye(3), np.eye(4)), "^points: .*1000 m; millimetres"),
+        (
+            lambda: SerialArm.from_axes(np.zeros((2, 3)), np.zeros((2, 3)), np.eye(4)),
+            "^axes: .*row 0 has none",
+        ),
+        (
+            lambda: SerialArm.from_axes(np.eye(3), 1e3 * np.eye(3), np.eye(4)),
+            "^points: .*1000 m; millimetres",
+        ),
         (lambda: Chain.from_arm(untyped(UR10E)), "^arm: expected a SerialArm"),
         (lambda: SerialArm.from_dh(UR10E).flange(np.zeros((2, 5))), "^q: expected shape"),
         (lambda: SerialArm.from_dh(UR10E).joint_frames(np.zeros(5)), "^q: expected shape"),

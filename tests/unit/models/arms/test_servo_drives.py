@@ -1,4 +1,6 @@
-"""A serial arm on proportional drives: the same kinematics as its chain, and the static error of each drive."""
+"""A serial arm on proportional drives: the same kinematics as its chain, and the static error of
+each drive.
+"""
 
 from dataclasses import replace
 
@@ -17,14 +19,17 @@ UP = (0.0, 1.0, 0.0)
 def test_tip_is_that_of_the_chain(rng: np.random.Generator) -> None:
     model = servo_model(SERVO_ARM, Servo(), UP)
     chain = Chain.from_vectors(SERVO_ARM.M, SERVO_ARM.e, SERVO_ARM.p, SERVO_ARM.L)
-    X_tip = tip_pose(model, np.zeros(8))[:3, :3].T @ chain.forward(np.zeros(8))[:3, :3]  # axes of the chain's tip
+    # axes of the chain's tip
+    X_tip = tip_pose(model, np.zeros(8))[:3, :3].T @ chain.forward(np.zeros(8))[:3, :3]
     for q in rng.uniform(-1.0, 1.0, (5, 8)):
         X, expected = tip_pose(model, q), chain.forward(q)
         np.testing.assert_allclose(X[:3, 3], expected[:3, 3], atol=1e-12)
         np.testing.assert_allclose(X[:3, :3] @ X_tip, expected[:3, :3], atol=1e-12)
 
 
-def test_each_drive_rests_beside_its_angle_by_the_weight_over_its_stiffness(rng: np.random.Generator) -> None:
+def test_each_drive_rests_beside_its_angle_by_the_weight_over_its_stiffness(
+    rng: np.random.Generator,
+) -> None:
     servo = Servo()
     model = servo_model(SERVO_ARM, servo, UP)
     data = mujoco.MjData(model)
@@ -43,7 +48,9 @@ def test_stiffer_drives_come_closer() -> None:
 
 
 def test_hanging_straight_down_costs_nothing() -> None:
-    np.testing.assert_allclose(rest(servo_model(SERVO_ARM, Servo(), UP), np.zeros(8)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        rest(servo_model(SERVO_ARM, Servo(), UP), np.zeros(8)), 0.0, atol=1e-9
+    )
 
 
 def test_slides_are_refused() -> None:

@@ -18,7 +18,8 @@ METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
 CRANE = """
 <robot name="crane">
   <link name="pad"><visual><geometry><mesh filename="package://nowhere/pad.stl"/></geometry></visual></link>
-  <link name="turret"/> <link name="boom"/> <link name="hanger"/> <link name="trolley"/> <link name="flange"/>
+  <link name="turret"/> <link name="boom"/> <link name="hanger"/> <link name="trolley"/>
+    <link name="flange"/>
   <link name="hook"/> <link name="eye"/>
   <joint name="yaw" type="continuous"><parent link="pad"/><child link="turret"/>
     <origin xyz="0.1 0 0.3" rpy="0.1 0.2 0.3"/><axis xyz="0 0 1"/></joint>
@@ -26,7 +27,8 @@ CRANE = """
     <origin xyz="0 0.1 0.2" rpy="0 0.4 0"/><axis xyz="0 1 0"/>
     <limit lower="-1" upper="1.2" effort="1" velocity="1"/></joint>
   <joint name="level" type="revolute"><parent link="boom"/><child link="hanger"/>
-    <origin xyz="0.8 0 0"/><axis xyz="0 1 0"/><mimic joint="lift" multiplier="{multiplier}" offset="0.1"/>
+    <origin xyz="0.8 0 0"/><axis xyz="0 1 0"/>
+      <mimic joint="lift" multiplier="{multiplier}" offset="0.1"/>
     <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
   <joint name="run" type="prismatic"><parent link="hanger"/><child link="trolley"/>
     <origin xyz="0 0 -0.1" rpy="0.5 0 0"/><axis xyz="1 0 0"/>
@@ -34,7 +36,8 @@ CRANE = """
   <joint name="bolts" type="fixed"><parent link="trolley"/><child link="flange"/>
     <origin xyz="0.05 0.02 0.01" rpy="0.3 -0.2 0.1"/></joint>
   <joint name="roll" type="revolute"><parent link="flange"/><child link="hook"/>
-    <origin xyz="0 0 0.1"/><axis xyz="0.6 0 0.8"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+    <origin xyz="0 0 0.1"/><axis xyz="0.6 0 0.8"/>
+      <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
   <joint name="float" type="floating"><parent link="hook"/><child link="eye"/></joint>
 </robot>
 """
@@ -115,26 +118,36 @@ def test_bad_robots_are_refused(urdf: str, base: str, tip: str, names: str) -> N
 
 def test_the_urdf_reader_is_mujocos() -> None:
     """The same joints through MuJoCo's own forward kinematics."""
-    visual = re.compile("<visual>.*</visual>|<joint name=.float.*</joint>")  # which MuJoCo itself does not read
+    # which MuJoCo itself does not read
+    visual = re.compile("<visual>.*</visual>|<joint name=.float.*</joint>")
     text = visual.sub("", CRANE.format(multiplier=-1)).replace('<link name="eye"/>', "")
     chain = Chain.from_urdf(text, "pad", "trolley")
     q = np.array([0.3, -0.4, 0.2])
-    extension = '<mujoco><compiler fusestatic="false" boundmass="1" boundinertia="1"/></mujoco></robot>'
+    extension = (
+        '<mujoco><compiler fusestatic="false" boundmass="1" boundinertia="1"/></mujoco></robot>'
+    )
     model = mujoco.MjModel.from_xml_string(text.replace("</robot>", extension))
     data = mujoco.MjData(model)
     data.qpos[:4] = [q[0], q[1], 0.1 - q[1], q[2]]
     mujoco.mj_kinematics(model, data)
     trolley = data.body("trolley")
-    np.testing.assert_allclose(chain.forward(q), pose(trolley.xmat.reshape(3, 3), trolley.xpos), atol=1e-14)
+    np.testing.assert_allclose(
+        chain.forward(q), pose(trolley.xmat.reshape(3, 3), trolley.xpos), atol=1e-14
+    )
 
 
 def test_the_serial_arm_is_the_chain(within) -> None:
-    """Where no joint mimics another: the arm by our reader, the chain by MuJoCo's; and the default links."""
+    """Where no joint mimics another: the arm by our reader, the chain by MuJoCo's; and the default
+    links.
+    """
     text = re.sub("<mimic[^>]*>|<joint name=.float.*</joint>|<link name=.eye./>", "", CRANE)
     robot = urdf_files.parse(text.encode(), "crane")
     assert robot.root == "pad"
     rng = np.random.default_rng(9)
-    for base, tip, found in (("pad", "hook", robot.chain()), ("turret", "flange", robot.chain("turret", "flange"))):
+    for base, tip, found in (
+        ("pad", "hook", robot.chain()),
+        ("turret", "flange", robot.chain("turret", "flange")),
+    ):
         assert (found.base, found.tip) == (base, tip)
         arm, chain = found.arm(), Chain.from_urdf(text, base, tip)
         assert (arm.joint_types, arm.joint_names) == (chain.joint_types, chain.names)
@@ -143,7 +156,9 @@ def test_the_serial_arm_is_the_chain(within) -> None:
             within("flange [m, 1]", arm.flange([q])[0] - chain.forward(q), 1e-14)  # 7e-16
 
 
-def hinge(ends: str, kind: str = "revolute", xyz: str = "0 0 1", axis: str = "1 0 0", more: str = "") -> str:
+def hinge(
+    ends: str, kind: str = "revolute", xyz: str = "0 0 1", axis: str = "1 0 0", more: str = ""
+) -> str:
     """A joint between two links of one letter each, named by both."""
     parent, child = ends
     return (
@@ -155,19 +170,43 @@ def hinge(ends: str, kind: str = "revolute", xyz: str = "0 0 1", axis: str = "1 
 @pytest.mark.parametrize(
     ("joints", "tip", "said"),
     [
-        (hinge("ab") + hinge("ac"), None, "^arm: --tip: which link is the tip. the leaves are b, c"),
+        (
+            hinge("ab") + hinge("ac"),
+            None,
+            "^arm: --tip: which link is the tip. the leaves are b, c",
+        ),
         (hinge("ab") + hinge("ac"), "d", "^--tip: the robot has a, b, c, got 'd'"),
-        (hinge("bc") + hinge("cb"), "b", "^arm: the links of a URDF must form one tree, found the loop"),
-        (hinge("ab") + hinge("cb"), "b", "^arm: joint 'cb': must join a parent link to a child of no other"),
+        (
+            hinge("bc") + hinge("cb"),
+            "b",
+            "^arm: the links of a URDF must form one tree, found the loop",
+        ),
+        (
+            hinge("ab") + hinge("cb"),
+            "b",
+            "^arm: joint 'cb': must join a parent link to a child of no other",
+        ),
         (hinge("ab") + hinge("bd"), "b", "^arm: joint 'bd': must join"),
         (hinge("ab") + hinge("bc", "planar"), "c", "^arm: joint 'bc' .*not planar"),
         (hinge("ab") + hinge("bc", more="<mimic joint='ab'/>"), "c", "^arm: joint 'bc' .*mimic"),
-        (hinge("ab", "fixed") + hinge("bc", "fixed"), "c", "^arm: no driven joint between links 'a' and 'c'"),
-        (hinge("ab") + hinge("bc", xyz="0 x 1"), "c", "^arm: joint 'bc': expected three numbers, got '0 x 1'"),
+        (
+            hinge("ab", "fixed") + hinge("bc", "fixed"),
+            "c",
+            "^arm: no driven joint between links 'a' and 'c'",
+        ),
+        (
+            hinge("ab") + hinge("bc", xyz="0 x 1"),
+            "c",
+            "^arm: joint 'bc': expected three numbers, got '0 x 1'",
+        ),
         (hinge("ab") + hinge("bc", xyz="0 1"), "c", "^arm: joint 'bc': expected shape"),
         (hinge("ab") + hinge("bc", xyz="0 0 1e5"), "c", "^arm: joint 'bc': must lie within 10000"),
         (hinge("ab") + hinge("bc", axis="0 0 0"), "c", "^arm: joint 'bc': its axis has no length"),
-        (hinge("ab") + hinge("bc", more="<limit lower='x'/>"), "c", "^arm: joint 'bc': limits must be numbers"),
+        (
+            hinge("ab") + hinge("bc", more="<limit lower='x'/>"),
+            "c",
+            "^arm: joint 'bc': limits must be numbers",
+        ),
     ],
 )
 def test_arms_that_are_none_are_refused_by_joint(joints: str, tip: str | None, said: str) -> None:
@@ -178,7 +217,11 @@ def test_arms_that_are_none_are_refused_by_joint(joints: str, tip: str | None, s
 
 @pytest.mark.parametrize(
     ("content", "said"),
-    [(b"<robot", "^arm: no XML"), (b"<mujoco/>", "^arm: .*<robot>"), (7, "^arm: expected a file or its text, got 7")],
+    [
+        (b"<robot", "^arm: no XML"),
+        (b"<mujoco/>", "^arm: .*<robot>"),
+        (7, "^arm: expected a file or its text, got 7"),
+    ],
 )
 def test_what_is_no_urdf_is_refused(content: Any, said: str) -> None:
     with pytest.raises(ConfigurationError, match=said):

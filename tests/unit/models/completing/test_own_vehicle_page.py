@@ -22,11 +22,18 @@ def test_the_mapping_of_the_page_is_read(root: Path, tmp_path: Path) -> None:
     (tmp_path / "rov.parts.yaml").write_text(text, encoding="utf-8")
     parts = read_parts(tmp_path / "rov.parts.yaml")
     assert parts.hull == "base_link"
-    assert dict(parts.torque_limits or {}) == {"turn": 10.0, "lift": 10.0, "elbow": 10.0, "roll": 2.0}
+    assert dict(parts.torque_limits or {}) == {
+        "turn": 10.0,
+        "lift": 10.0,
+        "elbow": 10.0,
+        "roll": 2.0,
+    }
     assert [each.thruster.forward for each in parts.thrusters] == pytest.approx([51.44, 50.0])
 
 
-def test_the_urdf_arm_of_the_page_hovers(root: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+def test_the_urdf_arm_of_the_page_hovers(
+    root: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
     monkeypatch.chdir(root)
     code = next(block for block in blocks(root, "python") if "mount_arm" in block)
     names: dict[str, Any] = {}
@@ -35,7 +42,13 @@ def test_the_urdf_arm_of_the_page_hovers(root: Path, monkeypatch: pytest.MonkeyP
     check = names["check"]
     assert all(verdict.promised for verdict in check.jobs)
     assert not [each for each in check.findings if each.level == "fault"]
-    assert names["links"] == ["arm_base", "arm_shoulder", "arm_upper_arm", "arm_forearm", "arm_wrist"]
+    assert names["links"] == [
+        "arm_base",
+        "arm_shoulder",
+        "arm_upper_arm",
+        "arm_forearm",
+        "arm_wrist",
+    ]
 
 
 def test_the_tools_of_the_page_are_those_that_there_are(root: Path) -> None:
@@ -45,5 +58,6 @@ def test_the_tools_of_the_page_are_those_that_there_are(root: Path) -> None:
     for name, length, mass, force in rows:
         contact = TOOLS.load(name).contact
         np.testing.assert_allclose(
-            [float(length), float(mass), float(force)], [1e3 * contact.length, contact.mass, contact.most_force]
+            [float(length), float(mass), float(force)],
+            [1e3 * contact.length, contact.mass, contact.most_force],
         )

@@ -1,4 +1,6 @@
-"""Vehicles of a user's own: a URDF with a mapping is the vehicle of an MJCF, and what is absent is computed."""
+"""Vehicles of a user's own: a URDF with a mapping is the vehicle of an MJCF, and what is absent is
+computed.
+"""
 
 import re
 from pathlib import Path
@@ -25,7 +27,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 
 URDF = """<robot name="rov">
   <link name="base_link">
-    <inertial><mass value="13.5"/><inertia ixx="0.26" iyy="0.23" izz="0.37" ixy="0" ixz="0" iyz="0"/></inertial>
+    <inertial><mass value="13.5"/>
+      <inertia ixx="0.26" iyy="0.23" izz="0.37" ixy="0" ixz="0" iyz="0"/></inertial>
     <collision><geometry><box size="0.4 0.5 0.2"/></geometry></collision>
     <visual><geometry><mesh filename="package://rov/meshes/not_there.dae"/></geometry></visual>
   </link>
@@ -33,28 +36,34 @@ URDF = """<robot name="rov">
   <link name="upper">
     <inertial><origin xyz="0 0 0.1"/><mass value="0.4"/>
       <inertia ixx="1e-3" iyy="1e-3" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
-    <collision><origin xyz="0 0 0.1"/><geometry><cylinder radius="0.02" length="0.16"/></geometry></collision>
+    <collision><origin xyz="0 0 0.1"/><geometry><cylinder radius="0.02" length="0.16"/></geometry>
+      </collision>
   </link>
   <link name="lower">
     <inertial><origin xyz="0 0 0.1"/><mass value="0.3"/>
       <inertia ixx="1e-3" iyy="1e-3" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
-    <collision><origin xyz="0 0 0.1"/><geometry><cylinder radius="0.02" length="0.16"/></geometry></collision>
+    <collision><origin xyz="0 0 0.1"/><geometry><cylinder radius="0.02" length="0.16"/></geometry>
+      </collision>
   </link>
   <joint name="fixed" type="fixed"><origin xyz="0.15 0 -0.14" rpy="3.141592653589793 0 0"/>
     <parent link="base_link"/><child link="bracket"/></joint>
-  <joint name="lift" type="revolute"><parent link="bracket"/><child link="upper"/><axis xyz="0 1 0"/>
+  <joint name="lift" type="revolute"><parent link="bracket"/><child link="upper"/>
+    <axis xyz="0 1 0"/>
     <limit lower="-1.5" upper="1.5" effort="9" velocity="1"/><dynamics damping="1.5"/></joint>
-  <joint name="bend" type="revolute"><origin xyz="0 0 0.2"/><parent link="upper"/><child link="lower"/>
+  <joint name="bend" type="revolute"><origin xyz="0 0 0.2"/><parent link="upper"/>
+    <child link="lower"/>
     <axis xyz="0 1 0"/><limit lower="-2.4" upper="2.4" effort="5" velocity="1"/></joint>
 </robot>"""
 MJCF = """<mujoco><compiler angle="radian"/><option integrator="implicitfast" cone="elliptic"/><worldbody>
-  <body name="base_link"><freejoint/><inertial pos="0 0 0" mass="13.5" diaginertia="0.26 0.23 0.37"/>
+  <body name="base_link"><freejoint/>
+    <inertial pos="0 0 0" mass="13.5" diaginertia="0.26 0.23 0.37"/>
     <geom type="box" size="0.2 0.25 0.1" mass="0" contype="1" conaffinity="2"/>
     <body name="bracket" pos="0.15 0 -0.14" quat="0 1 0 0">
       <body name="upper"><inertial pos="0 0 0.1" mass="0.4" diaginertia="1e-3 1e-3 1e-4"/>
         <joint name="lift" axis="0 1 0" range="-1.5 1.5" damping="1.5"/>
         <geom type="cylinder" size="0.02 0.08" pos="0 0 0.1" mass="0" contype="1" conaffinity="2"/>
-        <body name="lower" pos="0 0 0.2"><inertial pos="0 0 0.1" mass="0.3" diaginertia="1e-3 1e-3 1e-4"/>
+        <body name="lower" pos="0 0 0.2">
+          <inertial pos="0 0 0.1" mass="0.3" diaginertia="1e-3 1e-3 1e-4"/>
           <joint name="bend" axis="0 1 0" range="-2.4 2.4"/>
           <geom type="cylinder" size="0.02 0.08" pos="0 0 0.1" mass="0" contype="1" conaffinity="2"/>
         </body></body></body></body></worldbody></mujoco>"""
@@ -89,7 +98,12 @@ def stepped(model: mujoco.MjModel) -> mujoco.MjData:
     """State after half a second under constant thrust and torque."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key(READY_KEY).id)
-    for name, value in {"thruster_ahead": 10.0, "thruster_up_port": 2.0, "lift": 1.0, "bend": -0.5}.items():
+    for name, value in {
+        "thruster_ahead": 10.0,
+        "thruster_up_port": 2.0,
+        "lift": 1.0,
+        "bend": -0.5,
+    }.items():
         data.actuator(name).ctrl = value
     mujoco.mj_step(model, data, nstep=250)
     return data
@@ -99,7 +113,13 @@ def test_a_urdf_with_a_mapping_moves_as_the_mjcf_does(tmp_path: Path, within) ->
     (tmp_path / "mjcf").mkdir()
     of_urdf = hydrodynamics.compile(vehicle_spec(written(tmp_path, ".urdf", URDF)))
     of_mjcf = hydrodynamics.compile(vehicle_spec(written(tmp_path / "mjcf", ".xml", MJCF)))
-    assert [of_urdf.body(i).name for i in range(of_urdf.nbody)] == ["world", "hull", "arm_base", "upper", "lower"]
+    assert [of_urdf.body(i).name for i in range(of_urdf.nbody)] == [
+        "world",
+        "hull",
+        "arm_base",
+        "upper",
+        "lower",
+    ]
     a, b = stepped(of_urdf), stepped(of_mjcf)
     assert np.linalg.norm(b.qvel[:3]) > 0.05  # or to agree would be no feat
     within("URDF against MJCF after 0.5 s: qpos", np.abs(a.qpos - b.qpos).max(), 1e-9)
@@ -125,7 +145,10 @@ def test_what_a_file_leaves_out_is_said(tmp_path: Path) -> None:
 
 
 def test_a_mapping_can_lock_a_joint_and_replace_a_servo(tmp_path: Path) -> None:
-    servo = '<actuator><position name="servo" joint="bend" kp="50" forcerange="-4 4"/></actuator></mujoco>'
+    servo = (
+        '<actuator><position name="servo" joint="bend" kp="50" forcerange="-4 '
+        '4"/></actuator></mujoco>'
+    )
     parts = PARTS.replace("{lift: 9, bend: 5}", "[bend]")
     file = written(tmp_path, ".xml", MJCF.replace("</mujoco>", servo), parts)
     model = vehicle_spec(file).compile()
@@ -138,7 +161,8 @@ def test_a_mapping_can_lock_a_joint_and_replace_a_servo(tmp_path: Path) -> None:
 
 SECOND_ARM = """<body name="port" pos="0.15 0.2 -0.14">
       <joint name="port_lift" axis="0 1 0"/><geom size="0.03" mass="0.2"/>
-      <body name="finger" pos="0 0 -0.1"><joint name="grip" type="slide" axis="0 1 0"/><geom size="0.01" mass="0.02"/>
+      <body name="finger" pos="0 0 -0.1"><joint name="grip" type="slide" axis="0 1 0"/>
+        <geom size="0.01" mass="0.02"/>
       <joint name="soft" type="slide" stiffness="100"/></body></body>"""
 DRIVEN = """<actuator><motor name="lifter" joint="port_lift"/></actuator>
   <equality><joint joint1="port_lift" joint2="grip"/></equality>
@@ -146,23 +170,37 @@ DRIVEN = """<actuator><motor name="lifter" joint="port_lift"/></actuator>
 
 
 def test_joints_of_a_second_arm_are_locked_but_for_its_springs(tmp_path: Path) -> None:
-    both = MJCF.replace('<body name="bracket"', f'{SECOND_ARM}<body name="bracket"').replace("</mujoco>", DRIVEN)
+    both = MJCF.replace('<body name="bracket"', f'{SECOND_ARM}<body name="bracket"').replace(
+        "</mujoco>", DRIVEN
+    )
     spec = vehicle_spec(written(tmp_path, ".xml", both))
     model = spec.compile()
     locked = "joints held at 0, which the mapping does not list: port_lift, grip"
     assert locked in computed(spec).values()
-    assert locked in [finding.said for finding in check_vehicle(tmp_path / "rov.xml", jobs=()).findings]
+    assert locked in [
+        finding.said for finding in check_vehicle(tmp_path / "rov.xml", jobs=()).findings
+    ]
     assert [model.joint(j).name for j in range(model.njnt)] == ["", "soft", "lift", "bend"]
     assert (model.neq, model.nsensor) == (0, 0)
     assert "lifter" not in [model.actuator(i).name for i in range(model.nu)]
 
 
 def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match=r"no site 'lower'.*a body is called so: tip: \{body: lower\}"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"no site 'lower'.*a body is called so: tip: "
+        r"\{body: lower\}",
+    ):
         vehicle_spec(written(tmp_path, ".xml", MJCF, re.sub("tip: {.*", "tip: lower", PARTS)))
     filmed = MJCF.replace('<body name="bracket"', '<camera name="front"/><body name="bracket"')
-    with pytest.raises(ConfigurationError, match=r"no site 'front'.*a <camera> is called so: give its place, camera:"):
-        vehicle_spec(written(tmp_path, ".xml", filmed, re.sub("camera: {.*", "camera: front", PARTS)))
+    with pytest.raises(
+        ConfigurationError,
+        match=r"no site 'front'.*a <camera> is called so: give "
+        r"its place, camera:",
+    ):
+        vehicle_spec(
+            written(tmp_path, ".xml", filmed, re.sub("camera: {.*", "camera: front", PARTS))
+        )
     macro = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
     macro = macro.replace("</robot>", '<xacro:property name="m" value="3"/></robot>')
     with pytest.raises(ConfigurationError, match="it is xacro, of which a URDF is made first"):
@@ -184,7 +222,9 @@ def test_a_root_of_ros_floats_with_the_mass_that_is_fixed_to_it(tmp_path: Path, 
     model, said = spec.compile(), computed(spec)
     assert said["note_1"] == "link world left out: base floats"
     assert "it takes that of 'heavy'" in said["note_2"]
-    joint, inertial = (Rotation.from_euler("xyz", angles) for angles in ([0.4, -0.3, 1.2], [-0.2, 0.5, 0.3]))
+    joint, inertial = (
+        Rotation.from_euler("xyz", angles) for angles in ([0.4, -0.3, 1.2], [-0.2, 0.5, 0.3])
+    )
     place = np.array([0.2, -0.1, 0.3]) + joint.apply([0.1, 0.0, -0.2])
     R = (joint * inertial).as_matrix()
     tensor = R @ np.array([[3.0, 0.1, -0.2], [0.1, 2.0, 0.3], [-0.2, 0.3, 1.5]]) @ R.T
@@ -199,7 +239,9 @@ def test_a_root_of_ros_floats_with_the_mass_that_is_fixed_to_it(tmp_path: Path, 
 def test_the_hull_is_as_large_as_what_is_fixed_to_it(tmp_path: Path) -> None:
     """A URDF has the hull's shapes on links of their own; the arm's base does not count."""
     quarter = 'quat="0.7071068 0 0 0.7071068"'
-    skid = f'<body name="skid" pos="0 0 -0.3" {quarter}><geom type="box" size="0.1 0.4 0.05"/></body>'
+    skid = (
+        f'<body name="skid" pos="0 0 -0.3" {quarter}><geom type="box" size="0.1 0.4 0.05"/></body>'
+    )
     base = '<body name="bracket" pos="0.15 0 -0.14" quat="0 1 0 0"><geom size="0.5" mass="0"/>'
     mjcf = re.sub('<body name="bracket" .*?>', skid + base, MJCF)
     model = vehicle_spec(written(tmp_path, ".xml", mjcf)).compile()
@@ -239,13 +281,22 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("hull: base_link", "hull: base", "no body 'base'; it has base_link, bracket, upper, lower"),
+        (
+            "hull: base_link",
+            "hull: base",
+            "no body 'base'; it has base_link, bracket, upper, lower",
+        ),
         ("tip:", "tipp:", "the file has no 'tipp'; .*did you mean tip"),
         ("body: lower", "body: lowr", "no body 'lowr'.*did you mean lower"),
         ("{lift: 9, bend: 5}", "[bend, lift]", "in this order, lift, bend; got bend, lift"),
         ("{lift: 9, bend: 5}", "{lift: -9}", r"joints\.lift \[N m\]: must be above 0, got -9"),
         ("{lift: 9, bend: 5}", "5", "must be names, or names with torque limits"),
-        ("direction: [2, 0, 0]", "direction: [0, 0, 0]", r"thrusters\[0\]: direction: must not be zero"),
+        (
+            "direction: [2, 0, 0]",
+            "direction: [0, 0, 0]",
+            r"thrusters\[0\]: direction: must not be "
+            r"zero",
+        ),
         ("pos: [0, 0.2, 0]", "body: nowhere, pos: [0, 0.2, 0]", "no body 'nowhere'"),
         (", direction: [2, 0, 0]", "", r"thrusters\[0\]: direction: three numbers are missing"),
         (
@@ -258,10 +309,30 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
             "kind: t500",
             r"thrusters\[1\]: kind: t200 is the only one by name, got 't500'",
         ),
-        ("pos: [-0.2, 0, 0.05]", "pos: [.nan, 0, 0.05]", r"thrusters\[0\]\.pos\[0\]: must not be NaN"),
-        ("pos: [-0.2, 0, 0.05]", "pos: [-0.2, 0.05]", r"thrusters\[0\]: pos \[m\]: expected shape \(3,\), got \(2,\)"),
-        ("pos: [-0.2, 0, 0.05]", "pos: [true, 0, 0]", r"thrusters\[0\].pos\[0\] \[m\]: must be a number, got True"),
-        ("{lift: 9, bend: 5}", "{lift: .inf}", r"joints.lift \[N m\]: must be finite, above 0, got inf"),
+        (
+            "pos: [-0.2, 0, 0.05]",
+            "pos: [.nan, 0, 0.05]",
+            r"thrusters\[0\]\.pos\[0\]: must not be "
+            r"NaN",
+        ),
+        (
+            "pos: [-0.2, 0, 0.05]",
+            "pos: [-0.2, 0.05]",
+            r"thrusters\[0\]: pos \[m\]: expected shape "
+            r"\(3,\), got \(2,\)",
+        ),
+        (
+            "pos: [-0.2, 0, 0.05]",
+            "pos: [true, 0, 0]",
+            r"thrusters\[0\].pos\[0\] \[m\]: must be a "
+            r"number, got True",
+        ),
+        (
+            "{lift: 9, bend: 5}",
+            "{lift: .inf}",
+            r"joints.lift \[N m\]: must be finite, above 0, "
+            r"got inf",
+        ),
         ("hull: base_link", "hull: base_link\nhull: other", "the key 'hull' stands twice"),
         ("hull: base_link", "hull: 5", "hull: must be a name, got 5"),
         ("hull: base_link", "trim: -1", r"trim \[m\]: must be at least 0 and at most 10, got -1"),
@@ -305,7 +376,8 @@ def test_computed_postures_are_clear_and_better_conditioned_than_those_by_hand(n
     for key in list(again.keys):
         again.delete(key)
     complete(again)
-    np.testing.assert_array_equal(found.q_home, Vehicle.of(again.compile()).q_home)  # the same every time
+    # the same every time
+    np.testing.assert_array_equal(found.q_home, Vehicle.of(again.compile()).q_home)
     low, high = found.q_limits.T
     for q in (found.q_home, found.q_ready):
         assert np.all((low <= q) & (q <= high))
@@ -332,13 +404,21 @@ def test_what_a_vehicle_has_is_left_as_it_is() -> None:
 
 
 def test_an_arm_of_a_urdf_is_mounted_on_another_hull(tmp_path: Path) -> None:
-    arm = URDF[: URDF.index('  <link name="base_link">')] + URDF[URDF.index('  <link name="bracket"/>') :]
+    arm = (
+        URDF[: URDF.index('  <link name="base_link">')]
+        + URDF[URDF.index('  <link name="bracket"/>') :]
+    )
     start, end = arm.index('  <joint name="fixed"'), arm.index('  <joint name="lift"')
     (tmp_path / "arm.urdf").write_text(arm[:start] + arm[end:], encoding="utf-8")
     spec = models.load("bluerov2_heavy")
     mass = float(spec.copy().compile().body_mass.sum())
     bodies = mount_arm(
-        spec, tmp_path / "arm.urdf", p=[0.15, 0.0, -0.16], rpy=[np.pi, 0.0, 0.0], tip="lower", tip_p=[0.0, 0.0, 0.19]
+        spec,
+        tmp_path / "arm.urdf",
+        p=[0.15, 0.0, -0.16],
+        rpy=[np.pi, 0.0, 0.0],
+        tip="lower",
+        tip_p=[0.0, 0.0, 0.19],
     )
     assert bodies == ["arm_base", "arm_upper", "arm_lower"]
     model = spec.compile()

@@ -1,4 +1,6 @@
-"""Every description of a vehicle is read into one value, under its own names, and mapped from there."""
+"""Every description of a vehicle is read into one value, under its own names, and mapped from
+there.
+"""
 
 from pathlib import Path
 
@@ -18,11 +20,13 @@ from uuv.sim.interfaces.errors import ConfigurationError
 BASE = """<link name="base"><inertial><origin xyz="0.01 0 0.02"/><mass value="20"/>
   <inertia ixx="0.5" iyy="0.6" izz="0.7" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 PROPELLER = """<link name="propeller"/><joint name="spin" type="continuous"><axis xyz="1 0 0"/>
-  <origin xyz="-0.3 0.1 0.02" rpy="0.1 0 0.2"/><parent link="base"/><child link="propeller"/></joint>"""
+  <origin xyz="-0.3 0.1 0.02" rpy="0.1 0 0.2"/><parent link="base"/><child link="propeller"/>
+    </joint>"""
 ARM = """<link name="link"><inertial><mass value="1"/>
   <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <joint name="lift" type="revolute"><origin xyz="0.2 0 -0.1" rpy="0.3 0 0"/><axis xyz="0 1 0"/>
-  <parent link="base"/><child link="link"/><limit lower="-1" upper="1" effort="7" velocity="1"/></joint>"""
+  <parent link="base"/><child link="link"/><limit lower="-1" upper="1" effort="7" velocity="1"/>
+    </joint>"""
 DRONE = """<mujoco><worldbody><body name="drone" pos="0.1 0.2 0.3"><freejoint/>
   <geom type="box" size="0.3 0.2 0.1" mass="24"/></body></worldbody></mujoco>"""
 
@@ -50,7 +54,11 @@ def test_a_file_is_read_under_its_own_names(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_a_vehicle_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match=r"unknown vehicle 'uuv_pumma'.*did you mean uuv_puma"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"unknown vehicle 'uuv_pumma'.*did you mean "
+        r"uuv_puma",
+    ):
         read("uuv_pumma")
     with pytest.raises(ConfigurationError, match="vehicle: expected a name or a file, got 3"):
         read(3)  # type: ignore[arg-type]  # as a user may
@@ -59,7 +67,9 @@ def test_what_cannot_be_a_vehicle_is_named(tmp_path: Path) -> None:
     water.write_text("bodies: {base: {sphere: {radius: 0.2}}}")
     assert hydrodynamics.attached(read(file, water=water).spec)
     for own in ("uuv_puma", read(file).spec):
-        with pytest.raises(ConfigurationError, match="has its own water, so a water file is refused"):
+        with pytest.raises(
+            ConfigurationError, match="has its own water, so a water file is refused"
+        ):
             read(own, water=water)
 
 
@@ -79,12 +89,15 @@ def test_a_function_and_a_spec_go_the_way_of_a_file(tmp_path: Path, monkeypatch)
     assert not spec.texts
 
 
-def test_a_link_without_mass_that_the_mapping_locks_is_part_of_its_parent(tmp_path: Path, within) -> None:
+def test_a_link_without_mass_that_the_mapping_locks_is_part_of_its_parent(
+    tmp_path: Path, within
+) -> None:
     """As the propellers and sensors of UUV Simulator's URDFs are."""
     (tmp_path / "plain").mkdir()
     mapping = "arm_base: base_mount\ntip: {body: link, pos: [0, 0, 0.1]}\njoints: {lift: 7}\n"
     mount = (
-        '<link name="base_mount"/><joint name="m" type="fixed"><parent link="base"/><child link="base_mount"/></joint>'
+        '<link name="base_mount"/><joint name="m" type="fixed"><parent link="base"/><child '
+        'link="base_mount"/></joint>'
     )
     arm = ARM.replace('parent link="base"', 'parent link="base_mount"')
     turning = vehicle_spec(urdf(tmp_path, BASE, mount, PROPELLER, arm, mapping=mapping)).compile()
@@ -102,15 +115,22 @@ def test_a_link_without_mass_that_the_mapping_locks_is_part_of_its_parent(tmp_pa
 def test_a_hull_that_another_body_carries_is_refused(tmp_path: Path) -> None:
     fixed = '<joint name="f" type="fixed"><parent link="base"/><child link="pod"/></joint>'
     file = urdf(tmp_path, BASE, BASE.replace("base", "pod"), fixed, mapping="hull: pod\n")
-    with pytest.raises(ConfigurationError, match=r"hull: 'pod' is carried by another body.*: base$"):
+    with pytest.raises(
+        ConfigurationError, match=r"hull: 'pod' is carried by another body.*: base$"
+    ):
         vehicle_spec(file)
 
 
 def test_an_arm_whose_root_hangs_on_the_world_of_ros_is_mounted(tmp_path: Path) -> None:
-    world = '<link name="world"/><joint name="w" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    world = (
+        '<link name="world"/><joint name="w" type="fixed"><parent link="world"/><child '
+        'link="base"/></joint>'
+    )
     rov = models.load("bluerov2_heavy")
     place = {"p": [0.2, 0.0, -0.15], "rpy": [np.pi, 0.0, 0.0]}
-    links = mount_arm(rov, urdf(tmp_path, world, BASE, ARM), **place, tip="link", tip_p=[0.0, 0.0, 0.1])
+    links = mount_arm(
+        rov, urdf(tmp_path, world, BASE, ARM), **place, tip="link", tip_p=[0.0, 0.0, 0.1]
+    )
     assert links == ["arm_base", "arm_link"]
     assert rov.compile().actuator("arm_lift").ctrlrange.tolist() == [-7.0, 7.0]
 

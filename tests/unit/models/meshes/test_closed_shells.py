@@ -26,7 +26,8 @@ def test_a_profile_turned_about_x_is_a_stack_of_frustums(sides: int) -> None:
     area = 0.5 * sides * np.sin(2.0 * np.pi / sides)  # of the polygon in a unit circle
     expected = area * np.sum(np.diff(x) * (r[1:] ** 2 + r[1:] * r[:-1] + r[:-1] ** 2)) / 3.0
     assert open_edges(triangles) == 0
-    # A quadrangle of a cone is bent at its diagonal where the rings differ, by nothing: its corners lie in a plane.
+    # A quadrangle of a cone is bent at its diagonal where the rings differ, by nothing: its corners
+    # lie in a plane.
     assert volume(vertices, triangles) == pytest.approx(expected)
     assert len(vertices) == 2 + 3 * sides
     assert len(vertices) - len(triangles) // 2 == 2  # Euler: V - 3/2 T + T
@@ -39,7 +40,9 @@ def test_a_profile_turned_about_x_is_a_stack_of_frustums(sides: int) -> None:
 
 def test_prisms_and_boxes_have_their_volume() -> None:
     corners = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [1.5, 2, 0], [0, 1, 0]], dtype=float)
-    ground = 0.5 * np.sum(corners[:, 0] * np.roll(corners[:, 1], -1) - corners[:, 1] * np.roll(corners[:, 0], -1))
+    ground = 0.5 * np.sum(
+        corners[:, 0] * np.roll(corners[:, 1], -1) - corners[:, 1] * np.roll(corners[:, 0], -1)
+    )
     vertices, triangles = prism(corners, corners + np.array([0.3, 0.2, 0.7]))
     assert open_edges(triangles) == 0
     assert volume(vertices, triangles) == pytest.approx(0.7 * ground)
@@ -62,7 +65,8 @@ def test_spheres_are_divided_icosahedra(level: int) -> None:
     edges = np.linalg.norm([a - b, b - c, c - a], axis=2)
     assert edges.max() / edges.min() < 1.35  # 1 at level 0, then 1.18 and 1.28
     if level == 0:
-        assert volume(vertices, triangles) == pytest.approx(2.5361507, abs=1e-6)  # regular, in a unit sphere
+        # regular, in a unit sphere
+        assert volume(vertices, triangles) == pytest.approx(2.5361507, abs=1e-6)
     np.testing.assert_allclose(vertex_normals(vertices, triangles), vertices, atol=0.02)
 
 
@@ -111,4 +115,5 @@ def test_splitting_divides_long_edges_alone() -> None:
     assert open_edges(faces) == 0
     assert volume(finer, faces) == pytest.approx(0.04)
     a, b, c = finer[faces].transpose(1, 0, 2)
-    assert np.linalg.norm([a - b, b - c, c - a], axis=2).max() < 0.62  # halves of 1 and 1.02, and their diagonals
+    # halves of 1 and 1.02, and their diagonals
+    assert np.linalg.norm([a - b, b - c, c - a], axis=2).max() < 0.62

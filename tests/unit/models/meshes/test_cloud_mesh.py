@@ -1,4 +1,6 @@
-"""Meshes of point clouds: on the surface, sharp at its edges, open where the cloud is, whatever the scale."""
+"""Meshes of point clouds: on the surface, sharp at its edges, open where the cloud is, whatever the
+scale.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,9 @@ from uuv.sim.interfaces.spatial import Array
 SIZE = np.array([0.4, 0.3, 0.2])
 
 
-def sampled(vertices: Array, triangles: np.ndarray, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def sampled(
+    vertices: Array, triangles: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Points (n, 3) spread evenly over a mesh, and normals (n, 3)."""
     corners = vertices[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -35,7 +39,9 @@ def off(made: CloudMesh, vertices: Array, triangles: np.ndarray, rng: np.random.
 
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("scale", [1.0, 1e3])
-def test_a_box_gets_its_faces_and_edges_back(rng: np.random.Generator, given: bool, scale: float, within) -> None:
+def test_a_box_gets_its_faces_and_edges_back(
+    rng: np.random.Generator, given: bool, scale: float, within
+) -> None:
     solid = box(SIZE * scale, np.zeros(3))
     points, normals = sampled(*solid, 4000, rng)
     made = mesh_of_cloud(points, normals if given else None)
@@ -43,7 +49,8 @@ def test_a_box_gets_its_faces_and_edges_back(rng: np.random.Generator, given: bo
     assert not len(made.border)
     distance = off(made, *solid, rng)
     assert np.quantile(distance, 0.95) < 0.1 * made.spacing
-    # Without sharpening no vertex lies on an edge, and the box is as much smaller as the points lie apart.
+    # Without sharpening no vertex lies on an edge, and the box is as much smaller as the points lie
+    # apart.
     across = np.ptp(made.vertices, axis=0)
     within("extent [spacings]", (across - SIZE * scale) / made.spacing, 0.2 if given else 1.0)
     rays = rng.normal(size=(2000, 3))
@@ -75,10 +82,13 @@ def test_a_scan_from_one_side_stays_open(rng: np.random.Generator, given: bool) 
     assert len(made.border) > 0.3 * 2.0 * np.pi / made.spacing
     scene = OneSidedScene(made.vertices, made.triangles)
     assert scene.distance([0.0, 0.0, 3.0], [[0.0, 0.0, -1.0]])[0] == pytest.approx(2.0, abs=0.02)
-    assert np.isinf(scene.distance([0.0, 0.0, -3.0], [[0.0, 0.0, 1.0]])[0])  # from behind nothing is known
+    # from behind nothing is known
+    assert np.isinf(scene.distance([0.0, 0.0, -3.0], [[0.0, 0.0, 1.0]])[0])
     # Nothing spans the open side.
     flat = np.column_stack([rng.uniform(-0.6, 0.6, (500, 2)), np.full(500, -2.0)])
-    assert (RayScene(made.vertices, made.triangles).distance(flat, [[0.0, 0.0, 1.0]] * 500) > 2.3).mean() > 0.99
+    assert (
+        RayScene(made.vertices, made.triangles).distance(flat, [[0.0, 0.0, 1.0]] * 500) > 2.3
+    ).mean() > 0.99
 
 
 def test_normals_of_either_sign_are_turned_outward(rng: np.random.Generator) -> None:
@@ -136,7 +146,8 @@ def test_files_of_surfels(tmp_path, rng: np.random.Generator) -> None:
     points[7] = np.nan
     rows = np.column_stack([points, normals])
     pcd = (
-        "VERSION 0.7\nFIELDS x y z normal_x normal_y normal_z\nSIZE 8 8 8 8 8 8\nTYPE F F F F F F\nCOUNT 1 1 1 1 1 1\n"
+        "VERSION 0.7\nFIELDS x y z normal_x normal_y normal_z\nSIZE 8 8 8 8 8 8\nTYPE F F F F F "
+        "F\nCOUNT 1 1 1 1 1 1\n"
     )
     pcd += "WIDTH 2000\nHEIGHT 1\nPOINTS 2000\nDATA binary\n"
     (tmp_path / "a.pcd").write_bytes(pcd.encode() + rows.tobytes())
@@ -172,5 +183,9 @@ def test_where_the_origin_lies_changes_nothing(rng: np.random.Generator) -> None
         made = mesh_of_cloud(points + far)
         assert abs(len(made.triangles) - len(near.triangles)) < 0.01 * len(near.triangles)
         assert made.spacing == pytest.approx(near.spacing, rel=1e-6)
-        np.testing.assert_allclose(np.ptp(made.vertices, axis=0), np.ptp(near.vertices, axis=0), atol=1e-3)
-        np.testing.assert_allclose(made.vertices.mean(axis=0) - far, near.vertices.mean(axis=0), atol=1e-3)
+        np.testing.assert_allclose(
+            np.ptp(made.vertices, axis=0), np.ptp(near.vertices, axis=0), atol=1e-3
+        )
+        np.testing.assert_allclose(
+            made.vertices.mean(axis=0) - far, near.vertices.mean(axis=0), atol=1e-3
+        )

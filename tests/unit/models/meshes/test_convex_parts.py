@@ -1,4 +1,6 @@
-"""Samples by which convex parts are judged: on the surface, even, with its normals; parts sunk beneath it."""
+"""Samples by which convex parts are judged: on the surface, even, with its normals; parts sunk
+beneath it.
+"""
 
 import numpy as np
 import pytest
@@ -12,7 +14,9 @@ def test_samples_lie_evenly_on_the_surface() -> None:
     vertices, triangles = box([0.3, 0.2, 0.1], [0.0, 0.0, 0.0])
     judged = convex_parts._Judged.of(vertices, triangles)
     assert np.all(np.diff(judged.samples[:, 0]) >= 0.0)
-    np.testing.assert_allclose(NearestSurface.of(vertices, triangles).query(judged.samples).distance, 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        NearestSurface.of(vertices, triangles).query(judged.samples).distance, 0.0, atol=1e-12
+    )
     np.testing.assert_allclose(np.linalg.norm(judged.normals, axis=1), 1.0)
     for axis in range(3):
         for sign in (1.0, -1.0):

@@ -1,4 +1,6 @@
-"""Meshes in text form: faces of any number of corners, headers on one line or two, what is cut short."""
+"""Meshes in text form: faces of any number of corners, headers on one line or two, what is cut
+short.
+"""
 
 import sys
 

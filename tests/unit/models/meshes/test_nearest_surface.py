@@ -1,4 +1,6 @@
-"""Nearest points on triangles, uncompiled, against a search over the triangle and over all triangles."""
+"""Nearest points on triangles, uncompiled, against a search over the triangle and over all
+triangles.
+"""
 
 import numpy as np
 import pytest
@@ -25,9 +27,15 @@ def test_the_nearest_point_of_a_triangle(rng: np.random.Generator) -> None:
         *weights, square = nearest._on_triangle(*p, corner)
         assert min(weights) >= 0.0
         assert sum(weights) == pytest.approx(1.0)
-        assert square == pytest.approx(float(np.sum((np.array(weights) @ corner - p) ** 2)), abs=1e-14)
+        assert square == pytest.approx(
+            float(np.sum((np.array(weights) @ corner - p) ** 2)), abs=1e-14
+        )
         tried = np.sum((WEIGHTS @ corner - p) ** 2, axis=1)
-        assert tried.min() - 0.05 * np.ptp(corner) * np.sqrt(tried.min()) - 2e-3 <= square <= tried.min() + 1e-12
+        assert (
+            tried.min() - 0.05 * np.ptp(corner) * np.sqrt(tried.min()) - 2e-3
+            <= square
+            <= tried.min() + 1e-12
+        )
 
 
 @pytest.mark.parametrize("corner", [np.zeros((3, 3)), np.outer([0.0, 1.0, 3.0], [1.0, 0.0, 0.0])])

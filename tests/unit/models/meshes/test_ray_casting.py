@@ -1,4 +1,6 @@
-"""Rays and nearest points on meshes: closed forms, edges, precision, and the same answers by both engines."""
+"""Rays and nearest points on meshes: closed forms, edges, precision, and the same answers by both
+engines.
+"""
 
 import subprocess
 import sys
@@ -21,7 +23,9 @@ def waves(cells: int) -> tuple[np.ndarray, np.ndarray]:
     vertices = np.stack([x, y, 0.1 * np.sin(3.0 * x) * np.cos(4.0 * y)], axis=-1).reshape(-1, 3)
     i = np.arange(cells * (cells + 1)).reshape(cells, -1)[:, :cells].ravel()
     j = i + cells + 1
-    return vertices, np.concatenate([np.column_stack([i, i + 1, j]), np.column_stack([i + 1, j + 1, j])])
+    return vertices, np.concatenate(
+        [np.column_stack([i, i + 1, j]), np.column_stack([i + 1, j + 1, j])]
+    )
 
 
 def test_a_box_from_all_sides(rng, within):
@@ -45,7 +49,9 @@ def test_a_box_from_all_sides(rng, within):
 
 
 def test_no_ray_slips_through_an_edge(rng, within):
-    """Aimed at corners and edges of a closed sheet: at most 1 in 100 is lost to rounding; 13 without robust mode."""
+    """Aimed at corners and edges of a closed sheet: at most 1 in 100 is lost to rounding; 13
+    without robust mode.
+    """
     vertices, triangles = waves(100)
     corners = vertices[triangles]
     aims = np.concatenate([vertices, 0.5 * (corners[:, 0] + corners[:, 1])])
@@ -72,9 +78,13 @@ def test_what_is_never_hit():
 @pytest.mark.parametrize("name", ["barrel", "rock", "manifold"])
 @pytest.mark.usefixtures("open3d")
 def test_both_engines_see_the_same(name: str, rng, within):
-    """Grazing views and close ones; Open3D's rays are Embree's too, so this holds the use of it to theirs."""
+    """Grazing views and close ones; Open3D's rays are Embree's too, so this holds the use of it to
+    theirs.
+    """
     target = targets.named(name)
-    scenes = [RayScene(target.vertices, target.triangles, engine) for engine in ("embree", "open3d")]
+    scenes = [
+        RayScene(target.vertices, target.triangles, engine) for engine in ("embree", "open3d")
+    ]
     for away in (1.05, 3.0, 30.0):
         start = rng.normal(size=3)
         start *= away * target.radius / np.linalg.norm(start)
@@ -83,7 +93,9 @@ def test_both_engines_see_the_same(name: str, rng, within):
         ours, theirs = (scene.cast(start, way) for scene in scenes)
         met = np.isfinite(theirs["t"])
         assert np.array_equal(np.isfinite(ours["t"]), met)
-        within("t [m]", (ours["t"][met] - theirs["t"][met]) * np.linalg.norm(way[met], axis=1), 2e-5)
+        within(
+            "t [m]", (ours["t"][met] - theirs["t"][met]) * np.linalg.norm(way[met], axis=1), 2e-5
+        )
         within("normal", np.abs(ours["normal"] - theirs["normal"])[met], 1e-5)
 
 
@@ -91,14 +103,19 @@ def test_nearest_point_of_a_sphere_and_of_a_box(rng, within):
     ball, triangles = sphere(4)
     points = rng.normal(size=(500, 3)) * rng.uniform(0.2, 2.0, (500, 1))
     away = np.abs(np.linalg.norm(points, axis=1) - 1.0)
-    within("ball [m]", NearestSurface.of(ball, triangles).query(points).distance - away, 3e-3)  # its facets
+    # its facets
+    within("ball [m]", NearestSurface.of(ball, triangles).query(points).distance - away, 3e-3)
     half = np.array([0.2, 0.15, 0.1])
     found = NearestSurface.of(*box(2.0 * half, np.zeros(3))).query(points)
     over = np.abs(points) - half
     away = np.abs(np.linalg.norm(np.maximum(over, 0.0), axis=1) + np.minimum(over.max(axis=1), 0.0))
     within("box [m]", found.distance - away, 1e-12)
     within("weights", found.weights.sum(axis=1) - 1.0, 1e-12)
-    within("distance of the point [m]", np.linalg.norm(points - found.point, axis=1) - found.distance, 1e-12)
+    within(
+        "distance of the point [m]",
+        np.linalg.norm(points - found.point, axis=1) - found.distance,
+        1e-12,
+    )
 
 
 def test_nearest_point_agrees_with_every_triangle_alone(rng, within):
@@ -108,7 +125,9 @@ def test_nearest_point_agrees_with_every_triangle_alone(rng, within):
     corners[::16, 1:] = corners[::16, :1]
     soup, triangles = corners.reshape(-1, 3), np.arange(240).reshape(-1, 3)
     points = rng.normal(size=(200, 3)) * 2.0
-    alone = [NearestSurface.of(soup, triangles[k : k + 1]).query(points).distance for k in range(80)]
+    alone = [
+        NearestSurface.of(soup, triangles[k : k + 1]).query(points).distance for k in range(80)
+    ]
     found = NearestSurface.of(soup, triangles).query(points)
     within("distance [m]", found.distance - np.min(alone, axis=0), 1e-12)
     assert np.array_equal(found.distance, np.array(alone)[found.triangle, np.arange(200)])
@@ -119,8 +138,10 @@ def test_rays_need_no_open3d():
     code = (
         "import sys, numpy as np; from uuv.models.objects import targets; "
         "from uuv.perception.registration.model_surface import ModelSurface; "
-        "hit = ModelSurface.of(targets.barrel()).scene.cast(np.zeros(3), np.eye(3)); assert hit['t'].max() < 1.0; "
-        "import uuv.sim.sensors.depth_camera, uuv.sim.sensors.sonar, uuv.perception.registration.identification; "
+        "hit = ModelSurface.of(targets.barrel()).scene.cast(np.zeros(3), np.eye(3)); assert "
+        "hit['t'].max() < 1.0; "
+        "import uuv.sim.sensors.depth_camera, uuv.sim.sensors.sonar, "
+        "uuv.perception.registration.identification; "
         "assert 'open3d' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -144,4 +165,8 @@ def test_a_mesh_far_from_its_origin_is_hit_where_it_is(rng, within):
     hit = np.isfinite(near["t"])
     assert 100 < hit.sum() < 500
     within("distance [ray lengths]", moved["t"][hit] - near["t"][hit], 1e-5)  # measured 1e-6
-    within("distance alone", RayScene(solid + far, faces).distance(starts + far, ways)[hit] - near["t"][hit], 1e-5)
+    within(
+        "distance alone",
+        RayScene(solid + far, faces).distance(starts + far, ways)[hit] - near["t"][hit],
+        1e-5,
+    )

@@ -1,4 +1,6 @@
-"""Clouds as other programs write them: the same model by every door, with what was left out said, or a way on."""
+"""Clouds as other programs write them: the same model by every door, with what was left out said,
+or a way on.
+"""
 
 from pathlib import Path
 
@@ -31,7 +33,9 @@ def colours(rng: np.random.Generator, count: int) -> Array:
     return rng.integers(0, 256, (count, 3)).astype(float)
 
 
-def written(file: Path, rows: Array, head: str = "", delimiter: str = " ", point: str = ".") -> Path:
+def written(
+    file: Path, rows: Array, head: str = "", delimiter: str = " ", point: str = "."
+) -> Path:
     lines = [delimiter.join(f"{value:.6g}".replace(".", point) for value in row) for row in rows]
     file.write_text("\n".join([*([head] if head else []), *lines]) + "\n")
     return file
@@ -44,7 +48,13 @@ FORMS = {  # head of the file, columns after the point, delimiter, decimal sign,
     "intensity": ("", "i", " ", ".", "columns left out: 4"),
     "intensity and colours": ("", "ic", " ", ".", "columns left out: 4, 5, 6, 7"),
     "CSV": ("x,y,z", "", ",", ".", ""),
-    "CSV with quotes and units": ('"X [m]","Y [m]","Z [m]","Intensity"', "i", ",", ".", "columns left out: intensity"),
+    "CSV with quotes and units": (
+        '"X [m]","Y [m]","Z [m]","Intensity"',
+        "i",
+        ",",
+        ".",
+        "columns left out: intensity",
+    ),
     "CloudCompare": ("//X Y Z R G B", "c", " ", ".", "columns left out: r g b"),
     "comment": ("# x y z red green blue", "c", " ", ".", "columns left out: red green blue"),
     "PTS": ("900", "ic", " ", ".", "columns left out: 4, 5, 6, 7"),
@@ -55,11 +65,17 @@ FORMS = {  # head of the file, columns after the point, delimiter, decimal sign,
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_columns_that_are_no_normals_are_left_out_and_said(tmp_path: Path, form: str, rng: np.random.Generator) -> None:
+def test_columns_that_are_no_normals_are_left_out_and_said(
+    tmp_path: Path, form: str, rng: np.random.Generator
+) -> None:
     head, more, delimiter, point, note = FORMS[form]
     points, _ = surface(rng)
     shades = colours(rng, len(points))
-    parts = {"c": shades, "s": (shades / 255.0).round(4), "i": rng.uniform(0.0, 1.0, (len(points), 1))}
+    parts = {
+        "c": shades,
+        "s": (shades / 255.0).round(4),
+        "i": rng.uniform(0.0, 1.0, (len(points), 1)),
+    }
     rows = np.column_stack([points, *(parts[each] for each in more)])
     file = written(tmp_path / "scan.xyz", rows, head, delimiter, point)
 
@@ -92,14 +108,23 @@ def test_normals_are_found_by_name_or_by_their_length(
     points, normals = surface(rng)
     normals = normals.round(3)
     normals[:5] = 0.0
-    parts = {"p": points, "n": normals, "c": colours(rng, len(points)), "i": rng.uniform(0.0, 9.0, (len(points), 1))}
-    found = read_surfels(written(tmp_path / "a.txt", np.column_stack([parts[each] for each in order]), head))
+    parts = {
+        "p": points,
+        "n": normals,
+        "c": colours(rng, len(points)),
+        "i": rng.uniform(0.0, 9.0, (len(points), 1)),
+    }
+    found = read_surfels(
+        written(tmp_path / "a.txt", np.column_stack([parts[each] for each in order]), head)
+    )
     assert found.normals is not None
     np.testing.assert_allclose(found.points, points, rtol=1e-5)
     np.testing.assert_allclose(found.normals, normals, atol=1e-6)
 
 
-def test_normals_of_any_length_have_negative_components(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_normals_of_any_length_have_negative_components(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     points, normals = surface(rng)
     found = read_surfels(written(tmp_path / "a.xyz", np.column_stack([points, 100.0 * normals])))
     assert found.normals is not None
@@ -109,14 +134,18 @@ def test_normals_of_any_length_have_negative_components(tmp_path: Path, rng: np.
 def test_colours_do_not_make_a_model_grow(tmp_path: Path, rng: np.random.Generator) -> None:
     points, _ = surface(rng)
     plain = TargetModel.from_file(written(tmp_path / "a.xyz", points))
-    coloured = TargetModel.from_file(written(tmp_path / "b.xyz", np.column_stack([points, colours(rng, len(points))])))
+    coloured = TargetModel.from_file(
+        written(tmp_path / "b.xyz", np.column_stack([points, colours(rng, len(points))]))
+    )
     np.testing.assert_array_equal(coloured.vertices, plain.vertices)
     assert coloured.cloud is not None
     assert coloured.cloud.note.endswith("columns left out: 4, 5, 6 (no unit normals)")
 
 
 @pytest.mark.parametrize("door", ["file", "array"])
-def test_points_without_a_normal_are_left_out_and_said(tmp_path: Path, door: str, rng: np.random.Generator) -> None:
+def test_points_without_a_normal_are_left_out_and_said(
+    tmp_path: Path, door: str, rng: np.random.Generator
+) -> None:
     points, normals = surface(rng)
     normals[:4] = 0.0
     normals[4:6] = np.nan
@@ -133,9 +162,14 @@ def test_points_without_a_normal_are_left_out_and_said(tmp_path: Path, door: str
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan])
-def test_normals_of_which_none_is_usable_are_taken_as_none(value: float, rng: np.random.Generator) -> None:
+def test_normals_of_which_none_is_usable_are_taken_as_none(
+    value: float, rng: np.random.Generator
+) -> None:
     points, normals = surface(rng)
-    model, plain = TargetModel.from_cloud(points, np.full_like(normals, value)), TargetModel.from_cloud(points)
+    model, plain = (
+        TargetModel.from_cloud(points, np.full_like(normals, value)),
+        TargetModel.from_cloud(points),
+    )
     np.testing.assert_array_equal(model.vertices, plain.vertices)
     assert model.cloud is not None
     assert "its normals are all zero or not finite, and taken as none" in model.cloud.note
@@ -144,7 +178,11 @@ def test_normals_of_which_none_is_usable_are_taken_as_none(value: float, rng: np
 @pytest.mark.parametrize("name", ["model.npy", "model.las", "model.e57"])
 def test_models_of_other_programs_are_refused_with_a_way_on(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"LASF")
-    with pytest.raises(ConfigurationError, match=r"files are not read; what goes is PLY, PCD, or text .*: "):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"files are not read; what goes is PLY, PCD, or "
+        r"text .*: ",
+    ):
         TargetModel.from_file(tmp_path / name)
 
 

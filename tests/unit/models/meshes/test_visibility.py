@@ -13,12 +13,16 @@ VIEW = View((0.58, 0.43), 2.2)
 
 @pytest.mark.parametrize("name", ["barrel", "manifold", "valve"])
 def test_each_sample_is_seen_as_by_another_ray_caster(name, rng, within):
-    """Forty single cameras in all directions: at most one sample in 1000 is judged otherwise (none was)."""
+    """Forty single cameras in all directions: at most one sample in 1000 is judged otherwise (none
+    was).
+    """
     target = targets.named(name)
     samples = SurfaceSamples(target.vertices, target.triangles)
     X_WT = pose(exp_so3(rng.normal(size=3)), rng.uniform(-3.0, 3.0, 3))
     judge = MujocoVisibility(target.vertices, target.triangles, X_WT)
-    judge = judge.at(samples.points @ X_WT[:3, :3].T + X_WT[:3, 3], samples.normals @ X_WT[:3, :3].T)
+    judge = judge.at(
+        samples.points @ X_WT[:3, :3].T + X_WT[:3, 3], samples.normals @ X_WT[:3, :3].T
+    )
     other, seen = [], []
     for way in rng.normal(size=(40, 3)):
         way /= np.linalg.norm(way)

@@ -37,7 +37,9 @@ def test_corner_on_the_barrel_is_straight_on_the_unrolled_shell(corner):
     path, length, radius = around_corner(corner, 0.2), 0.2, 0.5 * BARREL_DIAMETER
     assert np.linalg.norm(path.p[:, 1:], axis=1) == pytest.approx(radius)
     flat = np.column_stack([path.p[:, 0], radius * np.arctan2(path.p[:, 1], path.p[:, 2])])
-    np.testing.assert_allclose(flat[-1], length * np.array([np.cos(corner), np.sin(corner)]), atol=1e-12)
+    np.testing.assert_allclose(
+        flat[-1], length * np.array([np.cos(corner), np.sin(corner)]), atol=1e-12
+    )
     steps = np.linalg.norm(np.diff(flat, axis=0), axis=1)
     assert steps.sum() == pytest.approx(2.0 * length)
     still = without_turn(path.b[0], path.a)
@@ -51,7 +53,11 @@ def test_tool_turns_over_the_blend():
     """Linear over the blend, and at the corner half-way."""
     path = around_corner(np.pi / 2.0, 0.2).turned(0.0, blend=0.1)
     still = without_turn(path.b[0], path.a)
-    turn = np.unwrap(np.arctan2(np.sum(path.b * np.cross(-path.a, still), axis=1), np.sum(path.b * still, axis=1)))
+    turn = np.unwrap(
+        np.arctan2(
+            np.sum(path.b * np.cross(-path.a, still), axis=1), np.sum(path.b * still, axis=1)
+        )
+    )
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))]) - 0.2
     expected = np.pi / 2.0 * np.clip(s / 0.1 + 0.5, 0.0, 1.0)
     assert np.abs(turn - expected).max() < np.radians(6.0)  # of the path's 5 mm

@@ -1,4 +1,6 @@
-"""A rock's form: within its planes and nearly on them, of the size asked for, its paths over the top."""
+"""A rock's form: within its planes and nearly on them, of the size asked for, its paths over the
+top.
+"""
 
 import numpy as np
 import pytest
@@ -30,7 +32,9 @@ def test_without_roughness_it_is_a_worn_polyhedron(rng: np.random.Generator) -> 
 def test_roughness_moves_the_surface_in_and_out_by_its_share(rng: np.random.Generator) -> None:
     seed = int(rng.integers(1000))
     directions = ways(rng, 400)
-    smooth, rough = (rocks._Form(np.random.default_rng(seed), share).surface(directions) for share in (0.0, 0.1))
+    smooth, rough = (
+        rocks._Form(np.random.default_rng(seed), share).surface(directions) for share in (0.0, 0.1)
+    )
     swell = np.linalg.norm(rough, axis=1) / np.linalg.norm(smooth, axis=1) - 1.0
     assert swell.max() > 0.01
     assert swell.min() < -0.01

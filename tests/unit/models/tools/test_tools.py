@@ -1,4 +1,6 @@
-"""Tools by their drawings: three orthogonal contacts of a nest, and the water that a tool displaces."""
+"""Tools by their drawings: three orthogonal contacts of a nest, and the water that a tool
+displaces.
+"""
 
 import mujoco
 import numpy as np
@@ -21,7 +23,9 @@ def test_a_nest_holds_a_ball_by_three_orthogonal_contacts() -> None:
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    for k, (p, axis) in enumerate((((0.1, 0.2, 0.3), z), ((1.0, 0.0, 0.0), np.array([0.0, 0.0, 1.0])))):
+    for k, (p, axis) in enumerate(
+        (((0.1, 0.2, 0.3), z), ((1.0, 0.0, 0.0), np.array([0.0, 0.0, 1.0])))
+    ):
         balls = data.geom_xpos[model.geom_bodyid == model.body(f"nest{k}").id] - p
         assert len(balls) == 3
         normals = balls / (touch_rig.BALL + touch_rig.SEAT)
@@ -72,7 +76,9 @@ def test_a_tool_displaces_its_own_volume_and_ends_at_the_tip(tool) -> None:
     else:  # a dome is counted as no cylinder: the part before it
         volume = np.pi * tool.radius**2 * (tool.length - (tool.radius if tool.domed else 0.0))
     assert water.volume == pytest.approx(volume)
-    np.testing.assert_allclose(water.center_of_buoyancy / np.linalg.norm(water.center_of_buoyancy), axis, atol=1e-12)
+    np.testing.assert_allclose(
+        water.center_of_buoyancy / np.linalg.norm(water.center_of_buoyancy), axis, atol=1e-12
+    )
     np.testing.assert_allclose(spec.site(TIP_SITE).pos, place + tool.length * along, atol=1e-12)
     model = spec.compile()
     body = model.body(PAD_BODY)
@@ -109,21 +115,26 @@ def test_a_tool_by_name_is_put_on_any_arm_and_leaves_the_trim(vehicle: str, name
     np.testing.assert_allclose(after, before, atol=1e-9)
     np.testing.assert_allclose(moved[1], tip[1], atol=1e-9)  # the axes stay
     along = moved[0] - tip[0]
-    np.testing.assert_allclose(along - (along @ tip[1][:, 2]) * tip[1][:, 2], 0.0, atol=1e-9)  # along the tool
+    # along the tool
+    np.testing.assert_allclose(along - (along @ tip[1][:, 2]) * tip[1][:, 2], 0.0, atol=1e-9)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     geom = model.geom(TOOL_GEOM).id
     R_WG = moved[1].T @ data.geom_xmat[geom].reshape(3, 3)
     middle = moved[1].T @ (data.geom_xpos[geom] - moved[0])
-    assert middle[2] + support(model, geom, R_WG) == pytest.approx(0.0, abs=1e-9)  # its end is at the tip
+    # its end is at the tip
+    assert middle[2] + support(model, geom, R_WG) == pytest.approx(0.0, abs=1e-9)
     assert tool.contact.most_force == pytest.approx(
-        model.jnt_stiffness.reshape(model.njnt, -1)[model.joint("pad").id, 0] * -model.joint("pad").range[0]
+        model.jnt_stiffness.reshape(model.njnt, -1)[model.joint("pad").id, 0]
+        * -model.joint("pad").range[0]
     )
 
 
 def weight_and_moment(spec: mujoco.MjSpec) -> np.ndarray:
-    """Weight less lift [kg], and its moment [kg m] about W's origin, at home: by MuJoCo's centres and by hand."""
+    """Weight less lift [kg], and its moment [kg m] about W's origin, at home: by MuJoCo's centres
+    and by hand.
+    """
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)

@@ -1,4 +1,6 @@
-"""What is drawn of the vehicles: within their published size, the same on both sides, in colours that exist."""
+"""What is drawn of the vehicles: within their published size, the same on both sides, in colours
+that exist.
+"""
 
 import mujoco
 import numpy as np
@@ -40,11 +42,15 @@ def test_a_bluerov_is_drawn_within_its_size_and_alike_on_both_sides(name: str) -
     assert boxes["foam_port"][0][2] - boxes["foam_port"][1][2] > 0.0
     thrusters = model.actuator_gear[: model.nu, :3]
     places = model.site_pos[model.actuator_trnid[: model.nu, 0]]
-    assert {tuple(p) for p in np.round(places @ mirror, 9)} == {tuple(p) for p in np.round(places, 9)}
+    assert {tuple(p) for p in np.round(places @ mirror, 9)} == {
+        tuple(p) for p in np.round(places, 9)
+    }
     np.testing.assert_allclose(np.linalg.norm(thrusters, axis=1), 1.0)
 
 
-@pytest.mark.parametrize("name", ["uuv_puma", "bluerov2_heavy_alpha5", "phoenix_smart3s", "reach_alpha_5"])
+@pytest.mark.parametrize(
+    "name", ["uuv_puma", "bluerov2_heavy_alpha5", "phoenix_smart3s", "reach_alpha_5"]
+)
 def test_colours_are_colours_and_quaternions_are_units(name: str) -> None:
     spec = models.load(name)
     drawn = [*spec.geoms, *spec.sites, *spec.materials]

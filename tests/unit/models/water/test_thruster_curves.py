@@ -33,7 +33,14 @@ def test_a_polynomial_counts_from_the_end_of_the_dead_band() -> None:
 
 def test_a_dead_band_may_be_uneven() -> None:
     row = curves.pack_table([-1.0, -0.2, 0.4, 1.0], [-5.0, 0.0, 0.0, 9.0], 0.0)
-    for command, reach in ((-1.0, 1.0), (-0.6, 0.5), (-0.2, 0.0), (0.4, 0.0), (0.7, 0.5), (1.0, 1.0)):
+    for command, reach in (
+        (-1.0, 1.0),
+        (-0.6, 0.5),
+        (-0.2, 0.0),
+        (0.4, 0.0),
+        (0.7, 0.5),
+        (1.0, 1.0),
+    ):
         assert curves.reach_at(row, command) == pytest.approx(reach)
 
 
@@ -44,7 +51,9 @@ def test_a_table_is_the_monotone_cubic(command: list[float], thrust: list[float]
     found = [curves.thrust_at(row, c) for c in at]
     np.testing.assert_allclose(found, cubic(command, thrust, at), atol=1e-11)
     slopes = PchipInterpolator(command, thrust).derivative()(command)
-    np.testing.assert_allclose(curves._slopes(np.array(command), np.array(thrust)), slopes, atol=1e-11)
+    np.testing.assert_allclose(
+        curves._slopes(np.array(command), np.array(thrust)), slopes, atol=1e-11
+    )
 
 
 def test_end_slopes_of_a_table_do_not_overshoot(rng: np.random.Generator) -> None:
@@ -52,7 +61,9 @@ def test_end_slopes_of_a_table_do_not_overshoot(rng: np.random.Generator) -> Non
     for _ in range(60):
         x = np.cumsum(rng.uniform(0.05, 1.0, 5))
         y = np.cumsum(rng.normal(size=5))
-        np.testing.assert_allclose(curves._slopes(x, y), PchipInterpolator(x, y).derivative()(x), atol=1e-9)
+        np.testing.assert_allclose(
+            curves._slopes(x, y), PchipInterpolator(x, y).derivative()(x), atol=1e-9
+        )
 
 
 @pytest.mark.parametrize(
@@ -74,14 +85,18 @@ def test_the_inverse_gives_the_command_back(row: Array) -> None:
     assert curves.command_for(row, 2.0 * least) == pytest.approx(-1.0)
     still = curves.command_for(row, 0.0)
     assert curves.thrust_at(row, still) == 0.0
-    assert abs(still) == min(abs(c) for c in np.linspace(-1, 1, 2001) if curves.reach_at(row, c) == 0.0)
+    assert abs(still) == min(
+        abs(c) for c in np.linspace(-1, 1, 2001) if curves.reach_at(row, c) == 0.0
+    )
 
 
 def test_below_the_least_thrust_a_propeller_stands_or_turns_as_slowly_as_it_can() -> None:
     row = curves.pack_polynomial(curves.QUADRATIC, (0.0, 40.0), (0.0, 30.0), BAND, 2.0)
     for sign in (1.0, -1.0):
         for wanted, given in ((0.9, 0.0), (1.1, 2.0), (1.99, 2.0), (2.0, 2.0), (2.1, 2.1)):
-            assert curves.thrust_at(row, curves.command_for(row, sign * wanted)) == pytest.approx(sign * given)
+            assert curves.thrust_at(row, curves.command_for(row, sign * wanted)) == pytest.approx(
+                sign * given
+            )
     just = BAND + (1.0 - BAND) * np.sqrt(2.0 / 40.0)
     assert curves.thrust_at(row, just + 1e-4) > 2.0
     assert curves.thrust_at(row, just - 1e-4) == 0.0
@@ -93,7 +108,9 @@ def test_newtons_method_stays_within_its_bracket(rng: np.random.Generator) -> No
         root, low, high = rng.uniform(0.1, 0.9), 0.0, 1.0
         x = rng.uniform(0.0, 1.0)
         for _ in range(100):
-            low, high, x, done = curves._closer(low, high, x, (x - root) ** 3, 3.0 * (x - root) ** 2)
+            low, high, x, done = curves._closer(
+                low, high, x, (x - root) ** 3, 3.0 * (x - root) ** 2
+            )
             assert low <= x <= high
             assert low <= root <= high
             if done:
@@ -101,7 +118,9 @@ def test_newtons_method_stays_within_its_bracket(rng: np.random.Generator) -> No
         assert x == pytest.approx(root, abs=1e-5)
 
 
-@pytest.mark.parametrize(("ahead", "ok"), [((1.0, 2.0), True), ((0.0, -1.0), False), ((5.0, -4.0), False)])
+@pytest.mark.parametrize(
+    ("ahead", "ok"), [((1.0, 2.0), True), ((0.0, -1.0), False), ((5.0, -4.0), False)]
+)
 def test_a_curve_must_rise(ahead: tuple[float, ...], ok: bool) -> None:
     if ok:
         assert curves.check_polynomial(ahead) == pytest.approx(sum(ahead))

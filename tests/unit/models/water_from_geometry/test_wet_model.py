@@ -1,4 +1,6 @@
-"""Models that get their water from geometry: which geoms count, what is written, what is refused in one line."""
+"""Models that get their water from geometry: which geoms count, what is written, what is refused in
+one line.
+"""
 
 import json
 import re
@@ -40,11 +42,21 @@ def capsule(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("geoms", "choice", "litres"),
     [
-        ('<geom type="box" size=".1 .1 .1"/><geom type="box" size=".1 .1 .1"/>', "auto", 8.0),  # counted once
-        ('<geom type="box" size=".1 .1 .1"/><geom size=".05" contype="0" conaffinity="0"/>', "auto", np.pi / 6.0),
-        ('<geom type="box" size=".1 .1 .1"/><geom size=".05" contype="0" conaffinity="0"/>', "collision", 8.0),
+        # counted once
+        ('<geom type="box" size=".1 .1 .1"/><geom type="box" size=".1 .1 .1"/>', "auto", 8.0),
         (
-            '<geom type="box" size=".1 .1 .1"/><body pos=".2 0 0"><geom type="box" size=".1 .1 .1"/></body>',
+            '<geom type="box" size=".1 .1 .1"/><geom size=".05" contype="0" conaffinity="0"/>',
+            "auto",
+            np.pi / 6.0,
+        ),
+        (
+            '<geom type="box" size=".1 .1 .1"/><geom size=".05" contype="0" conaffinity="0"/>',
+            "collision",
+            8.0,
+        ),
+        (
+            '<geom type="box" size=".1 .1 .1"/><body pos=".2 0 0"><geom type="box" size=".1 .1 '
+            '.1"/></body>',
             "auto",
             16.0,
         ),
@@ -69,16 +81,26 @@ def test_every_number_says_where_it_is_from():
 
 
 def test_closed_forms_are_those_of_hydrodynamics():
-    made = wet(spec_of('<geom type="ellipsoid" size=".3 .1 .2" pos=".01 0 0"/>'), density=1000.0, panels=FAST)
-    expected = hydrodynamics.ellipsoid([0.3, 0.1, 0.2], center=[0.01, 0.0, 0.0], water_density=1000.0)
+    made = wet(
+        spec_of('<geom type="ellipsoid" size=".3 .1 .2" pos=".01 0 0"/>'),
+        density=1000.0,
+        panels=FAST,
+    )
+    expected = hydrodynamics.ellipsoid(
+        [0.3, 0.1, 0.2], center=[0.01, 0.0, 0.0], water_density=1000.0
+    )
     body = made.bodies["a"]
     assert body.volume == pytest.approx(expected.volume, rel=1e-12)
     np.testing.assert_allclose(body.added_mass, expected.added_mass, atol=1e-9)
-    assert {o.uncertainty for o in made.origins if o.quantity in ("volume", "added mass")} == {"exact"}
+    assert {o.uncertainty for o in made.origins if o.quantity in ("volume", "added mass")} == {
+        "exact"
+    }
 
 
 def test_slender_and_distant_bodies_are_strips():
-    slender = wet(spec_of('<geom type="capsule" size=".02" fromto="0 0 0 .5 0 0"/>'), panels=FAST).bodies["a"]
+    slender = wet(
+        spec_of('<geom type="capsule" size=".02" fromto="0 0 0 .5 0 0"/>'), panels=FAST
+    ).bodies["a"]
     (strip,) = slender.segments
     np.testing.assert_allclose(np.sort([strip.start[0], strip.end[0]]), [-0.02, 0.52], atol=1e-3)
     assert strip.normal / (0.5 * 1025.0 * 0.04) == pytest.approx(0.83, abs=0.08)  # C_d of L/d 13
@@ -99,7 +121,10 @@ def test_a_tube_too_thin_for_panels_is_its_hull():
     faces = []
     for k in range(4):
         low, high = k * n, (k + 1) % 4 * n
-        faces += [np.column_stack([low + i, low + j, high + j]), np.column_stack([low + i, high + j, high + i])]
+        faces += [
+            np.column_stack([low + i, low + j, high + j]),
+            np.column_stack([low + i, high + j, high + i]),
+        ]
     spec = mujoco.MjSpec()
     vertices, triangles = np.vstack(rings), np.vstack(faces)
     spec.add_mesh(
@@ -127,13 +152,19 @@ def with_meshes(vertices: Array, triangles: Array, *places: Array) -> mujoco.MjS
     """A body with a mesh, askew, at each of the `places` (3,) [m]."""
     spec = mujoco.MjSpec()
     spec.add_mesh(
-        name="part", uservert=vertices.astype(np.float32).ravel(), userface=triangles.astype(np.int32).ravel()
+        name="part",
+        uservert=vertices.astype(np.float32).ravel(),
+        userface=triangles.astype(np.int32).ravel(),
     )
     body = spec.worldbody.add_body(name="a")
     body.add_freejoint()
     for place in places:
         body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_MESH, meshname="part", pos=place, quat=quat_wxyz_from_rotation(ASKEW), mass=1.0
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname="part",
+            pos=place,
+            quat=quat_wxyz_from_rotation(ASKEW),
+            mass=1.0,
         )
     return spec
 
@@ -180,24 +211,32 @@ def test_what_stood_for_the_water_is_switched_off():
 def test_visual_meshes_are_not_needed_for_collision_geoms(tmp_path: Path):
     file = tmp_path / "r.urdf"
     there, gone = (
-        f'<visual><geometry><mesh filename="package://p/x.{e}"/></geometry></visual>' for e in ("dae", "stl")
+        f'<visual><geometry><mesh filename="package://p/x.{e}"/></geometry></visual>'
+        for e in ("dae", "stl")
     )
     file.write_text(urdf(there + gone + BOX.format("collision")))
     with pytest.raises(ConfigurationError, match=r"x.stl': there is no such file"):
         read_model(file)
     spec, notes = read_model(file, visual=False)
-    assert notes[0].startswith("2 visual meshes left out: not there, or of no format that MuJoCo reads")
-    assert 1e3 * wet(spec, geoms="collision", panels=FAST).bodies["arm"].volume == pytest.approx(4.0, rel=1e-5)
+    assert notes[0].startswith(
+        "2 visual meshes left out: not there, or of no format that MuJoCo reads"
+    )
+    assert 1e3 * wet(spec, geoms="collision", panels=FAST).bodies["arm"].volume == pytest.approx(
+        4.0, rel=1e-5
+    )
 
 
 def test_links_of_a_urdf_that_are_welded_are_one(tmp_path: Path):
     file = tmp_path / "r.urdf"
-    file.write_text(urdf(BOX.format("visual") + BOX.format("collision"), more=BOX.format("collision")))
+    file.write_text(
+        urdf(BOX.format("visual") + BOX.format("collision"), more=BOX.format("collision"))
+    )
     spec, notes = read_model(file)
     assert not notes
     made = wet(spec, geoms="collision", panels=FAST)
     assert list(made.bodies) == ["arm"]
-    assert 1e3 * made.bodies["arm"].volume == pytest.approx(7.0, rel=1e-5)  # 4 l each, of which 1 l is shared
+    # 4 l each, of which 1 l is shared
+    assert 1e3 * made.bodies["arm"].volume == pytest.approx(7.0, rel=1e-5)
     assert made.bodies["arm"].center_of_buoyancy[0] == pytest.approx(0.15, abs=1e-6)
     assert made.dry == ("base: fixed to the world",)
     floating, _ = read_model(file, free=True)
@@ -210,12 +249,17 @@ def test_what_is_written_is_read_to_the_bit(tmp_path: Path, capsule: Path, with_
     (package / "meshes").mkdir(parents=True)
     (package / "urdf").mkdir()
     capsule.rename(package / "meshes" / "capsule.stl")
-    shape = '<visual><geometry><mesh filename="package://robot_description/meshes/capsule.stl"/></geometry></visual>'
+    shape = (
+        "<visual><geometry><mesh "
+        'filename="package://robot_description/meshes/capsule.stl"/></geometry></visual>'
+    )
     dae = '<visual><geometry><mesh filename="x.dae"/></geometry></visual>'
     file = package / "urdf" / "r.urdf"
     file.write_text(urdf(shape + dae + BOX.format("collision")))
     spec, notes = read_model(file)
-    assert notes == ["1 visual meshes left out: MuJoCo does not read .dae; collision geoms stand for them"]
+    assert notes == [
+        "1 visual meshes left out: MuJoCo does not read .dae; collision geoms stand for them"
+    ]
     made = wet(spec, panels=FAST)
     (tmp_path / "out").mkdir()
     written = write_model(made, tmp_path / "out" / "r.wet.xml", with_sidecar=with_sidecar)
@@ -223,13 +267,16 @@ def test_what_is_written_is_read_to_the_bit(tmp_path: Path, capsule: Path, with_
     again = hydrodynamics.attached(vehicle_spec(written[0]))
     assert list(again) == ["arm"]
     for field in ("center_of_buoyancy", "added_mass", "quadratic_damping"):
-        assert np.array_equal(getattr(again["arm"], field), getattr(made.bodies["arm"], field)), field
+        assert np.array_equal(getattr(again["arm"], field), getattr(made.bodies["arm"], field)), (
+            field
+        )
     assert again["arm"].volume == made.bodies["arm"].volume
     head = written[-1].read_text()[:400]
     assert "arm: volume 8.17" in head
 
 
-# ------------------------------------------------------------------------------------------------- through the command
+# -------------------------------------------------------------------------------------------------
+# through the command
 
 
 def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path: Path):
@@ -239,7 +286,9 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
     assert {o["quantity"] for o in told["origins"]} >= {"volume", "added mass", "drag"}
     spec = vehicle_spec(tmp_path / "capsule.wet.xml")
     model = spec.compile()
-    assert model.body("hull").mass[0] == pytest.approx(1025.0 * told["water"]["bodies"]["capsule"]["volume"])
+    assert model.body("hull").mass[0] == pytest.approx(
+        1025.0 * told["water"]["bodies"]["capsule"]["volume"]
+    )
     run = verb("wet", capsule, "--panels", FAST, "--out", tmp_path / "other.xml", "--sidecar")
     assert (run.returncode, (tmp_path / "other.water.yaml").is_file()) == (0, True)
     assert "one collision geom (1 closed shell)" in run.stdout
@@ -248,7 +297,11 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("r.urdf", urdf(BOX.format("visual"), inertial="", tip=""), "each link that moves needs an <inertial>"),
+        (
+            "r.urdf",
+            urdf(BOX.format("visual"), inertial="", tip=""),
+            "each link that moves needs an <inertial>",
+        ),
         (
             "r.urdf",
             urdf('<visual><geometry><mesh filename="package://p/none.stl"/></geometry></visual>'),
@@ -261,20 +314,33 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
         ),
         (
             "r.urdf",
-            urdf('<visual><geometry><mesh filename="capsule.stl" scale="1e3 1e3 1e3"/></geometry></visual>'),
+            urdf(
+                '<visual><geometry><mesh filename="capsule.stl" scale="1e3 1e3 '
+                '1e3"/></geometry></visual>'
+            ),
             "460 m across, more than 20 m: is its mesh in millimetres?",
         ),
-        ("r.urdf", urdf(""), "no moving body has geoms to displace water: base: fixed to the world; arm: no geom"),
+        (
+            "r.urdf",
+            urdf(""),
+            "no moving body has geoms to displace water: base: fixed to the world; arm: no geom",
+        ),
         ("r.urdf", "<robot", "no XML"),
         ("r.urdf", f'<robot name="r"><link name="base">{INERTIAL}</link></robot>', "no body moves"),
         ("m.xml", mjcf('<geom type="plane" size="1 1 1"/>'), "plane only allowed in static bodies"),
         (
             "m.xml",
             '<mujoco><asset><hfield name="h" nrow="4" ncol="4" size="1 1 1 1"/></asset>'
-            + mjcf('<geom size=".1"/><geom name="g" type="hfield" hfield="h"/>').removeprefix("<mujoco>"),
+            + mjcf('<geom size=".1"/><geom name="g" type="hfield" hfield="h"/>').removeprefix(
+                "<mujoco>"
+            ),
             "body 'a': geom 'g': a height field has no volume",
         ),
-        ("m.xml", '<mujoco><worldbody><geom size="1"/></worldbody></mujoco>', "no body moves, so none feels water"),
+        (
+            "m.xml",
+            '<mujoco><worldbody><geom size="1"/></worldbody></mujoco>',
+            "no body moves, so none feels water",
+        ),
         ("m.xml", "<mujoco", "not an MJCF that MuJoCo reads"),
         ("m.stl", "", "is empty"),
         ("none.stl", None, "there is no such file"),
@@ -295,7 +361,9 @@ def test_bad_input_is_one_line(verb, tmp_path: Path, name, content, said):
 def test_a_flat_mesh_has_no_volume(verb, tmp_path: Path):
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
     write_stl(tmp_path / "flat.stl", corners, np.array([[0, 1, 2], [0, 2, 3]]))
-    (tmp_path / "r.urdf").write_text(urdf('<visual><geometry><mesh filename="flat.stl"/></geometry></visual>'))
+    (tmp_path / "r.urdf").write_text(
+        urdf('<visual><geometry><mesh filename="flat.stl"/></geometry></visual>')
+    )
     run = verb("wet", tmp_path / "r.urdf")
     assert run.returncode == 2
     assert "encloses no volume (1 flat surface left out)" in run.stderr
@@ -324,7 +392,9 @@ def test_bad_arguments_of_the_function():
         wet(spec_of('<geom size=".1"/>'), panels=untyped(True))
     with pytest.raises(ConfigurationError, match="geoms: allowed auto, visual"):
         wet(spec_of('<geom size=".1"/>'), geoms=untyped("some"))
-    with pytest.raises(ConfigurationError, match="neutral: expected one floating body with water, found none"):
+    with pytest.raises(
+        ConfigurationError, match="neutral: expected one floating body with water, found none"
+    ):
         wet(
             mujoco.MjSpec.from_string(mjcf('<geom size=".1"/>', '<joint name="j"/>')),
             metacentric_height=0.1,
@@ -336,12 +406,19 @@ def test_bodies_of_one_shape_share_their_water_wherever_they_lie(monkeypatch: py
     """Forty alike stones cost as one; a turned geom is another shape."""
     geom = '<geom type="box" size=".1 .2 .07" euler="{2} 0 0"/>'
     stone = '<body name="{0}" pos="{1} 0.3 {1}" euler="{1} 20 3"><freejoint/>' + geom + "</body>"
-    many = "".join(stone.format(f"s{k}", 0.37 * k, 0) for k in range(40)) + stone.format("turned", 1.0, 30)
+    many = "".join(stone.format(f"s{k}", 0.37 * k, 0) for k in range(40)) + stone.format(
+        "turned", 1.0, 30
+    )
     done: list[str] = []
     one = wetting._body
     monkeypatch.setattr(wetting, "_body", lambda name, *rest: done.append(name) or one(name, *rest))
-    made = wet(mujoco.MjSpec.from_string(f"<mujoco><worldbody>{many}</worldbody></mujoco>"), panels=400)
+    made = wet(
+        mujoco.MjSpec.from_string(f"<mujoco><worldbody>{many}</worldbody></mujoco>"), panels=400
+    )
     assert done == ["s0", "turned"]
-    assert all(np.array_equal(made.bodies[f"s{k}"].added_mass, made.bodies["s0"].added_mass) for k in range(40))
+    assert all(
+        np.array_equal(made.bodies[f"s{k}"].added_mass, made.bodies["s0"].added_mass)
+        for k in range(40)
+    )
     assert not np.allclose(made.bodies["turned"].added_mass, made.bodies["s0"].added_mass)
     assert {o.body for o in made.origins} == {"turned", *(f"s{k}" for k in range(40))}

@@ -60,7 +60,9 @@ def test_six_loose_squares_are_a_box():
 
 
 def test_a_bent_sheet_is_its_hull_and_a_flat_one_nothing():
-    bend = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0.02], [1, 0, 0.02]], dtype=np.float64)
+    bend = np.array(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0.02], [1, 0, 0.02]], dtype=np.float64
+    )
     sheet = np.array([[0, 1, 2], [0, 2, 3], [0, 5, 1], [0, 4, 5]])
     found = shells_of(bend, sheet)
     assert found.said == "1 open surface without an inside, as convex hulls"
@@ -80,4 +82,5 @@ def test_many_parts_count_once(rng):
         first += len(small)
     found = shells_of(np.vstack(meshes), np.vstack(faces))
     assert found.said == "21 closed shells"
-    assert volume(found.corners) == pytest.approx(0.4 * 0.3 * 0.1, rel=1e-6)  # all lie within the first
+    # all lie within the first
+    assert volume(found.corners) == pytest.approx(0.4 * 0.3 * 0.1, rel=1e-6)

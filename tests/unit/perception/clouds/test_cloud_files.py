@@ -37,7 +37,8 @@ def test_formats_bad_rows_and_duplicates(tmp_path, ending: str, within):
     rows = np.vstack([POINTS, POINTS[:50], np.zeros((7, 3)), np.full((9, 3), np.nan)])
     found = load_cloud(save(tmp_path / f"scan.{ending}", rows))
     order = [np.lexsort(np.round(p, 4).T) for p in (found.points, POINTS)]
-    within("points [m]", found.points[order[0]] - POINTS[order[1]], 1e-5)  # PCD keeps single precision
+    # PCD keeps single precision
+    within("points [m]", found.points[order[0]] - POINTS[order[1]], 1e-5)
     assert [note.split()[0] for note in found.notes] == ["9", "7", "50"]
 
 
@@ -52,11 +53,18 @@ def test_millimetres_are_detected_and_said(tmp_path, within):
     write_ply(tmp_path / "rock.ply", 1e3 * stone.vertices, stone.triangles)
     with pytest.raises(ConfigurationError, match=r"millimetres.*0\.001"):
         TargetModel.from_file(tmp_path / "rock.ply")
-    assert TargetModel.from_file(tmp_path / "rock.ply", scale=1e-3).radius == pytest.approx(stone.radius)
+    assert TargetModel.from_file(tmp_path / "rock.ply", scale=1e-3).radius == pytest.approx(
+        stone.radius
+    )
 
 
 def test_files_without_a_cloud(tmp_path):
-    for name, text in (("none.xyz", ""), ("two.xyz", "1 2\n3 4\n"), ("words.xyz", "a b c\n"), ("bad.ply", "no")):
+    for name, text in (
+        ("none.xyz", ""),
+        ("two.xyz", "1 2\n3 4\n"),
+        ("words.xyz", "a b c\n"),
+        ("bad.ply", "no"),
+    ):
         (tmp_path / name).write_text(text)
         with pytest.raises(ConfigurationError, match="cloud"):
             load_cloud(tmp_path / name)
@@ -84,14 +92,19 @@ def test_file_that_is_cut_short(tmp_path):
 
 @pytest.mark.long
 def test_awkward_meshes(tmp_path, within):
-    """The same pose, whatever is the matter with the mesh: doubled and zero-area faces, a fin, strays, turned in."""
+    """The same pose, whatever is the matter with the mesh: doubled and zero-area faces, a fin,
+    strays, turned in.
+    """
     rock = targets.named("rock")
     V, F = np.array(rock.vertices), np.array(rock.triangles)
     n = len(V)
     view = seen_from(np.array([0.3, -0.6, 1.0]))
     scan = Scan.from_depth(look(rock, view, np.random.default_rng(0)))
     cases = {
-        "fin and doubled faces": (np.vstack([V, V[F[0]].mean(axis=0) * 1.05]), [*F, *F[:200], [F[0, 0], F[0, 1], n]]),
+        "fin and doubled faces": (
+            np.vstack([V, V[F[0]].mean(axis=0) * 1.05]),
+            [*F, *F[:200], [F[0, 0], F[0, 1], n]],
+        ),
         "no area": (
             np.vstack([V, V[:1], V[:1], 0.5 * (V[F[:1, 0]] + V[F[:1, 1]])]),
             [*F, [0, 0, 1], [n, n + 1, 0], [F[0, 0], F[0, 1], n + 2]],
@@ -117,10 +130,14 @@ def test_faces_of_four_corners(tmp_path):
 
 
 def test_ply_of_many_kinds(tmp_path):
-    """Big-endian, faces of different corners, extra properties and elements, in text and in bytes; never cut short."""
+    """Big-endian, faces of different corners, extra properties and elements, in text and in bytes;
+    never cut short.
+    """
     head = (
-        "comment x\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n"
-        "element face 3\nproperty uchar flags\nproperty list uchar int vertex_index\nelement edge 1\n"
+        "comment x\nelement vertex 5\nproperty float x\nproperty float y\nproperty float "
+        "z\nproperty uchar red\n"
+        "element face 3\nproperty uchar flags\nproperty list uchar int vertex_index\nelement edge "
+        "1\n"
         "property int vertex1\nproperty int vertex2\nend_header\n"
     )
     corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.5, 0.5, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
@@ -130,7 +147,9 @@ def test_ply_of_many_kinds(tmp_path):
     for form, order in (("ascii", ""), ("binary_little_endian", "<"), ("binary_big_endian", ">")):
         if order:
             data = b"".join(struct.pack(order + "3fB", *corner, 9) for corner in corners)
-            data += b"".join(struct.pack(f"{order}BB{len(face)}i", 1, len(face), *face) for face in faces)
+            data += b"".join(
+                struct.pack(f"{order}BB{len(face)}i", 1, len(face), *face) for face in faces
+            )
             data += struct.pack(order + "2i", 0, 1)
         else:
             data = text.encode()
@@ -138,7 +157,14 @@ def test_ply_of_many_kinds(tmp_path):
         file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + data)
         points, triangles = read_ply(file.read_bytes())
         assert points.tolist() == [list(corner) for corner in corners], form
-        assert triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 1, 2], [1, 2, 3], [1, 3, 4]], form
+        assert triangles.tolist() == [
+            [0, 1, 2],
+            [0, 2, 3],
+            [0, 3, 4],
+            [0, 1, 2],
+            [1, 2, 3],
+            [1, 3, 4],
+        ], form
         assert len(TargetModel.from_file(file).triangles) == 6
         for left in (20, 40):  # the faces, or some vertices too
             file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + data[:-left])
@@ -146,17 +172,24 @@ def test_ply_of_many_kinds(tmp_path):
                 TargetModel.from_file(file)
 
 
-HEAD = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+HEAD = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty "
+    "float z\n"
+)
 FACES = "element face {}\nproperty list {} int vertex_indices\nend_header\n"
 CORNERS = "0 0 0\n1 0 0\n0 1 0\n"
 
 
 def test_text_ply_of_elements_that_hold_nothing():
     none = "element edge 0\nproperty int vertex1\nproperty int vertex2\n"
-    points, triangles = read_ply((HEAD + none + FACES.format(1, "uchar") + CORNERS + "3 0 1 2\n").encode())
+    points, triangles = read_ply(
+        (HEAD + none + FACES.format(1, "uchar") + CORNERS + "3 0 1 2\n").encode()
+    )
     assert points.shape == (3, 3)
     assert triangles.tolist() == [[0, 1, 2]]
-    points, triangles = read_ply((HEAD.replace("vertex 3", "vertex 0") + FACES.format(0, "uchar")).encode())
+    points, triangles = read_ply(
+        (HEAD.replace("vertex 3", "vertex 0") + FACES.format(0, "uchar")).encode()
+    )
     assert points.shape == triangles.shape == (0, 3)
 
 
@@ -171,7 +204,11 @@ def test_text_ply_with_a_count_or_an_index_that_is_infinite(tmp_path, face):
 
 
 def test_binary_ply_with_an_index_that_is_not_finite():
-    head = (HEAD + FACES.format(1, "uchar")).replace("ascii", "binary_little_endian").replace("char int", "char float")
+    head = (
+        (HEAD + FACES.format(1, "uchar"))
+        .replace("ascii", "binary_little_endian")
+        .replace("char int", "char float")
+    )
     data = np.zeros(9, "<f4").tobytes() + struct.pack("<B3f", 3, 0.0, 1.0, np.nan)
     with pytest.raises(ValueError, match="not finite"):
         read_ply(head.encode() + data)
@@ -185,13 +222,18 @@ def test_a_mesh_that_may_not_be_read_is_no_malformed_one(tmp_path, monkeypatch, 
     (tmp_path / name).write_text("0 0 0\n")
     monkeypatch.setattr("uuv.sim.interfaces.files.os.open", refused)
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(ImportError if name == "a.stl" else ConfigurationError, match=r"permission denied|trimesh"):
+    with pytest.raises(
+        ImportError if name == "a.stl" else ConfigurationError, match=r"permission denied|trimesh"
+    ):
         read_mesh(tmp_path / name)
 
 
 def test_off_and_what_is_none(tmp_path):
     file = tmp_path / "a.off"
-    body = "0 0 0 255 0 0\n1 0 0 255 0 0\n1 1 0 0 0 9\n0 1 0 0 0 9 # last\n4 0 1 2 3\n3 0 1 2 255 0 0\n"
+    body = (
+        "0 0 0 255 0 0\n1 0 0 255 0 0\n1 1 0 0 0 9\n0 1 0 0 0 9 # last\n4 0 1 2 3\n3 0 1 2 255 "
+        "0 0\n"
+    )
     for head in ("COFF\n# a comment\n4 2 0\n", "OFF 4 2 0\n"):
         file.write_text(head + body)
         assert TargetModel.from_file(file).triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]

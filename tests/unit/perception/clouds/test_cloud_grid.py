@@ -1,4 +1,6 @@
-"""Every form of a cloud gives the scan of the depth frame that it came from; scatter is averaged without bias."""
+"""Every form of a cloud gives the scan of the depth frame that it came from; scatter is averaged
+without bias.
+"""
 
 import os
 from pathlib import Path
@@ -20,7 +22,8 @@ from uuv.sim.interfaces.spatial import Array, exp_so3
 
 FOCAL, WIDTH, HEIGHT = 554.0, 320, 240
 K = np.array([[FOCAL, 0.0, 159.5], [0.0, FOCAL, 119.5], [0.0, 0.0, 1.0]])
-REAL = "UUV_KINECT_FOLDER"  # holds milk_cartoon_all_small_clorox.pcd, milk.pcd and milk_other_view.pcd of PCL's tests
+# holds milk_cartoon_all_small_clorox.pcd, milk.pcd and milk_other_view.pcd of PCL's tests
+REAL = "UUV_KINECT_FOLDER"
 
 
 def frame(rng: np.random.Generator, sigma: float = 0.003, lost: float = 0.1) -> Scan:
@@ -64,21 +67,27 @@ def test_an_organised_cloud_keeps_its_pixels(rng, within):
 
 
 def test_a_picture_in_no_order_has_no_pixels():
-    """Of more points than are looked at, chance may ask for rows and columns to be exchanged, and back again."""
+    """Of more points than are looked at, chance may ask for rows and columns to be exchanged, and
+    back again.
+    """
     x, y = np.meshgrid((np.arange(640) - 319.5) / FOCAL, (np.arange(480) - 239.5) / FOCAL)
     points = 1.5 * np.stack([x, y, np.ones_like(x)], axis=-1)
     for seed in (0, 6):  # 6: both ways round chance asks for it
-        shuffled = np.random.default_rng(seed).permutation(points.reshape(-1, 3)).reshape(points.shape)
+        shuffled = (
+            np.random.default_rng(seed).permutation(points.reshape(-1, 3)).reshape(points.shape)
+        )
         assert organised_grid(shuffled, np.ones(x.shape, dtype=bool)) is None
 
 
 def test_noise_across_the_ray_leaves_an_organised_cloud_its_pixels(rng, within):
     scan = frame(rng)
     grid = organised_grid(
-        scan.points + 0.003 * rng.standard_normal(scan.points.shape), np.asarray(np.isfinite(scan.depth))
+        scan.points + 0.003 * rng.standard_normal(scan.points.shape),
+        np.asarray(np.isfinite(scan.depth)),
     )
     assert grid is not None
-    within("tangents [px]", FOCAL * (grid.tangent_x - scan.tangent_x), 0.1)  # of a scatter of 1.2 px: 0.01
+    # of a scatter of 1.2 px: 0.01
+    within("tangents [px]", FOCAL * (grid.tangent_x - scan.tangent_x), 0.1)
     within("tangents [px]", FOCAL * (grid.tangent_y - scan.tangent_y), 0.1)
 
 
@@ -86,10 +95,19 @@ def test_what_is_no_pinhole_is_not_taken_for_one(rng):
     scan = frame(rng)
     usable = np.asarray(np.isfinite(scan.depth))
     bent = scan.points.copy()
-    bent[..., :2] *= 1.0 + 0.1 * np.sum(scan.points[..., :2] ** 2, axis=-1, keepdims=True) / scan.depth[..., None] ** 2
+    bent[..., :2] *= (
+        1.0
+        + 0.1
+        * np.sum(scan.points[..., :2] ** 2, axis=-1, keepdims=True)
+        / scan.depth[..., None] ** 2
+    )
     elsewhere = scan.points @ exp_so3([0.1, 0.2, 0.0]).T + [0.2, 0.0, 0.1]
     mixed = rng.permutation(listed(scan))[: 200 * 300].reshape(200, 300, 3)
-    for cloud, mask in ((bent, usable), (elsewhere, usable), (mixed, np.ones((200, 300), dtype=bool))):
+    for cloud, mask in (
+        (bent, usable),
+        (elsewhere, usable),
+        (mixed, np.ones((200, 300), dtype=bool)),
+    ):
         assert organised_grid(cloud, mask) is None
     assert lattice_grid(elsewhere[usable]) is None
     assert lattice_grid(np.vstack([elsewhere[usable], listed(scan)])) is None
@@ -128,7 +146,9 @@ def test_millimetres_as_whole_numbers(rng, within):
 
 
 def test_the_picture_is_completed_where_it_went_on(rng, within):
-    """The empty upper part of a frame that shows the bed, and the surroundings of what stands alone."""
+    """The empty upper part of a frame that shows the bed, and the surroundings of what stands
+    alone.
+    """
     scan = frame(rng, lost=0.0)
     below, disc = scan.points.copy(), scan.points.copy()
     below[:90] = np.nan
@@ -161,7 +181,8 @@ def test_scatter_is_averaged_without_bias(within):
     off = (np.stack([x, y, np.ones_like(x)], axis=-1) * grid.depth[..., None]) @ normal - 1.5
     assert np.isfinite(off).mean() > 0.95
     within("mean distance [m]", np.nanmean(off), 0.05 * sigma)  # 0.004 sigma
-    within("spread [m]", np.nanstd(off), 0.6 * sigma)  # 0.35 sigma: it is not one point that is left of several
+    # 0.35 sigma: it is not one point that is left of several
+    within("spread [m]", np.nanstd(off), 0.6 * sigma)
 
 
 def test_scatter_over_an_edge_invents_no_surface():
@@ -180,14 +201,18 @@ def test_a_stray_point_leaves_the_rest_its_resolution(rng, within):
 
 
 def pcd(file: Path, points: Array, shape: tuple[int, int], *, text: bool) -> Path:
-    """The points as a PCD file of `shape` (rows, columns), nine digits as text, single precision else."""
+    """The points as a PCD file of `shape` (rows, columns), nine digits as text, single precision
+    else.
+    """
     rows, columns = shape
     head = (
         "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
         f"WIDTH {columns}\nHEIGHT {rows}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {rows * columns}\n"
         f"DATA {'ascii' if text else 'binary'}\n"
     )
-    lines = "".join(f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in points.reshape(-1, 3)) if text else ""
+    lines = (
+        "".join(f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in points.reshape(-1, 3)) if text else ""
+    )
     file.write_bytes(head.encode() + (lines.encode() if text else points.astype("<f4").tobytes()))
     return file
 
@@ -196,7 +221,9 @@ def ply(file: Path, points: Array) -> Path:
     """The points as an ASCII PLY file of nine digits."""
     head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
     head += "property float x\nproperty float y\nproperty float z\nend_header\n"
-    file.write_text(head + "".join(f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in points), encoding="utf-8")
+    file.write_text(
+        head + "".join(f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in points), encoding="utf-8"
+    )
     return file
 
 
@@ -211,11 +238,15 @@ def written(folder: Path, points: Array) -> dict[str, Path]:
         "binary.pcd": pcd(folder / "binary.pcd", flat, (1, len(flat)), text=False),
         "text.pcd": pcd(folder / "text.pcd", flat, (1, len(flat)), text=True),
     }
-    return files | {"picture.pcd": pcd(folder / "picture.pcd", points, points.shape[:2], text=False)}
+    return files | {
+        "picture.pcd": pcd(folder / "picture.pcd", points, points.shape[:2], text=False)
+    }
 
 
 def farthest(surface: ModelSurface, X: Array, Y: Array) -> float:
-    """Largest distance [m] of a point of the model at one pose from the same at the other, but for its symmetry."""
+    """Largest distance [m] of a point of the model at one pose from the same at the other, but for
+    its symmetry.
+    """
     X = np.array(X)
     X[:3, :3] = surface.symmetry.nearest(X[:3, :3], Y[:3, :3])
     return float(np.linalg.norm(surface.points @ (X - Y)[:3, :3].T + (X - Y)[:3, 3], axis=1).max())
@@ -224,7 +255,9 @@ def farthest(surface: ModelSurface, X: Array, Y: Array) -> float:
 DOORS = "tests/unit/perception/clouds/test_cloud_grid.py::test_every_door_finds_the_same_pose"
 
 
-@pytest.mark.parametrize("floor", [pytest.param(True, marks=pytest.mark.long(guarded_by=DOORS)), False])
+@pytest.mark.parametrize(
+    "floor", [pytest.param(True, marks=pytest.mark.long(guarded_by=DOORS)), False]
+)
 def test_every_door_finds_the_same_pose(tmp_path, floor: bool, within):
     """As nearest points of cells the same clouds lay 8 mm before the frame."""
     target = barrel()
@@ -236,11 +269,18 @@ def test_every_door_finds_the_same_pose(tmp_path, floor: bool, within):
     assert truth.accepted, truth.reason
     doors = {"shuffled": rng.permutation(listed(scan))}
     files = written(tmp_path, np.array(scan.points))
-    doors |= {name: load_cloud(files[name]).points for name in (("text.ply",) if floor else ("picture.pcd",))}
+    doors |= {
+        name: load_cloud(files[name]).points
+        for name in (("text.ply",) if floor else ("picture.pcd",))
+    }
     for name, cloud in doors.items():
         found = identify(cloud, surface, *coarse)
         assert found.accepted, f"{name}: {found.reason}"
-        within(f"{name}: model [m]", farthest(surface, found.X_sensor_target, truth.X_sensor_target), 1e-4)
+        within(
+            f"{name}: model [m]",
+            farthest(surface, found.X_sensor_target, truth.X_sensor_target),
+            1e-4,
+        )
 
 
 def test_files_of_every_kind_give_the_same_scan(tmp_path, rng, within):
@@ -251,18 +291,24 @@ def test_files_of_every_kind_give_the_same_scan(tmp_path, rng, within):
 
 
 def test_thinned_scatter_does_not_stand_before_its_surface(within):
-    """The barrel's frame with every point moved along its own ray's surroundings: no lattice is left."""
+    """The barrel's frame with every point moved along its own ray's surroundings: no lattice is
+    left.
+    """
     target, X_ST = barrel(), seen_from(np.array([0.1, -0.9, 0.75]))
     surface, rng = ModelSurface.of(target), np.random.default_rng(5)
     scan = Scan.from_depth(look(target, X_ST, rng))
-    points = listed(scan) + rng.normal(0.0, [2e-3, 2e-3, 0.0], (int(np.isfinite(scan.depth).sum()), 3))
+    points = listed(scan) + rng.normal(
+        0.0, [2e-3, 2e-3, 0.0], (int(np.isfinite(scan.depth).sum()), 3)
+    )
     assert lattice_grid(points) is None
     found = identify(points, surface, X_ST[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ X_ST[:3, :3])
     assert found.accepted, found.reason
     within("position [m]", target.symmetry.error(found.X_sensor_target, X_ST)[0], 3e-3)
 
 
-@pytest.mark.parametrize("cloud", [np.zeros((40, 40, 3)), np.full((3, 3, 3), np.nan), np.ones((1, 500, 3))])
+@pytest.mark.parametrize(
+    "cloud", [np.zeros((40, 40, 3)), np.full((3, 3, 3), np.nan), np.ones((1, 500, 3))]
+)
 def test_organised_clouds_that_hold_nothing(cloud: Array):
     with pytest.raises(PerceptionError):
         Scan.from_cloud(cloud)
@@ -282,7 +328,10 @@ def test_every_door_finds_the_same_pose_in_a_real_frame(name: str, open3d, withi
     radii = o3d.utility.DoubleVector([0.004, 0.006, 0.01, 0.015])
     mesh = o3d.geometry.TriangleMesh.create_from_point_cloud_ball_pivoting(carton, radii)
     target = TargetModel(
-        name=name, vertices=np.asarray(mesh.vertices), triangles=np.asarray(mesh.triangles), symmetry=Symmetry()
+        name=name,
+        vertices=np.asarray(mesh.vertices),
+        triangles=np.asarray(mesh.triangles),
+        symmetry=Symmetry(),
     )
     surface = ModelSurface.of(target)
     truth = identify(scan, surface)
@@ -291,4 +340,5 @@ def test_every_door_finds_the_same_pose_in_a_real_frame(name: str, open3d, withi
     for cloud in (picture, flat, flat.astype(np.float32)):
         found = identify(cloud, surface)
         assert found.accepted, found.reason
-        within("model [m]", farthest(surface, found.X_sensor_target, truth.X_sensor_target), 1e-3)  # 2 um
+        # 2 um
+        within("model [m]", farthest(surface, found.X_sensor_target, truth.X_sensor_target), 1e-3)

@@ -20,7 +20,11 @@ def test_is_that_of_a_tree(seed: int, reach: float) -> None:
     points = _sphere(rng, 3000)
     # On the surface, around it, and far outside the box that holds it.
     asked = np.concatenate(
-        [points[:500], points[:500] + rng.normal(0.0, 0.02, (500, 3)), rng.normal(0.0, 2.0, (500, 3))]
+        [
+            points[:500],
+            points[:500] + rng.normal(0.0, 0.02, (500, 3)),
+            rng.normal(0.0, 2.0, (500, 3)),
+        ]
     )
     spacing = float(rng.uniform(0.002, 0.05))
     distance, index = NearestPoint.of(points, spacing).query(asked, reach)
@@ -46,4 +50,6 @@ def test_one_point_and_flat_ones() -> None:
     np.testing.assert_array_equal(distance, [0.5, np.inf])
     np.testing.assert_array_equal(index, [0, 1])
     flat = np.stack([*np.meshgrid(np.arange(5.0), np.arange(4.0), [0.0])], axis=-1).reshape(-1, 3)
-    np.testing.assert_array_equal(NearestPoint.of(flat, 0.5).query(flat + 0.1, 1.0)[1], np.arange(len(flat)))
+    np.testing.assert_array_equal(
+        NearestPoint.of(flat, 0.5).query(flat + 0.1, 1.0)[1], np.arange(len(flat))
+    )

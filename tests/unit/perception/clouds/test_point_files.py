@@ -16,7 +16,9 @@ def test_text_ply_and_pcd_hold_the_same_points(tmp_path, within):
     np.savetxt(tmp_path / "b.csv", points, delimiter=", ")
     write_ply(tmp_path / "c.ply", points)
     within("c.ply", read_cloud(tmp_path / "c.ply") - points, 0.0)
-    (tmp_path / "e.txt").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "b.csv").read_bytes().replace(b"\n", b"\r\n"))
+    (tmp_path / "e.txt").write_bytes(
+        b"\xef\xbb\xbf" + (tmp_path / "b.csv").read_bytes().replace(b"\n", b"\r\n")
+    )
     for name in ("a.txt", "b.csv", "e.txt"):
         within(name, read_cloud(tmp_path / name) - points, 1e-12)
 
@@ -24,35 +26,50 @@ def test_text_ply_and_pcd_hold_the_same_points(tmp_path, within):
 FIELDS = "FIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n"
 
 
-def pcd(kind: str, data: bytes, count: int, fields: str = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\n") -> bytes:
+def pcd(
+    kind: str, data: bytes, count: int, fields: str = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\n"
+) -> bytes:
     """A PCD file of `count` points in one row."""
     size = f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\n"
     return f"# .PCD v0.7\nVERSION 0.7\n{fields}{size}DATA {kind}\n".encode() + data
 
 
 def test_the_three_kinds_of_pcd(tmp_path):
-    """With a field more, NaN in its place; compressed by hand: bytes as they are, and bytes that were there."""
+    """With a field more, NaN in its place; compressed by hand: bytes as they are, and bytes that
+    were there.
+    """
     points = np.random.default_rng(0).normal(size=(500, 3)).astype("<f4")
     points[7] = np.nan
     rows = np.zeros(500, dtype=[("p", "<f4", 3), ("rgb", "<u4")])
     rows["p"], rows["rgb"] = points, 7
     lines = "".join(f"{x!r} {y!r} {z!r} 7\n" for x, y, z in points.astype(float).tolist())
     plain = points.T.tobytes() + rows["rgb"].tobytes()
-    packed = b"".join(bytes([len(run) - 1]) + run for run in (plain[i : i + 32] for i in range(0, len(plain), 32)))
+    packed = b"".join(
+        bytes([len(run) - 1]) + run for run in (plain[i : i + 32] for i in range(0, len(plain), 32))
+    )
     packed = np.array([len(packed), len(plain)], "<u4").tobytes() + packed
-    for kind, data in (("ascii", lines.encode()), ("binary", rows.tobytes()), ("binary_compressed", packed)):
+    for kind, data in (
+        ("ascii", lines.encode()),
+        ("binary", rows.tobytes()),
+        ("binary_compressed", packed),
+    ):
         file = tmp_path / f"{kind}.pcd"
         file.write_bytes(pcd(kind, data, 500, FIELDS))
         assert np.array_equal(read_cloud(file), points, equal_nan=True), kind
         file.write_bytes(pcd(kind, data, 501, FIELDS))
         with pytest.raises(ConfigurationError, match="cut short"):
             read_cloud(file)
-    ones = bytes([3, 0, 0, 0x80, 0x3F, 0xE0, 255, 3, 0xE0, 255, 3, 0xC0, 3])  # four bytes, then 264, 264 and 8 of them
+    # four bytes, then 264, 264 and 8 of them
+    ones = bytes([3, 0, 0, 0x80, 0x3F, 0xE0, 255, 3, 0xE0, 255, 3, 0xC0, 3])
     file = tmp_path / "ones.pcd"
-    file.write_bytes(pcd("binary_compressed", np.array([len(ones), 540], "<u4").tobytes() + ones, 45))
+    file.write_bytes(
+        pcd("binary_compressed", np.array([len(ones), 540], "<u4").tobytes() + ones, 45)
+    )
     assert np.array_equal(read_cloud(file), np.ones((45, 3)))
     for spoilt in (ones[:-1], ones + ones, bytes([0xE0, 255, 3])):
-        file.write_bytes(pcd("binary_compressed", np.array([len(spoilt), 540], "<u4").tobytes() + spoilt, 45))
+        file.write_bytes(
+            pcd("binary_compressed", np.array([len(spoilt), 540], "<u4").tobytes() + spoilt, 45)
+        )
         with pytest.raises(ConfigurationError, match="cut short"):
             read_cloud(file)
 
@@ -63,7 +80,8 @@ def test_files_of_open3d_hold_the_same_points(tmp_path, open3d, within):
     points = rng.normal(size=(500, 3))
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     cloud.normals = cloud.colors = open3d.utility.Vector3dVector(rng.random((500, 3)))
-    for name, tolerance, as_text in (("a.ply", 1e-12, 1e-5), ("a.pcd", 1e-6, 1e-5)):  # text has six digits, pcd floats
+    # text has six digits, pcd floats
+    for name, tolerance, as_text in (("a.ply", 1e-12, 1e-5), ("a.pcd", 1e-6, 1e-5)):
         for options in ({}, {"write_ascii": True}, {"compressed": True}):
             open3d.io.write_point_cloud(str(tmp_path / name), cloud, **options)
             allowed = as_text if "write_ascii" in options else tolerance
@@ -100,7 +118,11 @@ def test_targets_and_direction(tmp_path):
         ("fewer.txt", b"x y z\n1 2 3 4\n", "3 columns are named .x y z., line 2 holds 4"),
         ("twice.txt", b"x,y,z\nx,y,z\n1,2,3\n", "line 2: expected 3 numbers"),
         ("count.pts", b"0\n", "there is no point in it"),
-        ("a.npy", b"\x93NUMPY\x01\x00v\x00", "NumPy files are not read; what goes is PLY, PCD.*numpy.savetxt"),
+        (
+            "a.npy",
+            b"\x93NUMPY\x01\x00v\x00",
+            "NumPy files are not read; what goes is PLY, PCD.*numpy.savetxt",
+        ),
         ("a.las", b"LASF and more", "LAS files are not read; .*pdal translate"),
         ("a.LAZ", b"LASF and more", "LAS files are not read"),
         ("a.e57", b"ASTM-E57", "E57 files are not read; .*CloudCompare"),
@@ -147,5 +169,7 @@ def test_a_direction_has_any_length(tmp_path):
 def test_a_signalling_nan_is_a_nan(tmp_path):
     header = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
     header += "".join(f"property float {axis}\n" for axis in "xyz")
-    (tmp_path / "a.ply").write_bytes(header.encode() + b"end_header\n" + b"\x01\x00\x80\x7f" + bytes(8))
+    (tmp_path / "a.ply").write_bytes(
+        header.encode() + b"end_header\n" + b"\x01\x00\x80\x7f" + bytes(8)
+    )
     assert np.array_equal(read_cloud(tmp_path / "a.ply"), [[np.nan, 0.0, 0.0]], equal_nan=True)

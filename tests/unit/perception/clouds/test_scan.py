@@ -48,7 +48,9 @@ def test_normals_face_the_sensor(rng: np.random.Generator) -> None:
     for _ in range(3):
         normal = exp_so3(rng.uniform(-0.8, 0.8, 3))[:, 2]
         points = flat_cloud(rng, normal, 0.0)
-        np.testing.assert_allclose(facing_normals(points), -normal * np.sign(points @ normal)[:, None], atol=1e-6)
+        np.testing.assert_allclose(
+            facing_normals(points), -normal * np.sign(points @ normal)[:, None], atol=1e-6
+        )
 
 
 def test_the_largest_plane_is_found_among_others(rng: np.random.Generator) -> None:
@@ -92,7 +94,10 @@ def test_a_square_before_a_wall_has_an_edge_on_each_side_midway() -> None:
     scan = scan_of(depth)
     mask = depth == 1.0
     found = contour(scan, mask, scan.depth)
-    sides = {(int(right), int(down)): found.steps.tolist().count([right, down]) for right, down in found.steps}
+    sides = {
+        (int(right), int(down)): found.steps.tolist().count([right, down])
+        for right, down in found.steps
+    }
     assert sides == {(-1, 0): 10, (1, 0): 10, (0, -1): 16, (0, 1): 16}
     np.testing.assert_array_equal(found.depth, 1.0)
     own = np.column_stack([scan.tangent_x[found.columns], scan.tangent_y[found.rows]])
@@ -105,26 +110,40 @@ def test_a_square_before_a_wall_has_an_edge_on_each_side_midway() -> None:
     assert not len(contour(flat, mask, flat.depth).rows)
 
 
-def test_rays_meet_a_scan_as_they_meet_its_whole_triangulated_surface(rng: np.random.Generator) -> None:
+def test_rays_meet_a_scan_as_they_meet_its_whole_triangulated_surface(
+    rng: np.random.Generator,
+) -> None:
     tangents = np.linspace(-0.4, 0.4, 60)
     for _ in range(10):
-        depth = 1.5 + 0.3 * rng.random() * np.sin(9.0 * tangents + tangents[:, None]) + 0.01 * rng.normal(size=(60, 60))
+        depth = (
+            1.5
+            + 0.3 * rng.random() * np.sin(9.0 * tangents + tangents[:, None])
+            + 0.01 * rng.normal(size=(60, 60))
+        )
         depth[rng.random((60, 60)) < 0.1] = np.nan
         scan = Scan.of_grid(depth, tangents, tangents)
         way = exp_so3(rng.uniform(-0.6, 0.6, 3))[:, 2]
         starts = rng.uniform(-0.6, 0.6, (400, 3)) * [1.0, 1.0, 0.1]
         found = distances_along(scan, starts, way)
-        whole = RayScene(*triangulate(scan, np.isfinite(depth))).distance(starts, np.broadcast_to(way, starts.shape))
+        whole = RayScene(*triangulate(scan, np.isfinite(depth))).distance(
+            starts, np.broadcast_to(way, starts.shape)
+        )
         assert found is not None
         assert 0 < np.isfinite(whole).sum() < len(starts)
         np.testing.assert_array_equal(found, whole)
     assert (
-        distances_along(Scan.of_grid(np.full((60, 60), np.nan), tangents, tangents), np.zeros((1, 3)), np.eye(3)[2])
+        distances_along(
+            Scan.of_grid(np.full((60, 60), np.nan), tangents, tangents),
+            np.zeros((1, 3)),
+            np.eye(3)[2],
+        )
         is None
     )
 
 
-def test_counted_cubes_have_the_means_of_sorted_ones(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_counted_cubes_have_the_means_of_sorted_ones(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     points = rng.normal(size=(3000, 3)) * [1.0, 0.3, 0.1] - 5.0
     counted = voxel_means(points, 0.05)
     monkeypatch.setattr(scans, "_COUNTED", 0.0)

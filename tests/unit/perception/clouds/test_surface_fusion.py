@@ -1,4 +1,6 @@
-"""Surface from depth frames: a ball seen exactly from all sides, and what the box and the model leave out."""
+"""Surface from depth frames: a ball seen exactly from all sides, and what the box and the model
+leave out.
+"""
 
 from typing import Any
 
@@ -22,15 +24,25 @@ NORMALS = np.array(BALL.face_normals)
 
 
 def frame(way: Array, growth: float = 0.0) -> tuple[DepthImage, Array]:
-    """Exact frame of the ball, grown by `growth` [m], over a floor, from AWAY along `way`; and the camera's pose."""
+    """Exact frame of the ball, grown by `growth` [m], over a floor, from AWAY along `way`; and the
+    camera's pose.
+    """
     floor = trimesh.creation.box((4.0, 4.0, 0.02), pose(p=[0.0, 0.0, -RADIUS - 0.2]))
     scene: Any = trimesh.util.concatenate([BALL.copy().apply_scale(1.0 + growth / RADIUS), floor])
     way = way / np.linalg.norm(way)
     X_TC = pose(rotation_from_z(-way, [0.0, 0.0, 1.0]), AWAY * way)
     v, u = np.indices((180, 240))
-    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)], axis=-1).reshape(-1, 3)
-    depth = RayScene(scene.vertices, scene.faces).cast(X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"].reshape(180, 240)
-    return DepthImage(time=0.0, depth=np.where(np.isfinite(depth), depth, np.nan), K=K, X_BC=np.eye(4)), X_TC
+    rays = np.stack(
+        [(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)], axis=-1
+    ).reshape(-1, 3)
+    depth = (
+        RayScene(scene.vertices, scene.faces)
+        .cast(X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
+        .reshape(180, 240)
+    )
+    return DepthImage(
+        time=0.0, depth=np.where(np.isfinite(depth), depth, np.nan), K=K, X_BC=np.eye(4)
+    ), X_TC
 
 
 def fused(growth: float = 0.0):
@@ -45,8 +57,13 @@ def fused(growth: float = 0.0):
 def test_surface_is_that_of_the_ball_without_the_floor(within):
     mesh = fused()
     off = np.linalg.norm(mesh.vertices, axis=1) - RADIUS
-    within("95 % of the vertices off the ball [m]", np.percentile(np.abs(off), 95.0), 0.003)  # measured 0.0020
-    within("signed distance from the model [m]", np.percentile(np.abs(mesh.deviation - off), 95.0), 0.001)
+    # measured 0.0020
+    within("95 % of the vertices off the ball [m]", np.percentile(np.abs(off), 95.0), 0.003)
+    within(
+        "signed distance from the model [m]",
+        np.percentile(np.abs(mesh.deviation - off), 95.0),
+        0.001,
+    )
     assert mesh.vertices[:, 2].min() > -RADIUS - 0.03
     assert len(mesh.triangles) > 2000
     assert mesh.triangles.max() < len(mesh.vertices)

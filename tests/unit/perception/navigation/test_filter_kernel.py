@@ -88,7 +88,9 @@ def test_a_fix_is_taken_by_the_kalman_gain(case: Case, kind: int) -> None:
     square, shown, white = kernel.mahalanobis(case.memory, kind, case.fix, 7)
     np.testing.assert_array_equal(shown, innovation)
     assert square == pytest.approx(expected @ np.linalg.solve(covariance, expected))
-    np.testing.assert_allclose(white, np.linalg.solve(np.linalg.cholesky(covariance), expected), atol=1e-10)
+    np.testing.assert_allclose(
+        white, np.linalg.solve(np.linalg.cholesky(covariance), expected), atol=1e-10
+    )
     K = P @ H.T @ np.linalg.inv(covariance)
     kernel.absorb(case.f, kind, case.fix, case.row)
     np.testing.assert_allclose(case.x[:n], x + K @ expected, atol=1e-10)
@@ -115,7 +117,9 @@ def test_a_turn_about_its_own_axes(size: float, rng: np.random.Generator) -> Non
     assert np.abs(skewed.T @ skewed - np.eye(3)).max() < 1e-6
 
 
-def turned(R: Array, R_meas: Array, w: Array, bias: Array, gyro: Array, dt: float = 0.01) -> tuple[Array, Array, Array]:
+def turned(
+    R: Array, R_meas: Array, w: Array, bias: Array, gyro: Array, dt: float = 0.01
+) -> tuple[Array, Array, Array]:
     R, bias, gyro = R.copy(), bias.copy(), gyro.copy()
     kernel.turn(R, R_meas, w, dt, bias, gyro, np.array([0.02, 0.3, 0.05]))
     return R, bias, gyro
@@ -128,7 +132,9 @@ def test_attitude_is_a_kalman_filter_of_angle_and_bias(rng: np.random.Generator)
     R, w, bias = exp_so3(rng.normal(size=3)), rng.normal(size=3), rng.normal(size=3)
     error = rng.uniform(-2e-3, 2e-3, 3)
     moved = R @ exp_so3(dt * (w - bias))
-    found, found_bias, gyro = turned(R, moved @ exp_so3(error), w, bias, np.array([P[0, 0], P[0, 1], P[1, 1]]))
+    found, found_bias, gyro = turned(
+        R, moved @ exp_so3(error), w, bias, np.array([P[0, 0], P[0, 1], P[1, 1]])
+    )
     F = np.array([[1.0, -dt], [0.0, 1.0]])
     P = F @ P @ F.T + np.diag([0.02 * dt, 0.05 * dt])
     K = P[:, 0] / (P[0, 0] + 0.3)
@@ -143,14 +149,18 @@ def test_a_wild_attitude_reading_turns_by_little_and_to_its_side(rng: np.random.
     for axis in np.vstack([np.eye(3), -np.eye(3)]):
         R = exp_so3(rng.normal(size=3))
         wild, wild_bias, _ = turned(R, R @ exp_so3(1.0 * axis), none, none, gyro)
-        clipped, clipped_bias, _ = turned(R, R @ exp_so3(np.arcsin(kernel.TILT_CLIP) * axis), none, none, gyro)
+        clipped, clipped_bias, _ = turned(
+            R, R @ exp_so3(np.arcsin(kernel.TILT_CLIP) * axis), none, none, gyro
+        )
         np.testing.assert_allclose(wild, clipped, atol=1e-12)
         np.testing.assert_allclose(wild_bias, clipped_bias, atol=1e-12)
         assert log_so3(R.T @ wild) @ axis > 1e-4
         assert wild_bias @ axis > 0.0
 
 
-def test_a_replay_is_the_filter_run_again_with_the_late_fix(case: Case, rng: np.random.Generator) -> None:
+def test_a_replay_is_the_filter_run_again_with_the_late_fix(
+    case: Case, rng: np.random.Generator
+) -> None:
     """Around the end of the ring, with fixes of both kinds on the way."""
     f, n, last = case.f, case.n, kernel.HISTORY - 1
     f.past_x[:], f.past_P[:], f.past_fix[:] = np.nan, np.nan, 1.0
@@ -184,7 +194,9 @@ def test_a_replay_is_the_filter_run_again_with_the_late_fix(case: Case, rng: np.
     np.testing.assert_allclose(f.P[:n, :n], twin.P[:n, :n])
     np.testing.assert_allclose(f.past_x[1], before[0])  # the past is kept before its fixes
     np.testing.assert_allclose(f.past_P[1][:n, :n], before[1][:n, :n])
-    np.testing.assert_allclose(f.held - withheld, (twin.x - states[1][0])[:6].reshape(2, 3), atol=1e-12)
+    np.testing.assert_allclose(
+        f.held - withheld, (twin.x - states[1][0])[:6].reshape(2, 3), atol=1e-12
+    )
 
 
 def test_a_sample_that_is_not_finite_changes_nothing(case: Case) -> None:
@@ -200,18 +212,28 @@ def test_a_sample_that_is_not_finite_changes_nothing(case: Case) -> None:
 RELEASE = np.array([0.5, 0.2, 3.0, 0.04])
 
 
-def smooth(case: Case, dt: float, lag: float, held: Array, a_B: Array, w: Array | None = None) -> EstimateRecord:
-    """Output `dt` after the last one and `lag` ahead of the filter; `held` and `a_B` are changed in place."""
+def smooth(
+    case: Case, dt: float, lag: float, held: Array, a_B: Array, w: Array | None = None
+) -> EstimateRecord:
+    """Output `dt` after the last one and `lag` ahead of the filter; `held` and `a_B` are changed in
+    place.
+    """
     f, out = case.f, estimate_record(2)
     f.release[:], f.smooth, f.time, f.clock, f.given = RELEASE, 0.1, -lag, 0.0, -dt
-    f.force[:], f.w_B[:], f.rate_bias[:] = [0.1, 0.2, 9.9], 0.0 if w is None else w, [0.01, -0.02, 0.03]
+    f.force[:], f.w_B[:], f.rate_bias[:] = (
+        [0.1, 0.2, 9.9],
+        0.0 if w is None else w,
+        [0.01, -0.02, 0.03],
+    )
     f.held[:], f.a_B[:] = held, a_B
     kernel.put_out(case.memory, joint_record(2), out)
     held[:], a_B[:] = f.held, f.a_B
     return out
 
 
-def test_output_leads_the_filter_by_its_lag_and_leaves_out_what_is_held(case: Case, rng: np.random.Generator) -> None:
+def test_output_leads_the_filter_by_its_lag_and_leaves_out_what_is_held(
+    case: Case, rng: np.random.Generator
+) -> None:
     held, w = 0.01 * rng.normal(size=(2, 3)), rng.normal(size=3)
     kept = held.copy()
     out = smooth(case, 0.0, 0.07, held, np.zeros(3), w)
@@ -229,7 +251,9 @@ def test_output_leads_the_filter_by_its_lag_and_leaves_out_what_is_held(case: Ca
 
 
 def test_what_is_held_is_released_as_by_a_damped_spring(case: Case) -> None:
-    """Of the damping 1/sqrt(2), at the filter's own frequency within bounds; beyond a distance by an even pull."""
+    """Of the damping 1/sqrt(2), at the filter's own frequency within bounds; beyond a distance by
+    an even pull.
+    """
     for scale, frequency in ((1.0, None), (0.0, RELEASE[1]), (1e6, RELEASE[2])):
         for i in range(3):
             case.P[i, 3 + i] = scale * (1.0 + i)
@@ -239,7 +263,9 @@ def test_what_is_held_is_released_as_by_a_damped_spring(case: Case) -> None:
             held = np.array([[far, 0.0, 0.0], [0.1, 0.2, 0.0]])
             smooth(case, 1e-3, 0.0, held, np.zeros(3))
             pull = expected**2 * min(far, RELEASE[3])
-            speed = np.array([0.1, 0.2, 0.0]) - 1e-3 * np.sqrt(2.0) * expected * np.array([0.1, 0.2, 0.0])
+            speed = np.array([0.1, 0.2, 0.0]) - 1e-3 * np.sqrt(2.0) * expected * np.array(
+                [0.1, 0.2, 0.0]
+            )
             speed[0] -= 1e-3 * pull
             np.testing.assert_allclose(held[1], speed)
             np.testing.assert_allclose(held[0], [far, 0.0, 0.0] + 1e-3 * speed)

@@ -1,4 +1,6 @@
-"""The navigation filter against theory: all information at once, the Riccati equation, consistency over seeds."""
+"""The navigation filter against theory: all information at once, the Riccati equation, consistency
+over seeds.
+"""
 
 import numpy as np
 import pytest
@@ -20,14 +22,21 @@ from uuv.sim.sensors import proprioception
 
 STEP = 0.02  # [s] of the IMU
 STILL = ImuNoise(
-    acceleration=0.02, acceleration_bias=0.03, rate=1e-4, rate_bias=0.0, attitude=0.0, attitude_bias=0.0
+    acceleration=0.02,
+    acceleration_bias=0.03,
+    rate=1e-4,
+    rate_bias=0.0,
+    attitude=0.0,
+    attitude_bias=0.0,
 )  # a coarse accelerometer on a perfect attitude, so that all states are moved by all fixes
 LOG = DvlNoise(white=4e-3, bias=5e-3)
 CAMERA = VisionNoise(white=3e-3, wander=8e-3, wander_time=5.0)
 
 
 def transition(R: Array, dt: float, navigation: Navigation) -> tuple[Array, Array]:
-    """Of the 15 states p, v, b, c, w over one step, with its noise covariance; written down from the model alone."""
+    """Of the 15 states p, v, b, c, w over one step, with its noise covariance; written down from
+    the model alone.
+    """
     eye, F = np.eye(3), np.eye(15)
     F[:3, 3:6], F[:3, 6:9], F[3:6, 6:9] = dt * eye, -0.5 * dt**2 * R, -dt * R
     kept = np.exp(-dt / CAMERA.wander_time)
@@ -44,7 +53,8 @@ def transition(R: Array, dt: float, navigation: Navigation) -> tuple[Array, Arra
 def test_late_fixes_give_what_all_information_at_once_gives(within, in_order):
     """Against one Gaussian conditioned on every fix at once: no recursion, no gain, no going back.
 
-    The hull turns; pictures are 0.04 to 0.4 s late and, in the second case, overtake one another; logs are late too.
+    The hull turns; pictures are 0.04 to 0.4 s late and, in the second case, overtake one another;
+    logs are late too.
     """
     rng = np.random.default_rng(5)
     navigation = Navigation(adapt=False, gate=np.inf, bias_walk=1e-3)
@@ -54,7 +64,9 @@ def test_late_fixes_give_what_all_information_at_once_gives(within, in_order):
     force = [R.T @ UP + 0.1 * rng.standard_normal(3) for R in attitude]
 
     def imu(k: int) -> ImuMeasurement:
-        return ImuMeasurement(time=k * STEP, specific_force_B=force[k], w_WB_B=rate, R_WB=attitude[k], noise=STILL)
+        return ImuMeasurement(
+            time=k * STEP, specific_force_B=force[k], w_WB_B=rate, R_WB=attitude[k], noise=STILL
+        )
 
     first = VisionMeasurement(time=0.0, p_WB=np.array([1.0, 2.0, 3.0]), noise=CAMERA)
     log = DvlMeasurement(time=0.0, v_WB_B=np.array([0.1, 0.2, -0.1]), noise=LOG)
@@ -131,7 +143,11 @@ def test_late_fixes_give_what_all_information_at_once_gives(within, in_order):
     left = covariances[-1] - cross @ np.linalg.solve(S, cross.T)
     sigma = np.sqrt(np.diag(left))
     within("states, in their standard deviations", (state.x[:15] - best) / sigma, 1e-6)
-    within("covariance, in standard deviations", (state.P[:15, :15] - left) / np.outer(sigma, sigma), 1e-6)
+    within(
+        "covariance, in standard deviations",
+        (state.P[:15, :15] - left) / np.outer(sigma, sigma),
+        1e-6,
+    )
 
 
 def settled(state: NavigationState) -> Array:
@@ -140,14 +156,27 @@ def settled(state: NavigationState) -> Array:
 
 
 def test_covariance_settles_at_the_solution_of_the_riccati_equation(within):
-    """Vision and DVL ten samples apart, no delay: one period as one step of a discrete filter of three states."""
+    """Vision and DVL ten samples apart, no delay: one period as one step of a discrete filter of
+    three states.
+    """
     navigation = Navigation(bias_walk=1e-3, adapt=False)
-    noise = ImuNoise(acceleration=0.01, acceleration_bias=0.01, rate=1e-4, rate_bias=0.0, attitude=0.0, attitude_bias=0)
+    noise = ImuNoise(
+        acceleration=0.01,
+        acceleration_bias=0.01,
+        rate=1e-4,
+        rate_bias=0.0,
+        attitude=0.0,
+        attitude_bias=0,
+    )
     every, dt, vision, dvl = 10, STEP, 2e-3, 3e-3
 
     def imu(k: int) -> ImuMeasurement:
         return ImuMeasurement(
-            time=k * dt, specific_force_B=UP + 1e-9 * k, w_WB_B=np.zeros(3), R_WB=np.eye(3), noise=noise
+            time=k * dt,
+            specific_force_B=UP + 1e-9 * k,
+            w_WB_B=np.zeros(3),
+            R_WB=np.eye(3),
+            noise=noise,
         )
 
     state = navigation.init([imu(0), VisionMeasurement(time=0.0, p_WB=np.zeros(3)), *body()])
@@ -155,7 +184,10 @@ def test_covariance_settles_at_the_solution_of_the_riccati_equation(within):
         measurements: list[Measurement] = [imu(k)]
         if k % every == 0:
             wiggle = np.full(3, 1e-9 * (-1) ** (k // every))
-            measurements += [VisionMeasurement(time=k * dt, p_WB=wiggle), DvlMeasurement(time=k * dt, v_WB_B=wiggle)]
+            measurements += [
+                VisionMeasurement(time=k * dt, p_WB=wiggle),
+                DvlMeasurement(time=k * dt, v_WB_B=wiggle),
+            ]
         state, _ = navigation.step(state, measurements)
     # The filter stands one sample before the next fixes.
     F = np.array([[1.0, dt, -0.5 * dt**2], [0.0, 1.0, -dt], [0.0, 0.0, 1.0]])
@@ -177,7 +209,9 @@ def test_covariance_settles_at_the_solution_of_the_riccati_equation(within):
         Rig(
             imu=proprioception.Imu(period=0.02, acceleration_noise=5e-3, rate_bias=5e-4),
             dvl=proprioception.Dvl(noise=6e-3, bias=2e-3),
-            vision=proprioception.VisionDrift(period=0.2, delay=0.25, noise=5e-3, bias=3e-3, bias_time=30.0),
+            vision=proprioception.VisionDrift(
+                period=0.2, delay=0.25, noise=5e-3, bias=3e-3, bias_time=30.0
+            ),
         ),
         Rig(
             imu=proprioception.Imu(period=0.02),
@@ -190,20 +224,25 @@ def test_covariance_settles_at_the_solution_of_the_riccati_equation(within):
 def test_errors_are_as_large_as_the_filter_believes(rig, fresh_seeds):
     """NEES of position, velocity and bias over independent seeds: chi-square of 9 a run.
 
-    The bounds are 5.5 standard deviations from the mean, beyond the 1e-6 quantiles of chi-square of 9 x 24.
+    The bounds are 5.5 standard deviations from the mean, beyond the 1e-6 quantiles of chi-square of
+    9 x 24.
     """
     squared = []
     for seed in [*range(24), *fresh_seeds]:
         course = rig.run(10.0, np.random.default_rng([seed, 1]))
         state = course.state
-        e = np.concatenate([state.x[:3] - course.p[-1], state.x[3:6] - course.v[-1], state.x[6:9] - course.bias_B])
+        e = np.concatenate(
+            [state.x[:3] - course.p[-1], state.x[3:6] - course.v[-1], state.x[6:9] - course.bias_B]
+        )
         squared.append(e @ np.linalg.solve(state.P[:9, :9], e))
     spread = 5.5 * np.sqrt(2.0 * 9.0 / len(squared))
     assert 9.0 - spread < np.mean(squared) < 9.0 + spread
 
 
 def test_bias_stays_with_the_hull_when_it_turns():
-    """A tilt of the attitude reference couples gravity in, across the hull; it is not found anew at each heading."""
+    """A tilt of the attitude reference couples gravity in, across the hull; it is not found anew at
+    each heading.
+    """
     rig = Rig(imu=proprioception.Imu(period=0.01, acceleration_bias=0.0, attitude_bias=1e-3))
     course = rig.run(60.0, np.random.default_rng(3), hull=Hull(0.01, turn=3.0))
     assert np.abs(course.bias_B[:2]).max() > 3e-3  # [m/s^2] there is something to find

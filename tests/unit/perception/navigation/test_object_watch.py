@@ -14,7 +14,11 @@ SIGMA, RATE = 2e-3, 10.0  # [m], [Hz] of vision
 
 
 def watched(
-    watch: ObjectWatch, place: Callable[[float], Array], seconds: float, rng: np.random.Generator, sigma: float = SIGMA
+    watch: ObjectWatch,
+    place: Callable[[float], Array],
+    seconds: float,
+    rng: np.random.Generator,
+    sigma: float = SIGMA,
 ) -> float | None:
     """When [s] an object at `place(time)` (3,) [m] is first said to move; None: never."""
     watch.begin(0.0)
@@ -50,7 +54,9 @@ def test_a_push_is_found_within_seconds(way, within_s):
     rng, at = np.random.default_rng(8), 20.0
     for _ in range(20):
         watch = ObjectWatch()
-        found = watched(watch, lambda t: still(t) + np.array([0.0, way if t > at else 0.0, 0.0]), 40.0, rng)
+        found = watched(
+            watch, lambda t: still(t) + np.array([0.0, way if t > at else 0.0, 0.0]), 40.0, rng
+        )
         assert found is not None
         assert at < found < at + within_s
         assert watch.moved_W[0] == watch.moved_W[2] == 0.0
@@ -89,15 +95,25 @@ def test_errors_that_grow_with_the_way_raise_no_alarm():
 
 
 def test_what_the_track_states_of_itself_counts():
-    """Keys of 1 mm each in one direction: the place walks, and so does its stated variance; without that: alarms."""
+    """Keys of 1 mm each in one direction: the place walks, and so does its stated variance; without
+    that: alarms.
+    """
     alarms = {True: 0, False: 0}
     for seed in range(20):
         for stated in alarms:
-            rng, watch, walk, variance = np.random.default_rng(seed), ObjectWatch(), np.zeros(3), np.zeros(3)
+            rng, watch, walk, variance = (
+                np.random.default_rng(seed),
+                ObjectWatch(),
+                np.zeros(3),
+                np.zeros(3),
+            )
             watch.begin(0.0)
             for k in range(1, 600):
                 if k % 10 == 0:
-                    walk[0], variance = walk[0] + 1e-3 * rng.standard_normal(), variance + np.array([1e-6, 0.0, 0.0])
+                    walk[0], variance = (
+                        walk[0] + 1e-3 * rng.standard_normal(),
+                        variance + np.array([1e-6, 0.0, 0.0]),
+                    )
                 place = walk + 1e-4 * rng.standard_normal(3)
                 watch.take(k / RATE, place, 1e-4, variance if stated else None)
                 if watch.moved_W.any():

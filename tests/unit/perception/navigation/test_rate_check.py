@@ -1,4 +1,6 @@
-"""Check of the gyro against the attitude of the same message: what is found, when, and what navigation goes on with."""
+"""Check of the gyro against the attitude of the same message: what is found, when, and what
+navigation goes on with.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,14 +26,25 @@ from uuv.sim.sensors.proprioception import Imu
 STEP = 0.002  # [s]
 ONSET = 1500  # tick of a fault
 SOUND = Imu()
-COARSE = Imu(rate_noise=1e-3, rate_resolution=1e-3, rate_bias=2e-3, attitude_noise=1e-3, attitude_bias=1e-2)
-PERFECT = Imu(acceleration_noise=0.0, acceleration_bias=0.0, rate_noise=0.0, attitude_noise=0.0, attitude_bias=0.0)
-Spoil = Callable[[ImuMeasurement, float], ImuMeasurement]  # from a message and the time since the onset [s]
+COARSE = Imu(
+    rate_noise=1e-3, rate_resolution=1e-3, rate_bias=2e-3, attitude_noise=1e-3, attitude_bias=1e-2
+)
+PERFECT = Imu(
+    acceleration_noise=0.0,
+    acceleration_bias=0.0,
+    rate_noise=0.0,
+    attitude_noise=0.0,
+    attitude_bias=0.0,
+)
+# from a message and the time since the onset [s]
+Spoil = Callable[[ImuMeasurement, float], ImuMeasurement]
 
 
 @dataclass(frozen=True, slots=True)
 class Sway:
-    """Estimates and truth of a hull that sways about all axes, as a gyro and an attitude tell of it."""
+    """Estimates and truth of a hull that sways about all axes, as a gyro and an attitude tell of
+    it.
+    """
 
     estimates: list[StateEstimate]
     R_WB: list[Array]
@@ -53,7 +66,9 @@ class Sway:
         return np.array([e.w_WB_B for e in self.estimates[ONSET:]]) - np.array(self.w_WB_B[ONSET:])
 
 
-def sway(spoil: Spoil, *, seed: int = 3, imu: Imu = SOUND, size: float = 0.002, ticks: int = ONSET + 250) -> Sway:
+def sway(
+    spoil: Spoil, *, seed: int = 3, imu: Imu = SOUND, size: float = 0.002, ticks: int = ONSET + 250
+) -> Sway:
     """A hull that sways by `size` [rad/s] at 0.2 Hz, with its messages spoilt from ONSET on."""
     rng = np.random.default_rng(seed)
     sensor, navigation = imu.init(rng), Navigation()
@@ -63,7 +78,9 @@ def sway(spoil: Spoil, *, seed: int = 3, imu: Imu = SOUND, size: float = 0.002, 
         time = tick * STEP
         w = size * np.sin(2.0 * np.pi * 0.2 * time + phase)
         R = R @ exp_so3(w * STEP)
-        _, m = imu.step(sensor, untyped(SimpleNamespace(time=time, R_WB=R, acceleration=np.zeros(6), w_WB_B=w)))
+        _, m = imu.step(
+            sensor, untyped(SimpleNamespace(time=time, R_WB=R, acceleration=np.zeros(6), w_WB_B=w))
+        )
         messages: list[Measurement] = [spoil(m, time - ONSET * STEP) if tick >= ONSET else m]
         messages += [EncoderMeasurement(time=time, q=np.zeros(1), qd=np.zeros(1))]
         messages += [TorqueMeasurement(time=time, tau=np.zeros(1))]
@@ -100,7 +117,9 @@ def frozen(name: str) -> Spoil:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("size", [0.003, -0.03, 0.3])
-def test_a_gyro_that_jumps_is_named_with_its_size_before_the_attitude_has_followed(axis: int, size: float):
+def test_a_gyro_that_jumps_is_named_with_its_size_before_the_attitude_has_followed(
+    axis: int, size: float
+):
     """At 0.003 rad/s the filter used to follow to 0.75 mrad, and beyond 0.02 without end."""
     course = sway(off(axis, size), seed=axis)
     assert 0 < course.found() < 60  # 45 for the smallest, 2 for the largest
@@ -109,11 +128,14 @@ def test_a_gyro_that_jumps_is_named_with_its_size_before_the_attitude_has_follow
     assert 0.5 < gyro[axis] / size < 1.5  # measured 0.75 to 1.27
     error = course.attitude_error()
     assert (error - error[0]).max() < 3e-4  # [rad] measured 1e-4
-    assert np.abs(course.rate_error()[100:]).max() < 6e-3  # [rad/s] from the attitude alone; measured 1.4e-3
+    # [rad/s] from the attitude alone; measured 1.4e-3
+    assert np.abs(course.rate_error()[100:]).max() < 6e-3
 
 
 def test_without_its_gyro_a_turning_hull_is_followed_by_the_attitude():
-    """The hull goes on to swing at 0.1 rad/s, far beyond what its rate was when the gyro was lost."""
+    """The hull goes on to swing at 0.1 rad/s, far beyond what its rate was when the gyro was
+    lost.
+    """
     course = sway(off(0, 0.3), size=0.1, ticks=ONSET + 1500)
     assert course.found() > 0
     assert np.abs(course.rate_error()[200:, 0]).max() < 0.015  # [rad/s] measured 5e-3
@@ -122,7 +144,9 @@ def test_without_its_gyro_a_turning_hull_is_followed_by_the_attitude():
 
 @pytest.mark.parametrize("size", [0.012, 0.03, 0.3])
 def test_a_rate_that_jumps_never_reaches_the_estimate(size: float):
-    """Beyond 0.01 rad/s in one sample it is not used before the check can tell; 0.03 used to raise the felt force."""
+    """Beyond 0.01 rad/s in one sample it is not used before the check can tell; 0.03 used to raise
+    the felt force.
+    """
     assert np.abs(sway(off(1, size)).rate_error()).max() < 0.01  # [rad/s] measured 5.6e-3
 
 
@@ -135,17 +159,23 @@ def test_samples_of_a_rough_gyro_are_all_used():
 
 
 def test_a_gyro_that_jumps_in_a_rolling_hull_is_told_from_an_attitude_that_drifts():
-    """The hull sways by four times the jump: what it turned since then says nothing, but no hull turns by a step."""
+    """The hull sways by four times the jump: what it turned since then says nothing, but no hull
+    turns by a step.
+    """
     for seed in range(3):
         gyro = sway(off(seed, 0.003), seed=seed, size=0.012, ticks=ONSET + 100).estimates[-1]
         assert gyro.gyro_off_B[seed]
         assert not gyro.attitude_off_B.any()
-        attitude = sway(turned(seed, rate=0.003), seed=seed, size=0.012, ticks=ONSET + 100).estimates[-1]
+        attitude = sway(
+            turned(seed, rate=0.003), seed=seed, size=0.012, ticks=ONSET + 100
+        ).estimates[-1]
         assert attitude.attitude_off_B[seed]
 
 
 def test_a_gyro_that_jumps_is_not_called_a_wrong_attitude_nor_the_reverse():
-    """Where the change is far above the hull's own motion it is certain, and below it never wrong."""
+    """Where the change is far above the hull's own motion it is certain, and below it never
+    wrong.
+    """
     sure = {"gyro": 0, "attitude": 0}
     for seed in range(4):
         for size in (0.005, 0.03):
@@ -159,7 +189,9 @@ def test_a_gyro_that_jumps_is_not_called_a_wrong_attitude_nor_the_reverse():
     assert sure["attitude"] >= 7  # measured 8
 
 
-@pytest.mark.parametrize("spoil", [turned(2, jump=0.01), turned(0, rate=0.03)], ids=["jump", "drift"])
+@pytest.mark.parametrize(
+    "spoil", [turned(2, jump=0.01), turned(0, rate=0.03)], ids=["jump", "drift"]
+)
 def test_an_attitude_that_leaves_the_rate_is_left_and_the_gyro_goes_on(spoil: Spoil):
     course = sway(spoil)
     assert 0 <= course.found() < 15
@@ -176,7 +208,10 @@ def test_a_drift_that_comes_slowly_may_be_either():
 
 
 def test_what_repeats_bit_by_bit_is_the_one_that_froze():
-    gyro, attitude = (sway(frozen(name), size=0.02, ticks=ONSET + 300).estimates[-1] for name in ("w_WB_B", "R_WB"))
+    gyro, attitude = (
+        sway(frozen(name), size=0.02, ticks=ONSET + 300).estimates[-1]
+        for name in ("w_WB_B", "R_WB")
+    )
     assert gyro.gyro_off_B.any()
     assert not gyro.attitude_off_B.any()
     assert attitude.attitude_off_B.any()
@@ -200,7 +235,11 @@ def test_sound_units_are_not_blamed(imu: Imu, size: float):
 
 
 def test_one_wild_attitude_is_no_fault():
-    wild = sway(lambda m, t: replace(m, R_WB=m.R_WB @ exp_so3(np.array([1.0, 0.0, 0.0]))) if t < 0.5 * STEP else m)
+    wild = sway(
+        lambda m, t: (
+            replace(m, R_WB=m.R_WB @ exp_so3(np.array([1.0, 0.0, 0.0]))) if t < 0.5 * STEP else m
+        )
+    )
     assert wild.found() == -1
 
 

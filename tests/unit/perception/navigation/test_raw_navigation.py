@@ -19,7 +19,9 @@ from uuv.sim.interfaces.spatial import GRAVITY, exp_so3
 R = exp_so3([0.1, -0.2, 0.4])
 ENCODERS = EncoderMeasurement(time=0.0, q=np.arange(6.0), qd=np.ones(6))
 TORQUE = TorqueMeasurement(time=0.0, tau=np.full(6, 3.0))
-IMU = ImuMeasurement(time=0.0, specific_force_B=R.T @ [0.3, 0.0, GRAVITY], w_WB_B=np.array([0.0, 0.0, 0.1]), R_WB=R)
+IMU = ImuMeasurement(
+    time=0.0, specific_force_B=R.T @ [0.3, 0.0, GRAVITY], w_WB_B=np.array([0.0, 0.0, 0.1]), R_WB=R
+)
 VISION = VisionMeasurement(time=0.0, p_WB=np.array([1.0, 2.0, 3.0]))
 
 

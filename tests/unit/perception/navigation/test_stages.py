@@ -1,4 +1,6 @@
-"""Sensors and filter by their stage functions, as a compiled tick calls them, against the loop of objects."""
+"""Sensors and filter by their stage functions, as a compiled tick calls them, against the loop of
+objects.
+"""
 
 from typing import Any
 
@@ -45,7 +47,11 @@ class Motion:
         if tick % FIXES:
             return []
         dvl = DvlMeasurement(time=tick * STEP, v_WB_B=self.fixes[tick])
-        return [dvl, VisionMeasurement(time=(tick - 20) * STEP, p_WB=self.fixes[tick - 20])] if tick else [dvl]
+        return (
+            [dvl, VisionMeasurement(time=(tick - 20) * STEP, p_WB=self.fixes[tick - 20])]
+            if tick
+            else [dvl]
+        )
 
 
 class Ship:
@@ -56,14 +62,21 @@ class Ship:
         self.motion, self.navigation = motion, Navigation()
         self.sensors = [s.init(stream) for s, stream in zip(SENSORS, streams, strict=True)]
         vision = VisionMeasurement(time=0.0, p_WB=np.zeros(3))
-        self.state: NavigationState = self.navigation.init([*self.sensed(0), *motion.arrived(0), vision])
+        self.state: NavigationState = self.navigation.init(
+            [*self.sensed(0), *motion.arrived(0), vision]
+        )
 
     def sensed(self, tick: int) -> list[Any]:
         truth = self.motion.truth(tick)
-        return [sensor.step(state, truth)[1] for sensor, state in zip(SENSORS, self.sensors, strict=True)]
+        return [
+            sensor.step(state, truth)[1]
+            for sensor, state in zip(SENSORS, self.sensors, strict=True)
+        ]
 
     def step(self, tick: int) -> StateEstimate:
-        _, estimate = self.navigation.step(self.state, [*self.sensed(tick), *self.motion.arrived(tick)])
+        _, estimate = self.navigation.step(
+            self.state, [*self.sensed(tick), *self.motion.arrived(tick)]
+        )
         return estimate
 
 
@@ -102,10 +115,14 @@ def test_stages_give_what_the_loop_of_objects_gives(rng: np.random.Generator) ->
 
 
 @pytest.mark.parametrize(
-    ("sensor", "count"), list(zip(SENSORS, (6, 6, 9), strict=True)), ids=["encoders", "torque", "imu"]
+    ("sensor", "count"),
+    list(zip(SENSORS, (6, 6, 9), strict=True)),
+    ids=["encoders", "torque", "imu"],
 )
 def test_noise_is_the_stream_in_blocks_that_are_refilled_in_place(sensor: Any, count: int) -> None:
-    """A block whose rest is too short for a sample is discarded; `ready` counts the samples before that."""
+    """A block whose rest is too short for a sample is discarded; `ready` counts the samples before
+    that.
+    """
     motion = Motion(np.random.default_rng(1))
     truth, state = motion.truth(0), sensor.init(np.random.default_rng(5))
     twin = np.random.default_rng(5)

@@ -1,4 +1,6 @@
-"""The vehicle's own filter on synthetic sensors: what it finds, what lateness costs, how smooth it is."""
+"""The vehicle's own filter on synthetic sensors: what it finds, what lateness costs, how smooth it
+is.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,7 +31,8 @@ R_WB = exp_so3([0.1, -0.2, 0.5])
 FAINT = 1e-9  # of the noise: a sensor that repeats itself to the last bit passes for frozen
 BIAS_W = np.array([0.004, -0.006, 0.005])  # [m/s^2]
 
-Motion = Callable[[float], tuple[Array, Array, Array]]  # time [s] -> place, velocity, acceleration, world axes
+# time [s] -> place, velocity, acceleration, world axes
+Motion = Callable[[float], tuple[Array, Array, Array]]
 
 
 def resting(_: float) -> tuple[Array, Array, Array]:
@@ -65,7 +68,10 @@ def run(
     vision: bool = True,
     seed: int = 1,
 ):
-    """Places and velocities believed (N, 3) in W, the true places, and the last state. DVL and vision: 10 Hz."""
+    """Places and velocities believed (N, 3) in W, the true places, and the last state.
+
+    DVL and vision: 10 Hz.
+    """
     rng, filter_ = np.random.default_rng(seed), Navigation()
     bias = np.zeros(3) if bias_W is None else bias_W
 
@@ -74,14 +80,21 @@ def run(
         return ImuMeasurement(time=time, specific_force_B=force, w_WB_B=np.zeros(3), R_WB=R_WB)
 
     def seen(time: float) -> VisionMeasurement:
-        return VisionMeasurement(time=time, p_WB=motion(time)[0] + noise * 2e-3 * rng.standard_normal(3))
+        return VisionMeasurement(
+            time=time, p_WB=motion(time)[0] + noise * 2e-3 * rng.standard_normal(3)
+        )
 
     def log(time: float) -> DvlMeasurement:
-        return DvlMeasurement(time=time, v_WB_B=R_WB.T @ motion(time)[1] + noise * 3e-3 * rng.standard_normal(3))
+        return DvlMeasurement(
+            time=time, v_WB_B=R_WB.T @ motion(time)[1] + noise * 3e-3 * rng.standard_normal(3)
+        )
 
     error = np.zeros(3) if start_error is None else start_error
-    state = filter_.init([imu(0.0), VisionMeasurement(time=0.0, p_WB=motion(0.0)[0] + error), *body()])
-    state.x[3:6] = motion(0.0)[1]  # the first measurements take the vehicle as resting; here it may not be
+    state = filter_.init(
+        [imu(0.0), VisionMeasurement(time=0.0, p_WB=motion(0.0)[0] + error), *body()]
+    )
+    # the first measurements take the vehicle as resting; here it may not be
+    state.x[3:6] = motion(0.0)[1]
     believed, true, velocity = [], [], []
     delay, every = round(late / STEP), round(0.1 / STEP)
     for tick in range(1, round(seconds / STEP)):
@@ -111,13 +124,16 @@ def test_late_vision_gives_no_lag_at_constant_velocity(within):
 
 
 def test_lateness_does_not_spoil_the_correction_of_a_wrong_start(within):
-    """1 cm wrong at the start; two pictures are always on their way, yet the same error is not corrected twice."""
+    """1 cm wrong at the start; two pictures are always on their way, yet the same error is not
+    corrected twice.
+    """
     wrong = np.array([0.01, -0.01, 0.01])
     believed, _, true, _ = run(resting, 60.0, noise=FAINT, start_error=wrong)
     error = (believed - true) @ wrong / (wrong @ wrong)
     assert error[0] == pytest.approx(1.0, abs=1e-6)
     assert error.min() > -0.1  # no overshoot worth the name
-    within("share left after a minute", error[-1], 1e-2)  # measured 9e-4: its part in the bias goes slowly
+    # measured 9e-4: its part in the bias goes slowly
+    within("share left after a minute", error[-1], 1e-2)
 
 
 def test_hovering_is_known_to_a_millimetre(within):
@@ -144,7 +160,9 @@ def test_place_and_velocity_handed_on_belong_together(within):
     late = slice(round(10.0 / STEP), None)
     middle = 0.5 * (velocity[1:] + velocity[:-1])
     within(
-        "difference quotient of the place [m/s]", (np.diff(believed, axis=0) / STEP - middle)[late], 1e-3
+        "difference quotient of the place [m/s]",
+        (np.diff(believed, axis=0) / STEP - middle)[late],
+        1e-3,
     )  # measured 1.4e-4
     within("step of the velocity [m/s]", np.diff(velocity, axis=0)[late], 6e-4)  # measured 6e-5
 
@@ -158,29 +176,39 @@ def test_the_output_loses_nothing_of_the_corrections(within):
     rng = np.random.default_rng(2)
     for tick in range(1, 2500):
         force = R_WB.T @ UP + state.x[6:9] + 1e-9 * rng.standard_normal(3)
-        still = ImuMeasurement(time=start + tick * STEP, specific_force_B=force, w_WB_B=np.zeros(3), R_WB=R_WB)
+        still = ImuMeasurement(
+            time=start + tick * STEP, specific_force_B=force, w_WB_B=np.zeros(3), R_WB=R_WB
+        )
         state, estimate = filter_.step(state, [still])
     within("output against filter [m]", estimate.X_WB[:3, 3] - state.x[:3], 1e-8)  # measured 6e-10
 
 
 def test_vision_older_than_the_history_is_of_no_use():
     with_old, *_ = run(resting, 4.0, noise=FAINT, late=1.5, start_error=np.array([0.01, 0.0, 0.0]))
-    without, *_ = run(resting, 4.0, noise=FAINT, vision=False, start_error=np.array([0.01, 0.0, 0.0]))
+    without, *_ = run(
+        resting, 4.0, noise=FAINT, vision=False, start_error=np.array([0.01, 0.0, 0.0])
+    )
     assert with_old == pytest.approx(without, abs=1e-9)
 
 
 def test_attitude_is_as_good_as_gyro_and_reference_allow(within):
-    """Angle random walk q [rad^2/s] and white reference r [rad^2 s]: the error has the variance sqrt(q r)."""
+    """Angle random walk q [rad^2/s] and white reference r [rad^2 s]: the error has the variance
+    sqrt(q r).
+    """
     imu = proprioception.Imu(rate_bias=1e-3, attitude_bias=0.0)
     course = Rig(imu=imu).run(40.0, np.random.default_rng(4))
     settled = course.R_error[round(20.0 / STEP) :]
     theory = np.sqrt(imu.rate_noise * imu.attitude_noise * STEP)
-    within("RMS against theory, share", np.sqrt(np.mean(settled**2, axis=0)) / theory - 1.0, 0.3)  # measured 0.06
-    true = np.array([0.0, 0.0, 0.5 * 2.0 * np.pi / 30.0 * np.cos(2.0 * np.pi / 30.0 * course.time[-1])])
+    # measured 0.06
+    within("RMS against theory, share", np.sqrt(np.mean(settled**2, axis=0)) / theory - 1.0, 0.3)
+    true = np.array(
+        [0.0, 0.0, 0.5 * 2.0 * np.pi / 30.0 * np.cos(2.0 * np.pi / 30.0 * course.time[-1])]
+    )
     within("rates [rad/s], their bias removed", course.estimates[-1].w_WB_B - true, 1.2e-3)
 
 
-# -- what sensors do to a filter -----------------------------------------------------------------------------------
+# -- what sensors do to a filter
+# -----------------------------------------------------------------------------------
 
 
 def late_error(course: Course, since: float = 20.0) -> float:
@@ -197,28 +225,43 @@ def with_pictures(change: Callable[[int, VisionMeasurement], VisionMeasurement |
     """Spoils pictures alone."""
 
     def spoil(tick: int, arrived: list[Measurement]) -> list[Measurement]:
-        out: list[Measurement | None] = [change(tick, m) if isinstance(m, VisionMeasurement) else m for m in arrived]
+        out: list[Measurement | None] = [
+            change(tick, m) if isinstance(m, VisionMeasurement) else m for m in arrived
+        ]
         return [m for m in out if m is not None]
 
     return spoil
 
 
 def test_what_the_sensor_states_is_better_than_a_belief():
-    """Pictures of 1 mm that are believed to have 2 mm: the filter cannot know that they are better."""
+    """Pictures of 1 mm that are believed to have 2 mm: the filter cannot know that they are
+    better.
+    """
     silent = with_pictures(lambda _, m: VisionMeasurement(time=m.time, p_WB=m.p_WB))
     stated, believed = (
-        np.mean([late_error(slow(noise=1e-3).run(30.0, np.random.default_rng(s), spoil=how), 10.0) for s in range(4)])
+        np.mean(
+            [
+                late_error(slow(noise=1e-3).run(30.0, np.random.default_rng(s), spoil=how), 10.0)
+                for s in range(4)
+            ]
+        )
         for how in (None, silent)
     )
     assert stated < 0.95 * believed
 
 
 def test_a_sensor_worse_than_it_states_is_believed_less():
-    """It says 1 mm and has 5: the innovations tell; without them the filter would refuse most of its pictures."""
-    lie = with_pictures(lambda _, m: VisionMeasurement(time=m.time, p_WB=m.p_WB, noise=VisionNoise(white=1e-3)))
+    """It says 1 mm and has 5: the innovations tell; without them the filter would refuse most of
+    its pictures.
+    """
+    lie = with_pictures(
+        lambda _, m: VisionMeasurement(time=m.time, p_WB=m.p_WB, noise=VisionNoise(white=1e-3))
+    )
     errors = {}
     for adapt in (True, False):
-        course = slow(noise=5e-3).run(60.0, np.random.default_rng(2), Navigation(period=0.01, adapt=adapt), spoil=lie)
+        course = slow(noise=5e-3).run(
+            60.0, np.random.default_rng(2), Navigation(period=0.01, adapt=adapt), spoil=lie
+        )
         errors[adapt] = late_error(course, 30.0)
         scale = course.state.fixes.watches[0].scale
         assert (15.0 < scale < 35.0) if adapt else scale == 1.0  # 25 is true
@@ -233,9 +276,13 @@ def test_a_sound_sensor_keeps_its_word():
     assert all(watch.scale < 1.3 for watch in course.state.fixes.watches)
 
 
-@pytest.mark.parametrize("rig", [{}, {"delay": 0.25, "noise": 5e-3}], ids=["vision as it is", "vision late and rough"])
+@pytest.mark.parametrize(
+    "rig", [{}, {"delay": 0.25, "noise": 5e-3}], ids=["vision as it is", "vision late and rough"]
+)
 @pytest.mark.parametrize("size", [0.01, 0.2])
-def test_an_accelerometer_whose_bias_jumps_is_learnt_anew(size: float, rig: dict[str, float], rng, within):
+def test_an_accelerometer_whose_bias_jumps_is_learnt_anew(
+    size: float, rig: dict[str, float], rng, within
+):
     """Within a second, before the place has run away by more than a centimetre."""
     way = size * unit(rng)
 
@@ -259,19 +306,31 @@ def test_an_accelerometer_whose_bias_jumps_is_learnt_anew(size: float, rig: dict
 def test_a_sound_accelerometer_is_not_thought_to_jump(rng: np.random.Generator):
     """Nor by pictures that jump and go missing."""
     course = slow(noise=5e-3).run(60.0, rng)
-    jump = with_pictures(lambda tick, m: None if 1000 < tick < 1300 else replace(m, p_WB=m.p_WB + 0.05 * (tick > 2000)))
+    jump = with_pictures(
+        lambda tick, m: (
+            None if 1000 < tick < 1300 else replace(m, p_WB=m.p_WB + 0.05 * (tick > 2000))
+        )
+    )
     spoilt = slow().run(40.0, rng, spoil=jump)
     assert (course.state.fixes.bias_jumps, spoilt.state.fixes.bias_jumps) == (0, 0)
     assert course.estimates[-1].imu_jump_age == np.inf
 
 
 def test_outliers_are_refused():
-    """One picture in seven is 5 cm to 1 m off: the error stays what it is without them, less the pictures lost."""
+    """One picture in seven is 5 cm to 1 m off: the error stays what it is without them, less the
+    pictures lost.
+    """
     rng = np.random.default_rng(1)
     wild = with_pictures(
-        lambda _, m: m if rng.random() > 1 / 7 else replace(m, p_WB=m.p_WB + rng.uniform(0.05, 1.0) * unit(rng))
+        lambda _, m: (
+            m
+            if rng.random() > 1 / 7
+            else replace(m, p_WB=m.p_WB + rng.uniform(0.05, 1.0) * unit(rng))
+        )
     )
-    clean, spoilt = (late_error(slow().run(60.0, np.random.default_rng(1), spoil=how)) for how in (None, wild))
+    clean, spoilt = (
+        late_error(slow().run(60.0, np.random.default_rng(1), spoil=how)) for how in (None, wild)
+    )
     assert spoilt < 1.3 * clean
 
 
@@ -281,7 +340,9 @@ def unit(rng: np.random.Generator) -> Array:
 
 
 def test_a_filter_that_is_wrong_gives_way_to_pictures_that_agree():
-    """The hull is suddenly 0.3 m elsewhere for vision, and stays there: within two seconds the filter is too."""
+    """The hull is suddenly 0.3 m elsewhere for vision, and stays there: within two seconds the
+    filter is too.
+    """
     jump = with_pictures(lambda tick, m: replace(m, p_WB=m.p_WB + (0.3 if tick > 2000 else 0.0)))
     course = slow().run(60.0, np.random.default_rng(1), spoil=jump)
     error = course.state.x[:3] - course.p[-1]
@@ -291,7 +352,9 @@ def test_a_filter_that_is_wrong_gives_way_to_pictures_that_agree():
 
 
 def test_vision_lost_and_found():
-    """Three seconds without a picture: sigma and age grow, the error stays inside, and the way back is smooth."""
+    """Three seconds without a picture: sigma and age grow, the error stays inside, and the way back
+    is smooth.
+    """
     gone = with_pictures(lambda tick, m: None if 3000 < tick <= 3300 else m)
     course = slow().run(45.0, np.random.default_rng(3), spoil=gone)
     before, at_end = course.estimates[2999], course.estimates[3299]
@@ -319,7 +382,11 @@ def test_a_broken_camera_is_as_good_as_none(what):
             return replace(last[0], time=m.time)
         return replace(m, p_WB=np.full(3, np.nan if what == "NaN" else np.inf))
 
-    none = slow().run(30.0, np.random.default_rng(6), spoil=with_pictures(lambda tick, m: m if tick <= 2000 else None))
+    none = slow().run(
+        30.0,
+        np.random.default_rng(6),
+        spoil=with_pictures(lambda tick, m: m if tick <= 2000 else None),
+    )
     course = slow().run(30.0, np.random.default_rng(6), spoil=with_pictures(broken))
     assert np.isfinite(course.p_believed).all()
     assert course.estimates[-1].vision_age > 9.0
@@ -372,7 +439,9 @@ def test_a_late_imu_costs_no_more_than_the_way_it_must_look_ahead():
 
     def spoil(_: int, arrived: list[Measurement]) -> list[Measurement]:
         held.append([m for m in arrived if isinstance(m, ImuMeasurement)])
-        return [m for m in arrived if not isinstance(m, (ImuMeasurement, DvlMeasurement))] + held.pop(0)
+        return [
+            m for m in arrived if not isinstance(m, (ImuMeasurement, DvlMeasurement))
+        ] + held.pop(0)
 
     course = slow().run(40.0, np.random.default_rng(9), spoil=spoil)
     assert course.estimates[-1].time == pytest.approx(course.time[-1])
@@ -398,11 +467,14 @@ def test_encoders_and_torques_that_are_not_numbers_are_left_aside():
     tau = np.arange(6.0)
     tau[1] = np.nan
     _, estimate = Navigation().step(state, [TorqueMeasurement(time=0.004, tau=tau)])
-    assert estimate.tau.tolist() == [0.0, 2.0, 2.0, 3.0, 4.0, 5.0]  # the second stands still, the others go on
+    # the second stands still, the others go on
+    assert estimate.tau.tolist() == [0.0, 2.0, 2.0, 3.0, 4.0, 5.0]
 
 
 def test_a_declared_wander_is_in_the_sigma_of_the_place():
-    """Where it was from the beginning nobody can tell; how the hull moves meanwhile is known far better."""
+    """Where it was from the beginning nobody can tell; how the hull moves meanwhile is known far
+    better.
+    """
     rig = slow(bias=10e-3, bias_time=300.0)
     course = rig.run(20.0, np.random.default_rng(11))
     assert np.all(course.estimates[-1].position_sigma > 8e-3)
@@ -418,13 +490,17 @@ def test_joints_are_handed_through():
             *body(),
         ]
     )
-    _, estimate = Navigation().step(state, [EncoderMeasurement(time=0.0, q=np.zeros(6), qd=np.full(6, 3.0))])
+    _, estimate = Navigation().step(
+        state, [EncoderMeasurement(time=0.0, q=np.zeros(6), qd=np.full(6, 3.0))]
+    )
     assert not estimate.q.any()
     assert np.all(estimate.qd == 3.0)
     assert np.all(estimate.tau == 2.0)
 
 
-@pytest.mark.parametrize("missing", [ImuMeasurement, VisionMeasurement, EncoderMeasurement, TorqueMeasurement])
+@pytest.mark.parametrize(
+    "missing", [ImuMeasurement, VisionMeasurement, EncoderMeasurement, TorqueMeasurement]
+)
 def test_first_measurement_that_is_missing_is_named(missing):
     first: list[Measurement] = [
         ImuMeasurement(time=0.0, specific_force_B=UP, w_WB_B=np.zeros(3), R_WB=np.eye(3)),
@@ -437,7 +513,12 @@ def test_first_measurement_that_is_missing_is_named(missing):
 
 def test_a_steady_push_is_integrated_exactly_in_a_turned_hull_with_a_known_bias(rng, within):
     """p = v t + a t^2 / 2 over a hundred steps, to rounding."""
-    R, a, bias, v = exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
+    R, a, bias, v = (
+        exp_so3(rng.uniform(-1.0, 1.0, 3)),
+        rng.normal(size=3),
+        rng.normal(size=3),
+        rng.normal(size=3),
+    )
     row, f = np.zeros(kernel.INPUT), np.zeros(1, kernel.FILTER)[0]
     f.layout[:] = 9, -1, -1, -1
     row[kernel.DT], row[kernel.ATTITUDE : kernel.ATTITUDE + 9] = 0.05, R.ravel()
@@ -450,7 +531,9 @@ def test_a_steady_push_is_integrated_exactly_in_a_turned_hull_with_a_known_bias(
 
 
 def test_what_is_handed_on_is_the_state_brought_to_the_time_of_the_estimate(rng, within):
-    """A tilted hull, corrections held back: place, attitude, velocity, rates and acceleration by their definitions."""
+    """A tilted hull, corrections held back: place, attitude, velocity, rates and acceleration by
+    their definitions.
+    """
     lag, w_B, bias, f_B = 0.03, rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=3)
     R, x, held = exp_so3(rng.normal(size=3)), rng.normal(size=9), rng.normal(size=(2, 3))
     memory, out = np.zeros(1, kernel.FILTER), estimate_record(6)
@@ -462,7 +545,8 @@ def test_what_is_handed_on_is_the_state_brought_to_the_time_of_the_estimate(rng,
     X, v_B, w = out.X_WB, out.v_WB_B, out.w_WB_B
     v_W = x[3:6] - held[1]
     within("place [m]", X[:3, 3] - (x[:3] - held[0] + lag * v_W), 1e-14)
-    within("attitude [rad]", log_so3(X[:3, :3].T @ R @ exp_so3(lag * (w_B - bias))), 1e-7)  # measured 1e-9
+    # measured 1e-9
+    within("attitude [rad]", log_so3(X[:3, :3].T @ R @ exp_so3(lag * (w_B - bias))), 1e-7)
     within("velocity [m/s]", v_B - R.T @ v_W, 1e-14)
     within("rates [rad/s]", w - (w_B - bias), 1e-14)
     f.held[:], f.a_B[:], f.given = 0.0, 0.0, lag - f.smooth

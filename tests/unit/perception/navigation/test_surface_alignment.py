@@ -1,4 +1,6 @@
-"""Direct alignment of rendered pictures of a flat wall: accuracy, what a view does not observe, and refusals."""
+"""Direct alignment of rendered pictures of a flat wall: accuracy, what a view does not observe, and
+refusals.
+"""
 
 import numpy as np
 import pytest
@@ -8,7 +10,9 @@ from uuv.sim.interfaces.spatial import Array, pose
 from uuv.sim.sensors.textured_view import SmallStereo, Texture, Turbidity, expose
 
 CAMERA = SmallStereo()
-NOISE = PictureNoise(intensity=CAMERA.intensity_noise, inverse_depth=0.06, correlation=CAMERA.stereo.correlation)
+NOISE = PictureNoise(
+    intensity=CAMERA.intensity_noise, inverse_depth=0.06, correlation=CAMERA.stereo.correlation
+)
 NOTHING_HIDDEN = np.zeros((CAMERA.height, CAMERA.width), dtype=bool)
 RANGE = 0.18  # [m] of the wall z = RANGE in the axes of the key picture
 MOVED = np.array([6e-3, -4e-3, 1e-3])  # [m]
@@ -27,7 +31,11 @@ def aligned(
         for _ in range(20):  # fixed point of the depth along each ray
             depth = RANGE - p[2] + bend * (p[1] + depth * rays[..., 1]) ** 2
         slope = 2.0 * bend * (p[1] + depth * rays[..., 1])
-        cosine = np.abs(1.0 - slope * rays[..., 1]) / np.hypot(1.0, slope) / np.linalg.norm(rays, axis=-1)
+        cosine = (
+            np.abs(1.0 - slope * rays[..., 1])
+            / np.hypot(1.0, slope)
+            / np.linalg.norm(rays, axis=-1)
+        )
         shot = expose(CAMERA, (depth, cosine), pose(p=p), texture, Turbidity(), rng)
         pictures.append(prepare(shot.intensity, shot.depth, NOTHING_HIDDEN, CAMERA.focal, NOISE))
     start = pose(p=moved + 1e-3 * rng.standard_normal(3)) if guess is None else guess
@@ -35,7 +43,9 @@ def aligned(
 
 
 def test_motion_over_a_textured_wall_is_found_to_a_tenth_of_a_millimetre():
-    """Forty pairs: none lost, and the squared error is what the information says (measured 1.0 a direction)."""
+    """Forty pairs: none lost, and the squared error is what the information says (measured 1.0 a
+    direction).
+    """
     squares, errors = [], []
     for seed in range(40):
         found = aligned(0.2, seed)
@@ -50,7 +60,9 @@ def test_motion_over_a_textured_wall_is_found_to_a_tenth_of_a_millimetre():
 
 @pytest.mark.parametrize(("bend", "directions"), [(0.0, 1), (5.0, 2)])
 def test_a_plain_surface_is_observed_along_its_normals_only(bend: float, directions: int):
-    """A plain wall tells the distance; a plain barrel along x, of 10 cm radius, nothing along its generator."""
+    """A plain wall tells the distance; a plain barrel along x, of 10 cm radius, nothing along its
+    generator.
+    """
     found = aligned(0.0, 3, bend)
     assert found is not None
     values, axes = np.linalg.eigh(found.information_K)
@@ -61,7 +73,9 @@ def test_a_plain_surface_is_observed_along_its_normals_only(bend: float, directi
 
 
 def test_what_was_not_observed_keeps_the_prediction():
-    """A guess that is 1.5 mm off along the generator of a plain barrel stays off (noise moves it by 0.2 mm)."""
+    """A guess that is 1.5 mm off along the generator of a plain barrel stays off (noise moves it by
+    0.2 mm).
+    """
     off = np.array([1.5e-3, 0.0, 0.0])
     found = aligned(0.0, 3, 5.0, guess=pose(p=MOVED + off))
     assert found is not None

@@ -1,4 +1,6 @@
-"""Camera on the arm in navigation: the track against a batch solution, loss, outliers, unobserved directions."""
+"""Camera on the arm in navigation: the track against a batch solution, loss, outliers, unobserved
+directions.
+"""
 
 from dataclasses import replace
 
@@ -36,20 +38,32 @@ def imu(k: int) -> ImuMeasurement:
 
 
 def vision(k: int, p: Array, wander: float = 0.0) -> VisionMeasurement:
-    return VisionMeasurement(time=k * STEP, p_WB=p, noise=VisionNoise(white=2e-3, wander=wander, wander_time=10.0))
+    return VisionMeasurement(
+        time=k * STEP, p_WB=p, noise=VisionNoise(white=2e-3, wander=wander, wander_time=10.0)
+    )
 
 
-def track(k: int, key: int, moved_W: Array, information: Array | None = None) -> SurfaceMotionMeasurement:
+def track(
+    k: int, key: int, moved_W: Array, information: Array | None = None
+) -> SurfaceMotionMeasurement:
     """Reading at step k of a hull that has moved by `moved_W` since step `key`."""
     L = np.eye(3) / SIGMA**2 if information is None else information
     return SurfaceMotionMeasurement(
-        time=k * STEP, key_time=key * STEP, p_KC=R_WC.T @ moved_W, R_KC=np.eye(3), information_K=R_WC.T @ L @ R_WC, q=Q
+        time=k * STEP,
+        key_time=key * STEP,
+        p_KC=R_WC.T @ moved_W,
+        R_KC=np.eye(3),
+        information_K=R_WC.T @ L @ R_WC,
+        q=Q,
     )
 
 
 def begun(first: Array, wander: float = 0.0) -> tuple[Navigation, NavigationState]:
     navigation = Navigation(arm_camera=MOUNT, adapt=False)
-    body = [EncoderMeasurement(time=0.0, q=Q, qd=np.zeros(2)), TorqueMeasurement(time=0.0, tau=np.zeros(2))]
+    body = [
+        EncoderMeasurement(time=0.0, q=Q, qd=np.zeros(2)),
+        TorqueMeasurement(time=0.0, tau=np.zeros(2)),
+    ]
     return navigation, navigation.init([imu(0), vision(0, first, wander), *body])
 
 
@@ -59,7 +73,9 @@ def offset(state: NavigationState) -> slice:
 
 
 def test_a_track_holds_the_estimate_where_it_began_and_vision_adds_its_mean(rng):
-    """A still hull: with the track the error falls as that of a mean of all pictures, with no vision it stays."""
+    """A still hull: with the track the error falls as that of a mean of all pictures, with no
+    vision it stays.
+    """
     errors = {}
     for tracked in (True, False):
         noise = np.random.default_rng(3)
@@ -70,7 +86,9 @@ def test_a_track_holds_the_estimate_where_it_began_and_vision_adds_its_mean(rng)
             if k % 10 == 0:
                 messages.append(vision(k, 2e-3 * noise.standard_normal(3)))
             if tracked and k % 5 == 0 and k >= 100:
-                messages.append(track(k, 100, SIGMA * rng.standard_normal(3) if k > 100 else np.zeros(3)))
+                messages.append(
+                    track(k, 100, SIGMA * rng.standard_normal(3) if k > 100 else np.zeros(3))
+                )
             state, estimate = navigation.step(state, messages)
         assert estimate is not None
         errors[tracked] = float(np.sqrt(np.mean(estimate.position_sigma**2)))
@@ -81,10 +99,14 @@ def test_a_track_holds_the_estimate_where_it_began_and_vision_adds_its_mean(rng)
 
 
 def test_relative_motion_is_known_to_the_track_and_the_covariance_stays_consistent():
-    """Position plus offset has the track's noise, whatever the place is worth; the matrix stays positive."""
+    """Position plus offset has the track's noise, whatever the place is worth; the matrix stays
+    positive.
+    """
     navigation, state = begun(np.zeros(3))
     for k in range(1, 300):
-        state, _ = navigation.step(state, [imu(k), *([track(k, 100, np.zeros(3))] if k >= 100 and k % 5 == 0 else [])])
+        state, _ = navigation.step(
+            state, [imu(k), *([track(k, 100, np.zeros(3))] if k >= 100 and k % 5 == 0 else [])]
+        )
     o, n = offset(state), int(state.memory["layout"][0, STATES])
     P = state.P
     relative = P[:3, :3] + P[:3, o] + P[o, :3] + P[o, o]
@@ -94,7 +116,9 @@ def test_relative_motion_is_known_to_the_track_and_the_covariance_stays_consiste
 
 
 def test_a_direction_without_information_is_left_to_the_others():
-    """Along x nothing is observed: the estimate there is bit for bit as good as without the camera."""
+    """Along x nothing is observed: the estimate there is bit for bit as good as without the
+    camera.
+    """
     unseen = np.diag([0.0, 1.0, 1.0]) / SIGMA**2
     sigmas = []
     for tracked in (True, False):
@@ -115,7 +139,9 @@ def test_a_direction_without_information_is_left_to_the_others():
 
 
 def test_where_vision_wanders_the_estimate_stays_with_the_object():
-    """Vision that slides by 10 mm: without the camera the estimate follows, with it the tool stays."""
+    """Vision that slides by 10 mm: without the camera the estimate follows, with it the tool
+    stays.
+    """
     ends = []
     for tracked in (True, False):
         navigation, state = begun(np.zeros(3), wander=1e-2)
@@ -134,7 +160,10 @@ def test_outliers_are_refused_and_readings_that_agree_begin_a_new_track():
     navigation, state = begun(np.zeros(3))
     for k in range(1, 401):
         wrong = np.array([0.05, 0.0, 0.0]) if k in (200, 205) or k > 300 else np.zeros(3)
-        messages: list[Measurement] = [imu(k), *([vision(k, np.array([1e-6 * k, 0.0, 0.0]))] if k % 10 == 0 else [])]
+        messages: list[Measurement] = [
+            imu(k),
+            *([vision(k, np.array([1e-6 * k, 0.0, 0.0]))] if k % 10 == 0 else []),
+        ]
         if k % 5 == 0:
             messages.append(track(k, 5, wrong if k > 5 else np.zeros(3)))
         state, estimate = navigation.step(state, messages)
@@ -150,7 +179,8 @@ def test_a_track_goes_on_over_key_pictures_and_breaks_off_with_a_gap():
     navigation, state = begun(np.zeros(3))
     for k in range(5, 400):
         messages: list[Measurement] = [imu(k)]
-        if k % 5 == 0 and k != 205:  # keys at 5, 100, 200; the message that links the key at 205 to them is lost
+        # keys at 5, 100, 200; the message that links the key at 205 to them is lost
+        if k % 5 == 0 and k != 205:
             key = 5 if k <= 100 else 100 if k <= 200 else 205
             messages.append(track(k, key, np.zeros(3)))
         state, _ = navigation.step(state, messages)
@@ -164,10 +194,17 @@ def test_a_track_goes_on_over_key_pictures_and_breaks_off_with_a_gap():
 def test_messages_that_are_not_sound_or_out_of_time_change_nothing():
     navigation, state = begun(np.zeros(3))
     for k in range(1, 200):
-        state, _ = navigation.step(state, [imu(k), *([track(k, 5, np.zeros(3))] if k % 5 == 0 else [])])
+        state, _ = navigation.step(
+            state, [imu(k), *([track(k, 5, np.zeros(3))] if k % 5 == 0 else [])]
+        )
     before = state.memory.copy()
     good = track(195, 5, np.zeros(3))
-    bad = [replace(good, time=float("nan")), replace(good, p_KC=np.full(3, np.nan)), replace(good, time=-5.0), good]
+    bad = [
+        replace(good, time=float("nan")),
+        replace(good, p_KC=np.full(3, np.nan)),
+        replace(good, time=-5.0),
+        good,
+    ]
     assert state.track is not None
     for message in bad:
         state.track.take(message)
@@ -177,8 +214,13 @@ def test_messages_that_are_not_sound_or_out_of_time_change_nothing():
 
 def test_without_a_mount_a_message_is_ignored():
     navigation = Navigation()
-    body = [EncoderMeasurement(time=0.0, q=Q, qd=np.zeros(2)), TorqueMeasurement(time=0.0, tau=np.zeros(2))]
-    state = navigation.init([imu(0), vision(0, np.zeros(3)), DvlMeasurement(time=0.0, v_WB_B=np.zeros(3)), *body])
+    body = [
+        EncoderMeasurement(time=0.0, q=Q, qd=np.zeros(2)),
+        TorqueMeasurement(time=0.0, tau=np.zeros(2)),
+    ]
+    state = navigation.init(
+        [imu(0), vision(0, np.zeros(3)), DvlMeasurement(time=0.0, v_WB_B=np.zeros(3)), *body]
+    )
     state, _ = navigation.step(state, [imu(1), track(1, 1, np.zeros(3))])
     assert state.track is None
 
@@ -189,10 +231,20 @@ def at_rest(k: int, since: int, q: Array = Q) -> ToolAtRest:
 
 
 def standing(said: bool, *, slips: float = 0.0) -> NavigationState:
-    """A still hull, no Doppler log; its tool stands for half a second, or `slips` by a turn [rad] of the joints."""
-    navigation = Navigation(standing=TrackMount(arm=ARM, X_BA=MOUNT.X_BA, X_GC=np.eye(4)), adapt=False)
-    body = [EncoderMeasurement(time=0.0, q=Q, qd=np.zeros(2)), TorqueMeasurement(time=0.0, tau=np.zeros(2))]
-    state, noise = navigation.init([imu(0), vision(0, np.zeros(3)), *body]), np.random.default_rng(5)
+    """A still hull, no Doppler log; its tool stands for half a second, or `slips` by a turn [rad]
+    of the joints.
+    """
+    navigation = Navigation(
+        standing=TrackMount(arm=ARM, X_BA=MOUNT.X_BA, X_GC=np.eye(4)), adapt=False
+    )
+    body = [
+        EncoderMeasurement(time=0.0, q=Q, qd=np.zeros(2)),
+        TorqueMeasurement(time=0.0, tau=np.zeros(2)),
+    ]
+    state, noise = (
+        navigation.init([imu(0), vision(0, np.zeros(3)), *body]),
+        np.random.default_rng(5),
+    )
     for k in range(1, 202):
         messages: list[Measurement] = [imu(k)]
         if k % 10 == 0:
@@ -212,7 +264,9 @@ def test_a_tool_at_rest_tells_how_fast_the_hull_moves():
 
 
 def test_a_tool_that_slips_all_the_same_is_not_believed():
-    """A joint that turned by 0.2 rad means 10 cm of the tool: refused, and nothing of the filter has changed."""
+    """A joint that turned by 0.2 rad means 10 cm of the tool: refused, and nothing of the filter
+    has changed.
+    """
     believed, refused = standing(True), standing(True, slips=0.2)
     assert believed.track is not None
     assert refused.track is not None

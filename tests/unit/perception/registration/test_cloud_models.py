@@ -1,4 +1,6 @@
-"""A model given as a point cloud, by every door: the pose of its mesh on the same scan, and what was done in words."""
+"""A model given as a point cloud, by every door: the pose of its mesh on the same scan, and what
+was done in words.
+"""
 
 from types import SimpleNamespace
 
@@ -33,7 +35,9 @@ def cloud():
 
 
 def identified(scene, model):
-    return perception.identify(scene.scan, model, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    return perception.identify(
+        scene.scan, model, scene.approach, scene.orientation, sensor=scene.sensor.model
+    )
 
 
 def target_by(model) -> TargetModel:
@@ -50,7 +54,8 @@ def test_every_door_makes_the_same_mesh_of_a_cloud(cloud, tmp_path, within):
     write_ply(file, points)
     plain, oriented = target_by(points), target_by(np.column_stack([points, normals]))
     for model, expected, rounding in (
-        (SimpleNamespace(points=list(points), normals=[]), plain, 0.0),  # as Open3D's: normals are there, but none
+        # as Open3D's: normals are there, but none
+        (SimpleNamespace(points=list(points), normals=[]), plain, 0.0),
         (SimpleNamespace(points=list(points), normals=list(normals)), oriented, 0.0),
         (file, plain, 1e-7),  # single precision
         (TargetModel.from_cloud(points, normals, "star"), oriented, 0.0),
@@ -83,7 +88,9 @@ def test_an_open_scan_is_seen_from_its_side_only_and_its_border_is_no_edge():
     assert surface.exposed(np.array([0.0, 0.0, -1.0]), np.deg2rad(75.0)).mean() < 0.01
     assert surface.border is not None
     assert surface.on_border(surface.border.data).all()
-    assert not surface.on_border(points[upper][np.linalg.norm(points[upper][:, :2], axis=1) < 0.03]).any()
+    assert not surface.on_border(
+        points[upper][np.linalg.norm(points[upper][:, :2], axis=1) < 0.03]
+    ).any()
     assert not ModelSurface.of(target_of(NAME)).is_open
 
 

@@ -21,7 +21,9 @@ WHITE = 0.3  # [-] standard deviation of the white errors over what is stated
 def plate() -> ModelSurface:
     corners = HALF * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     vertices = np.vstack([np.column_stack([corners, np.full(4, z)]) for z in (0.0, 0.02)])
-    around = [[i, (i + 1) % 4, 4 + (i + 1) % 4] for i in range(4)] + [[i, 4 + (i + 1) % 4, 4 + i] for i in range(4)]
+    around = [[i, (i + 1) % 4, 4 + (i + 1) % 4] for i in range(4)] + [
+        [i, 4 + (i + 1) % 4, 4 + i] for i in range(4)
+    ]
     faces = np.array([[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], *around])
     return ModelSurface.of(TargetModel(name="plate", vertices=vertices, triangles=faces))
 
@@ -49,7 +51,11 @@ def test_white_errors_are_seen_to_be_small_and_uncorrelated(plate: ModelSurface,
     floor = (0.001 / float(SENSOR.sigma(1.5))) ** 2  # of the model's accuracy
     expected = np.sqrt(WHITE**2 + floor)
     before = surface_noise(evidence.scan, evidence.mask, SENSOR)
-    within("from smooth surfaces", before.disparity_sigma / SENSOR.disparity_sigma / expected - 1.0, 0.05)
+    within(
+        "from smooth surfaces",
+        before.disparity_sigma / SENSOR.disparity_sigma / expected - 1.0,
+        0.05,
+    )
     assert before.noise_length == SENSOR.noise_length
     after = seen_noise(evidence, plate, X_ST)
     within("from the pose", after.disparity_sigma / SENSOR.disparity_sigma / expected - 1.0, 0.05)
@@ -62,9 +68,14 @@ def test_white_errors_are_seen_to_be_small_and_uncorrelated(plate: ModelSurface,
 def test_the_errors_of_a_matcher_stay_as_stated(plate: ModelSurface, rng):
     """Correlated over the stated length: nothing is gained, neither before nor after."""
     exact = depth().astype(np.float32)
-    noisy = add_noise(exact, np.ones_like(exact), 500.0, StereoNoise(flying=0.0), rng).astype(np.float64)
+    noisy = add_noise(exact, np.ones_like(exact), 500.0, StereoNoise(flying=0.0), rng).astype(
+        np.float64
+    )
     evidence = evidence_of(noisy)
-    for noise in (surface_noise(evidence.scan, evidence.mask, SENSOR), seen_noise(evidence, plate, X_ST)):
+    for noise in (
+        surface_noise(evidence.scan, evidence.mask, SENSOR),
+        seen_noise(evidence, plate, X_ST),
+    ):
         assert noise.information < 1.5 * SENSOR.information
 
 
@@ -72,7 +83,11 @@ def test_a_wrong_pose_does_not_make_the_noise_smaller(plate: ModelSurface, rng):
     """A plate tilted by 8 deg: what differs is no noise, but correlated, and as large as stated."""
     evidence = evidence_of(white(rng))
     tilted = X_ST.copy()
-    tilted[:3, :3] = [[np.cos(0.14), 0.0, np.sin(0.14)], [0.0, 1.0, 0.0], [-np.sin(0.14), 0.0, np.cos(0.14)]]
+    tilted[:3, :3] = [
+        [np.cos(0.14), 0.0, np.sin(0.14)],
+        [0.0, 1.0, 0.0],
+        [-np.sin(0.14), 0.0, np.cos(0.14)],
+    ]
     right, wrong = (seen_noise(evidence, plate, X).information for X in (X_ST, tilted))
     assert wrong < 0.1 * right
     assert wrong < 2.0 * SENSOR.information

@@ -1,4 +1,6 @@
-"""Identification of known objects in noisy frames: error statistics, refusals, objects that it was not made for."""
+"""Identification of known objects in noisy frames: error statistics, refusals, objects that it was
+not made for.
+"""
 
 import subprocess
 import sys
@@ -11,7 +13,16 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, seen_from, shoot, standing
+from depth_scenes import (
+    DEFAULT_NOISE,
+    add_floor,
+    coarse,
+    look,
+    random_view,
+    seen_from,
+    shoot,
+    standing,
+)
 from uuv import perception
 from uuv.models.meshes.closed_shells import box, joined, revolve
 from uuv.models.objects.targets import Symmetry, TargetModel, barrel
@@ -48,16 +59,24 @@ def frame() -> DepthImage:
 
 @pytest.fixture(scope="module")
 def found(surface: ModelSurface, frame: DepthImage) -> Identification:
-    return identify(Scan.from_depth(frame), surface, VIEW[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ VIEW[:3, :3])
+    return identify(
+        Scan.from_depth(frame), surface, VIEW[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ VIEW[:3, :3]
+    )
 
 
 def bracket() -> TargetModel:
     """An L of two plates: no symmetry, nothing round."""
-    return boxes("bracket", [([0.3, 0.12, 0.02], [-0.15, -0.06, 0]), ([0.02, 0.12, 0.2], [-0.15, -0.06, 0])])
+    return boxes(
+        "bracket", [([0.3, 0.12, 0.02], [-0.15, -0.06, 0]), ([0.02, 0.12, 0.2], [-0.15, -0.06, 0])]
+    )
 
 
-def boxes(name: str, parts: list[tuple[list[float], list[float]]], pipes: tuple = ()) -> TargetModel:
-    """Boxes by size and lowest corner, and pipes by radius, length, turn from upright and middle."""
+def boxes(
+    name: str, parts: list[tuple[list[float], list[float]]], pipes: tuple = ()
+) -> TargetModel:
+    """Boxes by size and lowest corner, and pipes by radius, length, turn from upright and
+    middle.
+    """
     shells = [box(size, np.array(corner) + 0.5 * np.array(size)) for size, corner in parts]
     for radius, length, R, center in pipes:
         points, faces = upright(radius, length)
@@ -87,8 +106,8 @@ def manifold() -> TargetModel:
 def test_barrel_from_all_sides(surface: ModelSurface, fresh_seeds: list[int], within):
     """1 to 1.5 m, floor and stand in view; 50 seeds gave 0.3 mm median, 2.1 mm worst, 0.12 deg.
 
-    Of 250 seeds 4 were refused, one of them rightly and three for want of edges in view; of those of
-    --fresh one in twenty may be.
+    Of 250 seeds 4 were refused, one of them rightly and three for want of edges in view; of those
+    of --fresh one in twenty may be.
     """
     errors, refused = [], {}
     for seed in (0, 10, 31, 142, 214, *fresh_seeds):
@@ -126,8 +145,11 @@ def test_objects_it_was_not_made_for(shape: Callable[[], TargetModel], within):
 def test_a_start_that_ends_across_is_leant_before_the_barrel_is_slid(within):
     from uuv.clouds.object_scenes import object_scene
 
-    scene = object_scene("barrel", 6)  # from this start a fit lies across the barrel, or 90 mm along it
-    found = identify(scene.scan, scene.target, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    # from this start a fit lies across the barrel, or 90 mm along it
+    scene = object_scene("barrel", 6)
+    found = identify(
+        scene.scan, scene.target, scene.approach, scene.orientation, sensor=scene.sensor.model
+    )
     off, turn = scene.error(found.X_sensor_target)
     assert found.accepted, found.reason
     within("position [m]", off, 0.005)  # 0.4 mm
@@ -141,7 +163,8 @@ def test_normals_are_the_principal_components_of_least_spread(within):
     offset = near - near.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
     found = facing_normals(points)
-    within("1 - |cosine|", np.abs(1.0 - np.abs(np.einsum("ni,ni->n", normals, found))).max(), 1e-13)  # 7e-16
+    # 7e-16
+    within("1 - |cosine|", np.abs(1.0 - np.abs(np.einsum("ni,ni->n", normals, found))).max(), 1e-13)
     assert np.all(np.einsum("ni,ni->n", found, points) <= 0.0)
     flat = facing_normals(points * [1.0, 1.0, 0.0] + [0.0, 0.0, 2.0])
     within("a plane's normal", np.abs(flat - [0.0, 0.0, -1.0]).max(), 1e-12)
@@ -154,7 +177,9 @@ def test_unknown_attitude_is_searched_for(within):
     image = look(target, X_CT @ pose(exp_so3([0, 0, 2.5])), rng)
     result = identify(Scan.from_depth(image), target)
     assert result.accepted, result.reason
-    position, angle = target.symmetry.error(result.X_sensor_target, X_CT @ pose(exp_so3([0, 0, 2.5])))
+    position, angle = target.symmetry.error(
+        result.X_sensor_target, X_CT @ pose(exp_so3([0, 0, 2.5]))
+    )
     within("position [m]", position, 5e-3)
     within("angle [rad]", angle, np.deg2rad(2.0))
     assert result.symmetry.angle_known
@@ -182,7 +207,9 @@ def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage, surface: Model
     assert likely == sorted(likely, reverse=True)
     assert result.margin == likely[0] - likely[1]
     for other in others:
-        assert lone.symmetry.error(other.X_sensor_target, first.X_sensor_target)[1] > np.deg2rad(5.0)
+        assert lone.symmetry.error(other.X_sensor_target, first.X_sensor_target)[1] > np.deg2rad(
+            5.0
+        )
 
 
 def test_clouds_without_a_grid(surface: ModelSurface, frame: DepthImage, within):
@@ -215,23 +242,31 @@ def test_result_tells_how_it_came_about(found: Identification, within):
 
 
 def test_same_input_same_answer(surface: ModelSurface, frame: DepthImage, found: Identification):
-    again = identify(Scan.from_depth(frame), surface, VIEW[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ VIEW[:3, :3])
+    again = identify(
+        Scan.from_depth(frame), surface, VIEW[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ VIEW[:3, :3]
+    )
     assert np.array_equal(again.X_sensor_target, found.X_sensor_target)
 
 
 @pytest.mark.parametrize("far", [20.0, 1e4])
 def test_the_origin_of_a_model_may_lie_anywhere(far: float, within):
-    """As in files of a survey: found, and not refused for poses that move the origin and leave the object."""
+    """As in files of a survey: found, and not refused for poses that move the origin and leave the
+    object.
+    """
     known, away = bracket(), far * np.array([0.6, 0.0, -0.8])
     moved = TargetModel(name="moved", vertices=known.vertices + away, triangles=known.triangles)
     X_WC = seen_from(np.array([0.35, -0.55, 0.5]))
     scan = Scan.from_depth(look(known, X_WC, np.random.default_rng(5)))
-    start = X_WC[:3, 3] + X_WC[:3, :3] @ known.center + 0.05, exp_so3([0.1, -0.1, 0.1]) @ X_WC[:3, :3]
+    start = (
+        X_WC[:3, 3] + X_WC[:3, :3] @ known.center + 0.05,
+        exp_so3([0.1, -0.1, 0.1]) @ X_WC[:3, :3],
+    )
     near, found = (identify(scan, each, *start) for each in (known, moved))
     assert near.accepted
     assert found.accepted, found.reason
     place, other = (
-        transform_points(each.X_sensor_target, p) for each, p in ((near, known.center), (found, moved.center))
+        transform_points(each.X_sensor_target, p)
+        for each, p in ((near, known.center), (found, moved.center))
     )
     within("place [m]", np.linalg.norm(place - other), 1e-4)  # measured 2e-6
 
@@ -244,13 +279,19 @@ def test_wrong_poses_are_refused(surface: ModelSurface, found: Identification):
         for sign in (-1.0, 1.0):
             assert check(found.evidence, surface, VIEW @ pose(p=sign * 0.02 * axis)).reason
             if axis[0] == 0.0:
-                assert check(found.evidence, surface, VIEW @ pose(exp_so3(sign * np.deg2rad(5.0) * axis))).reason
+                assert check(
+                    found.evidence, surface, VIEW @ pose(exp_so3(sign * np.deg2rad(5.0) * axis))
+                ).reason
 
 
 ANOTHER_SHAPE = pytest.mark.long(
     guarded_by="tests/unit/perception/registration/test_identification.py::test_other_shapes_are_refused"
 )
-CYLINDER, BOX, SPHERE = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE
+CYLINDER, BOX, SPHERE = (
+    mujoco.mjtGeom.mjGEOM_CYLINDER,
+    mujoco.mjtGeom.mjGEOM_BOX,
+    mujoco.mjtGeom.mjGEOM_SPHERE,
+)
 
 
 @pytest.mark.parametrize(
@@ -268,7 +309,9 @@ CYLINDER, BOX, SPHERE = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BO
 def test_other_shapes_are_refused(surface: ModelSurface, kind: mujoco.mjtGeom, size: list[float]):
     spec = mujoco.MjSpec()
     along_x = VIEW[:3, :3] @ rotation_from_z([1.0, 0, 0], [0, 0, 1.0])
-    spec.worldbody.add_geom(type=kind, size=size, pos=VIEW[:3, 3], quat=quat_wxyz_from_rotation(along_x))
+    spec.worldbody.add_geom(
+        type=kind, size=size, pos=VIEW[:3, 3], quat=quat_wxyz_from_rotation(along_x)
+    )
     add_floor(spec, VIEW)
     image = shoot(spec, np.random.default_rng(2), DEFAULT_NOISE)
     result = identify(Scan.from_depth(image), surface, VIEW[:3, 3] + [0.1, 0.05, 0.1], VIEW[:3, :3])
@@ -335,7 +378,13 @@ def test_a_mesh_of_trimesh_is_a_target():
 
 def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):
     """No start is left: a refusal in words, not an error."""
-    found = identify(Scan.from_depth(frame), BARREL, VIEW[:3, 3] + [0.0, 0.0, 0.55], VIEW[:3, :3], approach_error=0.1)
+    found = identify(
+        Scan.from_depth(frame),
+        BARREL,
+        VIEW[:3, 3] + [0.0, 0.0, 0.55],
+        VIEW[:3, :3],
+        approach_error=0.1,
+    )
     assert not found.accepted
     assert found.reason
 
@@ -347,15 +396,20 @@ def test_an_exact_frame_gives_the_pose_without_bias(surface: ModelSurface, p_TC,
     scan = Scan.from_depth(look(BARREL, X_CT, rng, noise=None))
     result = identify(scan, surface, *coarse(rng, X_CT, BARREL.center))
     assert result.accepted, result.reason
-    off = transform_points(result.X_sensor_target, BARREL.center) - transform_points(X_CT, BARREL.center)
+    off = transform_points(result.X_sensor_target, BARREL.center) - transform_points(
+        X_CT, BARREL.center
+    )
     within("in depth [m]", off @ X_CT[:3, 3] / np.linalg.norm(X_CT[:3, 3]), 5e-4)
 
 
 def test_a_face_whose_plane_cuts_the_bed_is_no_background(rng):
-    """A disc that hangs over the bed: its plane meets the bed in a strip, far to both sides of it."""
+    """A disc that hangs over the bed: its plane meets the bed in a strip, far to both sides of
+    it.
+    """
     x = y = np.arange(-0.3, 0.3, 0.003)
     tx, ty = np.meshgrid(x, y)
-    pitch, height = np.deg2rad(30.0), 1.35  # the camera looks down on the bed, which lies 1.35 m below it
+    # the camera looks down on the bed, which lies 1.35 m below it
+    pitch, height = np.deg2rad(30.0), 1.35
     with np.errstate(divide="ignore"):
         z = height / (np.cos(pitch) * ty + np.sin(pitch))
     z[(z < 0.0) | (z > 2.3)] = np.nan
@@ -375,7 +429,9 @@ def test_a_face_whose_plane_cuts_the_bed_is_no_background(rng):
 
 @pytest.mark.parametrize("reach", [0.3, 0.36])
 def test_a_panel_in_the_picture_is_the_object_though_a_neighbour_lengthens_it(reach: float):
-    """The object may be 0.5 m long: a panel of 0.6 m that the picture shows whole is kept, one of 0.72 m is a wall."""
+    """The object may be 0.5 m long: a panel of 0.6 m that the picture shows whole is kept, one of
+    0.72 m is a wall.
+    """
     x = y = np.arange(-0.3, 0.3, 0.003)
     tx, ty = np.meshgrid(x, y)
     panel = (np.abs(2.0 * tx) < reach) & (np.abs(2.0 * ty) < 0.1)
@@ -389,7 +445,9 @@ def test_finder_lays_the_path_in_the_world(frame: DepthImage, within):
     X_WT = pose(exp_so3([0, 0, 0.7]), [5.0, -2.0, -9.0])
     X_BC = pose(exp_so3([-1.9, 0.1, 0.0]), [0.5, 0.0, -0.2])
     X_WB = X_WT @ inverse(VIEW) @ inverse(X_BC)
-    finder = KnownObjectFinder(BARREL, "transverse", X_WT[:3, 3] + 0.1, X_WT[:3, :3] @ exp_so3([0.0, 0.2, 0.1]))
+    finder = KnownObjectFinder(
+        BARREL, "transverse", X_WT[:3, 3] + 0.1, X_WT[:3, :3] @ exp_so3([0.0, 0.2, 0.1])
+    )
     assert isinstance(finder, TargetFinder)
     state, target = finder.step(finder.init(), standing(X_WB), replace(frame, X_BC=X_BC))
     assert target is not None
@@ -408,7 +466,11 @@ def test_finder_never_raises_on_what_it_sees(frame: DepthImage):
     finder = KnownObjectFinder(BARREL, "longitudinal", VIEW[:3, 3] + 0.1, VIEW[:3, :3])
     state = finder.init()
     rng = np.random.default_rng(0)
-    for depth in (np.full((480, 640), np.nan), np.full((480, 640), 1.3), rng.uniform(0.3, 5.0, (480, 640))):
+    for depth in (
+        np.full((480, 640), np.nan),
+        np.full((480, 640), 1.3),
+        rng.uniform(0.3, 5.0, (480, 640)),
+    ):
         state, target = finder.step(state, standing(np.eye(4)), replace(frame, depth=depth))
         assert target is not None
         assert not target.accepted
@@ -435,13 +497,17 @@ def test_a_view_that_holds_not_all_of_the_pose_is_refused():
 def barrel_like_bar() -> TargetModel:
     vertices, triangles = revolve([(-1.5, 0.0), (-1.5, 0.1), (1.5, 0.1), (1.5, 0.0)], 60)
     return TargetModel(
-        name="bar", vertices=vertices, triangles=triangles, symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0]))
+        name="bar",
+        vertices=vertices,
+        triangles=triangles,
+        symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0])),
     )
 
 
 def test_importing_the_room_is_light():
     code = (
-        "import sys; from uuv import perception; assert 'embreex' not in sys.modules and 'scipy' not in sys.modules; "
+        "import sys; from uuv import perception; assert 'embreex' not in sys.modules and 'scipy' "
+        "not in sys.modules; "
         "assert callable(perception.identify)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,4 +1,6 @@
-"""Starts when nothing is known beforehand: the true pose is among them, whatever frame the model is given in."""
+"""Starts when nothing is known beforehand: the true pose is among them, whatever frame the model is
+given in.
+"""
 
 import numpy as np
 import pytest
@@ -20,11 +22,14 @@ def test_an_exact_look_is_explained_best_by_the_true_pose(within):
     scan = Scan.from_depth(look(VALVE, VIEW, np.random.default_rng(0), noise=None, floor=False))
     for turn in (np.zeros(3), np.array([0.3, -2.0, 1.0])):
         G = pose(exp_so3(turn), [0.1, -0.2, 0.3])  # the same valve, drawn in another frame
-        target = TargetModel(name="v", vertices=transform_points(G, VALVE.vertices), triangles=VALVE.triangles)
+        target = TargetModel(
+            name="v", vertices=transform_points(G, VALVE.vertices), triangles=VALVE.triangles
+        )
         surface = ModelSurface.of(target)
         first, *others = initial_poses(scan, scan.depth > 0.0, surface, SensorModel(), Expected())
         apart = first @ G
-        within("position [m]", np.linalg.norm((apart - VIEW)[:3, 3]), 0.04)  # 3 mm: a start, not a fit
+        # 3 mm: a start, not a fit
+        within("position [m]", np.linalg.norm((apart - VIEW)[:3, 3]), 0.04)
         within("attitude", np.linalg.norm((apart - VIEW)[:3, :3]), 0.3)  # 0.02
         for other in others:
             position, angle = target.symmetry.error(other, first)
@@ -58,9 +63,15 @@ def test_found_among_stones_with_nothing_known(within, name: str, seed: int):
 
 
 def test_a_plate_without_thickness_is_seen_from_no_edge():
-    corners = np.array([[-0.2, -0.1, 0], [0.2, -0.1, 0], [0.2, 0.1, 0], [-0.2, 0.1, 0], [0.3, 0.0, 0.1]])
-    plate = TargetModel(name="plate", vertices=corners, triangles=np.array([[0, 1, 2], [0, 2, 3], [1, 4, 2]]))
+    corners = np.array(
+        [[-0.2, -0.1, 0], [0.2, -0.1, 0], [0.2, 0.1, 0], [-0.2, 0.1, 0], [0.3, 0.0, 0.1]]
+    )
+    plate = TargetModel(
+        name="plate", vertices=corners, triangles=np.array([[0, 1, 2], [0, 2, 3], [1, 4, 2]])
+    )
     scan = Scan.from_depth(look(plate, VIEW, np.random.default_rng(0), floor=False))
-    starts = initial_poses(scan, scan.depth > 0.0, ModelSurface.of(plate), SensorModel(), Expected())
+    starts = initial_poses(
+        scan, scan.depth > 0.0, ModelSurface.of(plate), SensorModel(), Expected()
+    )
     assert starts
     assert np.all(np.isfinite(starts))

@@ -1,8 +1,10 @@
-"""A real scan of a milk carton, with two partial clouds of it as models: upright by every door, never upside down.
+"""A real scan of a milk carton, with two partial clouds of it as models: upright by every door,
+never upside down.
 
-The data (Point Cloud Library) lie beside the checkout, or where UUV_SHARED says, and the tests skip without them. Both
-models are cut from this very scan, so that their poses are known: the points of `milk.pcd` are pixels of the scene, and
-those of `milk_other_view.pcd` are, after the motion below, found by ICP with a residual below 0.01 mm.
+The data (Point Cloud Library) lie beside the checkout, or where UUV_SHARED says, and the tests skip
+without them. Both models are cut from this very scan, so that their poses are known: the points of
+`milk.pcd` are pixels of the scene, and those of `milk_other_view.pcd` are, after the motion below,
+found by ICP with a residual below 0.01 mm.
 """
 
 import os
@@ -53,7 +55,9 @@ def off(found: perception.Identification, name: str) -> tuple[float, float]:
     """Distance [m] of the model's centre from where it is, and angle [deg]."""
     X, center = found.X_sensor_target, found.surface.center
     apart = transform_points(X, center) - transform_points(X_SENSOR[name], center)
-    return float(np.linalg.norm(apart)), float(np.rad2deg(rotation_angle(X[:3, :3], X_SENSOR[name][:3, :3])))
+    return float(np.linalg.norm(apart)), float(
+        np.rad2deg(rotation_angle(X[:3, :3], X_SENSOR[name][:3, :3]))
+    )
 
 
 FRAME = pytest.mark.long(
@@ -105,11 +109,15 @@ UPSIDE_DOWN = pytest.mark.long(
 @pytest.mark.parametrize("axis", [0, *(pytest.param(axis, marks=UPSIDE_DOWN) for axis in (1, 2))])
 @pytest.mark.parametrize("name", ["milk", pytest.param("milk_other_view", marks=UPSIDE_DOWN)])
 def test_it_is_not_accepted_upside_down_where_that_is_expected(name: str, axis: int):
-    """The search begins from attitudes near the wrong one only; the upright pose lies too far from what is expected."""
+    """The search begins from attitudes near the wrong one only; the upright pose lies too far from
+    what is expected.
+    """
     model = perception.identify(np.zeros((0, 3)), DATA / f"{name}.pcd").surface
     main = np.linalg.eigh(np.cov(model.points.T))[1][:, axis]
     center = transform_points(X_SENSOR[name], model.center)
-    found = perception.identify(doors()["organised"], model, center, X_SENSOR[name][:3, :3] @ exp_so3(np.pi * main))
+    found = perception.identify(
+        doors()["organised"], model, center, X_SENSOR[name][:3, :3] @ exp_so3(np.pi * main)
+    )
     assert not found.accepted
 
 
@@ -124,7 +132,9 @@ def test_a_mesh_made_elsewhere_is_found_upright(name: str, within):
     cloud.orient_normals_consistent_tangent_plane(20)
     radii = open3d.utility.DoubleVector([0.003, 0.005, 0.008])
     mesh = open3d.geometry.TriangleMesh.create_from_point_cloud_ball_pivoting(cloud, radii)
-    target = TargetModel(name=name, vertices=np.asarray(mesh.vertices), triangles=np.asarray(mesh.triangles))
+    target = TargetModel(
+        name=name, vertices=np.asarray(mesh.vertices), triangles=np.asarray(mesh.triangles)
+    )
     for model in (target, cloud):
         for cloud_of_scene in doors().values():
             found = perception.identify(cloud_of_scene, model)

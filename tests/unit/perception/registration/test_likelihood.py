@@ -1,4 +1,6 @@
-"""The scan's likelihood against its closed form on a flat face, and the depth edges that something nearer makes."""
+"""The scan's likelihood against its closed form on a flat face, and the depth edges that something
+nearer makes.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,8 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.spatial import Array, pose
 
 SENSOR = SensorModel()
-GRID = np.linspace(-0.3, 0.3, 200), np.linspace(-0.2, 0.2, 150)  # tangents; few enough pixels that all are used
+# tangents; few enough pixels that all are used
+GRID = np.linspace(-0.3, 0.3, 200), np.linspace(-0.2, 0.2, 150)
 WIDE, HIGH, DEEP = 0.2, 0.15, 0.05  # [m] half sizes of the slab
 
 
@@ -44,7 +47,11 @@ def face(z: float) -> np.ndarray:
 
 def scan_of(depth: Array) -> Scan:
     x, y = np.meshgrid(*GRID)
-    return Scan(points=np.stack([x * depth, y * depth, depth], axis=-1), tangent_x=GRID[0], tangent_y=GRID[1])
+    return Scan(
+        points=np.stack([x * depth, y * depth, depth], axis=-1),
+        tangent_x=GRID[0],
+        tangent_y=GRID[1],
+    )
 
 
 @pytest.fixture(scope="module")
@@ -53,41 +60,59 @@ def surface() -> ModelSurface:
 
 
 def test_pixels_left_out_count(surface: ModelSurface, within):
-    """Thinned to a ninth, the sum changes by the pixels at the rim only, however short the noise is correlated."""
+    """Thinned to a ninth, the sum changes by the pixels at the rim only, however short the noise is
+    correlated.
+    """
     shown = face(1.0)
     for length in (1.0, 5.0):
-        evidence = Evidence.of(scan_of(np.where(shown, 1.0, np.nan)), shown, 0.01, SensorModel(noise_length=length))
-        whole, ninth = (log_likelihood(evidence, surface, pose(p=[0.0, 0.0, 1.0]), n) for n in (40_000, 3_000))
+        evidence = Evidence.of(
+            scan_of(np.where(shown, 1.0, np.nan)), shown, 0.01, SensorModel(noise_length=length)
+        )
+        whole, ninth = (
+            log_likelihood(evidence, surface, pose(p=[0.0, 0.0, 1.0]), n) for n in (40_000, 3_000)
+        )
         within("share of the sum", ninth / whole - 1.0, 0.05)
 
 
 @pytest.mark.parametrize("hidden", [False, True])
 def test_a_flat_face_moved_away(surface: ModelSurface, hidden: bool, within):
-    """Cost: half the squared offset in sigma a pixel, 2 where the smaller picture leaves a pixel unexplained."""
+    """Cost: half the squared offset in sigma a pixel, 2 where the smaller picture leaves a pixel
+    unexplained.
+    """
     shown = face(1.0)
     depth = np.where(shown, 1.0, np.nan)
     if hidden:  # something 0.4 m before the upper half: it says the same of both poses
         depth[:75] = 0.6
     evidence = Evidence.of(scan_of(depth), shown, 0.005, SENSOR)
     off = 0.006
-    cost = np.where(face(1.0 + off), 0.5 * (off / SENSOR.sigma(1.0 + off)) ** 2, 2.0)[shown & (depth == 1.0)].sum()
+    cost = np.where(face(1.0 + off), 0.5 * (off / SENSOR.sigma(1.0 + off)) ** 2, 2.0)[
+        shown & (depth == 1.0)
+    ].sum()
     near, far = (log_likelihood(evidence, surface, pose(p=[0.0, 0.0, z])) for z in (1.0, 1.0 + off))
-    within("difference, relative", 25.0 * (near - far) / cost - 1.0, 1e-4)  # rays are single precision
+    # rays are single precision
+    within("difference, relative", 25.0 * (near - far) / cost - 1.0, 1e-4)
 
 
 def test_a_pixel_that_contradicts_costs_no_more_than_its_share(surface: ModelSurface, within):
-    """Far behind the model: 4.5 a pixel, less the 2 or 0.5 that it costs uncovered. Out of view it tells nothing."""
+    """Far behind the model: 4.5 a pixel, less the 2 or 0.5 that it costs uncovered.
+
+    Out of view it tells nothing.
+    """
     shown = face(1.0)
     evidence = Evidence.of(scan_of(np.where(shown, 1.0, 3.0)), shown, 0.005, SENSOR)
     through = log_likelihood(evidence, surface, pose(p=[0.0, 0.0, 0.9]))
-    cost = 4.5 * face(0.9).sum() - 2.0 * (shown & face(0.9)).sum() - 0.5 * (face(0.9) & ~shown).sum()
+    cost = (
+        4.5 * face(0.9).sum() - 2.0 * (shown & face(0.9)).sum() - 0.5 * (face(0.9) & ~shown).sum()
+    )
     within("seen through [nats]", through + cost / 25.0, 1e-4)
     away = log_likelihood(evidence, surface, pose(p=[0.0, 0.0, -5.0]))
     within("out of view [nats]", away, 1e-12)
 
 
 def test_what_hides_a_surface_makes_no_edge_of_it():
-    """A face ends at column 150 before nothing; at column 60 a nearer one hides it, with a seam of empty pixels."""
+    """A face ends at column 150 before nothing; at column 60 a nearer one hides it, with a seam of
+    empty pixels.
+    """
     depth = np.full((150, 200), np.nan)
     depth[20:130, 64:150] = 1.0
     depth[20:130, :60] = 0.6

@@ -1,4 +1,6 @@
-"""The papers' own fit: it comes to rest where it should, and asks for a new scan where it does not."""
+"""The papers' own fit: it comes to rest where it should, and asks for a new scan where it does
+not.
+"""
 
 from dataclasses import replace
 
@@ -24,7 +26,9 @@ SCAN = Scan.from_depth(look(VALVE, VIEW, np.random.default_rng(0), floor=False))
 
 
 def test_by_the_one_door(within):
-    found = identify(SCAN, SURFACE, MIDDLE, exp_so3([0.1, -0.1, 0.1]) @ VIEW[:3, :3], method="paper")
+    found = identify(
+        SCAN, SURFACE, MIDDLE, exp_so3([0.1, -0.1, 0.1]) @ VIEW[:3, :3], method="paper"
+    )
     position, angle = VALVE.symmetry.error(found.X_sensor_target, VIEW)
     within("position [m]", position, 0.02)  # 2 mm
     within("angle [rad]", angle, 0.1)
@@ -35,7 +39,9 @@ def test_by_the_one_door(within):
 
 
 def test_published_threshold_decides_in_place_of_the_check():
-    """It accepts the right object near its place, and another one that our check refuses only if Q is small."""
+    """It accepts the right object near its place, and another one that our check refuses only if Q
+    is small.
+    """
     near = exp_so3([0.02, -0.02, 0.02]) @ VIEW[:3, :3]
     right = identify(SCAN, SURFACE, MIDDLE, near, method="paper-q")
     assert right.accepted
@@ -62,7 +68,9 @@ def test_whole_cloud_is_met_exactly(within):
 def test_no_further_fall_of_the_error_asks_for_a_new_scan():
     """A sensor that claims to be exact, and an object that is not the one looked for."""
     exact = SensorModel(disparity_sigma=0.01)
-    found = identify(SCAN, targets.named("rock"), MIDDLE, VIEW[:3, :3], sensor=exact, method="paper")
+    found = identify(
+        SCAN, targets.named("rock"), MIDDLE, VIEW[:3, :3], sensor=exact, method="paper"
+    )
     assert found.evidence is not None
     fit = paper_fit(found.evidence, found.surface, np.array(found.X_sensor_start))
     assert fit.error > fit.required

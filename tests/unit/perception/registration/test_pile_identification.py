@@ -1,4 +1,6 @@
-"""The pile: its mesh against its closed form and its contact shape, its paths, and what one look can tell of it."""
+"""The pile: its mesh against its closed form and its contact shape, its paths, and what one look
+can tell of it.
+"""
 
 import mujoco
 import numpy as np
@@ -6,7 +8,15 @@ import pytest
 
 from depth_scenes import coarse, look, seen_from
 from uuv.models.meshes.ray_casting import RayScene
-from uuv.models.objects.targets import PILE_DIAMETER, PILE_LENGTH, ModelPath, helix, pile, ring, vertical
+from uuv.models.objects.targets import (
+    PILE_DIAMETER,
+    PILE_LENGTH,
+    ModelPath,
+    helix,
+    pile,
+    ring,
+    vertical,
+)
 from uuv.perception.clouds.scan import Scan
 from uuv.perception.registration.identification import identify
 from uuv.perception.registration.model_surface import ModelSurface
@@ -24,7 +34,8 @@ def test_mesh_is_closed_and_wound_outwards(within):
     assert len(directed) == len(edges)
     assert all((b, a) in directed for a, b in directed)
     volume = np.einsum("ij,ij->", v[t[:, 0]], np.cross(v[t[:, 1]], v[t[:, 2]])) / 6.0
-    within("volume", volume / (np.pi * (0.3**2 * 2.9 + 0.38**2 * 0.1)) - 1.0, 1.1e-3)  # 256 sides: 1e-4
+    # 256 sides: 1e-4
+    within("volume", volume / (np.pi * (0.3**2 * 2.9 + 0.38**2 * 0.1)) - 1.0, 1.1e-3)
     assert np.ptp(v, axis=0) == pytest.approx([0.76, 0.76, PILE_LENGTH])
     assert PILE.center == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
 
@@ -60,11 +71,17 @@ def test_picture_and_contact_agree(within):
     ],
 )
 def test_paths_lie_on_the_shell_and_press_into_it(path: ModelPath, length: float, within):
-    within("length [m]", np.linalg.norm(np.diff(path.p, axis=0), axis=1).sum() - length, 1e-4 * length)
+    within(
+        "length [m]", np.linalg.norm(np.diff(path.p, axis=0), axis=1).sum() - length, 1e-4 * length
+    )
     within("radius [m]", np.linalg.norm(path.p[:, :2], axis=1) - R, 1e-12)
     within("tool axis", path.a + path.p * [1, 1, 0] / R, 1e-12)
     step = np.gradient(path.p, axis=0)
-    within("b along the path", np.cross(path.b, step / np.linalg.norm(step, axis=1, keepdims=True)), 1e-2)
+    within(
+        "b along the path",
+        np.cross(path.b, step / np.linalg.norm(step, axis=1, keepdims=True)),
+        1e-2,
+    )
     assert np.all(np.einsum("ij,ij->i", path.b, step) > 0.0)
 
 
@@ -98,9 +115,11 @@ def test_paths_off_the_shell_are_refused(make, words):
 
 
 def test_flange_tells_the_height(within):
-    """1.7 to 1.9 m off, both ends out of view. In 46 the flange slides out of the picture unless more starts are tried.
+    """1.7 to 1.9 m off, both ends out of view. In 46 the flange slides out of the picture unless
+    more starts are tried.
 
-    Now and then (7 and 21 of the first 60 seeds) a right pose is refused, its shape 0.1 to 0.3 mm over the limit.
+    Now and then (7 and 21 of the first 60 seeds) a right pose is refused, its shape 0.1 to 0.3 mm
+    over the limit.
     """
     surface, errors = ModelSurface.of(PILE), []
     for seed in (0, 1, 2, 3, 46):

@@ -1,4 +1,6 @@
-"""Starts by point pairs: votes find the pose among touching neighbours, and none where there is no pair."""
+"""Starts by point pairs: votes find the pose among touching neighbours, and none where there is no
+pair.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ VIEW = seen_from(np.array([0.3, -0.8, 0.6]))
 
 def oriented(name: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) [m] of a noisy look at an object, with normals."""
-    scan = Scan.from_depth(look(targets.named(name), VIEW, np.random.default_rng(seed), floor=False))
+    scan = Scan.from_depth(
+        look(targets.named(name), VIEW, np.random.default_rng(seed), floor=False)
+    )
     points = voxel_means(scan.points[scan.depth > 0.0], ROCK.radius / 20.0)
     return points, facing_normals(points, 12)
 
@@ -29,14 +33,20 @@ def near(poses: np.ndarray) -> np.ndarray:
 def test_the_true_pose_gets_most_votes():
     poses = point_pair_poses(*oriented("rock", 0), ROCK)
     np.testing.assert_allclose(
-        poses[:, :3, :3] @ poses[:, :3, :3].swapaxes(1, 2), np.tile(np.eye(3), (len(poses), 1, 1)), atol=1e-6
+        poses[:, :3, :3] @ poses[:, :3, :3].swapaxes(1, 2),
+        np.tile(np.eye(3), (len(poses), 1, 1)),
+        atol=1e-6,
     )
     assert near(poses[:5]).any()
 
 
 def test_neighbours_that_touch_it_do_not_hide_it():
     points, normals = oriented("rock", 1)
-    for name, shift in (("valve", [0.35, 0.0, 0.0]), ("starfish", [-0.3, 0.1, 0.0]), ("anode", [0.0, -0.25, 0.05])):
+    for name, shift in (
+        ("valve", [0.35, 0.0, 0.0]),
+        ("starfish", [-0.3, 0.1, 0.0]),
+        ("anode", [0.0, -0.25, 0.05]),
+    ):
         beside, facing = oriented(name, 1)
         points, normals = np.vstack([points, beside + shift]), np.vstack([normals, facing])
     assert near(point_pair_poses(points, normals, ROCK)[:60]).any()
@@ -44,5 +54,7 @@ def test_neighbours_that_touch_it_do_not_hide_it():
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_a_few_points_give_finite_poses(count: int):
-    poses = point_pair_poses(np.arange(3.0 * count).reshape(-1, 3), np.tile([0.0, 0.0, -1.0], (count, 1)), ROCK)
+    poses = point_pair_poses(
+        np.arange(3.0 * count).reshape(-1, 3), np.tile([0.0, 0.0, -1.0], (count, 1)), ROCK
+    )
     assert np.all(np.isfinite(poses))

@@ -1,4 +1,6 @@
-"""The check's decisions on evidence that contradicts a pose, that lacks, and that hides; the paper's Q beside it."""
+"""The check's decisions on evidence that contradicts a pose, that lacks, and that hides; the
+paper's Q beside it.
+"""
 
 from dataclasses import replace
 
@@ -57,7 +59,11 @@ def test_the_true_pose_is_accepted_and_wrong_ones_are_not(clear: Evidence, surfa
     assert true.coverage > 0.9
     assert true.hidden < 0.02
     assert true.figure_m < true.threshold_m
-    for wrong in (pose(p=[0.03, 0.0, 0.0]), pose(p=[0.0, 0.03, 0.0]), pose(exp_so3([0.0, np.deg2rad(10.0), 0.0]))):
+    for wrong in (
+        pose(p=[0.03, 0.0, 0.0]),
+        pose(p=[0.0, 0.03, 0.0]),
+        pose(exp_so3([0.0, np.deg2rad(10.0), 0.0])),
+    ):
         verdict = check(clear, surface, VIEW @ wrong)
         assert verdict.decision is not Decision.ACCEPT
         assert verdict.move_m > true.move_m  # the fit goes back
@@ -66,8 +72,12 @@ def test_the_true_pose_is_accepted_and_wrong_ones_are_not(clear: Evidence, surfa
 
 
 def test_what_is_hidden_is_no_evidence(surface: ModelSurface):
-    """A ball between hides a third of the barrel: accepted as before; one that hides nearly all: look again."""
-    third = check(evidence_of(surface, ((0.5 * VIEW[:3, 3] + [0.1, 0.0, 0.0], 0.09),)), surface, VIEW)
+    """A ball between hides a third of the barrel: accepted as before; one that hides nearly all:
+    look again.
+    """
+    third = check(
+        evidence_of(surface, ((0.5 * VIEW[:3, 3] + [0.1, 0.0, 0.0], 0.09),)), surface, VIEW
+    )
     assert 0.15 < third.hidden < 0.6
     assert third.decision is Decision.ACCEPT, third.reason
     assert third.agreement > 0.9
@@ -78,9 +88,13 @@ def test_what_is_hidden_is_no_evidence(surface: ModelSurface):
 
 
 def test_a_model_of_a_part_of_what_is_seen_is_not_accepted(clear: Evidence, surface: ModelSurface):
-    """Half a barrel fits the barrel as truly as the whole; the other half of the surface is then nobody's."""
+    """Half a barrel fits the barrel as truly as the whole; the other half of the surface is then
+    nobody's.
+    """
     fine = dented_barrel(0.0)
-    half = replace(fine, triangles=fine.triangles[fine.vertices[fine.triangles, 0].mean(axis=1) < 0.0])
+    half = replace(
+        fine, triangles=fine.triangles[fine.vertices[fine.triangles, 0].mean(axis=1) < 0.0]
+    )
     verdict = check(clear, ModelSurface.of(half), VIEW)
     assert 0.35 < verdict.beyond < 0.65
     assert verdict.decision is not Decision.ACCEPT
@@ -88,7 +102,9 @@ def test_a_model_of_a_part_of_what_is_seen_is_not_accepted(clear: Evidence, surf
 
 
 @pytest.mark.parametrize("share", [0.85, 1.15])
-def test_the_object_in_another_size_is_not_accepted(clear: Evidence, surface: ModelSurface, share: float, within):
+def test_the_object_in_another_size_is_not_accepted(
+    clear: Evidence, surface: ModelSurface, share: float, within
+):
     other = ModelSurface.of(replace(BARREL, vertices=share * BARREL.vertices))
     verdict = check(clear, other, fine_fit(clear, other, VIEW).X_ST)
     assert verdict.decision is not Decision.ACCEPT
@@ -97,7 +113,9 @@ def test_the_object_in_another_size_is_not_accepted(clear: Evidence, surface: Mo
     within("size of the right model - 1", check(clear, surface, VIEW).size - 1.0, 0.01)
 
 
-def test_q_grows_with_the_number_of_rays_as_the_paper_has_it(clear: Evidence, surface: ModelSurface, within):
+def test_q_grows_with_the_number_of_rays_as_the_paper_has_it(
+    clear: Evidence, surface: ModelSurface, within
+):
     """Four times as many rays on the same line: twice the Q, for the same pose."""
     few, many = (published_criterion(clear, surface, VIEW, n=n) for n in (200, 800))
     assert few.rays + few.missed == 200
@@ -109,7 +127,9 @@ def test_q_grows_with_the_number_of_rays_as_the_paper_has_it(clear: Evidence, su
 
 
 def test_declared_symmetry_is_no_look_alike(surface: ModelSurface):
-    """The barrel turned about its axis or end to end is declared the same; undeclared, its turns look alike."""
+    """The barrel turned about its axis or end to end is declared the same; undeclared, its turns
+    look alike.
+    """
     assert not ambiguous_poses(surface)
     undeclared = replace(surface, symmetry=Symmetry())
     for G in ambiguous_poses(undeclared):

@@ -1,4 +1,6 @@
-"""Covariance of a pose: against a closed form, against the errors of many frames, and its free directions."""
+"""Covariance of a pose: against a closed form, against the errors of many frames, and its free
+directions.
+"""
 
 import numpy as np
 import pytest
@@ -21,9 +23,13 @@ FRAMES = 8
 def found() -> list[Identification]:
     """The manifold in several frames from one place, each with its own noise."""
     surface = ModelSurface.of(named("manifold"))
-    frames = (look(surface.target, VIEW, np.random.default_rng(k), floor=False) for k in range(FRAMES))
+    frames = (
+        look(surface.target, VIEW, np.random.default_rng(k), floor=False) for k in range(FRAMES)
+    )
     return [
-        identify(Scan.from_depth(frame), surface, transform_points(VIEW, surface.center), VIEW[:3, :3])
+        identify(
+            Scan.from_depth(frame), surface, transform_points(VIEW, surface.center), VIEW[:3, :3]
+        )
         for frame in frames
     ]
 
@@ -33,13 +39,16 @@ def made(matrix: np.ndarray, free: np.ndarray) -> PoseCovariance:
 
 
 def test_errors_are_as_large_as_it_says(found, within):
-    """The errors from one place share their systematic part, so that the mean square is rougher than its chi-square."""
+    """The errors from one place share their systematic part, so that the mean square is rougher
+    than its chi-square.
+    """
     squares = []
     for each in found:
         assert each.covariance is not None
         assert each.covariance.degrees == 6
         squares.append(each.covariance.normalised_error(each.X_sensor_target, VIEW) / 6.0)
-    within("log of the mean square over its expectation", np.log(np.mean(squares)), np.log(2.5))  # 0.7 measured
+    # 0.7 measured
+    within("log of the mean square over its expectation", np.log(np.mean(squares)), np.log(2.5))
     assert np.mean(np.array(squares) < chi2.isf(0.05, 6) / 6.0) > 0.7
 
 
@@ -67,7 +76,11 @@ def test_symmetry_is_unbounded(within):
     assert np.isinf(covariance.sigma(covariance.center + 0.2 * side, np.cross(axis, side)))
     assert covariance.sigma(covariance.center, axis) < 0.005
     turned = each.X_sensor_target @ pose(exp_so3([0.01, 0.0, 0.0]))
-    within("a turn about the axis is no error", covariance.normalised_error(each.X_sensor_target, turned), 1e-3)
+    within(
+        "a turn about the axis is no error",
+        covariance.normalised_error(each.X_sensor_target, turned),
+        1e-3,
+    )
 
 
 def test_closed_forms(within):
@@ -75,7 +88,9 @@ def test_closed_forms(within):
     held = made(matrix, np.zeros((0, 6)))
     within("along x", held.sigma([0.0, 0.0, 0.0], [2.0, 0.0, 0.0]) - 2e-3, 1e-12)
     # A point 0.5 m = 1 radius aside on y moves along x by the rotation about z as well.
-    within("along x, aside", held.sigma([0.0, 0.5, 0.0], [1.0, 0.0, 0.0]) - np.sqrt(13.0) * 1e-3, 1e-12)
+    within(
+        "along x, aside", held.sigma([0.0, 0.5, 0.0], [1.0, 0.0, 0.0]) - np.sqrt(13.0) * 1e-3, 1e-12
+    )
     within("position", held.position_sigma - 2e-3, 1e-12)
     within("rotation", held.rotation_sigma - 3e-3 / 0.5, 1e-12)
     moved = pose(p=[2e-3, 0.0, 0.0])
@@ -95,10 +110,20 @@ def test_the_chance_to_be_within_bounds_is_that_of_the_normal(within):
     sigma = 0.002
     one = np.zeros((6, 6))
     one[0, 0] = sigma**2
-    within("one direction", made(one, np.zeros((0, 6))).chance_within(2.0 * sigma, 0.1) - chi2.cdf(4.0, 1), 0.012)
+    within(
+        "one direction",
+        made(one, np.zeros((0, 6))).chance_within(2.0 * sigma, 0.1) - chi2.cdf(4.0, 1),
+        0.012,
+    )
     three = sigma**2 * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    within("in space", made(three, np.zeros((0, 6))).chance_within(2.0 * sigma, 0.1) - chi2.cdf(4.0, 3), 0.02)
+    within(
+        "in space",
+        made(three, np.zeros((0, 6))).chance_within(2.0 * sigma, 0.1) - chi2.cdf(4.0, 3),
+        0.02,
+    )
     turn = sigma**2 * np.diag([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
     angle = 1.5 * sigma / 0.5
-    within("turned", made(turn, np.zeros((0, 6))).chance_within(0.1, angle) - chi2.cdf(1.5**2, 1), 0.02)
+    within(
+        "turned", made(turn, np.zeros((0, 6))).chance_within(0.1, angle) - chi2.cdf(1.5**2, 1), 0.02
+    )
     assert made(np.zeros((6, 6)), np.zeros((0, 6))).chance_within(1e-6, 1e-6) == 1.0

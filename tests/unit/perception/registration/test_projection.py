@@ -1,4 +1,6 @@
-"""The curve on which the published criterion is made: in front of all points, across the mean direction."""
+"""The curve on which the published criterion is made: in front of all points, across the mean
+direction.
+"""
 
 import numpy as np
 import pytest

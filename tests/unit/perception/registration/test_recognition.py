@@ -1,4 +1,6 @@
-"""Which of several objects it is: named, or refused with a reason; folders, twins, what is not there; heaps."""
+"""Which of several objects it is: named, or refused with a reason; folders, twins, what is not
+there; heaps.
+"""
 
 from dataclasses import replace
 
@@ -29,7 +31,9 @@ def recognised(scene, targets):
     return perception.recognise(scene.scan, targets, scene.approach, sensor=scene.sensor.model)
 
 
-@pytest.mark.parametrize("name", ["starfish", *(pytest.param(name, marks=ANOTHER) for name in NAMES[1:])])
+@pytest.mark.parametrize(
+    "name", ["starfish", *(pytest.param(name, marks=ANOTHER) for name in NAMES[1:])]
+)
 def test_the_object_in_the_scene_is_named(name: str):
     scene = object_scene(name, 7000)
     made = recognised(scene, {each: target_of(each) for each in NAMES})
@@ -73,20 +77,28 @@ def test_twins_and_what_is_not_there_are_refused():
 
 
 def test_a_refusal_goes_on_from_what_was_searched(monkeypatch):
-    """Where no object fits, all starts of each are tried; the likeliest of them are not searched a second time."""
+    """Where no object fits, all starts of each are tried; the likeliest of them are not searched a
+    second time.
+    """
     searched, search = [], identification.likeliest_pose
     monkeypatch.setattr(
-        identification, "likeliest_pose", lambda *args, **most: searched.append(most) or search(*args, **most)
+        identification,
+        "likeliest_pose",
+        lambda *args, **most: searched.append(most) or search(*args, **most),
     )
     monkeypatch.setattr(identification, "_REFINED_LATER", 10)  # which takes seconds
     scene = object_scene("starfish", 7000)
     thinned = scene.scan.part((slice(None, None, 8), slice(None, None, 8)))
-    made = perception.recognise(thinned, [target_of("valve")], scene.approach, sensor=scene.sensor.model)
+    made = perception.recognise(
+        thinned, [target_of("valve")], scene.approach, sensor=scene.sensor.model
+    )
     assert not made.accepted
     assert searched == [{"most": identification.REFINED}, {"most": 10}]
 
 
-def rendered(shown: dict[str, np.ndarray], surfaces: dict[str, ModelSurface], sensor: SensorModel) -> Scan:
+def rendered(
+    shown: dict[str, np.ndarray], surfaces: dict[str, ModelSurface], sensor: SensorModel
+) -> Scan:
     """Scan of several objects at their poses X_ST (4, 4), with white noise."""
     tangent_x, tangent_y = (np.linspace(-0.5, 0.5, n) * (n - 1) / sensor.focal for n in (640, 480))
     grid = Scan.of_grid(np.ones((480, 640)), tangent_x, tangent_y)
@@ -96,13 +108,17 @@ def rendered(shown: dict[str, np.ndarray], surfaces: dict[str, ModelSurface], se
 
 
 def test_what_is_found_explains_its_part_of_the_scan():
-    """An anode hides half of a manifold, which alone is found on the anode: a pixel shows one object only."""
+    """An anode hides half of a manifold, which alone is found on the anode: a pixel shows one
+    object only.
+    """
     sensor = SensorModel(noise_length=1.0)
     surfaces = {name: ModelSurface.of(target_of(name)) for name in ("manifold", "anode")}
     X_manifold = pose(exp_so3([3.0, 0.25, 0.1]), [0.05, 0.0, 1.8])
     poses = {
         "manifold": X_manifold,
-        "anode": pose(X_manifold[:3, :3] @ exp_so3([0.0, 0.0, 0.9]), X_manifold[:3, 3] - [0.0, 0.05, 0.12]),
+        "anode": pose(
+            X_manifold[:3, :3] @ exp_so3([0.0, 0.0, 0.9]), X_manifold[:3, 3] - [0.0, 0.05, 0.12]
+        ),
     }
     scan = rendered(poses, surfaces, sensor)
     approaches = {name: X[:3, 3] + [0.1, -0.05, 0.1] for name, X in poses.items()}
@@ -117,7 +133,9 @@ def test_what_is_found_explains_its_part_of_the_scan():
 
 
 def test_a_known_object_hides_and_explains():
-    """Where a known object stands the likelihood of another asks whether the other is nearer, and fits better there."""
+    """Where a known object stands the likelihood of another asks whether the other is nearer, and
+    fits better there.
+    """
     sensor = SensorModel(noise_length=1.0)
     surfaces = {name: ModelSurface.of(target_of(name)) for name in ("plate", "starfish")}
     R = exp_so3([3.0, 0.2, 0.0])
@@ -132,7 +150,8 @@ def test_a_known_object_hides_and_explains():
     assert log_likelihood(joint, starfish, poses["starfish"]) > 100.0
     assert log_likelihood(joint, starfish, behind) == 0.0
     on_plate = pose(R, [0.15, 0.1, 1.6])
-    assert log_likelihood(alone, starfish, on_plate) > 100.0  # the plate's face passes for the starfish
+    # the plate's face passes for the starfish
+    assert log_likelihood(alone, starfish, on_plate) > 100.0
     assert log_likelihood(joint, starfish, on_plate) < 0.0
 
 

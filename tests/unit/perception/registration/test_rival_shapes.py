@@ -1,4 +1,5 @@
-"""Rivals: an object of the other hand is refused, one without a hand is not asked; the model at another size.
+"""Rivals: an object of the other hand is refused, one without a hand is not asked; the model at
+another size.
 
 The mirror image is sought once from one place.
 """
@@ -36,14 +37,21 @@ VIEW = seen_from(np.array([0.15, -0.4, 0.8]))
 def hooked(hand: float) -> TargetModel:
     """Three bars, the last to the left or to the right."""
     bars = [((0.5, 0.08, 0.06), (0.0, 0.0, 0.0)), ((0.08, 0.3, 0.06), (0.21, 0.15, 0.0))]
-    bars += [((0.08, 0.08, 0.25), (-0.21, 0.0, 0.12)), ((0.06, 0.2, 0.06), (0.0, hand * 0.12, 0.05))]
+    bars += [
+        ((0.08, 0.08, 0.25), (-0.21, 0.0, 0.12)),
+        ((0.06, 0.2, 0.06), (0.0, hand * 0.12, 0.05)),
+    ]
     parts = []
     for size, at in bars:
         part = trimesh.creation.box(size)
         part.apply_translation(np.array(at) * [1.0, hand, 1.0])
         parts.append(part)
-    vertices, triangles = trimesh.util.append_faces([part.vertices for part in parts], [part.faces for part in parts])
-    return TargetModel(name="hook", vertices=np.asarray(vertices, dtype=np.float64), triangles=triangles)
+    vertices, triangles = trimesh.util.append_faces(
+        [part.vertices for part in parts], [part.faces for part in parts]
+    )
+    return TargetModel(
+        name="hook", vertices=np.asarray(vertices, dtype=np.float64), triangles=triangles
+    )
 
 
 def test_the_other_hand_is_refused():
@@ -61,9 +69,13 @@ def quick_look(target: TargetModel, X_CT: np.ndarray, rng: np.random.Generator) 
 
 
 def test_the_mirror_image_is_sought_once_from_one_place(monkeypatch):
-    """The second of two looks differs from the first in its noise alone; what changes the answer is noticed."""
+    """The second of two looks differs from the first in its noise alone; what changes the answer is
+    noticed.
+    """
     searches, search = [], rival_shapes.likeliest_of
-    monkeypatch.setattr(rival_shapes, "likeliest_of", lambda *args: searches.append(1) or search(*args))
+    monkeypatch.setattr(
+        rival_shapes, "likeliest_of", lambda *args: searches.append(1) or search(*args)
+    )
     rng = np.random.default_rng(4)
     finder = KnownObjectFinder(hooked(1.0), None, VIEW[:3, 3])
     state, found = finder.init(), []
@@ -83,9 +95,11 @@ def test_the_mirror_image_is_sought_once_from_one_place(monkeypatch):
         return is_told_again(evidence, first.surface, first.X_sensor_target, mirror)
 
     assert holds(first.mirror)
-    assert not holds(replace(first.mirror, p_TS=first.mirror.p_TS + np.array([0.0, 0.15, 0.0])))  # from another place
+    # from another place
+    assert not holds(replace(first.mirror, p_TS=first.mirror.p_TS + np.array([0.0, 0.15, 0.0])))
     assert not holds(replace(first.mirror, hand=50.0))  # it was in doubt
-    assert not holds(replace(first.mirror, hand=3.0 * first.mirror.hand))  # the mirror image fits better now
+    # the mirror image fits better now
+    assert not holds(replace(first.mirror, hand=3.0 * first.mirror.hand))
     assert first.evidence is not None
     replaced = replace(first.evidence, scan=Scan.from_depth(quick_look(hooked(-1.0), VIEW, rng)))
     assert not holds(first.mirror, replaced)
@@ -97,12 +111,18 @@ def test_only_what_has_a_hand_has_a_rival(within):
     surface = ModelSurface.of(hooked(1.0))
     rival = mirror_image(surface)
     assert rival is not None
-    within("reflected twice", np.sort(rival.points * [-1.0, 1.0, 1.0], axis=0) - np.sort(surface.points, axis=0), 1e-12)
+    within(
+        "reflected twice",
+        np.sort(rival.points * [-1.0, 1.0, 1.0], axis=0) - np.sort(surface.points, axis=0),
+        1e-12,
+    )
 
 
 @pytest.mark.parametrize("size", [0.95, 1.05])
 def test_an_object_of_another_size_is_likelier_as_that(size):
-    """Five percent: the scan is likelier at the right size by far more than what separates a pose from its rivals."""
+    """Five percent: the scan is likelier at the right size by far more than what separates a pose
+    from its rivals.
+    """
     surface, target = ModelSurface.of(hooked(1.0)), hooked(1.0)
     other = TargetModel(name="other", vertices=size * target.vertices, triangles=target.triangles)
     frame = look(other, VIEW, np.random.default_rng(4), floor=False)
@@ -110,8 +130,12 @@ def test_an_object_of_another_size_is_likelier_as_that(size):
     assert not found.accepted
     assert found.evidence is not None
     X_ST = found.X_sensor_target
-    search = Found(X_ST, None, X_ST, log_likelihood(found.evidence, surface, X_ST), found.hypotheses[1:])
-    assert resized_log_likelihood(found.evidence, surface, size, search) > search.log_likelihood + 20.0
+    search = Found(
+        X_ST, None, X_ST, log_likelihood(found.evidence, surface, X_ST), found.hypotheses[1:]
+    )
+    assert (
+        resized_log_likelihood(found.evidence, surface, size, search) > search.log_likelihood + 20.0
+    )
 
 
 def test_a_resized_model_is_the_model_resized(within):
@@ -120,5 +144,8 @@ def test_a_resized_model_is_the_model_resized(within):
     within("centre [m]", twice.center - 2.0 * surface.center, 1e-12)
     ray = np.array([[0.0, 0.0, -1.0]])
     within(
-        "ray [m]", twice.scene.distance([0.0, 0.0, 2.0], ray) - 2.0 * surface.scene.distance([0.0, 0.0, 1.0], ray), 1e-5
+        "ray [m]",
+        twice.scene.distance([0.0, 0.0, 2.0], ray)
+        - 2.0 * surface.scene.distance([0.0, 0.0, 1.0], ray),
+        1e-5,
     )

@@ -22,9 +22,13 @@ TANGENTS = 2e-3 * np.arange(-149.5, 150.0)
 def spring() -> TargetModel:
     """A wire of circular section along a helix about the z axis of T, its ends open."""
     turn = 2.0 * np.pi * np.arange(int(TURNS * PER_TURN) + 1) / PER_TURN
-    middle = np.column_stack([COIL * np.cos(turn), COIL * np.sin(turn), PITCH * turn / (2.0 * np.pi)])
+    middle = np.column_stack(
+        [COIL * np.cos(turn), COIL * np.sin(turn), PITCH * turn / (2.0 * np.pi)]
+    )
     outward = np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
-    along = np.column_stack([-COIL * np.sin(turn), COIL * np.cos(turn), np.full_like(turn, PITCH / (2.0 * np.pi))])
+    along = np.column_stack(
+        [-COIL * np.sin(turn), COIL * np.cos(turn), np.full_like(turn, PITCH / (2.0 * np.pi))]
+    )
     across = np.cross(along / np.linalg.norm(along, axis=1, keepdims=True), outward)
     angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
     rings = middle[:, None] + WIRE * (
@@ -33,7 +37,10 @@ def spring() -> TargetModel:
     first = (AROUND * np.arange(len(turn) - 1)[:, None] + np.arange(AROUND)).ravel()
     beside = (AROUND * np.arange(len(turn) - 1)[:, None] + np.roll(np.arange(AROUND), -1)).ravel()
     faces = np.vstack(
-        [np.column_stack([first, first + AROUND, beside]), np.column_stack([beside, first + AROUND, beside + AROUND])]
+        [
+            np.column_stack([first, first + AROUND, beside]),
+            np.column_stack([beside, first + AROUND, beside + AROUND]),
+        ]
     )
     return TargetModel(name="spring", vertices=rings.reshape(-1, 3), triangles=faces)
 
@@ -80,13 +87,21 @@ def test_the_next_facet_is_a_place_of_rest(surface: ModelSurface, evidence: Evid
     facet = 2.0 * np.pi / PER_TURN * np.hypot(COIL, PITCH / (2.0 * np.pi))
     places = resting_places(evidence, surface, X_ST @ slipped(surface, facet))
     assert places
-    within("nearest, in spacings", min(abs(_slip(surface, X)) for X in places) / surface.spacing, 1.0)
+    within(
+        "nearest, in spacings", min(abs(_slip(surface, X)) for X in places) / surface.spacing, 1.0
+    )
 
 
 def test_its_own_doubt_is_what_the_likelihood_says(surface: ModelSurface, evidence: Evidence):
-    """Pairs of points would state a tenth of a millimetre; the other directions stay as they are."""
+    """Pairs of points would state a tenth of a millimetre; the other directions stay as they
+    are.
+    """
     narrow = PoseCovariance(
-        matrix=1e-8 * np.eye(6), free=np.zeros((0, 6)), center=X_ST[:3, 3], radius=surface.radius, size_sigma=0.01
+        matrix=1e-8 * np.eye(6),
+        free=np.zeros((0, 6)),
+        center=X_ST[:3, 3],
+        radius=surface.radius,
+        size_sigma=0.01,
     )
     wide = with_slip(evidence, surface, X_ST, narrow)
     values = np.linalg.eigvalsh(wide.matrix)

@@ -1,4 +1,6 @@
-"""Turns about a declared axis: nothing to search; told by a part in view that breaks the symmetry, else unknown."""
+"""Turns about a declared axis: nothing to search; told by a part in view that breaks the symmetry,
+else unknown.
+"""
 
 from dataclasses import replace
 
@@ -28,9 +30,12 @@ WITHOUT = pytest.mark.long(
 
 
 @pytest.mark.parametrize(
-    ("azimuth", "off"), [(SEEN, 0.3), (SEEN - 0.4, -2.0), (HIDDEN, 0.3), pytest.param(None, 0.3, marks=WITHOUT)]
+    ("azimuth", "off"),
+    [(SEEN, 0.3), (SEEN - 0.4, -2.0), (HIDDEN, 0.3), pytest.param(None, 0.3, marks=WITHOUT)],
 )
-def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(azimuth: float | None, off: float, within):
+def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(
+    azimuth: float | None, off: float, within
+):
     target = barrel(bung_azimuth=azimuth)
     scan = Scan.from_depth(look(target, VIEW, np.random.default_rng(3)))
     prior = VIEW[:3, :3] @ exp_so3([off, 0.1, 0.1])
@@ -40,7 +45,9 @@ def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(azimuth: float | No
     if azimuth in (None, HIDDEN):
         assert not found.symmetry.angle_known
         assert "nearest to the coarse orientation" in found.symmetry.policy
-        within("turn from the prior [rad]", np.arccos(0.5 * (np.trace(R_error) - 1.0)) - abs(off), 0.2)
+        within(
+            "turn from the prior [rad]", np.arccos(0.5 * (np.trace(R_error) - 1.0)) - abs(off), 0.2
+        )
     else:
         assert found.symmetry.angle_known
         assert "told" in found.symmetry.policy
@@ -48,7 +55,9 @@ def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(azimuth: float | No
 
 
 def test_two_thirds_of_a_bung_are_none():
-    """Where every third column shows a bare body, the bung explains the scan better than that, and yet is not there."""
+    """Where every third column shows a bare body, the bung explains the scan better than that, and
+    yet is not there.
+    """
     target, rng = barrel(bung_azimuth=SEEN), np.random.default_rng(3)
     whole, bare = (look(each, VIEW, rng, noise=None, floor=False) for each in (target, barrel()))
     depth = np.array(whole.depth)
@@ -58,7 +67,11 @@ def test_two_thirds_of_a_bung_are_none():
     for image in (whole, replace(whole, depth=depth)):
         scan = Scan.from_depth(image)
         mask = np.isfinite(image.depth)
-        told.append(resolve_symmetry(Evidence.of(scan, mask, 0.8 * surface.spacing, SensorModel()), surface, VIEW))
+        told.append(
+            resolve_symmetry(
+                Evidence.of(scan, mask, 0.8 * surface.spacing, SensorModel()), surface, VIEW
+            )
+        )
     assert told[0] is not None
     assert told[1] is None
 
@@ -72,15 +85,21 @@ def test_a_bung_stands_out_and_a_whole_barrel_has_nothing_that_does():
 
 
 def drum(R: np.ndarray) -> ModelSurface:
-    """A drum that lies askew in its frame; its axis is declared, that it may be turned end to end is not."""
+    """A drum that lies askew in its frame; its axis is declared, that it may be turned end to end
+    is not.
+    """
     vertices, triangles = revolve([[-0.2, 0.0], [-0.2, 0.19], [0.2, 0.19], [0.2, 0.0]], 48)
     vertices = vertices @ R.T + [0.1, -0.2, 0.3]
     declared = Symmetry(axis=R[:, 0], center=np.array([0.1, -0.2, 0.3]))
-    return ModelSurface.of(TargetModel(name="drum", vertices=vertices, triangles=triangles, symmetry=declared))
+    return ModelSurface.of(
+        TargetModel(name="drum", vertices=vertices, triangles=triangles, symmetry=declared)
+    )
 
 
 def test_a_declared_axis_is_not_searched_and_the_answer_is_that_of_the_search(monkeypatch):
-    """What the declaration answers is passed over: a drum's poses that look alike are those found by turning it too."""
+    """What the declaration answers is passed over: a drum's poses that look alike are those found
+    by turning it too.
+    """
     surface = drum(exp_so3([0.3, -0.5, 0.8])).thinned(1500)
     settled, turns = symmetry._settled, []
     monkeypatch.setattr(symmetry, "_settled", lambda *args: turns.append(1) or settled(*args))
@@ -94,7 +113,9 @@ def test_a_declared_axis_is_not_searched_and_the_answer_is_that_of_the_search(mo
 
 
 def test_what_a_model_looks_like_is_worked_out_once():
-    """Surfaces of the same content are equal, another symmetry or a vertex that is off makes another one."""
+    """Surfaces of the same content are equal, another symmetry or a vertex that is off makes
+    another one.
+    """
     surface, same = drum(np.eye(3)), drum(np.eye(3))
     assert surface == same
     assert asymmetric_parts(surface) is asymmetric_parts(same)

@@ -27,7 +27,9 @@ def ping(ground: Seabed, seed: int, **sonar: object) -> SonarScan:
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    points = Sonar(model, "world", X_WB @ X_BS, beams=BEAMS, **untyped(sonar)).ping(data, np.random.default_rng(seed))
+    points = Sonar(model, "world", X_WB @ X_BS, beams=BEAMS, **untyped(sonar)).ping(
+        data, np.random.default_rng(seed)
+    )
     return SonarScan(time=3.0, points=points, X_BS=X_BS)
 
 
@@ -85,7 +87,9 @@ def test_what_shows_no_seabed_is_refused_with_the_reason():
     scan, finder = ping(ground(), 8), SeabedFinder(B_W)
     everything = np.ones(scan.points.shape[:2], dtype=bool)
     assert "0 points show no surface" in find(finder, blind(scan, everything)).reason
-    at = transform_points(X_WB @ X_BS, np.nan_to_num(scan.points).reshape(-1, 3)).reshape(scan.points.shape)
+    at = transform_points(X_WB @ X_BS, np.nan_to_num(scan.points).reshape(-1, 3)).reshape(
+        scan.points.shape
+    )
     near = np.hypot(at[..., 0] - B_W[0, 0], at[..., 1] - B_W[0, 1]) < 0.35
     refused = find(finder, blind(scan, near))
     assert not refused.accepted
@@ -107,7 +111,12 @@ def test_a_cloud_that_is_given_is_believed():
 def test_what_cannot_be_is_refused():
     with pytest.raises(ConfigurationError, match="targets B"):
         SeabedFinder(np.zeros((0, 3)))
-    with pytest.raises(ConfigurationError, match="expected a SonarScan or a DepthImage, got ImuMeasurement"):
+    with pytest.raises(
+        ConfigurationError, match="expected a SonarScan or a DepthImage, got ImuMeasurement"
+    ):
         points_in_world(
-            X_WB, ImuMeasurement(time=0.0, specific_force_B=np.zeros(3), w_WB_B=np.zeros(3), R_WB=np.eye(3))
+            X_WB,
+            ImuMeasurement(
+                time=0.0, specific_force_B=np.zeros(3), w_WB_B=np.zeros(3), R_WB=np.eye(3)
+            ),
         )

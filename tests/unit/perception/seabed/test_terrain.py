@@ -1,4 +1,6 @@
-"""The surface of a seabed from a cloud: against [Konoplin 2019, eq. 4], planes in closed form, and seeded terrains."""
+"""The surface of a seabed from a cloud: against [Konoplin 2019, eq. 4], planes in closed form, and
+seeded terrains.
+"""
 
 import itertools
 
@@ -46,7 +48,11 @@ def test_rays_are_those_of_the_closed_form(within):
     terrain = build_terrain(scattered(tilted, 2000, rng) + rng.normal(0.0, 0.01, (2000, 3)), z)
     B = np.column_stack([rng.uniform(-0.5, 0.5, (200, 2)), np.zeros(200)])
     t, _ = terrain.under(B)
-    within("distance along the ray [m]", t - intersections(B, z, terrain.vertices, terrain.triangles), 5e-6)
+    within(
+        "distance along the ray [m]",
+        t - intersections(B, z, terrain.vertices, terrain.triangles),
+        5e-6,
+    )
 
 
 @pytest.mark.parametrize("turn", [np.eye(3), exp_so3([0.4, -0.3, 1.0])])
@@ -72,7 +78,8 @@ def test_plane_is_kept_exactly_in_any_frame(within, turn):
 def test_targets_lie_on_the_true_surface(kind, points, seed):
     """1 cm and 0.5 % of the range for 95 % of the targets, with noise and outliers.
 
-    Those are judged together: on one terrain with small rocks the share falls to 94 % where points lie 7 cm apart.
+    Those are judged together: on one terrain with small rocks the share falls to 94 % where points
+    lie 7 cm apart.
     """
     for seeds in ([7], [[seed, k] for k in range(6 if points < 10_000 else 1)]):
         seen, close = [], []
@@ -80,7 +87,10 @@ def test_targets_lie_on_the_true_surface(kind, points, seed):
             rng = np.random.default_rng(each)
             ground = seabed(kind, rng, center_W=(1.0, -2.0, -30.0))
             terrain = build_terrain(_cloud(ground, points, rng))
-            B = np.column_stack([rng.uniform(-1.7, 1.7, (400, 2)), np.full(400, 2.0)]) + ground.center_W
+            B = (
+                np.column_stack([rng.uniform(-1.7, 1.7, (400, 2)), np.full(400, 2.0)])
+                + ground.center_W
+            )
             t, _ = terrain.under(B)
             seen.append(np.isfinite(t).mean())
             off = np.abs(B[:, 2] - t - ground.height(B))[np.isfinite(t)]
@@ -99,7 +109,9 @@ def _cloud(ground, points, rng, noise=0.01):
 
 def test_quality_map_says_how_far_off_the_surface_is():
     rng = np.random.default_rng(3)
-    terrain = build_terrain(scattered(tilted, 20_000, rng) + [0, 0, 1] * rng.normal(0, 0.02, (20_000, 1)))
+    terrain = build_terrain(
+        scattered(tilted, 20_000, rng) + [0, 0, 1] * rng.normal(0, 0.02, (20_000, 1))
+    )
     assert 0.85 < terrain.noise / 0.02 < 1.15
     inner = np.abs(terrain.vertices[:, :2]).max(axis=1) < 0.9
     off = (terrain.vertices[:, 2] - tilted(terrain.vertices))[inner]
@@ -127,7 +139,9 @@ def test_profile_lies_in_its_planes_and_on_the_surface(within):
     path = smooth_path(cut)
     near = np.linalg.norm(path.p[:, None] - A[None], axis=2).min(axis=0)
     within("spline passes the targets [m]", near, 2e-3)
-    within("even steps [m]", np.linalg.norm(np.diff(path.p, axis=0), axis=1) - np.diff(path.s), 1e-4)
+    within(
+        "even steps [m]", np.linalg.norm(np.diff(path.p, axis=0), axis=1) - np.diff(path.s), 1e-4
+    )
     law = speed_law(path, 0.05, 0.02)
     rate = np.abs(np.diff(law.speed**2) / 2.0 / np.diff(law.s))
     within("rate of change of the speed over its limit [m/s^2]", max(0.0, rate.max() - 0.02), 1e-9)

@@ -1,4 +1,6 @@
-"""Maps of deformation: where growth and dents are, as large as they are, and nothing where there is nothing."""
+"""Maps of deformation: where growth and dents are, as large as they are, and nothing where there is
+nothing.
+"""
 
 from dataclasses import replace
 
@@ -32,12 +34,30 @@ def clean_area_beyond(true: Deformed, sign: float, size: float) -> float:
 
 
 def test_growth_and_dent_are_found_as_they_are(within):
-    """Exact depth, and a pose that the growth has pulled: regions against the two meshes, which know nothing of it."""
+    """Exact depth, and a pose that the growth has pulled: regions against the two meshes, which
+    know nothing of it.
+    """
     up = np.array([0.0, 0.0, 1.0])
-    growth = Patch(kind="growth", p_T=np.array([0.2, 0.0, 0.3]), n_T=up, radius=0.12, height=0.03, lobes=np.zeros(2))
-    dent = Patch(kind="dent", p_T=np.array([-0.15, 0.0, 0.3]), n_T=up, radius=0.09, height=0.02, lobes=np.ones(2))
+    growth = Patch(
+        kind="growth",
+        p_T=np.array([0.2, 0.0, 0.3]),
+        n_T=up,
+        radius=0.12,
+        height=0.03,
+        lobes=np.zeros(2),
+    )
+    dent = Patch(
+        kind="dent",
+        p_T=np.array([-0.15, 0.0, 0.3]),
+        n_T=up,
+        radius=0.09,
+        height=0.02,
+        lobes=np.ones(2),
+    )
     true = deformed(BARREL, [growth, dent])
-    scan = Scan.from_depth(look(true.target, VIEW, np.random.default_rng(0), noise=None, floor=False))
+    scan = Scan.from_depth(
+        look(true.target, VIEW, np.random.default_rng(0), noise=None, floor=False)
+    )
     exact = SensorModel(disparity_sigma=0.02)
     found = identify(scan, SURFACE, VIEW[:3, 3], VIEW[:3, :3], sensor=exact)
     pulled = pose(p=[0.0, 0.0, -0.003]) @ VIEW  # towards the camera
@@ -46,10 +66,12 @@ def test_growth_and_dent_are_found_as_they_are(within):
     for region, patch, sign in zip(made.regions, (growth, dent), (1.0, -1.0), strict=True):
         within("middle along the barrel [m]", region.p_T[0] - patch.p_T[0], 0.02)  # 4 mm
         within("middle around the barrel [m]", region.p_T[1] - patch.p_T[1], 0.02)
-        within("largest, relative", region.largest_m / (sign * patch.height) - 1.0, 0.15)  # 3 %, averaging
+        # 3 %, averaging
+        within("largest, relative", region.largest_m / (sign * patch.height) - 1.0, 0.15)
         expected = clean_area_beyond(true, sign, 0.005)
         within("area, relative", region.area_m2 / expected - 1.0, 0.2)  # 4 %
-        assert 0.7 < region.width_m * region.length_m * 0.25 * np.pi / region.area_m2 < 1.4  # nearly round
+        # nearly round
+        assert 0.7 < region.width_m * region.length_m * 0.25 * np.pi / region.area_m2 < 1.4
         assert 0.005 < sign * region.mean_m < patch.height
         assert np.sum(made.label == 1 + made.regions.index(region)) > 500
     points, off = made.cloud_S
@@ -61,7 +83,8 @@ def test_growth_and_dent_are_found_as_they_are(within):
 def test_undeformed_object_has_no_region(within, seed: int):
     """What the map says of its own noise is what it is off, and that is never beyond doubt.
 
-    Of 80 frames none had a region, and none came beyond 3.4 of the 4.5 standard deviations; 10 mm are 6.5 of them.
+    Of 80 frames none had a region, and none came beyond 3.4 of the 4.5 standard deviations; 10 mm
+    are 6.5 of them.
     """
     found = found_in(Scan.from_depth(look(BARREL, VIEW, np.random.default_rng(seed))))
     made = map_deformation(replace(found, accepted=True), None if seed < 3 else 0.01)

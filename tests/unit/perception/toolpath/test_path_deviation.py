@@ -9,7 +9,13 @@ from uuv.sim.interfaces.spatial import Array
 S = np.linspace(0.0, 1.0, 201)
 
 
-def over(usable: np.ndarray, along: Array, across: Array, bridged: np.ndarray | None = None, on: bool = True) -> tuple:
+def over(
+    usable: np.ndarray,
+    along: Array,
+    across: Array,
+    bridged: np.ndarray | None = None,
+    on: bool = True,
+) -> tuple:
     joined = np.zeros(len(S), dtype=bool) if bridged is None else bridged
     return path_deviation._over_gaps(along, across, np.full(len(S), on), usable, joined, S)
 
@@ -26,7 +32,8 @@ def test_beyond_what_is_seen_a_deviation_fades_to_nothing_without_a_step() -> No
         assert np.all(np.diff(share[before]) >= -1e-12)
         np.testing.assert_allclose(share[[0, -1]], 0.0, atol=1e-12)
         assert np.abs(np.diff(share)).max() < 0.3
-        # A cubic with level ends: as far from one as from the other at equal distances from its middle.
+        # A cubic with level ends: as far from one as from the other at equal distances from its
+        # middle.
         width = max(path_deviation._FADE[0], path_deviation._FADE[1] * 0.02)
         edge = S[usable][-1]
         for u in (0.1, 0.25, 0.4):
@@ -48,7 +55,9 @@ def test_a_larger_deviation_takes_a_longer_way_to_fade() -> None:
 def test_bridged_gaps_are_passed_on_a_curve_through_both_sides() -> None:
     usable = (S < 0.4) | (S > 0.6)
     line = 0.01 + 0.02 * S
-    along, across, on = over(usable, np.where(usable, line, 9.0), np.where(usable, 3.0 * line, 9.0), ~usable)
+    along, across, on = over(
+        usable, np.where(usable, line, 9.0), np.where(usable, 3.0 * line, 9.0), ~usable
+    )
     np.testing.assert_allclose(along, line, atol=1e-12)
     np.testing.assert_allclose(across, 3.0 * line, atol=1e-12)
     assert on.all()
@@ -74,5 +83,7 @@ def test_the_nearest_known_row(rng: np.random.Generator) -> None:
     found = path_deviation._nearest(known)
     assert known[found].all()
     rows = np.flatnonzero(known)
-    np.testing.assert_array_equal(np.abs(found - np.arange(60)), np.abs(rows[:, None] - np.arange(60)).min(axis=0))
+    np.testing.assert_array_equal(
+        np.abs(found - np.arange(60)), np.abs(rows[:, None] - np.arange(60)).min(axis=0)
+    )
     np.testing.assert_array_equal(path_deviation._nearest(np.zeros(4, dtype=bool)), range(4))

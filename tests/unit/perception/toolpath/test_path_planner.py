@@ -26,14 +26,20 @@ VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
 AZIMUTH = 0.3  # [rad] of the dent and of the path over it
 
 
-def found_on(depth: float, seed: int = 0, spoil: Callable[[Array], None] | None = None) -> Identification:
-    """The plain barrel, found in a noisy frame of one with a dent of `depth` [m]; `spoil` changes the depth [m]."""
+def found_on(
+    depth: float, seed: int = 0, spoil: Callable[[Array], None] | None = None
+) -> Identification:
+    """The plain barrel, found in a noisy frame of one with a dent of `depth` [m]; `spoil` changes
+    the depth [m].
+    """
     image = look(dented_barrel(depth, azimuth=AZIMUTH), VIEW, np.random.default_rng(seed))
     if spoil is not None:
         changed = np.array(image.depth)
         spoil(changed)
         image = replace(image, depth=changed)
-    found = identify(Scan.from_depth(image), ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3])
+    found = identify(
+        Scan.from_depth(image), ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3]
+    )
     assert found.accepted, found.reason
     return found
 
@@ -58,7 +64,9 @@ def assert_well_formed(path: ToolPath, within) -> None:
 
 
 def moller_trumbore(start: Array, way: Array, corners: Array) -> float:
-    """Distance along `way` to the nearest of the triangles (T, 3, 3), in closed form [Moller 1997]."""
+    """Distance along `way` to the nearest of the triangles (T, 3, 3), in closed form [Moller
+    1997].
+    """
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     h = np.cross(way, edge2)
     a = np.einsum("ij,ij->i", edge1, h)
@@ -118,7 +126,9 @@ def test_undamaged_barrel_keeps_the_model(plain: Identification, name: str, with
 
 @pytest.mark.parametrize("depth", [0.03, -0.03, 0.015])
 def test_path_follows_a_dent_and_a_bulge(depth: float, within):
-    """Measured: 0.5 to 0.7 mm median, 3 mm worst; tool axis 1.4 deg median, 7 deg worst; the dent is 23 deg steep."""
+    """Measured: 0.5 to 0.7 mm median, 3 mm worst; tool axis 1.4 deg median, 7 deg worst; the dent
+    is 23 deg steep.
+    """
     found = found_on(depth)
     path = plan_path(found, over_dent(found))
     assert_well_formed(path, within)
@@ -140,7 +150,9 @@ def test_path_follows_a_dent_and_a_bulge(depth: float, within):
 
 
 def test_path_of_a_ball_is_where_it_comes_to_rest(within):
-    """In a dent too tight for it, of 3 cm, a ball of 20 cm would be 19 mm in the barrel on the path of a point."""
+    """In a dent too tight for it, of 3 cm, a ball of 20 cm would be 19 mm in the barrel on the path
+    of a point.
+    """
     radius, found = 0.2, found_on(0.03)
     target = dented_barrel(0.03, azimuth=AZIMUTH)
     nearest = NearestSurface.of(target.vertices, target.triangles)
@@ -156,17 +168,23 @@ def test_path_of_a_ball_is_where_it_comes_to_rest(within):
 
 
 def test_ball_on_an_undamaged_barrel_changes_nothing(plain: Identification):
-    point, ball = (plan_path(plain, BARREL.path("longitudinal"), tool_radius=r) for r in (0.0, 0.06))
+    point, ball = (
+        plan_path(plain, BARREL.path("longitudinal"), tool_radius=r) for r in (0.0, 0.06)
+    )
     assert np.array_equal(point.p, ball.p)
     assert np.array_equal(point.z, ball.z)
 
 
 def around_dent(length: float) -> tuple[slice, slice]:
-    """Rows and columns of a frame from VIEW that see `length` [m] of the path around the middle of the dent."""
+    """Rows and columns of a frame from VIEW that see `length` [m] of the path around the middle of
+    the dent.
+    """
     line = longitudinal(0.6, AZIMUTH)
     p = transform_points(VIEW, line.p[np.abs(line.p[:, 0] - 0.05) <= 0.5 * length])
     column, row = 554.0 * p[:, 0] / p[:, 2] + 319.5, 554.0 * p[:, 1] / p[:, 2] + 239.5
-    return slice(int(row.min()) - 30, int(row.max()) + 31), slice(int(column.min()), int(column.max()) + 1)
+    return slice(int(row.min()) - 30, int(row.max()) + 31), slice(
+        int(column.min()), int(column.max()) + 1
+    )
 
 
 def over_dent(found: Identification) -> ModelPath:
@@ -176,7 +194,10 @@ def over_dent(found: Identification) -> ModelPath:
 
 
 def test_short_hole_in_the_scan_is_bridged(within):
-    """40 mm without a return in a dent 30 mm deep. Measured: 4.4 mm at worst, where the model is 30 mm off."""
+    """40 mm without a return in a dent 30 mm deep.
+
+    Measured: 4.4 mm at worst, where the model is 30 mm off.
+    """
 
     def spoil(depth: Array) -> None:
         depth[around_dent(0.04)] = np.nan
@@ -193,7 +214,9 @@ def test_short_hole_in_the_scan_is_bridged(within):
 
 
 @pytest.mark.parametrize(
-    ("filled", "cause"), [(np.nan, "nothing came back"), (0.6, r"\d+ mm before the object")], ids=["empty", "before"]
+    ("filled", "cause"),
+    [(np.nan, "nothing came back"), (0.6, r"\d+ mm before the object")],
+    ids=["empty", "before"],
 )
 def test_long_hole_is_refused(filled: float, cause: str):
     """Nobody knows what is there; a fish or a rope before the object is no surface to press on."""
@@ -202,7 +225,11 @@ def test_long_hole_is_refused(filled: float, cause: str):
         depth[around_dent(0.12)] = filled
 
     found = found_on(0.03, spoil=spoil)
-    with pytest.raises(PerceptionError, match=rf"hole of 1[0-9]+ mm on the tool path, .*{cause}.*at most 60 mm"):
+    with pytest.raises(
+        PerceptionError,
+        match=r"hole of 1[0-9]+ mm on the tool path, "
+        rf".*{cause}.*at most 60 mm",
+    ):
         plan_path(found, over_dent(found))
     assert plan_path(found, over_dent(found), bridge=0.2).on_scan.any()  # where it is wanted
 
@@ -244,7 +271,9 @@ def test_densified_keeps_a_coarse_path(within):
 
 
 def test_axis_of_a_tool_that_is_not_round_is_carried_over(plain: Identification, within):
-    """Points and tool axes are those of a round tool; x is the path's own b, and not the tangent."""
+    """Points and tool axes are those of a round tool; x is the path's own b, and not the
+    tangent.
+    """
     for found in (plain, found_on(0.03)):
         usual = BARREL.path("transverse")
         kept = usual.turned(0.7)
@@ -332,7 +361,9 @@ def test_what_was_not_scanned_is_left_out():
 
 
 def test_axes_from_the_scan_alone(plain, within):
-    """On the clean barrel they are the model's within the noise that sets their width; beyond the scan none is told."""
+    """On the clean barrel they are the model's within the noise that sets their width; beyond the
+    scan none is told.
+    """
     assert plain.evidence is not None
     path = carry(plain.X_sensor_target, densified(longitudinal(azimuth=AZIMUTH)))
     turned = path.a @ exp_so3(np.array([0.1, 0.0, 0.1]))  # approximate axes, 8 deg off
@@ -347,7 +378,8 @@ def test_axes_from_the_scan_alone(plain, within):
 
 def test_a_stretch_too_short_to_work_is_left_out():
     whole = valley(0.05)
-    begun = workable(part_of(whole, whole.p[:, 0] > -0.07), 0.06)  # 2 cm before the hollow and its margin
+    # 2 cm before the hollow and its margin
+    begun = workable(part_of(whole, whole.p[:, 0] > -0.07), 0.06)
     assert begun.fits is not None
     assert begun.p[0, 0] > 0.03
 

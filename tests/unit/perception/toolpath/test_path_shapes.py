@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from uuv.models.objects.targets import PILE_DIAMETER, TargetModel, barrel, helix, longitudinal, pile, ring, transverse
+from uuv.models.objects.targets import (
+    PILE_DIAMETER,
+    TargetModel,
+    barrel,
+    helix,
+    longitudinal,
+    pile,
+    ring,
+    transverse,
+)
 from uuv.perception.toolpath.path_shapes import circle, cut, joined, laid_on, line, raster, through
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3
@@ -39,7 +48,8 @@ def test_raster_covers_the_patch_without_a_corner(within):
     way = raster([0, 0, 1.0], [0.3, 0, 0], [0, 0.2, 0], 0.06)
     assert np.abs(way[:, 1]).max() == pytest.approx(0.1)
     lines = np.unique(np.round(way[np.abs(way[:, 0]) < 0.1, 1], 9))
-    assert np.diff(lines) == pytest.approx(np.full(4, 0.05))  # 5 lines at most 6 cm apart over 20 cm
+    # 5 lines at most 6 cm apart over 20 cm
+    assert np.diff(lines) == pytest.approx(np.full(4, 0.05))
     within("length [m]", length(way) - (5 * 0.3 + 4 * np.pi * 0.025), 2e-3)
     along = np.diff(way, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -49,7 +59,9 @@ def test_raster_covers_the_patch_without_a_corner(within):
 
 
 def test_the_objects_own_paths_come_out_of_projection(within):
-    """Line, arc and helix laid on barrel and pile by rays: the same as the closed forms that the objects bring."""
+    """Line, arc and helix laid on barrel and pile by rays: the same as the closed forms that the
+    objects bring.
+    """
     shell, leg = barrel(), pile()
     own = longitudinal(0.6, 0.3)
     found = laid_on(shell, line(own.p[0] - 0.1 * own.a[0], own.p[-1] - 0.1 * own.a[0]), own.a[0])
@@ -73,7 +85,9 @@ def test_the_objects_own_paths_come_out_of_projection(within):
 
 
 def test_cut_is_the_plane_s_profile(within):
-    """Across the pile by a plane through two of its points: an arc of a circle; obliquely: an ellipse."""
+    """Across the pile by a plane through two of its points: an arc of a circle; obliquely: an
+    ellipse.
+    """
     own = ring(1.2, height=-0.4)
     found = cut(pile(), own.p[0], own.p[-1], [-1.0, 0.0, 0.0])
     within("arc [m]", np.linalg.norm(found.p[:, :2], axis=1) - RADIUS, 5e-5)
@@ -88,8 +102,12 @@ def test_cut_is_the_plane_s_profile(within):
 
 
 def test_normals_and_way_on_a_plate(within):
-    """z = slope y: the tool axis is (0, slope, -1) normed, everywhere, and the second axis lies in the plate."""
-    found = laid_on(tilted_plate(), raster([0, 0, 0.3], [0.4, 0, 0], [0, 0.3, 0], 0.1), [0.0, 0.0, -1.0])
+    """z = slope y: the tool axis is (0, slope, -1) normed, everywhere, and the second axis lies in
+    the plate.
+    """
+    found = laid_on(
+        tilted_plate(), raster([0, 0, 0.3], [0.4, 0, 0], [0, 0.3, 0], 0.1), [0.0, 0.0, -1.0]
+    )
     within("on the plate [m]", found.p[:, 2] - 0.3 * found.p[:, 1], 1e-6)
     within("axis", found.a - np.array([0.0, 0.3, -1.0]) / np.hypot(0.3, 1.0), 1e-6)
     within("perpendicular", np.einsum("ij,ij->i", found.a, found.b), 1e-9)
@@ -119,29 +137,63 @@ def test_paths_are_joined_where_they_meet():
     ("make", "match"),
     [
         pytest.param(lambda: line([0, 0, 0], [0, 0, 0]), "coincide", id="line without length"),
-        pytest.param(lambda: circle([0, 0, 0], [0, 0, 1], [0, 0, 2]), "on the axis", id="circle without radius"),
-        pytest.param(lambda: circle([0, 0, 0], [0, 0, 0], [0, 1, 2]), "axis: must not be zero", id="no axis"),
-        pytest.param(lambda: raster([0, 0, 0], [1, 0, 0], [1, 1, 0], 0.1), "perpendicular", id="oblique raster"),
-        pytest.param(lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], 0.0), r"pitch.*must be positive", id="no pitch"),
         pytest.param(
-            lambda: laid_on(barrel(), line([-0.4, 0, 1], [0.8, 0, 1]), [0, 0, -1]), r"\d+ of \d+ rays miss", id="miss"
+            lambda: circle([0, 0, 0], [0, 0, 1], [0, 0, 2]),
+            "on the axis",
+            id="circle without radius",
         ),
         pytest.param(
-            lambda: laid_on(pile(), line([0.35, 0, 0.0], [0.35, 0, 0.5]), [-1, 0, 0]), "falls off an edge", id="flange"
+            lambda: circle([0, 0, 0], [0, 0, 0], [0, 1, 2]), "axis: must not be zero", id="no axis"
         ),
         pytest.param(
-            lambda: laid_on(barrel(), line([0, 0, 1], [0, 0.286, 1]), [0, 0, -1]), "along the direction", id="grazing"
-        ),
-        pytest.param(lambda: laid_on(barrel(), np.zeros((9, 3)), [0, 0, -1]), "coincide", id="on the spot"),
-        pytest.param(lambda: laid_on(barrel(), np.full((9, 3), np.nan), [0, 0, -1]), "not finite", id="NaN"),
-        pytest.param(lambda: laid_on(barrel(), np.zeros((9, 2)), [0, 0, -1]), r"\(N, 3\)", id="two columns"),
-        pytest.param(lambda: through(transverse().p[:3], transverse().a[:3]), "N >= 4", id="three points"),
-        pytest.param(lambda: through(transverse().p[:5], np.zeros((5, 3))), "row 0 is zero", id="no axes"),
-        pytest.param(
-            lambda: through(line([0, 0, 0], [0, 0, 1])[:5], np.tile([0, 0, 1.0], (5, 1))), "along the path", id="axis"
+            lambda: raster([0, 0, 0], [1, 0, 0], [1, 1, 0], 0.1),
+            "perpendicular",
+            id="oblique raster",
         ),
         pytest.param(
-            lambda: through(transverse().p[:5], transverse().a[:5] * np.array([[1], [1], [-1], [1], [1]])),
+            lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], 0.0),
+            r"pitch.*must be positive",
+            id="no pitch",
+        ),
+        pytest.param(
+            lambda: laid_on(barrel(), line([-0.4, 0, 1], [0.8, 0, 1]), [0, 0, -1]),
+            r"\d+ of \d+ rays miss",
+            id="miss",
+        ),
+        pytest.param(
+            lambda: laid_on(pile(), line([0.35, 0, 0.0], [0.35, 0, 0.5]), [-1, 0, 0]),
+            "falls off an edge",
+            id="flange",
+        ),
+        pytest.param(
+            lambda: laid_on(barrel(), line([0, 0, 1], [0, 0.286, 1]), [0, 0, -1]),
+            "along the direction",
+            id="grazing",
+        ),
+        pytest.param(
+            lambda: laid_on(barrel(), np.zeros((9, 3)), [0, 0, -1]), "coincide", id="on the spot"
+        ),
+        pytest.param(
+            lambda: laid_on(barrel(), np.full((9, 3), np.nan), [0, 0, -1]), "not finite", id="NaN"
+        ),
+        pytest.param(
+            lambda: laid_on(barrel(), np.zeros((9, 2)), [0, 0, -1]), r"\(N, 3\)", id="two columns"
+        ),
+        pytest.param(
+            lambda: through(transverse().p[:3], transverse().a[:3]), "N >= 4", id="three points"
+        ),
+        pytest.param(
+            lambda: through(transverse().p[:5], np.zeros((5, 3))), "row 0 is zero", id="no axes"
+        ),
+        pytest.param(
+            lambda: through(line([0, 0, 0], [0, 0, 1])[:5], np.tile([0, 0, 1.0], (5, 1))),
+            "along the path",
+            id="axis",
+        ),
+        pytest.param(
+            lambda: through(
+                transverse().p[:5], transverse().a[:5] * np.array([[1], [1], [-1], [1], [1]])
+            ),
             "point apart",
             id="axis turned over",
         ),

@@ -19,20 +19,27 @@ def test_the_tool_turns_at_rest_by_the_corner(corner, within):
     moving = path_on_model(EVERYWHERE, whole)  # of a round tool
     step = np.linalg.norm(np.diff(path.p, axis=0), axis=1)
     resting = step == 0.0
-    assert np.diff(np.flatnonzero(resting)).tolist() == [1] * (resting.sum() - 1)  # once, in one place
+    # once, in one place
+    assert np.diff(np.flatnonzero(resting)).tolist() == [1] * (resting.sum() - 1)
     ends = np.flatnonzero(resting)[[0, -1]] + [0, 1]
     within("s of the turn [m]", np.diff(path.s[ends]) - 0.02 * np.radians(abs(corner)), 1e-12)
     within("place, s [m]", path.s[ends[0]] - 0.2, 0.005)  # the spline rounds the corner
     around = np.concatenate([np.flatnonzero(~resting), [len(path.s) - 1]])
     within("way [m]", path.p[around] - moving.p, 1e-12)
-    angle = [np.arctan2(np.cross(path.x[ends[0]], x) @ path.z[ends[0]], path.x[ends[0]] @ x) for x in path.x]
-    within("turned [rad]", angle[ends[1]] + np.radians(corner), 1e-9)  # the tool axis points inwards
+    angle = [
+        np.arctan2(np.cross(path.x[ends[0]], x) @ path.z[ends[0]], path.x[ends[0]] @ x)
+        for x in path.x
+    ]
+    # the tool axis points inwards
+    within("turned [rad]", angle[ends[1]] + np.radians(corner), 1e-9)
     assert np.all(np.sign(-corner) * np.diff(angle[ends[0] : ends[1] + 1]) > 0.0)
     # Before and after, x lies along the path but for where the spline has rounded the corner.
     straight = np.abs(path.s - 0.5 * path.s[ends].sum()) > 0.06
     tangent = np.gradient(path.p, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    within("x off the path [rad]", np.linalg.norm(np.cross(tangent, path.x)[straight], axis=1), 0.03)
+    within(
+        "x off the path [rad]", np.linalg.norm(np.cross(tangent, path.x)[straight], axis=1), 0.03
+    )
 
 
 def test_steps_taken_out_and_put_back_are_the_same_axes(rng, within):

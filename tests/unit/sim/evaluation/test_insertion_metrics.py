@@ -1,4 +1,6 @@
-"""Figures of an insertion against what was put into a recording made by hand, at a hole that lies askew."""
+"""Figures of an insertion against what was put into a recording made by hand, at a hole that lies
+askew.
+"""
 
 from types import MappingProxyType
 
@@ -19,10 +21,14 @@ VEHICLE = Vehicle.of(models.load("uuv_puma").compile())
 
 
 def recorded() -> Recording:
-    """Before the mouth for a second, with 30 N across; in the bore for another, 6 N and then 8 N across, 20 N back."""
+    """Before the mouth for a second, with 30 N across; in the bore for another, 6 N and then 8 N
+    across, 20 N back.
+    """
     time = DT * np.arange(STEPS, dtype=np.float64)
     inside, late = time >= 1.0, time >= 1.5
-    tip_H = np.column_stack([np.full(STEPS, 5e-4), np.zeros(STEPS), np.where(inside, 0.03 + 0.02 * late, -0.04)])
+    tip_H = np.column_stack(
+        [np.full(STEPS, 5e-4), np.zeros(STEPS), np.where(inside, 0.03 + 0.02 * late, -0.04)]
+    )
     across = np.where(inside, np.where(late, 8.0, 6.0), 30.0)
     force_H = np.column_stack([0.6 * across, -0.8 * across, np.where(inside, -20.0, 0.0)])
     values = {
@@ -32,7 +38,12 @@ def recorded() -> Recording:
         "collision": np.zeros(STEPS),
     }
     series = {
-        name: Series(time=time, value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1), unit="", labels=())
+        name: Series(
+            time=time,
+            value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1),
+            unit="",
+            labels=(),
+        )
         for name, value in values.items()
     }
     return Recording(
@@ -47,7 +58,9 @@ def recorded() -> Recording:
 
 
 def test_forces_and_depth_are_those_about_the_axis_of_the_hole():
-    figures = assess_insertion(recorded(), TRUTH, found_X_WH=X_WH, seed=1, wall_s=1.0).metrics["insertion"]
+    figures = assess_insertion(recorded(), TRUTH, found_X_WH=X_WH, seed=1, wall_s=1.0).metrics[
+        "insertion"
+    ]
     assert figures["side_force_max_n"] == pytest.approx(30.0)
     assert figures["side_force_rms_n"] == pytest.approx(np.sqrt(50.0))  # in the bore alone
     assert figures["axial_force_max_n"] == pytest.approx(20.0)
@@ -56,6 +69,8 @@ def test_forces_and_depth_are_those_about_the_axis_of_the_hole():
 
 
 def test_a_hole_found_too_high_along_its_axis_is_not_off_it():
-    """3 and 4 mm across, 20 mm along, tilted by 0.1 rad; its turn about the axis is none of its error."""
+    """3 and 4 mm across, 20 mm along, tilted by 0.1 rad; its turn about the axis is none of its
+    error.
+    """
     off = pose(exp_so3([0.0, 0.1, 0.0]) @ exp_so3([0.0, 0.0, 2.0]), [0.003, -0.004, 0.02])
     assert hole_error(X_WH @ off, X_WH) == (pytest.approx(0.005), pytest.approx(0.1))

@@ -73,7 +73,9 @@ def test_schema_has_the_keys_that_others_rely_on():
 
 def test_two_times_of_one_run_differ_in_the_timings_alone():
     first, second = (
-        dict(assess(recorded(), TRUTH, seed=3, wall_s=wall_s, identification_s=0.1 * wall_s).metrics)
+        dict(
+            assess(recorded(), TRUTH, seed=3, wall_s=wall_s, identification_s=0.1 * wall_s).metrics
+        )
         for wall_s in (0.5, 0.7)
     )
     assert first.pop("timings") != second.pop("timings")
@@ -96,7 +98,9 @@ def test_what_it_was_made_by_is_in_the_file(tmp_path):
         forces: tuple[float, ...] = (60.0, np.inf)
 
     model = models.load("uuv_puma").compile()
-    assessed(recorded()).made_by(provenance("clean_barrel", Options(), model)).write(tmp_path / "metrics.json")
+    assessed(recorded()).made_by(provenance("clean_barrel", Options(), model)).write(
+        tmp_path / "metrics.json"
+    )
     kept = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
     jsonschema.validate(kept, schema())
     made = kept["provenance"]
@@ -148,7 +152,11 @@ def test_peaks_and_lost_contact_are_those_of_the_substeps():
     assert (overall.force_error_rms_n, overall.force_error_max_n) == (0.0, 60.0)
     assert overall.lost_s == pytest.approx(3 * DT)
     overall = contact_figures(recorded(contact_most=most))
-    assert (overall.force_error_rms_n, overall.force_error_max_n, overall.lost_s) == (0.0, 12.0, 0.0)
+    assert (overall.force_error_rms_n, overall.force_error_max_n, overall.lost_s) == (
+        0.0,
+        12.0,
+        0.0,
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -187,7 +195,8 @@ def test_tangent_holds_while_the_commanded_point_rests():
 
 
 def test_deviation_from_the_object_and_tilt_know_the_true_surface():
-    # On the half circle, 2 mm off the shell, the tool leaning 1.5 deg: facets of the mesh must not show.
+    # On the half circle, 2 mm off the shell, the tool leaning 1.5 deg: facets of the mesh must not
+    # show.
     truth = replace(TRUTH, path="transverse")
     angle = np.linspace(-1.3, 1.3, STEPS)
     outward = np.column_stack([np.zeros(STEPS), -np.sin(angle), np.cos(angle)])
@@ -196,7 +205,9 @@ def test_deviation_from_the_object_and_tilt_know_the_true_surface():
     tip = transform_points(TRUTH.X_WT, (0.5 * BARREL_DIAMETER + 0.002) * outward)
     lean = np.radians(1.5)
     axis = (-np.cos(lean) * outward + np.sin(lean) * tangent) @ R_WT.T
-    recording = recorded(p_pad=tip, p_command=tip, v_command=SPEED * tangent @ R_WT.T, tool_axis=axis)
+    recording = recorded(
+        p_pad=tip, p_command=tip, v_command=SPEED * tangent @ R_WT.T, tool_axis=axis
+    )
     tool = tool_figures(recording, truth)
     # measured 1e-5 m (chords of the path, 5 mm long) and 2e-5 rad
     assert true_path_deviation(recording, truth) == pytest.approx(0.002, abs=5e-5)
@@ -211,17 +222,26 @@ def test_twist_is_the_turn_about_the_tool_axis_from_the_axis_that_the_path_keeps
     x = np.cos(0.6 + twist) * along + np.sin(0.6 + twist) * aside
     recording = recorded(tool_x=x)
     angle = tool_twist(recording, truth)[1]
-    assert angle == pytest.approx(np.interp(tool_twist(recording, truth)[0], TIME, twist[:, 0]), abs=1e-9)
+    assert angle == pytest.approx(
+        np.interp(tool_twist(recording, truth)[0], TIME, twist[:, 0]), abs=1e-9
+    )
     assert tool_figures(recording, truth).twist_max_rad == pytest.approx(0.03, abs=2e-4)
     assert tool_figures(recording, TRUTH).twist_max_rad is None
 
 
 def test_reversals_are_counted_beyond_the_hysteresis(rng):
-    swing = np.concatenate([np.linspace(0.0, 0.1, 50), np.linspace(0.1, 0.02, 40), np.linspace(0.02, 0.2, 60)])
+    swing = np.concatenate(
+        [np.linspace(0.0, 0.1, 50), np.linspace(0.1, 0.02, 40), np.linspace(0.02, 0.2, 60)]
+    )
     assert reversals(swing) == 2
     assert reversals(-swing + 1.0) == 2
     assert reversals(swing + 0.002 * rng.uniform(-1.0, 1.0, swing.size)) == 2
-    assert reversals(0.004 * np.sin(np.arange(100.0))) == reversals(np.zeros(0)) == reversals(np.ones(3)) == 0
+    assert (
+        reversals(0.004 * np.sin(np.arange(100.0)))
+        == reversals(np.zeros(0))
+        == reversals(np.ones(3))
+        == 0
+    )
 
 
 def test_hull_is_measured_from_the_first_touch():
@@ -234,8 +254,11 @@ def test_hull_is_measured_from_the_first_touch():
     offset[3000] = [0.003, 0.004, 0.0]
     R_0 = exp_so3([0.2, -0.1, 2.0])
     quats = np.tile(quat_wxyz_from_rotation(R_0), (STEPS, 1))
-    quats[4000] = -quat_wxyz_from_rotation(R_0 @ exp_so3([0.0, 0.02, 0.0]))  # the other of its two quaternions
-    hull = hull_figures(recorded(contact_normal=force, state=state, p_WB=offset, quat_WB_wxyz=quats))
+    # the other of its two quaternions
+    quats[4000] = -quat_wxyz_from_rotation(R_0 @ exp_so3([0.0, 0.02, 0.0]))
+    hull = hull_figures(
+        recorded(contact_normal=force, state=state, p_WB=offset, quat_WB_wxyz=quats)
+    )
     assert hull.excursion_max_m == pytest.approx(0.005)
     assert hull.tilt_max_rad == pytest.approx(0.02)
 
@@ -259,42 +282,70 @@ def test_controller_that_believes_in_no_force_has_no_estimate():
 
 @pytest.mark.parametrize(("range_m", "accepted"), [(1.2, True), (0.5, False)])
 def test_identification_is_bound_by_its_share_of_the_range(range_m: float, accepted: bool):
-    X_WT = TRUTH.X_WT @ pose(exp_so3([2.0, 0.0, 0.0]), [0.004, 0.0, 0.0])  # the turn is the barrel's own
-    found = Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=range_m, reason="", path=None)
+    # the turn is the barrel's own
+    X_WT = TRUTH.X_WT @ pose(exp_so3([2.0, 0.0, 0.0]), [0.004, 0.0, 0.0])
+    found = Target(
+        time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=range_m, reason="", path=None
+    )
     assessment = assessed(replace(recorded(), targets=(found,)))
     assert assessment.metrics["identification"]["position_error_m"] == pytest.approx(0.004)
-    assert assessment.metrics["identification"]["orientation_error_rad"] == pytest.approx(0.0, abs=1e-9)
+    assert assessment.metrics["identification"]["orientation_error_rad"] == pytest.approx(
+        0.0, abs=1e-9
+    )
     assert any(line.startswith("identified position") for line in assessment.failed) is not accepted
 
 
 def test_what_is_judged_is_the_pose_that_the_work_went_by():
-    """The last find is refused, 9 mm off, their mean 1 mm: the work went by the mean; the last find's range stays."""
+    """The last find is refused, 9 mm off, their mean 1 mm: the work went by the mean; the last
+    find's range stays.
+    """
     recording = recorded()
-    last = replace(recording.targets[0], X_WT=pose(p=[0.009, 0.0, 0.0]) @ TRUTH.X_WT, range_m=1.5, accepted=False)
+    last = replace(
+        recording.targets[0],
+        X_WT=pose(p=[0.009, 0.0, 0.0]) @ TRUTH.X_WT,
+        range_m=1.5,
+        accepted=False,
+    )
     mean = replace(last, accepted=True, X_WT=pose(p=[0.001, 0.0, 0.0]) @ TRUTH.X_WT, range_m=1.0)
-    figures = assessed(replace(recording, targets=(*recording.targets, last), goes_by=mean)).metrics["identification"]
+    figures = assessed(
+        replace(recording, targets=(*recording.targets, last), goes_by=mean)
+    ).metrics["identification"]
     assert figures["position_error_m"] == pytest.approx(0.001)
     assert figures["range_m"] == 1.5
     assert figures["accepted"] is True
-    before = assessed(replace(recording, targets=(*recording.targets, last))).metrics["identification"]
+    before = assessed(replace(recording, targets=(*recording.targets, last))).metrics[
+        "identification"
+    ]
     assert before["position_error_m"] == pytest.approx(0.009)
     assert before["accepted"] is False
 
 
 def test_run_that_never_touched_gives_nulls_and_says_why():
-    recording = recorded(during=WorkState.SCAN, final=WorkState.ABORT, contact_normal=np.zeros(STEPS))
+    recording = recorded(
+        during=WorkState.SCAN, final=WorkState.ABORT, contact_normal=np.zeros(STEPS)
+    )
     assessment = assessed(replace(recording, targets=()))
     jsonschema.validate(assessment.metrics, schema())
     assert not assessment.accepted
     json.dumps(assessment.metrics, allow_nan=False)
     assert assessment.metrics["contact"]["force_error_rms_n"] is None
     assert assessment.metrics["hull"]["tilt_max_rad"] is None
-    assert re.fullmatch(r"the work was broken off in scan at \d+\.\d s: felt force 170 N", assessment.failed[0])
+    assert re.fullmatch(
+        r"the work was broken off in scan at \d+\.\d s: felt force 170 N", assessment.failed[0]
+    )
     assert "the object was not identified" in assessment.failed
 
 
 def test_check_that_could_not_be_made_is_null():
-    found = Target(time=0.0, X_WT=np.eye(4), accepted=False, check_m=np.inf, range_m=1.0, reason="no", path=None)
+    found = Target(
+        time=0.0,
+        X_WT=np.eye(4),
+        accepted=False,
+        check_m=np.inf,
+        range_m=1.0,
+        reason="no",
+        path=None,
+    )
     assessment = assessed(replace(recorded(), targets=(found,)))
     assert assessment.metrics["identification"]["check_m"] is None
 
@@ -303,7 +354,9 @@ def test_collision_is_not_accepted():
     collision = np.zeros(STEPS)
     collision[7] = 1.0
     assert assessed(recorded(collision=collision)).failed == ("collision: 0.002 s, allowed 0 s",)
-    met = replace(recorded(collision=collision), collided="'elbow' of 'forearm' met 'target' at 7.0 s")
+    met = replace(
+        recorded(collision=collision), collided="'elbow' of 'forearm' met 'target' at 7.0 s"
+    )
     assert assessed(met).failed == (f"collision: 0.002 s, allowed 0 s: {met.collided}",)
 
 
@@ -340,7 +393,9 @@ def test_work_without_contact_is_judged_by_its_distance(within):
     none = np.zeros(STEPS)
 
     def free(p_pad: np.ndarray, contact: np.ndarray = none) -> Recording:
-        return recorded(p_pad=p_pad, p_command=tip, set_force=none, felt_normal=none, contact_normal=contact)
+        return recorded(
+            p_pad=p_pad, p_command=tip, set_force=none, felt_normal=none, contact_normal=contact
+        )
 
     clean = free(tip)
     assessment = assess(clean, truth, seed=3, wall_s=0.5, identification_s=0.2)
@@ -363,12 +418,16 @@ def test_work_without_contact_is_judged_by_its_distance(within):
     failed = assess(free(tip, np.where(near, 1.0, 0.0)), truth, seed=3, wall_s=0.5).failed
     assert [line for line in failed if line.startswith("touched: 0.2 s")]
     inside = free(tip - 0.04 * TRUTH.X_WT[:3, 2])
-    assert assess(inside, truth, seed=3, wall_s=0.5).metrics["gap"]["error_max_m"] == pytest.approx(0.03)
+    assert assess(inside, truth, seed=3, wall_s=0.5).metrics["gap"]["error_max_m"] == pytest.approx(
+        0.03
+    )
     assert assessed(recorded()).metrics["gap"] is None
 
 
 def levels_of(*parts: tuple[float, float]) -> np.ndarray:
-    """Set force over the run: pairs of a force [N] and the seconds for which it is set, the last one to the end."""
+    """Set force over the run: pairs of a force [N] and the seconds for which it is set, the last
+    one to the end.
+    """
     forces = np.concatenate([np.full(round(seconds / DT), force) for force, seconds in parts])
     return np.pad(forces, (0, STEPS), mode="edge")[:STEPS]
 
@@ -381,9 +440,12 @@ def test_a_level_of_force_that_ends_before_it_has_settled_is_named():
     kept = recorded(set_force=levels_of((60.0, third), (90.0, third), (60.0, third)))
     assert unjudged_levels(kept, forces) == ()
     short = recorded(set_force=levels_of((60.0, third + late), (90.0, third - late), (60.0, third)))
-    assert unjudged_levels(short, forces) == ("set force of 90 N, level 2 of 3: judged for 0.25 s, less than 0.5 s",)
+    assert unjudged_levels(short, forces) == (
+        "set force of 90 N, level 2 of 3: judged for 0.25 s, less than 0.5 s",
+    )
     assert [segment.judged for segment in contact_figures(short).segments] == [True, False, True]
-    assert unjudged_levels(recorded(set_force=np.full(STEPS, 60.0)), (60.0,) * 40) == ()  # one level
+    # one level
+    assert unjudged_levels(recorded(set_force=np.full(STEPS, 60.0)), (60.0,) * 40) == ()
     assert unjudged_levels(recorded(set_force=levels_of((60.0, 1.0))), forces) == (
         "set force of 90 N, level 2 of 3: judged for 0.00 s, less than 0.5 s",
     )
@@ -402,15 +464,20 @@ def test_the_error_counts_from_half_a_second_after_a_long_ramp():
 
 
 @pytest.mark.parametrize(("share", "failed"), [(0.95, False), (0.85, True), (1.2, True)])
-def test_the_mean_speed_is_that_of_the_tip_where_it_was_to_move_at_the_set_one(share: float, failed: bool):
+def test_the_mean_speed_is_that_of_the_tip_where_it_was_to_move_at_the_set_one(
+    share: float, failed: bool
+):
     """The tip moves at a share of the commanded speed; ramps at both ends are left out."""
     along = TRUTH.X_WT[:3, 0]
     ramp = np.clip(np.minimum(TIME, TIME[-1] - TIME), 0.0, 1.0)
     tip = np.outer(np.cumsum(share * SPEED * ramp) * DT, along)
     recording = recorded(v_command=np.outer(SPEED * ramp, along), p_pad=tip)
     figures = speed_figures(recording, SPEED)
-    assert figures.mean == pytest.approx(share * SPEED, rel=2e-3)  # 1.2e-3: the last tenth of the ramps
-    assert figures.share == pytest.approx((STEPS * DT - 2.0 + 2 * 0.095) / (STEPS * DT - 1.0), abs=1e-3)
+    # 1.2e-3: the last tenth of the ramps
+    assert figures.mean == pytest.approx(share * SPEED, rel=2e-3)
+    assert figures.share == pytest.approx(
+        (STEPS * DT - 2.0 + 2 * 0.095) / (STEPS * DT - 1.0), abs=1e-3
+    )
     result = assess(recording, TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=SPEED))
     assert any(line.startswith("error of the mean speed") for line in result.failed) == failed
 
@@ -418,11 +485,17 @@ def test_the_mean_speed_is_that_of_the_tip_where_it_was_to_move_at_the_set_one(s
 def test_a_set_speed_that_is_never_commanded_has_no_figure_and_is_not_accepted():
     result = assess(recorded(), TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=3.0 * SPEED))
     assert "error of the mean speed: no figure" in result.failed
-    assert result.metrics["speed"] == {"set": pytest.approx(3.0 * SPEED), "mean": None, "share": 0.0}
+    assert result.metrics["speed"] == {
+        "set": pytest.approx(3.0 * SPEED),
+        "mean": None,
+        "share": 0.0,
+    }
 
 
 def test_a_tip_beside_the_ideal_path_of_the_true_object_is_not_accepted():
-    """It keeps the commanded path, which is beside the true one: by more than identification and path may be off."""
+    """It keeps the commanded path, which is beside the true one: by more than identification and
+    path may be off.
+    """
     aside = 0.0085 * (TRUTH.X_WT[:3, 1])
     p = recorded()["p_command"].value + aside
     result = assess(recorded(p_pad=p, p_command=p), TRUTH, seed=3, wall_s=0.5)
@@ -434,13 +507,19 @@ def test_a_tip_beside_the_ideal_path_of_the_true_object_is_not_accepted():
 def test_a_run_that_its_limit_ends_says_so():
     result = assessed(recorded(final=WorkState.WORK))
     assert result.metrics["run"]["abort"] == "time limit"
-    assert result.failed[0] == "the time limit ended the run after 10.0 s, in state work (--longest)"
+    assert result.failed[0] == (
+        "the time limit ended the run after 10.0 s, in state work (--longest)"
+    )
 
 
 def test_on_growth_the_ideal_path_lies_on_the_true_surface():
-    """The tip 30 mm above the clean path, on growth as high: only what it is beside the path, or off the growth."""
+    """The tip 30 mm above the clean path, on growth as high: only what it is beside the path, or
+    off the growth.
+    """
     clean = TRUTH.model
-    grown = replace(clean, vertices=np.asarray(clean.vertices) * (1.0 + 0.03 / (0.5 * BARREL_DIAMETER)))
+    grown = replace(
+        clean, vertices=np.asarray(clean.vertices) * (1.0 + 0.03 / (0.5 * BARREL_DIAMETER))
+    )
     truth = replace(TRUTH, model=grown, deformed=True)
     outward, aside = TRUTH.X_WT[:3, 2], TRUTH.X_WT[:3, 1]
     p = recorded()["p_command"].value

@@ -1,4 +1,6 @@
-"""Schemas from dataclasses: types, units and notes; the files on the disk are what the dataclasses say."""
+"""Schemas from dataclasses: types, units and notes; the files on the disk are what the dataclasses
+say.
+"""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -41,7 +43,12 @@ SCHEMA = schema_of((Outer,), "Outer", "For a test")
 def test_what_a_dataclass_holds_keeps_its_schema():
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     made = Outer(
-        count=1, inner=Inner(depth_m=0.5), other=None, each=[Inner(depth_m=None)], names={"a": "b"}, anything={"a": [1]}
+        count=1,
+        inner=Inner(depth_m=0.5),
+        other=None,
+        each=[Inner(depth_m=None)],
+        names={"a": "b"},
+        anything={"a": [1]},
     )
     jsonschema.validate({**asdict(made), "later": "x"}, SCHEMA)
     jsonschema.validate(WHOLE, SCHEMA)
@@ -73,7 +80,16 @@ def test_what_it_cannot_hold_does_not(wrong: dict[str, Any]):
 
 
 def test_units_are_those_of_the_names():
-    names = ("speed_mean_m_s", "lost_s", "tilt_max_rad", "bias_nm", "force_n", "depth_m", "seen_share", "views")
+    names = (
+        "speed_mean_m_s",
+        "lost_s",
+        "tilt_max_rad",
+        "bias_nm",
+        "force_n",
+        "depth_m",
+        "seen_share",
+        "views",
+    )
     assert [unit_of(name) for name in names] == ["m/s", "s", "rad", "N m", "N", "m", "1", None]
 
 
@@ -84,6 +100,8 @@ def test_what_was_not_measured_is_none():
 
 def test_files_are_as_generated():
     for file, text in contents().items():
-        assert file.read_text(encoding="utf-8") == text, f"{file.name}: run python -m uuv.sim.evaluation.schema_files"
+        assert file.read_text(encoding="utf-8") == text, (
+            f"{file.name}: run python -m uuv.sim.evaluation.schema_files"
+        )
     by_hand = {path.name for path in FOLDER.glob("*.json")} - {path.name for path in contents()}
     assert by_hand == {"study_contact.schema.json"}

@@ -9,7 +9,13 @@ import pytest
 from uuv import models
 from uuv.models.site.seabed import Seabed
 from uuv.models.vehicle import Vehicle
-from uuv.sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work, crashed, schema, summary
+from uuv.sim.evaluation.seabed_metrics import (
+    TrueGround,
+    assess_seabed_work,
+    crashed,
+    schema,
+    summary,
+)
 from uuv.sim.interfaces.messages import Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation, readonly
 from uuv.sim.loop.recording import STATES, Event, Recording, Series
@@ -37,7 +43,9 @@ def surface(x: float) -> np.ndarray:
     return np.array([x, 0.0, -5.0 + SLOPE * x])
 
 
-def assess(core: bool = True, found: bool = True, final: WorkState = WorkState.DONE, **changed: np.ndarray):
+def assess(
+    core: bool = True, found: bool = True, final: WorkState = WorkState.DONE, **changed: np.ndarray
+):
     """A core at 50 N, or a drag at 30 mm along x, perfect but for what is `changed`."""
     asked = np.array([surface(0.5) - [0.0, 0.0, 0.1]]) * ONES
     speed = np.zeros((STEPS, 3))
@@ -62,7 +70,12 @@ def assess(core: bool = True, found: bool = True, final: WorkState = WorkState.D
     for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
         values.setdefault(name, values["contact_normal"])
     series = {
-        name: Series(time=TIME, value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1), unit="", labels=())
+        name: Series(
+            time=TIME,
+            value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1),
+            unit="",
+            labels=(),
+        )
         for name, value in values.items()
     }
     ends = np.array([surface(0.5), surface(0.8)])
@@ -76,18 +89,28 @@ def assess(core: bool = True, found: bool = True, final: WorkState = WorkState.D
         on_scan=np.ones(2, dtype=bool),
     )
     target = Target(
-        time=0.0, X_WT=np.eye(4), accepted=found, check_m=0.002, range_m=2.0, reason="", path=path if found else None
+        time=0.0,
+        X_WT=np.eye(4),
+        accepted=found,
+        check_m=0.002,
+        range_m=2.0,
+        reason="",
+        path=path if found else None,
     )
     recording = Recording(
         timestep=DT,
         duration=STEPS * DT,
         vehicle=VEHICLE,
         series=MappingProxyType(series),
-        events=(Event(time=0.0, state=final, note="two layers" if final is WorkState.ABORT else ""),),
+        events=(
+            Event(time=0.0, state=final, note="two layers" if final is WorkState.ABORT else ""),
+        ),
         targets=(target,),
         clouds=MappingProxyType({}),
     )
-    truth = TrueGround(ground=TILTED, hull_box=BOX, push=50.0 if core else None, depth=0.18 if core else 0.03)
+    truth = TrueGround(
+        ground=TILTED, hull_box=BOX, push=50.0 if core else None, depth=0.18 if core else 0.03
+    )
     result = assess_seabed_work(recording, truth, seed=1, wall_s=2.0)
     jsonschema.validate(result.metrics, schema())
     return result
@@ -102,8 +125,11 @@ def test_a_perfect_core(within):
     within("held [s]", core["held_s"] - 4.0, 2e-3)
     within("rise [m]", result.metrics["hull"]["rise_max_m"], 1e-12)
     within("target [m]", result.metrics["surface"]["target_error_max_m"] - 0.004, 1e-9)
-    within("of what is allowed", result.metrics["surface"]["target_error_share"] - 0.004 / 0.02, 1e-6)
-    # The nearest place of the slope to the box is under its lower front edge, up to the grid of 0.1 m.
+    within(
+        "of what is allowed", result.metrics["surface"]["target_error_share"] - 0.004 / 0.02, 1e-6
+    )
+    # The nearest place of the slope to the box is under its lower front edge, up to the grid of 0.1
+    # m.
     within("gap [m]", result.metrics["hull"]["ground_gap_m"] - (1.7 - SLOPE * 0.8), 0.02)
 
 
@@ -133,15 +159,22 @@ def test_a_drag_off_its_path(within):
     perfect = assess(core=False)
     assert perfect.accepted, perfect.failed
     within("force [N]", perfect.metrics["drag"]["force_max_n"] - np.hypot(3.0, 50.0), 1e-9)
-    tip = np.column_stack([0.5 + np.maximum(0.0, TIME - 2.0) * SPEED, np.zeros(STEPS), np.zeros(STEPS)])
+    tip = np.column_stack(
+        [0.5 + np.maximum(0.0, TIME - 2.0) * SPEED, np.zeros(STEPS), np.zeros(STEPS)]
+    )
     tip[:, 2] = -5.0 + SLOPE * tip[:, 0] - 0.03
     tip[2500:2600] += [0.0, 0.004, -0.006]
     drag = assess(core=False, p_pad=tip)
     # The tangent is not quite square to the axis.
     within("deeper [m]", drag.metrics["drag"]["depth_error_max_m"] - 0.006, 3e-4)
     within("aside [m]", drag.metrics["drag"]["side_max_m"] - 0.004, 1e-9)
-    within("under the true surface [m]", drag.metrics["drag"]["true_depth_error_max_m"] - 0.006, 1e-9)
-    assert [line.split(":")[0] for line in drag.failed] == ["depth error, peak", "aside of the profile, peak"]
+    within(
+        "under the true surface [m]", drag.metrics["drag"]["true_depth_error_max_m"] - 0.006, 1e-9
+    )
+    assert [line.split(":")[0] for line in drag.failed] == [
+        "depth error, peak",
+        "aside of the profile, peak",
+    ]
 
 
 def test_work_that_was_refused_has_no_figures():
@@ -169,21 +202,28 @@ def test_many_trials_are_summed_up():
 def test_the_hull_against_the_ground_when_it_is_turned(within):
     quat = quat_wxyz_from_rotation(exp_so3([0.0, 0.0, np.pi]))  # up the slope with its stern
     turned = assess(quat_WB_wxyz=ONES * quat).metrics["hull"]["ground_gap_m"]
-    within("gap [m]", turned - assess().metrics["hull"]["ground_gap_m"], 1e-9)  # the box is symmetric
+    # the box is symmetric
+    within("gap [m]", turned - assess().metrics["hull"]["ground_gap_m"], 1e-9)
     low = assess(p_WB=ONES * [0.0, 0.0, -4.8]).metrics["hull"]["ground_gap_m"]
     assert low == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_hull_against_the_ground_when_it_is_askew(within):
-    """Banked by 25 deg and turned: the lowest corner of its box is the nearest, by the sine and cosine of the bank."""
+    """Banked by 25 deg and turned: the lowest corner of its box is the nearest, by the sine and
+    cosine of the bank.
+    """
     turn, bank, depth = np.radians(90.0), np.radians(25.0), -4.0
     quat = quat_wxyz_from_rotation(exp_so3([0.0, 0.0, turn]) @ exp_so3([bank, 0.0, 0.0]))
-    # Turned by 90 deg, the hull's y points to -x of W: its right side, y = -0.4, hangs down and towards +x.
+    # Turned by 90 deg, the hull's y points to -x of W: its right side, y = -0.4, hangs down and
+    # towards +x.
     y, z = BOX[0, 1], BOX[0, 2]
     low = depth + y * np.sin(bank) + z * np.cos(bank)
     x = -(y * np.cos(bank) - z * np.sin(bank))
-    gap = assess(quat_WB_wxyz=ONES * quat, p_WB=ONES * [0.0, 0.0, depth]).metrics["hull"]["ground_gap_m"]
-    within("gap [m]", gap - (low - (-5.0 + SLOPE * x)) / np.hypot(1.0, SLOPE), 0.02)  # the grid of 0.1 m
+    gap = assess(quat_WB_wxyz=ONES * quat, p_WB=ONES * [0.0, 0.0, depth]).metrics["hull"][
+        "ground_gap_m"
+    ]
+    # the grid of 0.1 m
+    within("gap [m]", gap - (low - (-5.0 + SLOPE * x)) / np.hypot(1.0, SLOPE), 0.02)
 
 
 def test_the_greatest_pull_is_that_of_the_substeps(within):

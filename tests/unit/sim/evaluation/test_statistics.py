@@ -9,7 +9,9 @@ from uuv.sim.interfaces.messages import AbortCode
 
 
 def test_wilson_against_the_published(within):
-    """Newcombe 1998, Statistics in Medicine 17:857, table I: 81 of 263, 15 of 148, 0 of 20, 1 of 29."""
+    """Newcombe 1998, Statistics in Medicine 17:857, table I: 81 of 263, 15 of 148, 0 of 20, 1 of
+    29.
+    """
     for good, of, low, high in (
         (81, 263, 0.2553, 0.3662),
         (15, 148, 0.0624, 0.1605),
@@ -22,12 +24,20 @@ def test_wilson_against_the_published(within):
 
 
 def test_spread_leaves_out_what_is_not_there():
-    assert spread([None, 3.0, 1.0, 2.0]) == {"median": 2.0, "p95": pytest.approx(2.9), "max": 3.0, "min": 1.0}
+    assert spread([None, 3.0, 1.0, 2.0]) == {
+        "median": 2.0,
+        "p95": pytest.approx(2.9),
+        "max": 3.0,
+        "min": 1.0,
+    }
     assert spread([None, None]) is None
 
 
-def trial(state: str, abort: AbortCode | None = None, failed: str = "", *, accepted: bool = False) -> dict:
-    whole = crashed_run(5, "the tube is full: no hole, stopped at the limit")  # words that tell nothing
+def trial(
+    state: str, abort: AbortCode | None = None, failed: str = "", *, accepted: bool = False
+) -> dict:
+    # words that tell nothing
+    whole = crashed_run(5, "the tube is full: no hole, stopped at the limit")
     whole["run"] |= {"state": state, "abort": None if abort is None else abort.value}
     return {**whole, "accepted": accepted, "failed": [failed]}
 

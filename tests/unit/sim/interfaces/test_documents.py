@@ -23,7 +23,9 @@ from uuv.sim.interfaces.documents import (
 )
 from uuv.sim.interfaces.errors import ConfigurationError
 
-BOMB = "\n".join(["a0: &a0 [1, 1, 1]", *(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 9))])
+BOMB = "\n".join(
+    ["a0: &a0 [1, 1, 1]", *(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 9))]
+)
 
 
 def test_a_yaml_document_is_read_as_it_stands():
@@ -122,21 +124,43 @@ def test_a_value_as_it_is_typed():
 
 
 def drawn(rng: np.random.Generator, depth: int = 0) -> Any:
-    """A value of a document: every kind of number, text with every kind of character, tables and lists."""
+    """A value of a document: every kind of number, text with every kind of character, tables and
+    lists.
+    """
     kind = int(rng.integers(8 if depth < 3 else 5))
     if kind == 0:
-        return struct.unpack("d", struct.pack("Q", int(rng.integers(2**63))))[0]  # any bits, infinite ones too
+        # any bits, infinite ones too
+        return struct.unpack("d", struct.pack("Q", int(rng.integers(2**63))))[0]
     if kind == 1:
         return int(rng.integers(-(2**62), 2**62))
     if kind == 2:
         return bool(rng.integers(2))
     if kind == 3:
-        words = ["1e3", "1", "true", "null", "~", "nan", "2026-07-01", "a: b", "#x", "'", '"', "\\", "[", "ünï→", " x "]
+        words = [
+            "1e3",
+            "1",
+            "true",
+            "null",
+            "~",
+            "nan",
+            "2026-07-01",
+            "a: b",
+            "#x",
+            "'",
+            '"',
+            "\\",
+            "[",
+            "ünï→",
+            " x ",
+        ]
         return str(rng.choice(words)) + "\t\n"[: int(rng.integers(3))]
     if kind == 4:
         return float(rng.choice([0.0, -0.0, 0.1, 1e-300, -1e22, 5e-324, math.inf, -math.inf]))
     if kind == 5:
-        return {f"k{i} {rng.choice(['a', 'b.c', '1', ''])}": drawn(rng, depth + 1) for i in range(rng.integers(4))}
+        return {
+            f"k{i} {rng.choice(['a', 'b.c', '1', ''])}": drawn(rng, depth + 1)
+            for i in range(rng.integers(4))
+        }
     return [drawn(rng, depth + 1) for _ in range(rng.integers(4))]
 
 
@@ -174,14 +198,20 @@ def test_the_layout_of_toml_is_that_of_a_person():
     table = {
         "seed": np.int64(3),
         "site": {"current": np.array([0.15, 0.0, -0.0]), "object": {"kind": "Barrel"}},
-        "perturbations": [{"kind": "Water", "spread": np.float64(0.3)}, {"kind": "Pad", "stiffness": math.inf}],
+        "perturbations": [
+            {"kind": "Water", "spread": np.float64(0.3)},
+            {"kind": "Pad", "stiffness": math.inf},
+        ],
         "path": ((0.0, 1.0), (1.0, 2.5)),
     }
     text = toml_text(table, "SI units\nand radians")
     assert text == (
         "# SI units\n# and radians\nseed = 3\npath = [[0.0, 1.0], [1.0, 2.5]]\n\n"
         "[site]\ncurrent = [0.15, 0.0, -0.0]\n\n"
-        '[site.object]\nkind = "Barrel"\n\n[[perturbations]]\nkind = "Water"\nspread = 0.3\n\n[[perturbations]]\n'
+        '[site.object]\nkind = "Barrel"\n\n[[perturbations]]\nkind = "Water"\nspread = '
+        "0.3\n\n[[perturbations]]\n"
         'kind = "Pad"\nstiffness = inf\n'
     )
-    assert tomllib.loads(f'{text}\n[[perturbations]]\nkind = "Gears"\n')["perturbations"][2] == {"kind": "Gears"}
+    assert tomllib.loads(f'{text}\n[[perturbations]]\nkind = "Gears"\n')["perturbations"][2] == {
+        "kind": "Gears"
+    }

@@ -50,7 +50,9 @@ def test_poses_are_undone_and_carry_points(rng: np.random.Generator) -> None:
     X, Y = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
     np.testing.assert_allclose(inverse(X) @ X, np.eye(4), atol=1e-14)
     p = rng.normal(size=(5, 3))
-    np.testing.assert_allclose(transform_points(X @ Y, p), transform_points(X, transform_points(Y, p)), atol=1e-13)
+    np.testing.assert_allclose(
+        transform_points(X @ Y, p), transform_points(X, transform_points(Y, p)), atol=1e-13
+    )
     np.testing.assert_allclose(transform_points(X, p[0]), (X @ [*p[0], 1.0])[:3])
     np.testing.assert_allclose(skew(p[0]) @ p[1], np.cross(p[0], p[1]))
 

@@ -34,12 +34,25 @@ class Outer:
     rest: Any = None
 
 
-GOOD: dict[str, Any] = {"inner": {"share": 0.25}, "state": "done", "place": [1, 2.5], "more": {"a": 3}, "rest": [{}]}
+GOOD: dict[str, Any] = {
+    "inner": {"share": 0.25},
+    "state": "done",
+    "place": [1, 2.5],
+    "more": {"a": 3},
+    "rest": [{}],
+}
 
 
 def test_a_table_becomes_a_dataclass():
     made = TableReader().made(Outer, {**GOOD, "names": ["x"], "seed": None})
-    assert made == Outer(inner=Inner(share=0.25), state="done", place=(1.0, 2.5), names=["x"], more={"a": 3}, rest=[{}])
+    assert made == Outer(
+        inner=Inner(share=0.25),
+        state="done",
+        place=(1.0, 2.5),
+        names=["x"],
+        more={"a": 3},
+        rest=[{}],
+    )
     assert isinstance(made.place[0], float)
 
 
@@ -47,8 +60,16 @@ def test_a_table_becomes_a_dataclass():
     ("change", "said"),
     [
         ({"inner": {"share": 1.5}}, r"inner.share: must be at least 0 and at most 1, got 1.5"),
-        ({"inner": {"share": 0.5, "digest": "xyz"}}, r"inner.digest: must be of the form \^\[a-f\]\+\$, got 'xyz'"),
-        ({"inner": {"shares": 0.5}}, r"\[inner\] has no 'shares'; it has share, digest \(did you mean share\?\)"),
+        (
+            {"inner": {"share": 0.5, "digest": "xyz"}},
+            r"inner.digest: must be of the form "
+            r"\^\[a-f\]\+\$, got 'xyz'",
+        ),
+        (
+            {"inner": {"shares": 0.5}},
+            r"\[inner\] has no 'shares'; it has share, digest \(did you "
+            r"mean share\?\)",
+        ),
         ({"inner": {}}, r"\[inner\]: share is missing"),
         ({"inner": None}, r"inner: must be a table, got None"),
         ({"state": "don"}, r"state: allowed done, abort, got 'don' \(did you mean done\?\)"),
@@ -68,16 +89,27 @@ def test_a_fault_is_told_with_its_place(change: dict[str, Any], said: str):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Body:
-    """What a document may have beside plain values: arrays, several kinds at one key, units, bounds."""
+    """What a document may have beside plain values: arrays, several kinds at one key, units,
+    bounds.
+    """
 
     center: Array = field(metadata={"schema": {"unit": "m"}})
-    name: str | Inner | None = field(default=None, metadata={"schema": {"minLength": 1, "title": "a name or a share"}})
+    name: str | Inner | None = field(
+        default=None, metadata={"schema": {"minLength": 1, "title": "a name or a share"}}
+    )
     parts: Inner | tuple[Inner, ...] = ()
     limits: Mapping[str, float | None] | list[str] = field(
         default_factory=list,
-        metadata={"schema": {"minProperties": 1, "additionalProperties": {"unit": "N m", "exclusiveMinimum": 0}}},
+        metadata={
+            "schema": {
+                "minProperties": 1,
+                "additionalProperties": {"unit": "N m", "exclusiveMinimum": 0},
+            }
+        },
     )
-    rows: list[tuple[float | None, float]] = field(default_factory=list, metadata={"schema": {"maxItems": 2}})
+    rows: list[tuple[float | None, float]] = field(
+        default_factory=list, metadata={"schema": {"maxItems": 2}}
+    )
     count: int = field(default=1, metadata={"schema": {"minimum": 1, "maximum": 10_000_000}})
 
     def __post_init__(self) -> None:
@@ -90,12 +122,21 @@ CENTER: dict[str, Any] = {"center": [1, 2.5, -0.0]}
 
 def test_several_kinds_may_stand_at_one_key():
     reader = TableReader()
-    made = reader.made(Body, {**CENTER, "name": "x", "parts": {"share": 0.5}, "limits": {"a": 3, "b": None}})
+    made = reader.made(
+        Body, {**CENTER, "name": "x", "parts": {"share": 0.5}, "limits": {"a": 3, "b": None}}
+    )
     assert made.center.tolist() == [1.0, 2.5, 0.0]
     assert np.signbit(made.center[2])
     assert (made.name, made.parts, made.limits) == ("x", Inner(share=0.5), {"a": 3.0, "b": None})
     made = reader.made(
-        Body, {**CENTER, "name": {"share": 1}, "parts": [{"share": 0}], "limits": ["a"], "rows": [[None, 1]]}
+        Body,
+        {
+            **CENTER,
+            "name": {"share": 1},
+            "parts": [{"share": 0}],
+            "limits": ["a"],
+            "rows": [[None, 1]],
+        },
     )
     assert (made.name, made.parts, made.limits, made.rows) == (
         Inner(share=1.0),
@@ -115,13 +156,25 @@ def test_several_kinds_may_stand_at_one_key():
             {"center": [1, "2.5", 3]},
             r"center\[1\] \[m\]: must be a number, got '2.5'; it is text: leave out the quotes",
         ),
-        ({"center": [[1, 2], [3]]}, r"center \[m\]: must be rows of one length, got \[\[1, 2\], \[3\]\]"),
+        (
+            {"center": [[1, 2], [3]]},
+            r"center \[m\]: must be rows of one length, got \[\[1, 2\], "
+            r"\[3\]\]",
+        ),
         ({"center": [10**400]}, r"center\[0\] \[m\]: must be a number that a float can hold"),
         ({"name": 5}, r"name: must be a name or a share, got 5"),
         ({"name": ""}, r"name: must be a name or a share, got ''"),
-        ({"name": {"shares": 1}}, r"\[name\] has no 'shares'; it has share, digest \(did you mean share\?\)"),
+        (
+            {"name": {"shares": 1}},
+            r"\[name\] has no 'shares'; it has share, digest \(did you mean "
+            r"share\?\)",
+        ),
         ({"parts": 5}, r"parts: must be a table or a list, got 5"),
-        ({"parts": [{"share": 0.5}, {"share": 2}]}, r"parts\[1\].share: must be at least 0 and at most 1, got 2.0"),
+        (
+            {"parts": [{"share": 0.5}, {"share": 2}]},
+            r"parts\[1\].share: must be at least 0 and at "
+            r"most 1, got 2.0",
+        ),
         ({"parts": [{"share": 0.5, "x": 1}]}, r"parts\[0\] has no 'x'; it has share, digest"),
         ({"limits": "all"}, r"limits: must be a table or a list, got 'all'"),
         ({"limits": {}}, r"limits: must be 1 or more entries, got \{\}"),
@@ -130,8 +183,15 @@ def test_several_kinds_may_stand_at_one_key():
         ({"rows": [[1, 2], [3]]}, r"rows\[1\]: must be 2 values, got \[3\]"),
         ({"rows": [[1, 2]] * 3}, r"rows: must be 0 to 2 entries"),
         ({"count": 0}, r"count: must be at least 1 and at most 10000000, got 0"),
-        ({"count": "4"}, r"count: must be a whole number, at least 1 and at most 10000000, got '4'; it is text"),
-        ({"count": 2.0}, r"count: must be a whole number, at least 1 and at most 10000000, got 2.0"),
+        (
+            {"count": "4"},
+            r"count: must be a whole number, at least 1 and at most 10000000, got "
+            r"'4'; it is text",
+        ),
+        (
+            {"count": 2.0},
+            r"count: must be a whole number, at least 1 and at most 10000000, got 2.0",
+        ),
     ],
 )
 def test_a_fault_names_place_unit_and_what_is_allowed(change: dict[str, Any], said: str):
@@ -157,15 +217,25 @@ def of_share(share: float, *, places: Array | None = None, **others: Any) -> tup
 
 def test_a_function_is_called_with_the_arguments_of_a_table():
     maker = WithFields(of_share, Body)
-    assert TableReader().made(maker, {"share": 1, "places": [1], "count": 3}) == (1.0, [1.0], {"count": 3})
-    with pytest.raises(ConfigurationError, match=r"\[a\] has no 'cuont'; it has share, places, center, .*mean count"):
+    assert TableReader().made(maker, {"share": 1, "places": [1], "count": 3}) == (
+        1.0,
+        [1.0],
+        {"count": 3},
+    )
+    with pytest.raises(
+        ConfigurationError,
+        match=r"\[a\] has no 'cuont'; it has share, places, "
+        r"center, .*mean count",
+    ):
         TableReader().made(maker, {"share": 1, "cuont": 3}, "a")
     with pytest.raises(ConfigurationError, match=r"\[a\]: share is missing"):
         TableReader().made(of_share, {}, "a")
 
 
 def test_a_table_may_say_itself_what_it_is():
-    def choose(kind: Any, table: Mapping[str, Any], where: str) -> tuple[Any, Mapping[str, Any], str]:
+    def choose(
+        kind: Any, table: Mapping[str, Any], where: str
+    ) -> tuple[Any, Mapping[str, Any], str]:
         if kind is not Inner or "like" not in table:
             return kind, table, where
         return of_share, table["like"], f"{where}.like"
@@ -205,7 +275,9 @@ def test_keys_of_a_later_version_can_be_passed_over():
         (json.dumps({"a": "b" * 2000}), "larger than 1000 bytes"),
     ],
 )
-def test_what_can_neither_be_printed_nor_computed_with_is_refused(text: str, said: str, tmp_path: Path):
+def test_what_can_neither_be_printed_nor_computed_with_is_refused(
+    text: str, said: str, tmp_path: Path
+):
     file = tmp_path / "x.json"
     file.write_text(text)
     with pytest.raises(ConfigurationError, match=said) as refused:

@@ -11,7 +11,12 @@ from at_rest import at_rest
 from uuv import models
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, ContactEstimate, Reference, Target, WorkState
-from uuv.sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, rotation_from_quat_wxyz
+from uuv.sim.interfaces.spatial import (
+    exp_so3,
+    pose,
+    quat_wxyz_from_rotation,
+    rotation_from_quat_wxyz,
+)
 from uuv.sim.loop.logged_columns import EVERY_STEP
 from uuv.sim.loop.recording import Recorder, Recording, write_row
 from uuv.sim.loop.rollout import Moment
@@ -22,7 +27,9 @@ PLANNER_TICKS = 5
 
 
 class Run:
-    """Steps a made-up truth whose arrays, like the plant's, are views that the next step overwrites."""
+    """Steps a made-up truth whose arrays, like the plant's, are views that the next step
+    overwrites.
+    """
 
     def __init__(self) -> None:
         self.truth = SimpleNamespace(
@@ -57,7 +64,9 @@ class Run:
         self.show(recorder, steps)
         self.held = False
 
-    def show(self, recorder: Recorder, steps: int, state: WorkState = WorkState.WORK, note: str = "") -> None:
+    def show(
+        self, recorder: Recorder, steps: int, state: WorkState = WorkState.WORK, note: str = ""
+    ) -> None:
         truth = self.truth
         first = round(truth.time / DT) if self.reference else 0
         for tick in range(first, first + steps):
@@ -93,7 +102,9 @@ class Run:
                 scan=False,
                 contact=ContactEstimate(force_W=np.full(3, float(tick)), normal=float(tick)),
             )
-            recorder.observe(Moment(tick, truth, estimate, self.target, self.reference, command, None, None))
+            recorder.observe(
+                Moment(tick, truth, estimate, self.target, self.reference, command, None, None)
+            )
         truth.time += DT
 
 
@@ -117,7 +128,9 @@ def test_every_step_is_kept_past_the_first_block_and_not_as_a_view():
 def test_commanded_tip_is_carried_on_between_references():
     recording = recorded(23)
     command = recording["p_command"]
-    assert np.allclose(command.value, np.column_stack([command.time, np.full(23, 2.0), np.full(23, 3.0)]))
+    assert np.allclose(
+        command.value, np.column_stack([command.time, np.full(23, 2.0), np.full(23, 3.0)])
+    )
 
 
 def test_the_first_collision_is_told_by_names():
@@ -148,7 +161,9 @@ def test_metrics_only_leaves_the_slow_series_out():
 def test_states_and_targets_are_kept_once_each():
     recorder, run = Recorder(MODEL), Run()
     run.show(recorder, 50, WorkState.SCAN)
-    run.target = Target(time=0.1, X_WT=np.eye(4), accepted=True, check_m=0.0, range_m=1.0, reason="", path=None)
+    run.target = Target(
+        time=0.1, X_WT=np.eye(4), accepted=True, check_m=0.0, range_m=1.0, reason="", path=None
+    )
     run.show(recorder, 50, WorkState.WORK)
     run.show(recorder, 50, WorkState.RETREAT, note="felt too much")
     recording = recorder.recording()
@@ -171,19 +186,26 @@ def test_digest_is_of_every_bit_of_the_trajectory():
         series = recording[name]
         value = series.value.copy()
         value[17, -1] = np.nextafter(value[17, -1], np.inf)  # NaN stays
-        changed = replace(recording, series={**recording.series, name: replace(series, value=value)})
-        assert (changed.digest() == recording.digest()) == np.array_equal(value, series.value, equal_nan=True), name
+        changed = replace(
+            recording, series={**recording.series, name: replace(series, value=value)}
+        )
+        assert (changed.digest() == recording.digest()) == np.array_equal(
+            value, series.value, equal_nan=True
+        ), name
 
 
 def test_quaternions_keep_their_sign_through_two_turns():
-    """q and -q are one rotation: what differentiates or interpolates the series must not meet a jump."""
+    """q and -q are one rotation: what differentiates or interpolates the series must not meet a
+    jump.
+    """
     recorder, run = Recorder(MODEL), Run()
     start, angles = exp_so3([0.4, -0.3, 0.2]), np.linspace(0.0, 4.0 * np.pi, 81)
     turned = [exp_so3(angle * np.array([0.48, -0.6, 0.64])) @ start for angle in angles]
     each = round(0.04 / DT)  # of the slowest rows
     for number, R in enumerate(turned):
         quat = quat_wxyz_from_rotation(R)
-        run.X_WB = pose(np.full((3, 3), np.nan) if number == 33 else R)  # an estimate may lack numbers
+        # an estimate may lack numbers
+        run.X_WB = pose(np.full((3, 3), np.nan) if number == 33 else R)
         run.truth.xquat[:] = quat if number % 3 else -quat
         run.show(recorder, each)
 

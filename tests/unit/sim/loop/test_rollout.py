@@ -65,7 +65,9 @@ class Encoder(Sensor):
 class Camera(Sensor):
     def step(self, state: Any, truth: int) -> tuple[Any, DepthImage]:
         self.note(truth)
-        return state, DepthImage(time=truth * STEP, depth=np.ones((1, 1)), K=np.eye(3), X_BC=np.eye(4))
+        return state, DepthImage(
+            time=truth * STEP, depth=np.ones((1, 1)), K=np.eye(3), X_BC=np.eye(4)
+        )
 
 
 class Estimator(Fake):
@@ -78,11 +80,21 @@ class Estimator(Fake):
     def step(self, state: str, measurements: Any) -> tuple[str, StateEstimate]:
         assert state == "estimator"
         tick = max(self.calls, 0) * round(self.period / STEP)
-        self.note(tick if self.calls >= 0 else -1, [(type(m).__name__, round(m.time / STEP)) for m in measurements])
+        self.note(
+            tick if self.calls >= 0 else -1,
+            [(type(m).__name__, round(m.time / STEP)) for m in measurements],
+        )
         self.calls += 1
         zero = np.zeros(3)
         return state, StateEstimate(
-            time=tick * STEP, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=NONE, qd=NONE, tau=NONE
+            time=tick * STEP,
+            X_WB=np.eye(4),
+            v_WB_B=zero,
+            w_WB_B=zero,
+            a_WB_B=zero,
+            q=NONE,
+            qd=NONE,
+            tau=NONE,
         )
 
 
@@ -93,7 +105,13 @@ class Finder(Fake):
     def step(self, state: int, estimate: StateEstimate, measurement: Any) -> tuple[int, Target]:
         self.note(round(estimate.time / STEP), round(measurement.time / STEP))
         return state + 1, Target(
-            time=measurement.time, X_WT=np.eye(4), accepted=False, check_m=0.0, range_m=1.0, reason="", path=None
+            time=measurement.time,
+            X_WT=np.eye(4),
+            accepted=False,
+            check_m=0.0,
+            range_m=1.0,
+            reason="",
+            path=None,
         )
 
 
@@ -106,7 +124,9 @@ class Planner(Fake):
     def init(self, estimate: StateEstimate) -> None:
         self.note(-1, estimate.time)
 
-    def step(self, state: None, estimate: StateEstimate, target: Target | None, last: Command | None) -> Any:
+    def step(
+        self, state: None, estimate: StateEstimate, target: Target | None, last: Command | None
+    ) -> Any:
         tick = round(estimate.time / STEP)
         self.note(tick, (None if target is None else round(target.time / STEP), last is not None))
         zero = np.zeros(3)
@@ -133,9 +153,13 @@ class Controller(Fake):
     def init(self, estimate: StateEstimate) -> None:
         self.note(-1, estimate.time)
 
-    def step(self, state: None, estimate: StateEstimate, reference: Reference) -> tuple[None, Command]:
+    def step(
+        self, state: None, estimate: StateEstimate, reference: Reference
+    ) -> tuple[None, Command]:
         self.note(round(estimate.time / STEP))
-        return state, Command(time=estimate.time, joint_torque=NONE, thrusters=NONE, scan=reference.scan)
+        return state, Command(
+            time=estimate.time, joint_torque=NONE, thrusters=NONE, scan=reference.scan
+        )
 
 
 @dataclass
@@ -188,7 +212,9 @@ class Rig:
 
 def test_order_of_calls_within_a_step():
     rig = Rig(planner={"scan": (2,)}).run()
-    at_three = [(who, what) if who == "Plant" else (who, None) for who, tick, what in rig.diary if tick == 3]
+    at_three = [
+        (who, what) if who == "Plant" else (who, None) for who, tick, what in rig.diary if tick == 3
+    ]
     assert [(who, what) for who, what in at_three if (who, what) != ("Estimator", None)] == [
         ("Plant", "observe"),
         ("Encoder", None),
@@ -204,7 +230,9 @@ def test_order_of_calls_within_a_step():
 
 
 def test_start():
-    """First measurements, estimator, planner and controller once before the loop; no frame among the first."""
+    """First measurements, estimator, planner and controller once before the loop; no frame among
+    the first.
+    """
     diary = Rig(duration=STEP).run().diary
     assert diary[:6] == [
         ("Plant", 0, "observe"),
@@ -219,7 +247,12 @@ def test_start():
 
 
 def test_rates_are_kept():
-    rig = Rig(sensors={"period": 3 * STEP}, estimator=STEP, planner={"period": 4 * STEP}, controller=2 * STEP).run()
+    rig = Rig(
+        sensors={"period": 3 * STEP},
+        estimator=STEP,
+        planner={"period": 4 * STEP},
+        controller=2 * STEP,
+    ).run()
     assert rig.ticks("Encoder") == [0, 0, 3, 6, 9, 12, 15, 18]  # once more for the start
     assert rig.ticks("Estimator") == list(range(20))
     assert rig.ticks("Planner") == [0, 4, 8, 12, 16]
@@ -241,11 +274,14 @@ def test_measurements_arrive_after_their_delay_and_keep_their_time(delay):
 
 
 def test_one_frame_for_each_rising_edge():
-    """Asked for in ticks 2 to 5 and again in 9: the command of a tick reaches the camera in the next."""
+    """Asked for in ticks 2 to 5 and again in 9: the command of a tick reaches the camera in the
+    next.
+    """
     rig = Rig(planner={"scan": (2, 3, 4, 5, 9)}, camera_delay=3 * STEP).run()
     assert rig.ticks("Camera") == [3, 10]
     found = [(tick, what) for who, tick, what in rig.diary if who == "Finder"]
-    # Late frames are handed on with the estimate of when they were taken: the last one before ticks 3 and 10.
+    # Late frames are handed on with the estimate of when they were taken: the last one before ticks
+    # 3 and 10.
     assert found == [(2, 3), (9, 10)]
     assert [tick for tick, framed, _ in rig.watcher.moments if framed] == [6, 13]
     assert [state for _, _, state in rig.watcher.moments] == [0] * 6 + [1] * 7 + [2] * 7

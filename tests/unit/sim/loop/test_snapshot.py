@@ -1,4 +1,6 @@
-"""Snapshot: copies that share no memory with the value, and share it among themselves as the value did."""
+"""Snapshot: copies that share no memory with the value, and share it among themselves as the value
+did.
+"""
 
 import threading
 from dataclasses import dataclass
@@ -24,7 +26,12 @@ class Memory:
 
 
 def memory() -> Memory:
-    record = np.zeros(1, np.dtype((np.record, [("bias", np.float64, 3), ("drawn", np.float64, 5), ("used", np.int64)])))
+    record = np.zeros(
+        1,
+        np.dtype(
+            (np.record, [("bias", np.float64, 3), ("drawn", np.float64, 5), ("used", np.int64)])
+        ),
+    )
     record["drawn"][0] = [1.0, 2.0, 3.0, 4.0, 5.0]
     return Memory(record, record["drawn"][0], record["used"])
 
@@ -91,9 +98,17 @@ def test_generators_go_on_alike():
 
 
 def test_code_and_models_are_handed_on():
-    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>"
+    )
     scene = RayScene(np.eye(3), [[0, 1, 2]])
-    value = {"model": model, "scene": scene, "law": lambda x: x, "kind": Memory, "names": MappingProxyType({"a": 1})}
+    value = {
+        "model": model,
+        "scene": scene,
+        "law": lambda x: x,
+        "kind": Memory,
+        "names": MappingProxyType({"a": 1}),
+    }
     copy = Snapshot(value, "parts").copy()
     assert all(copy[name] is value[name] for name in ("model", "scene", "law", "kind"))
     assert copy["names"] == {"a": 1}
@@ -101,5 +116,9 @@ def test_code_and_models_are_handed_on():
 
 def test_what_cannot_be_copied_is_refused_in_one_line():
     for value in (threading.Lock(), memory().record[0]):
-        with pytest.raises(ConfigurationError, match=r"^the state cannot be copied: .*(lock|record)"):
+        with pytest.raises(
+            ConfigurationError,
+            match=r"^the state cannot be copied: "
+            r".*(lock|record)",
+        ):
             Snapshot({"inner": [value]}, "the state")

@@ -15,9 +15,16 @@ X_WB = pose(exp_so3([0.4, -0.3, 1.2]), [1.0, -2.0, -3.0])
 
 
 def test_it_equals_the_truth_and_keeps_no_view():
-    plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=Current([0.3, 0.1, 0.0]), X_WB=X_WB)
+    plant = Plant(
+        hydrodynamics.compile(models.load("uuv_puma")), current=Current([0.3, 0.1, 0.0]), X_WB=X_WB
+    )
     rng = np.random.default_rng(3)
-    command = Command(time=0.0, joint_torque=5.0 * rng.normal(size=6), thrusters=rng.uniform(-0.5, 0.5, 6), scan=False)
+    command = Command(
+        time=0.0,
+        joint_torque=5.0 * rng.normal(size=6),
+        thrusters=rng.uniform(-0.5, 0.5, 6),
+        scan=False,
+    )
     for _ in range(20):
         plant.observe()
         plant.step(command)

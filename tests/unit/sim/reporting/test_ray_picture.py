@@ -20,7 +20,12 @@ def test_ball_is_as_large_and_as_far_as_it_should_be(azimuth: float, elevation: 
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     camera = mujoco.MjvCamera()
-    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = [1.0, 2.0, 3.0], 4.0, azimuth, elevation
+    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (
+        [1.0, 2.0, 3.0],
+        4.0,
+        azimuth,
+        elevation,
+    )
     picture, depth = RayPicture(model, 201, 301).render(data, camera)
     within("depth of the ball's nearest point [m]", abs(depth[100, 150] - 3.5), 2e-3)
     seen = np.isfinite(depth)
@@ -32,5 +37,7 @@ def test_ball_is_as_large_and_as_far_as_it_should_be(azimuth: float, elevation: 
     assert not picture[~seen].any()
     assert picture[seen][:, 0].min() > 60
     assert not picture[..., 1:].any()  # red: what is transparent is not drawn
-    upper, lower = (picture[rows_of][seen[rows_of]].mean() for rows_of in (slice(0, 90), slice(111, 201)))
+    upper, lower = (
+        picture[rows_of][seen[rows_of]].mean() for rows_of in (slice(0, 90), slice(111, 201))
+    )
     assert upper > lower  # the light is above

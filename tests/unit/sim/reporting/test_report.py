@@ -1,4 +1,6 @@
-"""The page is whole in itself, shows what the run lived to give, and says why a run was not accepted."""
+"""The page is whole in itself, shows what the run lived to give, and says why a run was not
+accepted.
+"""
 
 import base64
 import io
@@ -60,7 +62,9 @@ WORKED = [
 
 def panels_of(page: str) -> list[str]:
     """Titles of the panels of a page, from above down."""
-    return re.findall(r'"title":\{"text":"([^"]*\[[^"]*\])"\},"gridcolor":"[^"]*","zerolinecolor"', page)
+    return re.findall(
+        r'"title":\{"text":"([^"]*\[[^"]*\])"\},"gridcolor":"[^"]*","zerolinecolor"', page
+    )
 
 
 def recorded(state: WorkState, final: WorkState) -> Recording:
@@ -72,7 +76,8 @@ def recorded(state: WorkState, final: WorkState) -> Recording:
         "set_force": 60.0 * ones,
         "path_s": 0.02 * time[:, None],
         **dict.fromkeys(
-            ("contact_normal", "contact_least", "contact_most"), (60.0 if state is WorkState.WORK else 0.0) * ones
+            ("contact_normal", "contact_least", "contact_most"),
+            (60.0 if state is WorkState.WORK else 0.0) * ones,
         ),
         "felt_normal": 60.0 * ones,
         "felt_force": ones * [0, 0, 60.0],
@@ -89,15 +94,23 @@ def recorded(state: WorkState, final: WorkState) -> Recording:
         "tau_drive": ones * np.arange(6.0),
     }
     labels = {"thrust": VEHICLE.thruster_names, "tau_drive": VEHICLE.joint_names}
-    found = Target(time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None)
+    found = Target(
+        time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None
+    )
     return Recording(
         timestep=DT,
         duration=n * DT,
         vehicle=VEHICLE,
         series=MappingProxyType(
-            {name: Series(time=time, value=v, unit="", labels=labels.get(name, ())) for name, v in values.items()}
+            {
+                name: Series(time=time, value=v, unit="", labels=labels.get(name, ()))
+                for name, v in values.items()
+            }
         ),
-        events=(Event(time=0.0, state=state, note=""), Event(time=10.0, state=final, note="felt < 1 N & lost")),
+        events=(
+            Event(time=0.0, state=state, note=""),
+            Event(time=10.0, state=final, note="felt < 1 N & lost"),
+        ),
         targets=(found,) if state is WorkState.WORK else (),
         clouds=MappingProxyType({"scan": np.random.default_rng(0).normal(size=(100, 3))}),
     )
@@ -130,11 +143,15 @@ def test_page_fetches_nothing_and_shows_every_picture(tmp_path: Path):
 
 
 def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tmp_path: Path):
-    """A barrel free to turn about its axis: that turn is named, and does not count on a path around it."""
+    """A barrel free to turn about its axis: that turn is named, and does not count on a path around
+    it.
+    """
     recording, center = recorded(WorkState.WORK, WorkState.DONE), TRUTH.X_WT[:3, 3]
     turn = np.concatenate([np.zeros(3), TRUTH.X_WT[:3, 0]])[None]
     held = np.eye(6) - turn.T @ turn
-    doubt = PoseCovariance(matrix=4e-6 * held, free=turn, same=turn, center=center, radius=0.5, size_sigma=1.0)
+    doubt = PoseCovariance(
+        matrix=4e-6 * held, free=turn, same=turn, center=center, radius=0.5, size_sigma=1.0
+    )
     n, angle = np.zeros(20), np.linspace(0.0, 1.0, 20)
     round_it = np.column_stack([n, np.cos(angle), np.sin(angle)])
     path = ToolPath(
@@ -154,8 +171,11 @@ def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tm
     assert stated["path_normal_p95_m"] == pytest.approx(2e-3, rel=0.01)
     assert "Not determined by what was in view: a turn about (" in page
     assert "surface under the path, across the path" in page
-    assert "<td>position of the centre</td><td class=n>2.00</td><td class=n></td><td>mm</td>" in page
-    assert "<td>orientation</td><td class=n>0.23</td><td class=n></td><td>deg</td>" in page  # of 4 mrad
+    assert (
+        "<td>position of the centre</td><td class=n>2.00</td><td class=n></td><td>mm</td>" in page
+    )
+    # of 4 mrad
+    assert "<td>orientation</td><td class=n>0.23</td><td class=n></td><td>deg</td>" in page
     assert "stated standard deviation" not in written(tmp_path, recording)[0]
 
 
@@ -163,14 +183,21 @@ def test_page_states_how_an_object_moved(tmp_path: Path):
     """By 3 and 4 cm, turned by 0.1 rad: 0.05 m at its radius of 0.5 m; known to 2 mm an axis."""
     twist = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.05])
     still = ObjectMotion(
-        time=1.0, X_WT=TRUTH.X_WT, twist_W=0.0 * twist, covariance_W=4e-6 * np.eye(6), radius=0.5, moved=False
+        time=1.0,
+        X_WT=TRUTH.X_WT,
+        twist_W=0.0 * twist,
+        covariance_W=4e-6 * np.eye(6),
+        radius=0.5,
+        moved=False,
     )
     run = replace(
-        recorded(WorkState.WORK, WorkState.DONE), motions=(still, replace(still, time=2.5, twist_W=twist, moved=True))
+        recorded(WorkState.WORK, WorkState.DONE),
+        motions=(still, replace(still, time=2.5, twist_W=twist, moved=True)),
     )
     page, _ = written(tmp_path, run)
     assert (
-        "followed in 2 frames: at 2.5 s it was seen to have moved; in the end by 50.0 mm (standard deviation 2.0 mm), "
+        "followed in 2 frames: at 2.5 s it was seen to have moved; in the end by 50.0 mm "
+        "(standard deviation 2.0 mm), "
         "turned by 5.7 deg."
     ) in page
 
@@ -182,13 +209,21 @@ def test_page_of_a_run_that_was_broken_off_says_why(tmp_path: Path):
     assert not assessment.accepted
     assert reader.pictures == 0
     assert panels_of(page) == ["thrust [N]", "joint torque [N m]"]
-    assert re.search(r"<li>the work was broken off in \S+ at \S+ s: felt &lt; 1 N &amp; lost</li>", page)
-    assert "nan" not in re.sub(r'src="[^"]*"|<script.*?</script>', "", page, flags=re.DOTALL).lower()
+    assert re.search(
+        r"<li>the work was broken off in \S+ at \S+ s: felt &lt; 1 N &amp; lost</li>", page
+    )
+    assert (
+        "nan" not in re.sub(r'src="[^"]*"|<script.*?</script>', "", page, flags=re.DOTALL).lower()
+    )
 
 
 def test_page_without_slow_series_leaves_their_pictures_out(tmp_path: Path):
     recording = recorded(WorkState.WORK, WorkState.DONE)
-    few = {name: series for name, series in recording.series.items() if name not in ("thrust", "tau_drive")}
+    few = {
+        name: series
+        for name, series in recording.series.items()
+        if name not in ("thrust", "tau_drive")
+    }
     page, _ = written(tmp_path, replace(recording, series=MappingProxyType(few)))
     assert panels_of(page) == WORKED
     assert "against their limits" not in page
@@ -197,7 +232,10 @@ def test_page_without_slow_series_leaves_their_pictures_out(tmp_path: Path):
 def test_drives_are_held_against_their_limits(tmp_path: Path):
     page, _ = written(tmp_path, recorded(WorkState.WORK, WorkState.DONE))
     forward = np.asarray(VEHICLE.thruster_table)[1, 0]
-    row = f"<td class=n>1.0</td><td class=n>1.0</td><td class=n>N</td><td class=n>{1.0 / forward:.0%}</td>"
+    row = (
+        "<td class=n>1.0</td><td class=n>1.0</td><td class=n>N</td><td "
+        f"class=n>{1.0 / forward:.0%}</td>"
+    )
     assert f"<td>{VEHICLE.thruster_names[1].replace('_', ' ')}</td>{row}" in page
 
 
@@ -206,10 +244,17 @@ def test_thrust_astern_is_held_against_the_limit_astern(tmp_path: Path):
     forward, reverse = np.asarray(VEHICLE.thruster_table)[2, :2]
     thrust = run["thrust"].value.copy()
     thrust[100, 2], thrust[200, 2] = -0.9 * reverse, 0.3 * forward
-    run = replace(run, series=MappingProxyType({**run.series, "thrust": replace(run["thrust"], value=thrust)}))
+    run = replace(
+        run, series=MappingProxyType({**run.series, "thrust": replace(run["thrust"], value=thrust)})
+    )
     page, _ = written(tmp_path, run)
     row = re.findall(rf"<td>{VEHICLE.thruster_names[2].replace('_', ' ')}</td>(.*?)</tr>", page)[0]
-    assert re.findall(r">([^<]+)</td>", row) == [f"{-0.9 * reverse:.1f}", f"{0.3 * forward:.1f}", "N", "90%"]
+    assert re.findall(r">([^<]+)</td>", row) == [
+        f"{-0.9 * reverse:.1f}",
+        f"{0.3 * forward:.1f}",
+        "N",
+        "90%",
+    ]
 
 
 def test_a_figure_and_its_bound_are_told_in_their_unit():
@@ -224,23 +269,34 @@ def test_second_run_is_laid_over_the_first_from_the_start_of_the_work():
         name: replace(series, time=series.time + 5.0) if len(series.time) else series
         for name, series in run.series.items()
     }
-    late = replace(run, series=moved, duration=run.duration + 5.0, events=(replace(run.events[0], time=5.0),))
+    late = replace(
+        run, series=moved, duration=run.duration + 5.0, events=(replace(run.events[0], time=5.0),)
+    )
     page = timelines({"first": run, "second": late})
-    drawn = json.loads(re.findall(r'"timelines",\s*(\[.*?\]),\s*\{"template"', page, flags=re.DOTALL)[0])
+    drawn = json.loads(
+        re.findall(r'"timelines",\s*(\[.*?\]),\s*\{"template"', page, flags=re.DOTALL)[0]
+    )
     force = [trace for trace in drawn if trace["name"] == "true" and trace["yaxis"] == "y"]
     assert [trace["line"]["dash"] for trace in force] == ["solid", "dot"]
-    first, second = (np.frombuffer(base64.b64decode(trace["x"]["bdata"]), dtype=np.float32) for trace in force)
+    first, second = (
+        np.frombuffer(base64.b64decode(trace["x"]["bdata"]), dtype=np.float32) for trace in force
+    )
     assert second == pytest.approx(first, abs=1e-5)
     assert "time from the start of the work [s]" in page
     assert "solid: first; dotted: second" in page
 
 
 @pytest.mark.parametrize("ending", [".parquet", ".npz"])
-def test_series_are_read_back_as_they_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str):
+def test_series_are_read_back_as_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+):
     if ending == ".npz":
         monkeypatch.setattr(series_files, "find_spec", lambda _: None)
     run = recorded(WorkState.WORK, WorkState.DONE)
-    run = replace(run, series={**run.series, "q": replace(run["thrust"], labels=VEHICLE.joint_names, unit="rad")})
+    run = replace(
+        run,
+        series={**run.series, "q": replace(run["thrust"], labels=VEHICLE.joint_names, unit="rad")},
+    )
     write_series(run, tmp_path)
     (tmp_path / "metrics.json").write_text(json.dumps(every_run(simulated_s=run.duration)))
     past = PastRun.of(tmp_path)
@@ -262,8 +318,12 @@ def test_second_run_keeps_its_dashes_where_the_first_lacks_a_panel():
     run = recorded(WorkState.WORK, WorkState.DONE)
     few = {name: series for name, series in run.series.items() if name != "thrust"}
     page = timelines({"first": replace(run, series=few), "second": run})
-    drawn = json.loads(re.findall(r'"timelines",\s*(\[.*?\]),\s*\{"template"', page, flags=re.DOTALL)[0])
-    thrust = [trace for trace in drawn if trace["name"] == VEHICLE.thruster_names[0].replace("_", " ")]
+    drawn = json.loads(
+        re.findall(r'"timelines",\s*(\[.*?\]),\s*\{"template"', page, flags=re.DOTALL)[0]
+    )
+    thrust = [
+        trace for trace in drawn if trace["name"] == VEHICLE.thruster_names[0].replace("_", " ")
+    ]
     assert [(trace["line"]["dash"], trace["showlegend"]) for trace in thrust] == [("dot", True)]
 
 

@@ -1,4 +1,6 @@
-"""Rerun's program as we start it: a log made compact holds the same, and what is no log stays as it is."""
+"""Rerun's program as we start it: a log made compact holds the same, and what is no log stays as it
+is.
+"""
 
 import socket
 from pathlib import Path
@@ -17,7 +19,9 @@ def values(file: Path) -> tuple[np.ndarray, int]:
     rows = [
         (time, value[0])
         for batch in (chunk.to_record_batch() for chunk in chunks)
-        for time, value in zip(batch.column("t").to_pylist(), batch.column("Scalars:scalars").to_pylist(), strict=True)
+        for time, value in zip(
+            batch.column("t").to_pylist(), batch.column("Scalars:scalars").to_pylist(), strict=True
+        )
     ]
     return np.array([value for _, value in sorted(rows)]), len(chunks)
 
@@ -83,4 +87,6 @@ def test_log_is_whole_where_no_viewer_starts(tmp_path, monkeypatch, capsys):
     stream.event("a", rr.Scalars(1.0), 0.5)
     stream.close()
     assert f"afterwards: rerun {tmp_path / 'run.rrd'}" in capsys.readouterr().err
-    assert any(chunk.entity_path == "/a" for chunk in RrdReader(tmp_path / "run.rrd").stream().to_chunks())
+    assert any(
+        chunk.entity_path == "/a" for chunk in RrdReader(tmp_path / "run.rrd").stream().to_chunks()
+    )

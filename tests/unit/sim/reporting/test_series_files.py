@@ -1,4 +1,6 @@
-"""Tables of series that are cut, forged or too large are refused in one line, and nothing is unpacked without bound."""
+"""Tables of series that are cut, forged or too large are refused in one line, and nothing is
+unpacked without bound.
+"""
 
 import io
 import json
@@ -33,7 +35,9 @@ def test_a_damaged_parquet_file(change: str, tmp_path: Path):
     file = tmp_path / "t.parquet"
     whole = file.read_bytes()
     flipped = whole[:200] + bytes([whole[200] ^ 1]) + whole[201:]
-    file.write_bytes({"cut": whole[: len(whole) // 2], "empty": b"", "text": b"hello", "bit": flipped}[change])
+    file.write_bytes(
+        {"cut": whole[: len(whole) // 2], "empty": b"", "text": b"hello", "bit": flipped}[change]
+    )
     refused(file, "the file is empty" if change == "empty" else "is no whole Parquet file")
 
 
@@ -54,7 +58,9 @@ def test_columns_that_no_run_writes(table: dict[str, Any], said: str, tmp_path: 
 
 def test_a_word_stored_once_is_not_unfolded(tmp_path: Path):
     """A dictionary of one long text and many rows is a small file, and many gigabytes in memory."""
-    pq.write_table(pa.table({"note": ["x" * 100_000] * 1000}), tmp_path / "t.parquet", use_dictionary=True)
+    pq.write_table(
+        pa.table({"note": ["x" * 100_000] * 1000}), tmp_path / "t.parquet", use_dictionary=True
+    )
     assert (tmp_path / "t.parquet").stat().st_size < 100_000
     refused(tmp_path / "t.parquet", "encoded otherwise than a run writes it")
 
@@ -89,10 +95,19 @@ ABOUT = {"time": {"unit": "s", "series": ""}}
         (archive(about=stored(np.array([{}], dtype=object))), "is no whole .npz file"),
         (archive(time=stored(np.zeros(3))), "is no whole .npz file"),
         (archive(about=stored("5")), "columns: must be a table, got 5"),
-        (archive(about=stored(json.dumps({"time": {"unit": 5}}))), "columns.time.unit: must be text"),
+        (
+            archive(about=stored(json.dumps({"time": {"unit": 5}}))),
+            "columns.time.unit: must be text",
+        ),
         (archive(about=stored(json.dumps(ABOUT))), "is no whole .npz file"),
-        (archive(about=stored(json.dumps(ABOUT)), time=stored(np.zeros((2, 2)))), "must have one length"),
-        (archive(about=stored(json.dumps(ABOUT)), time=stored(np.zeros(3))[:-8]), "is no whole .npz file"),
+        (
+            archive(about=stored(json.dumps(ABOUT)), time=stored(np.zeros((2, 2)))),
+            "must have one length",
+        ),
+        (
+            archive(about=stored(json.dumps(ABOUT)), time=stored(np.zeros(3))[:-8]),
+            "is no whole .npz file",
+        ),
     ],
 )
 def test_a_damaged_npz_file(raw: bytes, said: str, tmp_path: Path):
@@ -100,7 +115,9 @@ def test_a_damaged_npz_file(raw: bytes, said: str, tmp_path: Path):
     refused(tmp_path / "t.npz", said)
 
 
-def test_an_archive_is_not_unpacked_beyond_its_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_archive_is_not_unpacked_beyond_its_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(series_files, "_MOST_BYTES", 100_000)
     raw = archive(about=stored(json.dumps(ABOUT)), time=stored(np.zeros(50_000)))
     assert len(raw) < 10_000

@@ -16,18 +16,27 @@ ALONG, ASIDE, OUTWARD = TRUTH.X_WT[:3, :3].T
 
 
 def drawn(recording: Recording, bounds: Bounds | None = None) -> dict[str, dict[str, Array]]:
-    """Last values of the lines by name, for each panel by title; the bounds under their own name."""
+    """Last values of the lines by name, for each panel by title; the bounds under their own
+    name.
+    """
     found = {}
     for panel in panels(recording, bounds):
-        found[panel.title] = {line.name: line.value[-1] for line in panel.lines} | {"bounds": tuple(panel.bounds)}
+        found[panel.title] = {line.name: line.value[-1] for line in panel.lines} | {
+            "bounds": tuple(panel.bounds)
+        }
     return found
 
 
 def test_errors_have_the_signs_and_units_of_their_panels():
-    """At the end 5 N too much, 2 mm behind and 1 mm too deep; the hull 3 cm off and turned by 4 deg."""
+    """At the end 5 N too much, 2 mm behind and 1 mm too deep; the hull 3 cm off and turned by 4
+    deg.
+    """
     end = (TIME >= 9.0)[:, None]
     start = exp_so3([0.3, -0.2, 2.0])
-    quats = [quat_wxyz_from_rotation(start @ exp_so3([0.0, turn, 0.0])) for turn in (0.0, np.radians(4.0))]
+    quats = [
+        quat_wxyz_from_rotation(start @ exp_so3([0.0, turn, 0.0]))
+        for turn in (0.0, np.radians(4.0))
+    ]
     told = drawn(
         recorded(
             contact_normal=60.0 + 5.0 * end,
@@ -39,7 +48,9 @@ def test_errors_have_the_signs_and_units_of_their_panels():
     )
     assert told["force error [N]"] == {"true − set": pytest.approx(5.0), "bounds": (9.0, -9.0)}
     path = told["tip from its path [mm]"]
-    assert [path[name] for name in ("along", "across", "along the tool axis")] == pytest.approx([-2.0, 0.0, 1.0])
+    assert [path[name] for name in ("along", "across", "along the tool axis")] == pytest.approx(
+        [-2.0, 0.0, 1.0]
+    )
     assert path["bounds"] == (3.0, -3.0)
     hull = told["hull from its place [mm]"]
     assert [hull[axis] for axis in "xyz"] == pytest.approx([10.0, -20.0, 20.0])
@@ -47,13 +58,17 @@ def test_errors_have_the_signs_and_units_of_their_panels():
 
 
 def test_slower_series_keep_their_columns_and_units():
-    """A joint angle in degrees; moments of the arm on the hull beside its forces, true and believed."""
+    """A joint angle in degrees; moments of the arm on the hull beside its forces, true and
+    believed.
+    """
     few, six = TIME[::10], np.arange(6, dtype=np.float64)
     ones = np.ones((STEPS // 10, 1))
     more = {
         "q": Series(time=few, value=ones * [0.5], unit="rad", labels=("joint1",)),
         "arm_wrench": Series(time=few, value=ones * six, unit="", labels=tuple("abcdef")),
-        "believed.arm_wrench_B": Series(time=few, value=ones * -six, unit="", labels=tuple("abcdef")),
+        "believed.arm_wrench_B": Series(
+            time=few, value=ones * -six, unit="", labels=tuple("abcdef")
+        ),
     }
     whole = recorded()
     told = drawn(replace(whole, series=MappingProxyType({**whole.series, **more})))

@@ -39,7 +39,9 @@ class Options:
         (["--first-seed", "-1"], "--first-seed: must not be negative, got -1"),
     ],
 )
-def test_bad_option_gives_one_line_and_code_2(args: list[str], culprit: str, capsys: pytest.CaptureFixture[str]):
+def test_bad_option_gives_one_line_and_code_2(
+    args: list[str], culprit: str, capsys: pytest.CaptureFixture[str]
+):
     with pytest.raises(SystemExit) as stop:
         parse(Options, args)
     said = capsys.readouterr()
@@ -87,7 +89,9 @@ def test_scenario_ends_in_its_code(
 
 
 @pytest.mark.parametrize("before", [None, "", "1"])
-def test_a_command_leaves_the_environment_as_it_was(before: str | None, monkeypatch: pytest.MonkeyPatch):
+def test_a_command_leaves_the_environment_as_it_was(
+    before: str | None, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
     if before is not None:
         monkeypatch.setenv("PYTHONSAFEPATH", before)
@@ -127,17 +131,27 @@ def test_an_error_of_the_program_is_one_line_with_its_place(
     assert "Traceback" in ended(there["main"], capsys)[1]
 
 
-def test_an_error_in_a_users_module_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
-    (tmp_path / "pilot_of_mine.py").write_text("class Pilot:\n    def step(self):\n        return {}['gain']\n")
+def test_an_error_in_a_users_module_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+):
+    (tmp_path / "pilot_of_mine.py").write_text(
+        "class Pilot:\n    def step(self):\n        return {}['gain']\n"
+    )
     monkeypatch.syspath_prepend(str(tmp_path))
     code, said = ended(import_module("pilot_of_mine").Pilot().step, capsys)
     assert code == 2
-    assert said == f"error: pilot_of_mine: Pilot.step raised KeyError: 'gain' ({tmp_path / 'pilot_of_mine.py'}:3)\n"
+    assert said == (
+        "error: pilot_of_mine: Pilot.step raised KeyError: 'gain' "
+        f"({tmp_path / 'pilot_of_mine.py'}:3)\n"
+    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_a_scenario_with_the_code_of_a_shell(number: signal.Signals, capsys: pytest.CaptureFixture[str]):
-    ignored = signal.signal(number, signal.default_int_handler)  # as it is where the tests run in the background
+def test_signals_end_a_scenario_with_the_code_of_a_shell(
+    number: signal.Signals, capsys: pytest.CaptureFixture[str]
+):
+    # as it is where the tests run in the background
+    ignored = signal.signal(number, signal.default_int_handler)
     try:
         before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
         assert ended(lambda: signal.raise_signal(number), capsys) == (128 + number, "interrupted\n")
@@ -146,7 +160,9 @@ def test_signals_end_a_scenario_with_the_code_of_a_shell(number: signal.Signals,
         signal.signal(number, ignored)
 
 
-@pytest.mark.parametrize("outcome", [ConfigurationError("no"), KeyboardInterrupt(), ZeroDivisionError()])
+@pytest.mark.parametrize(
+    "outcome", [ConfigurationError("no"), KeyboardInterrupt(), ZeroDivisionError()]
+)
 def test_whatever_ends_a_scenario_at_its_door_leaves_no_folder(
     outcome: BaseException, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

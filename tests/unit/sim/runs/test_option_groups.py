@@ -13,7 +13,9 @@ from uuv.jobs.command_line import options_class
 from uuv.sim.runs.option_groups import cli
 
 
-@pytest.mark.parametrize("job", [clean_barrel, clean_pile, insert_sampler, sample_seabed], ids=lambda job: job.name)
+@pytest.mark.parametrize(
+    "job", [clean_barrel, clean_pile, insert_sampler, sample_seabed], ids=lambda job: job.name
+)
 def test_same_options_as_without_groups(job: Job, capsys: pytest.CaptureFixture[str]):
     kind = options_class(job)
     args = ["--seed", "3", "--current", "0", "0.2", "0", "--no-record", "--out", "there"]
@@ -52,7 +54,9 @@ class Derived(Base):
 
 def test_a_default_of_a_derived_class_stays(capsys: pytest.CaptureFixture[str]):
     assert cli(Derived, ["--what", "it"]) == Derived(what="it")
-    assert cli(Derived, ["--what", "it", "--where", "there"]) == Derived(what="it", where=Path("there"))
+    assert cli(Derived, ["--what", "it", "--where", "there"]) == Derived(
+        what="it", where=Path("there")
+    )
     with pytest.raises(SystemExit):
         cli(Derived, ["--help"])
     said = capsys.readouterr().out

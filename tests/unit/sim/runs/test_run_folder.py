@@ -114,7 +114,10 @@ def test_a_file_system_without_locks_is_one_line(tmp_path, monkeypatch):
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", none)
-    with pytest.raises(ConfigurationError, match=r"gives no lock \(No locks available\)"), alone_in(tmp_path):
+    with (
+        pytest.raises(ConfigurationError, match=r"gives no lock \(No locks available\)"),
+        alone_in(tmp_path),
+    ):
         pass
 
 
@@ -129,5 +132,8 @@ with run_folder.alone_in(pathlib.Path(sys.argv[1])):
     assert killed.returncode < 0
     with alone_in(tmp_path):
         assert (tmp_path / ".lock").read_text() == f"{os.getpid()}\n"
-        with pytest.raises(ConfigurationError, match=f"process {os.getpid()} is at work"), alone_in(tmp_path):
+        with (
+            pytest.raises(ConfigurationError, match=f"process {os.getpid()} is at work"),
+            alone_in(tmp_path),
+        ):
             pass

@@ -1,4 +1,6 @@
-"""What is printed may come from a file: brackets are text, and no character commands the terminal."""
+"""What is printed may come from a file: brackets are text, and no character commands the
+terminal.
+"""
 
 from io import StringIO
 

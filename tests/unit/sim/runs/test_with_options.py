@@ -29,7 +29,10 @@ class LookOptions(RunOptions):
         ("task.turn.angle [rad]: got 9", "--turn (task.turn.angle) [rad]: got 9"),
         ("task.least, a share: got 2", "--least (task.least), a share: got 2"),
         ("task.promise.least: got 2", "--least-chance (task.promise.least): got 2"),
-        ("task.speed 9: not; task.speed 0.1 would do", "--speed (task.speed) 9: not; --speed 0.1 would do"),
+        (
+            "task.speed 9: not; task.speed 0.1 would do",
+            "--speed (task.speed) 9: not; --speed 0.1 would do",
+        ),
         ("site.object.line; belief.arm", "--line (site.object.line); --arm (belief.arm)"),
         ("longest 9 s: the work takes 10 s", "--longest 9 s: the work takes 10 s"),
         ("longest [s]: got -1", "--longest [s]: got -1"),
@@ -57,7 +60,9 @@ def test_other_messages_stay_as_they_are(message: str):
 
 def test_an_argument_of_the_job_alone_is_named_by_its_option():
     message = "gear_spread: must be finite, >= 0, got -1"
-    assert with_options(message, options_class(identify_friction)) == message.replace("gear_spread", "--gear-spread")
+    assert with_options(message, options_class(identify_friction)) == message.replace(
+        "gear_spread", "--gear-spread"
+    )
 
 
 def test_a_key_with_an_option_of_another_name_does_not_lend_it_to_others():
@@ -69,4 +74,6 @@ def test_the_command_says_it_and_a_script_gets_the_key(capsys: pytest.CaptureFix
         Sensing(looks=0)
     with pytest.raises(SystemExit):
         run_scenario(lambda: Sensing(looks=parse(LookOptions, ["--looks", "0"]).looks) and 0)
-    assert capsys.readouterr().err == "error: --looks (sensing.looks): must be a whole number in 1..40, got 0\n"
+    assert capsys.readouterr().err == (
+        "error: --looks (sensing.looks): must be a whole number in 1..40, got 0\n"
+    )

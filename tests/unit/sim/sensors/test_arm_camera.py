@@ -1,4 +1,6 @@
-"""The camera on the arm: its errors have the stated covariance, keys are chained, and a lost view ends the track."""
+"""The camera on the arm: its errors have the stated covariance, keys are chained, and a lost view
+ends the track.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -68,7 +70,11 @@ def truth(model: mujoco.MjModel, time: float, p: Array) -> Truth:
     ("old", "new", "said"),
     [
         ("pairs = 2086\n", "", "the file: pairs is missing"),
-        ("pairs = 2086", "pairs = 2086\npears = 1", "the file has no 'pears'; .*did you mean pairs"),
+        (
+            "pairs = 2086",
+            "pairs = 2086\npears = 1",
+            "the file has no 'pears'; .*did you mean pairs",
+        ),
         ("pairs = 2086", "pairs = 2.5", "pairs: must be a whole number, at least 1, got 2.5"),
         ("common = 0.279", "common = 3.0", "common: must be at least 0 and at most 1, got 3.0"),
         ("common = 0.279", "common = nan", "common: must not be NaN"),
@@ -79,7 +85,9 @@ def test_a_wrong_table_of_errors_is_one_line(old, new, said, tmp_path):
     text = arm_camera.TABLE.read_text()
     assert old in text
     (tmp_path / "camera.toml").write_text(text.replace(old, new))
-    with pytest.raises(ConfigurationError, match=f"^errors of the arm camera '.*camera.toml': {said}"):
+    with pytest.raises(
+        ConfigurationError, match=f"^errors of the arm camera '.*camera.toml': {said}"
+    ):
         ErrorModel.read(tmp_path / "camera.toml")
 
 
@@ -98,7 +106,10 @@ def readings(
 def test_errors_have_the_covariance_that_is_stated(model: mujoco.MjModel):
     """Many first motions of 5 mm: the squared error over the covariance is 1 a direction."""
     errors = replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0), bias=(0.0, 0.0, 0.0), outliers=0.0)
-    camera, moved = ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors), np.array([5e-3, 0.0, 0.0])
+    camera, moved = (
+        ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors),
+        np.array([5e-3, 0.0, 0.0]),
+    )
     squares = []
     for seed in range(200):
         first, second = readings(model, camera, seed, np.array([np.zeros(3), moved]))
@@ -111,35 +122,51 @@ def test_errors_have_the_covariance_that_is_stated(model: mujoco.MjModel):
         L = X[:3, :3] @ second.information_K @ X[:3, :3].T
         assert int((np.linalg.eigvalsh(L) > OBSERVED).sum()) == 3
         squares.append(float(error @ L @ error) / 3.0)
-    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)  # 3.5 standard deviations of the mean of 200
+    # 3.5 standard deviations of the mean of 200
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
 
 
 @pytest.mark.parametrize("attenuation", [0.0, 0.7, 2.2])
 def test_water_dims_what_a_flat_wall_tells(attenuation: float):
-    """Square to the view at 0.2 m, in closed form: depth by stereo z^2 s / (f b) exp(a z), light exp(-2 a z)."""
+    """Square to the view at 0.2 m, in closed form: depth by stereo z^2 s / (f b) exp(a z), light
+    exp(-2 a z).
+    """
     camera, z = SmallStereo(intensity_noise=1e-5), 0.2
     depth = np.full(camera.rays(GRID).shape[:2], z)
     texture = Texture.of(3, 0.3)
 
     def told(a: float) -> Prediction:
-        return predict(camera, depth, np.zeros_like(depth, dtype=bool), texture, Turbidity(attenuation=a), 0.0)
+        return predict(
+            camera, depth, np.zeros_like(depth, dtype=bool), texture, Turbidity(attenuation=a), 0.0
+        )
 
     seen = told(attenuation)
-    sigma = z**2 * camera.stereo.disparity_sigma / (camera.focal * camera.stereo.baseline) * np.exp(attenuation * z)
+    sigma = (
+        z**2
+        * camera.stereo.disparity_sigma
+        / (camera.focal * camera.stereo.baseline)
+        * np.exp(attenuation * z)
+    )
     assert seen.shape[2, 2] == pytest.approx(depth.size * GRID**2 / CELL / sigma**2)
     assert abs(seen.shape[0, 0]) < 1e-9 * seen.shape[2, 2]
     # With little noise every pixel is used; its weight is the square of the light that comes back.
     assert seen.texture / told(0.0).texture[0, 0] == pytest.approx(
-        np.exp(-4.0 * attenuation * z) * told(0.0).texture / told(0.0).texture[0, 0], rel=1e-3, abs=1e-9
+        np.exp(-4.0 * attenuation * z) * told(0.0).texture / told(0.0).texture[0, 0],
+        rel=1e-3,
+        abs=1e-9,
     )
     assert seen.range == pytest.approx(z)
 
 
 def test_a_new_key_is_a_picture_that_was_itself_measured(model: mujoco.MjModel):
-    """Over 30 cm there are several keys, each at the time of a message against the key before it."""
+    """Over 30 cm there are several keys, each at the time of a message against the key before
+    it.
+    """
     errors = replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0))
     places = np.column_stack([np.linspace(0.0, 0.3, 61), np.zeros((61, 2))])
-    found = readings(model, ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors), 1, places)
+    found = readings(
+        model, ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors), 1, places
+    )
     messages = [message for message in found if message is not None]
     assert len(messages) == len(places)
     keys = {message.key_time for message in messages}
@@ -158,7 +185,13 @@ def test_a_plain_wall_tells_its_distance_only(model: mujoco.MjModel):
 
 
 def test_without_a_surface_in_range_there_is_no_message_and_the_track_ends(model: mujoco.MjModel):
-    camera = ArmCamera(model, "tip", "object", conditions=CLEAR, errors=replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0)))
+    camera = ArmCamera(
+        model,
+        "tip",
+        "object",
+        conditions=CLEAR,
+        errors=replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0)),
+    )
     away = np.array([0.0, 0.0, 2.0])
     places = np.array([np.zeros(3)] * 3 + [away] * 6 + [np.zeros(3)] * 3)
     found = readings(model, camera, 3, places)
@@ -173,10 +206,14 @@ def test_silt_makes_pictures_worse_or_loses_them(model: mujoco.MjModel):
     told: dict[bool, list[SurfaceMotionMeasurement | None]] = {}
     for silty in (False, True):
         conditions = replace(CLEAR, cloud_rate=16.0 if silty else 0.0)
-        told[silty] = readings(model, ArmCamera(model, "tip", "object", conditions=conditions), 4, np.zeros((60, 3)))
+        told[silty] = readings(
+            model, ArmCamera(model, "tip", "object", conditions=conditions), 4, np.zeros((60, 3))
+        )
     lost = {silty: sum(message is None for message in found) for silty, found in told.items()}
     weight = {
-        silty: np.median([np.trace(message.information_K) for message in found if message is not None])
+        silty: np.median(
+            [np.trace(message.information_K) for message in found if message is not None]
+        )
         for silty, found in told.items()
     }
     assert lost[True] > lost[False] + 5
@@ -184,8 +221,13 @@ def test_silt_makes_pictures_worse_or_loses_them(model: mujoco.MjModel):
 
 
 def test_a_rendered_camera_measures_the_same_motion(model: mujoco.MjModel):
-    """Every picture rendered and aligned: 5 mm over a textured wall, to the tracker's own information."""
-    camera, moved = RenderedArmCamera(model, "tip", "object", conditions=CLEAR), np.array([5e-3, 0.0, 0.0])
+    """Every picture rendered and aligned: 5 mm over a textured wall, to the tracker's own
+    information.
+    """
+    camera, moved = (
+        RenderedArmCamera(model, "tip", "object", conditions=CLEAR),
+        np.array([5e-3, 0.0, 0.0]),
+    )
     first, second = readings(model, camera, 5, np.array([np.zeros(3), moved]))
     assert first is not None
     assert second is not None
@@ -197,10 +239,16 @@ def test_a_rendered_camera_measures_the_same_motion(model: mujoco.MjModel):
 
 
 def test_the_error_model_holds_on_pictures_that_it_was_not_fitted_to():
-    """Twenty fresh key pictures, rendered and aligned: error over the model's covariance, outliers left out."""
+    """Twenty fresh key pictures, rendered and aligned: error over the model's covariance, outliers
+    left out.
+    """
     model = fitted()
     parameters = np.concatenate([model.texture, model.shape])
-    pairs = [pair for pair in pairs_of([run(KeyCase(4242, number)) for number in range(20)]) if not pair.lost]
+    pairs = [
+        pair
+        for pair in pairs_of([run(KeyCase(4242, number)) for number in range(20)])
+        if not pair.lost
+    ]
     judged = np.array([squared(pair, parameters) for pair in pairs])
     assert len(pairs) > 30
     inside = judged[judged[:, 0] < 28.0]
@@ -216,7 +264,11 @@ def test_sensor_and_tracker_mean_the_same_by_observed():
 
 @pytest.mark.parametrize(
     ("changed", "named"),
-    [({"texture": -0.1}, "texture"), ({"cloud_time": 0.0}, "cloud_time"), ({"attenuation": np.nan}, "attenuation")],
+    [
+        ({"texture": -0.1}, "texture"),
+        ({"cloud_time": 0.0}, "cloud_time"),
+        ({"attenuation": np.nan}, "attenuation"),
+    ],
 )
 def test_bad_conditions_are_named(changed: dict[str, Any], named: str):
     with pytest.raises(ConfigurationError, match=named):

@@ -58,7 +58,10 @@ def exact(spec: mujoco.MjSpec) -> tuple[Array, Array]:
     """Depth without noise, and the rays (H, W, 3) with unit z."""
     image = shoot(spec, np.random.default_rng(0), None)
     v, u = np.indices(image.depth.shape).astype(np.float64)
-    rays = np.stack([(u - image.K[0, 2]) / image.K[0, 0], (v - image.K[1, 2]) / image.K[1, 1], np.ones_like(u)], -1)
+    rays = np.stack(
+        [(u - image.K[0, 2]) / image.K[0, 0], (v - image.K[1, 2]) / image.K[1, 1], np.ones_like(u)],
+        -1,
+    )
     return image.depth, rays
 
 
@@ -67,7 +70,9 @@ def test_plane_in_closed_form(within):
     X = pose(exp_so3([np.pi - 0.4, 0.3, 0.0]), [0.0, 0.0, 2.0])
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, X[:3, :3].ravel())
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=X[:3, 3], quat=quat)
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=X[:3, 3], quat=quat
+    )
     depth, rays = exact(spec)
     truth = X[:3, 3] @ X[:3, 2] / (rays @ X[:3, 2])
     truth[(truth < 0.3) | (truth > 10.0)] = np.nan
@@ -77,13 +82,16 @@ def test_plane_in_closed_form(within):
 
 
 def test_sphere_and_cylinder_in_closed_form(within):
-    """Tessellated within 0.2 mm; along the line of sight that is divided by the cosine of incidence."""
+    """Tessellated within 0.2 mm; along the line of sight that is divided by the cosine of
+    incidence.
+    """
     for kind, size, flat in (
         (mujoco.mjtGeom.mjGEOM_SPHERE, [0.4, 0, 0], np.ones(3)),
         (mujoco.mjtGeom.mjGEOM_CYLINDER, [0.4, 5.0, 0], np.array([0.0, 1.0, 1.0])),
     ):
         spec = mujoco.MjSpec()
-        quat = [1, 0, 0, 0] if flat.all() else [np.sqrt(0.5), 0, np.sqrt(0.5), 0]  # the cylinder along x
+        # the cylinder along x
+        quat = [1, 0, 0, 0] if flat.all() else [np.sqrt(0.5), 0, np.sqrt(0.5), 0]
         spec.worldbody.add_geom(type=kind, size=size, pos=[0, 0, 1.5], quat=quat)
         depth, rays = exact(spec)
         rays, center = rays * flat, np.array([0.0, 0.0, 1.5])
@@ -97,7 +105,9 @@ def test_sphere_and_cylinder_in_closed_form(within):
 
 
 def test_agrees_with_mujocos_rays(scene: mujoco.MjModel, within):
-    """Every kind of geom, static and moving, also one that is only for show, to a millimetre away from edges."""
+    """Every kind of geom, static and moving, also one that is only for show, to a millimetre away
+    from edges.
+    """
     camera = DepthCamera.at_camera(scene, "eye", noise=None)
     data = mujoco.MjData(scene)
     data.qpos[7] = 0.3
@@ -112,9 +122,15 @@ def test_agrees_with_mujocos_rays(scene: mujoco.MjModel, within):
         for u in range(2, 640, 17):
             ray = np.array([(u - camera.K[0, 2]) / 554.0, (v - camera.K[1, 2]) / 554.0, 1.0])
             length = float(np.linalg.norm(ray))
-            t = mujoco.mj_ray(scene, data, X_WC[:3, 3], X_WC[:3, :3] @ ray / length, groups, 1, -1, geom) / length
+            t = (
+                mujoco.mj_ray(
+                    scene, data, X_WC[:3, 3], X_WC[:3, :3] @ ray / length, groups, 1, -1, geom
+                )
+                / length
+            )
             patch = depth[v - 1 : v + 2, u - 1 : u + 2]
-            if t < 0.0 or np.ptp(patch) > 0.05:  # nothing there, or an edge: a hair's breadth decides
+            # nothing there, or an edge: a hair's breadth decides
+            if t < 0.0 or np.ptp(patch) > 0.05:
                 continue
             hit.add(int(geom[0]))
             gap.append(depth[v, u] - t)
@@ -208,18 +224,25 @@ def test_disparity_is_quantised(within):
 @pytest.mark.parametrize("correlation", [0.0, 5.0, 30.0])
 def test_sigma_is_that_stated_whatever_the_correlation(correlation: float, within):
     noise = StereoNoise(flying=0.0, disparity_step=0.0, correlation=correlation)
-    frames = np.stack([flat_wall(1.0, noise, seed) - 1.0 for seed in range(4 if correlation < 10.0 else 40)])
+    frames = np.stack(
+        [flat_wall(1.0, noise, seed) - 1.0 for seed in range(4 if correlation < 10.0 else 40)]
+    )
     within("sigma, relative", frames.std() / (0.25 / (554.0 * 0.12)) - 1.0, 0.05)
 
 
 def test_turbid_water(within):
-    """At contrast C = exp(-c r) the error is 1 / C times as large, and 1 - exp(-(m / C)^2) of the pixels are lost."""
+    """At contrast C = exp(-c r) the error is 1 / C times as large, and 1 - exp(-(m / C)^2) of the
+    pixels are lost.
+    """
     clear, turbid = (StereoNoise(flying=0.0, disparity_step=0.0, attenuation=c) for c in (0.0, 1.5))
     depth = np.full((480, 640), 1.2, dtype=np.float32)
     focal = 5540.0  # so narrow that all rays are of one length, to 0.3 %
     seen = []
     for noise in (clear, turbid):
-        frames = [add_noise(depth, np.ones_like(depth), focal, noise, np.random.default_rng(s)) for s in range(6)]
+        frames = [
+            add_noise(depth, np.ones_like(depth), focal, noise, np.random.default_rng(s))
+            for s in range(6)
+        ]
         seen.append(focal * 0.12 / np.stack(frames).astype(np.float64))
     contrast = np.exp(-1.5 * 1.2)
     assert np.all(seen[0] > 0.0)
@@ -232,7 +255,9 @@ def test_turbid_water(within):
 
 
 def test_edges_fly_and_grazing_surfaces_vanish():
-    depth = np.where(np.arange(640) < 320, 1.0, 2.0).astype(np.float32) * np.ones((480, 1), dtype=np.float32)
+    depth = np.where(np.arange(640) < 320, 1.0, 2.0).astype(np.float32) * np.ones(
+        (480, 1), dtype=np.float32
+    )
     cosine = np.ones_like(depth)
     cosine[:100] = np.cos(np.deg2rad(76.0))
     only_edges = StereoNoise(disparity_sigma=0.0, disparity_step=0.0)
@@ -272,7 +297,10 @@ def test_impossible_cameras_are_refused(scene: mujoco.MjModel):
         (lambda: DepthCamera.at_camera(scene, "nose"), "eye"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), visible=Visible(exclude=["leg"])), "arm"),
         (lambda: DepthCamera(scene, "hull", np.eye(3)), "X_BC"),
-        (lambda: DepthCamera(scene, "hull", np.diag([1.0, 1.0, -1.0, 1.0])), "X_BC: expected a pose"),
+        (
+            lambda: DepthCamera(scene, "hull", np.diag([1.0, 1.0, -1.0, 1.0])),
+            "X_BC: expected a pose",
+        ),
         (lambda: Optics(focal=-1.0), "focal"),
         (lambda: Optics(focal=np.inf), "focal"),
         (lambda: Optics(width=untyped(64.5)), "64.5"),

@@ -33,7 +33,10 @@ def truth() -> Truth:
     state.R_WB, state.p_WB = R_WB, np.array([1.0, -2.0, -3.0])
     state.v_WB_W, state.w_WB_B = np.array([0.2, -0.1, 0.3]), np.array([0.05, -0.02, 0.01])
     state.acceleration = np.array([0.3, 0.2, -0.1, 0.0, 0.0, 0.0])
-    state.q, state.qd = np.array([0.1, -1.2, 2.0, 0.3, 0.0, 3.0]), np.array([0.0, 0.1, -0.2, 0.0, 0.3, 0.0])
+    state.q, state.qd = (
+        np.array([0.1, -1.2, 2.0, 0.3, 0.0, 3.0]),
+        np.array([0.0, 0.1, -0.2, 0.0, 0.3, 0.0]),
+    )
     state.qdd = np.array([1.0, 0.0, -2.0, 0.0, 0.0, 0.5])
     state.tau_drive = np.array([50.0, 104.0, -34.0, 10.0, 2.0, -1.0])
     state.tau_friction = np.array([0.0, -4.0, 4.0, 0.0, -2.0, 0.0])
@@ -41,7 +44,8 @@ def truth() -> Truth:
     return state
 
 
-TAU_GEAR = np.array([49.5, 99.7, -28.4, 10.0, -0.9, -1.25])  # drive and dry friction, less 0.5 qdd less 3 qd
+# drive and dry friction, less 0.5 qdd less 3 qd
+TAU_GEAR = np.array([49.5, 99.7, -28.4, 10.0, -0.9, -1.25])
 
 
 def sample(sensor: Sensor, field: str, seed: int = 1, count: int = SAMPLES) -> np.ndarray:
@@ -63,7 +67,10 @@ def test_encoders():
     sensor = proprioception.Encoders(resolution=1e-3)
     q, qd = sample(sensor, "q", count=10), sample(sensor, "qd")
     assert q == pytest.approx(np.tile(np.round(truth().q, 3), (10, 1)), abs=1e-15)
-    assert np.abs(sample(proprioception.Encoders(), "q", count=1)[0] - truth().q).max() <= np.pi / 2**19
+    assert (
+        np.abs(sample(proprioception.Encoders(), "q", count=1)[0] - truth().q).max()
+        <= np.pi / 2**19
+    )
     assert (qd - truth().qd).std(axis=0) == pytest.approx(2e-4, rel=0.03)
     assert qd.mean(axis=0) == pytest.approx(truth().qd, abs=1e-5)
 
@@ -79,12 +86,16 @@ def test_torque_bias_is_even_within_its_bound_and_constant_over_a_run():
     assert np.abs(bias).max() <= 0.5
     assert bias.std() == pytest.approx(0.5 / np.sqrt(3.0), rel=0.03)
     assert bias.mean() == pytest.approx(0.0, abs=0.01)
-    assert not np.ptp(sample(proprioception.JointTorqueSensors(noise=0.0), "tau", count=100), axis=0).any()
+    assert not np.ptp(
+        sample(proprioception.JointTorqueSensors(noise=0.0), "tau", count=100), axis=0
+    ).any()
 
 
 def test_inertial_unit():
     quiet = {"acceleration_bias": 0.0, "attitude_bias": 0.0}
-    force, w = (sample(proprioception.Imu(**quiet), name) for name in ("specific_force_B", "w_WB_B"))
+    force, w = (
+        sample(proprioception.Imu(**quiet), name) for name in ("specific_force_B", "w_WB_B")
+    )
     expected = R_WB.T @ [0.3, 0.2, -0.1 + GRAVITY]
     assert force.mean(axis=0) == pytest.approx(expected, abs=1e-4)
     assert force.std(axis=0) == pytest.approx(2e-3, rel=0.03)
@@ -118,7 +129,9 @@ def test_vision():
 
 
 def test_wandering_vision_is_a_gauss_markov_process():
-    """Its spread over runs, and over one run how long it remembers: exp(-t / T), the noise aside."""
+    """Its spread over runs, and over one run how long it remembers: exp(-t / T), the noise
+    aside.
+    """
     sensor = proprioception.VisionDrift(noise=0.0, bias=0.05, bias_time=0.5)
     spread = biases(sensor, "p_WB") - truth().p_WB
     assert spread.std(axis=0) == pytest.approx(0.05, rel=0.08)
@@ -127,16 +140,21 @@ def test_wandering_vision_is_a_gauss_markov_process():
     for lag in (1, 3, 5):
         seen = np.mean(error[lag:] * error[:-lag], axis=0) / error.var(axis=0)
         assert seen == pytest.approx(np.exp(-lag * 0.1 / 0.5), abs=0.06)
-    still, wandering = (sample(proprioception.VisionDrift(bias=b), "p_WB", count=50) for b in (0.0, 0.05))
+    still, wandering = (
+        sample(proprioception.VisionDrift(bias=b), "p_WB", count=50) for b in (0.0, 0.05)
+    )
     assert np.array_equal(still, sample(proprioception.VisionDrift(), "p_WB", count=50))
-    assert np.abs(np.diff(wandering - still, axis=0)).max() < 0.05  # the same noise, and a slow drift
+    # the same noise, and a slow drift
+    assert np.abs(np.diff(wandering - still, axis=0)).max() < 0.05
 
 
 def test_pressure_is_that_of_the_water_above_the_gauge():
     quiet = proprioception.PressureDepth(noise=0.0, bias=0.0, resolution=0.0, p_BS=(0.5, -0.2, 0.3))
     depth = 3.0 - R_WB[2] @ [0.5, -0.2, 0.3]
     assert sample(quiet, "depth", count=3) == pytest.approx(depth, abs=1e-10)
-    assert sample(quiet, "pressure", count=3) == pytest.approx(101325.0 + 1025.0 * GRAVITY * depth, abs=1e-8)
+    assert sample(quiet, "pressure", count=3) == pytest.approx(
+        101325.0 + 1025.0 * GRAVITY * depth, abs=1e-8
+    )
     # In fresh water under low weather a gauge set for the sea reads shallow by both.
     wrong = replace(quiet, water_density=1000.0, surface=99325.0)
     shallow = (1000.0 * GRAVITY * depth - 2000.0) / (1025.0 * GRAVITY)
@@ -151,7 +169,10 @@ def test_pressure_noise_bias_and_steps():
     true = 101325.0 + 1025.0 * GRAVITY * 3.0
     assert pressure.std() == pytest.approx(20.0, rel=0.03)
     assert pressure.mean() == pytest.approx(true, abs=1.0)
-    spread = [sample(proprioception.PressureDepth(noise=0.0), "pressure", seed, 1)[0] - true for seed in range(2000)]
+    spread = [
+        sample(proprioception.PressureDepth(noise=0.0), "pressure", seed, 1)[0] - true
+        for seed in range(2000)
+    ]
     assert np.std(spread) == pytest.approx(100.0, rel=0.08)
     steps = sample(proprioception.PressureDepth(), "pressure", count=200) / 20.0
     assert steps == pytest.approx(np.round(steps), abs=1e-9)
@@ -167,8 +188,12 @@ def test_pressure_noise_bias_and_steps():
     ],
 )
 def test_biases_that_are_off_by_default(sensor, field, change, expected):
-    """Constant over a run, of the stated spread over runs; the noise stays what it was without them."""
-    with_bias, without = (sample(s, field, 3, 200) for s in (replace(sensor, **{change: expected}), sensor))
+    """Constant over a run, of the stated spread over runs; the noise stays what it was without
+    them.
+    """
+    with_bias, without = (
+        sample(s, field, 3, 200) for s in (replace(sensor, **{change: expected}), sensor)
+    )
     shift = with_bias - without
     assert np.ptp(shift, axis=0).max() < 2e-5  # the encoders' steps: 1.2e-5 rad
     assert np.abs(shift).max() > 1e-4
@@ -190,7 +215,9 @@ def test_biases_that_are_off_by_default(sensor, field, change, expected):
 )
 def test_quantisation(sensor, field, change):
     """Whole steps, and none farther than half a step from what would be there without."""
-    fine, coarse = (sample(s, field, count=100) for s in (sensor, replace(sensor, **{change: 0.07})))
+    fine, coarse = (
+        sample(s, field, count=100) for s in (sensor, replace(sensor, **{change: 0.07}))
+    )
     assert coarse / 0.07 == pytest.approx(np.round(coarse / 0.07), abs=1e-9)
     assert np.abs(coarse - fine).max() <= 0.035 * (1.0 + 1e-9)
     assert np.abs(coarse - fine).max() > 1e-3
@@ -202,7 +229,11 @@ def test_figures_that_cannot_be(sensor):
         if item.type is not float:
             continue
         for value in (-1e-3, np.nan, np.inf):
-            with pytest.raises(ConfigurationError, match=rf"{type(sensor).__name__} {item.name}: .*got"):
+            with pytest.raises(
+                ConfigurationError,
+                match=rf"{type(sensor).__name__} {item.name}: "
+                r".*got",
+            ):
                 replace(sensor, **{item.name: value})
     with pytest.raises(ConfigurationError, match="period: must be finite and > 0"):
         replace(sensor, period=0.0)
@@ -212,9 +243,18 @@ def test_figures_that_cannot_be(sensor):
 @pytest.mark.parametrize("change", [{"period": 0.003}, {"delay": 0.001}])
 def test_rates_and_delays_are_whole_steps(sensor, change):
     none: Any = None
-    parts = Parts(sensors=[replace(sensor, **change)], estimator=none, finder=None, planner=none, controller=none)
+    parts = Parts(
+        sensors=[replace(sensor, **change)],
+        estimator=none,
+        finder=None,
+        planner=none,
+        controller=none,
+    )
     plant: Any = SimpleNamespace(timestep=0.002)
-    with pytest.raises(ConfigurationError, match=f"{type(sensor).__name__}.* whole multiple of the physics step 0.002"):
+    with pytest.raises(
+        ConfigurationError,
+        match=f"{type(sensor).__name__}.* whole multiple of the physics step 0.002",
+    ):
         rollout(plant, parts, duration=1.0, rng=np.random.default_rng(1))
 
 
@@ -252,7 +292,10 @@ class Clock:
 
 
 def test_measurements_come_at_their_rates_and_only_vision_comes_late():
-    """By 0.1 s: what the fusion, the health checks and the force loop are tuned for. Counted over the loop's second."""
+    """By 0.1 s: what the fusion, the health checks and the force loop are tuned for.
+
+    Counted over the loop's second.
+    """
     clock: Any = Clock()
     still = Reference(
         time=0.0,
@@ -272,17 +315,22 @@ def test_measurements_come_at_their_rates_and_only_vision_comes_late():
     )
     planner: Any = SimpleNamespace(period=0.002, init=lambda _: None, step=lambda *_: (None, still))
     command = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
-    controller: Any = SimpleNamespace(period=0.002, init=lambda _: None, step=lambda *_: (None, command))
+    controller: Any = SimpleNamespace(
+        period=0.002, init=lambda _: None, step=lambda *_: (None, command)
+    )
     parts = Parts(sensors=ALL, estimator=clock, finder=None, planner=planner, controller=controller)
     rollout(clock, parts, duration=1.0, rng=np.random.default_rng(1))
     late, rate = {}, {}
     for name, now, taken in clock.arrived:
         late.setdefault(name, set()).add(round(now - taken, 9))
         rate[name] = rate.get(name, 0) + 1
-    assert late == {name: {0.0} for name in rate} | {"VisionMeasurement": {0.0, 0.1}}  # the first of all begins the run
+    # the first of all begins the run
+    assert late == {name: {0.0} for name in rate} | {"VisionMeasurement": {0.0, 0.1}}
     often = {"EncoderMeasurement", "TorqueMeasurement", "ImuMeasurement"}
     assert {name for name, count in rate.items() if count > 499} == often
-    assert [rate[f"{name}Measurement"] for name in ("Dvl", "Pressure", "Vision")] == pytest.approx([10, 20, 10], abs=1)
+    assert [rate[f"{name}Measurement"] for name in ("Dvl", "Pressure", "Vision")] == pytest.approx(
+        [10, 20, 10], abs=1
+    )
 
 
 FIELDS = ("qd", "tau", "specific_force_B", "v_WB_B", "pressure", "p_WB")
@@ -301,9 +349,9 @@ def test_noise_is_white_and_of_its_seed(sensor, field):
     for lag in (1, 2, 3, 5):
         seen = np.mean(noise[lag:] * noise[:-lag], axis=0) / noise.var(axis=0)
         assert np.abs(seen).max() < 5.0 / np.sqrt(SAMPLES)
-    assert np.abs(np.corrcoef(noise.T).reshape(noise.shape[1], -1) - np.eye(noise.shape[1])).max() < 5.0 / np.sqrt(
-        SAMPLES
-    )
+    assert np.abs(
+        np.corrcoef(noise.T).reshape(noise.shape[1], -1) - np.eye(noise.shape[1])
+    ).max() < 5.0 / np.sqrt(SAMPLES)
 
 
 @pytest.mark.parametrize("sensor", ALL)

@@ -1,4 +1,6 @@
-"""The 3D sonar and the world that its rays see, against closed forms; the statistics of its errors."""
+"""The 3D sonar and the world that its rays see, against closed forms; the statistics of its
+errors.
+"""
 
 from dataclasses import replace
 from typing import Literal
@@ -42,7 +44,8 @@ ONE_OF_EACH = """
     <geom type="hfield" hfield="slope" pos="12 0 0"/>
     <geom type="box" size=".1 .2 .15" pos="14 0 0" contype="0" conaffinity="0" group="2"/>
     <geom type="box" size=".1 .2 .15" pos="16 0 0" rgba="1 0 0 0"/>
-    <body pos="18 0 0"><freejoint/><geom type="sphere" size=".25" contype="0" conaffinity="0"/></body>
+    <body pos="18 0 0"><freejoint/><geom type="sphere" size=".25" contype="0" conaffinity="0"/>
+      </body>
   </worldbody>
 </mujoco>
 """
@@ -60,7 +63,9 @@ def wall(normal: Array, z: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
     spec = mujoco.MjSpec()
     quat = np.empty(4)
     mujoco.mju_quatZ2Vec(quat, normal)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, z], quat=quat)
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, z], quat=quat
+    )
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -75,7 +80,8 @@ def test_every_kind_of_geom_at_its_distance(within):
     tops = [0.3, 0.1, 0.35, 0.2, 0.15, 0.6, 0.25, 0.15, -1.0, 0.25]
     for x, top in zip(np.arange(10) * 2.0, tops, strict=True):
         points = sonar.ping(data, np.random.default_rng(0), X_WS=pose(DOWN, [x, 0.0, 1.5]))
-        within(f"at x = {x} [m]", points[0, 0] - [0.0, 0.0, 1.5 - top], 3e-4)  # 2e-4: chords of round geoms
+        # 2e-4: chords of round geoms
+        within(f"at x = {x} [m]", points[0, 0] - [0.0, 0.0, 1.5 - top], 3e-4)
 
 
 @pytest.mark.seeds(0, 1)
@@ -83,22 +89,32 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
     """The same distances as of every ray cast at all triangles."""
     rng = np.random.default_rng(seed)
     spec = mujoco.MjSpec()
-    kinds = [mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID]
+    kinds = [
+        mujoco.mjtGeom.mjGEOM_BOX,
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    ]
     for i in range(12):
         place = {"pos": rng.uniform(-1.0, 1.0, 3), "quat": rng.standard_normal(4)}
         parent = spec.worldbody.add_body(**place) if i % 2 else spec.worldbody
         if i % 2:
             parent.add_freejoint()
-        parent.add_geom(type=kinds[i % 3], size=rng.uniform(0.01, 0.3, 3), **({} if i % 2 else place))
+        parent.add_geom(
+            type=kinds[i % 3], size=rng.uniform(0.01, 0.3, 3), **({} if i % 2 else place)
+        )
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     p_WS, aside = rng.standard_normal((2, 3))
     X_WS = pose(rotation_from_z(-p_WS, aside), rng.uniform(0.3, 2.5) * p_WS / np.linalg.norm(p_WS))
-    tangents = np.stack(np.meshgrid(np.linspace(-0.6, 0.6, 70), np.linspace(-0.4, 0.4, 50)), axis=-1)
+    tangents = np.stack(
+        np.meshgrid(np.linspace(-0.6, 0.6, 70), np.linspace(-0.4, 0.4, 50)), axis=-1
+    )
     way = np.concatenate([tangents, np.ones((50, 70, 1))], axis=-1)
     start = 0.05 * way + 0.02 * rng.standard_normal(way.shape)
-    distance, cosine = VisibleWorld(model).cast(X_WS, Rays.of(way, 0.0, start), data.xpos, data.xmat)
+    distance, cosine = VisibleWorld(model).cast(
+        X_WS, Rays.of(way, 0.0, start), data.xpos, data.xmat
+    )
 
     vertices, faces, first = [], [], 0
     for geom in range(model.ngeom):
@@ -109,7 +125,8 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
     scene = RayScene(np.concatenate(vertices), np.concatenate(faces))
     hit = scene.cast(start @ X_WS[:3, :3].T + X_WS[:3, 3], way @ X_WS[:3, :3].T)
     seen = np.isfinite(hit["t"])
-    assert (np.isfinite(distance) != seen).sum() <= 7  # of 3500: a ray along a silhouette may go either way
+    # of 3500: a ray along a silhouette may go either way
+    assert (np.isfinite(distance) != seen).sum() <= 7
     both = seen & np.isfinite(distance)
     assert (np.abs(distance[both] - hit["t"][both]) > 1e-4).sum() <= 17
     assert np.all((cosine >= 0.0) & (cosine < 1.0 + 1e-5))
@@ -117,11 +134,16 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
 
 def test_nothing_nearer_than_near_is_seen(within):
     model, data = world(
-        '<mujoco><worldbody><geom type="box" size=".01 .01 .005"/><geom type="plane" size="0 0 1" pos="0 0 -2"/>'
+        '<mujoco><worldbody><geom type="box" size=".01 .01 .005"/><geom type="plane" size="0 0 1" '
+        'pos="0 0 -2"/>'
         "</worldbody></mujoco>"
     )
     sonar = Sonar(model, "world", pose(DOWN, [0.0, 0.0, 0.01]), beams=PENCIL, noise=None)
-    within("through the housing [m]", sonar.ping(data, np.random.default_rng(0))[0, 0] - [0.0, 0.0, 2.01], 1e-5)
+    within(
+        "through the housing [m]",
+        sonar.ping(data, np.random.default_rng(0))[0, 0] - [0.0, 0.0, 2.01],
+        1e-5,
+    )
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.5, 1.0])
@@ -135,23 +157,34 @@ def test_first_echo_of_a_leaning_wall(lean: float, within):
     off = min(lean, 0.8 * 0.5 * width)
     within("first echo [m]", r - 2.0 * np.cos(lean) / np.cos(lean - off), 2e-5)
     strongest = Sonar(model, "world", np.eye(4), beams=one, noise=None)
-    within("strongest echo [m]", strongest.ping(data, np.random.default_rng(0))[0, 0, 2] - 2.0, 1e-3)
+    within(
+        "strongest echo [m]", strongest.ping(data, np.random.default_rng(0))[0, 0, 2] - 2.0, 1e-3
+    )
 
 
 def test_footprint_widens_an_edge(within):
-    """A plate seen before a wall is wider by 0.8 of half a beam at each side by the first echo; one beam in 400."""
+    """A plate seen before a wall is wider by 0.8 of half a beam at each side by the first echo; one
+    beam in 400.
+    """
     model, data = world(
         '<mujoco><worldbody><geom type="box" size=".1 .5 .01" pos="0 0 2.01"/>'
         '<geom type="box" size="3 3 .01" pos="0 0 3"/></worldbody></mujoco>'
     )
     width, fan = np.deg2rad(1.5), np.deg2rad(10.0)
     beams = SonarBeams(rows=1, columns=2001, elevation=0.0, azimuth=fan, width=width)
-    kinds: tuple[tuple[Literal["first", "strongest"], float], ...] = (("first", 0.8 * width), ("strongest", 0.0))
+    kinds: tuple[tuple[Literal["first", "strongest"], float], ...] = (
+        ("first", 0.8 * width),
+        ("strongest", 0.0),
+    )
     for echo, wider in kinds:
         sonar = Sonar(model, "world", np.eye(4), beams=replace(beams, echo=echo), noise=None)
         z = sonar.ping(data, np.random.default_rng(0))[0, :, 2]
         seen = fan / 2000 * np.count_nonzero(z < 2.5)
-        within(f"{echo}: angle of the plate [rad]", seen - (2.0 * np.arctan(0.1 / 2.0) + wider), 0.15 * width)
+        within(
+            f"{echo}: angle of the plate [rad]",
+            seen - (2.0 * np.arctan(0.1 / 2.0) + wider),
+            0.15 * width,
+        )
 
 
 def test_range_noise_is_as_stated(within):
@@ -198,7 +231,11 @@ def test_outliers_lie_anywhere_and_grazing_beams_are_silent(within):
 
 
 def test_same_state_same_ping_in_the_step_loop():
-    model, _ = world(ONE_OF_EACH.replace("<worldbody>", '<worldbody><site name="eye" pos="0 0 1.5" euler="180 0 0"/>'))
+    model, _ = world(
+        ONE_OF_EACH.replace(
+            "<worldbody>", '<worldbody><site name="eye" pos="0 0 1.5" euler="180 0 0"/>'
+        )
+    )
     sonar, truth = Sonar.at_site(model, "eye", delay=0.1), Poses.of(model)
     assert isinstance(sonar, Sensor)
     first = sonar.init(np.random.default_rng(3))
@@ -213,7 +250,9 @@ def test_same_state_same_ping_in_the_step_loop():
 
 
 def before_a_barrel() -> tuple[TargetModel, Array, Sonar, Poses]:
-    """A barrel seen so that both its end and its side show, its pose (4, 4) in S, the sonar, and the world's poses."""
+    """A barrel seen so that both its end and its side show, its pose (4, 4) in S, the sonar, and
+    the world's poses.
+    """
     target, X_ST, spec = barrel(), seen_from(np.array([1.0, -0.9, 0.8])), mujoco.MjSpec()
     target.add_to(spec, X_ST)
     model = spec.compile()
@@ -237,7 +276,12 @@ def test_barrel_is_found_in_a_sonar_scan(within):
 def test_finder_lays_a_path_on_the_median_of_pings(within):
     target, X_ST, sonar, truth = before_a_barrel()
     finder = KnownObjectFinder(
-        target, "longitudinal", X_ST[:3, 3] + 0.05, X_ST[:3, :3], sensor=sonar_model(SonarBeams().pitch), looks=8
+        target,
+        "longitudinal",
+        X_ST[:3, 3] + 0.05,
+        X_ST[:3, :3],
+        sensor=sonar_model(SonarBeams().pitch),
+        looks=8,
     )
     estimate = standing(np.eye(4))  # W is the sonar's own frame
     heard, scan = sonar.step(sonar.init(np.random.default_rng(1)), truth)
@@ -250,7 +294,8 @@ def test_finder_lays_a_path_on_the_median_of_pings(within):
     assert found.accepted, found.reason
     assert found.path is not None
     p_T = transform_points(inverse(X_ST), found.path.p)
-    within("path off the barrel's side [m]", np.linalg.norm(p_T[:, 1:], axis=1) - 0.3, 0.003)  # 0.0007
+    # 0.0007
+    within("path off the barrel's side [m]", np.linalg.norm(p_T[:, 1:], axis=1) - 0.3, 0.003)
     silence = replace(scan, points=np.full_like(scan.points, np.nan))
     heard_nothing = finder.step(finder.init(), estimate, silence)[1]
     assert heard_nothing is not None
@@ -263,8 +308,18 @@ def test_impossible_sonars_are_refused():
         (lambda: Sonar(model, "ship", np.eye(4)), "world"),
         (lambda: Sonar.at_site(model, "nose"), "no site"),
         (lambda: Sonar(model, "world", np.eye(3)), "X_BS"),
-        (lambda: Sonar(model, "world", np.eye(4)).ping(data, np.random.default_rng(0), X_WS=np.eye(3)), "X_WS"),
-        (lambda: Sonar(model, "world", np.eye(4)).step(SonarState(seed=0, ping=0), mujoco.MjData(model)), "kinematics"),
+        (
+            lambda: Sonar(model, "world", np.eye(4)).ping(
+                data, np.random.default_rng(0), X_WS=np.eye(3)
+            ),
+            "X_WS",
+        ),
+        (
+            lambda: Sonar(model, "world", np.eye(4)).step(
+                SonarState(seed=0, ping=0), mujoco.MjData(model)
+            ),
+            "kinematics",
+        ),
         (lambda: Sonar(model, "world", np.eye(4), range_limits=(2.0, 1.0)), "range_limits"),
         (lambda: Sonar(model, "world", np.eye(4), delay=-1.0), "delay"),
         (lambda: SonarBeams(echo=untyped("last")), "echo"),

@@ -1,4 +1,6 @@
-"""Errors of a stereo camera, step by step, each alone: their size, their reach, what they leave out."""
+"""Errors of a stereo camera, step by step, each alone: their size, their reach, what they leave
+out.
+"""
 
 import numpy as np
 import pytest
@@ -51,7 +53,10 @@ def test_errors_of_disparity_are_as_large_as_said_at_any_distance() -> None:
 
 
 def test_neighbours_err_alike() -> None:
-    made = [stereo_noise._smooth_noise((200, 200), 6.0, np.random.default_rng(seed)) for seed in range(4)]
+    made = [
+        stereo_noise._smooth_noise((200, 200), 6.0, np.random.default_rng(seed))
+        for seed in range(4)
+    ]
     assert np.std(made) == pytest.approx(1.0, rel=0.05)
     for axis in (1, 2):
         for lag, share in ((6, np.exp(-1.0)), (3, np.exp(-0.25)), (24, 0.0)):
@@ -71,12 +76,17 @@ def test_turbid_water_makes_errors_grow_with_the_length_of_the_ray() -> None:
 
 
 def test_contrast_is_lost_with_range() -> None:
-    lost = [np.isinf(seen(flat(z), attenuation=0.5, least_contrast=0.3)).mean() for z in (0.3, 1.0, 2.0, 4.0)]
+    lost = [
+        np.isinf(seen(flat(z), attenuation=0.5, least_contrast=0.3)).mean()
+        for z in (0.3, 1.0, 2.0, 4.0)
+    ]
     assert np.all(np.diff(lost) > 0.02)
     # |N|^2 / 2 of two normal numbers is exponential: P(lost) = 1 - exp(-(least / contrast)^2).
     y, x = np.indices(SHAPE) - 0.5 * (np.array(SHAPE)[:, None, None] - 1.0)
     ray = np.sqrt(1.0 + (x / FOCAL) ** 2 + (y / FOCAL) ** 2)
-    expected = [np.mean(1.0 - np.exp(-((0.3 / np.exp(-0.5 * z * ray)) ** 2))) for z in (0.3, 1.0, 2.0, 4.0)]
+    expected = [
+        np.mean(1.0 - np.exp(-((0.3 / np.exp(-0.5 * z * ray)) ** 2))) for z in (0.3, 1.0, 2.0, 4.0)
+    ]
     np.testing.assert_allclose(lost, expected, atol=0.03)
 
 
@@ -114,7 +124,13 @@ def test_flying_pixels_stand_between_both_sides_of_an_edge_and_nowhere_else() ->
     [
         *(
             (name, -0.1)
-            for name in ("disparity_sigma", "correlation", "disparity_step", "attenuation", "least_contrast")
+            for name in (
+                "disparity_sigma",
+                "correlation",
+                "disparity_step",
+                "attenuation",
+                "least_contrast",
+            )
         ),
         *((name, np.inf) for name in ("disparity_sigma", "attenuation")),
         ("baseline", 0.0),

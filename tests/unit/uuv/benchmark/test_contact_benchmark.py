@@ -1,4 +1,6 @@
-"""The contact benchmark: pinned cases, a door that no entry can break, scores that do not depend on the door."""
+"""The contact benchmark: pinned cases, a door that no entry can break, scores that do not depend on
+the door.
+"""
 
 import io
 import json
@@ -21,14 +23,31 @@ from uuv.benchmark import door
 from uuv.benchmark.cases import CASES, FAMILIES, BenchmarkCase, cases, digest
 from uuv.benchmark.door import EntryProcess
 from uuv.benchmark.entries import ENTRIES, Entry
-from uuv.benchmark.score import DISC, ENTRY_SEED, KEPT, ScoredCase, ThrusterEnergy, behind_door, median, score, share
+from uuv.benchmark.score import (
+    DISC,
+    ENTRY_SEED,
+    KEPT,
+    ScoredCase,
+    ThrusterEnergy,
+    behind_door,
+    median,
+    score,
+    share,
+)
 from uuv.benchmark.wire import Briefing, CommandCodec, EntryError, EstimateCodec
 from uuv.experiment import read_rows
 from uuv.models.hydrodynamics import SEA_WATER
 from uuv.runner import run
 from uuv.scenario import Control
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import AbortCode, Command, ContactEstimate, GroundPlane, HullLoad, StateEstimate
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    GroundPlane,
+    HullLoad,
+    StateEstimate,
+)
 from uuv.sim.interfaces.spatial import exp_so3, pose
 
 GROUND = GroundPlane(time=1.0, p_W=np.ones(3), normal_W=np.ones(3), scatter=0.0, beams=3, silent=())
@@ -39,7 +58,9 @@ def run_behind_door(control, longest, *, estimator="", **limits):
     """A run of case 0 of so many simulated seconds [s] with an entry behind the door."""
     built = assemble(BenchmarkCase(index=0).scenario(Control()))
     own = built.own.model
-    briefing = Briefing(model=own, water_error=0.0, control=control, estimator=estimator, task="barrel", seed=0)
+    briefing = Briefing(
+        model=own, water_error=0.0, control=control, estimator=estimator, task="barrel", seed=0
+    )
     with EntryProcess(briefing, **limits) as process:
         return run(behind_door(built, process), longest=longest)
 
@@ -102,12 +123,16 @@ def test_every_first_entry_can_be_made():
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="reads its memory by /proc")
 @pytest.mark.parametrize("estimator", ["", "good_estimators:given"])
 def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng, estimator):
-    """The bytes of the object's true place are not found, nor random ones; those of limits that it was told are."""
+    """The bytes of the object's true place are not found, nor random ones; those of limits that it
+    was told are.
+    """
     built = assemble(BenchmarkCase(index=0).scenario(Control()))
     told = np.array(built.own.vehicle.torque_limits[:3], dtype=np.float64)
     true = np.array(untyped(built.placed).truth.X_WT[:3, 3], dtype=np.float64)
     sought = (true, rng.normal(size=3), told)
-    masked = np.stack([np.frombuffer(each.tobytes(), dtype=np.uint8) ^ bad_entries.MASK for each in sought])
+    masked = np.stack(
+        [np.frombuffer(each.tobytes(), dtype=np.uint8) ^ bad_entries.MASK for each in sought]
+    )
     np.save(tmp_path / "patterns.npy", masked)
     monkeypatch.setattr(door, "_KEPT_GROUPS", (*door._KEPT_GROUPS, "BENCHMARK_TEST_"))
     monkeypatch.setenv(bad_entries.PATTERNS, str(tmp_path / "patterns.npy"))
@@ -141,9 +166,15 @@ def test_an_estimator_behind_the_door_changes_no_bit():
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        pytest.param("EstimatesNothing", "NoneType in place of a StateEstimate", marks=pytest.mark.long),
+        pytest.param(
+            "EstimatesNothing", "NoneType in place of a StateEstimate", marks=pytest.mark.long
+        ),
         pytest.param("EstimatesOtherShape", "v_WB_B: expected shape", marks=pytest.mark.long),
-        pytest.param("EstimatesNoPose", "X_WB of the entry's estimate: expected a pose", marks=pytest.mark.long),
+        pytest.param(
+            "EstimatesNoPose",
+            "X_WB of the entry's estimate: expected a pose",
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_a_failure_of_the_estimator_is_one_line(name, said):
@@ -161,7 +192,9 @@ def test_estimates_that_are_no_numbers_stop_the_vehicle():
 def test_estimates_of_an_entry_cross_the_door_unchanged(rng):
     arrays = {name: rng.normal(size=3) for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma")}
     arrays |= {name: rng.normal(size=6) for name in ("q", "qd", "tau")}
-    sent = StateEstimate(time=rng.random(), X_WB=pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)), **arrays)
+    sent = StateEstimate(
+        time=rng.random(), X_WB=pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)), **arrays
+    )
     near, far = EstimateCodec(6), EstimateCodec(6)
     got = far.decode_reply(near.encode_reply(sent))
     for field in fields(StateEstimate):
@@ -182,20 +215,39 @@ def test_an_entry_with_an_estimator_is_another_entry():
         Entry.of("default", "nowhere")
 
 
-ENTRY = "import {helper}\n\n\nclass Failing:\n    def __init__(self, model, *, water_error):\n        {helper}.fail()\n"
+ENTRY = (
+    "import {helper}\n\n\nclass Failing:\n    def __init__(self, model, *, water_error):\n    "
+    "    {helper}.fail()\n"
+)
 HELPER = "def fail():\n    raise RuntimeError('out of {word}')\n"
 DYING = "import os\n\n\ndef fail():\n    print('last words', flush=True)\n    os._exit(7)\n"
 
 
 def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypatch, tmp_path):
-    """By the command: the file of its class changes, then one that this imports, then other options are given."""
+    """By the command: the file of its class changes, then one that this imports, then other options
+    are given.
+    """
     monkeypatch.syspath_prepend(str(tmp_path))
-    entry, helper, out = tmp_path / "failing_entry.py", tmp_path / "help_of_entry.py", tmp_path / "out"
+    entry, helper, out = (
+        tmp_path / "failing_entry.py",
+        tmp_path / "help_of_entry.py",
+        tmp_path / "out",
+    )
     entry.write_text(ENTRY.format(helper=helper.stem))
     helper.write_text(HELPER.format(word="ideas"))
 
     def scored(*more):
-        given = ("--entry", f"{entry.stem}:Failing", "--cases", 1, "--workers", 1, "--out", out, *more)
+        given = (
+            "--entry",
+            f"{entry.stem}:Failing",
+            "--cases",
+            1,
+            "--workers",
+            1,
+            "--out",
+            out,
+            *more,
+        )
         return verb("benchmark", *given)
 
     said = scored().stdout
@@ -207,11 +259,17 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypat
         changed.write_text(before + text)
         refused = scored()
         assert refused.returncode == 2
-        assert f"(changed: {changed}); --anew throws them away, or take another --out" in refused.stderr
+        assert (
+            f"(changed: {changed}); --anew throws them away, or take another --out"
+            in refused.stderr
+        )
         assert len(refused.stderr.splitlines()) == 1
         changed.write_text(before)
     monkeypatch.setattr(sys, "stdin", io.StringIO("7\n"))
-    other = {f"--entry {entry.stem}:Failing": ("--entry", "default"), "cases of digest": ("--fresh",)}
+    other = {
+        f"--entry {entry.stem}:Failing": ("--entry", "default"),
+        "cases of digest": ("--fresh",),
+    }
     for there, given in other.items():
         refused = scored(*given)
         assert refused.returncode == 2
@@ -268,16 +326,28 @@ class Snoops:
 
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks into /proc")
 def test_an_entry_finds_its_case_nowhere(root: Path, tmp_path: Path):
-    """By the command, with a fresh case: arguments, environment, files and parents tell the seed to nobody."""
+    """By the command, with a fresh case: arguments, environment, files and parents tell the seed to
+    nobody.
+    """
     seed, out, log = 8_414_709_848_078_965_066, tmp_path / "out", tmp_path / "log"
     (tmp_path / "snooping_entry.py").write_text(SNOOPING.format(out=str(out), log=str(log)))
-    command = ["-m", "uuv", "benchmark", "--fresh", "--entry", "snooping_entry:Snoops", "--cases", "1"]
+    command = [
+        "-m",
+        "uuv",
+        "benchmark",
+        "--fresh",
+        "--entry",
+        "snooping_entry:Snoops",
+        "--cases",
+        "1",
+    ]
     paths = os.pathsep.join([str(tmp_path), str(root), str(root / "scripts")])
     done = subprocess.run(
         [sys.executable, *command, "--workers", "1", "--out", str(out)],
         input=f"{seed}\n",
         cwd=root,
-        env={name: os.environ[name] for name in ("PATH", "HOME")} | {"PYTHONPATH": paths, "MARK_OF_THE_PARENT": "1"},
+        env={name: os.environ[name] for name in ("PATH", "HOME")}
+        | {"PYTHONPATH": paths, "MARK_OF_THE_PARENT": "1"},
         capture_output=True,
         text=True,
         check=False,
@@ -308,7 +378,11 @@ def test_a_seed_that_is_none_is_refused(text: str, verb, monkeypatch):
     [
         ("[]", r"must be a table, got \[\]"),
         ('{"benchmark": 5, "rows": []}', r"benchmark: must be a table, got 5"),
-        ('{"benchmark": {"version": 1}, "rows": []}', r"\[benchmark\]: seed, public, .* are missing"),
+        (
+            '{"benchmark": {"version": 1}, "rows": []}',
+            r"\[benchmark\]: seed, public, .* are "
+            r"missing",
+        ),
         ("[" * 9000 + "]" * 9000, "tables deep"),
     ],
 )
@@ -324,7 +398,9 @@ def test_one_case_again_gives_the_same_figures(verb, tmp_path):
     row = score(ScoredCase(case=BenchmarkCase(index=0), entry=Entry.of("joint PD")))
     done = verb("benchmark", "--entry", "joint PD", "--only", 0, "--out", tmp_path / "one")
     assert done.returncode == (0 if row["class"] == KEPT else 1)
-    assert {"metrics.json", "report.html", "run.rrd"} <= {path.name for path in (tmp_path / "one").iterdir()}
+    assert {"metrics.json", "report.html", "run.rrd"} <= {
+        path.name for path in (tmp_path / "one").iterdir()
+    }
     contact = json.loads((tmp_path / "one" / "metrics.json").read_text())["contact"]
     assert contact["force_error_rms_n"] == row["force_rms_n"]
     assert contact["force_error_max_n"] == row["force_peak_n"]
@@ -368,8 +444,12 @@ def test_commands_cross_the_door_unchanged(rng):
 @pytest.mark.parametrize("rare", [{}, {"tau_doubt": np.ones(6)}, {"ground": GROUND}])
 def test_estimates_cross_the_door_unchanged(rng, rare):
     arrays = {name: rng.normal(size=3) for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma")}
-    arrays |= {name: rng.normal(size=6) for name in ("q", "qd", "tau")} | {"X_WB": rng.normal(size=(4, 4))}
-    sent = StateEstimate(time=rng.random(), vision_age=np.nan, dvl_age=np.inf, imu_age=rng.random(), **arrays, **rare)
+    arrays |= {name: rng.normal(size=6) for name in ("q", "qd", "tau")} | {
+        "X_WB": rng.normal(size=(4, 4))
+    }
+    sent = StateEstimate(
+        time=rng.random(), vision_age=np.nan, dvl_age=np.inf, imu_age=rng.random(), **arrays, **rare
+    )
     near, far = EstimateCodec(6), EstimateCodec(6)
     for given in (None, "set points", None):
         got, reference = far.decode(near.encode(sent, untyped(given)))
@@ -390,7 +470,8 @@ def test_other_bytes_are_no_command(reply):
 
 def test_intervals():
     kept = share(10, 10)
-    assert kept["low"] == pytest.approx(0.025**0.1)  # closed form of Clopper and Pearson for all of n
+    # closed form of Clopper and Pearson for all of n
+    assert kept["low"] == pytest.approx(0.025**0.1)
     assert kept["high"] == 1.0
     assert median([]) is None
     told = median([1.0, 2.0, 3.0, 4.0, 10.0])
@@ -400,16 +481,32 @@ def test_intervals():
 
 def test_results_of_other_cases_make_no_table():
     row = {"case": 0, "family": "barrel", "class": KEPT, "door": None}
-    row |= dict.fromkeys(("force_rms_n", "force_peak_n", "path_max_m", "excursion_max_m", "energy_j"), 1.0)
-    about = {"version": 1, "seed": 1, "public": False, "cases": 1, "cases_digest": "a", "entry": "mine", "code": "c"}
+    row |= dict.fromkeys(
+        ("force_rms_n", "force_peak_n", "path_max_m", "excursion_max_m", "energy_j"), 1.0
+    )
+    about = {
+        "version": 1,
+        "seed": 1,
+        "public": False,
+        "cases": 1,
+        "cases_digest": "a",
+        "entry": "mine",
+        "code": "c",
+    }
     about["source"] = "0123456789abcdef" + "fedcba9876543210"  # of a controller and an estimator
     one = {"benchmark": about, "rows": [row]}
     assert "| mine | 100 (3 to 100) |" in page([one])  # by hand: the least share is 0.025
     assert "| 012345 fedcba | c |" in page([one])
     other = {**about, "entry": "other"}
-    with pytest.raises(ConfigurationError, match="'mine' has cases of seed 1, 'other' has 2: score both with the same"):
+    with pytest.raises(
+        ConfigurationError,
+        match="'mine' has cases of seed 1, 'other' has 2: score both with the same",
+    ):
         page([one, {"benchmark": {**other, "seed": 2}, "rows": [row]}])
-    with pytest.raises(ConfigurationError, match="number of cases 1, 'other' has 10: score both with the same --cases"):
+    with pytest.raises(
+        ConfigurationError,
+        match="number of cases 1, 'other' has 10: score both with the same --cases",
+    ):
         page([one, {"benchmark": {**other, "cases": 10, "cases_digest": "b"}, "rows": [row]}])
     with pytest.raises(ConfigurationError, match="at least one"):
         page([])

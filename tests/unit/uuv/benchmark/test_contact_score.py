@@ -1,4 +1,6 @@
-"""What an entry of the contact benchmark gets for runs made by hand: figures, class, totals, its place on the page."""
+"""What an entry of the contact benchmark gets for runs made by hand: figures, class, totals, its
+place on the page.
+"""
 
 from types import SimpleNamespace
 from typing import Any
@@ -12,13 +14,25 @@ from uuv.benchmark import score
 from uuv.benchmark.cases import INSERTION
 from uuv.sim.interfaces.messages import WorkState
 
-STATES = (WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)
+STATES = (
+    WorkState.CLOSE_IN,
+    WorkState.APPROACH,
+    WorkState.PRESS,
+    WorkState.WORK,
+    WorkState.RETREAT,
+)
 
 
 def run_of(
-    states: tuple[WorkState, ...] = STATES, *, accepted: bool = True, collision_s: float = 0.0, peak: float = 66.0
+    states: tuple[WorkState, ...] = STATES,
+    *,
+    accepted: bool = True,
+    collision_s: float = 0.0,
+    peak: float = 66.0,
 ) -> Any:
-    """A row in each state: the hull 9, 1, 2, 3 and 8 cm off; `peak` [N] of force at work, 60 N set."""
+    """A row in each state: the hull 9, 1, 2, 3 and 8 cm off; `peak` [N] of force at work, 60 N
+    set.
+    """
     off = np.outer([0.09, 0.01, 0.02, 0.03, 0.08], [0.6, 0.0, -0.8])[: len(states)]
     series = {
         "p_WB": np.array([1.0, 2.0, -3.0]) + off,
@@ -29,7 +43,9 @@ def run_of(
 
     class Recorded(dict[str, Any]):
         final = SimpleNamespace(
-            state=states[-1] if states[-1] is WorkState.ABORT else WorkState.DONE, note="why", abort=None
+            state=states[-1] if states[-1] is WorkState.ABORT else WorkState.DONE,
+            note="why",
+            abort=None,
         )
         duration = 60.0
 
@@ -43,7 +59,9 @@ def run_of(
         "accepted": accepted,
         "failed": [] if accepted else ["contact lost: 1 s, allowed 0 s"],
     }
-    recording = Recorded({name: SimpleNamespace(value=value, scalar=value) for name, value in series.items()})
+    recording = Recorded(
+        {name: SimpleNamespace(value=value, scalar=value) for name, value in series.items()}
+    )
     placed = SimpleNamespace(begun=(WorkState.APPROACH, WorkState.PRESS, WorkState.WORK))
     return untyped(
         SimpleNamespace(
@@ -86,11 +104,21 @@ def test_class_of_a_run(run: Any, told: str):
 def row(kept: bool, family: str = "barrel", **figures: float) -> dict[str, Any]:
     """A row of a result; all figures are 1 but for those given."""
     ones = dict.fromkeys(score.FIGURES, 1.0)
-    return {"case": 0, "family": family, "class": score.KEPT if kept else score.MISSED, "door": None, **ones, **figures}
+    return {
+        "case": 0,
+        "family": family,
+        "class": score.KEPT if kept else score.MISSED,
+        "door": None,
+        **ones,
+        **figures,
+    }
 
 
 def test_totals_leave_forces_of_insertions_out_and_count_steps():
-    rows = [row(True, force_rms_n=force, energy_j=energy) for force, energy in ((1.0, 10.0), (2.0, 20.0), (3.0, 60.0))]
+    rows = [
+        row(True, force_rms_n=force, energy_j=energy)
+        for force, energy in ((1.0, 10.0), (2.0, 20.0), (3.0, 60.0))
+    ]
     rows += [row(True, INSERTION, force_rms_n=90.0, energy_j=90.0)] * 2
     rows[0]["door"] = {"steps": 300, "waited_s": 0.6, "longest_s": 0.01}
     rows[1]["door"] = {"steps": 100, "waited_s": 0.6, "longest_s": 0.03}
@@ -106,9 +134,24 @@ def test_the_interval_of_a_median_is_no_interval_of_the_mean():
 
 
 def test_the_page_has_the_best_first_and_energies_in_kilojoules():
-    about = {"version": 1, "seed": 1, "public": False, "cases": 2, "cases_digest": "a", "code": "c", "source": ""}
+    about = {
+        "version": 1,
+        "seed": 1,
+        "public": False,
+        "cases": 2,
+        "cases_digest": "a",
+        "code": "c",
+        "source": "",
+    }
     worse = {"benchmark": {**about, "entry": "a"}, "rows": [row(False), row(False)]}
-    better = {"benchmark": {**about, "entry": "b"}, "rows": [row(True, energy_j=2340.0, path_max_m=0.0015)] * 2}
-    lines = [line.split(" | ") for line in page([worse, better]).splitlines() if line.startswith(("| a |", "| b |"))]
+    better = {
+        "benchmark": {**about, "entry": "b"},
+        "rows": [row(True, energy_j=2340.0, path_max_m=0.0015)] * 2,
+    }
+    lines = [
+        line.split(" | ")
+        for line in page([worse, better]).splitlines()
+        if line.startswith(("| a |", "| b |"))
+    ]
     assert [cells[0] for cells in lines[:2]] == ["| b", "| a"]
     assert (lines[0][5], lines[0][7]) == ("1.50 (1.50 to 1.50)", "2.34 (2.34 to 2.34)")

@@ -1,4 +1,6 @@
-"""Campaigns: what is drawn follows its distribution and its seed alone, and a mistake in a file is one line."""
+"""Campaigns: what is drawn follows its distribution and its seed alone, and a mistake in a file is
+one line.
+"""
 
 import json
 import math
@@ -50,7 +52,8 @@ def values_of(one: Distribution, n: int, design: Design = "random") -> np.ndarra
     return np.array([each["x"] for each in drawn({"x": one}, n, 0, design)])
 
 
-# -- distributions -----------------------------------------------------------------------------------------------------
+# -- distributions
+# -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("design", DESIGNS)
@@ -63,11 +66,16 @@ def values_of(one: Distribution, n: int, design: Design = "random") -> np.ndarra
     ],
 )
 def test_values_follow_their_distribution(design, given, cumulative):
-    """Greatest distance of the empirical from the true distribution; at random 1.63 / sqrt(n) at 99 %."""
+    """Greatest distance of the empirical from the true distribution; at random 1.63 / sqrt(n) at 99
+    %.
+    """
     n = 1024
     u = np.sort(cumulative(values_of(distribution(**given), n, design)))
     distance = np.abs(u - (np.arange(n) + 0.5) / n).max()
-    assert distance < {"random": 1.63 / math.sqrt(n), "sobol": 2.0 / n, "latin-hypercube": 1.0 / n}[design]
+    assert (
+        distance
+        < {"random": 1.63 / math.sqrt(n), "sobol": 2.0 / n, "latin-hypercube": 1.0 / n}[design]
+    )
 
 
 def test_directions_are_uniform_on_the_sphere():
@@ -92,11 +100,14 @@ def test_neither_more_cases_nor_another_parameter_change_what_is_drawn():
     few = drawn({"x": one}, 5, 3, "random")
     more = drawn({"y": other, "x": one}, 9, 3, "random")
     assert [each["x"] for each in more[:5]] == [each["x"] for each in few]
-    assert drawn({"x": one, "y": other}, 9, 3, "sobol")[:5] == drawn({"x": one, "y": other}, 5, 3, "sobol")
+    assert drawn({"x": one, "y": other}, 9, 3, "sobol")[:5] == drawn(
+        {"x": one, "y": other}, 5, 3, "sobol"
+    )
     assert drawn({"x": one}, 5, 4, "random") != few
 
 
-# -- campaigns ---------------------------------------------------------------------------------------------------------
+# -- campaigns
+# ---------------------------------------------------------------------------------------------------------
 
 
 def read(folder: Path, text: str) -> Campaign:
@@ -110,7 +121,11 @@ def test_a_file_gives_the_scenarios_of_its_runs(tmp_path):
     runs = campaign.runs()
     assert [run.case for run in runs] == [0, 1, 2, 3]
     scenarios = [run.scenario() for run in runs]
-    assert len({one.seed for one in scenarios}) == len({one.perturbation_seed for one in scenarios}) == 4
+    assert (
+        len({one.seed for one in scenarios})
+        == len({one.perturbation_seed for one in scenarios})
+        == 4
+    )
     for run, one in zip(runs, scenarios, strict=True):
         assert one.belief.water_error == 0.0
         assert one.perturbation(Pad).stiffness == run.values["perturbations.Pad.stiffness"]
@@ -125,7 +140,10 @@ def test_a_scenario_file_may_be_the_base(tmp_path):
 
     write_scenario(clean_barrel(quick=True, path="transverse"), tmp_path / "base.toml")
     text = FILE.replace('"clean-barrel"', '"base.toml"').replace("quick = true\n", "")
-    assert read(tmp_path, text).runs()[0].scenario().task == clean_barrel(quick=True, path="transverse").task
+    assert (
+        read(tmp_path, text).runs()[0].scenario().task
+        == clean_barrel(quick=True, path="transverse").task
+    )
 
 
 @pytest.mark.parametrize("name", ["contact", "contact_quick"])
@@ -140,27 +158,51 @@ def test_examples_can_be_read(root, name):
     [
         ('"site.current" =', '"site.curent" =', r"\[site\] has no 'curent'; it has"),
         ('"site.current" =', '"wind.speed" =', r"has no 'wind'"),
-        ("perturbations.Pad.stiffness", "perturbations.Pat.stiffness", r"unknown perturbation 'Pat'"),
+        (
+            "perturbations.Pad.stiffness",
+            "perturbations.Pat.stiffness",
+            r"unknown perturbation 'Pat'",
+        ),
         ("perturbations.Pad.stiffness", "perturbations.Pad.softness", r"has no 'softness'"),
         ("perturbations.Pad.stiffness", "perturbations.Pad", r"perturbations.KIND.FIELD"),
         ("perturbations.Pad.stiffness", "seed", r"'seed' cannot be drawn"),
-        ("log_uniform", "normal", r"distributions\..*stiffness: no distribution 'normal'; there are uniform, log_"),
+        (
+            "log_uniform",
+            "normal",
+            r"distributions\..*stiffness: no distribution 'normal'; there "
+            r"are uniform, log_",
+        ),
         ("log_uniform = [1e4, 1e6]", "log_uniform = [0, 1e6]", r"two numbers above 0 that rise"),
         ("log_uniform = [1e4, 1e6]", "log_uniform = [1e6, 1e4]", r"two numbers above 0 that rise"),
         ("{ log_uniform = [1e4, 1e6] }", "3", r"must be one of \{ uniform = \[...\] \}"),
         ("log_uniform = [1e4, 1e6]", "categorical = []", r"categorical: needs values"),
         ("contact.force_error_rms_n", "contact.luck", r"no metric 'contact.luck'; this task has"),
         ("contact.lost_s", "timings.wall_s", r"no metric 'timings.wall_s'"),
-        ("names = [", "name = [", r"\[metrics\] has no 'name'; it has names \(did you mean names\?\)"),
+        (
+            "names = [",
+            "name = [",
+            r"\[metrics\] has no 'name'; it has names \(did you mean "
+            r"names\?\)",
+        ),
         ("cases = 4", "cases = 0", r"cases"),
         ("cases = 4", "", r"cases is missing"),
         ("cases = 4", "cases = 4\nworkers = 2", r"the file has no 'workers'; it has base, cases"),
-        ("cases = 4", 'cases = 4\ndesign = "grid"', r"design: allowed random, sobol, latin-hypercube, got 'grid'"),
+        (
+            "cases = 4",
+            'cases = 4\ndesign = "grid"',
+            r"design: allowed random, sobol, "
+            r"latin-hypercube, got 'grid'",
+        ),
         ("cases = 4", "cases = 4\nkept = 2.0", r"kept"),
         ('"clean-barrel"', '"ship"', r"base: allowed clean-barrel, .* got 'ship'"),
         ('"clean-barrel"', '"gone.toml"', r"quick: only with a job as base"),
         ("[set]", "[limits]\ntime = 3\n[set]", r"\[limits\] has no 'time'; it has time_s"),
-        ("[set]", "[limits]\ntime_s = 'x'\n[set]", r"limits.time_s \[s\]: must be a number, above 0, got 'x'"),
+        (
+            "[set]",
+            "[limits]\ntime_s = 'x'\n[set]",
+            r"limits.time_s \[s\]: must be a number, above "
+            r"0, got 'x'",
+        ),
         ("[set]", "[limits]\nretries = 0\n[set]", r"limits.retries: must be at least 1, got 0"),
         (
             "cases = 4",
@@ -168,12 +210,35 @@ def test_examples_can_be_read(root, name):
             r"cases: must be a whole number, at least 1 and at most 10000000, got '4'; it is text",
         ),
         ("cases = 4", "casse = 4", r"the file has no 'casse'; it has base, .*did you mean cases"),
-        ("log_uniform", "log_unifrom", r"no distribution 'log_unifrom'; .*did you mean log_uniform"),
-        ("contact.force_error_rms_n", "contact.force_error_rms", r"did you mean contact.force_error_rms_n"),
-        ("log_uniform = [1e4, 1e6]", "log_uniform = [nan, 1e6]", r"log_uniform\[0\]: must not be NaN"),
+        (
+            "log_uniform",
+            "log_unifrom",
+            r"no distribution 'log_unifrom'; .*did you mean log_uniform",
+        ),
+        (
+            "contact.force_error_rms_n",
+            "contact.force_error_rms",
+            r"did you mean "
+            r"contact.force_error_rms_n",
+        ),
+        (
+            "log_uniform = [1e4, 1e6]",
+            "log_uniform = [nan, 1e6]",
+            r"log_uniform\[0\]: must not be NaN",
+        ),
         ('error" = 0.0', 'error" = nan', r"set.belief.water_error: must not be NaN"),
-        ('"clean-barrel"', "5", r"base: must be clean-barrel, .* or a scenario file \(.toml\), got 5"),
-        ('names = ["contact.force_error_rms_n"]', "names = [1]", r"metrics.names\[0\]: must be a name, got 1"),
+        (
+            '"clean-barrel"',
+            "5",
+            r"base: must be clean-barrel, .* or a scenario file \(.toml\), "
+            r"got 5",
+        ),
+        (
+            'names = ["contact.force_error_rms_n"]',
+            "names = [1]",
+            r"metrics.names\[0\]: must be a name, "
+            r"got 1",
+        ),
         ("[set]", "[set", r"cannot be read"),
     ],
 )
@@ -187,23 +252,46 @@ def test_a_mistake_is_one_line(tmp_path, old, new, said):
 
 def test_a_run_that_cannot_be_set_up_has_a_row(tmp_path):
     (run, *_) = read(tmp_path, FILE).runs()
-    bad = CampaignRun(case=7, base=run.base, values={**run.values, "vehicle.vehicle": "boat"}, metrics=run.metrics)
+    bad = CampaignRun(
+        case=7, base=run.base, values={**run.values, "vehicle.vehicle": "boat"}, metrics=run.metrics
+    )
     row = one_run(bad)
-    assert (row["case"], row["state"], row["accepted"], row["metrics"]) == (7, "not set up", False, {})
+    assert (row["case"], row["state"], row["accepted"], row["metrics"]) == (
+        7,
+        "not set up",
+        False,
+        {},
+    )
     assert "boat" in row["failed"][0]
 
 
 def test_outcomes_are_counted_by_code(tmp_path):
     campaign = read(tmp_path, FILE)
 
-    def row(case: int, state: str = "done", code: str = "", lost: float | None = 0.0) -> dict[str, Any]:
-        metrics: Mapping[str, Any] = {"contact.force_error_rms_n": 1.0 + case, "contact.lost_s": lost}
+    def row(
+        case: int, state: str = "done", code: str = "", lost: float | None = 0.0
+    ) -> dict[str, Any]:
+        metrics: Mapping[str, Any] = {
+            "contact.force_error_rms_n": 1.0 + case,
+            "contact.lost_s": lost,
+        }
         draws = {"values": {"x": float(case)}, "drawn": {}}
-        return {"case": case, "state": state, "code": code, "accepted": True, "metrics": metrics, **draws}
+        return {
+            "case": case,
+            "state": state,
+            "code": code,
+            "accepted": True,
+            "metrics": metrics,
+            **draws,
+        }
 
     rows = [row(0), row(1), row(2, lost=0.1), row(3, "abort", "jammed"), row(4, lost=None)]
     summary = campaign_report.summarise(rows, campaign, "mine.toml")
-    assert summary.metrics["outcomes"] == {"kept": 2, "missed: contact.lost_s": 2, "abort: jammed": 1}
+    assert summary.metrics["outcomes"] == {
+        "kept": 2,
+        "missed: contact.lost_s": 2,
+        "abort: jammed": 1,
+    }
     kept = summary.metrics["kept"]
     # Wilson's interval in closed form
     z, n, p = 1.959963984540054, 5, 0.4
@@ -216,7 +304,10 @@ def test_outcomes_are_counted_by_code(tmp_path):
 
 
 def test_shares_and_quantiles_of_many_runs(tmp_path):
-    """21 runs with 0 to 20 N: quantiles fall on runs. A share that is just the wanted one does not fail."""
+    """21 runs with 0 to 20 N: quantiles fall on runs.
+
+    A share that is just the wanted one does not fail.
+    """
     campaign = replace(read(tmp_path, FILE), kept=20.0 / 21.0)
 
     def summed(lost: float) -> Summary:
@@ -226,7 +317,10 @@ def test_shares_and_quantiles_of_many_runs(tmp_path):
                 "state": "done",
                 "code": "",
                 "accepted": True,
-                "metrics": {"contact.force_error_rms_n": float(case), "contact.lost_s": lost if case < 2 else 0.0},
+                "metrics": {
+                    "contact.force_error_rms_n": float(case),
+                    "contact.lost_s": lost if case < 2 else 0.0,
+                },
                 "values": {"x": float(case)},
                 "drawn": {},
             }
@@ -264,7 +358,10 @@ def test_the_page_shows_what_explains_the_misses(tmp_path):
     campaign = replace(campaign, bounds={"contact.lost_s": 0.5})
     summary = campaign_report.summarise(rows, campaign, "mine.toml")
     found = summary.metrics["sensitivity"]
-    assert found["responses"]["worst ratio to a bound"]["parameters"][0]["name"] == "perturbations.Pad.stiffness"
+    assert (
+        found["responses"]["worst ratio to a bound"]["parameters"][0]["name"]
+        == "perturbations.Pad.stiffness"
+    )
     moved = {(one["reason"], one["parameter"]): one for one in found["reasons"]}
     assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["median_rank"] > 0.8
     assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["p"] < 1e-4
@@ -273,7 +370,8 @@ def test_the_page_shows_what_explains_the_misses(tmp_path):
     assert (tmp_path / "report.html").read_text().count("<img") == 3
 
 
-# -- the command -------------------------------------------------------------------------------------------------------
+# -- the command
+# -------------------------------------------------------------------------------------------------------
 
 
 def refused(done: Any) -> str:
@@ -309,7 +407,9 @@ def test_the_command_refuses_rows_of_another_version(verb, tmp_path):
     rows = out / "rows" / "000000.parquet"
     about = {"schema": SCHEMA_VERSION, "settings": {}, "versions": versions(), "code": {}}
     (out / "study.json").write_text(json.dumps(about))
-    pq.write_table(pq.read_table(rows).replace_schema_metadata({"uuv_arm.schema_version": "99"}), rows)
+    pq.write_table(
+        pq.read_table(rows).replace_schema_metadata({"uuv_arm.schema_version": "99"}), rows
+    )
     said = refused(verb("campaign", file, "--out", out, "--workers", 1))
     assert "version" in said
     assert "99" in said

@@ -1,4 +1,6 @@
-"""Comparison of campaigns: statistics in closed form, pairs by their draw, and every refusal in one line."""
+"""Comparison of campaigns: statistics in closed form, pairs by their draw, and every refusal in one
+line.
+"""
 
 import json
 from pathlib import Path
@@ -85,7 +87,11 @@ def test_runs_are_paired_and_changed_verdicts_can_be_replayed(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda row: row["values"].update(x=9.0), r"the draws differ: case 0, x: 0.0 in A, 9.0 in B"),
+        (
+            lambda row: row["values"].update(x=9.0),
+            r"the draws differ: case 0, x: 0.0 in A, 9.0 in "
+            r"B",
+        ),
         (lambda row: row["metrics"].update(more=1.0), r"metrics that one campaign alone has: more"),
         (lambda row: row.update(case=77), r"no case is in both"),
     ],

@@ -1,4 +1,6 @@
-"""Sensitivity: coefficients against regression and closed forms, intervals that hold, and ranks alone that count."""
+"""Sensitivity: coefficients against regression and closed forms, intervals that hold, and ranks
+alone that count.
+"""
 
 import numpy as np
 import pytest
@@ -46,7 +48,9 @@ def test_monotone_maps_of_parameters_and_response_change_nothing(rng):
     y = x[:, 0] + rng.normal(size=50)
     plain = sensitivity(columns(*x.T), y, np.random.default_rng(0))
     bent = sensitivity(
-        columns(np.log(x[:, 0]), x[:, 1] ** 3, -1.0 / x[:, 2]), np.exp(3.0 * y), np.random.default_rng(0)
+        columns(np.log(x[:, 0]), x[:, 1] ** 3, -1.0 / x[:, 2]),
+        np.exp(3.0 * y),
+        np.random.default_rng(0),
     )
     assert plain is not None
     assert bent is not None
@@ -67,7 +71,9 @@ def test_strong_effects_come_first_with_their_signs(rng):
 
 
 def test_a_parameter_without_effect_is_told_as_one_at_the_stated_rate():
-    """Of 5 idle parameters in each of 80 tables: the intervals hold 0, the coefficients are below the null level."""
+    """Of 5 idle parameters in each of 80 tables: the intervals hold 0, the coefficients are below
+    the null level.
+    """
     rng, held, below = np.random.default_rng(1), [], []
     for _ in range(80):
         x = rng.uniform(size=(100, 6))
@@ -81,14 +87,18 @@ def test_a_parameter_without_effect_is_told_as_one_at_the_stated_rate():
 
 
 def test_categories_are_one_parameter(rng, within):
-    """Of three categories the squared coefficient is the share eta^2 of the ranks' variance between them."""
+    """Of three categories the squared coefficient is the share eta^2 of the ranks' variance between
+    them.
+    """
     kinds = np.array(["a", "b", "c"])[rng.integers(3, size=90)]
     y = rng.normal(size=90) + 2.0 * (kinds == "b")
     (one,) = factors_of([{"kind": kind} for kind in kinds.tolist()])
     found = sensitivity([one], y, rng, 50)
     assert found is not None
     rank = rankdata(y)
-    between = sum((kinds == kind).sum() * (rank[kinds == kind].mean() - rank.mean()) ** 2 for kind in "abc")
+    between = sum(
+        (kinds == kind).sum() * (rank[kinds == kind].mean() - rank.mean()) ** 2 for kind in "abc"
+    )
     within("eta^2", found.coefficient[0] ** 2 - between / (90 * rank.var()), 1e-8)
     assert found.low[0] > found.null[0]
 
@@ -107,7 +117,9 @@ def test_what_becomes_a_parameter():
 
 
 def test_the_adjusted_share_counts_columns_and_the_constant(rng, within):
-    """Of n runs and k columns, n - k - 1 are left to the residual: 1 - (1 - R^2) (n - 1) / (n - k - 1)."""
+    """Of n runs and k columns, n - k - 1 are left to the residual: 1 - (1 - R^2) (n - 1) / (n - k -
+    1).
+    """
     x = rng.normal(size=(40, 5))
     found = sensitivity(columns(*x.T), x[:, 0] + rng.normal(size=40), rng, 10)
     assert found is not None
@@ -116,7 +128,9 @@ def test_the_adjusted_share_counts_columns_and_the_constant(rng, within):
 
 def test_places_count_from_the_strongest(rng):
     x = rng.normal(size=(200, 4))
-    found = sensitivity(columns(*x.T), 9.0 * x[:, 2] - 3.0 * x[:, 0] + rng.normal(size=200), rng, 200)
+    found = sensitivity(
+        columns(*x.T), 9.0 * x[:, 2] - 3.0 * x[:, 0] + rng.normal(size=200), rng, 200
+    )
     assert found is not None
     assert (found.place[2].tolist(), found.place[0].tolist()) == ([1, 1], [2, 2])
     assert found.place[[1, 3]].min() == 3

@@ -1,4 +1,6 @@
-"""The summary of many trials of one job: the share that is wanted, and what the table calls the worst."""
+"""The summary of many trials of one job: the share that is wanted, and what the table calls the
+worst.
+"""
 
 from typing import Any
 

@@ -1,4 +1,6 @@
-"""The check of a vehicle: ten broken ones, each told by a code and a figure, and the verdicts on jobs."""
+"""The check of a vehicle: ten broken ones, each told by a code and a figure, and the verdicts on
+jobs.
+"""
 
 import json
 import re
@@ -26,7 +28,8 @@ from uuv.sim import hydrodynamics as hydrodynamics_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import quat_wxyz_from_rotation, rotation_from_z
 
-VEHICLES = {"uuv_puma": None, "bluerov2_heavy_alpha5": "small_pad"}  # with the tool that each carries
+# with the tool that each carries
+VEHICLES = {"uuv_puma": None, "bluerov2_heavy_alpha5": "small_pad"}
 G = 9.81
 
 
@@ -110,7 +113,9 @@ BROKEN: list[tuple[Callable[[mujoco.MjSpec], None], str, str, float | None]] = [
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-@pytest.mark.parametrize(("breaks", "code", "said", "figure"), BROKEN, ids=[each[0].__name__ for each in BROKEN])
+@pytest.mark.parametrize(
+    ("breaks", "code", "said", "figure"), BROKEN, ids=[each[0].__name__ for each in BROKEN]
+)
 def test_a_broken_vehicle_is_told_by_code_and_figure(
     vehicle: str,
     breaks: Callable[[mujoco.MjSpec], None],
@@ -132,18 +137,25 @@ def codes(check: VehicleCheck) -> set[str]:
     return {each.code for each in check.findings if each.level != "note"}
 
 
-@pytest.mark.parametrize(("vehicle", "known"), [("uuv_puma", set()), ("bluerov2_heavy_alpha5", {"arm-weak"})])
-def test_a_sound_vehicle_has_no_such_finding(vehicle: str, known: set[str], sound: dict[str, mujoco.MjSpec]) -> None:
+@pytest.mark.parametrize(
+    ("vehicle", "known"), [("uuv_puma", set()), ("bluerov2_heavy_alpha5", {"arm-weak"})]
+)
+def test_a_sound_vehicle_has_no_such_finding(
+    vehicle: str, known: set[str], sound: dict[str, mujoco.MjSpec]
+) -> None:
     assert codes(check_vehicle(sound[vehicle], jobs=())) <= known
 
 
 def test_figures_follow_from_what_was_broken(sound: dict[str, mujoco.MjSpec]) -> None:
-    """The reversed thruster costs its share of thrust; a drive too weak for the arm's own weight is full of it."""
+    """The reversed thruster costs its share of thrust; a drive too weak for the arm's own weight is
+    full of it.
+    """
     reversed_, weak = (sound["uuv_puma"].copy() for _ in range(2))
     thruster_reversed(reversed_)
     found = check_vehicle(reversed_, jobs=()).found("thruster-against-pair")
     assert found is not None
-    assert found.figure == pytest.approx(2 * 220.0, rel=1e-3)  # both at the lesser thrust, that of one astern
+    # both at the lesser thrust, that of one astern
+    assert found.figure == pytest.approx(2 * 220.0, rel=1e-3)
     assert "turned round 600 N" in found.said
     arm_too_weak(weak)
     loaded = check_vehicle(weak, jobs=()).found("joint-load")
@@ -155,7 +167,8 @@ def test_figures_follow_from_what_was_broken(sound: dict[str, mujoco.MjSpec]) ->
 def test_principal_inertias_obey_the_triangle() -> None:
     spec = mujoco.MjSpec.from_string(
         '<mujoco><compiler balanceinertia="false"/><worldbody><body name="b"><freejoint/>'
-        '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1.9"/><geom size="1.5" mass="0"/></body></worldbody></mujoco>'
+        '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1.9"/><geom size="1.5" '
+        'mass="0"/></body></worldbody></mujoco>'
     )
     model = spec.compile()
     assert not list(inertia_doubts(model))
@@ -201,9 +214,15 @@ def test_what_begins_or_hovers_badly_is_refused(sound: dict[str, mujoco.MjSpec])
         assert said in verdict.said
 
 
-def test_a_hull_that_swings_about_its_place_is_no_base_for_work(sound: dict[str, mujoco.MjSpec]) -> None:
-    """Without the tool's weight the small vehicle balances on its thrusters' least thrust; 3 m/s carry it away."""
-    still, gone = (hydrodynamics_of.compile(vehicle_spec("bluerov2_heavy_alpha5", None)) for _ in range(2))
+def test_a_hull_that_swings_about_its_place_is_no_base_for_work(
+    sound: dict[str, mujoco.MjSpec],
+) -> None:
+    """Without the tool's weight the small vehicle balances on its thrusters' least thrust; 3 m/s
+    carry it away.
+    """
+    still, gone = (
+        hydrodynamics_of.compile(vehicle_spec("bluerov2_heavy_alpha5", None)) for _ in range(2)
+    )
     swings = restless("tap", still, (0.0, 0.0, 0.0))
     assert swings is not None
     assert (swings.code, swings.promised) == ("rest", False)
@@ -211,20 +230,27 @@ def test_a_hull_that_swings_about_its_place_is_no_base_for_work(sound: dict[str,
     away = restless("tap", gone, (0.0, 3.0, 0.0))
     assert away is not None
     assert away.code == "hover"
-    assert restless("tap", hydrodynamics_of.compile(sound["uuv_puma"].copy()), (0.15, 0.0, 0.0)) is None
+    assert (
+        restless("tap", hydrodynamics_of.compile(sound["uuv_puma"].copy()), (0.15, 0.0, 0.0))
+        is None
+    )
 
 
 def test_water_of_welded_links_counts_as_one(sound: dict[str, mujoco.MjSpec]) -> None:
     spec = sound["uuv_puma"].copy()
     hull = spec.body(HULL_BODY)
     hull.mass -= 40.0
-    ballast = hull.add_body(name="ballast", mass=40.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
+    ballast = hull.add_body(
+        name="ballast", mass=40.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True
+    )
     ballast.add_geom(size=[0.1, 0.1, 0.1], mass=0.0)
     assert not codes(check_vehicle(spec, jobs=())) & {"no-water", "density"}
 
 
 def test_a_fault_refuses_jobs(sound: dict[str, mujoco.MjSpec]) -> None:
-    """A servo refuses those of the arm alone, a direction without thrust too; preflight says the same."""
+    """A servo refuses those of the arm alone, a direction without thrust too; preflight says the
+    same.
+    """
     servo, five = (sound["uuv_puma"].copy() for _ in range(2))
     next(each for each in servo.actuators if each.name == "joint2").gear[0] = 2.0
     five.delete(next(each for each in five.actuators if each.name == "thruster_sway"))
@@ -297,18 +323,29 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     assert preflight(job, own) == []
     weak = sound["uuv_puma"].copy()
     arm_too_weak(weak)
-    with pytest.raises(ConfigurationError, match=r"the tip bears 0 N in ready \(joint2\), the job sets 90 N"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"the tip bears 0 N in ready \(joint2\), the job "
+        r"sets 90 N",
+    ):
         preflight(job, OwnVehicle.of(weak))
     blind = sound["uuv_puma"].copy()
     camera_on_the_hull(blind)
     with pytest.raises(
-        ConfigurationError, match="68% of the camera's view is on the vehicle itself, most of it on hull"
+        ConfigurationError,
+        match="68% of the camera's view is on the vehicle itself, most of it on hull",
     ):
         preflight(job, OwnVehicle.of(blind))
     small = OwnVehicle.of(sound["bluerov2_heavy_alpha5"].copy())
     (said,) = preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small)
-    assert re.fullmatch(r"doubtful: .* the job sets 80 N; --forces \d+ may do|doubtful: 80 N .* of a thruster.*", said)
-    with pytest.raises(ConfigurationError, match="the tool's spring is at its end at 100 N, the job sets 110 N"):
+    assert re.fullmatch(
+        r"doubtful: .* the job sets 80 N; --forces \d+ may do|doubtful: 80 N .* "
+        r"of a thruster.*",
+        said,
+    )
+    with pytest.raises(
+        ConfigurationError, match="the tool's spring is at its end at 100 N, the job sets 110 N"
+    ):
         preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(110.0,)), small)
 
 
@@ -322,7 +359,10 @@ def test_gravity_that_points_up_is_said(sound: dict[str, mujoco.MjSpec]) -> None
 
 def test_commands_behind_a_check_say_what_stays_the_same() -> None:
     """Insertion and seabed work bring their own tool and force."""
-    jobs = [JobVerdict(job=job, promised=True, code="ok", said="") for job in ("pile", "insertion", "seabed-core")]
+    jobs = [
+        JobVerdict(job=job, promised=True, code="ok", said="")
+        for job in ("pile", "insertion", "seabed-core")
+    ]
     said = StringIO()
     print_check(VehicleCheck(vehicle="rov", jobs=tuple(jobs)), Console(width=200, file=said))
     told = said.getvalue()

@@ -30,5 +30,9 @@ def test_figures_are_alike_within_a_share_of_the_larger(values: list[Any], same:
 
 
 def test_figures_have_dotted_names():
-    metrics = {"run": {"state": "done", "note": "n"}, "contact": {"lost_s": None, "segments": [1]}, "accepted": True}
+    metrics = {
+        "run": {"state": "done", "note": "n"},
+        "contact": {"lost_s": None, "segments": [1]},
+        "accepted": True,
+    }
     assert dict(numbers(metrics)) == {"run.state": "done", "contact.lost_s": None, "accepted": True}

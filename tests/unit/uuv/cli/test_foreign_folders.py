@@ -1,4 +1,6 @@
-"""Folders and files of strangers: every verb refuses what is damaged or hostile in one line, and runs none of it."""
+"""Folders and files of strangers: every verb refuses what is damaged or hostile in one line, and
+runs none of it.
+"""
 
 import json
 import os
@@ -44,7 +46,10 @@ def run_in(folder: Path) -> Path:
         value = np.tile(0.3 + 0.1 * np.arange(width), (n, 1))
         if name == "state":
             value[:] = STATES.index(WorkState.WORK)
-        columns += [Column(f"{name}.{i}" if width > 1 else name, value[:, i], "", name) for i in range(width)]
+        columns += [
+            Column(f"{name}.{i}" if width > 1 else name, value[:, i], "", name)
+            for i in range(width)
+        ]
     write_table(folder / "series_loop", columns)
     texts = {"state": ["settle", "work"], "note": ["", ""], "abort": ["", ""]}
     events = [Column(name, np.array(words)) for name, words in texts.items()]
@@ -54,7 +59,9 @@ def run_in(folder: Path) -> Path:
 
 @pytest.fixture
 def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """The command in a folder of its own, with the runs `good` and `bad`; gives code and all that it printed."""
+    """The command in a folder of its own, with the runs `good` and `bad`; gives code and all that
+    it printed.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
@@ -89,8 +96,12 @@ METRICS: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize(("text", "said"), METRICS.values(), ids=METRICS)
-@pytest.mark.parametrize("verb", [("compare", "good", "bad"), ("compare", "bad", "good"), ("replay", "bad")])
-def test_damaged_metrics_are_one_line(verb: tuple[str, ...], text: str, said: str, uuv, tmp_path: Path):
+@pytest.mark.parametrize(
+    "verb", [("compare", "good", "bad"), ("compare", "bad", "good"), ("replay", "bad")]
+)
+def test_damaged_metrics_are_one_line(
+    verb: tuple[str, ...], text: str, said: str, uuv, tmp_path: Path
+):
     (tmp_path / "bad" / "metrics.json").write_text(text)
     code, told = uuv(*verb)
     assert code == 2
@@ -117,20 +128,38 @@ def _cut(name: str) -> Callable[[Path], None]:
     return cut
 
 
-WORDS = [Column("time", np.array([0.0]), "s"), Column("note", np.array([""])), Column("abort", np.array([""]))]
+WORDS = [
+    Column("time", np.array([0.0]), "s"),
+    Column("note", np.array([""])),
+    Column("abort", np.array([""])),
+]
 SERIES: dict[str, tuple[Callable[[Path], None], str]] = {
     "cut": (_cut("series_loop.parquet"), "is no whole Parquet file"),
     "no times": (_replaced("series_loop", [Column("a", np.zeros(3))]), "no column 'time'"),
-    "no state": (_replaced("series_loop", [Column("time", np.zeros(3))]), "without the series 'state'"),
-    "words": (_replaced("series_loop", [Column("time", np.array(["x"]))]), "'time' of 'loop' is not numeric"),
-    "falling": (_replaced("series_loop", [Column("time", np.array([1.0, 0.0]))]), "the times of its series 'loop'"),
-    "events": (_replaced("events", [*WORDS, Column("state", np.array(["flying"]))]), "state of an event: allowed"),
+    "no state": (
+        _replaced("series_loop", [Column("time", np.zeros(3))]),
+        "without the series 'state'",
+    ),
+    "words": (
+        _replaced("series_loop", [Column("time", np.array(["x"]))]),
+        "'time' of 'loop' is not numeric",
+    ),
+    "falling": (
+        _replaced("series_loop", [Column("time", np.array([1.0, 0.0]))]),
+        "the times of its series 'loop'",
+    ),
+    "events": (
+        _replaced("events", [*WORDS, Column("state", np.array(["flying"]))]),
+        "state of an event: allowed",
+    ),
     "no events": (_replaced("events", WORDS), "'events' has no column 'state' of texts"),
 }
 
 
 @pytest.mark.parametrize(("damage", "said"), SERIES.values(), ids=SERIES)
-def test_damaged_series_are_one_line(damage: Callable[[Path], None], said: str, uuv, tmp_path: Path):
+def test_damaged_series_are_one_line(
+    damage: Callable[[Path], None], said: str, uuv, tmp_path: Path
+):
     damage(tmp_path / "bad")
     code, told = uuv("compare", "bad", "good")
     assert code == 0
@@ -147,11 +176,15 @@ def test_whole_runs_are_compared(uuv):
 
 
 def test_markup_of_a_figure_is_text(uuv, tmp_path: Path):
-    (tmp_path / "bad" / "metrics.json").write_text(json.dumps({**every_run(simulated_s=0.5), "[/red]<b>k": 1.0}))
+    (tmp_path / "bad" / "metrics.json").write_text(
+        json.dumps({**every_run(simulated_s=0.5), "[/red]<b>k": 1.0})
+    )
     code, told = uuv("compare", "bad", "good")
     assert code == 0
     assert "[/red]<b>k" in told
-    assert "[/red]&lt;b&gt;k" in (tmp_path / "bad" / "compare_good.html").read_text(encoding="utf-8")
+    assert "[/red]&lt;b&gt;k" in (tmp_path / "bad" / "compare_good.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_what_is_no_log_is_not_shown(uuv, tmp_path: Path):
@@ -185,16 +218,26 @@ def test_no_link_is_followed_to_write(tmp_path: Path):
     assert (tmp_path / "page.html").read_text() == "theirs"
 
 
-# -- code --------------------------------------------------------------------------------------------------------------
+# -- code
+# --------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "verb", [("run", "bad/scenario.toml"), ("replay", "bad"), ("report", "bad"), ("compare", "good", "bad")]
+    "verb",
+    [
+        ("run", "bad/scenario.toml"),
+        ("replay", "bad"),
+        ("report", "bad"),
+        ("compare", "good", "bad"),
+    ],
 )
 def test_code_that_a_file_names_is_not_imported(verb: tuple[str, ...], uuv, tmp_path: Path):
     (tmp_path / "stranger.py").write_text("open('imported', 'w').close()\n")
     (tmp_path / "bad" / "scenario.toml").write_text(CODE)
-    said = "error: scenario 'bad/scenario.toml': names code, 'stranger:Task', which is not run unless you say --trust\n"
+    said = (
+        "error: scenario 'bad/scenario.toml': names code, 'stranger:Task', which is not run "
+        "unless you say --trust\n"
+    )
     assert uuv(*verb) == (2, said)
     assert not (tmp_path / "imported").exists()
     code, told = uuv(*verb, "--trust")
@@ -210,14 +253,19 @@ def test_code_that_a_file_names_is_not_imported(verb: tuple[str, ...], uuv, tmp_
         ('controller = "work"', 'controller = "stranger:C"'),
         ('sensor = "camera"', 'sensor = "stranger:s"'),
         ('vehicle = "uuv_puma"', 'vehicle = "stranger:v"'),
-        ("perturbation_seed = 0", 'perturbation_seed = 0\n[[perturbations]]\nkind = " stranger:P"\n#'),
+        (
+            "perturbation_seed = 0",
+            'perturbation_seed = 0\n[[perturbations]]\nkind = " stranger:P"\n#',
+        ),
     ],
 )
 def test_every_place_of_a_scenario_is_looked_at(change: tuple[str, str], tmp_path: Path):
     assert change[0] in SCENARIO
     (tmp_path / "s.toml").write_text(SCENARIO.replace(*change))
     with pytest.raises(
-        ConfigurationError, match=r"names code, ' ?stranger:\w', which is not run unless you say --trust"
+        ConfigurationError,
+        match=r"names code, ' ?stranger:\w', which is not run unless you say "
+        r"--trust",
     ):
         read_scenario(tmp_path / "s.toml")
 
@@ -233,19 +281,33 @@ def test_a_campaign_names_no_code_either(tmp_path: Path):
         with pytest.raises(ConfigurationError, match="names code, 'stranger:"):
             read_campaign(tmp_path / f"{name}.toml")
     typed = ["control.controller=stranger:C"]
-    assert read_campaign(tmp_path / "own.toml", typed, trust=True).base.control.controller == "stranger:C"
+    assert (
+        read_campaign(tmp_path / "own.toml", typed, trust=True).base.control.controller
+        == "stranger:C"
+    )
     (tmp_path / "plain.toml").write_text(head)
     assert read_campaign(tmp_path / "plain.toml", typed).base.control.controller == "stranger:C"
 
 
-HIDING = ("csv.py", "json.py", "numpy.py", "yaml.py", "rich.py", "tyro.py", "models/__init__.py", "uuv/__init__.py")
+HIDING = (
+    "csv.py",
+    "json.py",
+    "numpy.py",
+    "yaml.py",
+    "rich.py",
+    "tyro.py",
+    "models/__init__.py",
+    "uuv/__init__.py",
+)
 
 
 def test_the_working_folder_is_last_on_the_path(tmp_path: Path):
     """Also in a process that the command starts, before its first line."""
     for name in HIDING:
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(f"open('executed', 'a').write({name!r})\nraise SystemExit(9)\n")
+        (tmp_path / name).write_text(
+            f"open('executed', 'a').write({name!r})\nraise SystemExit(9)\n"
+        )
     (tmp_path / "mine.py").write_text("def Circle():\n    pass\n")
     (tmp_path / "s.toml").write_text(SCENARIO.replace("speed = 0.02", 'speed = "x"'))
     program = """
@@ -266,7 +328,11 @@ def work():
 run_scenario(work)
 """
     uuv = Path(sys.executable).with_name("uuv")
-    for command in ([sys.executable, "-P", "-c", program], [str(uuv), "list", "job"], [str(uuv), "run", "s.toml"]):
+    for command in (
+        [sys.executable, "-P", "-c", program],
+        [str(uuv), "list", "job"],
+        [str(uuv), "run", "s.toml"],
+    ):
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert "Traceback" not in done.stderr, done.stderr
         assert not (tmp_path / "executed").exists(), command
@@ -276,7 +342,8 @@ run_scenario(work)
             assert done.stdout.splitlines()[-1] == "0"
 
 
-# -- studies -----------------------------------------------------------------------------------------------------------
+# -- studies
+# -----------------------------------------------------------------------------------------------------------
 
 
 def study_in(folder: Path) -> Path:
@@ -307,7 +374,10 @@ def test_rows_without_what_they_depend_on(others: tuple[str, ...], tmp_path: Pat
     (tmp_path / "study.json").unlink()
     for name in others:
         (tmp_path / name).touch()
-    with pytest.raises(ConfigurationError, match=r"holds rows, but study\.json is gone"), RowLog.open(tmp_path):
+    with (
+        pytest.raises(ConfigurationError, match=r"holds rows, but study\.json is gone"),
+        RowLog.open(tmp_path),
+    ):
         pass
     with RowLog.open(tmp_path, anew=True) as log:
         assert not log.rows
@@ -317,7 +387,10 @@ def test_digests_are_not_taken_of_devices(tmp_path: Path):
     study_in(tmp_path)
     about = json.loads((tmp_path / "study.json").read_text())
     (tmp_path / "study.json").write_text(json.dumps({**about, "code": {"/dev/zero": "ab"}}))
-    with pytest.raises(ConfigurationError, match=r"runs of other code \(changed: /dev/zero"), RowLog.open(tmp_path):
+    with (
+        pytest.raises(ConfigurationError, match=r"runs of other code \(changed: /dev/zero"),
+        RowLog.open(tmp_path),
+    ):
         pass
 
 

@@ -1,4 +1,6 @@
-"""The scenario layer as others import it: under one name, from any folder, from the installed wheel."""
+"""The scenario layer as others import it: under one name, from any folder, from the installed
+wheel.
+"""
 
 import shutil
 import subprocess
@@ -43,7 +45,9 @@ print(abs(data.qvel[2]) < 0.1)
 
 
 def python(program: str | Path, code: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([program, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [program, "-c", code], cwd=folder, capture_output=True, text=True, check=False
+    )
 
 
 ROOMS = ("models", "sim", "controllers", "perception", "calib", "scenarios")
@@ -57,7 +61,9 @@ print(uuv.models.load("uuv_puma").modelname != "", not hasattr(uuv.sim, "MINE"))
 
 @pytest.fixture
 def own_folder(tmp_path: Path) -> Path:
-    """A folder, with a blank and an umlaut in its name, of a user who calls his own packages as our rooms."""
+    """A folder, with a blank and an umlaut in its name, of a user who calls his own packages as our
+    rooms.
+    """
     folder = tmp_path / "Tiefsee Gerät"
     for name in ROOMS:
         (folder / name).mkdir(parents=True)
@@ -82,7 +88,9 @@ def test_a_room_has_no_other_name(room: str, tmp_path: Path):
     """In a checkout its folder lies on the path."""
     ran = python(sys.executable, f"import {room}", tmp_path)
     assert ran.returncode == 1
-    assert ran.stderr.splitlines()[-1] == f"ImportError: {room!r} is not a package of the project: import uuv.{room}"
+    assert ran.stderr.splitlines()[-1] == (
+        f"ImportError: {room!r} is not a package of the project: import uuv.{room}"
+    )
 
 
 def test_a_copy_without_links_finds_its_rooms(root: Path, tmp_path: Path):
@@ -102,7 +110,11 @@ def test_a_copy_without_links_finds_its_rooms(root: Path, tmp_path: Path):
 
 def test_the_command_is_a_module_too(root: Path):
     ran = subprocess.run(
-        [sys.executable, "-m", "uuv", "--version"], cwd=root, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "uuv", "--version"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout.startswith("uuv-arm ")
@@ -128,16 +140,26 @@ def environment(root: Path, wheel: Path) -> Path:
     """Python of an environment with the wheel, its extras for a job, and a notebook kernel."""
     own = wheel.parent / "environment" / "bin" / "python"
     call_uv(root, "venv", "--python", sys.executable, own.parents[1])
-    call_uv(root, "pip", "install", "--python", own, f"{wheel}[perception,log]", "nbclient", "ipykernel")
+    call_uv(
+        root, "pip", "install", "--python", own, f"{wheel}[perception,log]", "nbclient", "ipykernel"
+    )
     return own
 
 
 @pytest.mark.long
-def test_what_is_installed_works_and_what_is_missing_is_named(root: Path, wheel: Path, tmp_path: Path):
+def test_what_is_installed_works_and_what_is_missing_is_named(
+    root: Path, wheel: Path, tmp_path: Path
+):
     own = wheel.parent / "minimal" / "bin" / "python"
 
     def uuv(*words: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([own.with_name("uuv"), *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            [own.with_name("uuv"), *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
 
     call_uv(root, "venv", "--python", sys.executable, own.parents[1])
     call_uv(root, "pip", "install", "--python", own, wheel)
@@ -145,13 +167,18 @@ def test_what_is_installed_works_and_what_is_missing_is_named(root: Path, wheel:
     assert python(own, FALL, tmp_path).stdout.strip() == "True"
     said = uuv("run", "clean-barrel", "--quick")
     assert said.returncode == 2
-    assert said.stderr == "error: cameras and sonars need the package embreex: pip install 'uuv-arm[perception]'\n"
+    assert said.stderr == (
+        "error: cameras and sonars need the package embreex: pip install 'uuv-arm[perception]'\n"
+    )
     call_uv(root, "pip", "install", "--python", own, f"{wheel}[perception]")
     said = uuv("run", "clean-barrel", "--quick", "--out", "plain")
     assert said.returncode == 0, said.stderr
     assert "no run.rrd and report.html, series as .npz: pip install 'uuv-arm[log]'" in said.stdout
     assert {file.stem for file in (tmp_path / "plain").glob("*.npz")} == TABLES
-    for verb, lacks in (("report", "report: needs matplotlib"), ("picture", "this needs the package PIL")):
+    for verb, lacks in (
+        ("report", "report: needs matplotlib"),
+        ("picture", "this needs the package PIL"),
+    ):
         said = uuv(verb, "plain")
         assert said.returncode == 2
         assert said.stderr.startswith(f"error: {lacks}")
@@ -169,7 +196,9 @@ def test_the_wheel_runs_the_main_job_from_any_folder(environment: Path, tmp_path
 @pytest.mark.long(
     guarded_by="tests/unit/uuv/cli/test_installed.py::test_folders_of_ones_own_are_ones_own_and_hide_nothing"
 )
-def test_the_wheel_adds_one_name_and_hides_nothing_of_the_users(environment: Path, wheel: Path, own_folder: Path):
+def test_the_wheel_adds_one_name_and_hides_nothing_of_the_users(
+    environment: Path, wheel: Path, own_folder: Path
+):
     with zipfile.ZipFile(wheel) as archive:
         names = {name.partition("/")[0] for name in archive.namelist()}
         experiments = [name for name in archive.namelist() if "experiments" in name]

@@ -27,7 +27,9 @@ from uuv.sim.reporting.series_tables import PastRun
 
 @pytest.fixture
 def uuv(verb, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The command in a folder of its own; gives what it printed to stdout, or to stderr if it fails."""
+    """The command in a folder of its own; gives what it printed to stdout, or to stderr if it
+    fails.
+    """
     monkeypatch.chdir(tmp_path)
 
     def call(*args: str, code: int = 0) -> str:
@@ -48,7 +50,10 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     from uuv.perturbations.perturbation import registry
     from uuv.tasks import registry as tasks
 
-    listed = {shelf.kind: [name for name, _ in catalogue.things(shelf.kind)] for shelf in catalogue.SHELVES}
+    listed = {
+        shelf.kind: [name for name, _ in catalogue.things(shelf.kind)]
+        for shelf in catalogue.SHELVES
+    }
     for kind, known in (("arm", ARMS), ("object", OBJECTS), ("soil", SOILS), ("tool", TOOLS)):
         assert sorted(listed[kind]) == list(known.names())
     for kind, known in (
@@ -60,11 +65,18 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         assert sorted(listed[kind]) == list(known.names())
     assert {*listed["vehicle"]} <= {*models.available()}
     assert len(listed["vehicle"]) == 10
-    assert all(said for kind in ("job", "experiment", "vehicle", "perturbation") for _, said in catalogue.things(kind))
+    assert all(
+        said
+        for kind in ("job", "experiment", "vehicle", "perturbation")
+        for _, said in catalogue.things(kind)
+    )
     said = uuv("list", "objects")
     assert said.startswith("objects  (uuv run clean-object --object NAME)")
     assert "  barrel  " in said
-    heavy = "import sys; from uuv.cli.listing import main; main('list', []); print('mujoco' in sys.modules)"
+    heavy = (
+        "import sys; from uuv.cli.listing import main; main('list', []); print('mujoco' in "
+        "sys.modules)"
+    )
     ran = subprocess.run([sys.executable, "-c", heavy], capture_output=True, text=True, check=True)
     assert ran.stdout.splitlines()[-1] == "False"
 
@@ -85,8 +97,14 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
             ["run", "clean-barrel", "--turn", "0", "--dwell", "--blend", "0.1"],
             "--dwell (task.turn.dwell) and --blend (task.turn.blend) 0.1",
         ),
-        (["run", "clean-barrel", "--target-pose", "known"], "--target-pose: a known pose is now --sensor survey"),
-        (["run", "clean-barrel", "--sensor", "survey", "--looks", "3"], "nothing looks for the object"),
+        (
+            ["run", "clean-barrel", "--target-pose", "known"],
+            "--target-pose: a known pose is now --sensor survey",
+        ),
+        (
+            ["run", "clean-barrel", "--sensor", "survey", "--looks", "3"],
+            "nothing looks for the object",
+        ),
         (["run", "clean-barrel", "--set"], "--set: KEY=VALUE is missing"),
         (["run", "clean-barrel", "--set", "task.sped=1"], "--set: "),
         (["run"], "NAME: missing"),
@@ -111,7 +129,8 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
 def test_a_mistake_is_one_line(args: list[str], said: str, uuv, tmp_path: Path):
     told = uuv(*args, code=2).strip().splitlines()
     error = told[-1]
-    assert all(line.startswith(("first start:", "compiling ")) for line in told[:-1])  # on a new machine
+    # on a new machine
+    assert all(line.startswith(("first start:", "compiling ")) for line in told[:-1])
     for part in said.split(" .* "):
         assert part in error
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
@@ -165,7 +184,10 @@ def test_every_verb_is_completed_and_prints_its_figures_as_json(name: str):
     ("words", "said"),
     [
         (["identify-water"], "identify-water: that is now `uuv identify water`"),
-        (["identify-object", "--object", "valve"], "identify-object: that is now `uuv identify object`"),
+        (
+            ["identify-object", "--object", "valve"],
+            "identify-object: that is now `uuv identify object`",
+        ),
         (["identify_friction"], "identify_friction: that is now `uuv identify friction`"),
         (["calibrate-arm"], "calibrate-arm: that is now `uuv calibrate`"),
         (["run_campaign.py", "x.toml"], "run_campaign.py: that is now `uuv campaign`"),
@@ -175,7 +197,10 @@ def test_every_verb_is_completed_and_prints_its_figures_as_json(name: str):
         (["contact-score"], "contact-score: that is now `uuv benchmark`"),
         (["run", "campaign"], "campaign is no job, but a verb of its own: `uuv campaign`"),
         (["identify"], "identify: needs one of object, friction, water, got none"),
-        (["identify", "watr"], "identify: needs one of object, friction, water, got watr (did you mean water?)"),
+        (
+            ["identify", "watr"],
+            "identify: needs one of object, friction, water, got watr (did you mean water?)",
+        ),
         (["identify", "--help"], "identify: needs one of object, friction, water, got --help"),
     ],
 )
@@ -202,15 +227,23 @@ def test_an_earlier_spelling_and_a_missing_object_are_told(words: list[str], sai
         (["uuv", "replay", "sample"], {"sample-seabed"}),
         (["uuv", "check", "rem"], {"remus100"}),
         (["uuv", "models", "phoe"], {"phoenix_smart3s"}),
-        (["uuv", "run", "clean-barrel", "--vehicle", "uuv_puma_"], {"uuv_puma_side", "uuv_puma_two_sway"}),
+        (
+            ["uuv", "run", "clean-barrel", "--vehicle", "uuv_puma_"],
+            {"uuv_puma_side", "uuv_puma_two_sway"},
+        ),
         (["uuv", "run", "my.toml", "--vehicle", "rexrov2_"], {"rexrov2_arm7"}),
     ],
 )
 def test_words_are_completed(words: list[str], wanted: set[str], uuv, tmp_path: Path):
     typed = " ".join(f"'{word}'" for word in words)
-    asked = f"COMP_WORDS=({typed}); COMP_CWORD={len(words) - 1}; _uuv; printf '%s\\n' \"${{COMPREPLY[@]}}\""
+    asked = (
+        f"COMP_WORDS=({typed}); COMP_CWORD={len(words) - 1}; _uuv; printf '%s\\n' "
+        f'"${{COMPREPLY[@]}}"'
+    )
     program = uuv("completion", "bash") + asked
-    said = subprocess.run(["bash", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    said = subprocess.run(
+        ["bash", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     assert set(said.stdout.split()) == wanted
 
 
@@ -227,13 +260,17 @@ def test_pictures_ask_for_egl_only_where_it_is(uuv, monkeypatch: pytest.MonkeyPa
 def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
     job = clean_barrel(seed=1, quick=True, sensor="survey")
     write_scenario(job, tmp_path / "mine.toml")
-    made = json.loads(uuv("run", "mine.toml", "--json", "--out", "first", "--set", "task.speed=0.04"))
+    made = json.loads(
+        uuv("run", "mine.toml", "--json", "--out", "first", "--set", "task.speed=0.04")
+    )
     assert made["accepted"]
     assert "the same to the bit" in uuv("replay", "first")
     other = tmp_path / "second"
     other.mkdir()
     write_scenario(job, other / "scenario.toml")
-    (other / "metrics.json").write_text(json.dumps({**made, "tool": {**made["tool"], "speed_mean_m_s": 0.02}}))
+    (other / "metrics.json").write_text(
+        json.dumps({**made, "tool": {**made["tool"], "speed_mean_m_s": 0.02}})
+    )
     table = uuv("compare", "first", "second")
     assert "task.speed" in table
     assert "tool.speed_mean_m_s" in table
@@ -242,11 +279,18 @@ def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
     assert "no page of the time series: second was run with --no-record" in table
     shutil.copytree(tmp_path / "first", tmp_path / "third")
     assert "written to first/compare_third.html" in uuv("compare", "first", "third")
-    assert "solid: first; dotted: third" in (tmp_path / "first" / "compare_third.html").read_text(encoding="utf-8")
+    assert "solid: first; dotted: third" in (tmp_path / "first" / "compare_third.html").read_text(
+        encoding="utf-8"
+    )
     assert uuv("report", "first").strip() == str((tmp_path / "first" / "report.html").resolve())
     page = Path(__file__).resolve().parents[4] / "docs" / "runs.md"
-    (read_back,) = re.findall(r"```python\n([^`]*PastRun[^`]*)```", page.read_text(encoding="utf-8"))
-    exec(compile(read_back.replace("runs/clean_barrel/latest", "first"), "runs.md", "exec"), names := {})
+    (read_back,) = re.findall(
+        r"```python\n([^`]*PastRun[^`]*)```", page.read_text(encoding="utf-8")
+    )
+    exec(
+        compile(read_back.replace("runs/clean_barrel/latest", "first"), "runs.md", "exec"),
+        names := {},
+    )
     past = PastRun.of(tmp_path / "first")
     assert np.array_equal(names["force"], past.column("contact_normal"))
     assert past.rates[0] == "loop"
@@ -266,9 +310,15 @@ def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
 @pytest.mark.long
 def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
     folder = tmp_path / "first"
-    assert uuv("run", "clean-barrel", "--quick", "--quiet", "--out", str(folder)).startswith("accepted")
-    program = "import sys; from uuv.cli.main import main; sys.argv = ['uuv', 'picture', 'first']; main()"
-    made = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert uuv("run", "clean-barrel", "--quick", "--quiet", "--out", str(folder)).startswith(
+        "accepted"
+    )
+    program = (
+        "import sys; from uuv.cli.main import main; sys.argv = ['uuv', 'picture', 'first']; main()"
+    )
+    made = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     assert made.stdout.split() == [str(folder.resolve() / name) for name in (STILL, CLIP)]
     still, clip = Image.open(folder / STILL), Image.open(folder / CLIP)
     assert still.size == (WIDTH, HEIGHT)
@@ -286,14 +336,19 @@ def test_check_says_what_a_vehicle_has_and_lacks(uuv):
     assert "-129 to 129 N" in lacking
 
 
-SKELETON = pytest.mark.long(guarded_by="tests/unit/uuv/cli/test_uuv_command.py::test_a_skeleton_passes_its_own_test")
+SKELETON = pytest.mark.long(
+    guarded_by="tests/unit/uuv/cli/test_uuv_command.py::test_a_skeleton_passes_its_own_test"
+)
 
 
 @pytest.mark.parametrize(
     "kind",
     [
         *("vehicle", "tool", "perturbation"),
-        *(pytest.param(kind, marks=SKELETON) for kind in ("object", "sensor", "controller", "task", "job")),
+        *(
+            pytest.param(kind, marks=SKELETON)
+            for kind in ("object", "sensor", "controller", "task", "job")
+        ),
     ],
 )
 def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
@@ -302,7 +357,9 @@ def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stdout
-    named = {"task": "mine:Circle", "perturbation": "perturbations.mine:Worn.factor=2.0"}.get(kind, "mine:mine")
+    named = {"task": "mine:Circle", "perturbation": "perturbations.mine:Worn.factor=2.0"}.get(
+        kind, "mine:mine"
+    )
     assert named in skeletons.SKELETONS[kind].use.replace("NAME", "mine").split()
 
 
@@ -310,15 +367,23 @@ def test_a_task_of_ones_own_is_run_and_replayed(uuv, tmp_path: Path):
     uuv("new", "task", "draw")
     (tmp_path / "other.py").write_text("def Thing():\n    return 1\n")
     asked = ("--set", "site.object.kind=OpenWater", "task.radius=0.05")
-    made = json.loads(uuv("run", "clean-barrel", "--json", "--no-record", "--task", "draw:Circle", *asked))
+    made = json.loads(
+        uuv("run", "clean-barrel", "--json", "--no-record", "--task", "draw:Circle", *asked)
+    )
     assert made["accepted"], made["failed"]
     assert made["provenance"]["options"]["task"] == {"kind": "draw:Circle", "radius": 0.05}
     refused = uuv("replay", "draw", code=2)
-    assert "scenario.toml': names code, 'draw:Circle', which is not run unless you say --trust" in refused
+    assert (
+        "scenario.toml': names code, 'draw:Circle', which is not run unless you say --trust"
+        in refused
+    )
     assert "the same to the bit" in uuv("replay", "draw", "--trust")
     for task, said in (
         ("draw:Round", "error: --task: task 'draw:Round': cannot be imported"),
-        ("other:Thing", "error: --task: [task]: task 'other:Thing' must be a dataclass that inherits Task"),
+        (
+            "other:Thing",
+            "error: --task: [task]: task 'other:Thing' must be a dataclass that inherits Task",
+        ),
     ):
         assert uuv("run", "clean-barrel", "--task", task, code=2).startswith(said)
     assert "Missing value for argument '--task'" in uuv("run", "clean-barrel", "--task", code=2)

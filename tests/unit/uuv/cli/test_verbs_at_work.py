@@ -1,4 +1,6 @@
-"""Every verb that prints figures prints one JSON document and nothing else, by the door that a user takes."""
+"""Every verb that prints figures prints one JSON document and nothing else, by the door that a user
+takes.
+"""
 
 import json
 from pathlib import Path
@@ -67,7 +69,9 @@ def test_calibrate(document, tmp_path: Path):
 
 
 def test_identify_object(document, tmp_path: Path):
-    told = document("identify", "object", "--object", "starfish", "--seed", 2, "--out", tmp_path / "out")
+    told = document(
+        "identify", "object", "--object", "starfish", "--seed", 2, "--out", tmp_path / "out"
+    )
     assert (told["decision"], len(told["center_m"])) == ("accept", 3)
 
 
@@ -88,7 +92,10 @@ def test_validate_without_a_checkout_is_told(verb, tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(validate, "_WORK", tmp_path / "scripts" / "validate_physics.py")
     ran = verb("validate")
     assert (ran.returncode, ran.stderr.count("\n")) == (2, 1)
-    assert "validate: the checks are tests of the project, which are in a checkout of it alone" in ran.stderr
+    assert (
+        "validate: the checks are tests of the project, which are in a checkout of it alone"
+        in ran.stderr
+    )
 
 
 @pytest.mark.parametrize("name", ["view", "picture", "report"])
@@ -104,9 +111,17 @@ def test_a_verb_of_past_runs_refuses_what_is_none(name: str, verb, tmp_path: Pat
     [
         ("identify water", ("--plan",), "left"),
         ("identify friction", ("--quick", "--no-record"), "friction"),
-        ("campaign", ("scripts/campaigns/contact_quick.toml", "--cases", 1, "--workers", 1), "outcomes"),
+        (
+            "campaign",
+            ("scripts/campaigns/contact_quick.toml", "--cases", 1, "--workers", 1),
+            "outcomes",
+        ),
         ("benchmark", ("--entry", "joint PD", "--cases", 1, "--workers", 1), "benchmark"),
-        ("run", ("insert-sampler", "--trials", 1, "--workers", 1, "--quick", "--no-record"), "summary"),
+        (
+            "run",
+            ("insert-sampler", "--trials", 1, "--workers", 1, "--quick", "--no-record"),
+            "summary",
+        ),
         ("validate", (), "checks"),
     ],
 )

@@ -1,4 +1,6 @@
-"""Random scenes of objects: what is seen is the object at the pose that is called true, and a seed gives one scene."""
+"""Random scenes of objects: what is seen is the object at the pose that is called true, and a seed
+gives one scene.
+"""
 
 import numpy as np
 import pytest
@@ -24,7 +26,8 @@ def test_a_seed_gives_one_scene_and_a_start_within_its_limits():
     from uuv.clouds.object_scenes import object_scene
 
     first, again, other = (
-        object_scene("barrel", seed, sensor) for seed, sensor in ((1, "stereo"), (1, "white"), (2, "stereo"))
+        object_scene("barrel", seed, sensor)
+        for seed, sensor in ((1, "stereo"), (1, "white"), (2, "stereo"))
     )
     assert np.array_equal(first.X_CT, again.X_CT)
     assert np.array_equal(first.approach, again.approach)
@@ -34,14 +37,20 @@ def test_a_seed_gives_one_scene_and_a_start_within_its_limits():
     assert 1.0 <= first.range_m <= 2.0
     for scene in (first, other):
         assert np.linalg.norm(scene.approach - scene.X_CT[:3, 3]) <= 0.3
-        assert np.trace(scene.orientation.T @ scene.X_CT[:3, :3]) >= 1.0 + 2.0 * np.cos(np.deg2rad(45.0)) - 1e-9
+        assert (
+            np.trace(scene.orientation.T @ scene.X_CT[:3, :3])
+            >= 1.0 + 2.0 * np.cos(np.deg2rad(45.0)) - 1e-9
+        )
     assert scene.error(scene.X_CT) == pytest.approx((0.0, 0.0), abs=1e-7)
 
 
 def test_other_objects_and_none():
     from uuv.clouds.object_scenes import object_scene, target_of
 
-    one, none = (object_scene("barrel", 1, there=target_of("manifold"), absent=absent) for absent in (False, True))
+    one, none = (
+        object_scene("barrel", 1, there=target_of("manifold"), absent=absent)
+        for absent in (False, True)
+    )
     covered = np.isfinite(ModelSurface.of(target_of("manifold")).seen(one.X_CT, one.scan)[0].depth)
     assert np.nanmedian((none.scan.depth - one.scan.depth)[covered]) > 0.1
 
@@ -56,7 +65,9 @@ def test_unknown_names_are_refused():
 
 
 def test_a_sliver_of_the_bed_does_not_draw_the_search():
-    """With nothing known beforehand; some part of a valve explains a sliver better than the valve its own patch."""
+    """With nothing known beforehand; some part of a valve explains a sliver better than the valve
+    its own patch.
+    """
     from uuv.clouds.object_scenes import object_scene
 
     scene = object_scene("valve", 908)

@@ -1,4 +1,6 @@
-"""dm_control's physics under the entities is the plant bit for bit, and nothing leaks between episodes."""
+"""dm_control's physics under the entities is the plant bit for bit, and nothing leaks between
+episodes.
+"""
 
 import sys
 from collections.abc import Sequence
@@ -11,14 +13,14 @@ import pytest
 if sys.version_info >= (3, 13):
     pytest.skip("dm_control has no packages for this Python", allow_module_level=True)
 
-from uuv import environments as uuv  # isort: skip  # before dm_control, for which it chooses a renderer
-
+# isort: skip  # before dm_control, for which it chooses a renderer
 import mujoco
 import trimesh
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
 from untyped import untyped
+from uuv import environments as uuv
 from uuv.environments.actions import ThrustersAndTorques
 from uuv.environments.entities import put
 from uuv.environments.mjcf_parts import parts_of
@@ -43,7 +45,9 @@ from uuv.sim.water.current import Current
 class Drift(VehicleTask):
     """Nothing to do."""
 
-    def __init__(self, vehicle: uuv.VehicleEntity, sea: uuv.Sea | None = None, X_WB: Array | None = None) -> None:
+    def __init__(
+        self, vehicle: uuv.VehicleEntity, sea: uuv.Sea | None = None, X_WB: Array | None = None
+    ) -> None:
         super().__init__(sea or uuv.Sea(0.2, gust=0.05), vehicle, ThrustersAndTorques(vehicle.own))
         self.start = pose() if X_WB is None else X_WB
 
@@ -72,7 +76,10 @@ class Never:
 
 def environment(task: composer.Task, seed: int = 0) -> composer.Environment:
     return composer.Environment(
-        task, random_state=seed, strip_singleton_obs_buffer_dim=True, recompile_mjcf_every_episode=False
+        task,
+        random_state=seed,
+        strip_singleton_obs_buffer_dim=True,
+        recompile_mjcf_every_episode=False,
     )
 
 
@@ -110,7 +117,9 @@ def test_is_the_plant_bit_for_bit(vehicle: str, tool: str | None):
     env, commands = environment(task), actions(25, size)
     by_dm_control = states(env, commands)
     plant = Plant(
-        hydrodynamics.compile(vehicle_spec(vehicle, tool)), current=task.sea.flow(env.physics.timestep()), X_WB=X_WB
+        hydrodynamics.compile(vehicle_spec(vehicle, tool)),
+        current=task.sea.flow(env.physics.timestep()),
+        X_WB=X_WB,
     )
     plant.observe()
     kind = untyped(task.actions)
@@ -120,14 +129,26 @@ def test_is_the_plant_bit_for_bit(vehicle: str, tool: str | None):
             plant.step(kind.command(plant.truth))
             plant.observe()
         np.testing.assert_array_equal(np.concatenate([plant.data.qpos, plant.data.qvel]), row)
-    for name in ("propeller_speed", "thrust", "tau_friction", "tau_drive", "current_W", "acceleration", "p_WG"):
-        np.testing.assert_array_equal(getattr(task.truth, name), getattr(plant.truth, name), err_msg=name)
+    for name in (
+        "propeller_speed",
+        "thrust",
+        "tau_friction",
+        "tau_drive",
+        "current_W",
+        "acceleration",
+        "p_WG",
+    ):
+        np.testing.assert_array_equal(
+            getattr(task.truth, name), getattr(plant.truth, name), err_msg=name
+        )
     assert np.linalg.norm(plant.truth.v_WB_W) > 0.02
     assert plant.truth.current_W.any()
 
 
 def test_contact_is_that_of_the_plant():
-    """The pad presses on a barrel: contact forces of every step, not of the next one's constraints."""
+    """The pad presses on a barrel: contact forces of every step, not of the next one's
+    constraints.
+    """
     target, X_WT = targets.barrel(), pose(p=[0.0, 0.0, -1.6])
     vehicle, sea = uuv.VehicleEntity("uuv_puma"), uuv.Sea(depth=2.4)
     task = Drift(vehicle, sea)
@@ -137,7 +158,10 @@ def test_contact_is_that_of_the_plant():
     spec = vehicle_spec("uuv_puma")
     target.add_to(spec, X_WT)
     spec.worldbody.add_geom(
-        name="seabed", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[12.0, 12.0, 0.1], pos=[0.0, 0.0, -2.4]
+        name="seabed",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[12.0, 12.0, 0.1],
+        pos=[0.0, 0.0, -2.4],
     )
     plant = Plant(hydrodynamics.compile(spec), current=Current(np.zeros(3)))
     plant.observe()
@@ -186,7 +210,8 @@ def test_a_copied_state_goes_on_as_the_original():
         for command in commands[10:]:
             env.step(command)
         ends.append(env.physics.data.qpos.copy())
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-13)  # `forward` starts the solver anew: 2e-15
+    # `forward` starts the solver anew: 2e-15
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-13)
     copied = env.physics.copy(share_model=True)
     np.testing.assert_array_equal(copied.data.act, env.physics.data.act)
     assert env.physics.data.act.any()
@@ -194,25 +219,32 @@ def test_a_copied_state_goes_on_as_the_original():
 
 def test_two_environments_in_one_process_do_not_mix():
     commands = actions(15, 12)
-    alone = [states(environment(Drift(uuv.VehicleEntity("uuv_puma")), seed), commands) for seed in (0, 1)]
+    alone = [
+        states(environment(Drift(uuv.VehicleEntity("uuv_puma")), seed), commands) for seed in (0, 1)
+    ]
     both = [environment(Drift(uuv.VehicleEntity("uuv_puma")), seed) for seed in (0, 1)]
     for env in both:
         env.reset()
     for k, command in enumerate(commands):
         for env, expected in zip(both, alone, strict=True):
             env.step(command)
-            np.testing.assert_array_equal(np.concatenate([env.physics.data.qpos, env.physics.data.qvel]), expected[k])
+            np.testing.assert_array_equal(
+                np.concatenate([env.physics.data.qpos, env.physics.data.qvel]), expected[k]
+            )
 
 
 def test_a_vehicle_of_a_users_file_with_a_mesh(tmp_path):
-    """Names of files are relative to the model's own folder, also for the parts that are taken apart.
+    """Names of files are relative to the model's own folder, also for the parts that are taken
+    apart.
 
     It has no keyframes: that of the folded arm is found.
     """
     trimesh.creation.box((0.4, 0.3, 0.2)).export(tmp_path / "frame.obj")
     spec = vehicle_spec("uuv_puma")
     spec.add_mesh(name="frame", file="frame.obj")
-    spec.body("hull").add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="frame", contype=0, conaffinity=0, mass=0)
+    spec.body("hull").add_geom(
+        type=mujoco.mjtGeom.mjGEOM_MESH, meshname="frame", contype=0, conaffinity=0, mass=0
+    )
     spec.modelfiledir = str(tmp_path)
     for key in list(spec.keys):
         spec.delete(key)
@@ -232,11 +264,18 @@ def test_a_vehicle_of_a_users_file_with_a_mesh(tmp_path):
 
 
 def test_a_vehicle_with_forms_in_a_sidecar_is_the_plant(tmp_path):
-    """Records behind the rows of bodies pass through PyMJCF, which joins the parts and a dry sea."""
+    """Records behind the rows of bodies pass through PyMJCF, which joins the parts and a dry
+    sea.
+    """
     spec = vehicle_spec("uuv_puma")
     wet = hydrodynamic_rows.attached(spec)
-    forms = (MunkFactor(factor=np.array([1.0, 0.3, 0.2])), LiftDrag.of_wing(area=0.2, span=0.5, drag_0=0.1))
-    hydrodynamic_rows.attach(spec, {name: replace(wet[name], forms=forms) for name in ("hull", "link3")})
+    forms = (
+        MunkFactor(factor=np.array([1.0, 0.3, 0.2])),
+        LiftDrag.of_wing(area=0.2, span=0.5, drag_0=0.1),
+    )
+    hydrodynamic_rows.attach(
+        spec, {name: replace(wet[name], forms=forms) for name in ("hull", "link3")}
+    )
     file = tmp_path / "mine.xml"
     file.write_text(sidecar.xml_without_water(spec))
     sidecar.write_sidecar(spec, sidecar.beside(file))
@@ -271,7 +310,9 @@ def test_named_access_and_parts():
 
 
 def test_an_arm_stands_on_a_base_of_another():
-    """The arm of a vehicle on a plain pedestal, with the tool of that vehicle: a model that compiles and is wet."""
+    """The arm of a vehicle on a plain pedestal, with the tool of that vehicle: a model that
+    compiles and is wet.
+    """
     root = mjcf.RootElement(model="deck")
     root.compiler.angle = "radian"
     site = root.worldbody.add("site", name="top", pos=[0, 0, 1])
@@ -292,7 +333,13 @@ def test_parts_that_are_tied_together_stay_in_one_piece():
     assert "link3" in parts.hull
 
 
-SPREADS = (Water(spread=0.3), Payload(spread=0.1), ThrusterSpread(gain=0.2), Gears(spread=0.3), Pad(friction=0.2))
+SPREADS = (
+    Water(spread=0.3),
+    Payload(spread=0.1),
+    ThrusterSpread(gain=0.2),
+    Gears(spread=0.3),
+    Pad(friction=0.2),
+)
 
 
 def test_perturbations_are_drawn_anew_in_each_episode():
@@ -303,7 +350,12 @@ def test_perturbations_are_drawn_anew_in_each_episode():
         rows.append(states(env, commands))
         model = env.physics.model.ptr
         models.append(
-            [model.body_user.copy(), model.body_mass.copy(), model.actuator_user.copy(), model.dof_damping.copy()]
+            [
+                model.body_user.copy(),
+                model.body_mass.copy(),
+                model.actuator_user.copy(),
+                model.dof_damping.copy(),
+            ]
         )
     np.testing.assert_array_equal(rows[0], rows[1])
     assert not np.array_equal(rows[0], rows[2])
@@ -336,7 +388,9 @@ def test_a_perturbed_episode_is_the_perturbed_plant():
 
 
 def sensed(sensors: Sequence[Any]) -> composer.Environment:
-    return environment(Drift(uuv.VehicleEntity("uuv_puma", sensors=sensors), uuv.Sea(current_W=(0.1, 0.0, 0.0))))
+    return environment(
+        Drift(uuv.VehicleEntity("uuv_puma", sensors=sensors), uuv.Sea(current_W=(0.1, 0.0, 0.0)))
+    )
 
 
 def test_sensors_are_observed_at_their_rates_and_delays():
@@ -352,7 +406,8 @@ def test_sensors_are_observed_at_their_rates_and_delays():
     for action in actions(30, 12):
         late.append(env.step(action).observation["vehicle/encoders_q"])
         true.append(env.task.truth.q.copy())
-    np.testing.assert_allclose(np.array(late)[2:], np.array(true)[:-2], atol=2e-5)  # two actions later, 19 bits
+    # two actions later, 19 bits
+    np.testing.assert_allclose(np.array(late)[2:], np.array(true)[:-2], atol=2e-5)
 
 
 def test_noise_is_that_of_the_sensor():
@@ -395,7 +450,10 @@ def test_an_observable_of_your_own():
             lambda: uuv.VehicleEntity("uuv_puma", sensors=[Dvl(), Dvl(noise=0.1)]),
             "each class may come once, got Dvl, Dvl",
         ),
-        (lambda: uuv.VehicleEntity("uuv_puma", perturbations=[MovingObject()]), "MovingObject: acts on scene or loop"),
+        (
+            lambda: uuv.VehicleEntity("uuv_puma", perturbations=[MovingObject()]),
+            "MovingObject: acts on scene or loop",
+        ),
         (lambda: uuv.ArmEntity("bluerov2_heavy"), "has no arm that could be taken off"),
         (lambda: uuv.Sea(-0.1), "speed of the current"),
         (lambda: uuv.Sea(depth=0.0), "depth"),
@@ -431,9 +489,13 @@ def test_a_dry_prop_is_told():
 
 
 def test_a_delayed_sensor_begins_with_its_first_reading():
-    env = uuv.environment(Drift(uuv.VehicleEntity("uuv_puma", sensors=[Encoders(delay=0.04)])), seed=0)
+    env = uuv.environment(
+        Drift(uuv.VehicleEntity("uuv_puma", sensors=[Encoders(delay=0.04)])), seed=0
+    )
     vehicle = untyped(env.task.vehicle)
-    np.testing.assert_allclose(env.reset().observation["vehicle/encoders_q"], vehicle.own.vehicle.q_home, atol=2e-5)
+    np.testing.assert_allclose(
+        env.reset().observation["vehicle/encoders_q"], vehicle.own.vehicle.q_home, atol=2e-5
+    )
 
 
 def test_a_stiff_pad_needs_another_timestep_and_is_refused():

@@ -1,4 +1,6 @@
-"""The tasks in Gymnasium: its own checks, ids, seeds, vectors of processes; the same states as through dm_control."""
+"""The tasks in Gymnasium: its own checks, ids, seeds, vectors of processes; the same states as
+through dm_control.
+"""
 
 import os
 import subprocess
@@ -12,12 +14,12 @@ import pytest
 if sys.version_info >= (3, 13):
     pytest.skip("dm_control has no packages for this Python", allow_module_level=True)
 
-from uuv import environments as uuv  # isort: skip  # before dm_control, for which it chooses a renderer
-
+# isort: skip  # before dm_control, for which it chooses a renderer
 import gymnasium
 from gymnasium.utils.env_checker import check_env
 
 from untyped import untyped
+from uuv import environments as uuv
 from uuv.environments.gym_tasks import IDS, TaskEnvironment
 from uuv.perturbations.vehicle import ThrusterSpread
 from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
@@ -127,7 +129,8 @@ def test_perturbations_are_told():
 
 
 @pytest.mark.parametrize(
-    ("camera", "size", "message"), [("front", (24, 32), "camera 'front': there are"), (0, (0, 9), "size")]
+    ("camera", "size", "message"),
+    [("front", (24, 32), "camera 'front': there are"), (0, (0, 9), "size")],
 )
 def test_refuses_a_picture(camera: Any, size: tuple[int, int], message: str):
     environment = uuv.load("water", "hover", seed=0)
@@ -140,7 +143,10 @@ def test_a_vector_of_processes_gives_what_one_gives(context: str):
     """Workers are spawned with the module in the id, for they import nothing by themselves."""
     name = "uuv.environments.gym_tasks:uuv/Hover-v0"
     many: Any = gymnasium.make_vec(
-        name, num_envs=2, vectorization_mode="async", vector_kwargs={"context": context, "shared_memory": False}
+        name,
+        num_envs=2,
+        vectorization_mode="async",
+        vector_kwargs={"context": context, "shared_memory": False},
     )
     seen, _ = many.reset(seed=[3, 4])
     rows = [seen["goal_position"]]
@@ -152,7 +158,10 @@ def test_a_vector_of_processes_gives_what_one_gives(context: str):
     for k, seed in enumerate((3, 4)):
         one = gymnasium.make(name)
         found, _ = one.reset(seed=seed)
-        alone = [found["goal_position"], *(one.step(action[k])[0]["goal_position"] for _ in range(5))]
+        alone = [
+            found["goal_position"],
+            *(one.step(action[k])[0]["goal_position"] for _ in range(5)),
+        ]
         np.testing.assert_array_equal(np.array(alone), np.array(rows)[:, k])
 
 
@@ -185,5 +194,7 @@ def test_without_gl_one_line_says_what_to_install():
         text=True,
         check=False,
     )
-    assert ran.stdout.startswith("no picture: dm_control finds no GL (MUJOCO_GL is off): install libegl1")
+    assert ran.stdout.startswith(
+        "no picture: dm_control finds no GL (MUJOCO_GL is off): install libegl1"
+    )
     assert ran.stdout.count("\n") == 1

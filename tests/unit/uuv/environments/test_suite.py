@@ -1,4 +1,6 @@
-"""The tasks keep dm_env's contract, experts solve them, judges say what is done or spoiled, bad input is told."""
+"""The tasks keep dm_env's contract, experts solve them, judges say what is done or spoiled, bad
+input is told.
+"""
 
 import re
 import sys
@@ -13,12 +15,12 @@ import pytest
 if sys.version_info >= (3, 13):
     pytest.skip("dm_control has no packages for this Python", allow_module_level=True)
 
-from uuv import environments as uuv  # isort: skip  # before dm_control, for which it chooses a renderer
-
+# isort: skip  # before dm_control, for which it chooses a renderer
 import pyarrow.parquet as pq
 from dm_env.test_utils import EnvironmentTestMixin
 
 from untyped import untyped
+from uuv import environments as uuv
 from uuv.environments.actions import ThrusterSpeeds, ToolTwist
 from uuv.environments.episodes import run_episode
 from uuv.environments.free_tasks import ALIGNED, CLOSE, HoldStation
@@ -53,14 +55,24 @@ for _name in uuv.ALL_TASKS:
     )
 
 
-SHORT = [("water", "hover"), ("water", "waypoint"), ("water", "reach"), ("barrel", "press"), ("manifold", "insert")]
+SHORT = [
+    ("water", "hover"),
+    ("water", "waypoint"),
+    ("water", "reach"),
+    ("barrel", "press"),
+    ("manifold", "insert"),
+]
 
 
 SOLVES = "tests/unit/uuv/environments/test_suite.py::test_the_expert_solves_it"
 
 
 @pytest.mark.parametrize(
-    "name", [*SHORT[2:], *(pytest.param(name, marks=pytest.mark.long(guarded_by=SOLVES)) for name in SHORT[:2])]
+    "name",
+    [
+        *SHORT[2:],
+        *(pytest.param(name, marks=pytest.mark.long(guarded_by=SOLVES)) for name in SHORT[:2]),
+    ],
 )
 def test_the_expert_solves_it(name: tuple[str, str]):
     environment = uuv.load(*name, seed=21)
@@ -146,7 +158,10 @@ def test_a_collision_ends_the_episode_without_discount():
         moment = environment.step(dive)
     assert moment.discount == 0.0
     assert moment.reward == 0.0
-    assert untyped(environment.task).damage in {"collision"} or "force" in untyped(environment.task).damage
+    assert (
+        untyped(environment.task).damage in {"collision"}
+        or "force" in untyped(environment.task).damage
+    )
     assert not untyped(environment.task).is_success
 
 
@@ -164,7 +179,9 @@ def test_the_set_point_of_the_tool_stays_near_it():
 def test_records_of_episodes(tmp_path):
     environment = uuv.load("water", "hover", seed=0, time_limit=0.4)
     file = tmp_path / "hover.parquet"
-    found = uuv.record_episodes(environment, uuv.zero(environment), file, episodes=2, task="water/hover")
+    found = uuv.record_episodes(
+        environment, uuv.zero(environment), file, episodes=2, task="water/hover"
+    )
     table = pq.read_table(file)
     assert table.num_rows == 42 == sum(episode.steps + 1 for episode in found.episodes)
     assert pq.ParquetFile(file).num_row_groups == 2
@@ -173,7 +190,8 @@ def test_records_of_episodes(tmp_path):
     assert len(table["action"][0].as_py()) == 6
     assert table["episode"].to_pylist() == [0] * 21 + [1] * 21
     assert sum(table["reward"].to_pylist()[:20]) == pytest.approx(found.episodes[0].total)
-    assert table["action"][20].as_py() is table["reward"][20].as_py() is None  # the last moment has none
+    # the last moment has none
+    assert table["action"][20].as_py() is table["reward"][20].as_py() is None
     assert table["discount"].to_pylist() == [1.0] * 42
     assert table.schema.metadata[b"vehicle"] == b"uuv_puma"
     assert table.schema.metadata[b"period_s"] == b"0.02"
@@ -186,18 +204,38 @@ def test_records_of_episodes(tmp_path):
         (("water", "hovr"), {}, "unknown task 'water/hovr'; there are water/hover.*water/hover"),
         (("water", "hover"), {"actions": "wings"}, "unknown actions 'wings'; there are thrusters"),
         (("water", "hover"), {"time_limit": 0.0}, "time_limit: must be > 0"),
-        (("water", "hover"), {"period": 0.003}, "time between actions: period 0.003 s is not a whole multiple"),
+        (
+            ("water", "hover"),
+            {"period": 0.003},
+            "time between actions: period 0.003 s is not a whole multiple",
+        ),
         (("water", "hover"), {"period": -0.02}, "period"),
         (("water", "hover"), {"seed": 1.5}, "seed"),
         (("water", "hover"), {"seed": -1}, "seed"),
         (("water", "hover"), {"sensors": Dvl()}, r"sensors: expected a list, got Dvl\("),
         (("water", "hover"), {"sensors": [Dvl]}, r"did you mean Dvl\(\)\?"),
-        (("water", "hover"), {"perturbations": ["water"]}, "perturbations: 'water' is none of them"),
+        (
+            ("water", "hover"),
+            {"perturbations": ["water"]},
+            "perturbations: 'water' is none of them",
+        ),
         (("water", "hover"), {"vehicle": "phoenix_smart3s"}, "has no thrusters"),
         (("water", "reach"), {"vehicle": "phoenix_smart3s"}, "no thrusters to hold it"),
-        (("water", "reach"), {"vehicle": "bluerov2_heavy"}, "JointVelocities: the vehicle has no arm to move"),
-        (("water", "reach"), {"vehicle": "bluerov2_heavy", "actions": "thrusters"}, "the vehicle needs an arm"),
-        (("barrel", "press"), {"vehicle": "bluerov2_heavy", "actions": "thrusters"}, "lacks what this work needs"),
+        (
+            ("water", "reach"),
+            {"vehicle": "bluerov2_heavy"},
+            "JointVelocities: the vehicle has no arm to move",
+        ),
+        (
+            ("water", "reach"),
+            {"vehicle": "bluerov2_heavy", "actions": "thrusters"},
+            "the vehicle needs an arm",
+        ),
+        (
+            ("barrel", "press"),
+            {"vehicle": "bluerov2_heavy", "actions": "thrusters"},
+            "lacks what this work needs",
+        ),
     ],
 )
 def test_refuses(arguments: tuple[str, str], options: dict[str, Any], message: str):
@@ -227,7 +265,11 @@ def test_an_episode_has_as_many_actions_as_its_time(seconds: float):
 
 
 def test_an_expert_is_for_dm_control():
-    with pytest.raises(ConfigurationError, match=r"a Gymnasium environment has it as `unwrapped\.environment`"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"a Gymnasium environment has it as "
+        r"`unwrapped\.environment`",
+    ):
         uuv.expert(untyped("uuv/Hover-v0"))
 
 
@@ -273,7 +315,9 @@ def test_a_step_after_the_end_begins_anew():
 
 def test_an_expert_acts_by_its_own_kind_of_action():
     environment = uuv.load("water", "hover", actions="thrusters_torques")
-    with pytest.raises(ConfigurationError, match="HoldStation acts by ThrusterSpeeds, not by ThrustersAndTorques"):
+    with pytest.raises(
+        ConfigurationError, match="HoldStation acts by ThrusterSpeeds, not by ThrustersAndTorques"
+    ):
         uuv.expert(environment)
 
 
@@ -343,7 +387,12 @@ def test_wiping_begins_at_the_start_of_the_path():
 
 
 def test_pressing_is_held_where_it_is_to_be():
-    for y, force, done in ((0.0, 60.0, True), (0.004, 60.0, False), (0.0, 64.0, False), (0.0, 50.0, False)):
+    for y, force, done in (
+        (0.0, 60.0, True),
+        (0.004, 60.0, False),
+        (0.0, 64.0, False),
+        (0.0, 50.0, False),
+    ):
         judge = PressedAt(SetForce(LINE, 60.0), 2.0)
         for _ in range(1500):
             judge.watch(at(0.0, force, y), DT)

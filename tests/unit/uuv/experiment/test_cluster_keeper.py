@@ -1,4 +1,6 @@
-"""Keeper of a cluster: what writes in its folder ends with the study, however that ends, and nothing else does."""
+"""Keeper of a cluster: what writes in its folder ends with the study, however that ends, and
+nothing else does.
+"""
 
 import os
 import shutil
@@ -28,7 +30,9 @@ with kept_cluster() as folder:
     time.sleep(100)
 """
 
-pytestmark = pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="looks for processes in /proc")
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self/fd").exists(), reason="looks for processes in /proc"
+)
 
 
 def ends(number: int) -> bool:
@@ -63,7 +67,11 @@ def test_a_writer_ends_with_the_block_a_reader_goes_on():
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_a_writer_ends_with_the_study(root, by):
     with subprocess.Popen(
-        [sys.executable, "-c", HELD], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        [sys.executable, "-c", HELD],
+        cwd=root,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     ) as study:
         assert study.stdout is not None
         number, folder = study.stdout.readline().split()

@@ -21,7 +21,9 @@ from uuv.sim.runs import saving
 NUMBERS = st.integers() | st.floats(allow_nan=False, allow_infinity=False)
 VALUES = st.recursive(
     st.none() | st.booleans() | NUMBERS | st.text(st.characters(), max_size=3),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from("abcd"), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from("abcd"), inner, max_size=3)
+    ),
     max_leaves=8,
 )
 
@@ -36,16 +38,30 @@ def filled(folder: Path, rows: list[Row]) -> RowTable:
 def same(one: Any, other: Any) -> bool:
     """Equal in value, type and sign of zero."""
     if isinstance(one, dict):
-        return isinstance(other, dict) and [*one] == [*other] and all(same(one[key], other[key]) for key in one)
+        return (
+            isinstance(other, dict)
+            and [*one] == [*other]
+            and all(same(one[key], other[key]) for key in one)
+        )
     if isinstance(one, list):
         return isinstance(other, list) and len(one) == len(other) and all(map(same, one, other))
-    return type(one) is type(other) and one == other and (one != 0 or math.copysign(1, one) == math.copysign(1, other))
+    return (
+        type(one) is type(other)
+        and one == other
+        and (one != 0 or math.copysign(1, one) == math.copysign(1, other))
+    )
 
 
 @settings(max_examples=20, deadline=None)
-@given(rows=st.lists(st.dictionaries(st.sampled_from("abcd"), VALUES, max_size=4), min_size=1, max_size=5))
+@given(
+    rows=st.lists(
+        st.dictionaries(st.sampled_from("abcd"), VALUES, max_size=4), min_size=1, max_size=5
+    )
+)
 def test_rows_come_back_as_they_were(tmp_path_factory, rows):
-    """Missing and None, empty tables, whole and other numbers in one column, text that is no UTF-8, mixed lists."""
+    """Missing and None, empty tables, whole and other numbers in one column, text that is no UTF-8,
+    mixed lists.
+    """
     folder = tmp_path_factory.mktemp("rows")
     filled(folder, rows)
     assert same(read_rows(folder), rows)
@@ -54,9 +70,14 @@ def test_rows_come_back_as_they_were(tmp_path_factory, rows):
 
 @settings(max_examples=20, deadline=None)
 @given(
-    rows=st.lists(st.dictionaries(st.sampled_from("abcd"), VALUES, max_size=4), min_size=1, max_size=5),
+    rows=st.lists(
+        st.dictionaries(st.sampled_from("abcd"), VALUES, max_size=4), min_size=1, max_size=5
+    ),
     others=st.dictionaries(
-        st.integers(0, 4), st.dictionaries(st.sampled_from("abcde"), VALUES, max_size=4), min_size=1, max_size=3
+        st.integers(0, 4),
+        st.dictionaries(st.sampled_from("abcde"), VALUES, max_size=4),
+        min_size=1,
+        max_size=3,
     ),
 )
 def test_rows_take_the_places_of_others(tmp_path_factory, rows, others):
@@ -81,7 +102,9 @@ def test_rows_come_in_any_number_at_a_time(tmp_path_factory, sizes):
         folder = tmp_path_factory.mktemp("rows")
         table, rows = RowTable(folder), []
         for size in sizes:
-            more = [{"run": len(rows) + i, **({"rare": 1.0} if i == 2 else {})} for i in range(size)]
+            more = [
+                {"run": len(rows) + i, **({"rare": 1.0} if i == 2 else {})} for i in range(size)
+            ]
             table.extend(more)
             rows += more
         assert same(read_rows(folder), rows)
@@ -91,7 +114,13 @@ def test_rows_come_in_any_number_at_a_time(tmp_path_factory, sizes):
 
 def test_columns_are_typed_and_named_by_dots(tmp_path):
     rows = [
-        {"run": 0, "class": "kept", "figures": {"rms": 1, "lost": None}, "at": [1.0, None], "odd": 1},
+        {
+            "run": 0,
+            "class": "kept",
+            "figures": {"rms": 1, "lost": None},
+            "at": [1.0, None],
+            "odd": 1,
+        },
         {"run": 1, "class": "kept", "figures": {"rms": 0.1, "ok": True}, "at": [], "odd": "x"},
     ]
     filled(tmp_path, rows)
@@ -123,9 +152,13 @@ def test_files_hold_a_number_of_rows_each_and_share_their_columns(tmp_path, monk
     assert len(read_rows(tmp_path)) == 9
 
 
-@pytest.mark.parametrize("change", [{"detail": "late"}, {"value": "text"}], ids=["a column", "a wider type"])
+@pytest.mark.parametrize(
+    "change", [{"detail": "late"}, {"value": "text"}], ids=["a column", "a wider type"]
+)
 def test_readers_find_whole_rows_after_every_single_write(tmp_path, monkeypatch, change):
-    """A kill between any two writes of a change of columns: nothing is lost or doubled, and it is mended later."""
+    """A kill between any two writes of a change of columns: nothing is lost or doubled, and it is
+    mended later.
+    """
     monkeypatch.setattr(row_table, "CHUNK", 2)
     rows: list[Row] = [{"run": run, "value": run} for run in range(5)]
     for allowed in range(5):
@@ -147,7 +180,10 @@ def test_readers_find_whole_rows_after_every_single_write(tmp_path, monkeypatch,
                 table.extend([{"run": 5, **change}])
             except KeyboardInterrupt:
                 assert allowed < 4
-        assert pq.read_table(folder / "rows")["run"].to_pylist() == [0, 1, 2, 3, 4, 5][: 5 + (allowed == 4)]
+        assert (
+            pq.read_table(folder / "rows")["run"].to_pylist()
+            == [0, 1, 2, 3, 4, 5][: 5 + (allowed == 4)]
+        )
         again = RowTable(folder)
         assert again.rows[:5] == rows
         assert len(again.rows) == 5 + (allowed == 4)
@@ -162,7 +198,11 @@ def test_two_values_of_one_name_are_refused(tmp_path):
 def test_another_version_of_the_schema_is_refused(tmp_path, monkeypatch):
     filled(tmp_path, [{"run": 0}])
     monkeypatch.setattr(row_table, "SCHEMA_VERSION", 2)
-    with pytest.raises(ConfigurationError, match=r"000000.parquet: schema version 1; this code reads 2; --anew"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"000000.parquet: schema version 1; this code "
+        r"reads 2; --anew",
+    ):
         RowTable(tmp_path)
 
 
@@ -185,8 +225,12 @@ def test_others_read_it(tmp_path, reader, monkeypatch):
     monkeypatch.setattr(row_table, "CHUNK", 2)
     filled(tmp_path, [{"run": run, "figures": {"rms": run / 10, "none": None}} for run in range(5)])
     if reader == "duckdb":
-        found = module.sql(f"select \"figures.rms\" from '{tmp_path}/rows/*.parquet' order by run").fetchall()
+        found = module.sql(
+            f"select \"figures.rms\" from '{tmp_path}/rows/*.parquet' order by run"
+        ).fetchall()
         values = [row[0] for row in found]
     else:
-        values = list(importlib.import_module(reader).read_parquet(tmp_path / "rows")["figures.rms"])
+        values = list(
+            importlib.import_module(reader).read_parquet(tmp_path / "rows")["figures.rms"]
+        )
     assert values == [run / 10 for run in range(5)]

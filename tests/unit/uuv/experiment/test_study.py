@@ -1,4 +1,6 @@
-"""The contact study's own parts: what it draws, how it names what came of a run, and that no run depends on another."""
+"""The contact study's own parts: what it draws, how it names what came of a run, and that no run
+depends on another.
+"""
 
 import json
 import signal
@@ -26,7 +28,9 @@ from uuv.sim.runs.command_line import Interrupted, RunOptions
 from uuv.sim.runs.terminal import PlainConsole
 
 DT = 0.002
-SCHEMA = json.loads((Path(__file__).resolve().parents[4] / "sim/schemas/study_contact.schema.json").read_text())
+SCHEMA = json.loads(
+    (Path(__file__).resolve().parents[4] / "sim/schemas/study_contact.schema.json").read_text()
+)
 
 
 @pytest.fixture
@@ -39,11 +43,14 @@ def told() -> Any:
     return import_module("experiments.contact.study_report")
 
 
-# -- drawing -----------------------------------------------------------------------------------------------------------
+# -- drawing
+# -----------------------------------------------------------------------------------------------------------
 
 
 def task(study: Any, run: int, seed: int = 3, **other: Any) -> Any:
-    return study.RunTask(**{"study": seed, "run": run, "path": "longitudinal", "ranges": study.Ranges(), **other})
+    return study.RunTask(
+        **{"study": seed, "run": run, "path": "longitudinal", "ranges": study.Ranges(), **other}
+    )
 
 
 def test_a_run_depends_on_its_number_and_the_seed_alone(study):
@@ -65,7 +72,9 @@ def test_draws_fill_their_ranges_and_no_more(study):
     ranges = study.Ranges(elevation=(-10.0, 30.0), surface=0.02)
     drawn = [study.draw(task(study, run, ranges=ranges)) for run in range(300)]
     speed = np.array([np.linalg.norm(scenario.site.current) for scenario in drawn])
-    rise = np.degrees(np.arcsin([one.site.current[2] / s for one, s in zip(drawn, speed, strict=True)]))
+    rise = np.degrees(
+        np.arcsin([one.site.current[2] / s for one, s in zip(drawn, speed, strict=True)])
+    )
     varied = [study.varied(scenario) for scenario in drawn]
     columns = {
         "speed": (speed, ranges.current),
@@ -112,7 +121,8 @@ def test_a_stiff_surface_costs_substeps_of_the_plant_and_no_steps_of_the_loop():
     assert recording.substeps == built.plant.substeps
 
 
-# -- classes -----------------------------------------------------------------------------------------------------------
+# -- classes
+# -----------------------------------------------------------------------------------------------------------
 
 GOOD = {
     "force_rms_n": 0.5,
@@ -134,7 +144,9 @@ def recording(
     abort: AbortCode | None = None,
     **more: Any,
 ) -> Recording:
-    """A run through `states`, a second in each; `more` are other series (N, k), or other values of these."""
+    """A run through `states`, a second in each; `more` are other series (N, k), or other values of
+    these.
+    """
     each = round(1.0 / DT)
     time = np.array(np.arange(len(states) * each) * DT, dtype=np.float64)
     columns = {
@@ -150,11 +162,16 @@ def recording(
         vehicle=vehicle(),
         series=MappingProxyType(
             {
-                name: Series(time=time, value=np.array(v).reshape(len(time), -1), unit="", labels=())
+                name: Series(
+                    time=time, value=np.array(v).reshape(len(time), -1), unit="", labels=()
+                )
                 for name, v in columns.items()
             }
         ),
-        events=tuple(Event(time=float(i), state=state, note=note, abort=abort) for i, state in enumerate(states)),
+        events=tuple(
+            Event(time=float(i), state=state, note=note, abort=abort)
+            for i, state in enumerate(states)
+        ),
         targets=(),
         clouds=MappingProxyType({}),
     )
@@ -165,7 +182,13 @@ def vehicle() -> Vehicle:
     return Vehicle.of(models.load("uuv_puma").compile())
 
 
-WORKED = [WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT]
+WORKED = [
+    WorkState.CLOSE_IN,
+    WorkState.APPROACH,
+    WorkState.PRESS,
+    WorkState.WORK,
+    WorkState.RETREAT,
+]
 
 
 ABORTED = [*WORKED, WorkState.ABORT]
@@ -178,16 +201,46 @@ SCANNED = [WorkState.SCAN, WorkState.ABORT]
         ([*WORKED, WorkState.DONE], None, {}, ("kept", "")),
         ([*WORKED, WorkState.DONE], None, {"force_peak_n": 8.1}, ("missed", "force_peak_n")),
         ([*WORKED, WorkState.DONE], None, {"force_peak_n": 8.0}, ("kept", "")),
-        ([*WORKED, WorkState.DONE], None, {"lost_s": 0.002, "along_max_m": None}, ("missed", "along_max_m, lost_s")),
-        ([*WORKED, WorkState.DONE], None, {"force_over_set": 1.6}, ("damage", "force above 1.5 times the set one")),
-        ([*WORKED, WorkState.DONE], None, {"collision_s": 0.01}, ("damage", "the vehicle touched what it should not")),
-        ([*WORKED, WorkState.DONE], None, {"force_rms_n": np.inf}, ("diverged", "a figure is not finite")),
+        (
+            [*WORKED, WorkState.DONE],
+            None,
+            {"lost_s": 0.002, "along_max_m": None},
+            ("missed", "along_max_m, lost_s"),
+        ),
+        (
+            [*WORKED, WorkState.DONE],
+            None,
+            {"force_over_set": 1.6},
+            ("damage", "force above 1.5 times the set one"),
+        ),
+        (
+            [*WORKED, WorkState.DONE],
+            None,
+            {"collision_s": 0.01},
+            ("damage", "the vehicle touched what it should not"),
+        ),
+        (
+            [*WORKED, WorkState.DONE],
+            None,
+            {"force_rms_n": np.inf},
+            ("diverged", "a figure is not finite"),
+        ),
         (ABORTED, AbortCode.CONTACT_LOST, {}, ("broken off", "contact lost")),
         (ABORTED, AbortCode.FORCE_LIMIT, {}, ("broken off", "force limit")),
-        (ABORTED, AbortCode.THRUSTER, {"force_over_set": 2.5}, ("damage", "force above 1.5 times the set one")),
+        (
+            ABORTED,
+            AbortCode.THRUSTER,
+            {"force_over_set": 2.5},
+            ("damage", "force above 1.5 times the set one"),
+        ),
         ([*WORKED], None, {}, ("broken off", "not done in time")),
         ([*WORKED], AbortCode.VISION, {}, ("broken off", "vision lost")),
-        ([WorkState.SETTLE, WorkState.ABORT], AbortCode.HULL_NOT_AT_REST, {}, ("refused", "hull not at rest")),
+        (
+            [WorkState.SETTLE, WorkState.ABORT],
+            AbortCode.HULL_NOT_AT_REST,
+            {},
+            ("refused", "hull not at rest"),
+        ),
         (SCANNED, AbortCode.OUT_OF_REACH, {}, ("refused", "out of reach")),
         (SCANNED, AbortCode.NOT_IDENTIFIED, {}, ("refused", "not identified")),
     ],
@@ -203,12 +256,18 @@ def test_what_came_of_a_run_has_a_class_and_a_kind(study, states, abort, figures
 
 
 def test_force_is_measured_against_what_is_set_then(study):
-    """Before the work against the first set force, however little is asked for yet; at work against the present one."""
+    """Before the work against the first set force, however little is asked for yet; at work against
+    the present one.
+    """
     states = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.WORK]
     wanted = np.repeat([0.0, 20.0, 60.0, 30.0], round(1.0 / DT))
-    over = study.force_over_set(recording(states, wanted, np.repeat([30.0, 66.0, 63.0, 45.0], round(1.0 / DT))), 60.0)
+    over = study.force_over_set(
+        recording(states, wanted, np.repeat([30.0, 66.0, 63.0, 45.0], round(1.0 / DT))), 60.0
+    )
     assert over == pytest.approx(1.5)
-    over = study.force_over_set(recording(states, wanted, np.repeat([30.0, 96.0, 63.0, 45.0], round(1.0 / DT))), 60.0)
+    over = study.force_over_set(
+        recording(states, wanted, np.repeat([30.0, 96.0, 63.0, 45.0], round(1.0 / DT))), 60.0
+    )
     assert over == pytest.approx(1.6)
 
 
@@ -224,22 +283,29 @@ def test_damage_is_of_the_largest_force_of_a_substep(study):
 def test_a_run_that_never_worked_misses_no_bound(study):
     for states, missed in ((SCANNED, []), (ABORTED, ["force_peak_n", "lost_s"])):
         outcome = SimpleNamespace(recording=recording(states, abort=AbortCode.NOT_IDENTIFIED))
-        found = study.classify(outcome, {**GOOD, "force_peak_n": None, "lost_s": 0.1}, study.StudyBounds())
+        found = study.classify(
+            outcome, {**GOOD, "force_peak_n": None, "lost_s": 0.1}, study.StudyBounds()
+        )
         assert found["missed"] == missed
 
 
 def test_the_hull_is_off_its_place_where_that_stands_still(study):
-    """It travels for a second, 0.2 m behind; then it is 5 cm off while the arm unfolds, 0.3 m before and after."""
+    """It travels for a second, 0.2 m behind; then it is 5 cm off while the arm unfolds, 0.3 m
+    before and after.
+    """
     each = round(1.0 / DT)
     reference = np.zeros((4 * each, 3))
     reference[: each + 1] = np.linspace([-1.0, 2.0, 0.0], [0.0, 0.0, 0.0], each + 1)
-    off = np.repeat([[0.0, 0.12, 0.16], [0.03, 0.0, -0.04], [0.0, 0.03, 0.04], [0.3, 0.0, 0.0]], each, axis=0)
+    off = np.repeat(
+        [[0.0, 0.12, 0.16], [0.03, 0.0, -0.04], [0.0, 0.03, 0.04], [0.3, 0.0, 0.0]], each, axis=0
+    )
     states = [WorkState.CLOSE_IN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.WORK]
     run = recording(states, p_WB_reference=reference, p_WB=reference + off)
     assert study._unfolding(run) == pytest.approx(0.05)
 
 
-# -- signals ---------------------------------------------------------------------------------------------------------
+# -- signals
+# ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
@@ -256,12 +322,17 @@ def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
 
 
 def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
-    """It comes while the run is judged: the figures are written all the same, and the exit code says so."""
+    """It comes while the run is judged: the figures are written all the same, and the exit code
+    says so.
+    """
     whole_run = import_module("uuv.command")
 
     class Judged:
         accepted, failed = True, ()
-        metrics: ClassVar = {"run": {"simulated_s": 1.0}, "timings": {"wall_s": 1.0, "real_time_factor": 1.0}}
+        metrics: ClassVar = {
+            "run": {"simulated_s": 1.0},
+            "timings": {"wall_s": 1.0, "real_time_factor": 1.0},
+        }
 
         def made_by(self, _made_by: Any) -> Any:
             return self
@@ -277,19 +348,24 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
         return Judged()
 
     for name in ("rehearse", "run_through"):  # the run itself is not what this is about
-        monkeypatch.setattr(whole_run, name, lambda *_, **__: SimpleNamespace(part_by_part="", slow_parts=()))
+        monkeypatch.setattr(
+            whole_run, name, lambda *_, **__: SimpleNamespace(part_by_part="", slow_parts=())
+        )
     monkeypatch.setattr(whole_run, "assessed", assessed)
     monkeypatch.setattr(whole_run, "results_table", lambda _: "")
     said = StringIO()
     monkeypatch.setattr(whole_run, "PlainConsole", lambda: PlainConsole(file=said))
     with pytest.raises(Interrupted) as ended:
-        whole_run.command(jobs.clean_barrel(quick=True), RunOptions(record=False, out=tmp_path / "out"), 0.0)
+        whole_run.command(
+            jobs.clean_barrel(quick=True), RunOptions(record=False, out=tmp_path / "out"), 0.0
+        )
     assert ended.value.code == 143
     assert {"metrics.json", "scenario.toml"} <= {file.name for file in (tmp_path / "out").iterdir()}
     assert "written to" in said.getvalue()
 
 
-# -- figures -----------------------------------------------------------------------------------------------------------
+# -- figures
+# -----------------------------------------------------------------------------------------------------------
 
 
 def row(run: int, without: str = "", **figures: Any) -> dict[str, Any]:
@@ -307,7 +383,9 @@ def row(run: int, without: str = "", **figures: Any) -> dict[str, Any]:
 
 def test_a_kept_run_is_also_judged_by_the_true_object(told, study):
     off = [0.0, 0.003, 0.0031, None]
-    rows = [{**row(k), "figures": {**GOOD, "object_deviation_max_m": at}} for k, at in enumerate(off)]
+    rows = [
+        {**row(k), "figures": {**GOOD, "object_deviation_max_m": at}} for k, at in enumerate(off)
+    ]
     rows.append({**row(4, object_deviation_max_m=0.0), "class": "missed"})
     metrics = told.summary(rows, study.StudyBounds(), {})
     assert (metrics["kept"], metrics["kept_on_object"]) == (4, 2)
@@ -324,14 +402,20 @@ def test_distributions_count_a_run_without_a_figure_as_not_within(told, study):
 
 def test_quantiles_of_a_figure(told, study):
     """101 runs of 0 to 10 N: quantiles fall on runs."""
-    found = told.distributions([row(i, force_peak_n=0.1 * i) for i in range(101)], study.StudyBounds())["force_peak_n"]
-    assert [found[name] for name in ("median", "p95", "p99", "max")] == pytest.approx([5.0, 9.5, 9.9, 10.0])
+    found = told.distributions(
+        [row(i, force_peak_n=0.1 * i) for i in range(101)], study.StudyBounds()
+    )["force_peak_n"]
+    assert [found[name] for name in ("median", "p95", "p99", "max")] == pytest.approx(
+        [5.0, 9.5, 9.9, 10.0]
+    )
     assert found["share_within"] == pytest.approx(81 / 101)
 
 
 def test_a_run_is_in_one_bin_of_its_promised_chance(told):
     """On a bound it is in the upper one, and a chance of 1 in the last."""
-    rows = [row(i, promised_chance=chance) for i, chance in enumerate((0.95, 0.96, 0.98, 1.0, None))]
+    rows = [
+        row(i, promised_chance=chance) for i, chance in enumerate((0.95, 0.96, 0.98, 1.0, None))
+    ]
     rows[1]["class"] = "missed"
     assert told.reliability(rows) == [
         {"least": 0.95, "most": 0.98, "runs": 2, "mean": pytest.approx(0.955), "kept": 1},
@@ -342,7 +426,10 @@ def test_a_run_is_in_one_bin_of_its_promised_chance(told):
 
 def test_factor_of_a_method_is_the_median_of_ratios_of_the_same_runs(told):
     rows = [row(i, force_rms_n=1.0 + i) for i in range(3)]
-    rows += [row(i, "fusion", force_rms_n=factor * (1.0 + i)) for i, factor in enumerate((2.0, 3.0, 10.0))]
+    rows += [
+        row(i, "fusion", force_rms_n=factor * (1.0 + i))
+        for i, factor in enumerate((2.0, 3.0, 10.0))
+    ]
     rows.append(row(7, "fusion", force_rms_n=99.0))  # of no run with the method
     rows[3]["class"] = "broken off"
     (found,) = told.ablations(rows)
@@ -365,7 +452,9 @@ def test_metrics_keep_their_schema_and_the_report_is_one_page(study, tmp_path):
     rows[4] |= {"class": "broken off", "kind": "contact lost"}
     rows[5] |= {"class": "refused", "kind": "out of reach", "figures": {}}
     rows.append(row(0, "fusion", force_rms_n=3.0))
-    found = import_module("experiments.contact.study_report").summarise(rows, study.StudyBounds(), {"seed": 0})
+    found = import_module("experiments.contact.study_report").summarise(
+        rows, study.StudyBounds(), {"seed": 0}
+    )
     metrics = found.metrics
     jsonschema.validate(metrics, SCHEMA)
     assert metrics["kept"] == 10
@@ -382,18 +471,23 @@ def test_metrics_keep_their_schema_and_the_report_is_one_page(study, tmp_path):
 
 def test_no_runs_that_worked_give_a_page_without_pictures(study, tmp_path):
     rows = [{**row(i), "class": "refused", "kind": "out of reach", "figures": {}} for i in range(3)]
-    found = import_module("experiments.contact.study_report").summarise(rows, study.StudyBounds(), {})
+    found = import_module("experiments.contact.study_report").summarise(
+        rows, study.StudyBounds(), {}
+    )
     jsonschema.validate(found.metrics, SCHEMA)
     file = tmp_path / "report.html"
     found.write_page(file, "T", {}, "")
     assert "<img" not in file.read_text()
 
 
-# -- step response -----------------------------------------------------------------------------------------------------
+# -- step response
+# -----------------------------------------------------------------------------------------------------
 
 
 def test_step_figures_of_a_second_order_answer(within):
-    """Overshoot exp(-pi z / sqrt(1 - z^2)); a first-order answer rises in T ln 9 and settles in T ln 20."""
+    """Overshoot exp(-pi z / sqrt(1 - z^2)); a first-order answer rises in T ln 9 and settles in T
+    ln 20.
+    """
     steps = import_module("experiments.contact.force_steps")
     t = np.maximum(steps.times(), 0.0)
     z, w = 0.5, 12.0
@@ -420,14 +514,22 @@ def test_steps_up_are_cut_out_of_a_run():
 
 
 def test_the_interval_of_a_median_is_by_order_statistics(told):
-    """Of six values it is their whole range (97 %), of five there is none; of 60 it leaves out 21 on either side."""
+    """Of six values it is their whole range (97 %), of five there is none; of 60 it leaves out 21
+    on either side.
+    """
     assert told.median_interval(np.arange(5.0)) is None
     assert told.median_interval(np.arange(6.0)) == [0.0, 5.0]
     assert told.median_interval(np.arange(60.0)) == [21.0, 38.0]
 
 
 def test_a_sea_refused_for_its_current_is_run_once_more_where_that_is_asked(study, monkeypatch):
-    refused = {"class": study.REFUSED, "kind": AbortCode.CURRENT.value, "detail": "", "missed": [], "figures": {}}
+    refused = {
+        "class": study.REFUSED,
+        "kind": AbortCode.CURRENT.value,
+        "detail": "",
+        "missed": [],
+        "figures": {},
+    }
     kept = {**refused, "class": study.KEPT, "kind": ""}
 
     def tried(scenario: Any, bounds: Any, drawn: Any) -> dict[str, Any]:
@@ -437,4 +539,5 @@ def test_a_sea_refused_for_its_current_is_run_once_more_where_that_is_asked(stud
     monkeypatch.setattr(study, "_tried", tried)
     rows = [study.one_run(task(study, 1, anyway=anyway)) for anyway in (False, True)]
     assert [row["anyway"] for row in rows] == ["", study.KEPT]
-    assert [row["class"] for row in rows] == [study.REFUSED] * 2  # it counts as refused all the same
+    # it counts as refused all the same
+    assert [row["class"] for row in rows] == [study.REFUSED] * 2

@@ -1,4 +1,6 @@
-"""The study harness: rows do not depend on who makes them, nothing done is lost, and nothing stale is taken for new."""
+"""The study harness: rows do not depend on who makes them, nothing done is lost, and nothing stale
+is taken for new.
+"""
 
 import json
 import os
@@ -16,8 +18,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pool_tasks import DEADLY, deadly, dying, hungry, ignores, refusing, sleeping, squared, told_dead
-from uuv.experiment import Row, Study, StudyOptions, Summary, Table, harness, local_processes, read_rows, row_table
+from pool_tasks import (
+    DEADLY,
+    deadly,
+    dying,
+    hungry,
+    ignores,
+    refusing,
+    sleeping,
+    squared,
+    told_dead,
+)
+from uuv.experiment import (
+    Row,
+    Study,
+    StudyOptions,
+    Summary,
+    Table,
+    harness,
+    local_processes,
+    read_rows,
+    row_table,
+)
 from uuv.experiment.loaded_code import digests, loaded_files
 from uuv.experiment.row_log import RowLog
 from uuv.experiment.worker import Limits
@@ -35,15 +57,26 @@ def summed(rows: list[Row]) -> Summary:
     """Sum of the values; the bound is that all have one."""
     failed = [f"run {row['run']} has no value" for row in rows if "value" not in row]
     return Summary(
-        metrics={"runs": [row["run"] for row in rows], "sum": sum(row.get("value", 0.0) for row in rows)},
-        tables=[Table(title="<T>", columns=("run", "value"), rows=[(str(row["run"]), "[b]") for row in rows])],
+        metrics={
+            "runs": [row["run"] for row in rows],
+            "sum": sum(row.get("value", 0.0) for row in rows),
+        },
+        tables=[
+            Table(
+                title="<T>",
+                columns=("run", "value"),
+                rows=[(str(row["run"]), "[b]") for row in rows],
+            )
+        ],
         failed=failed,
     )
 
 
 def carried_out(study: Study, **options: Any) -> tuple[int, dict[str, Any]]:
     """Exit code and metrics of a study in ./out."""
-    code = study.carry_out("x", StudyOptions(**{"out": Path("out"), "workers": 1, **options}), "A study")
+    code = study.carry_out(
+        "x", StudyOptions(**{"out": Path("out"), "workers": 1, **options}), "A study"
+    )
     return code, json.loads(Path("out/metrics.json").read_text())
 
 
@@ -51,7 +84,8 @@ def rows_of(folder: str = "out") -> list[dict[str, Any]]:
     return read_rows(folder)
 
 
-# -- studies -----------------------------------------------------------------------------------------------------------
+# -- studies
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_rows_do_not_depend_on_who_makes_them():
@@ -116,7 +150,9 @@ def test_a_failed_case_ends_the_study_or_has_a_row_of_its_own():
 
 
 def test_a_row_is_the_same_new_as_read_again():
-    """Tuples, numbers of NumPy, names that are no text, and numbers that JSON lacks: as a file gives them back."""
+    """Tuples, numbers of NumPy, names that are no text, and numbers that JSON lacks: as a file
+    gives them back.
+    """
     found: list[list[Row]] = []
 
     def summarise(rows: list[Row]) -> Summary:
@@ -124,14 +160,22 @@ def test_a_row_is_the_same_new_as_read_again():
         return Summary(metrics={"least": np.float64(-np.inf)})
 
     def odd(_: int) -> dict[str, Any]:
-        return {"a": (1, np.float32(0.1)), "b": {1: np.arange(2.0)}, "c": [np.nan, np.inf, np.bool_(True)]}
+        return {
+            "a": (1, np.float32(0.1)),
+            "b": {1: np.arange(2.0)},
+            "c": [np.nan, np.inf, np.bool_(True)],
+        }
 
     for _ in range(2):
         code, metrics = carried_out(Study(cases=[0], run_one=odd, summarise=summarise))
         assert code == 0
         assert metrics["least"] is None
         assert "accepted" not in metrics  # there are no bounds
-    assert found[0] == found[1] == [{"a": [1, float(np.float32(0.1))], "b": {"1": [0.0, 1.0]}, "c": [None, None, True]}]
+    assert (
+        found[0]
+        == found[1]
+        == [{"a": [1, float(np.float32(0.1))], "b": {"1": [0.0, 1.0]}, "c": [None, None, True]}]
+    )
 
 
 @dataclass(frozen=True)
@@ -149,7 +193,9 @@ def test_cases_are_told_apart_by_all_that_they_hold():
         Point("a", np.array([1.0, 3.0])),
     ]
     assert len({harness.key_of(case) for case in cases}) == len(cases)
-    assert harness.key_of(Point("a", np.array([1.0, 2.0]))) == harness.key_of(Point("a", (1.0, 2.0)))
+    assert harness.key_of(Point("a", np.array([1.0, 2.0]))) == harness.key_of(
+        Point("a", (1.0, 2.0))
+    )
     assert harness.key_of(frozenset("abc")) == harness.key_of(frozenset("cba"))
 
 
@@ -157,18 +203,23 @@ def test_a_study_without_an_out_is_in_a_folder_of_its_name():
     study = Study(cases=[1], run_one=squared, summarise=summed)
     assert study.carry_out("study_x", StudyOptions(workers=1), "A study") == 0
     home = Path("runs/study_x")
-    files = {path.name for path in home.iterdir() if path.is_file() and not path.name.startswith(".")}
+    files = {
+        path.name for path in home.iterdir() if path.is_file() and not path.name.startswith(".")
+    }
     assert [path.name for path in (home / "rows").iterdir()] == ["000000.parquet"]
     assert files == {"study.json", "metrics.json", "report.html"}
 
 
-@pytest.mark.parametrize(("given", "said"), [({"workers": -1}, "--workers: must be at least 0, got -1")])
+@pytest.mark.parametrize(
+    ("given", "said"), [({"workers": -1}, "--workers: must be at least 0, got -1")]
+)
 def test_numbers_of_processes_are_checked(given, said):
     with pytest.raises(ConfigurationError, match=said):
         StudyOptions(**given)
 
 
-# -- log ---------------------------------------------------------------------------------------------------------------
+# -- log
+# ---------------------------------------------------------------------------------------------------------------
 
 
 def begun(folder: Path) -> RowLog:
@@ -195,14 +246,21 @@ def test_rows_are_stale_once_a_file_that_was_loaded_has_changed(tmp_path, monkey
     begun(folder).depends_on(digests(files))
     assert set(RowLog(folder).rows) == {"0", "1"}
     (package / "table.csv").write_text("2")
-    with pytest.raises(ConfigurationError, match=r"holds runs of other code \(changed: .*table.csv\); --anew"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"holds runs of other code \(changed: "
+        r".*table.csv\); --anew",
+    ):
         RowLog(folder)
     assert RowLog(folder, anew=True).rows == {}
     assert digests([str(package / "gone")]) == {str(package / "gone"): ""}
 
 
 def test_two_studies_do_not_share_a_folder(root, tmp_path):
-    other = "import sys, pathlib, uuv.sim.runs.run_folder as of\nwith of.alone_in(pathlib.Path(sys.argv[1])): pass"
+    other = (
+        "import sys, pathlib, uuv.sim.runs.run_folder as of\nwith "
+        "of.alone_in(pathlib.Path(sys.argv[1])): pass"
+    )
     command = [sys.executable, "-c", other, str(tmp_path)]
     with RowLog.open(tmp_path):
         refused = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
@@ -229,7 +287,11 @@ def test_a_damaged_file_is_named_and_costs_no_row(tmp_path):
 def test_rows_of_an_earlier_version_are_refused_until_they_may_go(tmp_path):
     (tmp_path / "study.json").write_text("{}")
     (tmp_path / "results.jsonl").write_text("{}\n")
-    with pytest.raises(ConfigurationError, match=r"rows of an earlier version \(results.jsonl\); --anew"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"rows of an earlier version \(results.jsonl\); "
+        r"--anew",
+    ):
         RowLog(tmp_path)
     assert RowLog(tmp_path, anew=True).rows == {}
     assert not (tmp_path / "results.jsonl").exists()
@@ -274,7 +336,9 @@ def test_a_row_is_found_without_a_search_and_each_file_written_once(tmp_path, mo
     written: list[int] = []
     write = row_table.RowTable._write
     monkeypatch.setattr(
-        row_table.RowTable, "_write", lambda self, number, table: (written.append(number), write(self, number, table))
+        row_table.RowTable,
+        "_write",
+        lambda self, number, table: (written.append(number), write(self, number, table)),
     )
     Counted.comparisons = 0
     again = [3, 4, count - 1]
@@ -295,7 +359,8 @@ def test_settings_are_kept_beside_the_rows(tmp_path):
     assert about["schema"] == 1
 
 
-# -- processes ---------------------------------------------------------------------------------------------------------
+# -- processes
+# ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_run_that_kills_its_process_is_told_and_the_others_are_done():
@@ -306,7 +371,9 @@ def test_a_run_that_kills_its_process_is_told_and_the_others_are_done():
 
 def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(monkeypatch):
     class Breaking(ThreadPoolExecutor):
-        """Refuses the second run that it is given, as a pool does of which a process died meanwhile."""
+        """Refuses the second run that it is given, as a pool does of which a process died
+        meanwhile.
+        """
 
         given = 0
 
@@ -329,9 +396,14 @@ def test_a_run_beyond_its_limits_is_told_and_the_others_are_done():
     cases, failed = (0.0, 600.0), lambda case, reason: {"run": case, "reason": reason}
     study = Study(cases=cases, run_one=sleeping, summarise=summed, failed=failed)
     study.carry_out("x", StudyOptions(out=Path("out"), workers=2), "A study", Limits(time_s=1.0))
-    assert {row["run"]: row.get("reason") for row in rows_of()} == {0.0: None, 600.0: "not done within 1 s"}
+    assert {row["run"]: row.get("reason") for row in rows_of()} == {
+        0.0: None,
+        600.0: "not done within 1 s",
+    }
     study = Study(cases=(1, 4000), run_one=hungry, summarise=summed, failed=failed)
-    study.carry_out("x", StudyOptions(out=Path("out"), workers=1, anew=True), "A study", Limits(memory_mb=2000))
+    study.carry_out(
+        "x", StudyOptions(out=Path("out"), workers=1, anew=True), "A study", Limits(memory_mb=2000)
+    )
     assert {row["run"]: row.get("reason") for row in rows_of()} == {1: None, 4000: "out of memory"}
 
 
@@ -352,7 +424,9 @@ def test_a_run_whose_process_died_is_done_again_by_the_same_command(capsys):
     assert f"1 runs: {harness.DIED}; the same command does them again" in capsys.readouterr().out
     before = {row["run"]: row for row in rows_of()}
     assert [run for run, row in before.items() if "value" not in row] == [DEADLY]
-    code, metrics = carried_out(Study(cases=range(4), run_one=squared, summarise=summed, failed=failed))
+    code, metrics = carried_out(
+        Study(cases=range(4), run_one=squared, summarise=summed, failed=failed)
+    )
     assert "3 of 4 runs are there already" in capsys.readouterr().out
     after = {row["run"]: row for row in rows_of()}
     assert code == 0
@@ -386,7 +460,9 @@ def test_a_file_that_changes_while_a_study_is_at_work_ends_it(tmp_path):
 def test_workers_ignore_the_signals_that_the_study_ignores():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        found = dict(local_processes.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
+        found = dict(
+            local_processes.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead)
+        )
     finally:
         signal.signal(signal.SIGINT, before)
     assert found == {signal.SIGINT: True, signal.SIGTERM: False}
@@ -412,9 +488,14 @@ def gone(process: int) -> bool:
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 def test_workers_end_with_a_study_that_is_killed(root, tmp_path):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root), str(root / "tests" / "support")])}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(root), str(root / "tests" / "support")]),
+    }
     (tmp_path / "study.py").write_text(WATCHED)
-    with subprocess.Popen([sys.executable, tmp_path / "study.py", tmp_path], cwd=root, env=environment) as study:
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "study.py", tmp_path], cwd=root, env=environment
+    ) as study:
         until(lambda: len(list(tmp_path.glob("[01]"))) == 2, "its workers are at work")
         workers = [int(file.read_text()) for file in tmp_path.glob("[01]")]
         assert not any(map(gone, workers))

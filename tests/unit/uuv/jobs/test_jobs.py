@@ -1,4 +1,6 @@
-"""A job is called with its own arguments and with the options of its scenario, by keyword and on the command line."""
+"""A job is called with its own arguments and with the options of its scenario, by keyword and on
+the command line.
+"""
 
 import inspect
 import subprocess
@@ -16,7 +18,15 @@ from uuv.campaigns.task_trials import TRIALS
 from uuv.catalogue import things
 from uuv.cli.run_job import EveryJob
 from uuv.controllers.planning.promise import StopLimits
-from uuv.jobs import Job, clean_barrel, clean_object, clean_pile, insert_sampler, open_water, sample_seabed
+from uuv.jobs import (
+    Job,
+    clean_barrel,
+    clean_object,
+    clean_pile,
+    insert_sampler,
+    open_water,
+    sample_seabed,
+)
 from uuv.jobs.command_line import options_class, parsed, typed
 from uuv.jobs.job import as_job
 from uuv.jobs.scenario_options import every_option
@@ -61,13 +71,19 @@ def test_defaults_that_are_given_change_nothing(job: Job):
 
 
 def test_own_arguments_come_before_the_options_of_the_scenario():
-    scenario = clean_barrel(path="transverse", arc=90.0, seed=4, azimuth=10.0, current=(0.0, 0.2, 0.0))
+    scenario = clean_barrel(
+        path="transverse", arc=90.0, seed=4, azimuth=10.0, current=(0.0, 0.2, 0.0)
+    )
     assert isinstance(scenario.site.object, Barrel)
     assert scenario.site.object.arc == np.radians(90.0)
     assert scenario.site.object.azimuth == np.radians(10.0)
     assert (scenario.seed, scenario.site.current) == (4, (0.0, 0.2, 0.0))
     assert work(scenario).forces == (60.0, 90.0)  # those of a path around the object
-    assert work(clean_barrel(path="transverse", forces=(60.0, 90.0, 60.0))).forces == (60.0, 90.0, 60.0)
+    assert work(clean_barrel(path="transverse", forces=(60.0, 90.0, 60.0))).forces == (
+        60.0,
+        90.0,
+        60.0,
+    )
 
 
 def test_units_are_those_of_the_command_line():
@@ -81,12 +97,18 @@ def test_units_are_those_of_the_command_line():
 
 
 def test_a_table_that_is_absent_is_made_by_the_option_that_it_needs():
-    assert work(clean_barrel(turn=30.0, blend=0.05)).turn == ToolTurn(angle=float(np.radians(30.0)), blend=0.05)
+    assert work(clean_barrel(turn=30.0, blend=0.05)).turn == ToolTurn(
+        angle=float(np.radians(30.0)), blend=0.05
+    )
     assert work(clean_barrel(turn=None)).turn is None
     assert work(clean_barrel(stop_every=2.0)).promise.stops == StopLimits(every=2.0)
     assert work(clean_barrel(stop_every=0.0)).promise.stops is None
     assert clean_barrel(arm_camera=True).sensing.arm_camera == ArmCameraSetup()
-    with pytest.raises(ConfigurationError, match=r"^task\.turn\.blend 0\.05: needs task\.turn\.angle too$"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"^task\.turn\.blend 0\.05: needs "
+        r"task\.turn\.angle too$",
+    ):
         clean_barrel(blend=0.05)
 
 
@@ -94,7 +116,11 @@ def test_an_option_that_a_task_does_not_heed_is_none_of_its_jobs():
     assert "sensor" in clean_barrel.options()
     for job in (insert_sampler, sample_seabed, open_water):
         assert "sensor" not in job.options()
-    with pytest.raises(ConfigurationError, match=r"job insert-sampler has no 'sensor'.*; it has depth, quick, "):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"job insert-sampler has no 'sensor'.*; it has "
+        r"depth, quick, ",
+    ):
         insert_sampler(sensor="sonar")
 
 
@@ -121,7 +147,11 @@ def test_a_wrong_argument_is_refused_at_the_call(given: dict[str, Any], message:
 
 def test_numbers_of_numpy_and_paths_are_taken():
     scenario = clean_object(forces=np.array([40.0, 50.0]), seed=np.int64(3), arm=Path("a.yaml"))
-    assert (work(scenario).forces, scenario.seed, scenario.belief.arm) == ((40.0, 50.0), 3, "a.yaml")
+    assert (work(scenario).forces, scenario.seed, scenario.belief.arm) == (
+        (40.0, 50.0),
+        3,
+        "a.yaml",
+    )
     assert type(scenario.seed) is int
 
 
@@ -129,13 +159,18 @@ def test_the_signature_is_that_of_all_options():
     given = inspect.signature(clean_pile).parameters
     assert [*given] == [*clean_pile.options()]
     assert given["range"].default == 1.8
-    assert (clean_pile.about, clean_pile.name) == ("Clean a vertical pile with a set force.", "clean-pile")
+    assert (clean_pile.about, clean_pile.name) == (
+        "Clean a vertical pile with a set force.",
+        "clean-pile",
+    )
 
 
 def test_what_a_quick_job_changes_is_told():
     options = clean_barrel.options()
     assert options["length"].about.endswith("With --quick by default 0.2.")
-    assert clean_barrel(quick=True).site.object == replace(Barrel(), length=0.2, arc=float(np.radians(60.0)))
+    assert clean_barrel(quick=True).site.object == replace(
+        Barrel(), length=0.2, arc=float(np.radians(60.0))
+    )
 
 
 def test_the_command_line_passes_on_what_was_typed_and_nothing_else():
@@ -185,26 +220,39 @@ def needs(width):
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., subprocess.CompletedProcess[str]]:
+def own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Runs `uuv` beside a module of the user's own."""
     (tmp_path / "own_jobs_here.py").write_text(OWN)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
 
     def uuv(*args: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([sys.executable, "-m", "uuv", *args], capture_output=True, text=True, check=False)
+        return subprocess.run(
+            [sys.executable, "-m", "uuv", *args], capture_output=True, text=True, check=False
+        )
 
     return uuv
 
 
-def test_a_job_of_ones_own_has_its_options_and_help(own: Callable[..., subprocess.CompletedProcess[str]]):
+def test_a_job_of_ones_own_has_its_options_and_help(
+    own: Callable[..., subprocess.CompletedProcess[str]],
+):
     sweep = jobs.named("own_jobs_here:sweep_rock")
     scenario = sweep(width=0.4, way="along", seed=5, speed=0.03)
     assert isinstance(scenario.site.object, KnownObject)
     assert scenario.site.object.line == (-0.2, 0.0, 0.2, 0.0)
     assert (scenario.seed, work(scenario).speed) == (5, 0.03)
-    text = " ".join(own("run", "own_jobs_here:sweep_rock", "--help").stdout.replace("│", " ").split())
-    for part in ("Sweep a rock.", "--width FLOAT Of the sweep [m].", "Across its path, or along.", "--current"):
+    text = " ".join(
+        own("run", "own_jobs_here:sweep_rock", "--help").stdout.replace("│", " ").split()
+    )
+    for part in (
+        "Sweep a rock.",
+        "--width FLOAT Of the sweep [m].",
+        "Across its path, or along.",
+        "--current",
+    ):
         assert part in text
     wrong = own("run", "own_jobs_here:sweep_rock", "--widht", "3")
     assert (wrong.returncode, "did you mean --width?" in wrong.stderr) == (2, True)
@@ -228,7 +276,9 @@ def test_a_plain_function_is_a_job_too(own: Callable[..., subprocess.CompletedPr
         ("clean-barel", "did you mean clean-barrel"),
     ],
 )
-def test_what_is_no_job_is_one_line(own: Callable[..., subprocess.CompletedProcess[str]], name: str, message: str):
+def test_what_is_no_job_is_one_line(
+    own: Callable[..., subprocess.CompletedProcess[str]], name: str, message: str
+):
     with pytest.raises(ConfigurationError, match=message):
         jobs.named(name)()
     ran = own("run", name)
@@ -254,7 +304,9 @@ def test_a_task_of_ones_own_brings_its_options():
     assert "seconds" not in open_water.options(base)
     kind = options_class(open_water, base=base)
     assert "drifting" in {field.name for field in fields(kind)}
-    scenario = open_water.scenario({"drifting": 9.0, "seed": 2}, lambda made: replace(made, task=Drift()))
+    scenario = open_water.scenario(
+        {"drifting": 9.0, "seed": 2}, lambda made: replace(made, task=Drift())
+    )
     assert (scenario.task, scenario.seed) == (Drift(seconds=9.0), 2)
 
 
@@ -262,7 +314,9 @@ def test_open_water_has_no_object():
     scenario = open_water(seconds=12.0, current=(0.2, 0.0, 0.0))
     assert isinstance(scenario.site.object, OpenWater)
     assert scenario.task == StationKeepingTask(seconds=12.0)
-    assert from_dict({"name": "a", "task": {"kind": "StationKeeping"}, "site": {"object": {"kind": "OpenWater"}}})
+    assert from_dict(
+        {"name": "a", "task": {"kind": "StationKeeping"}, "site": {"object": {"kind": "OpenWater"}}}
+    )
     with pytest.raises(ConfigurationError, match=r"^task\.seconds \[s\]"):
         open_water(seconds=0.0)
 
@@ -274,7 +328,9 @@ def test_an_argument_without_a_type_takes_anything():
     assert as_job(made, "made")(site=Site(object=OpenWater(), gust=0.0)).site.gust == 0.0
 
 
-@pytest.mark.parametrize("kind", [SurfaceWorkTask, StationKeepingTask, *TRIALS], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize(
+    "kind", [SurfaceWorkTask, StationKeepingTask, *TRIALS], ids=lambda kind: kind.__name__
+)
 def test_what_a_task_heeds_are_options(kind: type[Task]):
     """A word that is none would be passed over in silence."""
     everything = {option.word for job in ALL for option in every_option(job())}
@@ -299,7 +355,11 @@ def test_a_word_with_two_meanings_is_refused():
 
     with pytest.raises(ConfigurationError, match="job loud: json is an option of every run"):
         options_class(Job(loud), EveryJob)
-    with pytest.raises(ConfigurationError, match=r"^task\.fast and site\.current: both are the option 'current'"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"^task\.fast and site\.current: both are the "
+        r"option 'current'",
+    ):
         open_water.options(replace(open_water(), task=Stream()))
 
 
@@ -309,5 +369,9 @@ def test_a_task_that_is_placed_nowhere_is_one_line():
         def place(self, scenario, own, rng):
             return None
 
-    with pytest.raises(ConfigurationError, match=r"^task Nowhere: place must return a PlacedTask, got NoneType"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"^task Nowhere: place must return a PlacedTask, "
+        r"got NoneType",
+    ):
         assemble(replace(open_water(), task=Nowhere()))

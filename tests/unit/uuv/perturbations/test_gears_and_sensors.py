@@ -1,4 +1,6 @@
-"""Perturbations of gears and sensors against closed forms: twist under a torque, statistics of drift."""
+"""Perturbations of gears and sensors against closed forms: twist under a torque, statistics of
+drift.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -39,7 +41,9 @@ ARM = """
 def test_gear_twists_by_the_torque_over_its_stiffness_and_half_its_play(torque, backlash):
     """Behind a motor that cannot turn."""
     spec, stiffness = mujoco.MjSpec.from_string(ARM), 2e4
-    ElasticGears(stiffness=stiffness, backlash=backlash, damping=0.3).on_vehicle(spec, np.random.default_rng(0))
+    ElasticGears(stiffness=stiffness, backlash=backlash, damping=0.3).on_vehicle(
+        spec, np.random.default_rng(0)
+    )
     model = spec.compile()
     data = mujoco.MjData(model)
     data.qfrc_applied[model.joint("joint1" + TWIST).dofadr[0]] = torque
@@ -85,12 +89,15 @@ def test_vehicle_with_elastic_gears_keeps_its_joints_and_keyframes():
 def test_keyframes_keep_the_joints_that_stay():
     spec = mujoco.MjSpec.from_string(ARM)
     with keyframes_kept(spec):
-        spec.worldbody.add_body(name="free", mass=1.0, inertia=[1.0] * 3, explicitinertial=True).add_freejoint()
+        spec.worldbody.add_body(
+            name="free", mass=1.0, inertia=[1.0] * 3, explicitinertial=True
+        ).add_freejoint()
         spec.body("link").add_joint(name="other", axis=[0, 1, 0], ref=0.2)
     model = spec.compile()
     ready = model.key("ready").qpos
     assert ready[model.joint("joint1").qposadr[0]] == 0.7
-    assert ready[model.joint("other").qposadr[0]] == pytest.approx(np.radians(0.2))  # MJCF counts in degrees
+    # MJCF counts in degrees
+    assert ready[model.joint("other").qposadr[0]] == pytest.approx(np.radians(0.2))
     assert len(ready) == model.nq == 9
 
 
@@ -125,7 +132,9 @@ def test_torque_sensors_drift_as_said_and_draw_as_without():
 
 
 def test_perturbed_sensors_reach_the_loop():
-    scenario = replace(clean_barrel(), perturbations=(DriftingTorque(sigma=0.3), AttitudeError(sigma=2e-3)))
+    scenario = replace(
+        clean_barrel(), perturbations=(DriftingTorque(sigma=0.3), AttitudeError(sigma=2e-3))
+    )
     sensors = assemble(scenario).parts.sensors
     assert [type(sensor) for sensor in sensors].count(DriftingTorqueSensors) == 1
     (imu,) = (sensor for sensor in sensors if isinstance(sensor, Imu))

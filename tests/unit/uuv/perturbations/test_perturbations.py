@@ -1,4 +1,6 @@
-"""Perturbations of a scenario: what the plant then is, against its own compiled numbers and a press on the pad."""
+"""Perturbations of a scenario: what the plant then is, against its own compiled numbers and a press
+on the pad.
+"""
 
 from dataclasses import is_dataclass, replace
 
@@ -45,7 +47,9 @@ def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default(
 def test_wandering_vision_wanders_as_said_and_no_other_sensor_changes():
     """Assembled: white noise, rate and delay of the job stay, and so do its other sensors."""
     plain = assemble(clean_barrel()).parts.sensors
-    wandering = assemble(replace(clean_barrel(), perturbations=(WanderingVision(sigma=3e-3, time=60.0),))).parts.sensors
+    wandering = assemble(
+        replace(clean_barrel(), perturbations=(WanderingVision(sigma=3e-3, time=60.0),))
+    ).parts.sensors
     for one, other in zip(plain, wandering, strict=True):
         if isinstance(one, proprioception.VisionDrift):
             assert other == replace(one, bias=3e-3, bias_time=60.0)
@@ -86,10 +90,18 @@ def test_payload_keeps_the_ballast_of_the_arm_as_drawn(within):
     factors = after.body_mass[arm] / before.body_mass[arm]
     assert np.all(np.abs(factors - 1.0) <= 0.1)
     assert len(set(np.round(factors, 9))) == len(arm)
-    within("inertia in proportion", after.body_inertia[arm] / before.body_inertia[arm] - factors[:, None], 1e-9)
+    within(
+        "inertia in proportion",
+        after.body_inertia[arm] / before.body_inertia[arm] - factors[:, None],
+        1e-9,
+    )
 
     def net(model: mujoco.MjModel) -> float:
-        displaced = sum(hydrodynamics.unpack(row).volume for row in model.body_user[1:] if hydrodynamics.carries(row))
+        displaced = sum(
+            hydrodynamics.unpack(row).volume
+            for row in model.body_user[1:]
+            if hydrodynamics.carries(row)
+        )
         return float(model.body_subtreemass[0]) - displaced * hydrodynamics.water_density(model)
 
     within("trimmed as drawn [kg]", net(before), 1e-6)
@@ -113,19 +125,29 @@ def test_gears_are_tighter_or_looser_each_by_itself(within):
     ratio = new.dry_friction.coulomb / old.dry_friction.coulomb
     assert np.all(np.abs(ratio - 1.0) <= 0.3)
     assert len(set(np.round(ratio, 9))) == len(ratio)
-    within("stiction in proportion", new.dry_friction.stiction / old.dry_friction.stiction - ratio, 1e-12)
+    within(
+        "stiction in proportion",
+        new.dry_friction.stiction / old.dry_friction.stiction - ratio,
+        1e-12,
+    )
     within("viscous in proportion", new.joint_damping / old.joint_damping - ratio, 1e-12)
     within("mean", said["gear_friction"] - ratio.mean(), 1e-12)
 
 
 def pressed(stiffness: float, depth: float) -> tuple[float, float]:
-    """Mean and deviation of the force on a plate `depth` [m] before the tip of the rigid tool, all but the pad held."""
+    """Mean and deviation of the force on a plate `depth` [m] before the tip of the rigid tool, all
+    but the pad held.
+    """
     varied = models.load("uuv_puma")
     perturb(varied, [Pad(stiffness=stiffness)])
     whole = hydrodynamics_of_plant.compile(varied)
     spec = models.load("uuv_puma")
     perturb(spec, [Pad(stiffness=stiffness)])
-    for one in (*spec.actuators, *spec.keys, *(joint for joint in spec.joints if joint.name != "pad")):
+    for one in (
+        *spec.actuators,
+        *spec.keys,
+        *(joint for joint in spec.joints if joint.name != "pad"),
+    ):
         spec.delete(one)
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -134,11 +156,14 @@ def pressed(stiffness: float, depth: float) -> tuple[float, float]:
     R, quat = np.array(data.site_xmat[tip]).reshape(3, 3), np.empty(4)
     mujoco.mju_mat2Quat(quat, R.ravel())
     plate = data.site_xpos[tip] + R[:, 2] * (0.1 - depth)
-    spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1], pos=plate, quat=quat)
+    spec.worldbody.add_geom(
+        name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1], pos=plate, quat=quat
+    )
     model = spec.compile()
     model.opt.gravity[:] = 0.0
     pad = model.body("pad").id
-    model.body_invweight0[pad] = whole.body_invweight0[pad]  # as the plant has it, on its arm and in water
+    # as the plant has it, on its arm and in water
+    model.body_invweight0[pad] = whole.body_invweight0[pad]
     data, one, force = mujoco.MjData(model), np.zeros(6), []
     for _ in range(round(1.0 / model.opt.timestep)):
         mujoco.mj_step(model, data)
@@ -182,7 +207,8 @@ def test_steps_are_as_long_as_the_pad_allows(rng):
         contact = 1.0 / (1.0 / stiffness - 1.0 / spring)
         most = solref < old.geom("pad").solref[0]
         assert contact >= pad.SOFTEST_CONTACT * stiffness * (1.0 - 1e-9)
-        assert not most or contact == pytest.approx(pad.SOFTEST_CONTACT * stiffness, rel=0.3)  # it hardens: 0.2
+        # it hardens: 0.2
+        assert not most or contact == pytest.approx(pad.SOFTEST_CONTACT * stiffness, rel=0.3)
 
 
 _MASS_WITH_PAD = """
@@ -190,15 +216,19 @@ _MASS_WITH_PAD = """
   <worldbody> <geom type="plane" size="1 1 .1"/>
     <body pos="0 0 .061"> <joint name="press" type="slide" axis="0 0 1"/>
       <geom type="sphere" size=".01" mass="{mass}" contype="0" conaffinity="0"/>
-      <body name="pad"> <joint name="pad" type="slide" axis="0 0 1" stiffness="32000" damping="155"/>
-        <geom name="pad" type="sphere" size=".06" mass=".325" solref=".006 1" solimp=".95 .99 .0005"/></body></body>
+      <body name="pad">
+        <joint name="pad" type="slide" axis="0 0 1" stiffness="32000" damping="155"/>
+        <geom name="pad" type="sphere" size=".06" mass=".325" solref=".006 1" solimp=".95 .99 .0005"/>
+          </body></body>
   </worldbody> <actuator><motor joint="press"/></actuator></mujoco>"""
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 2.1e4, 3e4, 7.9e4, 1.5e5, 3e5, 1e6, None])
 @pytest.mark.seeds(1)
 def test_what_is_pressed_on_it_comes_to_rest(stiffness, seed, within):
-    """A free mass under a constant force, nothing but the pad to damp it: too long a step, and it bounces for ever."""
+    """A free mass under a constant force, nothing but the pad to damp it: too long a step, and it
+    bounces for ever.
+    """
     rng = np.random.default_rng(seed)
     stiffness = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6]))))
     spec = mujoco.MjSpec.from_string(_MASS_WITH_PAD.format(mass=rng.uniform(2.0, 8.0)))
@@ -211,7 +241,10 @@ def test_what_is_pressed_on_it_comes_to_rest(stiffness, seed, within):
         if data.ncon:
             mujoco.mj_contactForce(model, data, 0, one)
         force.append(one[0] if data.ncon else 0.0)
-    within(f"force at rest, {stiffness:.2g} N/m [N]", np.array(force[-len(force) // 10 :]) - 60.0, 0.01)  # 2e-3
+    # 2e-3
+    within(
+        f"force at rest, {stiffness:.2g} N/m [N]", np.array(force[-len(force) // 10 :]) - 60.0, 0.01
+    )
 
 
 _SLIDING = """
@@ -220,24 +253,31 @@ _SLIDING = """
     <body pos="0 0 .061"> <joint name="press" type="slide" axis="0 0 1"/>
       <joint name="along" type="slide" axis="1 0 0"/>
       <geom type="sphere" size=".01" mass="{mass}" contype="0" conaffinity="0"/>
-      <body name="pad"> <joint name="pad" type="slide" axis="0 0 1" stiffness="32000" damping="155"/>
+      <body name="pad">
+        <joint name="pad" type="slide" axis="0 0 1" stiffness="32000" damping="155"/>
         <geom name="pad" type="sphere" size=".06" mass=".325" solref=".006 1" solimp=".95 .99 .0005" condim="3"
          friction="{friction} .005 .0001" priority="1"/></body></body>
-  </worldbody> <actuator><motor joint="press"/> <velocity joint="along" kv="2000"/> <motor joint="along"/></actuator>
+  </worldbody> <actuator><motor joint="press"/> <velocity joint="along" kv="2000"/>
+    <motor joint="along"/></actuator>
 </mujoco>"""
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "least"), [(2e4, 60.0), (2e4, 5.0), (2e5, 60.0), (5e5, 60.0), (1e6, 60.0), (1e6, 5.0), (None, 60.0)]
+    ("stiffness", "least"),
+    [(2e4, 60.0), (2e4, 5.0), (2e5, 60.0), (5e5, 60.0), (1e6, 60.0), (1e6, 5.0), (None, 60.0)],
 )
 @pytest.mark.seeds(1)
 def test_what_slides_stays_in_contact_with_the_friction_it_has(stiffness, least, seed, within):
-    """Pressed with 60 N and drawn at 2 cm/s: never off the surface, Coulomb's friction; at rest it hardly creeps.
+    """Pressed with 60 N and drawn at 2 cm/s: never off the surface, Coulomb's friction; at rest it
+    hardly creeps.
 
     Also with the contact of a tool that is pressed with no more than `least` [N] elsewhere.
     """
     rng = np.random.default_rng(seed)
-    stiffness, mu = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6])))), float(rng.uniform(0.1, 0.6))
+    stiffness, mu = (
+        stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6])))),
+        float(rng.uniform(0.1, 0.6)),
+    )
     spec = mujoco.MjSpec.from_string(_SLIDING.format(mass=rng.uniform(2.0, 8.0), friction=mu))
     perturb(spec, [Pad(stiffness=stiffness)])
     let_tool_slide(spec, speed=0.02, force=least)
@@ -307,7 +347,9 @@ def test_friction_opposes_a_light_tool_that_slows_down(within):
 
 
 def test_friction_as_usual_where_the_tool_is_pressed():
-    usual, light = (mujoco.MjSpec.from_string(_SLIDING.format(mass=4.0, friction=0.6)) for _ in range(2))
+    usual, light = (
+        mujoco.MjSpec.from_string(_SLIDING.format(mass=4.0, friction=0.6)) for _ in range(2)
+    )
     let_tool_slide(usual, speed=0.02, force=60.0)
     let_tool_slide(light, speed=0.02, force=10.0)
     pressed, fast = usual.compile(), light.compile()
@@ -320,14 +362,18 @@ def test_friction_as_usual_where_the_tool_is_pressed():
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e6])
 def test_a_short_timestep_leaves_the_contact_as_soft(stiffness):
-    """Elastic gears shorten it; a contact as stiff as the timestep allows is lost under a tool that shakes."""
+    """Elastic gears shorten it; a contact as stiff as the timestep allows is lost under a tool that
+    shakes.
+    """
     usual, short = models.load("uuv_puma"), models.load("uuv_puma")
     short.option.timestep /= 7
     for spec in (usual, short):
         perturb(spec, [Pad(stiffness=stiffness)])
     usual, short = usual.compile(), short.compile()
     assert short.geom("pad").solref[0] == pytest.approx(usual.geom("pad").solref[0], rel=1e-12)
-    assert short.joint("pad").stiffness[0] == pytest.approx(usual.joint("pad").stiffness[0], rel=1e-12)
+    assert short.joint("pad").stiffness[0] == pytest.approx(
+        usual.joint("pad").stiffness[0], rel=1e-12
+    )
     assert short.opt.timestep <= usual.opt.timestep
 
 

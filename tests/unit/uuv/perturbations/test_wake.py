@@ -1,4 +1,6 @@
-"""The object's wake in a scenario: where it is, what it takes from the current, and sites without one."""
+"""The object's wake in a scenario: where it is, what it takes from the current, and sites without
+one.
+"""
 
 from dataclasses import replace
 
@@ -21,7 +23,11 @@ X_WT = pose(exp_so3([0.0, 0.0, 0.4]), [0.1, -0.2, -1.6])
 def scenario(*perturbations: Wake, current: tuple[float, float, float] = CURRENT):
     plain = clean_barrel(quick=True)
     placed = tuple(tuple(row) for row in X_WT.tolist())
-    return replace(plain, site=replace(plain.site, X_WT=placed, current=current, gust=0.0), perturbations=perturbations)
+    return replace(
+        plain,
+        site=replace(plain.site, X_WT=placed, current=current, gust=0.0),
+        perturbations=perturbations,
+    )
 
 
 def wake_of(perturbation: Wake) -> CylinderWake:
@@ -36,7 +42,9 @@ def wake_of(perturbation: Wake) -> CylinderWake:
 
 
 def test_the_barrel_sheds_a_wake_of_its_own_size():
-    """It lies along x_T, 0.9 m long and 0.6 m thick, on a stand that reaches 0.09 m farther on the mean."""
+    """It lies along x_T, 0.9 m long and 0.6 m thick, on a stand that reaches 0.09 m farther on the
+    mean.
+    """
     wake = wake_of(Wake())
     np.testing.assert_allclose(wake.axis, X_WT[:3, 0], atol=1e-12)
     assert (wake.stream, wake.length) == (CURRENT, pytest.approx(0.9))
@@ -48,7 +56,8 @@ def test_the_barrel_sheds_a_wake_of_its_own_size():
 def test_the_plant_is_in_the_wake_where_its_hull_is():
     behind = X_WT[:3, 3] + 1.2 * X_WT[:3, 1]
     built = assemble(scenario(Wake()))
-    np.testing.assert_allclose(built.plant.truth.current_W, CURRENT, atol=5e-3)  # it begins beside the wake
+    # it begins beside the wake
+    np.testing.assert_allclose(built.plant.truth.current_W, CURRENT, atol=5e-3)
     built.plant.reset(current=built.current(), X_WB=pose(None, behind))
     expected = np.array(CURRENT) + wake_of(Wake()).velocity(behind, 0.0)
     np.testing.assert_allclose(built.plant.truth.current_W, expected, atol=1e-12)
@@ -65,7 +74,10 @@ def test_it_is_kept_in_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: assemble(scenario(Wake(), current=(0.0, 0.0, 0.0))), r"Wake: there is no steady current"),
+        (
+            lambda: assemble(scenario(Wake(), current=(0.0, 0.0, 0.0))),
+            r"Wake: there is no steady current",
+        ),
         (
             lambda: assemble(replace(identify_friction(quick=True), perturbations=(Wake(),))),
             "Wake: there is no object at this site",

@@ -1,4 +1,6 @@
-"""Work too short for its forces or its speed is refused with what would do, and that then passes."""
+"""Work too short for its forces or its speed is refused with what would do, and that then
+passes.
+"""
 
 import re
 from dataclasses import replace
@@ -26,7 +28,8 @@ def test_time_is_the_inverse_of_the_way(length: float, within):
     """Where the speed is reached, and where it is not."""
     progress = Progress(length, 0.1, 1.0)
     times = np.linspace(0.0, progress.duration, 50)
-    within("time [s]", [progress.time(progress.at(t)[0]) - t for t in times], 1e-6)  # 1e-8 at the ends
+    # 1e-8 at the ends
+    within("time [s]", [progress.time(progress.at(t)[0]) - t for t in times], 1e-6)
 
 
 def test_time_judged_of_each_force():
@@ -55,7 +58,10 @@ def test_what_a_refusal_proposes_would_do(work: WorkTime):
     with pytest.raises(ConfigurationError, match="would do") as refused:
         work.check()
     line = str(refused.value)
-    for pattern, name in ((r"task.speed ([0-9.e-]+)[, ](?!over)", "speed"), (r"a path of ([0-9.]+) m", "length")):
+    for pattern, name in (
+        (r"task.speed ([0-9.e-]+)[, ](?!over)", "speed"),
+        (r"a path of ([0-9.]+) m", "length"),
+    ):
         (proposed,) = re.findall(pattern, line.partition(";")[2])
         better = replace(work, **{name: float(proposed)})
         better.check()
@@ -71,7 +77,11 @@ def test_usual_speeds_are_not_refused(speed: float):
 def test_it_is_refused_at_the_door():
     from uuv.inputs import check_inputs
 
-    with pytest.raises(ConfigurationError, match=r"task\.speed 0\.08 over 0\.2 m: the set force of 90 N, 2 of 3"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"task\.speed 0\.08 over 0\.2 m: the set force "
+        r"of 90 N, 2 of 3",
+    ):
         check_inputs(jobs.clean_barrel(quick=True, speed=0.08))
     with pytest.raises(ConfigurationError, match=r"longest 100 s: the work alone takes 2002 s"):
         check_inputs(jobs.clean_barrel(speed=0.0003), longest=100.0)

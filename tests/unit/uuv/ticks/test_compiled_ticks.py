@@ -1,4 +1,6 @@
-"""Compiled ticks of the loop: the same bits as part by part, what they leave to the parts, and several at a time."""
+"""Compiled ticks of the loop: the same bits as part by part, what they leave to the parts, and
+several at a time.
+"""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -39,15 +41,23 @@ EARLY = 4.0  # [s] of a short run: settled, and identified
 
 
 def digests(
-    scenario: Scenario, longest: float, change: Callable[[Assembly], Assembly] = lambda a: a, *, full: bool = True
+    scenario: Scenario,
+    longest: float,
+    change: Callable[[Assembly], Assembly] = lambda a: a,
+    *,
+    full: bool = True,
 ) -> list[str]:
-    """Digest of all series of a run, part by part and with compiled ticks; the second must have compiled some.
+    """Digest of all series of a run, part by part and with compiled ticks; the second must have
+    compiled some.
 
-    A `full` recording takes each tick of its slower rows apart, and with that each step of the hull.
+    A `full` recording takes each tick of its slower rows apart, and with that each step of the
+    hull.
     """
     found = []
     for part_by_part in (True, False):
-        result = run_through(change(assemble(scenario, full=full)), longest=longest, part_by_part=part_by_part)
+        result = run_through(
+            change(assemble(scenario, full=full)), longest=longest, part_by_part=part_by_part
+        )
         assert bool(result.part_by_part) == part_by_part
         found.append(result.recording.digest(result.recording.series))
     return found
@@ -84,11 +94,15 @@ def test_a_plant_with_parts_in_python_has_the_same_bits(perturbation, slow):
 
 
 def test_lost_vision_is_found_at_the_same_tick():
-    """Vision falls silent; its age passes the limit between two slow ticks, and the fault ends the compiled ones."""
+    """Vision falls silent; its age passes the limit between two slow ticks, and the fault ends the
+    compiled ones.
+    """
     silent = SensorFailure(sensor="vision", effect="lost", at=1.0)
     scenario, found = replace(jobs.clean_barrel(quick=True), perturbations=(silent,)), []
     for part_by_part in (True, False):
-        result = run_through(assemble(scenario, full=True), longest=EARLY, part_by_part=part_by_part)
+        result = run_through(
+            assemble(scenario, full=True), longest=EARLY, part_by_part=part_by_part
+        )
         assert bool(result.part_by_part) == part_by_part
         assert FaultKind.VISION in {fault.kind for fault in result.last.command.faults}
         found.append(result.recording.digest(result.recording.series))
@@ -107,33 +121,51 @@ def test_a_gyro_that_is_off_is_found_at_the_same_tick(monkeypatch):
     monkeypatch.setattr(Imu, "init", off)
     found = []
     for part_by_part in (True, False):
-        result = run_through(assemble(jobs.clean_barrel(quick=True), full=True), longest=1.0, part_by_part=part_by_part)
+        result = run_through(
+            assemble(jobs.clean_barrel(quick=True), full=True),
+            longest=1.0,
+            part_by_part=part_by_part,
+        )
         assert bool(result.part_by_part) == part_by_part
-        assert (FaultKind.GYRO, 2) in {(fault.kind, fault.index) for fault in result.last.command.faults}
+        assert (FaultKind.GYRO, 2) in {
+            (fault.kind, fault.index) for fault in result.last.command.faults
+        }
         found.append(result.recording.digest(result.recording.series))
     assert found[0] == found[1]
 
 
 def test_a_fix_between_two_ticks_of_the_planner_is_taken_at_its_own_tick():
-    """The Doppler log measures every 3 ticks, the planner comes every 5: after a fix of vision, a log is due within."""
+    """The Doppler log measures every 3 ticks, the planner comes every 5: after a fix of vision, a
+    log is due within.
+    """
 
     def often(assembly: Assembly) -> Assembly:
-        sensors = [replace(s, period=0.006) if isinstance(s, Dvl) else s for s in assembly.parts.sensors]
-        return replace(assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, sensors=sensors)))
+        sensors = [
+            replace(s, period=0.006) if isinstance(s, Dvl) else s for s in assembly.parts.sensors
+        ]
+        return replace(
+            assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, sensors=sensors))
+        )
 
     one, other = digests(jobs.clean_barrel(quick=True), 1.5, often)
     assert one == other
 
 
 def test_doubtful_residuals_are_looked_at_in_every_tick():
-    """Bounds so narrow that sound sensors pass them all the time, and a confirmation that makes no fault of it."""
-    limits = FaultLimits(torque_floor=1e-6, friction=1e-6, torque_share=1e-9, torque_confirm=1e3, warm_up=0.5)
+    """Bounds so narrow that sound sensors pass them all the time, and a confirmation that makes no
+    fault of it.
+    """
+    limits = FaultLimits(
+        torque_floor=1e-6, friction=1e-6, torque_share=1e-9, torque_confirm=1e3, warm_up=0.5
+    )
 
     def narrow(assembly: Assembly) -> Assembly:
         wrapper = assembly.parts.controller
         assert isinstance(wrapper, SafetyWrapper)
         wrapper = SafetyWrapper(wrapper.controller, assembly.plant.model, limits=limits)
-        return replace(assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, controller=wrapper)))
+        return replace(
+            assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, controller=wrapper))
+        )
 
     one, other = digests(jobs.clean_barrel(quick=True), 1.5, narrow)
     assert one == other
@@ -143,7 +175,10 @@ def stopping() -> Scenario:
     """A tool that stops whatever is promised."""
     plain = jobs.clean_barrel(quick=True, gust=0.05, seed=3)
     assert isinstance(plain.task, SurfaceWorkTask)
-    return replace(plain, task=replace(plain.task, promise=PromiseLimits(stops=StopLimits(every=1.0, below=1.0))))
+    return replace(
+        plain,
+        task=replace(plain.task, promise=PromiseLimits(stops=StopLimits(every=1.0, below=1.0))),
+    )
 
 
 def bare(assembly: Assembly) -> Assembly:
@@ -154,10 +189,14 @@ def bare(assembly: Assembly) -> Assembly:
 
 @pytest.mark.long
 def test_a_tool_that_stops_tells_navigation_at_the_same_ticks_in_every_way():
-    """Part by part, and compiled without a safety wrapper; that it stops shows in the time it takes."""
+    """Part by part, and compiled without a safety wrapper; that it stops shows in the time it
+    takes.
+    """
     one, other = digests(stopping(), LONGEST, bare)
     assert one == other
-    usual = run_through(bare(assemble(jobs.clean_barrel(quick=True, gust=0.05, seed=3)))).recording.duration
+    usual = run_through(
+        bare(assemble(jobs.clean_barrel(quick=True, gust=0.05, seed=3)))
+    ).recording.duration
     assert run_through(bare(assemble(stopping()))).recording.duration > usual + 4.0
 
 
@@ -169,7 +208,9 @@ def test_a_tool_that_stops_tells_navigation_at_the_same_ticks_in_every_way():
         jobs.clean_barrel(quick=True, path="longitudinal", current=(0.3, 0.1, 0.0)),
         jobs.clean_barrel(quick=True, arm_errors=3, calibrated=True),
         jobs.clean_barrel(quick=True, vehicle="uuv_puma_side"),
-        replace(jobs.clean_barrel(quick=True), perturbations=(Water(spread=0.3), Pad(stiffness=2e5))),
+        replace(
+            jobs.clean_barrel(quick=True), perturbations=(Water(spread=0.3), Pad(stiffness=2e5))
+        ),
         stopping(),
         clean_pile(quick=True),
         clean_object(),
@@ -209,7 +250,10 @@ def with_force_law(law: ForceLaw) -> Callable[[Assembly], Assembly]:
     def change(assembly: Assembly) -> Assembly:
         model = assembly.plant.model
         controller = SafetyWrapper(WorkController(model, force_law=law), model)
-        return replace(assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, controller=controller)))
+        return replace(
+            assembly,
+            loop=replace(assembly.loop, parts=replace(assembly.parts, controller=controller)),
+        )
 
     return change
 
@@ -219,7 +263,9 @@ def test_a_force_law_of_ones_own_has_the_same_bits():
     """It runs compiled, and differs from the default one."""
     law = KernelForceLaw(law=integrate)
     one, other = digests(jobs.clean_barrel(quick=True), LONGEST, with_force_law(law), full=False)
-    usual = run_through(with_force_law(ForceDisplacement())(assemble(jobs.clean_barrel(quick=True)))).recording
+    usual = run_through(
+        with_force_law(ForceDisplacement())(assemble(jobs.clean_barrel(quick=True)))
+    ).recording
     assert one == other
     assert one != usual.digest(usual.series)
 
@@ -248,7 +294,9 @@ def test_parts_in_python_are_named_and_parts_with_kernels_are_not():
     def slow(control: Control | None = None, law: ForceLaw | None = None) -> tuple[str, ...]:
         scenario = jobs.clean_barrel(quick=True)
         built = assemble(scenario if control is None else replace(scenario, control=control))
-        return run_through(built if law is None else with_force_law(law)(built), longest=0.05).slow_parts
+        return run_through(
+            built if law is None else with_force_law(law)(built), longest=0.05
+        ).slow_parts
 
     assert slow() == slow(ABLATED) == slow(law=KernelForceLaw(law=integrate)) == ()
     assert slow(law=Integrator()) == ("Integrator",)
@@ -274,7 +322,9 @@ class EveryTick:
     def observe(self, moment):
         truth, estimate = moment.truth, moment.estimate
         torque = moment.command.joint_torque
-        self.rows.append((moment.tick, truth.time, truth.p_pad[2], estimate.time, estimate.X_WB[0, 3], torque[1]))
+        self.rows.append(
+            (moment.tick, truth.time, truth.p_pad[2], estimate.time, estimate.X_WB[0, 3], torque[1])
+        )
 
 
 def test_what_has_no_kernel_is_named():
@@ -284,7 +334,9 @@ def test_what_has_no_kernel_is_named():
     for ik in ("jacobian_free", "plain"):
         other = assemble(jobs.clean_barrel(quick=True, ik=ik)).loop
         assert reason(other.plant, other.parts) == ""
-    assert "0 sensors that sample encoders" in reason(plant, replace(parts, sensors=parts.sensors[1:]))
+    assert "0 sensors that sample encoders" in reason(
+        plant, replace(parts, sensors=parts.sensors[1:])
+    )
     frozen = SensorFailure(sensor="torque", effect="frozen", field="tau", index=1, at=1.0)
     loop = assemble(replace(jobs.clean_barrel(quick=True), perturbations=(frozen,))).loop
     assert "torques" in reason(loop.plant, loop.parts)
@@ -333,7 +385,9 @@ def test_a_part_that_overrides_a_method_has_no_kernel_until_it_gives_one():
     assert reason(plant, replace(parts, sensors=sensors)) == ""
 
 
-JOINT_PD = Control(controller="uuv.controllers.whole_body.joint_force_controller:JointForceController")
+JOINT_PD = Control(
+    controller="uuv.controllers.whole_body.joint_force_controller:JointForceController"
+)
 
 
 ABLATED = Control(without=("force-control", "drift-correction"))
@@ -352,14 +406,20 @@ GUARD = "tests/unit/uuv/ticks/test_compiled_ticks.py::test_a_run_with_other_part
     ],
 )
 def test_a_run_with_other_parts_of_the_controller_has_the_same_bits(control, full):
-    one, other = digests(replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), EARLY, full=full)
+    one, other = digests(
+        replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), EARLY, full=full
+    )
     assert one == other
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("control", [Control(without=("drift-correction",)), JOINT_PD], ids=["ablated", "own"])
+@pytest.mark.parametrize(
+    "control", [Control(without=("drift-correction",)), JOINT_PD], ids=["ablated", "own"]
+)
 def test_whole_runs_around_a_controller_have_the_same_bits(control):
-    one, other = digests(replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), LONGEST, full=False)
+    one, other = digests(
+        replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), LONGEST, full=False
+    )
     assert one == other
 
 
@@ -377,7 +437,9 @@ class Wrong:
         return state, replace(command, **self.change) if estimate.time > 1.0 else command
 
 
-@pytest.mark.parametrize("change", [{"joint_torque": np.zeros(5)}, {"thrusters": np.full(6, np.nan)}])
+@pytest.mark.parametrize(
+    "change", [{"joint_torque": np.zeros(5)}, {"thrusters": np.full(6, np.nan)}]
+)
 def test_a_command_that_is_none_is_refused_as_part_by_part(change):
     said = []
     for part_by_part in (True, False):
@@ -404,7 +466,9 @@ def test_an_observer_of_every_tick_sees_every_tick_as_part_by_part():
 
 def test_runs_in_threads_have_the_bits_of_runs_in_turn():
     def digest(seed: int) -> str:
-        return run_through(assemble(jobs.clean_barrel(quick=True, seed=seed)), longest=1.0).recording.digest(EVERY_STEP)
+        return run_through(
+            assemble(jobs.clean_barrel(quick=True, seed=seed)), longest=1.0
+        ).recording.digest(EVERY_STEP)
 
     in_turn = [digest(seed) for seed in (0, 1)]
     with ThreadPoolExecutor(2) as pool:

@@ -1,4 +1,6 @@
-"""Water identification: the replay against the plant, a fit of a simulated log, and the door of the command."""
+"""Water identification: the replay against the plant, a fit of a simulated log, and the door of the
+command.
+"""
 
 import json
 from dataclasses import replace
@@ -38,7 +40,9 @@ def nominal(own: ReplayVehicle) -> dict[str, float]:
 
 
 def test_the_replay_moves_as_the_plant(rov):
-    """Steps of 50 ms with mean thrusts against the plant's of 2 ms: 5 s under thrust, in a current, from rest."""
+    """Steps of 50 ms with mean thrusts against the plant's of 2 ms: 5 s under thrust, in a current,
+    from rest.
+    """
     model = hydrodynamics.compile(models.load("bluerov2_heavy"))
     rov.water.write(model, nominal(rov))
     hydrodynamics.set_constants(model)
@@ -51,7 +55,9 @@ def test_the_replay_moves_as_the_plant(rov):
         if k % 25 == 0:
             rows.append(np.concatenate([truth.p_WB, truth.v_WB_W, truth.w_WB_B]))
             given.append(command)
-        plant.step(Command(time=truth.time, joint_torque=np.zeros(0), thrusters=command, scan=False))
+        plant.step(
+            Command(time=truth.time, joint_torque=np.zeros(0), thrusters=command, scan=False)
+        )
     exact, time = np.array(rows), np.arange(len(rows)) / 20.0
     log = WaterLog(
         name="log",
@@ -68,15 +74,20 @@ def test_the_replay_moves_as_the_plant(rov):
     found = np.array([np.interp(time[:-2], replay.time, column) for column in rows_of_replay.T]).T
     exact = exact[:-2]
     assert np.abs(exact[-1, :3]).max() > 0.5
-    # Steps of the replay are longer than the plant's; the rates differ most just after the thrusters are switched on.
+    # Steps of the replay are longer than the plant's; the rates differ most just after the
+    # thrusters are switched on.
     assert np.abs(found[:, :3] - exact[:, :3]).max() < 5e-3  # measured 2.5e-3 m
     assert np.abs(found[:, 7:] - exact[:, 3:]).max() < 2e-2  # measured 1.1e-2 m/s, rad/s
 
 
 def test_a_driven_arm_moves_the_hull_as_momentum_has_it():
-    """The arm swings from rest without drag: linear momentum of vehicle and water stays zero in still water."""
+    """The arm swings from rest without drag: linear momentum of vehicle and water stays zero in
+    still water.
+    """
     own = ReplayVehicle(models.load("bluerov2_heavy_alpha5"))
-    values = {name: 1e-12 if "damping" in name else value for name, value in nominal(own).items()} | {"arm drag": 1e-9}
+    values = {
+        name: 1e-12 if "damping" in name else value for name, value in nominal(own).items()
+    } | {"arm drag": 1e-9}
     values |= {"net buoyancy": 0.0}
     swung = Manoeuvre(name="swing", wrench=np.zeros((81, 6)), joints=_quarter_turn(own, 81))
     log = simulated(own, values, swung, name="swing")
@@ -84,7 +95,10 @@ def test_a_driven_arm_moves_the_hull_as_momentum_has_it():
     own.write(values)
     momentum = []
     for k in (20, 40, 60):
-        here.qpos[:3], here.qpos[3:7] = log.channels[POSITION].values[k], log.channels[ATTITUDE].values[k][[3, 0, 1, 2]]
+        here.qpos[:3], here.qpos[3:7] = (
+            log.channels[POSITION].values[k],
+            log.channels[ATTITUDE].values[k][[3, 0, 1, 2]],
+        )
         here.qpos[7:] = [log.joints[name][k] for name in own.joints]
         speeds = [(log.joints[name][k + 1] - log.joints[name][k - 1]) / 0.1 for name in own.joints]
         around = log.channels[POSITION].values
@@ -101,7 +115,9 @@ def test_a_driven_arm_moves_the_hull_as_momentum_has_it():
 
 
 def test_a_simulated_log_tells_the_vehicle(rov):
-    """Ten seconds of a vehicle drawn from the prior: errors as the intervals say, and most is told."""
+    """Ten seconds of a vehicle drawn from the prior: errors as the intervals say, and most is
+    told.
+    """
     rng = np.random.default_rng(5)
     n = len(rov.water.parameters)
     truth = 0.7 * rng.standard_normal(n)
@@ -123,7 +139,10 @@ def test_windows_keep_out_of_gaps(rov):
     holed = WaterLog(
         name="log",
         time=log.time[keep],
-        channels={kind: Channel(time=c.time[keep], values=c.values[keep]) for kind, c in log.channels.items()},
+        channels={
+            kind: Channel(time=c.time[keep], values=c.values[keep])
+            for kind, c in log.channels.items()
+        },
         commands={name: values[keep] for name, values in log.commands.items()},
         thrusts={},
         joints={},
@@ -170,7 +189,9 @@ def test_the_door_of_the_command(dive, tmp_path):
 
 
 def test_two_logs_of_one_name_are_two(rov, tmp_path):
-    """From the files to the page: both logs keep their current, sensors that begin late count from there."""
+    """From the files to the page: both logs keep their current, sensors that begin late count from
+    there.
+    """
     rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 10.0, np.random.default_rng(2))
     for day, late in (("day1", 0.0), ("day2", 4.5)):
         log = simulated(rov, nominal(rov), flown, rng=rng)
@@ -193,19 +214,27 @@ def test_two_logs_of_one_name_are_two(rov, tmp_path):
 def test_columns_that_stand_alone_are_refused(rov, tmp_path):
     log = simulated(rov, nominal(rov), survey(rov, nominal(rov), 10.0, np.random.default_rng(3)))
     first = rov.names[0]
-    half = replace(log, commands={name: each for name, each in log.commands.items() if name != first})
+    half = replace(
+        log, commands={name: each for name, each in log.commands.items() if name != first}
+    )
     write_log(tmp_path / "half.csv", half)
     refused(tmp_path, f"thruster {first} has no column, others have", log=(tmp_path / "half.csv",))
     write_log(tmp_path / "place.csv", replace(log, channels={POSITION: log.channels[POSITION]}))
     refused(tmp_path, "x y z need qx qy qz qw", log=(tmp_path / "place.csv",))
     pushed = ReplayVehicle(models.load("phoenix_smart3s"))
     fraction = replace(log, commands={pushed.names[0]: np.ones(len(log.time))}, joints={})
-    with pytest.raises(ConfigurationError, match=r"wrench_surge has no curve .* give thrust\.wrench_surge"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"wrench_surge has no curve .* give "
+        r"thrust\.wrench_surge",
+    ):
         LogReplay(pushed, fraction, FitSettings())
 
 
 def test_a_fitted_vehicle_is_a_vehicle(rov, tmp_path):
-    """Coefficients and gains that were written beside the MJCF are read again, to the last digit."""
+    """Coefficients and gains that were written beside the MJCF are read again, to the last
+    digit.
+    """
     values = nominal(rov) | {"added mass sway": 9.0, "gain of 3": 1.2, "net buoyancy": 2.0}
     spec = models.load("bluerov2_heavy")
     mjcf, _ = write_vehicle(tmp_path, "fitted", spec, spec.copy().compile(), rov.water, values)
@@ -213,9 +242,13 @@ def test_a_fitted_vehicle_is_a_vehicle(rov, tmp_path):
     found = nominal(again)
     assert found["added mass sway"] == 9.0
     assert found["net buoyancy"] == pytest.approx(2.0, abs=1e-9)
-    assert again.vehicle.thruster_table[2, 0] == pytest.approx(1.2 * rov.vehicle.thruster_table[2, 0], rel=1e-12)
+    assert again.vehicle.thruster_table[2, 0] == pytest.approx(
+        1.2 * rov.vehicle.thruster_table[2, 0], rel=1e-12
+    )
 
 
 def _quarter_turn(own: ReplayVehicle, count: int) -> np.ndarray:
     s = np.linspace(0.0, 1.0, count)[:, None]
-    return own.vehicle.q_home + 0.6 * (own.vehicle.q_ready - own.vehicle.q_home) * (s * s * (3.0 - 2.0 * s))
+    return own.vehicle.q_home + 0.6 * (own.vehicle.q_ready - own.vehicle.q_home) * (
+        s * s * (3.0 - 2.0 * s)
+    )

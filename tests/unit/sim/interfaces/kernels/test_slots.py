@@ -1,4 +1,6 @@
-"""Slots: the same call for kernels and for plain Python, what Python raises, and which classes give a kernel."""
+"""Slots: the same call for kernels and for plain Python, what Python raises, and which classes give
+a kernel.
+"""
 
 from dataclasses import dataclass
 
@@ -87,7 +89,11 @@ def _opens(_memory, _values):
 
 
 def test_what_numba_cannot_compile_is_named():
-    with pytest.raises(ConfigurationError, match=r"^a law of mine: numba cannot compile it: [^\n]*$"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"^a law of mine: numba cannot compile it: "
+        r"[^\n]*$",
+    ):
         slot_function(untyped(_opens), "a law of mine")
 
 

@@ -76,7 +76,8 @@ def stamps(source: str) -> dict[str, str]:
         ("[1.0, 2.0]", "[1.0, 2.5]", "top"),
         ("made(2.0)", "made(3.0)", "doubled"),
         ("return True", "return n < 9", "even odd"),
-        ("@numba.njit\ndef bottom", "@numba.njit(fastmath=True)\ndef bottom", "middle top"),  # its own options: below
+        # its own options: below
+        ("@numba.njit\ndef bottom", "@numba.njit(fastmath=True)\ndef bottom", "middle top"),
     ],
 )
 def test_an_edit_changes_the_stamps_of_a_kernel_and_of_its_callers_alone(old, new, changed):
@@ -90,7 +91,16 @@ def test_the_options_of_the_compilation_count():
         return x
 
     assert stamp(function) == stamp(function, ())
-    assert len({stamp(function), stamp(function, [("fastmath", True)]), stamp(function, [("nogil", True)])}) == 3
+    assert (
+        len(
+            {
+                stamp(function),
+                stamp(function, [("fastmath", True)]),
+                stamp(function, [("nogil", True)]),
+            }
+        )
+        == 3
+    )
 
 
 def test_what_cannot_be_told_is_refused():
@@ -124,7 +134,9 @@ def test_a_plain_function_stands_for_its_file(tmp_path):
 
 
 def test_a_plain_function_brings_the_kernels_that_it_names():
-    """An overload may call a kernel of another file: an edit there changes the stamps of all that call the overload."""
+    """An overload may call a kernel of another file: an edit there changes the stamps of all that
+    call the overload.
+    """
 
     def of(inner: float) -> str:
         @numba.njit
@@ -152,7 +164,9 @@ def _forget(file: Any) -> None:
 
 
 def test_the_order_of_a_named_tuple_counts():
-    """Numba's own text of the type is the same for both; code compiled for the one would read the other's fields."""
+    """Numba's own text of the type is the same for both; code compiled for the one would read the
+    other's fields.
+    """
 
     def text(fields: str) -> str:
         made: Any = namedtuple("Pair", list(fields))
@@ -172,7 +186,9 @@ def test_types_of_one_process_are_refused():
         type_text((types.Dispatcher(function),))
 
 
-@pytest.mark.parametrize("kind", [types.float64[::1], types.Array(types.float64, 1, "C", readonly=True), types.int32])
+@pytest.mark.parametrize(
+    "kind", [types.float64[::1], types.Array(types.float64, 1, "C", readonly=True), types.int32]
+)
 def test_types_are_told_apart(kind):
     others = {types.float64[:], types.float32[::1], types.int64, types.boolean} - {kind}
     assert type_text((kind,)) not in {type_text((other,)) for other in others}

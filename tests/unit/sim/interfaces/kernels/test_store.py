@@ -1,4 +1,6 @@
-"""The store gives back what was kept with a stamp, or nothing: never what is cut, foreign, or of another stamp."""
+"""The store gives back what was kept with a stamp, or nothing: never what is cut, foreign, or of
+another stamp.
+"""
 
 import os
 import pickle
@@ -64,7 +66,9 @@ def test_every_cut_and_every_changed_byte_is_seen_and_taken_away(folder):
 
 
 def test_nothing_is_unpickled_before_stamp_and_content_are_compared(folder, tmp_path):
-    """A kernel's cache meets a file of another stamp under its own name, with a pickle that would make a folder."""
+    """A kernel's cache meets a file of another stamp under its own name, with a pickle that would
+    make a folder.
+    """
 
     class Evil:
         def __reduce__(self):

@@ -1,4 +1,6 @@
-"""Machine code goes with the code that it was compiled from, in whichever file, process or folder."""
+"""Machine code goes with the code that it was compiled from, in whichever file, process or
+folder.
+"""
 
 import importlib
 import json
@@ -58,13 +60,20 @@ print(entry(2.0), fixed(2), address.ctypes(2.0), stored.counts.loaded, stored.co
 
 @pytest.fixture
 def run(tmp_path):
-    """Runs TOP in a process of its own, from a folder with these two files and a store beside it."""
+    """Runs TOP in a process of its own, from a folder with these two files and a store beside
+    it.
+    """
 
     def run(folder: str = "one", **environment: str) -> str:
         done = subprocess.run(
             [sys.executable, "top.py"],
             cwd=tmp_path / folder,
-            env={**os.environ, "PYTHONPATH": str(ROOT), store.FOLDER: str(tmp_path / "store"), **environment},
+            env={
+                **os.environ,
+                "PYTHONPATH": str(ROOT),
+                store.FOLDER: str(tmp_path / "store"),
+                **environment,
+            },
             capture_output=True,
             text=True,
             check=True,
@@ -122,11 +131,20 @@ def test_every_kernel_of_the_project_can_be_kept():
 
 
 def test_numbas_own_cache_is_used_nowhere():
-    files = [file for room in (*ROOMS, "uuv", "scripts") for file in sorted((ROOT / room).rglob("*.py"))]
-    using = [str(file) for file in files if NUMBAS_CACHE.search(file.read_text()) and file.parent.name != "kernels"]
+    files = [
+        file for room in (*ROOMS, "uuv", "scripts") for file in sorted((ROOT / room).rglob("*.py"))
+    ]
+    using = [
+        str(file)
+        for file in files
+        if NUMBAS_CACHE.search(file.read_text()) and file.parent.name != "kernels"
+    ]
     assert using == []
 
 
 def test_versions_and_settings_are_part_of_the_key():
     text = json.dumps(stored.toolchain())
-    assert all(word in text for word in (importlib.import_module("numba").__version__, "BOUNDSCHECK=", "OPT="))
+    assert all(
+        word in text
+        for word in (importlib.import_module("numba").__version__, "BOUNDSCHECK=", "OPT=")
+    )

@@ -1,4 +1,6 @@
-"""Compiled substeps of an action and single ones in Python give the same bits; what keeps it slow is named."""
+"""Compiled substeps of an action and single ones in Python give the same bits; what keeps it slow
+is named.
+"""
 
 import sys
 from collections.abc import Callable
@@ -10,12 +12,12 @@ import pytest
 if sys.version_info >= (3, 13):
     pytest.skip("dm_control has no packages for this Python", allow_module_level=True)
 
-from uuv import environments as uuv  # isort: skip  # before dm_control, for which it chooses a renderer
-
+# isort: skip  # before dm_control, for which it chooses a renderer
 import mujoco
 from dm_control.rl.control import PhysicsError
 
 from untyped import untyped
+from uuv import environments as uuv
 from uuv.environments.actions import JointVelocities, ThrusterSpeeds, ToolTwist
 from uuv.environments.free_tasks import HoldStation
 from uuv.environments.judges import KeptFor, PressedAt
@@ -40,7 +42,9 @@ def thrusters_and_torques(_: int, rng: np.random.Generator) -> Array:
 def press(step: int, rng: np.random.Generator) -> Array:
     """To the surface, turning a little, and onto it under a force with compliance."""
     turn = 0.2 * rng.uniform(-1.0, 1.0, 3)
-    return np.concatenate([[0.1, 0.0, 1.0], turn, [0.4 if step > 50 else 0.0, float(step % 20 > 10)]])
+    return np.concatenate(
+        [[0.1, 0.0, 1.0], turn, [0.4 if step > 50 else 0.0, float(step % 20 > 10)]]
+    )
 
 
 def back(_: int, rng: np.random.Generator) -> Array:
@@ -60,8 +64,18 @@ def episode(made: Any, act: Actions, steps: int) -> list[Array]:
         moment = made.step(act(step, rng))
         task, data = made.task, made.physics.data
         seen = [np.ravel(value) for value in moment.observation.values()]
-        judged = [float(getattr(task.judge, name, 0.0)) for name in ("done", "s", "depth", "count", "_held")]
-        state = [data.qpos, data.qvel, data.act, data.xpos.ravel(), data.sensordata, task.vehicle.command.thrusters]
+        judged = [
+            float(getattr(task.judge, name, 0.0))
+            for name in ("done", "s", "depth", "count", "_held")
+        ]
+        state = [
+            data.qpos,
+            data.qvel,
+            data.act,
+            data.xpos.ravel(),
+            data.sensordata,
+            task.vehicle.command.thrusters,
+        ]
         moments.append(np.concatenate([*seen, *state, [moment.reward or 0.0, *judged]]))
         assert task.vehicle.command.time == pytest.approx(data.time - made.physics.timestep())
         if moment.last():
@@ -150,7 +164,9 @@ def test_the_ways_may_take_turns():
 class Watched(HoldStation):
     """Looks at every step."""
 
-    def before_substep(self, physics: Any, action: Array, random_state: np.random.RandomState) -> None:
+    def before_substep(
+        self, physics: Any, action: Array, random_state: np.random.RandomState
+    ) -> None:
         super().before_substep(physics, action, random_state)
 
 
@@ -160,7 +176,10 @@ class Gentle(ThrusterSpeeds):
     def command(self, truth: Truth) -> Any:
         command = super().command(truth)
         return type(command)(
-            time=command.time, joint_torque=command.joint_torque, thrusters=0.5 * command.thrusters, scan=False
+            time=command.time,
+            joint_torque=command.joint_torque,
+            thrusters=0.5 * command.thrusters,
+            scan=False,
         )
 
 
@@ -190,7 +209,8 @@ def test_what_is_of_the_users_own_runs_in_python_and_is_named():
         assert untyped(made).slow_part == slow
         made.step(np.zeros(6))
 
-    # A judge that watches states after actions alone may be of any kind; one of contact sees every step.
+    # A judge that watches states after actions alone may be of any kind; one of contact sees every
+    # step.
     press_task: Any = uuv.load("barrel", "press", seed=0)
     press_task.task._judge.__class__ = Strict
     assert press_task.slow_part == "judge Strict"

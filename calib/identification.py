@@ -5,7 +5,7 @@ A prior keeps the estimate from collapsing to an arm of size zero.
 
     calibration = identify(series, nominal_dh)
     calibration.dh, calibration.tcp, calibration.tips(q)
-    print(calibration.rank)  # which directions of the parameters are observable, and why the others are not
+    print(calibration.rank)  # directions observable in the parameters; why the others are not
 """
 
 from collections.abc import Iterable, Mapping, Sequence

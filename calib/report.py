@@ -109,8 +109,8 @@ def write_report(
 def _rank(calibration: Calibration) -> str:
     rank = calibration.rank
     rows = "".join(
-        f"<tr><td class=n>{group.count}</td><td>{_text(', '.join(group.names))}</td><td>{_text(group.reason)}</td>"
-        f"<td>{_text(group.handle)}</td></tr>"
+        f"<tr><td class=n>{group.count}</td><td>{_text(', '.join(group.names))}</td>"
+        f"<td>{_text(group.reason)}</td><td>{_text(group.handle)}</td></tr>"
         for group in rank.hidden
     )
     head = (
@@ -181,7 +181,8 @@ def _compliance(calibration: Calibration, name: str) -> str:
     half = calibration.quantile() * calibration.sigma[i]
     cells = f"<td class=n>{_zero(1e6 * value):.1f}</td><td class=n>± {1e6 * half:.1f}</td>"
     if hidden or not value > half:
-        return f"{cells}<td class=n>{'not identified' if hidden else 'not told from zero'}</td><td></td>"
+        doubt = "not identified" if hidden else "not told from zero"
+        return f"{cells}<td class=n>{doubt}</td><td></td>"
     return f"{cells}<td class=n>{100.0 * half / value:.1f} %</td><td class=n>{1.0 / value:.0f}</td>"
 
 
@@ -201,11 +202,12 @@ def _payloads(calibration: Calibration, rigid: Calibration | None) -> str:
     rows = []
     for mass in np.unique(payload):
         mine = used & (payload == mass)
-        cells = "".join(
-            f"<td class=n>{1e3 * np.sqrt(np.mean(np.concatenate(model.residuals)[mine] ** 2)):.3f}</td>"
+        squares = [
+            np.mean(np.concatenate(model.residuals)[mine] ** 2)
             for model in models.values()
             if model is not None and mine.any()
-        )
+        ]
+        cells = "".join(f"<td class=n>{1e3 * np.sqrt(square):.3f}</td>" for square in squares)
         rows.append(f"<tr><td class=n>{mass:g}</td><td class=n>{int(mine.sum())}</td>{cells}</tr>")
     heads = "".join(
         f"<th class=n>{name} [mm]</th>" for name, model in models.items() if model is not None
@@ -274,15 +276,20 @@ def _text(value: Any) -> str:
 
 
 _STYLE = """
-body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff; margin: 0 }
+body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; margin: 0;
+  color: #222; background: #fff }
 main { max-width: 1000px; margin: 2rem auto; padding: 0 1rem }
 h1 { font-size: 1.6rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
-.accepted, .not-accepted { font-weight: 600; padding: .05em .5em; border-radius: .25em; white-space: nowrap }
-.accepted { color: #00563e; background: #d9f2e9 } .not-accepted { color: #8a3a00; background: #fde3d2 }
-.note { margin: .4rem 0; color: #8a3a00 } .caption { color: #555; font-size: .9rem; margin: .3rem 0 }
+.accepted, .not-accepted { font-weight: 600; padding: .05em .5em; border-radius: .25em;
+  white-space: nowrap }
+.accepted { color: #00563e; background: #d9f2e9 }
+.not-accepted { color: #8a3a00; background: #fde3d2 }
+.note { margin: .4rem 0; color: #8a3a00 }
+.caption { color: #555; font-size: .9rem; margin: .3rem 0 }
 table { border-collapse: collapse; margin: .6rem 0; font-size: .92rem }
-td, th { padding: .22rem .9rem .22rem 0; text-align: left; border-bottom: 1px solid #e6e6e6; font-weight: normal;
-  vertical-align: top }
-th { color: #555; border-bottom-color: #aaa } .n { text-align: right; font-variant-numeric: tabular-nums }
+td, th { padding: .22rem .9rem .22rem 0; border-bottom: 1px solid #e6e6e6;
+  text-align: left; font-weight: normal; vertical-align: top }
+th { color: #555; border-bottom-color: #aaa }
+.n { text-align: right; font-variant-numeric: tabular-nums }
 img { width: 100%; height: auto; display: block }
 """

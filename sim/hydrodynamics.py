@@ -5,7 +5,8 @@ Each body obeys Kirchhoff's equations in a current [Lamb 1932, ch. VI]. With its
 and relative twist nu_r = nu - (R^T v_c; 0), both in body axes, the momentum of the water p = A nu_r
 and the acceleration nudot, the water's wrench on the body is
 
-    f = -A (nudot - (R^T vdot_c - w x R^T v_c; 0)) - (w x p_l; w x p_a + v_r x p_l) - D_l nu_r - D_q |nu_r| nu_r
+    f = -A (nudot - (R^T vdot_c - w x R^T v_c; 0)) - (w x p_l; w x p_a + v_r x p_l)
+        - D_l nu_r - D_q |nu_r| nu_r
         + rho V R^T (vdot_c - g) at the centre of buoyancy.
 
 The part -A nudot is linear in `qacc`, so it goes into the joint-space inertia: sum_b J_b^T A_b J_b
@@ -20,10 +21,8 @@ acceleration of the water is vdot_c + (v_c . grad) v_c, evaluated at the body or
 Limits of MuJoCo:
 
 - Its force and torque sensors do not see `qfrc_passive`; `compile` warns of them.
-- `mj_setConst` replaces the contact weights by those of the dry mass; call `set_constants` after
-  it.
-- The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water
-  explicitly.
+- `mj_setConst` replaces the contact weights by those of the dry mass; then call `set_constants`.
+- The integrator "implicit" takes velocity terms of bodies implicitly, those of water explicitly.
 
 The callbacks belong to the process. A pickled model installs them where it is unpickled. So does a
 file that `MjModel.from_...` loads after this module was imported; `MjSpec.compile` does not. MuJoCo
@@ -469,31 +468,32 @@ def _refused(model: mujoco.MjModel) -> list[str]:
         "current acceleration": water[LAYOUT.current_acceleration :][:3],
         "current shear": water[LAYOUT.current_shear :][:3],
     }
+    pgs = option.solver == mujoco.mjtSolver.mjSOL_PGS
+    noslip = option.noslip_iterations
+    density = option.density
+    viscosity = option.viscosity
+    sleep = option.enableflags & enable.mjENBL_SLEEP
+    exact = option.enableflags & enable.mjENBL_DIAGEXACT
+    uncalled = option.disableflags & disable.mjDSBL_SPRING
+    uncalled = uncalled and option.disableflags & disable.mjDSBL_DAMPER
+    step = option.timestep
+
     refused = {
-        "solver PGS (it whitens the dry inertia); use Newton or CG": option.solver
-        == mujoco.mjtSolver.mjSOL_PGS,
-        f"noslip_iterations {option.noslip_iterations} (it uses the dry inertia); use 0": option.noslip_iterations
-        > 0,
-        f"density {option.density} (MuJoCo's own fluid would act too); use 0": option.density > 0.0,
-        f"viscosity {option.viscosity} (MuJoCo's own fluid would act too); use 0": option.viscosity
-        > 0.0,
-        "flag sleep (a sleeping tree keeps an old inertia)": option.enableflags
-        & enable.mjENBL_SLEEP,
-        "flag diagexact (it is computed from the dry inertia)": option.enableflags
-        & enable.mjENBL_DIAGEXACT,
-        "flags spring and damper both disabled (MuJoCo then calls no passive callback)": (
-            option.disableflags & disable.mjDSBL_SPRING
-            and option.disableflags & disable.mjDSBL_DAMPER
-        ),
-        f"timestep {option.timestep:g} s; it must be positive": not 0.0 < option.timestep < np.inf,
-        **{
-            f"{name} {value.tolist()}; it must be finite and below {LARGEST:g}": not np.all(
-                np.abs(value) <= LARGEST
-            )
-            for name, value in numbers.items()
-        },
+        "solver PGS (it whitens the dry inertia); use Newton or CG": pgs,
+        f"noslip_iterations {noslip} (it uses the dry inertia); use 0": noslip > 0,
+        f"density {density} (MuJoCo's own fluid would act too); use 0": density > 0.0,
+        f"viscosity {viscosity} (MuJoCo's own fluid would act too); use 0": viscosity > 0.0,
+        "flag sleep (a sleeping tree keeps an old inertia)": sleep,
+        "flag diagexact (it is computed from the dry inertia)": exact,
+        "flags spring and damper both disabled (MuJoCo then calls no passive callback)": uncalled,
+        f"timestep {step:g} s; it must be positive": not 0.0 < step < np.inf,
     }
-    return [name for name, present in refused.items() if present]
+    wild = [
+        f"{name} {value.tolist()}; it must be finite and below {LARGEST:g}"
+        for name, value in numbers.items()
+        if not np.all(np.abs(value) <= LARGEST)
+    ]
+    return [name for name, present in refused.items() if present] + wild
 
 
 def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:

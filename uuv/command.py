@@ -171,6 +171,7 @@ def _report(run: Run, folder: Path, title: str) -> None:
     from uuv.sim.reporting.report import write_report
 
     tables = as_dict(run.scenario)
+    trust = f" {TRUST}" if any(names_of_code(tables)) else ""
     write_report(
         folder / "report.html",
         run.recording,
@@ -180,7 +181,7 @@ def _report(run: Run, folder: Path, title: str) -> None:
         pictures=run.assembly.placed.pictures(run.result),
         gains=table(*getattr(run.assembly.parts.controller, "tunings", ())),
         bounds=run.assembly.placed.bounds,
-        again=f"uuv replay {shlex.quote(str(folder))}{f' {TRUST}' if any(names_of_code(tables)) else ''}",
+        again=f"uuv replay {shlex.quote(str(folder))}{trust}",
     )
 
 

@@ -4,13 +4,15 @@ Parquet.
 Columns, all but `time` optional; a cell may be blank (null in Parquet) where there is no sample at
 that time:
 
-    time                        [s], increasing
-    x y z qx qy qz qw           pose of the hull in W [m], z up from the surface; the quaternion may stand alone
-    wx wy wz   ax ay az         IMU in hull axes: rate [rad/s]; specific force [m/s^2], +9.81 in z at rest
-    vx vy vz   depth            DVL: velocity over ground in hull axes [m/s]; depth of the hull's origin [m], down
-    thruster.NAME               command as a fraction from -1 to 1, held until the next
-    thrust.NAME                 instead: thrust [N], where it is known
-    joint.NAME                  joint angle [rad]
+    time                 [s], increasing
+    x y z qx qy qz qw    pose of the hull in W [m], z up from the surface; quaternion alone allowed
+    wx wy wz             IMU in hull axes: rate [rad/s]
+    ax ay az             IMU in hull axes: specific force [m/s^2], +9.81 in z at rest
+    vx vy vz             DVL: velocity over ground in hull axes [m/s]
+    depth                of the hull's origin [m], down
+    thruster.NAME        command as a fraction from -1 to 1, held until the next
+    thrust.NAME          instead: thrust [N], where it is known
+    joint.NAME           joint angle [rad]
 
 A Parquet table that a run of this project records can be read too: its names are translated.
 """

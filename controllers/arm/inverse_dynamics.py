@@ -1,13 +1,13 @@
-"""Inverse dynamics of an underwater arm on a moving hull: recursive Newton-Euler with added mass,
-drag, buoyancy.
+"""Inverse dynamics of an underwater arm on a moving hull, by recursive Newton-Euler.
 
 Independent of MuJoCo's dynamics. Only names, sizes and coefficients are read from a compiled model,
 possibly one with deliberately wrong coefficients. Per body, in body axes at the body's origin,
 six-vectors (linear; angular):
 
     rigid body    f = M nudot + (w x momentum terms) - weight
-    water         f = A nudot_r + (w x p_l; w x p_a + v_r x p_l) + D nu_r + Dq |nu_r| nu_r + strips - buoyancy,
-                  p = A nu_r, nu_r = nu - (R^T v_c; 0)                        [Fossen 2011, ch. 6 and 8]
+    water         f = A nudot_r + (w x p_l; w x p_a + v_r x p_l)
+                      + D nu_r + Dq |nu_r| nu_r + strips - buoyancy,
+                  p = A nu_r, nu_r = nu - (R^T v_c; 0)          [Fossen 2011, ch. 6 and 8]
 
 The sum is the load of the body's joint; it is passed down from tip to base. In [Konoplin 2022]
 these are the inverse dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.

@@ -6,7 +6,9 @@ its length. Friction makes the tangential part of that vector non-zero while the
 displacement against friction would take the tool off its path. Therefore the displacement here acts
 along the tool axis, from the normal part of the error.
 
-    k = I + K T_p (e + T_d de/dt),    dI = K e dt + C_surface dF_set,    K = bandwidth (C_servo + C_surface)
+    k = I + K T_p (e + T_d de/dt)
+    dI = K e dt + C_surface dF_set
+    K = bandwidth (C_servo + C_surface)
 
 e is the expected less the felt force; the expected one follows the set force F_set with the lag
 `response`. T_p and T_d are `proportional_time` and `derivative_time`. They are zero by default: an

@@ -1,7 +1,7 @@
 """Friction identification of the arm's gears, in water, from motions of the joints free of contact.
 
-    motion = FrictionMotion(vehicle, X_WB)                  # planner: all joints swing together, slowly, then fast
-    qd, qdd = over_steps(qd_encoders, period)               # recorded while it ran
+    motion = FrictionMotion(vehicle, X_WB)       # planner: all joints swing, slowly, then fast
+    qd, qdd = over_steps(qd_encoders, period)    # recorded while it ran
     result = identify_friction(qd, qdd, tau_motor[1:], tau_gear[1:], armature)
     WorkController(model, estimator=TorqueSensors(model, friction=result.dry))
 

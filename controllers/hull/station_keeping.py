@@ -2,7 +2,8 @@
 [Konoplin 2022].
 
     wrench = M (frequency^2 e + 2 damping frequency rate) - static - arm - unknown
-    e = (R_WB^T (p_wanted - p), log(R_WB^T R_wanted)),    rate = (R_WB^T v_wanted - v_B, R_WB^T w_wanted - w_B)
+    e = (R_WB^T (p_wanted - p), log(R_WB^T R_wanted))
+    rate = (R_WB^T v_wanted - v_B, R_WB^T w_wanted - w_B)
 
 All are in hull axes, wrenches at the hull's origin. M is the inertia of hull and arm with added
 mass, the arm at home. Proportional and rate feedback act on the pose. Weight, buoyancy and the

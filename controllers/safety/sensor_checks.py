@@ -7,7 +7,7 @@ sensor is sound, and a row.
 
 | sensor | field | statistic | limit |
 |---|---|---|---|
-| gyro | rate, against the change of the attitude | cumulative sum of the innovation | `rate_check` |
+| gyro | rate, against the attitude's change | cumulative sum of the innovation | `rate_check` |
 | attitude reference | the same, where it alone changed at the onset | the same | the same |
 | accelerometer | velocity, against the Doppler log | mean innovation | `fixes` |
 

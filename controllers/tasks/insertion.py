@@ -1,7 +1,7 @@
 r"""Insertion: puts a sampler into a hole of a known object and withdraws it (the sampling holes of
 [Konoplin 2022]).
 
-settle -> scan -> close-in -> tare -> approach -> insert -> work (stays in the hole) -> withdraw -> done
+settle -> scan -> close-in -> tare -> approach -> insert -> work (in the hole) -> withdraw -> done
                                          \-> search -/       any of these -> withdraw -> abort
 
 From the stand-off the tool moves along the axis of the hole as identified, by the damping law of

@@ -2,16 +2,18 @@
 
 | condition | reaction |
 |---|---|
-| vision too old | the path waits at half the force until vision is back; after `blind_time` retreat |
-| one torque sensor wrong | the work goes on with the motor's torque in its place (`safety_wrapper`); two: retreat |
-| gyro or accelerometer off | the work goes on, by the attitude reference or on a bias estimated anew (navigation) |
+| vision too old | the path waits at half the force for vision; after `blind_time` retreat |
+| one torque sensor wrong | the motor's torque takes its place (`safety_wrapper`); two: retreat |
+| gyro off | the work goes on, by the attitude reference (navigation) |
+| accelerometer off | the work goes on, on a bias estimated anew (navigation) |
 | attitude reference off, or it cannot be told from the gyro | retreat along the tool axis |
 | an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
-| a thruster lost or stuck | ascent off the object at once on the other thrusters; the arm draws the tool off |
+| a thruster lost or stuck | ascent off the object on the others; the arm draws the tool off |
 | hull off its place, or force above its limit on the way back | the same, with all thrusters |
 | the object moves across the tool, as the camera on the arm sees it | retreat along the tool axis |
-| force above its limit, long above the set one, or not felt; contact lost | retreat along the tool axis |
-| estimate or command not finite | arm braked; hull off the surface, then up, blindly (`safety_wrapper`); abort |
+| force above its limit, long above the set one, or not felt | retreat along the tool axis |
+| contact lost | retreat along the tool axis |
+| estimate or command not finite | arm braked, hull off and up, blindly (`safety_wrapper`); abort |
 
 What a reaction means in a phase is in the table of the task: up to CLOSE_IN there is no contact to
 retreat from, and the work ends where the vehicle is.

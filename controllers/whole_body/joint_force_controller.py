@@ -1,6 +1,7 @@
 """Joint-space PD with J^T force control: a plain contact controller to compare others with.
 
-    tau = g(q) + Kp (q_d - q) + Kd (qd_d - qd) - J^T f_G + friction,    f_G = [0, 0, F + F_I],  dF_I/dt = w (F - F_e)
+    tau = g(q) + Kp (q_d - q) + Kd (qd_d - qd) - J^T f_G + friction
+    f_G = [0, 0, F + F_I],    dF_I/dt = w (F - F_e)
 
 g bears the arm's weight in still water. Kp and Kd are diagonal, from the inertia in the home
 posture and one bandwidth. The force F is set, F_e estimated from the joint torques. Inverse

@@ -1,7 +1,7 @@
 """Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and
 thrusters.
 
-spec = mapped(read("rov.urdf"))  # a VehicleFile, under its own names, becomes a vehicle by the contract
+    spec = mapped(read("rov.urdf"))  # a VehicleFile's own names become those of the contract
 """
 
 from collections.abc import Iterable, Mapping

@@ -1,19 +1,25 @@
 """Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside the
 model.
 
-    hull: base_link                    # body, or link of a URDF; default: the only body on the world
+    hull: base_link                    # body, or link of a URDF; default: the one on the world
     arm_base: arm_mount                # body fixed to the hull that carries the arm
-    tip: {body: wrist, pos: [0, 0, 0.19], z: [0, 0, 1]}         # of the tool, z out of it; or the name of a site
-    camera: {body: base_link, pos: [0.2, 0, 0], z: [1, 0, -0.5]}  # z along the view; or the name of a site
+
+    # Frames; the name of a site does instead. z points out of the tool, and along the view.
+    tip: {body: wrist, pos: [0, 0, 0.19], z: [0, 0, 1]}
+    camera: {body: base_link, pos: [0.2, 0, 0], z: [1, 0, -0.5]}
+
     tool: gripper                      # geom that may touch
     joints: {shoulder: 10, elbow: 10}  # base to tip, with torque limits [N m]; or a list of names
     thrusters:
       - {name: port, pos: [-0.2, 0.1, 0], direction: [1, 0, 0], kind: t200}
       - {actuator: thr_2, kind: {forward: 300, reverse: 220, dead_band: 0.05, time_constant: 0.15}}
-      - {site: thr_3, kind: {of_table: {command: [-1, 0, 1], thrust: [-40, 0, 50]}}}  # as in `uuv.models.files.sidecar`
-    trim: 0.05                         # [m] ballast the hull: neutral, and this metacentric height, with the arm folded
+      - {site: thr_3, kind: {of_table: {command: [-1, 0, 1], thrust: [-40, 0, 50]}}}
 
-Every key may be left out where the model has that part by its usual name.
+    # Ballasts the hull: neutral, and this metacentric height [m], with the arm folded.
+    trim: 0.05
+
+Every key may be left out where the model has that part by its usual name. What a kind may hold:
+`uuv.models.files.sidecar`.
 """
 
 from collections.abc import Mapping

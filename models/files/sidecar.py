@@ -1,7 +1,6 @@
-"""Water of a vehicle without Python: a YAML file beside its MJCF, or custom elements within it,
-read and written.
+"""Water of a vehicle without Python: read and written beside its MJCF as YAML, or within it.
 
-    attach_beside(spec, "rov.xml")  # its rov.water.yaml, and its elements <numeric name="water/hull/volume" ...>
+    attach_beside(spec, "rov.xml")  # rov.water.yaml, or elements <numeric name="water/..." ...>
     write_sidecar(spec, "rov.water.yaml")
     text = xml_with_elements(spec)
 
@@ -10,7 +9,10 @@ is rounded:
 
     water_density: 1025.0
     bodies:
-      hull: {volume: 0.03, added_mass: [15, 20, 25, 0.4, 0.8, 0.9], quadratic_damping: [30, 60, 80, 1, 2, 3]}
+      hull:
+        volume: 0.03
+        added_mass: [15, 20, 25, 0.4, 0.8, 0.9]
+        quadratic_damping: [30, 60, 80, 1, 2, 3]
       link1: {cylinder: {radius: 0.03, start: [0.0, 0.0, 0.0], end: [0.3, 0.0, 0.0]}}
     thrusters:
       bow: {forward: 50.0, reverse: 40.0, time_constant: 0.1}
@@ -308,8 +310,7 @@ def _bare_xml(spec: mujoco.MjSpec) -> str:
     return exact_xml(bare)
 
 
-# -------------------------------------------------------------------------------------------------------------
-# reading
+# -- reading ---------------------------------------------------------------------------------------
 
 
 def _with_density_of(other: Mapping[str, Any], tree: Mapping[str, Any]) -> dict[str, Any]:
@@ -495,8 +496,7 @@ def _square(numbers: Array, triangle: bool, where: str) -> Array:
     raise ConfigurationError(f"{where}: must be {count} numbers, got {shown(numbers)}")
 
 
-# -------------------------------------------------------------------------------------------------------------
-# writing
+# -- writing ---------------------------------------------------------------------------------------
 
 
 def _written(thing: Any) -> dict[str, Any]:

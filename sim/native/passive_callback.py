@@ -1,5 +1,4 @@
-"""Native passive callback: added mass into `d.M`; drag, buoyancy, velocity terms into
-`qfrc_passive`.
+"""Native passive callback: added mass into `d.M`, all other terms into `qfrc_passive`.
 
 Friction of the gears comes first (`uuv.sim.native.gear_kernel`).
 
@@ -9,8 +8,7 @@ in the number of bodies.
 
 It follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 inertias and
 wrenches are taken to world axes at the tree's centre of mass, the reference point of `cdof` and
-`cvel`, four bodies at a time. They are then summed up to the parents and projected on each joint's
-axis.
+`cvel`, four bodies at a time. They are then summed up to the parents and projected on joint axes.
 
 Every offset is a closure variable of `build`, and the store keys machine code by their values. A
 kept kernel therefore never runs with another layout of MuJoCo or of the coefficients.
@@ -66,13 +64,15 @@ from uuv.sim.native.vectors import turned_symmetric as _turned_symmetric
 # Fields that the callback reads or writes; their layout must be verified on live objects.
 # fmt: off
 MODEL_FIELDS = (
-    "nv", "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
-    "body_user", "M_rownnz", "M_rowadr", "M_colind", *native_motion.MODEL_FIELDS, *soil_force.MODEL_FIELDS,
-    *gear_kernel.MODEL_FIELDS,
+    "nv", "nbody", "nuser_body",
+    "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr", "body_user",
+    "M_rownnz", "M_rowadr", "M_colind",
+    *native_motion.MODEL_FIELDS, *soil_force.MODEL_FIELDS, *gear_kernel.MODEL_FIELDS,
 )
 DATA_FIELDS = (
-    "qvel", "xpos", "xmat", "subtree_com", "cdof", "cdof_dot", "cvel", "crb", "M", "qLD", "qLDiagInv",
-    "qfrc_passive", *native_motion.DATA_FIELDS, *soil_force.DATA_FIELDS,
+    "qvel", "xpos", "xmat", "subtree_com",
+    "cdof", "cdof_dot", "cvel", "crb", "M", "qLD", "qLDiagInv", "qfrc_passive",
+    *native_motion.DATA_FIELDS, *soil_force.DATA_FIELDS,
     *gear_kernel.DATA_FIELDS, *gear_kernel.ISLAND_FIELDS,
 )
 # fmt: on

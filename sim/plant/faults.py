@@ -28,8 +28,7 @@ from uuv.sim.plant.onset import Onset
 from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks, PlantState
 from uuv.sim.plant.truth import Truth
 
-# -- sensors
-# -----------------------------------------------------------------------------------------------------------
+# -- sensors ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,8 +244,7 @@ def _layers(state: Any) -> int:
     return 1 + _layers(state.sensor) if isinstance(state, FaultySensorState) else 0
 
 
-# -- plant
-# -------------------------------------------------------------------------------------------------------------
+# -- plant -----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -389,8 +387,7 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
     return profile
 
 
-# -- perception
-# --------------------------------------------------------------------------------------------------------
+# -- perception ------------------------------------------------------------------------------------
 
 
 class MisplacedFinder:

@@ -3,7 +3,7 @@
 MuJoCo's force and torque sensors miss everything in `qfrc_passive`, and so the water. Newton's
 second law for the whole subtree gives the wrench that its joint transmits, of any type of joint:
 
-    wrench on the parent = sum of (water + weight + contacts and other external forces - rate of momentum)
+    wrench on the parent = sum of (water + weight + contacts and the like - rate of momentum)
 
 `mj_rnePostConstraint` sums all but water, soil, thrusters on sites and gravity compensation, from
 the accelerations `data.qacc`. The water is summed here body by body in body axes, independently of

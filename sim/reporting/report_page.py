@@ -85,20 +85,31 @@ def _class(column: int) -> str:
 
 STYLE = """
 :root { color-scheme: light dark }
-body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff; margin: 0 }
+body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; margin: 0;
+  color: #222; background: #fff }
 main { max-width: 1000px; margin: 2rem auto; padding: 0 1rem }
 h1 { font-size: 1.6rem; margin: 0 } h2, summary { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
-.accepted, .not-accepted { font-weight: 600; padding: .05em .5em; border-radius: .25em; white-space: nowrap }
-.accepted { color: #00563e; background: #d9f2e9 } .not-accepted { color: #8a3a00; background: #fde3d2 }
-.reasons { margin: .6rem 0; color: #8a3a00 } .caption { color: #555; font-size: .9rem; margin: .3rem 0 }
+.accepted, .not-accepted { font-weight: 600; padding: .05em .5em; border-radius: .25em;
+  white-space: nowrap }
+.accepted { color: #00563e; background: #d9f2e9 }
+.not-accepted { color: #8a3a00; background: #fde3d2 }
+.reasons { margin: .6rem 0; color: #8a3a00 }
+.caption { color: #555; font-size: .9rem; margin: .3rem 0 }
 table { border-collapse: collapse; margin: .6rem 0; font-size: .92rem }
-td, th { padding: .22rem .9rem .22rem 0; text-align: left; border-bottom: 1px solid #e6e6e6; font-weight: normal }
-th { color: #555; border-bottom-color: #aaa } .n { text-align: right; font-variant-numeric: tabular-nums }
+td, th { padding: .22rem .9rem .22rem 0; border-bottom: 1px solid #e6e6e6;
+  text-align: left; font-weight: normal }
+th { color: #555; border-bottom-color: #aaa }
+.n { text-align: right; font-variant-numeric: tabular-nums }
 img { width: 100%; height: auto; display: block }
 @media screen and (prefers-color-scheme: dark) {
-  body { color: #ddd; background: #161a1f } th, .caption { color: #aaa } td, th { border-bottom-color: #333 }
-  .accepted { color: #9fe3c5; background: #10382a } .not-accepted { color: #ffc49b; background: #45240d }
+  body { color: #ddd; background: #161a1f }
+  th, .caption { color: #aaa } td, th { border-bottom-color: #333 }
+  .accepted { color: #9fe3c5; background: #10382a }
+  .not-accepted { color: #ffc49b; background: #45240d }
   .reasons { color: #ffc49b } img { background: #fff; border-radius: .4em }
 }
-@media print { main { max-width: none } img, tr { break-inside: avoid } .modebar { display: none !important } }
+@media print {
+  main { max-width: none } img, tr { break-inside: avoid }
+  .modebar { display: none !important }
+}
 """

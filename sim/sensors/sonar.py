@@ -3,9 +3,10 @@
 It can be mounted on any body of any compiled model (primitives, meshes, height fields, visual-only
 geoms):
 
-    sonar = Sonar(model, "world", X_WS)                      # S has OpenCV axes: x right, y down, z ahead
-    points_S = sonar.ping(data, np.random.default_rng(0))    # (H, W, 3) [m], NaN without an echo
-    points_S = sonar.ping(data, rng, X_WS=elsewhere)         # the same sonar at another pose
+    # S has OpenCV axes: x right, y down, z ahead
+    sonar = Sonar(model, "world", X_WS)
+    points_S = sonar.ping(data, rng)                    # (H, W, 3) [m], NaN without an echo
+    points_S = sonar.ping(data, rng, X_WS=elsewhere)    # the same sonar at another pose
 
 It is also a `uuv.sim.interfaces.protocols.Sensor` for the step loop, with messages `SonarScan`.
 """

@@ -1,8 +1,12 @@
 """Writes the behaviour baseline anew, or judges fresh seeds by it.
 
     ./uvw run tests/baseline/record.py --reason "force loop at 30 rad/s: a fifth less force error"
-    ./uvw run tests/baseline/record.py --reason "..." --only pile traces      # these alone
-    ./uvw run tests/baseline/record.py --judge 1000 1010    # fresh seeds against the bands; writes nothing
+
+    # these alone
+    ./uvw run tests/baseline/record.py --reason "..." --only pile traces
+
+    # fresh seeds against the bands; writes nothing
+    ./uvw run tests/baseline/record.py --judge 1000 1010
 
 A reason is asked for, lands in the file, and the difference is printed for the changelog. Judging
 exits with 1 if any figure lies outside its band.

@@ -463,7 +463,10 @@ joints: {j1: 10, j2: null}
 thrusters:
 - {name: port, pos: [-0.2, 0.1, 0], direction: [1, 0, 0], kind: t200}
 - {actuator: thruster_t1, kind: {forward: 30, reverse: 22.5, dead_band: 5e-2, time_constant: 0.15}}
-- &last {site: t2, direction: [0, 1, 0], kind: {of_table: {command: [-1, 0, 1], thrust: [-4, 0, 5]}}}
+- &last
+  site: t2
+  direction: [0, 1, 0]
+  kind: {of_table: {command: [-1, 0, 1], thrust: [-4, 0, 5]}}
 - {<<: *last, name: other}
 trim: 0.05
 """

@@ -1,8 +1,12 @@
-"""Every door against thousands of odd inputs: a whole, finite result, or one line of ours. No other
-error, no hang.
+"""Every door against thousands of odd inputs: a whole, finite result, or one line of ours.
 
-    UUV_FUZZ=500 ./uvw run pytest tests/fuzz                        # as many of each door, in place of a few
-    UUV_FUZZ=500 UUV_FUZZ_SEED=fresh ./uvw run pytest tests/fuzz    # a new seed, which a finding tells
+No other error, no hang.
+
+    # as many of each door, in place of a few
+    UUV_FUZZ=500 ./uvw run pytest tests/fuzz
+
+    # a new seed, which a finding tells
+    UUV_FUZZ=500 UUV_FUZZ_SEED=fresh ./uvw run pytest tests/fuzz
 
 A finding names the call that repeats it. What was found before is in `corpus/`, and in PAST below.
 """

@@ -88,7 +88,10 @@ def short_armed() -> str:
     return spec.to_xml()
 
 
-UNCERTAIN = "tests/unit/controllers/tasks/test_arrival.py::test_too_small_a_chance_is_refused_with_its_figures"
+UNCERTAIN = (
+    "tests/unit/controllers/tasks/test_arrival.py"
+    "::test_too_small_a_chance_is_refused_with_its_figures"
+)
 KNOWN = ("--sensor", "survey")  # nothing is scanned before the refusal
 NAMELESS = """
 <mujoco>

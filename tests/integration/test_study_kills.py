@@ -37,7 +37,8 @@ if __name__ == "__main__":
         run_one=slow_and_logged,
         summarise=lambda rows: Summary(metrics={"runs": len(rows)}),
     )
-    raise SystemExit(study.carry_out("kills", StudyOptions(workers=2, out=out, engine=sys.argv[3]), "Kills"))
+    options = StudyOptions(workers=2, out=out, engine=sys.argv[3])
+    raise SystemExit(study.carry_out("kills", options, "Kills"))
 """
 
 pytestmark = [

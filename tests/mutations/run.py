@@ -1,13 +1,14 @@
-"""Do the tests bite? Changes a copy of the source, one change at a time, and runs the tests that
-should see it.
+"""Do the tests bite? Changes a copy of the source, one change at a time, and runs its tests.
 
-    ./uvw run tests/mutations/run.py                        the list in listed.toml, each with the tests that it names
-    ./uvw run tests/mutations/run.py --drawn 200 --seed 1   mutants drawn over all rooms, with the tests that reach them
+    # the list in listed.toml, each with the tests that it names
+    ./uvw run tests/mutations/run.py
+
+    # mutants drawn over all rooms, with the tests that reach them
+    ./uvw run tests/mutations/run.py --drawn 200 --seed 1
 
 Prints a line for each and exits 0 only if all were seen. `--out FILE` keeps the results as they
-come and takes up again
-where it stopped. Only tests of figures and properties count: traces and digests are off
-(UUV_NO_DIGEST).
+come and takes up again where it stopped. Only tests of figures and properties count: traces and
+digests are off (UUV_NO_DIGEST).
 """
 
 import argparse

@@ -296,7 +296,8 @@ def test_attached_specs_bring_their_water(within):
 
 def test_welded_child_is_part_of_its_parent(within):
     """Coefficients on a child without joints, or the same moved to the parent's frame."""
-    model = """<mujoco><worldbody><body name="hull"><freejoint/><geom type="box" size=".3 .2 .1" mass="20"/>
+    model = """<mujoco><worldbody>
+      <body name="hull"><freejoint/><geom type="box" size=".3 .2 .1" mass="20"/>
       <body name="tank" pos=".3 -.2 .1" euler="20 30 40"><geom size=".05" mass="1"/></body>
       </body></worldbody></mujoco>"""
     rng = np.random.default_rng(4)
@@ -338,8 +339,8 @@ def test_flex_beside_and_under_water(within):
     """Bodies of a flex with coefficients sink as single spheres do; a dry flex beside them is left
     alone.
     """
-    grid = """<flexcomp name="{}" type="grid" dim="2" count="3 3 1" spacing=".2 .2 .2" radius=".01" mass="1.8"
-      pos="0 0 {}"><edge equality="true"/></flexcomp>"""
+    grid = """<flexcomp name="{}" type="grid" dim="2" count="3 3 1" spacing=".2 .2 .2"
+      radius=".01" mass="1.8" pos="0 0 {}"><edge equality="true"/></flexcomp>"""
     spec = mujoco.MjSpec.from_string(
         f"<mujoco><worldbody>{grid.format('wet', 1)}{grid.format('dry', 3)}</worldbody></mujoco>"
     )
@@ -389,7 +390,8 @@ def test_current_that_changes_carries_a_drifting_body_along(within):
 def test_shear_is_felt_at_each_bodys_height(within):
     """A post in a sheared current: each link drags with the water of its own height."""
     spec = mujoco.MjSpec.from_string(
-        """<mujoco><worldbody><body name="low"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
+        """<mujoco><worldbody>
+        <body name="low"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>
         <body name="high" pos="0 0 4"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/>
           </body>
         </worldbody></mujoco>"""

@@ -20,7 +20,8 @@ TREE = """
   <option integrator="{integrator}"/>
   <worldbody>
     <body name="a"> {root} <geom type="box" size=".3 .2 .1" mass="20" pos=".1 0 .05"/>
-      <body name="b" pos=".4 0 0"> {middle} <geom type="capsule" size=".05 .2" pos=".2 .1 0" mass="5"/>
+      <body name="b" pos=".4 0 0">
+        {middle} <geom type="capsule" size=".05 .2" pos=".2 .1 0" mass="5"/>
         <body name="c" pos=".4 .1 0"> <joint axis="1 2 3" damping="2"/>
           <geom type="box" size=".1 .2 .1" mass="3" pos=".1 0 0"/>
         </body>

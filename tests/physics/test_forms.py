@@ -227,8 +227,7 @@ def test_a_body_without_forms_has_the_row_that_it_always_had():
     assert floating(replace(body, forms=MunkFactor())).nuser_body == LAYOUT.size + 2 + 3
 
 
-# -------------------------------------------------------------------------------------------------------------
-# power
+# -- power -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.check("Munk factors: power of couple and force", "zero for any factors")
@@ -269,8 +268,7 @@ def test_the_other_damping_takes_power(rng):
         assert np.all(np.sum(acted(form, nus) * nus, axis=1) <= 0.0)
 
 
-# -----------------------------------------------------------------------------------------------
-# symmetry, invariance
+# -- symmetry, invariance --------------------------------------------------------------------------
 
 
 def mirrored(form: Form) -> Form:
@@ -324,8 +322,7 @@ def test_forms_do_not_tell_a_current_from_a_motion(rng, within):
         within("acceleration", found[0] - found[1], 1e-11)  # of some 10
 
 
-# --------------------------------------------------------------------------------------------------------
-# closed forms
+# -- closed forms ----------------------------------------------------------------------------------
 
 
 def on_rails(
@@ -401,8 +398,7 @@ def test_a_diagonal_cross_term_is_quadratic_damping(rng, within):
     within("wrench", acted(CrossTerms(terms=terms), nus) + numbers * np.abs(nus) * nus, 1e-15)
 
 
-# ----------------------------------------------------------------------------------------------------------
-# other doors
+# -- other doors -----------------------------------------------------------------------------------
 
 
 def test_parameters_of_gz_sim_act_as_in_its_plugin(rng, within):
@@ -527,8 +523,7 @@ def test_a_spoilt_record_does_not_lead_the_kernel_out_of_its_row(tail):
     assert np.all(np.isfinite(data.qvel))
 
 
-# ---------------------------------------------------------------------------------------------------------
-# judgement
+# -- judgement -------------------------------------------------------------------------------------
 
 
 def test_the_slope_that_a_time_step_is_judged_by_bounds_every_form(rng):
@@ -595,8 +590,7 @@ def test_cross_terms_that_feed_energy_in_are_told():
         floating(wild)
 
 
-# ---------------------------------------------------------------------------------------------------
-# others who model
+# -- others who model ------------------------------------------------------------------------------
 
 
 def test_the_reaction_of_a_free_vehicle_with_forms_is_nothing(rng, within):

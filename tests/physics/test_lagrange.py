@@ -6,7 +6,7 @@ the twist of the second link is S(b) (a', b') with S = [[l s, 0], [l c, 0], [1, 
 elbow angle b), so the kinetic energy is 1/2 (a', b') M(b) (a', b') with M = S^T G2 S + diag(G1_ww,
 0), and
 
-    M (a'', b'') + (M11' a' b' + M12' b'^2, -1/2 M11' a'^2) + grad V = torques        (' of M: over b)
+    M (a'', b'') + (M11' a' b' + M12' b'^2, -1/2 M11' a'^2) + grad V = torques    (' of M: over b)
 """
 
 import mujoco

@@ -86,8 +86,7 @@ def still(plant: Plant) -> Command:
     )
 
 
-# ------------------------------------------------------------------------------------------------------------------
-# dry
+# -- dry -------------------------------------------------------------------------------------------
 
 
 def test_a_pickled_model_brings_its_water_into_a_new_process(root: Path, tmp_path: Path):
@@ -227,8 +226,7 @@ def test_sensors_that_are_not_named_read_true():
     assert np.linalg.norm(expected - R.T @ [0.0, 0.0, 9.81]) > 0.5
 
 
-# ----------------------------------------------------------------------------------------------
-# frozen, past its limits
+# -- frozen, past its limits -----------------------------------------------------------------------
 
 
 def test_a_step_without_observe_is_refused():
@@ -353,8 +351,7 @@ def test_drag_beyond_what_the_step_was_judged_for_is_told(
     hydrodynamics.check_motion(model, data)
 
 
-# ----------------------------------------------------------------------------------------------------------------
-# slips
+# -- slips -----------------------------------------------------------------------------------------
 
 
 def test_the_projects_own_models_are_above_doubt():

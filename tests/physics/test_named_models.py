@@ -146,8 +146,7 @@ def rigid(model: mujoco.MjModel, body: int) -> tuple[float, Array, Array]:
     return m, c, R @ np.diag(model.body_inertia[body]) @ R.T - m * skew(c) @ skew(c)
 
 
-# ------------------------------------------------------------------------------------------------------
-# what is there
+# -- what is there ---------------------------------------------------------------------------------
 
 
 def test_the_names_that_others_rely_on():
@@ -191,8 +190,7 @@ def actuators(model: mujoco.MjModel) -> list[str]:
     return [model.actuator(i).name for i in range(model.nu)]
 
 
-# -------------------------------------------------------------------------------------------------
-# axes, and figures
+# -- axes, and figures -----------------------------------------------------------------------------
 
 
 def test_axes_turn_as_wrenches_and_twists_do(rng):
@@ -472,8 +470,7 @@ def test_side_mounted_arm_folded_is_clear_of_jets_hull_and_camera():
     assert not np.isfinite(depth).any()
 
 
-# -------------------------------------------------------------------------------------------------
-# statics and motion
+# -- statics and motion ----------------------------------------------------------------------------
 
 
 def braked(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -612,8 +609,7 @@ def test_towed_hull_reaches_the_speed_of_its_damping(name, within):
     within("terminal surge, relative", data.qvel[0] / exact - 1.0, 5e-6)
 
 
-# --------------------------------------------------------------------------------------------------------------
-# hover
+# -- hover -----------------------------------------------------------------------------------------
 
 CONTROL_TICKS, CURRENT = 10, (0.15, 0.1, 0.05)  # steps between commands; [m/s]
 
@@ -667,8 +663,7 @@ def test_it_hovers(name, within):
     assert np.linalg.norm(wrench) > 1.0  # the current is felt
 
 
-# ----------------------------------------------------------------------------------------------
-# your own vehicle
+# -- your own vehicle ------------------------------------------------------------------------------
 
 
 def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):

@@ -168,8 +168,7 @@ def test_slew_works_both_ways_and_reset_forgets():
     assert unit.speed == pytest.approx(0.01, abs=1e-15)
 
 
-# --------------------------------------------------------------------------------------------------------------
-# curves
+# -- curves ----------------------------------------------------------------------------------------
 
 
 def curve(thruster: Thruster) -> Array:
@@ -268,8 +267,7 @@ def test_t200_is_the_published_table(within):
     assert steady(thrusters.t200(), np.array([0.081]))[0] > 0.36
 
 
-# -------------------------------------------------------------------------------------------------
-# torque and transport
+# -- torque and transport --------------------------------------------------------------------------
 
 
 def driven(thruster: Thruster, gear: float = 1.0) -> mujoco.MjSpec:
@@ -428,8 +426,7 @@ def test_table_for_an_actuator_that_is_not_there():
         thrusters.attach(models.load("uuv_puma"), {"bow": Thruster(forward=1.0, reverse=1.0)})
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# trim
+# -- trim ------------------------------------------------------------------------------------------
 
 
 def at_home(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -1,8 +1,8 @@
 """`uuv benchmark`: scores a controller by the truth; its own process gets estimates only.
 
-    uuv benchmark                                              # the default controller, 100 public cases
+    uuv benchmark                        # the default controller, 100 public cases
     uuv benchmark --entry mymodule:MyController --cases 10
-    echo 4711 | uuv benchmark --fresh                          # fresh cases, of a seed that a pipe brings
+    echo 4711 | uuv benchmark --fresh    # fresh cases, of a seed that a pipe brings
 
 The result file is metrics.json in the folder of results. docs/benchmark.md says what is scored and
 how to enter a controller.

@@ -44,7 +44,7 @@ class ForceLaw(ForceDisplacement):
 
 
 def NAME(model, *, water_error=0.0):
-    """The controller of a believed vehicle `model`; `water_error`: share by which its coefficients are to be wrong."""
+    """The controller of a believed vehicle `model`, its water wrong by the share `water_error`."""
     return WorkController(model, force_law=ForceLaw(), water_error=water_error)
 ''',
     test="""from dataclasses import replace
@@ -54,11 +54,13 @@ from uuv import jobs, run
 
 def test_the_main_job_is_done():
     scenario = jobs.clean_barrel(seed=0, quick=True)
-    ran = run(replace(scenario, control=replace(scenario.control, controller="NAME:NAME")))
+    control = replace(scenario.control, controller="NAME:NAME")
+    ran = run(replace(scenario, control=control))
     contact = ran.assessment.metrics["contact"]
     assert ran.recording.final.state == "done"
     assert contact["lost_s"] == 0.0
-    assert contact["force_error_max_n"] < 9.0  # [N] the bound of an accepted run; the default law stays below 3
+    # [N] the bound of an accepted run; the default law stays below 3
+    assert contact["force_error_max_n"] < 9.0
 """,
     use="uuv run clean-barrel --quick --controller NAME:NAME",
 )
@@ -72,14 +74,16 @@ from uuv.models import hydrodynamics
 def NAME():
     """The vehicle as an MjSpec with its water; `uuv check NAME:NAME` says what it has.
 
-    From an MJCF of your own: mujoco.MjSpec.from_file("my.xml"), `hydrodynamics.attach` for the water of each body,
-    `uuv.models.water.thrusters.attach` for the thrusters.
+    From an MJCF of your own: mujoco.MjSpec.from_file("my.xml"), `hydrodynamics.attach` for the
+    water of each body, `uuv.models.water.thrusters.attach` for the thrusters.
     """
     spec = models.load("uuv_puma")
     hull = spec.body("hull")
     hull.mass = float(hull.mass) + 20.0  # [kg]
+
+    # Neutrally buoyant and level again, with the arm folded.
     folded = spec.key("home").qpos
-    hydrodynamics.trim(spec, "hull", metacentric_height=0.06, qpos=folded)  # neutrally buoyant and level again
+    hydrodynamics.trim(spec, "hull", metacentric_height=0.06, qpos=folded)
     return spec
 ''',
     test="""import numpy as np
@@ -99,8 +103,9 @@ def test_it_has_what_jobs_of_the_arm_need():
 def test_it_is_heavier_than_the_original():
     from uuv import models
 
-    masses = [float(np.sum(hydrodynamics.compile(spec).body_mass)) for spec in (NAME(), models.load("uuv_puma"))]
-    assert masses[0] - masses[1] > 19.0
+    compiled = [hydrodynamics.compile(spec) for spec in (NAME(), models.load("uuv_puma"))]
+    heavier, original = [float(np.sum(model.body_mass)) for model in compiled]
+    assert heavier - original > 19.0
 """,
     use="uuv run clean-barrel --quick --vehicle NAME:NAME",
 )
@@ -126,9 +131,11 @@ def NAME():
         foot = trimesh.creation.box((0.08, 0.3, 0.3))
         parts.append(foot.apply_translation((x, 0.0, -0.25)))
     mesh = trimesh.util.concatenate(parts)
-    made = TargetModel(name="NAME", vertices=np.array(mesh.vertices), triangles=np.array(mesh.faces))
+    vertices, triangles = np.array(mesh.vertices), np.array(mesh.faces)
+    pipe = TargetModel(name="NAME", vertices=vertices, triangles=triangles)
+
     over = line([-0.2, 0.0, RADIUS], [0.2, 0.0, RADIUS])
-    return made.with_path("top", laid_on(made, over, [0.0, 0.0, -1.0]))  # projected from above
+    return pipe.with_path("top", laid_on(pipe, over, [0.0, 0.0, -1.0]))  # projected from above
 ''',
     test="""import mujoco
 import numpy as np
@@ -147,7 +154,8 @@ def test_its_path_lies_on_it():
 
 def test_it_is_found_in_a_depth_frame():
     target, spec = NAME(), mujoco.MjSpec()
-    X_ST = pose(exp_so3([2.2, 0.4, 0.3]), [0.05, -0.02, 1.4])  # the camera is at the origin, z ahead
+    # The camera S is at the origin, z ahead.
+    X_ST = pose(exp_so3([2.2, 0.4, 0.3]), [0.05, -0.02, 1.4])
     target.add_to(spec, X_ST)
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -164,7 +172,7 @@ def test_it_is_found_in_a_depth_frame():
     use="uuv run clean-object --object NAME:NAME",
 )
 SENSOR = Skeleton(
-    part='''"""Sensor NAME: the depth camera with twice the noise, and the model of it that perception uses."""
+    part='''"""Sensor NAME: the depth camera with twice the noise, and its model for perception."""
 
 from uuv.models.naming import HULL_BODY
 from uuv.perception import SensorModel
@@ -177,11 +185,11 @@ DISPARITY = 0.5  # [px] standard deviation
 def NAME(model, X_BS):
     """The sensor at `X_BS` (4, 4) on the hull of the compiled world `model`, and its model.
 
-    A sensor of another kind has `period` and `delay` [s], `init(rng) -> state` and `step(state, truth) -> (state,
-    measurement)` (uuv.sim.interfaces.protocols.Sensor).
+    A sensor of another kind has `period` and `delay` [s], `init(rng) -> state` and
+    `step(state, truth) -> (state, measurement)` (uuv.sim.interfaces.protocols.Sensor).
     """
-    optics = Optics()
-    camera = DepthCamera(model, HULL_BODY, X_BS, optics=optics, noise=StereoNoise(disparity_sigma=DISPARITY))
+    optics, noise = Optics(), StereoNoise(disparity_sigma=DISPARITY)
+    camera = DepthCamera(model, HULL_BODY, X_BS, optics=optics, noise=noise)
     return camera, SensorModel(focal=optics.focal, disparity_sigma=DISPARITY)
 ''',
     test="""from dataclasses import replace
@@ -191,7 +199,8 @@ from uuv import assemble, jobs, run
 
 def test_the_barrel_is_found_with_it():
     scenario = jobs.clean_barrel(seed=0, quick=True)
-    built = assemble(replace(scenario, sensing=replace(scenario.sensing, sensor="NAME:NAME")))
+    sensing = replace(scenario.sensing, sensor="NAME:NAME")
+    built = assemble(replace(scenario, sensing=sensing))
     targets = run(built, longest=8.0).recording.targets
     assert targets
     assert targets[0].accepted, targets[0].reason
@@ -283,9 +292,15 @@ class PlacedCircle(PlacedTask):
         """Judged by the truth: the tip's distance from the circle after its first second."""
         recording = ran.recording
         work = np.flatnonzero(recording.within(WorkState.WORK))[500:]
-        off = np.linalg.norm(recording["p_pad"].value[work] - recording["p_command"].value[work], axis=1)
-        largest = float(off.max()) if work.size else None
-        check = Requirement(name="tip from the circle, peak", value=largest, bound=BOUND, unit="mm", scale=1e3)
+        p, p_command = (recording[name].value[work] for name in ("p_pad", "p_command"))
+        off = np.linalg.norm(p - p_command, axis=1)
+        check = Requirement(
+            name="tip from the circle, peak",
+            value=float(off.max()) if work.size else None,
+            bound=BOUND,
+            unit="mm",
+            scale=1e3,
+        )
         return Assessment.of(recording, NoFigures(), [check], seed=seed, wall_s=ran.wall_s)
 ''',
     test="""from dataclasses import replace
@@ -401,11 +416,11 @@ from NAME import Worn
 
 
 def test_the_gears_are_worn_from_the_moment_on():
-    scenario = replace(jobs.open_water(seed=0, seconds=2.0), perturbations=(Worn(factor=2.0, at=1.0),))
-    made = assemble(scenario)
-    before = made.plant.truth.joint_damping.copy()
-    run(made, longest=2.0)
-    assert (made.plant.truth.joint_damping == 2.0 * before).all()
+    scenario = jobs.open_water(seed=0, seconds=2.0)
+    built = assemble(replace(scenario, perturbations=(Worn(factor=2.0, at=1.0),)))
+    before = built.plant.truth.joint_damping.copy()
+    run(built, longest=2.0)
+    assert (built.plant.truth.joint_damping == 2.0 * before).all()
 """,
     use="uuv run clean-barrel --quick --set perturbations.NAME:Worn.factor=2.0",
 )

@@ -224,8 +224,7 @@ def _kinds_of(schema: pa.Schema) -> dict[str, pa.DataType | None]:
     return {field.name: None if field.metadata == _JSON else field.type for field in schema}
 
 
-# -- one row
-# -----------------------------------------------------------------------------------------------------------
+# -- one row ---------------------------------------------------------------------------------------
 
 
 def _flat(row: Row) -> Iterator[tuple[str, Any]]:
@@ -298,8 +297,7 @@ def _as_laid_out(value: Any, kind: type | None) -> Any:
     return [_as_laid_out(each, kind) for each in value] if isinstance(value, list) else kind(value)
 
 
-# -- types of columns
-# --------------------------------------------------------------------------------------------------
+# -- types of columns ------------------------------------------------------------------------------
 
 
 def _kind(value: Any) -> pa.DataType | None:

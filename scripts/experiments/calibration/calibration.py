@@ -1,8 +1,8 @@
-"""Study: calibration of an arm by touching, with what real arms have, under loads, and with wild
-touches.
+"""Study: calibration of an arm by touching, as real arms are, under loads, with wild touches.
 
-    ./uvw run scripts/experiments/calibration/calibration.py
-    ./uvw run scripts/experiments/calibration/calibration.py --real data/panda_2 data/panda_3 --aside high
+    STUDY=scripts/experiments/calibration/calibration.py
+    ./uvw run $STUDY
+    ./uvw run $STUDY --real data/panda_2 data/panda_3 --aside high
 
 The simulated arm is the UR10e of [Yukhimets 2023]. With --real, touches of real arms are evaluated
 as well: a folder an arm, in it a folder a position, in it a file for each socket. Each position is

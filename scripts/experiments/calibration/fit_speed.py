@@ -2,13 +2,16 @@
 
 Residuals, prior and start are the same.
 
-    ./uvw run scripts/experiments/calibration/fit_speed.py                                         # ours alone.
+    # ours alone
+    ./uvw run scripts/experiments/calibration/fit_speed.py
+
+    # with the peer
     python3 -m venv /tmp/peers && /tmp/peers/bin/pip install pybotics scipy
-    ./uvw run scripts/experiments/calibration/fit_speed.py --peer-python /tmp/peers/bin/python     # with the peer.
+    ./uvw run scripts/experiments/calibration/fit_speed.py --peer-python /tmp/peers/bin/python
 
 pybotics requires numpy below 2, so it runs in a Python of its own, alternating with ours; its
-imports are not timed.
-figaroh is left out: it has no residual of coincidence (its data are measured poses or planes).
+imports are not timed. figaroh is left out: it has no residual of coincidence (its data are measured
+poses or planes).
 """
 
 from uuv.start import parse, run_scenario  # isort: skip

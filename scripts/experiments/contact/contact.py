@@ -1,9 +1,13 @@
-"""Study: contact work under combined model errors of sea, vehicle, sensors and surface; each run is
-drawn anew.
+"""Study: contact work under model errors of sea, vehicle, sensors and surface, drawn for each run.
 
-    ./uvw run scripts/experiments/contact/contact.py --runs 500            # resumes an interrupted study.
-    ./uvw run scripts/experiments/contact/contact.py --runs 500 --ablate   # adds the same runs without each method.
-    ./uvw run scripts/experiments/contact/contact.py --only 17             # that run alone, with log and report.
+    # begins a study, or resumes an interrupted one
+    ./uvw run scripts/experiments/contact/contact.py --runs 500
+
+    # adds the same runs without each method
+    ./uvw run scripts/experiments/contact/contact.py --runs 500 --ablate
+
+    # that run alone, with log and report
+    ./uvw run scripts/experiments/contact/contact.py --only 17
 
 The draw of a run depends on --seed and its number only. Exit code 0: at least 99 % of the runs keep
 contact and stay within 3 mm and 8 N after transients, and none damages or diverges.

@@ -1,8 +1,9 @@
-"""Study: error of the tip force estimated from joint torques, for each estimator, torque source and
-four arms.
+"""Study: error of the tip force from joint torques, by estimator, source of torques and arm.
 
-`./uvw run scripts/experiments/contact/tip_force.py` draws postures and forces, corrupts the torques with errors of
-sensors and gears, and prints one table. It covers statics only; errors due to water and motion show in the closed loop.
+    ./uvw run scripts/experiments/contact/tip_force.py
+
+Draws postures and forces for four arms, corrupts the torques with errors of sensors and gears, and
+prints one table. It covers statics only; errors due to water and motion show in the closed loop.
 """
 
 from uuv.start import parse, run_scenario  # isort: skip

@@ -1,7 +1,10 @@
 """Study: the main job by default methods, and by those of the papers in their place.
 
-    ./uvw run scripts/experiments/contact/versions.py                             # both paths, seeds 0 to 4
-    ./uvw run scripts/experiments/contact/versions.py --versions defaults "force law" --runs 1 --quick
+    # both paths, seeds 0 to 4
+    ./uvw run scripts/experiments/contact/versions.py
+
+    STUDY=scripts/experiments/contact/versions.py
+    ./uvw run $STUDY --versions defaults "force law" --runs 1 --quick
 
 The tables list the largest figure of all seeds. Runs that were not accepted are listed with their
 reasons.

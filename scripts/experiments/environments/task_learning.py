@@ -1,7 +1,8 @@
 """Benchmark: a linear policy learns a task by the cross-entropy method, on all cores.
 
-    ./uvw run scripts/experiments/environments/task_learning.py --task water/hover --actions hull_wrench
-    ./uvw run scripts/experiments/environments/task_learning.py --task water/reach
+    LEARN=scripts/experiments/environments/task_learning.py
+    ./uvw run $LEARN --task water/hover --actions hull_wrench
+    ./uvw run $LEARN --task water/reach
 
 The action is a matrix times what is observed: the goal and the velocities in the vehicle's own
 axes, in SI units. A generation draws matrices from a normal distribution, lets each act in the same

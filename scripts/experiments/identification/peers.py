@@ -1,8 +1,10 @@
-"""Benchmark: object identification against Open3D and small_gicp on the same points, with the same
-coarse start.
+"""Benchmark: object identification against Open3D and small_gicp, from the same points and start.
 
-    ./uvw run --extra open3d scripts/experiments/identification/peers.py                      # against Open3D.
-    ./uvw run --extra open3d --with small_gicp scripts/experiments/identification/peers.py    # with small_gicp.
+    # against Open3D
+    ./uvw run --extra open3d scripts/experiments/identification/peers.py
+
+    # against small_gicp too
+    ./uvw run --extra open3d --with small_gicp scripts/experiments/identification/peers.py
 
 All methods get the points that our segmentation assigns to the object, and the model sampled
 evenly. They start from the coarse attitude with the centroids of both clouds aligned; RANSAC on

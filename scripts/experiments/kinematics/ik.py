@@ -1,15 +1,16 @@
 """Benchmark: inverse kinematics against its goals, a compiled baseline and installed peers.
 
-    PEERS=scripts/experiments/kinematics/ik_requirements.txt
-    ./uvw run scripts/experiments/kinematics/ik.py                                # our methods and the baseline.
-    ./uvw run --with-requirements $PEERS scripts/experiments/kinematics/ik.py     # with the peers.
+    ./uvw run scripts/experiments/kinematics/ik.py
 
-The second command overlays the peers on the project's environment for this run; uv.lock and .venv
-stay as they are. KDL
-has no wheel: it takes part if PYTHONPATH has a folder with your distribution's PyKDL. Every answer
-is checked by a forward kinematics of this file. In each case all solvers take turns, a few targets
-at a time, so that a slow moment of the machine affects all alike. Compare times within one run
-only. Exit code 0: the solve rates reach their goals.
+With the peers, on top of the project's environment (uv.lock and .venv stay as they are):
+
+    PEERS=scripts/experiments/kinematics/ik_requirements.txt
+    ./uvw run --with-requirements $PEERS scripts/experiments/kinematics/ik.py
+
+KDL has no wheel: it takes part if PYTHONPATH has a folder with your distribution's PyKDL. Every
+answer is checked by a forward kinematics of this file. In each case all solvers take turns, a few
+targets at a time, so that a slow moment of the machine affects all alike. Compare times within one
+run only. Exit code 0: the solve rates reach their goals.
 """
 
 import json
@@ -48,8 +49,7 @@ METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
 BY_JOINT = IkOptions(stage_axes="joint")
 OBLIQUE = "plain, joint's axes"  # for tools oblique to the last joint's axis
 BASELINE = "compiled DLS"
-# arms of the geometric means of the ratios
-GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")
+GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # of the mean ratios
 RATE_GOALS = {"hybrid": 0.999, "jacobian_free": 0.995}
 OWN_LIMITS = 0  # as --limits: the arm's own limits, asymmetric ones included
 REACH = math.radians(150.0)  # [rad] targets come from joint values within this

@@ -1,9 +1,10 @@
-"""Inverse kinematics of a part of a pose, and of poses at the edge of reach: found, false claims
-and time.
+"""Inverse kinematics of parts of a pose, and at the edge of reach: solved, false claims and time.
 
-    ./uvw run scripts/experiments/kinematics/ik_parts.py
-    ./uvw run --with pin --with mink --with daqp scripts/experiments/kinematics/ik_parts.py --straight 200  # beside two
-    peers
+    BENCHMARK=scripts/experiments/kinematics/ik_parts.py
+    ./uvw run $BENCHMARK
+
+    # beside two peers
+    ./uvw run --with pin --with mink --with daqp $BENCHMARK --straight 200
 
 Arms of three to eight joints: one from a URDF, published ones, and chains drawn by the seed.
 Reachable targets are the poses of joint values within the limits, with what does not count drawn at

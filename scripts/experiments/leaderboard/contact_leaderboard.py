@@ -1,7 +1,7 @@
 """Leaderboard of the benchmark "UUV contact" from result files of uuv benchmark.
 
-    ./uvw run scripts/experiments/leaderboard/contact_leaderboard.py --results runs/benchmark-default
-    runs/benchmark-joint-PD
+    TABLE=scripts/experiments/leaderboard/contact_leaderboard.py
+    ./uvw run $TABLE --results runs/benchmark-default runs/benchmark-joint-PD
 
 All results must be of the same cases; one alone gives a page too.
 """

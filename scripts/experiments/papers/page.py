@@ -1,10 +1,13 @@
-"""Writes docs/papers.md: what the papers state in numbers, and what the commands of this project
-give.
+"""Writes docs/papers.md: what the papers state in numbers, and what this project gives.
 
-    ./uvw run scripts/experiments/papers/page.py               # runs the commands whose figures are missing
-    ./uvw run scripts/experiments/papers/page.py --anew        # runs them all; an hour
-    ./uvw run scripts/experiments/papers/page.py --only force  # only commands that contain the word; the others as they
-    are
+    # runs the commands whose figures are missing
+    ./uvw run scripts/experiments/papers/page.py
+
+    # runs them all; an hour
+    ./uvw run scripts/experiments/papers/page.py --anew
+
+    # only commands that contain the word; the others keep their figures
+    ./uvw run scripts/experiments/papers/page.py --only force
 
 The rows stand in statements.toml beside this file. A row names a command and takes its figures from
 the metrics.json that it writes, or from what it prints. The figures are kept in docs/papers.json.

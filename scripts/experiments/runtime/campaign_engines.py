@@ -1,8 +1,10 @@
-"""Benchmark: what an engine of campaigns costs beside the runs: its start, a task, a message, a row
-on the disk.
+"""Benchmark: cost of an engine of campaigns beside the runs: its start, a task, a message, a row.
 
-    ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py              # 100 runs on each engine: 20
-    min ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py --runs 4     # one minute
+    # 100 runs on each engine: 20 min
+    ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py
+
+    # one minute
+    ./uvw run --extra cluster scripts/experiments/runtime/campaign_engines.py --runs 4
 
 The same runs are done by each engine, and their rows must be equal to the bit. Needs an idle
 machine. Writes campaign_engines.json, and the rows of each engine, into --out. docs/scale.md says

@@ -1,14 +1,13 @@
 """Benchmark: computing time of each part of a contact job's loop, and the real-time factor.
 
-    ./uvw run scripts/experiments/runtime/loop.py                     # half a minute; takes any option of
-    clean_barrel.py.
+    ./uvw run scripts/experiments/runtime/loop.py    # half a minute
 
-The job runs twice from the same seed. The first run is unchanged, with compiled ticks
-(`uuv.ticks.compiled_ticks`). It gives processor time, so that other load on the machine does not
-count, over the time of MuJoCo's own step. In the second, every tick is taken part by part, and a
-stopwatch around every part gives the shares. Both must end with the same bits. The printed digest
-of the recording shows whether a change of the code changes the results. Writes bench_loop.json into
---out.
+It takes any option of clean_barrel.py. The job runs twice from the same seed. The first run is
+unchanged, with compiled ticks (`uuv.ticks.compiled_ticks`). It gives processor time, so that other
+load on the machine does not count, over the time of MuJoCo's own step. In the second, every tick is
+taken part by part, and a stopwatch around every part gives the shares. Both must end with the same
+bits. The printed digest of the recording shows whether a change of the code changes the results.
+Writes bench_loop.json into --out.
 """
 
 from uuv.start import new_folder, run_scenario  # first: it tells BLAS to use one thread

@@ -1,12 +1,13 @@
-"""Benchmark: cost of the exact hydrodynamics over bare MuJoCo and other fluid models, the best of
-many rounds.
+"""Benchmark: cost of the exact hydrodynamics over bare MuJoCo and other fluid models.
 
-    ./uvw run scripts/experiments/runtime/physics.py                          # one core; then a batch on one and two
-    threads. ./uvw run --with auv-sim-bench scripts/experiments/runtime/physics.py     # adds the simulator
-    auv-sim-bench from PyPI.
+    # one core; then a batch on one and two threads
+    ./uvw run scripts/experiments/runtime/physics.py
 
-Only ratios within one run are comparable; the batch needs an idle machine. Writes
-bench_physics.json and .md into --out.
+    # adds the simulator auv-sim-bench from PyPI
+    ./uvw run --with auv-sim-bench scripts/experiments/runtime/physics.py
+
+Each time is the best of many rounds. Only ratios within one run are comparable; the batch needs an
+idle machine. Writes bench_physics.json and .md into --out.
 """
 
 import json

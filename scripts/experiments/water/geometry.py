@@ -1,9 +1,13 @@
-"""Benchmark: water from geometry against closed forms and literature, published vehicles, and
-robots' meshes.
+"""Benchmark: water from geometry against closed forms, literature, vehicles and robots' meshes.
 
-    ./uvw run scripts/experiments/water/geometry.py                                # shapes and BlueROV2.
-    ./uvw run --with capytaine scripts/experiments/water/geometry.py               # with Capytaine on the same
-    surfaces. ./uvw run --with example-robot-data scripts/experiments/water/geometry.py      # with a UR5 and a Panda.
+    # shapes and BlueROV2
+    ./uvw run scripts/experiments/water/geometry.py
+
+    # with Capytaine on the same surfaces
+    ./uvw run --with capytaine scripts/experiments/water/geometry.py
+
+    # with a UR5 and a Panda
+    ./uvw run --with example-robot-data scripts/experiments/water/geometry.py
 
 Errors of the added mass are the largest over the diagonal terms of each shape. Seconds are those of
 one surface, from the mesh to the matrix.

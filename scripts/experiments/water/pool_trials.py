@@ -7,7 +7,8 @@ parameter set is fitted to all trajectory numbers but one and judged on the one 
 turn. Writes pool.json, pool.md and pool.png into --out. With --fitted nothing is fitted: other
 trials are judged by parameters that are there already.
 
-    ./uvw run scripts/experiments/water/pool_trials.py --data FOLDER --fitted scripts/experiments/water/pool/wu2018.json
+    FITTED=scripts/experiments/water/pool/wu2018.json
+    ./uvw run scripts/experiments/water/pool_trials.py --data FOLDER --fitted $FITTED
 """
 
 from uuv.start import new_folder, parse, run_scenario  # isort: skip

@@ -246,7 +246,12 @@ def test_touches_coincide_by_the_arm_that_made_them(series: Series, nominal: Ser
     assert not coincide(nominal, [0.01 * q + 0.5 for q in columns(1, 0, 2, 3, 4, 5, 6)(series)])
 
 
-CANCELLING = "theta,{d},a,alpha\n0,0.09,0,1.5703\n-1.2,312.4,-0.09,-0.0009\n1.7,-271.9,-0.33,0.0031\n-0.5,-40.39,0,1.57\n"
+CANCELLING = """theta,{d},a,alpha
+0,0.09,0,1.5703
+-1.2,312.4,-0.09,-0.0009
+1.7,-271.9,-0.33,0.0031
+-0.5,-40.39,0,1.57
+"""
 
 
 @pytest.mark.parametrize("d", ["d", "d [m]", "d_m"])

@@ -73,7 +73,8 @@ def test_any_arm_goes_out_as_urdf_and_mjcf_and_comes_back(rng, tmp_path, within)
     within("MJCF [m]", by_mujoco(results.mjcf(arm, tcp), arm, q) - arm.tips(q, tcp), 1e-10)  # 8e-12
 
 
-URDF = """<robot name="r"><link name="b"/><link name="l1"/><link name="f"/><link name="l2"/><link name="l3"/>
+URDF = """<robot name="r">
+<link name="b"/><link name="l1"/><link name="f"/><link name="l2"/><link name="l3"/>
 <link name="t"/><link name="side"/>
 <joint name="A" type="revolute"><parent link="b"/><child link="l1"/>
   <origin xyz=".1 0 .3" rpy=".1 .2 .3"/>

@@ -142,11 +142,17 @@ def test_skeletons_use_promised_names_only(text: str):
 
 
 def test_names_that_a_piece_of_code_uses():
-    code = (
-        "from uuv import models as m, run\nfrom uuv.sim import hydrodynamics\nimport uuv.calib "
-        "as c\nimport uuv\n"
-    )
-    code += "m.load('x').copy()\nhydrodynamics.compile(m.load('y'))\nc.identify([])\nuuv.saved()\nrun(1)"
+    code = """
+from uuv import models as m, run
+from uuv.sim import hydrodynamics
+import uuv.calib as c
+import uuv
+m.load('x').copy()
+hydrodynamics.compile(m.load('y'))
+c.identify([])
+uuv.saved()
+run(1)
+"""
     expected = {
         "uuv.models.load",
         "uuv.run",

@@ -22,8 +22,12 @@ from uuv.first_start import encoded, kernels
 from uuv.runner import rehearse
 from uuv.sim.interfaces.kernels.stored import StoredKernel
 rehearse(assemble(jobs.clean_barrel(quick=True)))
-print(json.dumps([(name, [encoded(kind) for kind in args]) for name, kernel in kernels() for args in kernel.overloads
-                  if kernel._can_compile and isinstance(kernel._cache, StoredKernel)]))
+print(json.dumps([
+    (name, [encoded(kind) for kind in args])
+    for name, kernel in kernels()
+    for args in kernel.overloads
+    if kernel._can_compile and isinstance(kernel._cache, StoredKernel)
+]))
 """
 
 

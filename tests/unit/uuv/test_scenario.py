@@ -309,8 +309,7 @@ def test_an_object_of_another_package_is_worked_on(tmp_path, monkeypatch):
     monkeypatch.setattr(OBJECTS, "_found", None)
 
 
-# -- failures
-# ----------------------------------------------------------------------------------------------------------
+# -- failures --------------------------------------------------------------------------------------
 
 
 def test_failures_compose_on_one_plant_and_wait_for_their_event():

@@ -114,11 +114,14 @@ def write_page(runs: "Sequence[PastRun]", found: Mapping[str, Rows]) -> Path:
     both = runs[:2]
     bounds = Bounds() if all("tool" in run.metrics for run in both) else None
     drawn = timelines({name: run.recorded for name, run in zip(names, both, strict=False)}, bounds)
-    listed = "".join(
-        f"<section><h2>{report_page.text(title)}</h2>"
-        f"{report_page.table(('', *names), [(key, *map(_said, values)) for key, values in rows])}</section>"
+    tables = {
+        title: report_page.table(("", *names), [(key, *map(_said, values)) for key, values in rows])
         for title, rows in found.items()
         if rows
+    }
+    listed = "".join(
+        f"<section><h2>{report_page.text(title)}</h2>{table}</section>"
+        for title, table in tables.items()
     )
     title = " against ".join(names)
     body = (

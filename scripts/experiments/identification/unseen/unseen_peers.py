@@ -1,10 +1,12 @@
-"""Benchmark: identification of unseen objects against the registrations of other libraries, on the
-same pixels.
+"""Benchmark: identification of unseen objects against other libraries, on the same pixels.
 
-    ./uvw run scripts/experiments/identification/unseen/unseen_peers.py  # ours alone.
+    # ours alone
+    BENCHMARK=scripts/experiments/identification/unseen/unseen_peers.py
+    ./uvw run $BENCHMARK
+
+    # with the peers
     PEERS=scripts/experiments/identification/peers_requirements.txt
-    ./uvw run --extra open3d --with-requirements $PEERS scripts/experiments/identification/unseen/unseen_peers.py  #
-    with the peers.
+    ./uvw run --extra open3d --with-requirements $PEERS $BENCHMARK
 
 The scenes are those of the study of unseen objects with the object present; its position is known
 within 0.3 m, its attitude is not. Ours begins at the depth frame. The peers get the points with

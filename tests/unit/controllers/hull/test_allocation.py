@@ -62,8 +62,7 @@ def given(vehicle: Vehicle, command: Array) -> Array:
     return np.array([thrust_at(curve, float(u)) for curve, u in zip(curves, command, strict=True)])
 
 
-# ----------------------------------------------------------------------------------------------------
-# within the bounds
+# -- within the bounds -----------------------------------------------------------------------------
 
 
 def test_exact_while_no_bound_is_met(vehicle, within):
@@ -107,8 +106,7 @@ def test_eight_thrusters_give_the_wrench_with_least_effort(vehicle, rng, within)
             within("null space", null.T @ (effort**2 * thrust), 1e-11)  # measured 1e-13
 
 
-# --------------------------------------------------------------------------------------------------------
-# at the bounds
+# -- at the bounds ---------------------------------------------------------------------------------
 
 
 def random_problem(
@@ -207,8 +205,7 @@ def test_levels_keep_what_weights_give_away(vehicle, rng):
     assert np.mean(lost) > 1.0  # [N m]
 
 
-# -----------------------------------------------------------------------------------------------------
-# the least thrust
+# -- the least thrust ------------------------------------------------------------------------------
 
 
 def in_gap(x: Array, least: Array) -> Array:
@@ -295,8 +292,7 @@ def test_t200_gaps_are_kept_through_the_class(vehicle, rng):
         assert not allocation.lacking(wrench_B, thrust).any()  # a gap is not saturation
 
 
-# -------------------------------------------------------------------------------------------------------
-# one is lost
+# -- one is lost -----------------------------------------------------------------------------------
 
 
 def most_alone(
@@ -401,8 +397,7 @@ def test_not_all_can_be_lost(vehicle):
         Allocation(vehicle).without(*range(6))
 
 
-# ----------------------------------------------------------------------------------------------------------
-# at the door
+# -- at the door -----------------------------------------------------------------------------------
 
 
 def test_too_few_thrusters_are_refused_unless_their_axis_is_given_up(vehicle):

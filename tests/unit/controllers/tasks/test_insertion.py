@@ -340,8 +340,7 @@ def test_a_controller_that_feels_nothing_is_refused():
         Context(0.0, PERIOD, estimate, None, dumb).contact_force(np.array([0.0, 0.0, 1.0]))
 
 
-# ------------------------------------------------------------------------------------------------------------
-# figures
+# -- figures ---------------------------------------------------------------------------------------
 
 
 def test_error_of_the_hole_is_across_its_axis(within):

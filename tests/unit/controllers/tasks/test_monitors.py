@@ -194,8 +194,7 @@ def test_the_hardest_reaction_counts_with_its_figures(faults, reaction, said):
     assert harder is (reaction if reaction in (Reaction.WITHDRAW, Reaction.STOP) else Reaction.RISE)
 
 
-# -- a monitor of one's own
-# ------------------------------------------------------------------------------------------
+# -- a monitor of one's own ------------------------------------------------------------------------
 
 
 def tilted(limit: float) -> Monitor:

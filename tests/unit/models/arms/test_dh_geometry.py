@@ -100,7 +100,8 @@ def test_what_rides_on_the_links_rides_along(within):
 
 def test_refusals():
     spec = mujoco.MjSpec.from_string(
-        """<mujoco><worldbody><body name="base"><body name="a"><joint name="slide" type="slide"/><geom size=".1"/>
+        """<mujoco><worldbody><body name="base">
+        <body name="a"><joint name="slide" type="slide"/><geom size=".1"/>
         <body name="b"><joint name="x" axis="1 0 0"/><joint name="y" axis="0 1 0"/><geom size=".1"/>
           <site name="tip"/>
         </body></body><site name="near"/></body></worldbody></mujoco>"""

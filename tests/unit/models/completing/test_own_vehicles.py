@@ -54,7 +54,8 @@ URDF = """<robot name="rov">
     <child link="lower"/>
     <axis xyz="0 1 0"/><limit lower="-2.4" upper="2.4" effort="5" velocity="1"/></joint>
 </robot>"""
-MJCF = """<mujoco><compiler angle="radian"/><option integrator="implicitfast" cone="elliptic"/><worldbody>
+MJCF = """<mujoco>
+  <compiler angle="radian"/><option integrator="implicitfast" cone="elliptic"/><worldbody>
   <body name="base_link"><freejoint/>
     <inertial pos="0 0 0" mass="13.5" diaginertia="0.26 0.23 0.37"/>
     <geom type="box" size="0.2 0.25 0.1" mass="0" contype="1" conaffinity="2"/>
@@ -65,7 +66,8 @@ MJCF = """<mujoco><compiler angle="radian"/><option integrator="implicitfast" co
         <body name="lower" pos="0 0 0.2">
           <inertial pos="0 0 0.1" mass="0.3" diaginertia="1e-3 1e-3 1e-4"/>
           <joint name="bend" axis="0 1 0" range="-2.4 2.4"/>
-          <geom type="cylinder" size="0.02 0.08" pos="0 0 0.1" mass="0" contype="1" conaffinity="2"/>
+          <geom type="cylinder" size="0.02 0.08" pos="0 0 0.1" mass="0"
+            contype="1" conaffinity="2"/>
         </body></body></body></body></worldbody></mujoco>"""
 PARTS = """
 hull: base_link
@@ -249,8 +251,10 @@ def test_the_hull_is_as_large_as_what_is_fixed_to_it(tmp_path: Path) -> None:
     assert box == pytest.approx(np.array([[-0.4, -0.25, -0.35], [0.4, 0.25, 0.1]]), abs=1e-6)
 
 
-PROPELLER = """<actuator><general name="prop" site="stern" gear="0 0 40 0 0 0" ctrlrange="-1 1" gainprm="3"
-  biastype="affine" biasprm="0 0 1" dyntype="filter" dynprm="0.1" forcerange="-3 3"/></actuator></mujoco>"""
+PROPELLER = """<actuator>
+  <general name="prop" site="stern" gear="0 0 40 0 0 0" ctrlrange="-1 1" gainprm="3"
+    biastype="affine" biasprm="0 0 1" dyntype="filter" dynprm="0.1" forcerange="-3 3"/>
+</actuator></mujoco>"""
 
 
 def test_an_actuator_of_the_model_becomes_a_thruster_of_its_kind(tmp_path: Path) -> None:

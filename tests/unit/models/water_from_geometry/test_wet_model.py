@@ -275,8 +275,7 @@ def test_what_is_written_is_read_to_the_bit(tmp_path: Path, capsule: Path, with_
     assert "arm: volume 8.17" in head
 
 
-# -------------------------------------------------------------------------------------------------
-# through the command
+# -- through the command ---------------------------------------------------------------------------
 
 
 def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path: Path):

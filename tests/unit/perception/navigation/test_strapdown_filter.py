@@ -207,8 +207,7 @@ def test_attitude_is_as_good_as_gyro_and_reference_allow(within):
     within("rates [rad/s], their bias removed", course.estimates[-1].w_WB_B - true, 1.2e-3)
 
 
-# -- what sensors do to a filter
-# -----------------------------------------------------------------------------------
+# -- what sensors do to a filter -------------------------------------------------------------------
 
 
 def late_error(course: Course, since: float = 20.0) -> float:

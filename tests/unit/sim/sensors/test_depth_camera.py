@@ -26,7 +26,8 @@ SCENE = """
     <geom type="hfield" hfield="seabed" pos="0 0 -1"/>
     <geom type="ellipsoid" size=".1 .2 .3" pos=".5 .9 .2"/>
     <geom type="sphere" size=".2" pos="-.8 .7 .1"/>
-    <geom name="picture only" type="box" size=".1 .2 .1" pos="-.9 -.5 0" euler="20 30 40" contype="0" conaffinity="0"/>
+    <geom name="picture only" type="box" size=".1 .2 .1" pos="-.9 -.5 0" euler="20 30 40"
+      contype="0" conaffinity="0"/>
     <geom type="capsule" size=".1 .2" pos=".9 -.5 0" euler="20 30 40"/>
     <geom type="mesh" mesh="wedge" pos=".1 .2 -.2" euler="10 -30 20"/>
     <geom type="box" size=".3 .3 .01" pos="0 0 .9" material="glass"/>

@@ -307,19 +307,24 @@ class Snoops:
         return state, None
 
     def brief(self, briefing):
-        self.seen += [repr((briefing.seed, briefing.task, briefing.control, briefing.estimator)).encode()]
+        parts = briefing.seed, briefing.task, briefing.control, briefing.estimator
+        self.seen += [repr(parts).encode()]
         self.seen += [read(Path("/proc/self/cmdline")), repr(os.listdir(".")).encode()]
         self.seen += [b"own environment " + repr(dict(os.environ)).encode()]
         process, places = os.getpid(), [Path.cwd(), Path({out!r})]
-        while process > 1 and self.parents < 2:  # itself and the benchmark: what is above them is the tests' own
+        # Itself and the benchmark: what is above them is the tests' own.
+        while process > 1 and self.parents < 2:
             home = Path("/proc", str(process))
             self.seen += [read(home / name) for name in ("cmdline", "environ", "comm")]
-            self.seen += [read(each) for each in home.glob("fd/*") if each.is_file() and not each.is_fifo()]
-            process, self.parents = int(read(home / "stat").rpartition(b")")[2].split()[1]), self.parents + 1
+            opened = [file for file in home.glob("fd/*") if file.is_file() and not file.is_fifo()]
+            self.seen += [read(file) for file in opened]
+            process = int(read(home / "stat").rpartition(b")")[2].split()[1])
+            self.parents += 1
         for place in places:
             self.seen += [read(file) for file in place.rglob("*") if file.is_file()]
         with open({log!r}, "ab") as log:
-            log.write(b"%d parents, seed %d\\n" % (self.parents, briefing.seed) + b"\\n".join(self.seen))
+            log.write(b"%d parents, seed %d\\n" % (self.parents, briefing.seed))
+            log.write(b"\\n".join(self.seen))
         raise RuntimeError("seen enough")
 """
 

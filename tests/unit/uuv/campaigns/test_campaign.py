@@ -52,8 +52,7 @@ def values_of(one: Distribution, n: int, design: Design = "random") -> np.ndarra
     return np.array([each["x"] for each in drawn({"x": one}, n, 0, design)])
 
 
-# -- distributions
-# -----------------------------------------------------------------------------------------------------
+# -- distributions ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("design", DESIGNS)
@@ -106,8 +105,7 @@ def test_neither_more_cases_nor_another_parameter_change_what_is_drawn():
     assert drawn({"x": one}, 5, 4, "random") != few
 
 
-# -- campaigns
-# ---------------------------------------------------------------------------------------------------------
+# -- campaigns -------------------------------------------------------------------------------------
 
 
 def read(folder: Path, text: str) -> Campaign:
@@ -370,8 +368,7 @@ def test_the_page_shows_what_explains_the_misses(tmp_path):
     assert (tmp_path / "report.html").read_text().count("<img") == 3
 
 
-# -- the command
-# -------------------------------------------------------------------------------------------------------
+# -- the command -----------------------------------------------------------------------------------
 
 
 def refused(done: Any) -> str:

@@ -218,8 +218,7 @@ def test_no_link_is_followed_to_write(tmp_path: Path):
     assert (tmp_path / "page.html").read_text() == "theirs"
 
 
-# -- code
-# --------------------------------------------------------------------------------------------------------------
+# -- code ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -320,7 +319,10 @@ def call(*args):
         main()
     except SystemExit as ended:
         return ended.code or 0
-print(call("list", "job"), call("completion", "bash"), call("run", "s.toml"), call("compare", "x", "y"))
+print(
+    call("list", "job"), call("completion", "bash"),
+    call("run", "s.toml"), call("compare", "x", "y"),
+)
 def work():
     import csv, mine
     print(csv.__file__, subprocess.run([sys.executable, "-m", "csv"]).returncode)
@@ -342,8 +344,7 @@ run_scenario(work)
             assert done.stdout.splitlines()[-1] == "0"
 
 
-# -- studies
-# -----------------------------------------------------------------------------------------------------------
+# -- studies ---------------------------------------------------------------------------------------
 
 
 def study_in(folder: Path) -> Path:

@@ -20,9 +20,12 @@ names = {}
 for name, module in list(sys.modules.items()):
     if getattr(module, "__file__", None):
         names.setdefault(os.path.realpath(module.__file__), []).append(name)
-ours = {file: found for file, found in names.items() if any(name.partition(".")[0] == "uuv" for name in found)}
+ours = {
+    file: modules for file, modules in names.items()
+    if any(name.partition(".")[0] == "uuv" for name in modules)
+}
 assert len(ours) > 100, len(ours)
-print({file: found for file, found in ours.items() if len(found) > 1})
+print({file: modules for file, modules in ours.items() if len(modules) > 1})
 """
 MAIN_JOB = """
 from uuv import jobs, run, show
@@ -53,7 +56,7 @@ def python(program: str | Path, code: str, folder: Path) -> subprocess.Completed
 ROOMS = ("models", "sim", "controllers", "perception", "calib", "scenarios")
 OWN = """
 import models, sim, controllers, perception, calib, scenarios
-assert models.MINE and sim.MINE and controllers.MINE and perception.MINE and calib.MINE and scenarios.MINE
+assert all(room.MINE for room in (models, sim, controllers, perception, calib, scenarios))
 import uuv.models, uuv.sim
 print(uuv.models.load("uuv_puma").modelname != "", not hasattr(uuv.sim, "MINE"))
 """
@@ -215,7 +218,8 @@ import nbclient, nbformat
 cells = [nbformat.v4.new_code_cell(text) for text in CELLS]
 notebook = nbformat.v4.new_notebook(cells=cells)
 nbclient.NotebookClient(notebook, timeout=500).execute()
-print([each.get("text", "") for cell in notebook.cells for each in cell.outputs if each.get("name") == "stdout"][-1])
+outputs = [output for cell in notebook.cells for output in cell.outputs]
+print([output.get("text", "") for output in outputs if output.get("name") == "stdout"][-1])
 """
 LOGGED = """
 from uuv.sim.reporting.rerun_log import RerunLog

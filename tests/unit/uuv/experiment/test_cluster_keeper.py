@@ -22,7 +22,8 @@ import sys
 import time
 sys.path.insert(0, "scripts")
 from uuv.experiment.cluster_keeper import kept_cluster
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell starts what it runs with it ignored
+# A background shell starts what it runs with the signal ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with kept_cluster() as folder:
     with open(f"{folder}/log", "w") as log:
         writer = subprocess.Popen(["sleep", "100"], stdout=log, start_new_session=True)

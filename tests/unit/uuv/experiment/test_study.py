@@ -43,8 +43,7 @@ def told() -> Any:
     return import_module("experiments.contact.study_report")
 
 
-# -- drawing
-# -----------------------------------------------------------------------------------------------------------
+# -- drawing ---------------------------------------------------------------------------------------
 
 
 def task(study: Any, run: int, seed: int = 3, **other: Any) -> Any:
@@ -121,8 +120,7 @@ def test_a_stiff_surface_costs_substeps_of_the_plant_and_no_steps_of_the_loop():
     assert recording.substeps == built.plant.substeps
 
 
-# -- classes
-# -----------------------------------------------------------------------------------------------------------
+# -- classes ---------------------------------------------------------------------------------------
 
 GOOD = {
     "force_rms_n": 0.5,
@@ -304,8 +302,7 @@ def test_the_hull_is_off_its_place_where_that_stands_still(study):
     assert study._unfolding(run) == pytest.approx(0.05)
 
 
-# -- signals
-# ---------------------------------------------------------------------------------------------------------
+# -- signals ---------------------------------------------------------------------------------------
 
 
 def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
@@ -364,8 +361,7 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
     assert "written to" in said.getvalue()
 
 
-# -- figures
-# -----------------------------------------------------------------------------------------------------------
+# -- figures ---------------------------------------------------------------------------------------
 
 
 def row(run: int, without: str = "", **figures: Any) -> dict[str, Any]:
@@ -480,8 +476,7 @@ def test_no_runs_that_worked_give_a_page_without_pictures(study, tmp_path):
     assert "<img" not in file.read_text()
 
 
-# -- step response
-# -----------------------------------------------------------------------------------------------------
+# -- step response ---------------------------------------------------------------------------------
 
 
 def test_step_figures_of_a_second_order_answer(within):

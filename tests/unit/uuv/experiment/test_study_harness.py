@@ -84,8 +84,7 @@ def rows_of(folder: str = "out") -> list[dict[str, Any]]:
     return read_rows(folder)
 
 
-# -- studies
-# -----------------------------------------------------------------------------------------------------------
+# -- studies ---------------------------------------------------------------------------------------
 
 
 def test_rows_do_not_depend_on_who_makes_them():
@@ -218,8 +217,7 @@ def test_numbers_of_processes_are_checked(given, said):
         StudyOptions(**given)
 
 
-# -- log
-# ---------------------------------------------------------------------------------------------------------------
+# -- log -------------------------------------------------------------------------------------------
 
 
 def begun(folder: Path) -> RowLog:
@@ -359,8 +357,7 @@ def test_settings_are_kept_beside_the_rows(tmp_path):
     assert about["schema"] == 1
 
 
-# -- processes
-# ---------------------------------------------------------------------------------------------------------
+# -- processes -------------------------------------------------------------------------------------
 
 
 def test_a_run_that_kills_its_process_is_told_and_the_others_are_done():

@@ -207,7 +207,8 @@ def plain(*, seconds: float = 3.0):
     """Plain."""
     from uuv.tasks.station_keeping import StationKeepingTask
     from uuv.site import OpenWater
-    return Scenario(name="plain", site=Site(object=OpenWater()), task=StationKeepingTask(seconds=seconds))
+    task = StationKeepingTask(seconds=seconds)
+    return Scenario(name="plain", site=Site(object=OpenWater()), task=task)
 
 
 def nothing():

@@ -218,7 +218,8 @@ _MASS_WITH_PAD = """
       <geom type="sphere" size=".01" mass="{mass}" contype="0" conaffinity="0"/>
       <body name="pad">
         <joint name="pad" type="slide" axis="0 0 1" stiffness="32000" damping="155"/>
-        <geom name="pad" type="sphere" size=".06" mass=".325" solref=".006 1" solimp=".95 .99 .0005"/>
+        <geom name="pad" type="sphere" size=".06" mass=".325"
+          solref=".006 1" solimp=".95 .99 .0005"/>
           </body></body>
   </worldbody> <actuator><motor joint="press"/></actuator></mujoco>"""
 
@@ -255,8 +256,9 @@ _SLIDING = """
       <geom type="sphere" size=".01" mass="{mass}" contype="0" conaffinity="0"/>
       <body name="pad">
         <joint name="pad" type="slide" axis="0 0 1" stiffness="32000" damping="155"/>
-        <geom name="pad" type="sphere" size=".06" mass=".325" solref=".006 1" solimp=".95 .99 .0005" condim="3"
-         friction="{friction} .005 .0001" priority="1"/></body></body>
+        <geom name="pad" type="sphere" size=".06" mass=".325"
+          solref=".006 1" solimp=".95 .99 .0005" condim="3"
+          friction="{friction} .005 .0001" priority="1"/></body></body>
   </worldbody> <actuator><motor joint="press"/> <velocity joint="along" kv="2000"/>
     <motor joint="along"/></actuator>
 </mujoco>"""

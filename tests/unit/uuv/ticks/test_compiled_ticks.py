@@ -392,7 +392,10 @@ JOINT_PD = Control(
 
 ABLATED = Control(without=("force-control", "drift-correction"))
 PUBLISHED = Control(published=("force-law", "tip-force"))
-GUARD = "tests/unit/uuv/ticks/test_compiled_ticks.py::test_a_run_with_other_parts_of_the_controller_has_the_same_bits"
+GUARD = (
+    "tests/unit/uuv/ticks/test_compiled_ticks.py"
+    "::test_a_run_with_other_parts_of_the_controller_has_the_same_bits"
+)
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,8 @@ except TypeError:
 else:
     raise AssertionError("of another type than the signature's")
 
-print(entry(2.0), fixed(2), address.ctypes(2.0), stored.counts.loaded, stored.counts.compiled, stored.counts.unkept)
+counts = stored.counts
+print(entry(2.0), fixed(2), address.ctypes(2.0), counts.loaded, counts.compiled, counts.unkept)
 """
 
 

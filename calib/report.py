@@ -117,9 +117,8 @@ def _rank(calibration: Calibration) -> str:
         "<tr><th class=n>directions</th><th>in</th><th>why they are not seen</th><th>what "
         "helps</th></tr>"
     )
-    combinations = "".join(
-        f"<li>{_text(rank.combination(i))}</li>" for i in range(max(rank.rank - 3, 0), rank.rank)
-    )  # the least observable
+    least_seen = range(max(rank.rank - 3, 0), rank.rank)
+    combinations = "".join(f"<li>{_text(rank.combination(i))}</li>" for i in least_seen)
     return (
         f"<p><b>{rank.rank} of {rank.total}</b> directions of the parameters move the touched "
         "tips apart, and are "

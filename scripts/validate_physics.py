@@ -151,9 +151,9 @@ def run(options: ValidateOptions) -> int:
             "-p",
             "no:cacheprovider",
             "--tb=short",
-            "-W",
+            "-W",  # tyro has loaded typeguard, which is also a pytest plug-in
             "ignore::pytest.PytestAssertRewriteWarning",
-        ],  # tyro has loaded typeguard, which is also a pytest plug-in
+        ],
         plugins=[page],
     )
     seconds, worked = time.perf_counter() - begin, time.process_time() - worked

@@ -4,6 +4,7 @@ as published.
 
 from typing import Literal, get_args
 
+# that a controller can do without
 Method = Literal[
     "compensation",
     "hydrodynamic-term",
@@ -11,8 +12,9 @@ Method = Literal[
     "contact-term",
     "drift-correction",
     "force-control",
-]  # that a controller can do without
-NavigationMethod = Literal["fusion", "gyro-check"]  # that navigation can do without
+]
+# that navigation can do without
+NavigationMethod = Literal["fusion", "gyro-check"]
 AblatedMethod = Literal[Method, NavigationMethod]
 NAVIGATION: frozenset[NavigationMethod] = frozenset(get_args(NavigationMethod))
 PublishedMethod = Literal["force-law", "normal-force-law", "tip-force", "identification"]

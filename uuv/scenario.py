@@ -365,9 +365,10 @@ class Scenario:
 
     name: str  # of the folder of results
     task: Task
+    # of everything but the perturbations
     seed: int = option(
         0, "Seed of everything random: where the object lies, the noise of the sensors, the gusts."
-    )  # but the perturbations
+    )
     site: Site = field(default_factory=Site)
     vehicle: VehicleSetup = field(default_factory=VehicleSetup)
     belief: Belief = field(default_factory=Belief)

@@ -152,9 +152,8 @@ class SerialArm:
         o = checked(points, (n, 3), "points")
         X_flange = checked_pose(X_base_flange0, "X_base_flange0")
         types = _checked_letters(joint_types, n)
-        z = z / np.maximum(
-            np.abs(z).max(axis=1, keepdims=True), 1e-300
-        )  # scaled first: the square of a huge axis overflows
+        # scaled first: the square of a huge axis overflows
+        z = z / np.maximum(np.abs(z).max(axis=1, keepdims=True), 1e-300)
         norms = np.linalg.norm(z, axis=1)
         if not np.all(norms > 1e-9):
             raise ConfigurationError(

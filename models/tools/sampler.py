@@ -50,9 +50,9 @@ class Box:
     length: float  # [m] from the mount to its edges
     mass: float  # [kg]
     wall: float = 0.0015  # [m]
-    # [rad] of its cutting edge, from the horizontal: 90 deg minus the friction
+    # [rad] of its cutting edge, from the horizontal: 90 deg minus the friction of steel on sand, so
+    # that the sand neither draws it in nor lifts it out
     rake: float = float(np.radians(69.0))
-    # of steel on sand, so that the sand neither draws it in nor lifts it out
 
     @property
     def contact(self) -> ToolContact:

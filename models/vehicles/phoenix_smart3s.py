@@ -95,6 +95,7 @@ CENTER = (
     (0.0, 0.055, 0.0),
     (0.0, 0.0, -0.05),
 )
+# [kg m^2] diagonal, about the centre of mass
 INERTIA = 20.0 * np.array(
     [
         [5.0, 1.5, 5.0],
@@ -104,7 +105,7 @@ INERTIA = 20.0 * np.array(
         [0.25, 0.2, 0.25],
         [0.25, 0.25, 0.17],
     ]
-)  # [kg m^2] diagonal, about the centre of mass
+)
 FRICTION = (30.0, 20.0, 5.0, 10.0, 5.0, 6.0)  # [N m s/rad]
 DRAG_COEFFICIENT = 0.6  # of a link across its axis, on the diameter
 HOME = np.radians([0.0, -45.0, 0.0, 0.0, 0.0, 0.0])  # q_nominal

@@ -35,11 +35,10 @@ SWEEPS: Final = (-2, 0, 2)  # exponents of `LiftDrag.sweep`
 _RIGHT: Final = 0.5 * math.pi
 _KEPT: Final = 1e-12  # by which a vector's length may differ from 1 for it to be kept bit by bit
 _SQUARE: Final = 1e-3  # largest cosine of an angle that should be right
-# Directions of flow at which the slope of a LiftDrag is sampled, by differences of _STEP; allowance
-# for those between.
-# [rad] in the plane of forward and upward
+# Directions of flow at which the slope of a LiftDrag is sampled, by differences of _STEP: angles in
+# the plane of forward and upward [rad], and out of it. _BETWEEN allows for the directions between.
 _ANGLES: Final = np.linspace(-math.pi, math.pi, 361) + 1e-3
-_SWEPT: Final = np.radians([0.0, 25.0, 50.0, 65.0, 80.0, -50.0])  # out of it
+_SWEPT: Final = np.radians([0.0, 25.0, 50.0, 65.0, 80.0, -50.0])
 _STEP, _BETWEEN = 1e-5, 1.05
 
 

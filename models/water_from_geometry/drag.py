@@ -19,19 +19,18 @@ ASIDE = 0.25  # of its longest extent: a body whose middle is farther from its o
 _LINES = 240  # across the longer side of the silhouettes
 _ASKEW = 0.4  # [rad] of the lines' grid about the flow: no edge of a usual body is parallel to it
 _SPHERE, _CYLINDER, _FLAT = 0.5, 2.0 / 3.0, 1.0  # bluntness
+
 # Length along the flow over width: drag coefficient. Beyond 8, skin friction of 0.005 on the
-# surface is added.
-# ellipsoid of revolution
+# surface is added. An ellipsoid of revolution, and a flat-faced body, a cube at 1.
 _ROUND = ((0.75, 1.0, 2.0, 4.0, 8.0, 100.0), (0.5, 0.47, 0.27, 0.25, 0.2, 2.0))
-# flat-faced; a cube at 1
 _BLUNT = ((0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 100.0), (1.17, 1.15, 1.05, 0.85, 0.87, 0.99, 2.8))
-# Length of a silhouette over its width: drag coefficient.
-# cylinder
+
+# Length of a silhouette over its width: drag coefficient. A cylinder, and a rectangular plate.
 _ACROSS = (
     (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 200.0),
     (0.64, 0.68, 0.74, 0.74, 0.82, 0.91, 0.98, 1.2),
 )
-_PLATE = ((1.0, 5.0, 10.0, 20.0, 100.0), (1.18, 1.2, 1.3, 1.5, 2.0))  # rectangular plate
+_PLATE = ((1.0, 5.0, 10.0, 20.0, 100.0), (1.18, 1.2, 1.3, 1.5, 2.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -25,14 +25,14 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_
 # [rad] of the candidates about the vertical: 15, 30 and 45 deg
 ARCS = (-0.26, 0.26, -0.52, 0.52, -0.79, 0.79)
 RIVAL = 30.0  # [nat] of log likelihood, below which the next best pose competes
-# of the grid on which views are predicted: depth edges need about every third of 640 x 480 pixels
+# of the grid on which views are predicted: depth edges need every third pixel of 640 x 480 or so
 _PIXELS = 40_000
 _POINTS = 1500  # of a predicted scan that are compared with the model
 # [nat] that one pixel may tell: three standard deviations; more is as likely an outlier
 _CERTAIN = 4.5
 # [-] of the best predicted worth, above which views count as equal: then the farthest is the best,
-_AS_GOOD = 0.67
 # for it shares the least of this view's errors, and of what hides the object here
+_AS_GOOD = 0.67
 # [1/m^2] information of a motion of which nothing is known: a standard deviation of 10 m
 _FREE = 1e-2
 

@@ -33,8 +33,7 @@ MOST_STATES = 18  # size of x with all optional states
 VISION, DVL = 0, 1  # kinds of fix: position, velocity
 
 # Columns of `past_input`, one row per stored step
-# [s], [s], variances of the velocity [m^2/s^2] added by the step
-TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3
+TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3  # [s], [s], velocity variance that it adds [m^2/s^2]
 FORCE, ATTITUDE = 4, 7  # specific force (3,) [m/s^2], attitude (9,)
 JUMP = 16  # [m^2/s^4] variance that the step adds to the bias, at a detected jump
 INPUT = 17  # columns of `past_input`
@@ -43,13 +42,12 @@ INPUT = 17  # columns of `past_input`
 HAS, VALUE, VARIANCE, SHIFT = 0, 1, 4, 5  # flag, (3,) in W, its variance, time after the step [s]
 FIX = 6  # columns of `past_fix`
 
-# Columns of `past_track`, one row per stored step
-# flag, (3,) [m] in W, (3, 3) [1/m^2], flag, (3,) [m] in W
+# Columns of `past_track`, one row per stored step: flag, (3,) [m] in W, (3, 3) [1/m^2], flag,
+# (3,) [m] in W
 READ, PLACE, INFORMATION, BEGUN, ORIGIN = 0, 1, 4, 13, 14
 TRACK = 17  # columns of `past_track`
 
-# Entries of `layout`
-# number of states, first index of each triple (-1: none)
+# Entries of `layout`: number of states, first index of each triple (-1: none)
 STATES, AT_DVL_BIAS, AT_WANDER, AT_TRACK = 0, 1, 2, 3
 
 HISTORY = 512  # IMU samples stored: largest delay of vision

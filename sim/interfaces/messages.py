@@ -291,17 +291,13 @@ class StateEstimate:
     imu_age: float = math.nan  # [s] the same for the IMU
     # [s] since the accelerometer's bias was found to jump; inf: never, NaN: not known
     imu_jump_age: float = math.nan
-    # (3,) [m] by which the object has moved that the
+    # (3,) [m] by which the object that the arm's camera tracks has moved; zero: not beyond doubt
     object_moved_W: Array = field(default_factory=lambda: _STILL)
-    # camera on the arm tracks; zero: not beyond doubt
-    gyro_off_B: Array = field(
-        default_factory=lambda: _STILL
-    )  # (3,) [rad/s] by which the gyro was found to be off; zero
-    # about an axis that is not
-    attitude_off_B: Array = field(
-        default_factory=lambda: _STILL
-    )  # (3,) [rad] the same for the attitude reference; about an
-    # axis of a gyro that is off: either of the two; NaN: it is no rotation
+    # (3,) [rad/s] by which the gyro was found to be off; zero about an axis that is not
+    gyro_off_B: Array = field(default_factory=lambda: _STILL)
+    # (3,) [rad] the same for the attitude reference; about an axis of a gyro that is off: either of
+    # the two; NaN: it is no rotation
+    attitude_off_B: Array = field(default_factory=lambda: _STILL)
     ground: GroundPlane | None = None  # under the hull; None: not known
 
 

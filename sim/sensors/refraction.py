@@ -91,9 +91,8 @@ class FlatPort:
         )
         if not np.all(depth > self.distance + self.thickness):
             raise ConfigurationError("flat port: points must lie in the water, beyond the port")
-        flat = _tangents(
-            np.array(rho).ravel(), np.array(depth).ravel(), self.numbers
-        )  # a view warns when it is written
+        # copies, for a view warns when it is written
+        flat = _tangents(np.array(rho).ravel(), np.array(depth).ravel(), self.numbers)
         return flat.reshape(rho.shape)
 
     @property

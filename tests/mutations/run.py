@@ -37,6 +37,7 @@ LISTED = Path(__file__).with_name("listed.toml")
 LEFT_OUT = (".venv", ".git", ".uv", "runs", ".pytest_cache", ".ruff_cache")
 PATIENCE = 8.0  # times the budget, in seconds of the clock: hung
 MEMORY = 6 * 2**30  # [bytes] that a mutant may ask for
+# by nearly all tests: not anew for every mutant
 LOADED_ONCE = (
     "matplotlib.pyplot",
     "mujoco",
@@ -46,7 +47,7 @@ LOADED_ONCE = (
     "scipy.optimize",
     "scipy.spatial",
     "scipy.stats",
-)  # by nearly all tests: not anew for every mutant
+)
 MOST_FILES = 12  # of tests for a drawn mutant, the nearest first
 
 

@@ -576,9 +576,8 @@ def test_heeled_it_rights_itself(name, axis):
     """
     model, data = braked(name)
     _, arm = lever(model, data)
-    inertia = (
-        1.0 / np.linalg.inv(StationKeeping(compiled(name)).inertia)[3 + axis, 3 + axis]
-    )  # the hull is free to give way
+    # the hull is free to give way
+    inertia = 1.0 / np.linalg.inv(StationKeeping(compiled(name)).inertia)[3 + axis, 3 + axis]
     period = 2.0 * np.pi * np.sqrt(inertia / (9.81 * float(np.sum(model.body_mass)) * arm[2]))
     heel = np.radians(10.0)
     data.qpos[3:7] = [np.cos(heel / 2.0), *(np.sin(heel / 2.0) * np.eye(3)[axis])]

@@ -50,9 +50,8 @@ class CalibrationOutcome:
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)
     # where compliances are identified: the same touches without them
     rigid: Calibration | None = None
-    examined: Examination = field(
-        default_factory=Examination
-    )  # wrong inputs that explain the touches better, or as well
+    # wrong inputs that explain the touches better, or as well
+    examined: Examination = field(default_factory=Examination)
     worse: tuple[str, ...] = ()  # data on which the nominal arm is better beyond chance
 
 

@@ -248,10 +248,11 @@ def _view(
 
 def _lowest(target: TargetModel) -> float:
     """z_T [m] of the lowest point of object and stand."""
+    # stands are made of boxes
     stand = [
         float(solid.X_TS[2, 3] - np.abs(solid.X_TS[2, :3]) @ np.array(solid.size))
         for solid in target.stand
-    ]  # boxes: stands are made of them
+    ]
     return min([float(target.vertices[:, 2].min()), *stand])
 
 

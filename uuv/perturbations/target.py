@@ -18,10 +18,9 @@ from uuv.sim.interfaces.spatial import checked, finite_number, rotation_from_qua
 
 ADDED_MASS = 0.5  # share of the displaced water's mass: a sphere, exact in potential flow
 DRAG = 0.47  # coefficient of a sphere
-# [kg, kg m^2] of an object that moves as prescribed: 60 N change its speed by 0.1 mm/s in a step. A
-# far
+# [kg, kg m^2] of an object that moves as prescribed: 60 N change its speed by 0.1 mm/s in a step.
+# A far heavier body would coarsen the solver's tolerance, which MuJoCo scales by the mean inertia.
 _HEAVY = 1e3
-# heavier body would coarsen the tolerance of the solver, which MuJoCo scales by the mean inertia.
 
 
 @dataclass(frozen=True, kw_only=True)

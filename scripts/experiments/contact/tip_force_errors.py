@@ -65,7 +65,7 @@ def cases(seed: int, runs: int, noise: float, bias: float) -> Iterator[ForceCase
     for arm in LIMITS:
         for source in SOURCES:
             for form in FORMS:
-                # which holds for arms of its kind alone
+                # The closed form holds for arms of its kind alone.
                 if form != "closed form" or arm == "default":
                     yield ForceCase(arm, source, form, seed, runs, noise, bias)
 

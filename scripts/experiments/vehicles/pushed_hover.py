@@ -17,11 +17,12 @@ from uuv.own_vehicle import vehicle_spec
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, spread_directions
 
+# [rad] of the default arm, stretched out
 POSTURES = {
     "ahead": (0.0, 0.2, 0.0, 0.0, 0.0, 0.0),
     "aside": (1.57, 0.4, 0.0, 0.0, 0.0, 0.0),
     "down": (0.0, 1.4, 0.1, 0.1, 0.0, 0.0),
-}  # [rad] of the default arm, stretched out
+}
 
 
 MEASURED = (

@@ -76,7 +76,7 @@ def run_folder(given: str) -> Path:
     try:
         for folder in (Path(given), RUNS / given / LATEST, RUNS / given.replace("-", "_") / LATEST):
             if (folder / "metrics.json").exists():
-                # `latest` moves on
+                # where `latest` points now, for it moves on
                 return folder.parent / folder.readlink() if folder.is_symlink() else folder
         there = (
             sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []

@@ -86,9 +86,8 @@ def test_tool_pose_and_its_change_along_an_arc(within):
         for roll in (0.0, 1.2):
             X, tangent, turn = tool_pose(path, float(s), roll)
             within("orthonormal", X[:3, :3].T @ X[:3, :3] - np.eye(3), 1e-14)
-            within(
-                "on the barrel [m]", np.linalg.norm((inverse(X_WT) @ X)[1:3, 3]) - 0.3, 1.1e-5
-            )  # the sagitta of 5 mm chords
+            radius = np.linalg.norm((inverse(X_WT) @ X)[1:3, 3])
+            within("on the barrel [m]", radius - 0.3, 1.1e-5)  # the sagitta of 5 mm chords
             outward, axle = -X[:3, 2], X_WT[:3, 0]
             # half the angle of a chord
             within("change of place", tangent - np.cross(axle, outward), 9e-3)

@@ -129,9 +129,8 @@ def test_a_urdf_with_a_mapping_moves_as_the_mjcf_does(tmp_path: Path, within) ->
     vehicle = Vehicle.of(of_urdf)
     assert vehicle.joint_names == ("lift", "bend")
     np.testing.assert_allclose(vehicle.torque_limits, [9.0, 5.0])
-    np.testing.assert_allclose(
-        vehicle.thruster_wrench[:, 0], [1, 0, 0, -0.014, 0.05, 0], atol=1e-12
-    )  # with its reaction
+    with_reaction = [1, 0, 0, -0.014, 0.05, 0]
+    np.testing.assert_allclose(vehicle.thruster_wrench[:, 0], with_reaction, atol=1e-12)
     assert thrusters.unpack(vehicle.thruster_table[1]).forward == 30.0
     data = mujoco.MjData(of_urdf)
     mujoco.mj_kinematics(of_urdf, data)

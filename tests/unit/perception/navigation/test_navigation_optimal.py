@@ -21,6 +21,7 @@ from uuv.sim.interfaces.spatial import Array, exp_so3
 from uuv.sim.sensors import proprioception
 
 STEP = 0.02  # [s] of the IMU
+# a coarse accelerometer on a perfect attitude, so that all states are moved by all fixes
 STILL = ImuNoise(
     acceleration=0.02,
     acceleration_bias=0.03,
@@ -28,7 +29,7 @@ STILL = ImuNoise(
     rate_bias=0.0,
     attitude=0.0,
     attitude_bias=0.0,
-)  # a coarse accelerometer on a perfect attitude, so that all states are moved by all fixes
+)
 LOG = DvlNoise(white=4e-3, bias=5e-3)
 CAMERA = VisionNoise(white=3e-3, wander=8e-3, wander_time=5.0)
 

@@ -241,9 +241,10 @@ def test_finder_asks_for_another_look_at_a_hole():
     depth[around_dent(0.12)] = np.nan
     finder = KnownObjectFinder(BARREL, longitudinal(0.6, AZIMUTH), VIEW[:3, 3], VIEW[:3, :3])
     zero = np.zeros(3)
+    # W is the camera's own frame
     estimate = StateEstimate(
         time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero, tau=zero
-    )  # W is the camera's own frame
+    )
     measurement = replace(image, depth=depth, X_BC=np.eye(4))
     _, target = finder.step(finder.init(), estimate, measurement)
     assert target is not None

@@ -343,9 +343,8 @@ def test_noise_is_white_and_of_its_seed(sensor, field):
     assert not np.array_equal(one, other)
     noise = (one - one.mean(axis=0)).reshape(SAMPLES, -1)
     if isinstance(sensor, proprioception.PressureDepth):
-        noise = noise + np.random.default_rng(9).uniform(
-            -10.0, 10.0, noise.shape
-        )  # its steps are as great as its noise
+        # its steps are as great as its noise
+        noise = noise + np.random.default_rng(9).uniform(-10.0, 10.0, noise.shape)
     for lag in (1, 2, 3, 5):
         seen = np.mean(noise[lag:] * noise[:-lag], axis=0) / noise.var(axis=0)
         assert np.abs(seen).max() < 5.0 / np.sqrt(SAMPLES)

@@ -5,6 +5,7 @@ the sources.
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -13,7 +14,9 @@ from pathlib import Path
 
 HOME = Path(__file__).resolve().parent  # the package `uuv`, with the rooms in it
 CHECKOUT = HOME.parent  # the folder around it: the checkout, where there is one
-_COMMAND = "run_scenario(main)"  # ends the file of an experiment that is a command
+EXPERIMENTS = CHECKOUT / "scripts" / "experiments"  # in a checkout
+# what ends the file of an experiment that is a command
+_COMMAND = re.compile(r"^    run_scenario\((\w+\.)?main\)$", re.M)
 _GROUP = "uuv_arm"  # of entry points, as in `uuv.models.registry`
 
 
@@ -47,13 +50,12 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
         case "job":
             yield from _jobs(HOME / "jobs" / "__init__.py")
         case "experiment":
-            home = CHECKOUT / "scripts" / "experiments"
-            for file in sorted(home.rglob("[!_]*.py")):
+            for file in sorted(EXPERIMENTS.rglob("[!_]*.py")):
                 source = file.read_text(encoding="utf-8")
-                if _COMMAND in source:
+                if _COMMAND.search(source):
                     # Its first line; to parse it would take half of the time.
                     headline = source.partition("\n")[0].strip('"')
-                    name = file.relative_to(home).with_suffix("").as_posix()
+                    name = file.relative_to(EXPERIMENTS).with_suffix("").as_posix()
                     yield name, headline.removeprefix("Study: ").removeprefix("Benchmark: ")
         case "vehicle":
             yield from _vehicles()

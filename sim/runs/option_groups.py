@@ -5,17 +5,14 @@ A class of options, or a base of it, tells its groups by `groups`: title, and na
 What a field means stands below it, or in `abouts` of a class that is made at run time.
 """
 
-import ast
 import inspect
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import MISSING, Field, field, fields, make_dataclass
-from functools import cache
-from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast, get_type_hints
 
 import tyro
+
+from uuv.sim.runs.help_texts import help_texts
 
 Options = TypeVar("Options")
 REST = "job"  # title of the group of all others
@@ -30,10 +27,10 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
     titles = _titles(kind)
     if len(titles) < 2:
         return tyro.cli(kind, args=args)
-    hints, told = get_type_hints(kind, include_extras=True), _told(kind)
+    hints, texts = get_type_hints(kind, include_extras=True), help_texts(kind)
     members: dict[str, list[tuple[str, Any, Any]]] = {title: [] for title in titles.values()}
     for each in fields(cast(Any, kind)):
-        hint = Annotated[hints[each.name], tyro.conf.arg(help=told.get(each.name, ""))]
+        hint = Annotated[hints[each.name], tyro.conf.arg(help=texts.get(each.name, ""))]
         members[titles[each.name]].append((each.name, hint, _default(each)))
     parts = []
     for title, group in members.items():
@@ -73,33 +70,3 @@ def _default(each: Field[Any]) -> Any:
     if each.default_factory is not MISSING:
         return field(default_factory=each.default_factory)
     return field() if each.default is MISSING else field(default=each.default)
-
-
-def _told(kind: type) -> dict[str, str]:
-    """What the class and its bases say below each field."""
-    told: dict[str, str] = {}
-    for base in reversed(kind.__mro__[:-1]):
-        told |= vars(base).get("abouts", {})
-        file = getattr(sys.modules.get(base.__module__), "__file__", None)
-        body = None if file is None else _classes(file).get(base.__qualname__)
-        if body is None:  # typed in at a prompt, or made by a function
-            continue
-        for declared, below in pairwise(body.body):
-            match declared, below:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
-                    value=ast.Constant(value=str(said))
-                ):
-                    told[name] = " ".join(said.split())
-    return told
-
-
-@cache
-def _classes(file: str) -> Mapping[str, ast.ClassDef]:
-    """Source of each class of a module's file; read once, where `inspect.getsource` would read it
-    for every class.
-    """
-    try:
-        tree = ast.parse(Path(file).read_text(encoding="utf-8"))
-    except (OSError, SyntaxError):  # of a plug-in that has changed since it was imported
-        return {}
-    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}

@@ -1,36 +1,31 @@
 """How often each method of inverse kinematics solves a pose that the arm can reach [Danilov 2021].
 
-    ./uvw run scripts/experiments/kinematics/ik_success.py
-
 Arms: those of `uuv.models.arms.published_arms` with limits of +-180 and +-150 deg, and five of them
-with uneven limits,
-drawn by the seed. Targets: joint values within the limits, with one to three joints on a limit, and
-with all of them on limits. All starts are the same cold one. A solution is one within 0.1 mm and 1
-mrad, checked by another forward kinematics, and within the limits.
-
-Writes metrics.json. Exit code 0: the default method missed none.
+with uneven limits, drawn by the seed. Targets: joint values within the limits, with one to three
+joints on a limit, and with all of them on limits; the methods beside the default one, hybrid, get
+targets within the limits. All starts are the same cold one. A solution is one within 0.1 mm and
+1 mrad, checked by another forward kinematics, and within the limits.
 """
 
+from uuv.start import run_scenario  # isort: skip
+
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from experiments.kinematics.ik import HOME, dh_forward
 from uuv.controllers.mkps import Chain, IkOptions, Method, solve_many
+from uuv.experiment import Page, column, experiment, stat
+from uuv.experiment.options import at_least
 from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.runs.provenance import provenance
-from uuv.sim.runs.saving import write_json
-from uuv.start import new_folder, parse, run_scenario
 
 WITHIN, SOME, ALL = "within limits", "1 to 3 on limits", "all on limits"
+KINDS = (WITHIN, SOME, ALL)  # of targets
 RANGES = (180, 150)  # [deg]
 UNEVEN = ("puma560", "ur5", "general6r", "panda", "era")
 POSITION, ANGLE = 1e-4, 1e-3  # [m], [rad]
@@ -42,18 +37,29 @@ VERSIONS: dict[str, tuple[Method, IkOptions]] = {
 }
 
 
-@dataclass
-class Options:
-    """Success of the three methods of inverse kinematics."""
+@dataclass(frozen=True, kw_only=True)
+class ArmCase:
+    """One arm with its limits."""
 
+    arm: str
+    """Name of the arm, and its limits."""
     targets: int = 10_000
-    """Number of targets of each kind for each arm, for the default method."""
+    """Number of targets of each kind, for the default method."""
     others: int = 300
     """The same for the other methods, within the limits only."""
     seed: int = 0
     """Seed of limits and targets."""
-    out: Path | None = None
-    """Folder for metrics.json; default: a new one in runs/ik_success."""
+
+    def __post_init__(self) -> None:
+        at_least(self, targets=1, others=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmRow:
+    """Targets and misses, by method and kind of target."""
+
+    tried: Mapping[str, int] = column("targets", by="method")
+    missed: Mapping[str, int] = column("missed", by="method")
 
 
 def arms(rng: np.random.Generator) -> Iterator[tuple[str, PublishedArm]]:
@@ -106,48 +112,52 @@ def misses(arm: PublishedArm, targets: Array, version: str) -> int:
     return int(np.count_nonzero(~solved))
 
 
-def main() -> int:
-    """Counts the misses and shows them; 1 if the default method missed a target."""
-    options, console = parse(Options), Console()
-    folder = new_folder("ik_success", options.out, options.seed)
-    rng = np.random.default_rng(options.seed)
-    rows: list[dict[str, Any]] = []
-    for name, arm in arms(rng):
-        row: dict[str, Any] = {"arm": name}
-        for kind in (WITHIN, SOME, ALL):
-            X = dh_forward(arm, joint_values(arm.limits, kind, options.targets, rng))
-            row[kind] = misses(arm, X, "hybrid")
-        few = dh_forward(arm, joint_values(arm.limits, WITHIN, options.others, rng))
-        row |= {version: misses(arm, few, version) for version in list(VERSIONS)[1:]}
-        rows.append(row)
-    columns = [WITHIN, SOME, ALL, *list(VERSIONS)[1:]]
-    count = dict.fromkeys((WITHIN, SOME, ALL), options.targets) | dict.fromkeys(
-        list(VERSIONS)[1:], options.others
-    )
-    share = {
-        column: sum(row[column] for row in rows) / (len(rows) * count[column]) for column in columns
-    }
-    table = Table(
-        title=f"Misses of hybrid among {options.targets}; of the other methods, within limits, "
-        f"among {options.others}"
-    )
-    table.add_column("arm and limits", no_wrap=True)
-    for column in columns:
-        table.add_column(column, justify="right")
-    for row in rows:
-        table.add_row(row["arm"], *(str(row[column]) for column in columns))
-    table.add_row(
-        "all, solved", *(f"{1.0 - share[column]:.2%}" for column in columns), style="bold"
-    )
-    console.print(table)
-    solved = {column.replace(" ", "_"): 1.0 - share[column] for column in columns}
-    write_json(
-        folder / "metrics.json",
-        {"solved": solved, "rows": rows, "provenance": provenance("ik_success", options)},
-    )
-    console.print(f"written to {folder}/", highlight=False)
-    return int(any(share[kind] > 0.0 for kind in (WITHIN, SOME, ALL)))
+NAMES = tuple(name for name, _ in arms(np.random.default_rng(0)))
 
+
+@experiment(
+    "ik_success", vary={"arm": NAMES}, quick={"arm": ("puma560, +-150 deg", "panda, uneven")}
+)
+def ik_success(case: ArmCase) -> ArmRow:
+    """Counts the targets that each method misses."""
+    # One stream draws all arms and targets: those of the arms before this one are passed over.
+    rng = np.random.default_rng(case.seed)
+    for name, arm in arms(rng):
+        drawn = {kind: joint_values(arm.limits, kind, case.targets, rng) for kind in KINDS}
+        few = joint_values(arm.limits, WITHIN, case.others, rng)
+        if name == case.arm:
+            break
+    else:
+        raise ConfigurationError(f"no arm {case.arm!r}; there are {', '.join(NAMES)}")
+
+    missed = {kind: misses(arm, dh_forward(arm, q), "hybrid") for kind, q in drawn.items()}
+    others = list(VERSIONS)[1:]
+    missed |= {version: misses(arm, dh_forward(arm, few), version) for version in others}
+    tried = dict.fromkeys(KINDS, case.targets) | dict.fromkeys(others, case.others)
+    return ArmRow(tried=tried, missed=missed)
+
+
+def _solved(row: Mapping[str, int]) -> int:
+    return row["tried"] - row["missed"]
+
+
+ik_success.page = (
+    Page()
+    .table(
+        "Targets solved; of hybrid by kind of target",
+        by="method",
+        columns=[
+            stat("total", "tried"),
+            stat("total", "missed"),
+            stat("share", _solved, "solved", among="tried", digits=4),
+        ],
+    )
+    .table("Targets missed", by="arm", across="method", columns=[stat("total", "missed")])
+    .accept(
+        stat("total", lambda row: sum(row["missed"][kind] for kind in KINDS), "hybrid missed"),
+        most=0,
+    )
+)
 
 if __name__ == "__main__":
-    run_scenario(main)
+    run_scenario(ik_success.main)

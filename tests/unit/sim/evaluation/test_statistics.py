@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uuv.sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts, wilson
+from uuv.sim.evaluation.statistics import crashed_run, kind_of_failure, share_interval, spread, verdicts
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import AbortCode
 
@@ -18,9 +18,9 @@ def test_wilson_against_the_published(within):
         (0, 20, 0.0, 0.1611),
         (1, 29, 0.0061, 0.1718),
     ):
-        within(f"{good} of {of}", np.subtract(wilson(good, of), (low, high)), 6e-5)
+        within(f"{good} of {of}", np.subtract(share_interval(good, of), (low, high)), 6e-5)
     with pytest.raises(ConfigurationError, match="good"):
-        wilson(3, 2)
+        share_interval(3, 2)
 
 
 def test_spread_leaves_out_what_is_not_there():

@@ -1,0 +1,12 @@
+from uuv.experiment.columns import column as column
+from uuv.experiment.declaration import Experiment as Experiment
+from uuv.experiment.declaration import experiment as experiment
+from uuv.experiment.harness import Study as Study
+from uuv.experiment.harness import Summary as Summary
+from uuv.experiment.harness import Table as Table
+from uuv.experiment.options import HarnessOptions as HarnessOptions
+from uuv.experiment.options import StudyOptions as StudyOptions
+from uuv.experiment.page import Page as Page
+from uuv.experiment.row_table import Row as Row
+from uuv.experiment.row_table import read_rows as read_rows
+from uuv.experiment.statistic import stat as stat

@@ -1,0 +1,135 @@
+"""Options of an experiment: a class of options made of the fields of its case, and the cases that
+they ask for.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, make_dataclass
+from itertools import product
+from typing import Any, get_type_hints
+
+from uuv.experiment.options import HarnessOptions
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.runs.help_texts import help_texts
+
+SEED, RUNS = "seed", "runs"
+_NAMES_OF_OPTIONS = {entry.name for entry in fields(HarnessOptions)} | {RUNS}
+
+
+@dataclass(kw_only=True)
+class ExperimentOptions(HarnessOptions):
+    """Options of every experiment, beside those of its cases."""
+
+    run: bool = True
+    """Run the cases that are missing (--no-run: the page of the rows that are there)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CaseSpace:
+    """Which cases an experiment has, and how options choose among them."""
+
+    base: type[Any]  # dataclass whose fields are the options
+    seeds: int  # default number of seeds; 0: the base has none
+    vary: Mapping[str, Sequence[Any]]  # values of fields; their product is run
+    paired: bool  # each seed with each combination; else the seeds are spread over them
+    expand: Callable[[Any], Iterable[Any]] | None  # cases of one base; None: it is the case
+
+    def __post_init__(self) -> None:
+        known = [entry.name for entry in fields(self.base)]
+        for name in (*self.vary, *([SEED] if self.seeds else [])):
+            if name not in known:
+                raise ConfigurationError(
+                    f"{self.base.__name__} has no field {name!r} to vary; it has "
+                    f"{', '.join(known)}{did_you_mean(name, known)}"
+                )
+        for name in known:
+            if name in _NAMES_OF_OPTIONS:
+                raise ConfigurationError(
+                    f"{self.base.__name__}.{name}: is an option of every experiment; take another "
+                    "name"
+                )
+
+    def options(self, about: str) -> type[ExperimentOptions]:
+        """Class of options: number of seeds and the first one, the fields of the base, and those of
+        the harness; a field that is varied takes several values.
+
+        Args:
+            about: Help text of the command.
+        """
+        hints, texts = get_type_hints(self.base), dict(help_texts(self.base))
+        members: list[tuple[str, Any, Any]] = []
+        if self.seeds:
+            members.append((RUNS, int, field(default=self.seeds)))
+            texts[RUNS] = "Number of seeds, from --seed on."
+            texts.setdefault(SEED, "Seed of the first run.")
+
+        for entry in fields(self.base):
+            hint, default = hints[entry.name], _default(entry)
+            if entry.name in self.vary:
+                hint, default = tuple[hint, ...], field(default=tuple(self.vary[entry.name]))
+            elif entry.name == SEED and self.seeds and default.default is MISSING:
+                default = field(default=0)
+            members.append((entry.name, hint, default))
+
+        names = [name for name, _, _ in members]
+        harness = [entry.name for entry in fields(ExperimentOptions)]
+        groups = {"cases": " ".join(names), "harness": " ".join(harness)}
+        return make_dataclass(
+            "Options",
+            members,
+            bases=(ExperimentOptions,),
+            namespace={"abouts": texts, "groups": groups, "__doc__": about},
+            kw_only=True,
+        )
+
+    def cases(self, options: Any) -> list[Any]:
+        """Cases that options ask for, in their order.
+
+        Raises:
+            ConfigurationError: A value that is varied is none of those that there are, or a case
+                refuses its values.
+        """
+        for name, values in self.vary.items():
+            _check_words(name, getattr(options, name), values)
+        if self.expand is None:
+            return list(self._bases(options))
+        return [case for base in self._bases(options) for case in self.expand(base)]
+
+    def _bases(self, options: Any) -> Iterator[Any]:
+        """The base for each combination of varied values, and each seed."""
+        fixed = {
+            entry.name: getattr(options, entry.name)
+            for entry in fields(self.base)
+            if entry.name not in self.vary
+        }
+        combinations = [
+            dict(zip(self.vary, values, strict=True))
+            for values in product(*(getattr(options, name) for name in self.vary))
+        ]
+        if not self.seeds:
+            yield from (self.base(**fixed, **varied) for varied in combinations)
+            return
+
+        first = fixed.pop(SEED)
+        for i in range(options.runs):
+            some = combinations if self.paired else [combinations[i % len(combinations)]]
+            yield from (self.base(**fixed, **varied, seed=first + i) for varied in some)
+
+
+def _check_words(name: str, values: Sequence[Any], known: Sequence[Any]) -> None:
+    """Refuses words that are none of those that are varied; a number may be any."""
+    option = f"--{name.replace('_', '-')}"
+    if not values:
+        raise ConfigurationError(f"{option}: needs at least one value")
+    for value in values:
+        if isinstance(value, str) and value not in known:
+            there = ", ".join(map(str, known))
+            raise ConfigurationError(
+                f"{option}: no {value!r}; there are {there}{did_you_mean(value, known)}"
+            )
+
+
+def _default(entry: Any) -> Any:
+    """A new field with the default of another one."""
+    if entry.default_factory is not MISSING:
+        return field(default_factory=entry.default_factory)
+    return field() if entry.default is MISSING else field(default=entry.default)

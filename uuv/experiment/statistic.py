@@ -1,0 +1,186 @@
+"""Statistics of the rows of an experiment: one number, or a few, of a group of rows, as a cell of a
+table.
+
+    stat("mean", "looks", none=8)
+    stat("share", lambda row: row["looks"] == 2, "second look sufficed")
+
+A value that is a list, one for each push for instance, counts with all its entries.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from uuv.experiment.columns import Column, known_column, with_unit
+from uuv.sim.evaluation.statistics import share_interval
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.spatial import Array
+
+Record = Mapping[str, Any]  # a row, with plain values where its columns have tables
+Kind = Literal[
+    "value", "mean", "median", "p95", "largest", "least", "rms", "total", "count", "spread", "share"
+]
+_NUMBERS: dict[str, Callable[[Array], float]] = {
+    "mean": lambda values: float(values.mean()),
+    "median": lambda values: float(np.median(values)),
+    "p95": lambda values: float(np.quantile(values, 0.95)),
+    "largest": lambda values: float(values.max()),
+    "least": lambda values: float(values.min()),
+    "rms": lambda values: float(np.sqrt(np.mean(values**2))),
+    "total": lambda values: float(values.sum()),
+}
+_SHARE_DIGITS = 1  # decimals of a share in %
+_SPREAD = ("median", "p95", "largest")
+_WORDS = {"p95": "95 %", "spread": "median, 95 %, largest", "value": "", "share": "", "count": ""}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Statistic:
+    """A statistic of one quantity over a group of records."""
+
+    kind: Kind
+    of: str | Callable[[Record], Any]  # column, or function of a record
+    label: str
+    column: Column  # unit and format
+    none: float | None = None  # counts in place of a value that is None, which else is left out
+    among: str = ""  # column with the number of trials, of a share of counts
+
+    @property
+    def heading(self) -> str:
+        """What tables call it."""
+        unit = "%" if self.kind == "share" else "" if self.kind == "count" else self.column.unit
+        return with_unit(self.label, unit)
+
+    def bound_to(self, columns: Mapping[str, Column], what: str) -> "Statistic":
+        """The statistic with label, unit and format of its column.
+
+        Raises:
+            ConfigurationError: There is no such column, or a function has no label; the message
+                begins with `what`.
+        """
+        if self.among:
+            known_column(columns, self.among, what)
+        if callable(self.of):
+            if not self.label:
+                raise ConfigurationError(f"{what}: a statistic of a function needs a label")
+            return self
+
+        column = known_column(columns, self.of, what)
+        words = _WORDS.get(self.kind, self.kind)
+        plain = column.label or column.name.replace("_", " ")
+        return replace(
+            self,
+            label=self.label or (f"{plain}, {words}" if words else plain),
+            column=replace(
+                column,
+                unit=self.column.unit or column.unit,
+                digits=column.digits if self.column.digits is None else self.column.digits,
+            ),
+        )
+
+    def values(self, records: Sequence[Record]) -> list[Any]:
+        """Values of the quantity, lists flattened, those that are None left out or replaced."""
+        values: list[Any] = []
+        for record in records:
+            item = self.of(record) if callable(self.of) else record[self.of]
+            values += flattened(item)
+        return [self.none if item is None else item for item in values if not self._left_out(item)]
+
+    def _left_out(self, item: Any) -> bool:
+        return item is None and self.none is None
+
+    def missing(self, records: Sequence[Record]) -> int:
+        """Number of records without a value, which are left out."""
+        items = [self.of(row) if callable(self.of) else row[self.of] for row in records]
+        return sum(self._left_out(item) for item in items)
+
+    def numbers(self, records: Sequence[Record]) -> dict[str, Any]:
+        """The statistic as numbers by name, in the units of the rows; empty without a value."""
+        values = self.values(records)
+        if self.kind == "count":
+            return {"count": sum(map(bool, values))}
+        if not values:
+            return {}
+        if self.kind == "value":
+            return {"value": values[0] if len(values) == 1 else values}
+
+        if self.kind == "share":
+            trials = [record[self.among] for record in records] if self.among else [1] * len(values)
+            good, of = round(sum(values)), round(sum(trials))
+            low, high = share_interval(good, of)
+            return {"share": good / of, "low": low, "high": high, "good": good, "of": of}
+
+        array = np.array(values, dtype=float)
+        names = _SPREAD if self.kind == "spread" else (self.kind,)
+        return {name: _NUMBERS[name](array) for name in names}
+
+    def cell(self, records: Sequence[Record]) -> str:
+        """The statistic as text; "-" without a value."""
+        numbers = self.numbers(records)
+        if not numbers:
+            return "-"
+        if self.kind == "share":
+            digits = self.column.digits if self.column.digits is not None else _SHARE_DIGITS
+            return (
+                f"{100 * numbers['share']:.{digits}f} ({100 * numbers['low']:.{digits}f} to "
+                f"{100 * numbers['high']:.{digits}f}) of {numbers['of']}"
+            )
+        if self.kind in ("value", "count"):
+            return self.column.cell(next(iter(numbers.values())))
+        whole = self.kind == "total" and self.column.digits is None and self.column.factor == 1.0
+        if whole and all(isinstance(item, int) for item in self.values(records)):
+            return f"{numbers['total']:.0f}"
+        return ", ".join(self.column.number(self.column.factor * n) for n in numbers.values())
+
+
+def stat(
+    kind: Kind,
+    of: str | Callable[[Record], Any],
+    label: str = "",
+    *,
+    unit: str = "",
+    digits: int | None = None,
+    none: float | None = None,
+    among: str = "",
+) -> Statistic:
+    """Statistic of a column, or of a function of a row.
+
+    Args:
+        kind: value (of the one row), mean, median, p95, largest, least, rms, total, count (how many
+            are true), spread (median, 95 %, largest) or share (how many are true among those that
+            have a value, with its 95 % interval).
+        of: Name of a column, or a function of a row.
+        label: What tables call it; default: the label of the column and the kind.
+        unit: Unit of a function's value; default: that of the column.
+        digits: Decimals; default: those of the column.
+        none: What a missing value counts as; default: it is left out.
+        among: Of a share: column with the number of trials, where `of` is a number of successes.
+
+    Raises:
+        ConfigurationError: There is no such kind.
+    """
+    if kind not in get_args(Kind):
+        known = ", ".join(get_args(Kind))
+        raise ConfigurationError(
+            f"no statistic {kind!r}; there are {known}{did_you_mean(kind, get_args(Kind))}"
+        )
+    column = Column(name=label, unit=unit, digits=digits)
+    return Statistic(kind=kind, of=of, label=label, column=column, none=none, among=among)
+
+
+def statistic_of(entry: "str | Statistic", columns: Mapping[str, Column], what: str) -> Statistic:
+    """A statistic of a table's columns: itself, or the values of a column that is named.
+
+    Raises:
+        ConfigurationError: As `Statistic.bound_to`.
+    """
+    return (stat("value", entry) if isinstance(entry, str) else entry).bound_to(columns, what)
+
+
+def flattened(item: Any) -> list[Any]:
+    """Entries of nested lists, in their order; of a single value, itself."""
+    if not isinstance(item, list | tuple):
+        return [item]
+    return [inner for entry in item for inner in flattened(entry)]

@@ -9,35 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from uuv.sim.evaluation.intervals import share_interval
 from uuv.sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings
 from uuv.sim.evaluation.schemas import unmeasured
-from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 
 CRASHED = "crashed"  # state of a trial that ended with an error
-
-
-def wilson(good: int, of: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson score interval of a proportion [Wilson 1927].
-
-    Args:
-        good: Number of successes.
-        of: Number of trials.
-        z: Quantile of the normal distribution; 1.96 for 95 %.
-
-    Returns:
-        Lower and upper limit.
-
-    Raises:
-        ConfigurationError: The counts are impossible.
-    """
-    if not 0 <= good <= of or of < 1:
-        raise ConfigurationError(f"share: expected 0 <= good <= of, of > 0; got {good} of {of}")
-    share = good / of
-    middle = share + z * z / (2.0 * of)
-    half = z * np.sqrt(share * (1.0 - share) / of + z * z / (4.0 * of * of))
-    whole = 1.0 + z * z / of
-    return float((middle - half) / whole), float((middle + half) / whole)
 
 
 def spread(values: Iterable[float | None]) -> dict[str, float] | None:
@@ -74,7 +51,7 @@ def kind_of_failure(metrics: Mapping[str, Any]) -> str:
 def verdicts(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Success rate of many trials with its interval, and failures counted by their kind."""
     good = sum(bool(trial["accepted"]) for trial in trials)
-    low, high = wilson(good, len(trials))
+    low, high = share_interval(good, len(trials))
     return {
         "trials": len(trials),
         "accepted": good,

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest, bootstrap
 
 from uuv.assembly import Assembly, assemble
 from uuv.benchmark.cases import INSERTION, BenchmarkCase
@@ -23,6 +22,7 @@ from uuv.runner import Run, run
 from uuv.scenario import Control
 from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.evaluation.insertion_metrics import AT_THE_HOLE
+from uuv.sim.evaluation.intervals import bootstrap_interval, share_interval
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.rollout import Moment
@@ -41,7 +41,6 @@ DISC = 0.25  # [m] diameter of a thruster's disc, assumed: it scales all energie
 # [W]/[N]^1.5 of an ideal disc in still water
 _POWER = (2.0 * SEA_WATER * np.pi * (0.5 * DISC) ** 2) ** -0.5
 _SAMPLE_TICKS = 10  # loop steps between samples of the thrusts; propellers lag by more
-_CONFIDENCE = 0.95  # of the intervals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,9 +226,9 @@ def line(row: Row) -> str:
 
 
 def share(good: int, of: int) -> dict[str, float]:
-    """Share with its exact binomial interval of 95 % (Clopper and Pearson, by SciPy)."""
-    interval = binomtest(good, of).proportion_ci(_CONFIDENCE)
-    return {"value": good / of, "low": float(interval.low), "high": float(interval.high)}
+    """Share with its exact binomial interval of 95 % (Clopper and Pearson)."""
+    low, high = share_interval(good, of, "exact")
+    return {"value": good / of, "low": low, "high": high}
 
 
 def median(values: Sequence[float]) -> dict[str, float] | None:
@@ -244,15 +243,8 @@ def median(values: Sequence[float]) -> dict[str, float] | None:
     told = {"value": float(np.median(values)), "of": len(values)}
     if len(values) < 2:
         return told
-    drawn = bootstrap(
-        (np.array(values),),
-        np.median,
-        confidence_level=_CONFIDENCE,
-        method="percentile",
-        rng=np.random.default_rng(0),
-    )
-    interval = drawn.confidence_interval
-    return told | {"low": float(interval.low), "high": float(interval.high)}
+    interval = bootstrap_interval(np.median, np.array(values), rng=np.random.default_rng(0))
+    return told | {"low": interval.low, "high": interval.high}
 
 
 def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

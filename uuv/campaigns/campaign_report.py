@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import binomtest
 
 from uuv.campaigns.campaign import Campaign, checked_row
 from uuv.campaigns.sensitivity import worst_ratio
 from uuv.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport
 from uuv.experiment import Row, Summary, Table
-from uuv.sim.reporting.palette import BLUE, VERMILION, WIDTH
+from uuv.sim.evaluation.intervals import share_interval
+from uuv.sim.interfaces.palette import BLUE, VERMILION, WIDTH
 
 KEPT = "kept"
 _PANELS = 3  # histograms beside each other
@@ -91,7 +91,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     outcomes = [outcome(row, campaign.bounds) for row in rows]
     counts = Counter(outcomes).most_common()
     kept = outcomes.count(KEPT)
-    low, high = binomtest(kept, len(rows)).proportion_ci(method="wilson")
+    low, high = share_interval(kept, len(rows))
     share = kept / len(rows)
     failed = None
     if campaign.kept is not None:

@@ -11,25 +11,16 @@ from matplotlib.figure import Figure
 from uuv.calib.identification import Calibration
 from uuv.calib.touches import first_tcp
 from uuv.calib.verification import Cloud, pair_distances
+from uuv.sim.interfaces.palette import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH, plain_axes
 from uuv.sim.interfaces.spatial import Array
 
-# Palette of [Okabe 2008], assigned as in the paper: nominal grey, controller orange, identified
-# blue, tracker red.
-BLUE, ORANGE, VERMILION, GREEN, INK, FAINT = (
-    "#0072B2",
-    "#E69F00",
-    "#D55E00",
-    "#009E73",
-    "#222222",
-    "#999999",
-)
+# As in the paper: nominal grey, controller orange, identified blue, tracker red.
 _LOOKS = {
     "nominal": (FAINT, "o"),
     "controller": (ORANGE, "+"),
     "identified": (BLUE, "x"),
     "tracker": (VERMILION, "."),
 }
-_WIDTH = 10.0  # [in] width of a figure
 _PLANES = ((0, 1), (0, 2))
 
 
@@ -109,7 +100,7 @@ def figures(
 
 
 def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[str]) -> Figure:
-    figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
     axes = figure.subplots()
     tcp = first_tcp(calibration.nominal, list(series))
     before = pair_distances([calibration.nominal.tips(q, tcp) for q in series])
@@ -139,12 +130,12 @@ def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[st
     axes.set_xlabel("pair")
     axes.set_ylabel("distance [mm]")
     axes.legend(loc="lower center", ncols=2, frameon=False, fontsize=9)
-    _bare(axes)
+    plain_axes(axes)
     return figure
 
 
 def _clouds(clouds: Mapping[str, Array]) -> Figure:
-    figure = Figure(figsize=(_WIDTH, 4.0), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     for axes, (i, j) in zip(figure.subplots(1, 2), _PLANES, strict=True):
         for name, points in clouds.items():
             color, marker = _LOOKS.get(name, (GREEN, "s"))
@@ -160,13 +151,13 @@ def _clouds(clouds: Mapping[str, Array]) -> Figure:
         axes.set_xlabel(f"{'xyz'[i]} [m]")
         axes.set_ylabel(f"{'xyz'[j]} [m]")
         axes.set_aspect("equal", adjustable="datalim")
-        _bare(axes)
+        plain_axes(axes)
     figure.axes[0].legend(frameon=False, fontsize=9)
     return figure
 
 
 def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
-    figure = Figure(figsize=(_WIDTH, 3.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
     axes = figure.subplots()
     for name, cloud in clouds.items():
         if name == "tracker":
@@ -184,12 +175,12 @@ def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
     axes.set_ylabel("deviation [mm]")
     axes.set_ylim(bottom=0.0)
     axes.legend(frameon=False, fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    _bare(axes)
+    plain_axes(axes)
     return figure
 
 
 def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
-    figure = Figure(figsize=(_WIDTH, 2.8), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
     axes = figure.subplots()
     out = {(outlier.series, outlier.touch) for outlier in calibration.outliers}
     start = 0
@@ -217,7 +208,7 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
         axes.set_ylim(bottom=0.0)
     axes.set_xlabel("touch")
     axes.set_ylabel("distance [mm]")
-    _bare(axes)
+    plain_axes(axes)
     return figure
 
 
@@ -226,7 +217,7 @@ def _changes(calibration: Calibration) -> Figure:
         [i for i, group in enumerate(calibration.estimate.parameters.groups) if group != "tcp"],
         dtype=int,
     )
-    figure = Figure(figsize=(_WIDTH, 0.6 + 0.19 * len(own)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.6 + 0.19 * len(own)), layout="constrained")
     axes = figure.subplots()
     places, scale = np.arange(len(own)), calibration.estimate.prior[own]
     axes.axvspan(-1.96, 1.96, color="#eeeeee")
@@ -242,7 +233,7 @@ def _changes(calibration: Calibration) -> Figure:
     axes.set_yticks(places, [calibration.names[i] for i in own], fontsize=7)
     axes.invert_yaxis()
     axes.set_xlabel("change over the prior's deviation")
-    _bare(axes)
+    plain_axes(axes)
     return figure
 
 
@@ -250,10 +241,3 @@ def _above(axes: Axes, x: float, name: str) -> None:
     axes.text(
         x, 1.0, name, ha="center", va="bottom", fontsize=8, transform=axes.get_xaxis_transform()
     )
-
-
-def _bare(axes: Axes) -> None:
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
-    axes.set_axisbelow(True)

@@ -5,41 +5,16 @@ kinds of failure.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from uuv.sim.evaluation.intervals import share_interval
 from uuv.sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings
 from uuv.sim.evaluation.schemas import unmeasured
-from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 
-CONFIDENCE = 0.95  # of all intervals
 CRASHED = "crashed"  # state of a trial that ended with an error
-
-
-def share_interval(
-    good: int, of: int, method: Literal["wilson", "exact"] = "wilson"
-) -> tuple[float, float]:
-    """Interval of 95 % of a share, by SciPy.
-
-    Args:
-        good: Number of successes.
-        of: Number of trials.
-        method: The score interval [Wilson 1927], or the exact one of Clopper and Pearson.
-
-    Returns:
-        Lower and upper limit.
-
-    Raises:
-        ConfigurationError: The counts are impossible.
-    """
-    from scipy.stats import binomtest  # takes a second, which a single run does without
-
-    if not 0 <= good <= of or of < 1:
-        raise ConfigurationError(f"share: expected 0 <= good <= of, of > 0; got {good} of {of}")
-    interval = binomtest(good, of).proportion_ci(CONFIDENCE, method)
-    return float(interval.low), float(interval.high)
 
 
 def spread(values: Iterable[float | None]) -> dict[str, float] | None:

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from uuv.sim.evaluation.insertion_metrics import AT_THE_HOLE, InsertionBounds, TrueHole
+from uuv.sim.interfaces.palette import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
 from uuv.sim.interfaces.spatial import inverse, transform_points
 from uuv.sim.loop.recording import Recording
-from uuv.sim.reporting.palette import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
 
 _THIN = 5  # one of so many steps is drawn
 

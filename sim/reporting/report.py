@@ -10,10 +10,12 @@ from matplotlib.figure import Figure
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import SETTLING
 from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.interfaces import page
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.page import Html
 from uuv.sim.loop.recording import Recording
-from uuv.sim.reporting.report_page import page, provenance, section, table, text
 from uuv.sim.reporting.results_table import figures_of
+from uuv.sim.runs.provenance import provenance_rows
 from uuv.sim.runs.saving import write_whole
 
 _WAYS = {"normal": "along its normal", "along": "along the path", "across": "across the path"}
@@ -50,33 +52,30 @@ def write_report(
     path = Path(file)
     if not path.parent.is_dir():
         raise ConfigurationError(f"report: there is no folder {str(path.parent)!r}")
-    drawn = "\n".join(section(name, figure, caption) for name, caption, figure in pictures)
-    body = "\n".join(
-        (
-            _headline(title, recording, assessment),
-            "<section><h2>Figures</h2>",
+    parts = [
+        _heading(title, recording, assessment),
+        page.section(
+            "Figures",
             _checks(assessment),
             _segments(assessment),
             _uncertainty(assessment),
             _motion(assessment),
-            "</section>",
-            _series(recording, bounds),
-            drawn,
-            _drives(recording),
-            _gains(list(gains)),
-            "<section><h2>How the run was "
-            f"made</h2>{_provenance(recording, assessment, options, again)}</section>",
-        )
-    )
-    write_whole(path, page(title, body))
+        ),
+        _series(recording, bounds),
+        *(page.figure(*picture) for picture in pictures),
+        _drives(recording),
+        _gains(gains),
+        page.provenance(_provenance(recording, assessment, options, again)),
+    ]
+    write_whole(path, page.page(title, parts))
 
 
-def _series(recording: Recording, bounds: Bounds | None) -> str:
+def _series(recording: Recording, bounds: Bounds | None) -> Html:
     from uuv.sim.reporting.timelines import timelines
 
     drawn = timelines({"run": recording}, bounds)
     if not drawn:
-        return ""
+        return Html()
     about = (
         "First shown from the approach on: double-click to see the whole run, drag to zoom, in "
         "all panels at once. A "
@@ -84,10 +83,10 @@ def _series(recording: Recording, bounds: Bounds | None) -> str:
         "counts from "
         f"{SETTLING:g} s after each change of the set force."
     )
-    return f"<section><h2>Time series</h2>{drawn}<p class=caption>{about}</p></section>"
+    return page.section("Time series", Html(drawn), page.caption(about))
 
 
-def _drives(recording: Recording) -> str:
+def _drives(recording: Recording) -> Html:
     """Range of each thruster and joint over the run, and the largest share of its limit."""
     rows = []
     forward, reverse = np.asarray(recording.vehicle.thruster_table)[:, :2].T
@@ -111,86 +110,60 @@ def _drives(recording: Recording) -> str:
                 )
             )
     if not rows:
-        return ""
+        return Html()
     columns = ("drive", "least", "greatest", "unit", "most of its limit")
-    return (
-        "<section><h2>Thrusters and joints against their "
-        f"limits</h2>{table(columns, rows)}</section>"
-    )
+    return page.section("Thrusters and joints against their limits", page.table(columns, rows))
 
 
-def _gains(rows: list[tuple[str, str, str, str]]) -> str:
+def _gains(gains: Iterable[tuple[str, str, str, str]]) -> Html:
+    rows = [(part, name.replace("_", " "), value, about) for part, name, value, about in gains]
     if not rows:
-        return ""
-    cells = "".join(
-        f"<tr><td>{text(part)}</td><td>{text(name.replace('_', ' '))}</td><td "
-        f"class=n>{text(value)}</td>"
-        f"<td>{text(about)}</td></tr>"
-        for part, name, value, about in rows
-    )
-    head = "<tr><th>part</th><th>gain</th><th class=n>value</th><th>unit, meaning</th></tr>"
-    return (
-        "<section><details><summary>Gains of the "
-        f"controller</summary><table>{head}{cells}</table></details></section>"
-    )
+        return Html()
+    columns = ("part", "gain", "value", "unit, meaning")
+    return page.folded("Gains of the controller", page.table(columns, rows, texts=(0, 1, 3)))
 
 
-def _headline(title: str, recording: Recording, assessment: Assessment) -> str:
-    verdict = "accepted" if assessment.accepted else "not accepted"
-    reasons = "".join(f"<li>{text(line)}</li>" for line in assessment.failed)
+def _heading(title: str, recording: Recording, assessment: Assessment) -> Html:
     run, timings = assessment.metrics["run"], assessment.metrics["timings"]
     factor = timings["real_time_factor"]
     pace = f", {factor:.1f} × real time" if factor is not None else ""
-    return (
-        f"<header><h1>{text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>"
-        + (f"<ul class=reasons>{reasons}</ul>" if reasons else "")
-        + f"<p class=caption>{recording.duration:.1f} s simulated in {timings['wall_s']:.1f} "
-        f"s{pace}; "
-        f"seed {run['seed']}; ended in state {text(run['state'])}.</p></header>"
+    return page.heading(
+        title,
+        assessment.accepted,
+        reasons=assessment.failed,
+        about=f"{recording.duration:.1f} s simulated in {timings['wall_s']:.1f} s{pace}; "
+        f"seed {run['seed']}; ended in state {run['state']}.",
     )
 
 
-def _checks(assessment: Assessment) -> str:
-    rows = "".join(
-        f"<tr><td>{text(check.name)}</td><td class=n>{value}</td><td class=n>{bound}</td>"
-        f"<td>{text(check.unit)}</td><td>{_verdict(check)}</td></tr>"
-        for check in assessment.checks
-        for value, bound in (figures_of(check),)
+def _checks(assessment: Assessment) -> Html:
+    rows = (
+        (check.name, *figures_of(check), check.unit, _verdict(check)) for check in assessment.checks
     )
-    head = (
-        "<tr><th>figure</th><th class=n>value</th><th class=n>bound</th><th>unit</th><th></th></tr>"
-    )
-    return f"<table>{head}{rows}</table>"
+    return page.table(("figure", "value", "bound", "unit", ""), rows, texts=(0, 3, 4))
 
 
-def _verdict(check: Requirement) -> str:
+def _verdict(check: Requirement) -> Html:
     if check.bound is None:
-        return ""
-    return (
-        "<span class=accepted>ok</span>" if check.ok else "<span class=not-accepted>missed</span>"
-    )
+        return Html()
+    return page.verdict(check.ok, ("ok", "missed"))
 
 
-def _segments(assessment: Assessment) -> str:
+def _segments(assessment: Assessment) -> Html:
     segments = assessment.metrics.get("contact", {}).get("segments")
     if not segments:
-        return ""
+        return Html()
     keys = ("set_n", "force_error_rms_n", "force_error_max_n", "lost_s", "duration_s")
     heads = ("set [N]", "error, RMS [N]", "error, peak [N]", "contact lost [s]", "duration [s]")
-    rows = "".join(
-        "<tr>"
-        + "".join(f"<td class=n>{'–' if s[k] is None else format(s[k], '.2f')}</td>" for k in keys)
-        + "</tr>"
-        for s in segments
-    )
-    return f"<table><tr>{''.join(f'<th class=n>{head}</th>' for head in heads)}</tr>{rows}</table>"
+    rows = [["–" if s[key] is None else format(s[key], ".2f") for key in keys] for s in segments]
+    return page.table(heads, rows, texts=())
 
 
-def _uncertainty(assessment: Assessment) -> str:
+def _uncertainty(assessment: Assessment) -> Html:
     """Stated uncertainty of the pose that the work went by, and of the path on it."""
     stated = assessment.metrics.get("uncertainty", {})
     if stated.get("position_sigma_m") is None:
-        return ""
+        return Html()
 
     def shown(name: str, scale: float) -> str:
         value = stated[name]
@@ -210,45 +183,34 @@ def _uncertainty(assessment: Assessment) -> str:
             )
             for way, said in _WAYS.items()
         ]
-    cells = "".join(
-        f"<tr><td>{text(name)}</td><td class=n>{most}</td><td "
-        f"class=n>{p95}</td><td>{unit}</td></tr>"
-        for name, most, p95, unit in rows
+    columns = ("stated standard deviation, mean of the finds", "largest", "95 %", "")
+    about = (
+        f"Not determined by what was in view: {stated['free']}. The mean's true error squared, over"
+        f" the covariance and per degree of freedom: {stated['normalised_error']:.2f}."
     )
-    head = (
-        "<tr><th>stated standard deviation, mean of the finds</th><th class=n>largest</th><th "
-        "class=n>95 %</th>"
-        "<th></th></tr>"
-    )
-    error = stated["normalised_error"]
-    return (
-        f"<table>{head}{cells}</table><p class=caption>Not determined by what was in view: "
-        f"{text(stated['free'])}. The "
-        "mean's true error squared, over the covariance and per degree of freedom: "
-        f"{error:.2f}.</p>"
-    )
+    return Html(page.table(columns, rows, texts=(0, 3)) + page.caption(about))
 
 
-def _motion(assessment: Assessment) -> str:
+def _motion(assessment: Assessment) -> Html:
     """Motion of the object that was noticed while the vehicle looked at it."""
     motion = assessment.metrics.get("motion")
     if not motion:
-        return ""
-    said = "it rested"
+        return Html()
+    course = "it rested"
     if motion["noticed_s"] is not None:
-        said = (
+        course = (
             f"at {motion['noticed_s']:.1f} s it was seen to have moved; in the end by "
             f"{1e3 * motion['distance_m']:.1f} "
             f"mm (standard deviation {1e3 * motion['distance_sigma_m']:.1f} mm), turned by "
             f"{np.degrees(motion['turn_rad']):.1f} deg"
         )
-    return f"<p>The object was followed in {motion['frames']} frames: {text(said)}.</p>"
+    return page.paragraph(f"The object was followed in {motion['frames']} frames: {course}.")
 
 
 def _provenance(
     recording: Recording, assessment: Assessment, options: Mapping[str, Any], again: str
-) -> str:
-    return provenance(
+) -> dict[str, Any]:
+    return provenance_rows(
         {
             **({"run it again": again} if again else {}),
             **{f"option {name}": value for name, value in options.items()},

@@ -3,15 +3,14 @@
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from uuv.sim.evaluation.metrics import TrueObject
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.palette import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, WIDTH, plain_axes
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 from uuv.sim.loop.recording import Recording
-from uuv.sim.reporting.palette import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, WIDTH
 
 _POINTS = 900  # of a line
 
@@ -62,7 +61,7 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
         axes.set_xlabel(f"{'xyz'[across]} [m]")
         axes.set_ylabel(f"{'xyz'[up]} [m]")
         axes.margins(0.05)
-        _bare(axes)
+        plain_axes(axes, 9)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(
         handles,
@@ -86,10 +85,3 @@ def _thinned(clouds: Mapping[str, Array], X_TW: Array, most: int = 6000) -> dict
     return {
         name: transform_points(X_TW, p[:: max(1, len(p) // most)]) for name, p in clouds.items()
     }
-
-
-def _bare(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=9)

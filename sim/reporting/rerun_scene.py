@@ -8,10 +8,10 @@ import numpy as np
 
 from uuv.models.vehicle import Vehicle
 from uuv.sim.evaluation.mesh_surface import Surface
+from uuv.sim.interfaces import palette
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.palette import rgb
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.reporting import palette
-from uuv.sim.reporting.palette import rgb
 from uuv.sim.sensors.tessellation import tessellate
 
 StaticLog = Callable[[str, Any], None]  # takes an entity and what it is

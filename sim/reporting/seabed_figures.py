@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from uuv.sim.evaluation.seabed_metrics import IN_THE_SOIL, TrueGround, tip_depth
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.palette import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
 from uuv.sim.interfaces.spatial import Array, pose, rotation_from_quat_wxyz, transform_points
 from uuv.sim.loop.recording import Recording
-from uuv.sim.reporting.palette import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
 
 _THIN = 5  # one of so many steps is drawn
 _BESIDE = 0.1  # [m] distance from the section plane within which points of the scan are drawn

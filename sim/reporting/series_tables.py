@@ -4,7 +4,6 @@
 `PastRun` reads them back, and everything else of a run's folder.
 """
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uuv.sim.evaluation.run_metrics import EveryRun
+from uuv.sim.interfaces import page
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import wanted
@@ -316,24 +316,9 @@ class PastRun:
             value = figures.get(name) if isinstance(figures, Mapping) else None
             if isinstance(value, int | float):
                 rows.append((title, f"{scale * value:.2f}", unit))
-        return card(str(self.folder), bool(self.metrics["accepted"]), self.metrics["failed"], rows)
-
-
-def card(title: str, accepted: bool, failed: Any, rows: Any) -> str:
-    """HTML of a run for notebooks: title, verdict and figures; readable on light and dark
-    ground.
-    """
-    said = "accepted" if accepted else "not accepted: " + "; ".join(map(str, failed))
-    colour = "#2e9e5b" if accepted else "#d1495b"
-    right = ' style="text-align:right"'
-    cells = "".join(
-        f"<tr><td>{html.escape(name)}</td><td{right}>{html.escape(value)}</td><td>{html.escape(unit)}</td></tr>"
-        for name, value, unit in rows
-    )
-    return (
-        f'<div style="border-left:4px solid {colour};padding:2px 10px"><b>{html.escape(title)}</b>'
-        f'<div style="color:{colour}">{html.escape(said)}</div><table>{cells}</table></div>'
-    )
+        return page.card(
+            str(self.folder), bool(self.metrics["accepted"]), self.metrics["failed"], rows
+        )
 
 
 def card_of(title: str, assessment: "Assessment") -> str:
@@ -345,4 +330,4 @@ def card_of(title: str, assessment: "Assessment") -> str:
         for check in assessment.checks
         if check.value is not None
     ]
-    return card(title, assessment.accepted, assessment.failed, rows)
+    return page.card(title, assessment.accepted, assessment.failed, rows)

@@ -16,9 +16,9 @@ from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import tangential
 from uuv.sim.evaluation.metrics import hull_motion, path_error
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.palette import BLUE, CYCLE, FAINT, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import RecordedSeries
-from uuv.sim.reporting.palette import BLUE, CYCLE, FAINT, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 ELEMENT = "timelines"  # id in the page
 CONTACT = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)

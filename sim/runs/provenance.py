@@ -54,12 +54,17 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
         "scenario": scenario,
         "options": {name: _plain(value) for name, value in given.items() if name not in _WHERE},
         "versions": versions(),
-        "machine": f"{platform.system()} {platform.machine()}",
+        "machine": _machine(),
         **commit(),
     }
     if model is not None:
         made["model_sha256"] = model_digest(model)
     return made
+
+
+def provenance_rows(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Rows of a page's section of provenance: settings, versions, commit and machine."""
+    return {**settings, **versions(), **commit(), "machine": _machine()}
 
 
 @cache
@@ -90,6 +95,10 @@ def model_digest(model: mujoco.MjModel) -> str:
     image = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
     mujoco.mj_saveModel(model, None, image)
     return hashlib.sha256(image.data).hexdigest()
+
+
+def _machine() -> str:
+    return f"{platform.system()} {platform.machine()}"
 
 
 def _git(*words: str) -> str | None:

@@ -24,8 +24,8 @@ from uuv.calib.touch_files import write_touches
 from uuv.scenario import VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number, whole_number
-from uuv.sim.runs.provenance import provenance
-from uuv.sim.runs.saving import write_json
+from uuv.sim.runs.provenance import provenance, provenance_rows
+from uuv.sim.runs.saving import write_json, write_whole
 from uuv.sim.runs.terminal import verdict
 from uuv.site import OpenWater, Site
 
@@ -244,17 +244,25 @@ def _write(
         )
     content = metrics(case, outcome, accepted, options.seed)
     write_json(folder / "metrics.json", {**content, "provenance": provenance(COMMAND, options)})
+
     if options.record:
-        said = report.Statement(
+        settings = {**asdict(options), "date": date, "touches sha256": sha256}
+        statement = report.Statement(
             title=case.title,
             accepted=accepted,
             figures_of_merit=figures_of_merit(case, outcome),
             notes=(*case.notes, *(f"not told: {line}" for line in outcome.examined.untold)),
-            options={**asdict(options), "date": date, "touches sha256": sha256},
+            provenance=provenance_rows(settings),
         )
-        page, points = folder / "report.html", case.touches.names
-        shown = {"clouds": outcome.clouds, "rigid": outcome.rigid}
-        report.write_report(page, found, said, series=outcome.series, point_names=points, **shown)
+        page = report.report_page(
+            found,
+            statement,
+            series=outcome.series,
+            point_names=case.touches.names,
+            clouds=outcome.clouds,
+            rigid=outcome.rigid,
+        )
+        write_whole(folder / "report.html", page)
     return list(files)
 
 

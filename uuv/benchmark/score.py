@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import bootstrap
 
 from uuv.assembly import Assembly, assemble
 from uuv.benchmark.cases import INSERTION, BenchmarkCase
@@ -23,7 +22,7 @@ from uuv.runner import Run, run
 from uuv.scenario import Control
 from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.evaluation.insertion_metrics import AT_THE_HOLE
-from uuv.sim.evaluation.statistics import CONFIDENCE, share_interval
+from uuv.sim.evaluation.intervals import bootstrap_interval, share_interval
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.rollout import Moment
@@ -227,7 +226,7 @@ def line(row: Row) -> str:
 
 
 def share(good: int, of: int) -> dict[str, float]:
-    """Share with its exact binomial interval of 95 % (Clopper and Pearson, by SciPy)."""
+    """Share with its exact binomial interval of 95 % (Clopper and Pearson)."""
     low, high = share_interval(good, of, "exact")
     return {"value": good / of, "low": low, "high": high}
 
@@ -244,15 +243,8 @@ def median(values: Sequence[float]) -> dict[str, float] | None:
     told = {"value": float(np.median(values)), "of": len(values)}
     if len(values) < 2:
         return told
-    drawn = bootstrap(
-        (np.array(values),),
-        np.median,
-        confidence_level=CONFIDENCE,
-        method="percentile",
-        rng=np.random.default_rng(0),
-    )
-    interval = drawn.confidence_interval
-    return told | {"low": float(interval.low), "high": float(interval.high)}
+    interval = bootstrap_interval(np.median, np.array(values), rng=np.random.default_rng(0))
+    return told | {"low": interval.low, "high": interval.high}
 
 
 def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

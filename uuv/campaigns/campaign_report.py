@@ -12,8 +12,8 @@ from uuv.campaigns.campaign import Campaign, checked_row
 from uuv.campaigns.sensitivity import worst_ratio
 from uuv.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport
 from uuv.experiment import Row, Summary, Table
-from uuv.sim.evaluation.statistics import share_interval
-from uuv.sim.reporting.palette import BLUE, VERMILION, WIDTH
+from uuv.sim.evaluation.intervals import share_interval
+from uuv.sim.interfaces.palette import BLUE, VERMILION, WIDTH
 
 KEPT = "kept"
 _PANELS = 3  # histograms beside each other

@@ -12,17 +12,16 @@ from scipy.stats import binomtest, wilcoxon
 
 from uuv.campaigns.campaign import checked_row
 from uuv.campaigns.campaign_report import KEPT, outcome
-from uuv.campaigns.sensitivity import LEVEL, RESAMPLES
+from uuv.campaigns.sensitivity import RESAMPLES
 from uuv.campaigns.sensitivity_report import shown_p
 from uuv.experiment import Row, Summary, Table, read_rows
 from uuv.experiment.row_log import METRICS
+from uuv.sim.evaluation.intervals import bootstrap_interval
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.palette import BLUE, FAINT, INK, WIDTH
 from uuv.sim.interfaces.spatial import Array, shown
 from uuv.sim.interfaces.tables import TableReader
-from uuv.sim.reporting.palette import BLUE, FAINT, INK, WIDTH
-
-_PART = 1_000_000  # values drawn at a time: bounds the memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,19 +90,15 @@ class PairedMetric:
     def of(cls, name: str, a: Array, b: Array, rng: np.random.Generator) -> "PairedMetric":
         """The metric from its values (pairs,) in both campaigns, at least one."""
         change = b - a
-        medians, at_once = np.empty(RESAMPLES), max(1, _PART // len(change))
-        for begin in range(0, RESAMPLES, at_once):
-            here = medians[begin : begin + at_once]
-            here[:] = np.median(rng.choice(change, (len(here), len(change))), axis=1)
-        low, high = np.quantile(medians, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+        interval = bootstrap_interval(np.median, change, rng=rng, resamples=RESAMPLES)
         return cls(
             name=name,
             pairs=len(change),
             median_a=float(np.median(a)),
             median_b=float(np.median(b)),
             median=float(np.median(change)),
-            low=float(low),
-            high=float(high),
+            low=interval.low,
+            high=interval.high,
             p=float(wilcoxon(change).pvalue) if change.any() else 1.0,
             less=int((change < 0.0).sum()),
             equal=int((change == 0.0).sum()),

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta, mannwhitneyu, rankdata
 
+from uuv.sim.evaluation.intervals import LEVEL, TAILS, middle
 from uuv.sim.interfaces.spatial import Array
 
 SEEDS = ("seed", "perturbation_seed", "variation_seed")  # drawn, but of no order
-LEVEL = 0.95  # of intervals, and of the null level
 RESAMPLES = 1000  # of the bootstrap
 FIRST = 5  # parameters that a ranking names
 ANY = "any reason"  # beside the single ones
@@ -163,8 +163,7 @@ def sensitivity(
         here[:] = _coefficients(
             table, rng.multinomial(n, np.full(n, 1.0 / n), size=len(here)), owner
         )[0]
-    tails = [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]
-    low, high = np.quantile(drawn, tails, axis=0)
+    low, high = middle(drawn)
     places = rankdata(-np.abs(drawn), axis=1, method="ordinal")
     sizes, left = np.bincount(owner) / 2.0, (n - 1 - k) / 2.0
     value = coefficients[0]
@@ -181,7 +180,7 @@ def sensitivity(
         high=high,
         null=np.sqrt(beta.ppf(LEVEL, sizes, left)),
         p=beta.sf(value**2, sizes, left),
-        place=np.quantile(places, tails, axis=0, method="nearest").T.astype(int),
+        place=np.quantile(places, TAILS, axis=0, method="nearest").T.astype(int),
         explained=float(explained[0]),
         adjusted=float(1.0 - (1.0 - explained[0]) * (n - 1) / (n - 1 - k)),
         explained_by_first=float(by_first[0]),

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from uuv.campaigns.sensitivity import (
     FIRST,
-    LEVEL,
     RESAMPLES,
     Factor,
     ReasonShift,
@@ -22,8 +21,9 @@ from uuv.campaigns.sensitivity import (
     shifts,
 )
 from uuv.experiment import Table
+from uuv.sim.evaluation.intervals import LEVEL
+from uuv.sim.interfaces.palette import BLUE, FAINT, INK, WIDTH
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.reporting.palette import BLUE, FAINT, INK, WIDTH
 
 MISSED, WORST = "missed", "worst ratio to a bound"  # responses that rank the parameters
 _ORIGIN = "perturbations."  # left out of labels

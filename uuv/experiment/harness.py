@@ -122,28 +122,26 @@ class Summary:
         Raises:
             ConfigurationError: The file cannot be written.
         """
-        from uuv.sim.reporting import report_page
-        from uuv.sim.reporting.report_page import section, table, text
+        from uuv.sim.interfaces import page
+        from uuv.sim.runs.provenance import provenance_rows
 
-        verdict = ""
-        if self.failed is not None:
-            word = "accepted" if self.accepted else "not accepted"
-            verdict = f" <span class='{word.replace(' ', '-')}'>{word}</span>"
-        reasons = "".join(f"<li>{text(line)}</li>" for line in self.failed or ())
-        body = [
-            f"<header><h1>{text(title)}{verdict}</h1>",
-            f"<ul class=reasons>{reasons}</ul>" if reasons else "",
-            f"<p class=caption>{text(' '.join(filter(None, (self.caption, pace))))}</p></header>",
+        accepted = None if self.failed is None else self.accepted
+        about = " ".join(filter(None, (self.caption, pace)))
+        parts = [
+            page.heading(title, accepted, reasons=self.failed or (), about=about),
             *(
-                f"<section><h2>{text(each.title)}</h2>{table(each.columns, each.rows)}"
-                f"{f'<p class=caption>{text(each.caption)}</p>' if each.caption else ''}</section>"
+                page.section(
+                    each.title,
+                    page.table(each.columns, each.rows, texts=range(each.labels)),
+                    page.caption(each.caption),
+                )
                 for each in self.tables
             ),
-            *(f"<p>{text(line)}</p>" for line in self.lines),
-            *(section(name, figure, caption) for name, caption, figure in self.pictures),
-            f"<section><h2>How the runs were made</h2>{report_page.provenance(made_by)}</section>",
+            *(page.paragraph(line) for line in self.lines),
+            *(page.figure(*picture) for picture in self.pictures),
+            page.provenance(provenance_rows(made_by)),
         ]
-        write_whole(file, report_page.page(title, "\n".join(body)))
+        write_whole(file, page.page(title, parts))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,10 @@ from matplotlib.figure import Figure
 from uuv.calib.water.estimator import WaterFit
 from uuv.calib.water.findings import Finding
 from uuv.calib.water.logs import ATTITUDE, CHANNELS
+from uuv.sim.interfaces import page
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.reporting.report_page import page, provenance, section, table, text
+from uuv.sim.runs.provenance import provenance_rows
+from uuv.sim.runs.saving import write_whole
 from uuv.water_identification.log_residuals import LogReplay, WaterResiduals
 
 _UNITS = {
@@ -58,20 +60,24 @@ def write_page(
         )
         for each in found
     ]
-    head = ("parameter", "unit", "before", "found", "95 %", "told", "")
-    body = [f"<h1>{text(title)}</h1>", "<section><h2>What the logs cannot tell</h2><ul>"]
-    body += [f"<li>{text(line)}</li>" for line in said]
-    body += ["</ul></section><section><h2>Parameters</h2>", table(head, rows), "</section>"]
+    columns = ("parameter", "unit", "before", "found", "95 %", "told", "")
+    parts = [
+        page.heading(title),
+        page.section("What the logs cannot tell", page.items(said)),
+        page.section("Parameters", page.table(columns, rows, texts=(0, 1, 6))),
+    ]
+
     states = residuals.states(fit.named.deviations, fit.named.own)
+    about = (
+        "Above: measured (dots) and replayed (lines), window by window. Below: replayed less "
+        "measured."
+    )
     for log, rows_of_log in zip(residuals.logs, states, strict=True):
         for kind, drawn in _pictures(log, rows_of_log, fit.named.values):
-            caption = (
-                "Above: measured (dots) and replayed (lines), window by window. Below: "
-                "replayed less measured."
-            )
-            body.append(section(f"{log.log.name}: {kind}", drawn, caption))
-    body.append(f"<section><h2>How it was made</h2>{provenance(options)}</section>")
-    file.write_text(page(title, "\n".join(body)), encoding="utf-8")
+            parts.append(page.figure(f"{log.log.name}: {kind}", about, drawn))
+
+    parts.append(page.provenance(provenance_rows(options)))
+    write_whole(file, page.page(title, parts))
 
 
 def _pictures(

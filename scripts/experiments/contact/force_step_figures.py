@@ -127,7 +127,8 @@ def picture_of(curves: dict[float, dict[str, Array]], low: float, high: float) -
     """
     from matplotlib.figure import Figure
 
-    from uuv.sim.reporting.palette import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
+    from uuv.sim.interfaces import palette
+    from uuv.sim.interfaces.palette import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
 
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     all_axes = figure.subplots(1, len(curves), sharey=True, squeeze=False)[0]
@@ -139,12 +140,11 @@ def picture_of(curves: dict[float, dict[str, Array]], low: float, high: float) -
         if len(curve["true"]):
             axes.plot(t, curve["set"].mean(axis=0), color=INK, linewidth=1.0, linestyle="--")
             axes.plot(t, curve["true"].mean(axis=0), color=color, linewidth=2.0)
+
         limit = high + OVERSHOOT * (high - low)
         axes.axhline(limit, color=VERMILION, linewidth=0.9, linestyle="--")
         axes.set_title(f"{stiffness:.3g} N/m", fontsize=10)
         axes.set_xlabel("time from the step [s]")
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
-        axes.tick_params(labelsize=9)
+        palette.plain_axes(axes, 9)
     all_axes[0].set_ylabel("normal force [N]")
     return figure

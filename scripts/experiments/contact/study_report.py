@@ -10,15 +10,27 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import binom, spearmanr
+from scipy.stats import spearmanr
 
 from uuv.campaigns import contact_study
 from uuv.campaigns.contact_study import CLASSES, DAMAGED, DIVERGED, KEPT, StudyBounds, within
 from uuv.campaigns.sensitivity import worst_ratio
 from uuv.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport
 from uuv.experiment import Summary, Table
+from uuv.sim.evaluation.intervals import median_interval
+from uuv.sim.interfaces.palette import (
+    BLUE,
+    FAINT,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    WIDTH,
+    plain_axes,
+)
 from uuv.sim.interfaces.spatial import Array
-from uuv.sim.reporting.palette import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
 
 Row = Mapping[str, Any]
 
@@ -274,7 +286,9 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
             ],
             dtype=np.float64,
         ).reshape(-1, 2)
-        some, ratios = len(pairs) > 0, np.sort(pairs[:, 1] / pairs[:, 0])
+
+        some, ratios = len(pairs) > 0, pairs[:, 1] / pairs[:, 0]
+        interval = median_interval(ratios)
         table.append(
             {
                 "method": method,
@@ -284,25 +298,12 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
                 "median_with": float(np.median(pairs[:, 0])) if some else None,
                 "median_without": float(np.median(pairs[:, 1])) if some else None,
                 "factor": float(np.median(ratios)) if some else None,
-                "factor_interval": median_interval(ratios),
+                "factor_interval": list(interval) if interval else None,
                 "kept_with": sum(whole[row["run"]]["class"] == KEPT for row in without),
                 "kept_without": sum(row["class"] == KEPT for row in without),
             }
         )
     return table
-
-
-def median_interval(ratios: Array) -> list[float] | None:
-    """Interval of the median that holds with 95 % whatever the distribution, by order statistics;
-    None: too few.
-
-    Args:
-        ratios: (n,) in rising order.
-    """
-    n = len(ratios)
-    # so many values lie below the interval, and as many above it
-    below = int(binom.ppf(0.025, n, 0.5)) - 1
-    return [float(ratios[below]), float(ratios[n - 1 - below])] if n and below >= 0 else None
 
 
 def kept_on_object(rows: Sequence[Row], bounds: StudyBounds) -> int:
@@ -528,7 +529,7 @@ def distribution_figure(rows: Sequence[Row], bounds: StudyBounds) -> Figure:
         axes.set_xscale("log")
         axes.set_ylim(0.0, 1.02)
         axes.set_xlabel(f"{SHOWN[name].name} [{SHOWN[name].unit}]", fontsize=9)
-        _bare(axes)
+        plain_axes(axes, 8)
     figure.axes[0].set_ylabel("share of runs")
     figure.axes[3].set_ylabel("share of runs")
     figure.axes[0].legend(frameon=False, fontsize=8, loc="lower right")
@@ -591,7 +592,7 @@ def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
         axes.set_yscale("log")
         if key == "stiffness":
             axes.set_xscale("log")
-        _bare(axes)
+        plain_axes(axes, 8)
     for axes in list(all_axes.flat)[len(drivers) :]:
         axes.set_visible(False)
     for axes in all_axes[:, 0]:
@@ -610,13 +611,6 @@ def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
         fontsize=8,
     )
     return figure
-
-
-def _bare(axes: Any) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8)
 
 
 def _named(runs: Sequence[int]) -> str:

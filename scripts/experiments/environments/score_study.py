@@ -12,7 +12,7 @@ from uuv.environments import suite
 from uuv.environments.episodes import run_episode
 from uuv.environments.experts import Policy, at_random, expert, zero
 from uuv.experiment import Row, Summary, Table
-from uuv.sim.evaluation.statistics import share_interval
+from uuv.sim.evaluation.intervals import share_interval
 
 POLICIES: dict[str, Callable[[Environment, int], Policy]] = {
     "expert": lambda environment, _: expert(environment),
@@ -80,7 +80,7 @@ def _table_of(rows: Sequence[Row]) -> Table:
                 task,
                 policy,
                 str(len(of)),
-                f"{solved / len(of):.0%} ({max(low, 0.0):.0%} to {high:.0%})",
+                f"{solved / len(of):.0%} ({low:.0%} to {high:.0%})",
                 f"{totals.mean():.1f}",
                 f"{totals.std(ddof=1) / np.sqrt(len(of)):.1f}" if len(of) > 1 else "-",
                 str(damaged),

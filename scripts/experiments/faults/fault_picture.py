@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.faults.fault_cases import Trace
-from uuv.sim.reporting.palette import BLUE, CYCLE, FAINT, INK, ORANGE, VERMILION
+from uuv.sim.interfaces.palette import BLUE, CYCLE, FAINT, INK, ORANGE, VERMILION
 
 _SHADES = ("0.97", "0.9")
 _NARROW = 0.07  # share of the time axis: names of shorter states are drawn upright

@@ -107,29 +107,25 @@ def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> di
 def write_page(runs: "Sequence[PastRun]", found: Mapping[str, Rows]) -> Path:
     """Page with the tables and the series of the first two runs, in the folder of the first."""
     from uuv.sim.evaluation.bounds import Bounds
-    from uuv.sim.reporting import report_page
+    from uuv.sim.interfaces import page
     from uuv.sim.reporting.timelines import timelines
 
     names = _short([run.folder for run in runs])
     both = runs[:2]
     bounds = Bounds() if all("tool" in run.metrics for run in both) else None
     drawn = timelines({name: run.recorded for name, run in zip(names, both, strict=False)}, bounds)
-    tables = {
-        title: report_page.table(("", *names), [(key, *map(_said, values)) for key, values in rows])
-        for title, rows in found.items()
-        if rows
-    }
-    listed = "".join(
-        f"<section><h2>{report_page.text(title)}</h2>{table}</section>"
-        for title, table in tables.items()
-    )
     title = " against ".join(names)
-    body = (
-        f"<header><h1>{report_page.text(title)}</h1></header>{listed}<section><h2>Time "
-        f"series</h2>{drawn}</section>"
-    )
+
+    columns = ("", *names)
+    parts = [page.heading(title)]
+    for head, rows in found.items():
+        if rows:
+            cells = [(key, *map(_said, values)) for key, values in rows]
+            parts.append(page.section(head, page.table(columns, cells)))
+    parts.append(page.section("Time series", page.Html(drawn)))
+
     file = runs[0].folder / f"compare_{names[1].replace('/', '_')}.html"
-    write_whole(file, report_page.page(title, body))
+    write_whole(file, page.page(title, parts))
     return file
 
 

@@ -1,26 +1,9 @@
 """What is said of many trials: shares with their intervals, spreads, failures by kind."""
 
-import numpy as np
 import pytest
 
-from uuv.sim.evaluation.statistics import crashed_run, kind_of_failure, share_interval, spread, verdicts
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts
 from uuv.sim.interfaces.messages import AbortCode
-
-
-def test_wilson_against_the_published(within):
-    """Newcombe 1998, Statistics in Medicine 17:857, table I: 81 of 263, 15 of 148, 0 of 20, 1 of
-    29.
-    """
-    for good, of, low, high in (
-        (81, 263, 0.2553, 0.3662),
-        (15, 148, 0.0624, 0.1605),
-        (0, 20, 0.0, 0.1611),
-        (1, 29, 0.0061, 0.1718),
-    ):
-        within(f"{good} of {of}", np.subtract(share_interval(good, of), (low, high)), 6e-5)
-    with pytest.raises(ConfigurationError, match="good"):
-        share_interval(3, 2)
 
 
 def test_spread_leaves_out_what_is_not_there():

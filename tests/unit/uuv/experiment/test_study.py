@@ -508,15 +508,6 @@ def test_steps_up_are_cut_out_of_a_run():
     assert found["true"][0, -1] == 91.0
 
 
-def test_the_interval_of_a_median_is_by_order_statistics(told):
-    """Of six values it is their whole range (97 %), of five there is none; of 60 it leaves out 21
-    on either side.
-    """
-    assert told.median_interval(np.arange(5.0)) is None
-    assert told.median_interval(np.arange(6.0)) == [0.0, 5.0]
-    assert told.median_interval(np.arange(60.0)) == [21.0, 38.0]
-
-
 def test_a_sea_refused_for_its_current_is_run_once_more_where_that_is_asked(study, monkeypatch):
     refused = {
         "class": study.REFUSED,

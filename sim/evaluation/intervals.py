@@ -1,0 +1,103 @@
+"""Intervals of 95 % of shares, medians and other statistics, all by SciPy."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy.stats import binomtest, bootstrap, quantile_test
+
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
+
+LEVEL = 0.95  # of every interval
+TAILS = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
+RESAMPLES = 9999  # of a bootstrap
+_AT_ONCE = 1_000_000  # values drawn at a time: bounds the memory
+
+
+def share_interval(
+    good: int, of: int, method: Literal["wilson", "exact"] = "wilson"
+) -> tuple[float, float]:
+    """Interval of a share: the score interval [Wilson 1927], or the exact one by Clopper and
+    Pearson.
+
+    Args:
+        good: Number of successes.
+        of: Number of trials.
+        method: The score interval holds its level on average, the exact one at every share.
+
+    Returns:
+        Lower and upper limit.
+
+    Raises:
+        ConfigurationError: The counts are impossible.
+    """
+    if not 0 <= good <= of or of < 1:
+        raise ConfigurationError(f"share: expected 0 <= good <= of, of > 0; got {good} of {of}")
+    interval = binomtest(good, of).proportion_ci(LEVEL, method)
+    return float(interval.low), float(interval.high)
+
+
+def median_interval(values: Array) -> tuple[float, float] | None:
+    """Interval of the median by order statistics, whatever the distribution; None: too few
+    values (n,), fewer than six.
+    """
+    if not len(values):
+        return None
+    interval = quantile_test(values, q=0.0, p=0.5).confidence_interval(LEVEL)
+    return (float(interval.low), float(interval.high)) if np.isfinite(interval.low) else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bootstrap:
+    """Percentile interval of a statistic, and the values (resamples,) that it had."""
+
+    low: float
+    high: float
+    resampled: Array
+
+
+def bootstrap_interval(
+    statistic: Callable[..., Any],
+    *samples: Array,
+    rng: np.random.Generator,
+    resamples: int = RESAMPLES,
+) -> Bootstrap:
+    """Bootstrap of a statistic.
+
+    Args:
+        statistic: Of one array for each sample, and of their `axis`.
+        samples: (n,) values of each; several are paired, and drawn together.
+        rng: Draws the resamples.
+        resamples: Their number.
+
+    Raises:
+        ConfigurationError: There are no values.
+    """
+    count = len(samples[0])
+    if not count:
+        raise ConfigurationError("bootstrap: expected at least one value, got none")
+    if count == 1:  # every resample is the sample, which SciPy refuses
+        value = float(statistic(*samples, axis=0))
+        return Bootstrap(value, value, np.full(resamples, value))
+
+    result = bootstrap(
+        samples,
+        statistic,
+        n_resamples=resamples,
+        batch=max(1, _AT_ONCE // count),
+        vectorized=True,
+        paired=len(samples) > 1,
+        confidence_level=LEVEL,
+        method="percentile",
+        rng=rng,
+    )
+    interval = result.confidence_interval
+    return Bootstrap(float(interval.low), float(interval.high), result.bootstrap_distribution)
+
+
+def middle(resampled: Array) -> tuple[Array, Array]:
+    """Ends of the percentile interval of values (resamples, ...) that a statistic had."""
+    low, high = np.quantile(resampled, TAILS, axis=0)
+    return low, high

@@ -21,7 +21,7 @@ docs/campaigns.md lists all keys.
 
 import copy
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -31,6 +31,7 @@ import numpy as np
 
 from uuv import jobs
 from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
+from uuv.experiment.drawn_cases import DrawnCase, read_cases
 from uuv.experiment.worker import Limits
 from uuv.scenario import Scenario
 from uuv.scenario_file import as_dict, assigned, from_dict, put, read_scenario, refuse_code
@@ -43,6 +44,7 @@ from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.runs.run_folder import FORMAT_KEY
 
 _MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
+EXPERIMENT = "campaign"  # whose cases a file of drawn ones holds
 _TRACE = 2000  # characters of a traceback that a row keeps
 FAILED, CRASHED = "not set up", "crashed"  # states of a run that ended with an error
 
@@ -84,22 +86,32 @@ class Campaign:
             _checked_key(self.base, name)
         self.runs(1)[0].scenario()
 
-    def runs(self, cases: int | None = None) -> list["CampaignRun"]:
-        """The runs of the campaign, or those of its first `cases`."""
+    def drawn(self, cases: int | None = None) -> tuple[DrawnCase, ...]:
+        """What is drawn for each run of the campaign, or for its first `cases`, by dotted key."""
         count = self.cases if self.design == "latin-hypercube" or cases is None else cases
         values = drawn(self.distributions, count, self.seed, self.design)
-        nested, metrics = as_dict(self.base), tuple(dict.fromkeys((*self.metrics, *self.bounds)))
-        made = []
-        for case, own in enumerate(values[:cases]):
+
+        runs = []
+        for case, parameters in enumerate(values[:cases]):
             rng = np.random.default_rng([self.seed, case])
             seeds = {
                 "perturbation_seed": int(rng.integers(2**31)),
                 "seed": int(rng.integers(2**31)),
             }
-            made.append(
-                CampaignRun(case=case, base=nested, values={**seeds, **own}, metrics=metrics)
-            )
-        return made
+            runs.append(DrawnCase(case=case, values={**seeds, **parameters}))
+        return tuple(runs)
+
+    def runs(self, cases: int | None = None) -> list["CampaignRun"]:
+        """The runs of the campaign, or those of its first `cases`."""
+        return self.runs_of(self.drawn(cases))
+
+    def runs_of(self, drawn: Iterable[DrawnCase]) -> list["CampaignRun"]:
+        """Runs of cases that were drawn, by this campaign or elsewhere."""
+        nested, metrics = as_dict(self.base), tuple(dict.fromkeys((*self.metrics, *self.bounds)))
+        return [
+            CampaignRun(case=case.case, base=nested, values=case.values, metrics=metrics)
+            for case in drawn
+        ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,6 +159,35 @@ def read_campaign(
         return _campaign(content, path, assigned(changed), trust=trust)
     except ConfigurationError as error:
         raise ConfigurationError(f"{what}: {error}") from error
+
+
+def read_drawn(
+    file: str | Path, campaign: Campaign, changed: Sequence[str] = ()
+) -> tuple[DrawnCase, ...]:
+    """The drawn cases in a file, as a campaign can run them.
+
+    Args:
+        file: As `uuv.experiment.drawn_cases` reads it; values by dotted key, as they are drawn.
+        campaign: The campaign that is to run them.
+        changed: As for `scenario_file.assigned`: the campaign has these values in all runs, in
+            place of those of the file.
+
+    Raises:
+        ConfigurationError: The file holds no cases of a campaign, or a value that is not allowed.
+    """
+    fixed = assigned(changed)
+    drawn = tuple(
+        replace(case, values={k: v for k, v in case.values.items() if k not in fixed})
+        for case in read_cases(file, EXPERIMENT)
+    )
+
+    for run in campaign.runs_of(drawn):
+        try:
+            run.scenario()
+        except ConfigurationError as error:
+            place = named(Path(file), "drawn cases")
+            raise ConfigurationError(f"{place}: case {run.case}: {error}") from error
+    return drawn
 
 
 def one_run(task: CampaignRun) -> dict[str, Any]:

@@ -36,6 +36,10 @@ class CampaignOptions(HarnessOptions):
     set: Assignments = ()
     """KEY=VALUE for the same value in all runs, VALUE in TOML; the other draws stay, so that
     runs can be compared."""
+    drawn: Path | None = None
+    """Run the drawn cases in this file (JSON) instead of drawing: their values by dotted key."""
+    write_drawn: Path | None = None
+    """Write what is drawn to this file, as --drawn reads it, and run nothing."""
     trust: bool = False
     """Run the code, MODULE:ATTRIBUTE, that the file or its base names too; what is typed here
     needs no leave."""
@@ -55,6 +59,8 @@ class CampaignOptions(HarnessOptions):
         at_least(self, cases=1, only=0, replay=0)
         if (self.only is not None) + (self.replay is not None) + self.page > 1:
             raise ConfigurationError("--only, --replay and --page: one of them")
+        if self.drawn is not None and self.seed is not None:
+            raise ConfigurationError("--drawn and --seed: one of them; these cases are drawn")
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -76,7 +82,8 @@ def campaign(options: CampaignOptions, started: float) -> int:
     Raises:
         UuvError: The file or an option is wrong, or the folder is of no use.
     """
-    from uuv.campaigns.campaign import crashed_row, one_run, read_campaign
+    from uuv.campaigns.campaign import EXPERIMENT, crashed_row, one_run, read_campaign, read_drawn
+    from uuv.experiment.drawn_cases import write_cases
     from uuv.inputs import check_inputs
 
     values = values_of(options.set)
@@ -89,7 +96,16 @@ def campaign(options: CampaignOptions, started: float) -> int:
     typed += ["--trust"] if options.trust else []
     typed += ["--set", *map(shlex.quote, values)] if values else []
 
-    runs = described.runs()
+    if options.drawn is not None:
+        typed.append(f"--drawn {shlex.quote(str(options.drawn))}")
+        drawn = read_drawn(options.drawn, described, values)[: options.cases]
+    else:
+        drawn = described.drawn()
+    if options.write_drawn is not None:
+        write_cases(options.write_drawn, EXPERIMENT, drawn)
+        return 0
+
+    runs = described.runs_of(drawn)
     if options.replay is not None:
         run = one_of(runs, options.replay)
         scenario = replace(run.scenario(), name=f"{described.name}/case_{run.case:04d}")
@@ -117,10 +133,16 @@ def campaign(options: CampaignOptions, started: float) -> int:
 
 
 def one_of(runs: "list[CampaignRun]", case: int) -> "CampaignRun":
-    """The run of a number."""
-    if case >= len(runs):
-        raise ConfigurationError(f"case: must be below {len(runs)}, got {case}")
-    return runs[case]
+    """The run of a number.
+
+    Raises:
+        ConfigurationError: There is none.
+    """
+    for run in runs:
+        if run.case == case:
+            return run
+    most = max(run.case for run in runs)
+    raise ConfigurationError(f"case: allowed up to {most}, those that are drawn, got {case}")
 
 
 def line(row: "Row") -> str:

@@ -7,6 +7,7 @@ Exit code 1 if a gyro or an attitude is named.
 from uuv.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from uuv.experiment.options import StudyOptions, at_least
 
@@ -21,6 +22,8 @@ class Options(StudyOptions):
     """So many of the first runs are repeated without the check, and each that names gyro or
     attitude.
     """
+    drawn: Path | None = None
+    """Run the drawn cases in this file, such as drawn_false_alarms.json here."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -30,14 +33,17 @@ class Options(StudyOptions):
 def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
-    from experiments.faults.quiet_runs import SoundCase, line, sound_run, summarise
+    from experiments.faults.quiet_runs import SoundCase, draw, line, sound_run, summarise
     from uuv.experiment import Study
+    from uuv.experiment.drawn_cases import made_cases
     from uuv.sim import hydrodynamics
 
+    if options.drawn is not None:
+        cases = made_cases(options.drawn, "false alarms", SoundCase)
+    else:
+        numbers = range(options.runs)
+        cases = [draw(options.seed, i, paired=i < options.pairs) for i in numbers]
     hydrodynamics.install()  # compiled once here, else by every worker
-    cases = [
-        SoundCase(seed=options.seed, run=i, paired=i < options.pairs) for i in range(options.runs)
-    ]
     study = Study(cases=cases, run_one=sound_run, summarise=summarise, line=line)
     return study.carry_out("study_false_alarms", options, "Faults named while nothing fails")
 

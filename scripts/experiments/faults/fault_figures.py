@@ -6,12 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.faults.fault_cases import ASCENT, PUSH, Trace, run_branched
+from experiments.faults.fault_cases import ASCENT, PHASES, PUSH, Trace, run_branched
 from experiments.faults.fault_picture import draw
 from uuv import jobs
 from uuv.campaigns.contact_study import DAMAGE
 from uuv.experiment import Row, Summary, Table
 from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.spatial import one_of
 
 LATE = 2.0  # [s] after the work was left, from which on the tool must not touch the object
 _TOUCHING = 1.0  # [N] from which on it does
@@ -38,6 +39,10 @@ class BranchedCase:
     seed: int
     only: tuple[str, ...]  # parts of the names of the fault cases; empty: all
     phases: tuple[str, ...]  # of `fault_cases.PHASES`, in which they begin
+
+    def __post_init__(self) -> None:
+        for phase in self.phases:
+            one_of(phase, PHASES, "phases")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +78,8 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
     """
     time, least = trace.rows[:, 0], trace.rows[:, 9]
     peak = float(trace.rows[:, 10].max())
+
+    # When the work was left, and what the hull did.
     states = [state for _, state, _ in trace.states]
     left = next(
         (t for t, state, _ in trace.states if state in (WorkState.RETREAT, WorkState.ABORT)), None
@@ -81,6 +88,8 @@ def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
     step = float(time[1] - time[0])
     touched = time[~working & (trace.rows[:, 10] > _TOUCHING)] - (left or 0.0)
     hull = np.linalg.norm(trace.rows[:, 4:7], axis=1)
+
+    # What the vehicle did about it.
     reaction = " > ".join(states)
     if states == [WorkState.WORK] and np.any(trace.rows[:, 3] < 0.9 * trace.set_force):
         reaction = "work, at less force for a while"

@@ -11,6 +11,7 @@ from uuv.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Literal
 
 from uuv.campaigns.contact_study import PATHS, PathName
@@ -41,6 +42,8 @@ class Options(StudyOptions):
     """
     picture: str = "dead"
     """Draw cases whose names contain this."""
+    drawn: Path | None = None
+    """Run the drawn cases in this file, such as drawn_cases.json here."""
 
 
 def main() -> int:
@@ -50,19 +53,24 @@ def main() -> int:
     from experiments.faults.fault_figures import BranchedCase, lines, run, summarise
     from uuv import models
     from uuv.experiment import Study
+    from uuv.experiment.drawn_cases import made_cases
     from uuv.models.vehicle import Vehicle
     from uuv.sim import hydrodynamics
 
+    if options.drawn is not None:
+        cases = made_cases(options.drawn, "faults", BranchedCase)
+    else:
+        cases = [
+            BranchedCase(path, options.seed + k, options.only, options.phases)
+            for path in options.paths
+            for k in range(options.runs)
+        ]
     vehicle = Vehicle.of(models.load(clean_barrel().vehicle.vehicle).compile())
-    chosen_cases(vehicle.thruster_names, options.only)  # refuses words that match no case
-    cases = [
-        BranchedCase(path, options.seed + k, options.only, options.phases)
-        for path in options.paths
-        for k in range(options.runs)
-    ]
+    for case in cases:
+        chosen_cases(vehicle.thruster_names, case.only)  # refuses words that match no case
     hydrodynamics.install()  # compiled once here, else by every worker
-    one = partial(run, folder=options.out or RUNS / NAME, picture=options.picture)
-    study = Study(cases=cases, run_one=one, summarise=summarise, line=lines)
+    run_one = partial(run, folder=options.out or RUNS / NAME, picture=options.picture)
+    study = Study(cases=cases, run_one=run_one, summarise=summarise, line=lines)
     return study.carry_out(NAME, options, "Faults in contact work")
 
 

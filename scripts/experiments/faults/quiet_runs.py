@@ -22,6 +22,7 @@ from uuv.runner import run
 from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import FaultKind, WorkState
+from uuv.sim.interfaces.spatial import one_of
 
 CURRENT = 0.4  # [m/s] at most
 GUST = 0.05  # [m/s] standard deviation per axis, at most
@@ -76,37 +77,66 @@ WORKERS = (
         options={"tool": "small_pad", "forces": (8.0,)},
     ),
 )
+_BY_NAME = {worker.name: worker for worker in WORKERS}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SoundCase:
-    """One draw of a vehicle, its job and its sea."""
+    """One job of a vehicle in a drawn sea, in which nothing fails."""
 
-    seed: int  # of the study
     run: int
-    paired: bool  # run without the check in any case
+    paired: bool = False  # run without the check in any case
+    vehicle: str  # name in WORKERS
+    job: str  # name in ARM_JOBS
+    seed: int  # of the job's own random numbers
+    current: tuple[float, float, float]  # [m/s] in W
+    gust: float  # [m/s] standard deviation per axis
+    wave: tuple[float, float, float]  # [m/s] amplitude of the water's velocity, in W
+    wave_frequency: float  # [Hz]
+
+    def __post_init__(self) -> None:
+        one_of(self.vehicle, _BY_NAME, "vehicle")
+        one_of(self.job, _BY_NAME[self.vehicle].jobs, f"job of {self.vehicle}")
+
+    def scenario(self) -> Scenario:
+        """The job in its sea."""
+        # Where a survey can, it tells the pose of the object.
+        sensor = {} if self.job in SEARCHING else {"sensor": SURVEY}
+        return ARM_JOBS[self.job](
+            vehicle=self.vehicle,
+            quick=True,
+            seed=self.seed,
+            current=self.current,
+            gust=self.gust,
+            wave=self.wave,
+            wave_frequency=self.wave_frequency,
+            **sensor,
+            **_BY_NAME[self.vehicle].options,
+        )
 
 
-def draw(case: SoundCase) -> tuple[str, str, Scenario]:
-    """Vehicle, job and scenario of a case; vehicles come in turn, and so do the jobs of each."""
-    rng = np.random.default_rng([case.seed, case.run])
-    worker = WORKERS[case.run % len(WORKERS)]
-    job = worker.jobs[case.run // len(WORKERS) % len(worker.jobs)]
+def draw(seed: int, run: int, *, paired: bool = False) -> SoundCase:
+    """A case of the study; vehicles come in turn, and so do the jobs of each.
 
+    Args:
+        seed: Of the study.
+        run: Number of the case.
+        paired: Run it without the check in any case.
+    """
+    worker = WORKERS[run % len(WORKERS)]
+
+    rng = np.random.default_rng([seed, run])
     waves = rng.uniform(0.0, WAVE) if rng.random() < 2.0 / 3.0 else 0.0
-    options: dict[str, Any] = {
-        "seed": int(rng.integers(2**31)),
-        "current": _directed(rng, rng.uniform(0.0, CURRENT)),
-        "gust": rng.uniform(0.0, GUST),
-        "wave": _directed(rng, waves),
-        "wave_frequency": rng.uniform(*FREQUENCY),
-    }
-    if job not in SEARCHING:
-        options["sensor"] = SURVEY
-    return (
-        worker.name,
-        job,
-        ARM_JOBS[job](vehicle=worker.name, quick=True, **options, **worker.options),
+    return SoundCase(
+        run=run,
+        paired=paired,
+        vehicle=worker.name,
+        job=worker.jobs[run // len(WORKERS) % len(worker.jobs)],
+        seed=int(rng.integers(2**31)),
+        current=_directed(rng, rng.uniform(0.0, CURRENT)),
+        gust=rng.uniform(0.0, GUST),
+        wave=_directed(rng, waves),
+        wave_frequency=rng.uniform(*FREQUENCY),
     )
 
 
@@ -119,16 +149,17 @@ def _directed(rng: np.random.Generator, size: float) -> tuple[float, float, floa
 
 def sound_run(case: SoundCase) -> dict[str, Any]:
     """Row of a case: sea, end and faults; of the run without the check too, where there is one."""
-    vehicle, job, scenario = draw(case)
-    site, checked = scenario.site, outcome(scenario)
+    scenario = case.scenario()
+    checked = outcome(scenario)
+
     row = {
         "run": case.run,
-        "vehicle": vehicle,
-        "job": job,
-        "current": float(np.linalg.norm(site.current)),
-        "gust": site.gust,
-        "wave": float(np.linalg.norm(site.wave)),
-        "wave_frequency": site.wave_frequency,
+        "vehicle": case.vehicle,
+        "job": case.job,
+        "current": float(np.linalg.norm(case.current)),
+        "gust": case.gust,
+        "wave": float(np.linalg.norm(case.wave)),
+        "wave_frequency": case.wave_frequency,
         **checked,
         "paired": case.paired or bool(CHECKED & {name.split()[0] for name in checked["faults"]}),
     }
@@ -179,8 +210,11 @@ def summarise(rows: list[Row]) -> Summary:
     """How the runs of each vehicle ended and what was named; a gyro or an attitude that is named
     fails the study.
     """
+    # By vehicle.
     vehicles = dict.fromkeys(row["vehicle"] for row in rows)
     table = [_cells(name, [row for row in rows if row["vehicle"] == name]) for name in vehicles]
+
+    # What the check has changed.
     paired = [row for row in rows if row["paired"]]
     same = sum(row["digest"] == row["unchecked_digest"] for row in paired)
 

@@ -5,10 +5,12 @@ check switched off.
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from experiments.faults.quiet_runs import CURRENT, GUST, WAVE, WORKERS, SoundCase, draw, summarise
+from experiments.faults.quiet_runs import CURRENT, GUST, WAVE, WORKERS, draw, summarise
 from untyped import untyped
 from uuv import assemble, jobs
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import FaultKind
 
 
@@ -19,21 +21,29 @@ def row(run: int, *faults: str, **more):
 
 
 def test_the_draw_takes_every_job_of_every_vehicle_within_its_seas():
-    drawn = [draw(SoundCase(seed=7, run=i, paired=False)) for i in range(25)]
-    assert {(vehicle, job) for vehicle, job, _ in drawn} == {
+    drawn = [draw(7, i) for i in range(25)]
+    assert {(case.vehicle, case.job) for case in drawn} == {
         (each.name, job) for each in WORKERS for job in each.jobs
     }
 
-    sites = [scenario.site for _, _, scenario in drawn]
     speeds, waves = (
         [float(np.linalg.norm(v)) for v in vs]
-        for vs in zip(*((s.current, s.wave) for s in sites), strict=True)
+        for vs in zip(*((case.current, case.wave) for case in drawn), strict=True)
     )
     assert 0.5 * CURRENT < max(speeds) <= CURRENT
     assert 0.5 * WAVE < max(waves) <= WAVE
     assert min(waves) == 0.0
-    assert max(site.gust for site in sites) <= GUST
-    assert draw(SoundCase(seed=7, run=3, paired=True))[2] == drawn[3][2]
+    assert max(case.gust for case in drawn) <= GUST
+    assert draw(7, 3, paired=True) == replace(drawn[3], paired=True)
+
+
+def test_the_scenario_of_a_case_has_its_sea():
+    case = draw(7, 4)
+    site = case.scenario().site
+    drawn = (case.current, case.gust, case.wave, case.wave_frequency)
+    assert (site.current, site.gust, site.wave, site.wave_frequency) == drawn
+    with pytest.raises(ConfigurationError, match="job of uuv_puma_side: .*pile.*got 'tap'"):
+        replace(draw(7, 1), job="tap")
 
 
 def test_a_gyro_or_an_attitude_that_is_named_fails_the_study_and_another_fault_is_counted():

@@ -14,9 +14,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from uuv.campaigns import campaign_report
-from uuv.campaigns.campaign import Campaign, CampaignRun, one_run, read_campaign
+from uuv.campaigns.campaign import (
+    EXPERIMENT,
+    Campaign,
+    CampaignRun,
+    one_run,
+    read_campaign,
+    read_drawn,
+)
 from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
 from uuv.experiment import Summary
+from uuv.experiment.drawn_cases import DrawnCase, write_cases
 from uuv.experiment.row_table import SCHEMA_VERSION, RowTable
 from uuv.jobs import clean_barrel
 from uuv.perturbations.pad import Pad
@@ -131,6 +139,29 @@ def test_a_file_gives_the_scenarios_of_its_runs(tmp_path):
         assert one.site.object == clean_barrel(quick=True).site.object
     assert campaign.name == scenarios[0].name == "mine"
     assert campaign.runs(2) == runs[:2]
+
+
+def test_cases_from_a_file_are_those_that_were_drawn_but_for_what_is_set(tmp_path):
+    campaign = read(tmp_path, FILE)
+    write_cases(tmp_path / "drawn.json", EXPERIMENT, campaign.drawn())
+    changed = ["perturbations.Pad.stiffness=5e4", "belief.water_error=0.1"]
+    other = read_campaign(tmp_path / "mine.toml", changed)
+
+    assert campaign.runs_of(read_drawn(tmp_path / "drawn.json", campaign)) == campaign.runs()
+    set_here = other.runs_of(read_drawn(tmp_path / "drawn.json", other, changed))
+    for run, drawn_run in zip(set_here, campaign.runs(), strict=True):
+        scenario = run.scenario()
+        assert scenario.perturbation(Pad).stiffness == 5e4
+        assert scenario.belief.water_error == 0.1
+        assert scenario.site == drawn_run.scenario().site
+
+
+def test_a_value_of_a_file_that_is_not_allowed_is_told_with_its_case(tmp_path):
+    campaign = read(tmp_path, FILE)
+    case = DrawnCase(case=3, values={"site.gusts": 0.1})
+    write_cases(tmp_path / "drawn.json", EXPERIMENT, [case])
+    with pytest.raises(ConfigurationError, match=r"drawn.json': case 3: .*gusts"):
+        read_drawn(tmp_path / "drawn.json", campaign)
 
 
 def test_a_scenario_file_may_be_the_base(tmp_path):

@@ -1,0 +1,103 @@
+"""Drawn cases in a file: what an experiment drew for each case, by name, to run the same cases
+again.
+
+    {"experiment": "contact", "cases": [{"case": 0, "values": {"seed": 7, "site.gust": 0.02}}]}
+
+The file is JSON: a number comes back to its last digit.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from uuv.sim.interfaces.documents import json_of, named
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import shown
+from uuv.sim.interfaces.tables import TableReader
+from uuv.sim.runs.saving import write_json
+
+Case = TypeVar("Case")
+_WHAT = "drawn cases"
+_MOST_BYTES = 64_000_000  # of a file
+_READER = TableReader("the table")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnCase:
+    """What was drawn for one case of an experiment."""
+
+    case: int = field(metadata={"schema": {"minimum": 0}})  # its number
+    values: Mapping[str, Any]  # by name; the experiment says which names there are
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnCases:
+    """Content of a file of drawn cases."""
+
+    experiment: str  # whose cases they are
+    cases: tuple[DrawnCase, ...]
+
+
+def read_cases(file: str | Path, experiment: str) -> tuple[DrawnCase, ...]:
+    """The drawn cases in a file, in its order.
+
+    Args:
+        file: The file.
+        experiment: Name of the experiment that is to run them.
+
+    Raises:
+        ConfigurationError: The file cannot be read, holds no cases or those of another experiment,
+            or has a number twice.
+    """
+    place = named(file, _WHAT)
+    document = json_of(file, _WHAT, _MOST_BYTES)
+    try:
+        content = _READER.made(DrawnCases, document)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{place}: {error}") from error
+
+    if content.experiment != experiment:
+        raise ConfigurationError(
+            f"{place}: experiment: allowed {experiment}, got {shown(content.experiment)}"
+        )
+
+    if not content.cases:
+        raise ConfigurationError(f"{place}: cases: at least one is needed")
+    ((number, count),) = Counter(case.case for case in content.cases).most_common(1)
+    if count > 1:
+        raise ConfigurationError(f"{place}: case {number} is in it {count} times")
+    return content.cases
+
+
+def made_cases(file: str | Path, experiment: str, kind: type[Case]) -> list[Case]:
+    """The drawn cases in a file of an experiment whose values are the fields of its cases.
+
+    Args:
+        file: The file.
+        experiment: Name of the experiment that is to run them.
+        kind: Dataclass of its cases.
+
+    Raises:
+        ConfigurationError: As `read_cases`, or a value is none that `kind` allows.
+    """
+    cases = []
+    for drawn in read_cases(file, experiment):
+        place = f"{named(file, _WHAT)}: case {drawn.case}"
+        try:
+            cases.append(_READER.made(kind, drawn.values))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{place}: {error}") from error
+    return cases
+
+
+def write_cases(file: str | Path, experiment: str, cases: Sequence[DrawnCase]) -> None:
+    """Writes drawn cases as JSON.
+
+    Args:
+        file: The file.
+        experiment: Name of the experiment whose cases they are.
+        cases: The cases.
+    """
+    write_json(file, asdict(DrawnCases(experiment=experiment, cases=tuple(cases))))

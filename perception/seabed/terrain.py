@@ -278,8 +278,7 @@ def relief(
     return Relief(slope=slope, roughness=rough, step=step, reason=reason)
 
 
-# -- the cloud
-# -----------------------------------------------------------------------------------------------------
+# -- the cloud -------------------------------------------------------------------------------------
 
 
 def _as_cloud(cloud: ArrayLike) -> Array:
@@ -496,8 +495,7 @@ def _delaunay(vertices: Array) -> np.ndarray:
     return triangles[np.abs(twice) > 1e-12]
 
 
-# -- rays
-# ----------------------------------------------------------------------------------------------------------
+# -- rays ------------------------------------------------------------------------------------------
 
 
 def _say_missed(terrain: Terrain, B: Array, name: str) -> None:

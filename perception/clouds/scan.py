@@ -487,7 +487,7 @@ def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
 
 
 def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
-    """Mask (h, w) of the pixels on a plane: within the noise, and on average within its roughness."""
+    """Mask (h, w) of pixels on a plane: within the noise, and on average within its roughness."""
     # Pixels within the sensor's noise
     off = (scan.points - plane.center) @ plane.normal
     with np.errstate(invalid="ignore"):

@@ -249,6 +249,7 @@ def check(
     against = [
         text
         for failed, text in (
+            # surfaces
             (
                 figure > threshold,
                 f"surfaces lie {1e3 * figure:.1f} mm apart, limit {1e3 * threshold:.1f} mm",
@@ -286,6 +287,7 @@ def check(
                 f"at {rest.size:.2f} times its size it fits better",
             ),
             (margin < -MIN_MARGIN, "another pose fits better"),
+            # missing parts
             (
                 missing > least,
                 f"{missing} connected pixels of the model are missing, at most {least} may be",

@@ -1,5 +1,4 @@
-"""Perception: point clouds, target poses, surfaces and tool paths from depth frames and sonar
-scans.
+"""Perception: clouds, target poses, surfaces and tool paths from depth frames and sonar scans.
 
 Names are imported on first use, so that `from uuv import perception` needs neither Embree nor
 SciPy.

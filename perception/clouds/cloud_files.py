@@ -25,11 +25,11 @@ class CloudFile:
 
 
 def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
-    """Load the cloud of a PLY, PCD or text file (x y z a line, and perhaps other columns), in the
-    sensor's frame S.
+    """Load a point cloud in the sensor's frame S from a PLY, PCD or text file.
 
-    Points that are not finite, at the origin (no return) or duplicates are left out. The pixels of
-    an organised PCD file keep their places.
+    A line of a text file holds x y z, and perhaps other columns. Points that are not finite, at the
+    origin (no return) or duplicates are left out. The pixels of an organised PCD file keep their
+    places.
 
     Args:
         file: Path of the file.
@@ -45,10 +45,13 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
         scale = finite_number(scale, f"cloud {file}: scale", least=1e-9, most=1e9)
     surfels = read_surfels(file)
     points, shape = surfels.points, surfels.shape
+
     if len(points) > MOST:
         raise ConfigurationError(
             f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}"
         )
+
+    # Metres; coordinates that mean "no point" become NaN
     points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (
         1.0 if scale is None else scale
     )
@@ -65,6 +68,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
 
     leave_out(np.asarray(~np.isfinite(points).all(axis=1)), "not finite")
     leave_out(np.asarray(~points.any(axis=1)), "at the origin, no return")
+
+    # Millimetres taken for metres lie far away
     if scale is None:
         far = float((np.abs(points[kept]).max(axis=1) > FARTHEST).mean())
         if far > 0.02:
@@ -75,6 +80,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
                 f"{middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its "
                 "scale (0.001 for mm)"
             )
+
+    # An organised cloud keeps its pixels, an unordered one loses its duplicates
     if shape is not None:
         points[~kept] = np.nan
         return CloudFile(points=readonly(points.reshape(*shape, 3)), notes=tuple(notes))

@@ -49,9 +49,7 @@ class DepthGrid:
 
 
 def jump(z: ArrayLike) -> Array:
-    """Depth step [m] at depth `z` [m] above which neighbouring pixels belong to different
-    surfaces.
-    """
+    """Depth step [m] at depth `z` [m] above which neighbouring pixels are on different surfaces."""
     return 0.01 + 0.02 * np.asarray(z, dtype=np.float64)
 
 
@@ -68,16 +66,21 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
     """
     if min(usable.shape) < 2:
         return None
+
+    # Pixels and tangents of a sample of the points
     row, column = (index.astype(np.float64) for index in np.nonzero(usable))
     tangents = points[usable][:, :2] / points[usable][:, 2:]
     chosen = _sample(len(tangents))
     row, column, tangents = row[chosen], column[chosen], tangents[chosen]
+
+    # Columns are those along which x/z changes more
     along = [
         abs(_slope(index, tangents[:, 0])) * size
         for index, size in zip((column, row), usable.shape[::-1], strict=True)
     ]
     if along[0] < along[1] and not turned:  # `turned` ends the recursion for a cloud without order
         return organised_grid(points.swapaxes(0, 1), usable.T, turned=True)
+
     # Smooth deviations are lens distortion and must be small. Scatter about them is noise, which
     # keeps points in their pixels.
     u, v = (
@@ -85,6 +88,8 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
         for index, size in zip((column, row), usable.shape[::-1], strict=True)
     )
     terms = np.column_stack([u**i * v**j for i in range(4) for j in range(4 - i)])
+
+    # A straight line for each axis: x/z over the columns, y/z over the rows
     axes = []
     for index, size, tangent in (
         (column, usable.shape[1], tangents[:, 0]),
@@ -98,6 +103,8 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
         if np.abs(terms @ np.linalg.lstsq(terms, off, rcond=None)[0]).max() > _BENT * abs(slope):
             return None
         axes.append((start + slope * np.arange(size), int(np.sign(slope))))
+
+    # Columns run to the right and rows down
     (tangent_x, right), (tangent_y, down) = axes
     depth = np.where(usable, points[..., 2], np.nan)[::down, ::right]
     return _even(DepthGrid(depth, tangent_x[::right], tangent_y[::down]))
@@ -116,6 +123,8 @@ def lattice_grid(points: Array) -> DepthGrid | None:
     """
     points = _without_strays(points)
     tangents = points[:, :2] / points[:, 2:]
+
+    # Lines of columns and rows, and the pixel of each point
     axes = [_lattice(values[_sample(len(values))]) for values in tangents.T]
     cells, lines = [], []
     for axis, values in zip(axes, tangents.T, strict=True):
@@ -128,6 +137,8 @@ def lattice_grid(points: Array) -> DepthGrid | None:
             return None
         cells.append(index - first)
         lines.append(start + pitch * np.arange(first, first + count))
+
+    # Pixels of a picture have neighbours, those of a coincidence have not
     width, height = len(lines[0]), len(lines[1])
     key = cells[1] * width + cells[0]
     filled = np.zeros((height, width), dtype=np.float32)
@@ -135,6 +146,8 @@ def lattice_grid(points: Array) -> DepthGrid | None:
     around = (9.0 * ndimage.uniform_filter(filled, 3, mode="constant") - filled) / 8.0
     if np.median(around[filled > 0.0]) < _FILLED:
         return None
+
+    # Depth, the mean of the points of a pixel
     cell, _, z = _cell_means(tangents, points[:, 2], key)
     depth = np.full(height * width, np.nan)
     depth[cell] = z
@@ -142,12 +155,11 @@ def lattice_grid(points: Array) -> DepthGrid | None:
 
 
 def scatter_grid(points: Array) -> DepthGrid:
-    """Depth image of an unordered cloud without a lattice, rendered by a virtual pinhole at the
-    cloud's own resolution.
+    """Depth image of an unordered cloud without a lattice, rendered by a virtual pinhole.
 
-    In dense clouds the points of a cell that lie on the surface of their median are averaged. The
-    mean keeps its place under noise, while the nearest of many points would lie in front of the
-    surface.
+    Its resolution is the cloud's. In dense clouds the points of a cell that lie on the surface of
+    their median are averaged. The mean keeps its place under noise, while the nearest of many
+    points would lie in front of the surface.
 
     Args:
         points: (n, 3) [m] in S.
@@ -156,21 +168,28 @@ def scatter_grid(points: Array) -> DepthGrid:
         PerceptionError: If the points span no surface.
     """
     points = _without_strays(points)
+
+    # Picture that holds all points
     tangents, z = points[:, :2] / points[:, 2:], points[:, 2]
     low, high = tangents.min(axis=0), tangents.max(axis=0)
     span = float((high - low).max())
     if not span > 1e-6:
         raise PerceptionError("the cloud spans no surface: all its points lie on one line of sight")
+
+    # Large clouds are averaged over cells, coarse enough for the triangulation
     pitch = span / _MOST_CELLS
     few, few_z = tangents, z
     if len(z) > _MAX_DELAUNAY:
         while (count := len(np.unique(_keys(tangents, low, pitch)))) > _MAX_DELAUNAY:
             pitch *= 1.02 * np.sqrt(count / _MAX_DELAUNAY)
         _, few, few_z = _cell_means(tangents, z, _keys(tangents, low, pitch))
+
     # Spacing from neighbours, not from the bounding box: a cloud seldom fills its box.
     sample = few[:: max(1, len(few) // 4000)]
     spacing = float(np.median(cKDTree(few).query(sample, k=3)[0][:, 2]))
     pitch = float(np.clip(spacing, pitch, span / _FEWEST_CELLS))
+
+    # Surface: triangles between neighbours, none across a jump of depth
     try:
         triangles = Delaunay(few).simplices
     except QhullError as error:
@@ -180,6 +199,8 @@ def scatter_grid(points: Array) -> DepthGrid:
     triangles = triangles[_coherent(few, few_z, triangles, 4.0 * pitch)]
     if not len(triangles):
         raise PerceptionError("the cloud has no connected surface")
+
+    # Picture of that surface
     tangent_x = np.arange(low[0], high[0] + pitch, pitch)
     tangent_y = np.arange(low[1], high[1] + pitch, pitch)
     if min(len(tangent_x), len(tangent_y)) < 2:
@@ -212,22 +233,28 @@ def _even(grid: DepthGrid) -> DepthGrid | None:
 
 
 def _framed(grid: DepthGrid) -> DepthGrid:
-    """Extend `grid` by the empty pixels that probably surrounded it: pixels without a point leave
-    no trace in a list.
+    """Extend `grid` by the empty pixels that probably surrounded it.
 
-    Where the content does not reach a side of the picture, the picture continued. It also continued
-    where it reaches much less far from the optical axis than on the opposite side. Where no surface
-    covers any side, the object stands alone.
+    Pixels without a point leave no trace in a list. Where the content does not reach a side of the
+    picture, the picture continued. It also continued where it reaches much less far from the
+    optical axis than on the opposite side. Where no surface covers any side, the object stands
+    alone.
     """
     depth, lines = grid.depth, (grid.tangent_y, grid.tangent_x)
     count = [np.isfinite(depth).sum(axis=1 - axis) for axis in range(2)]
+
+    # Sides that cut through the content: as many points in the last row as further in
     cut = [[of[0] >= _CUT * of[max(1, len(of) // 20)] for of in (n, n[::-1])] for n in count]
+
+    # An object stands alone where no last row is covered
     filled = np.isfinite(depth).astype(np.float32)
     # pixels may be lost anywhere
     dense = _FULL_SIDE * float(ndimage.uniform_filter(filled, 3)[filled > 0.0].mean())
     alone = all(
         max(n[0], n[-1]) < dense * other for n, other in zip(count, depth.shape[::-1], strict=True)
     )
+
+    # Rows and columns to add at each end
     wider = []
     for line, ends in zip(lines, cut, strict=True):
         reach, pitch = (-line[0], line[-1]), line[1] - line[0]
@@ -238,6 +265,8 @@ def _framed(grid: DepthGrid) -> DepthGrid:
             elif alone or lacking[i] <= 1:
                 lacking[i] = max(lacking[i], _MARGIN, alone * len(line) // 2)
         wider.append([min(n, len(line) + _MARGIN) for n in lacking])
+
+    # Lines of the extended picture
     tangent_y, tangent_x = (
         line[0] + (line[1] - line[0]) * np.arange(-n[0], len(line) + n[1])
         for line, n in zip(lines, wider, strict=True)
@@ -254,8 +283,7 @@ def _without_strays(points: Array) -> Array:
 
 
 def _lattice(values: Array) -> tuple[float, float] | None:
-    """First line and pitch of the equidistant lines that `values` (n,) lie on; None if they lie on
-    none.
+    """First line and pitch of the equidistant lines that `values` (n,) lie on; None without any.
 
     Such lines give the spectrum of the values' density peaks at all multiples of 1/pitch, as high
     as at zero.
@@ -263,17 +291,24 @@ def _lattice(values: Array) -> tuple[float, float] | None:
     low, span = float(values.min()), float(np.ptp(values))
     if not span > 1e-6:
         return None
+
+    # Spectrum of the density of values
     density = np.bincount(
         np.minimum(((values - low) * (_BINS / span)).astype(np.int64), _BINS - 1), minlength=_BINS
     )
     height = np.abs(np.fft.rfft(density, 4 * _BINS)) / len(values)  # at multiples of 1 / (4 span)
+
     # beyond the peak at zero, which is wide for a narrow cloud
     fell = np.nonzero(height < 0.5 * _COMB)[0]
     if not len(fell) or not (peaks := height[fell[0] :]).max() > _COMB:
         return None
+
+    # Pitch: the first of the highest peaks
     begin = fell[0] + int(np.nonzero(peaks > max(_COMB, 0.8 * peaks.max()))[0][0])
     end = begin + int(np.argmax(height[begin:] < 0.5 * height[begin])) or len(height)
     pitch = 4.0 * span / (begin + int(np.argmax(height[begin:end])))
+
+    # First line: by the phase, then with the pitch by least squares
     phase = float(np.angle(np.exp(2j * np.pi * (values - low) / pitch).mean())) / (2.0 * np.pi)
     start = low + phase * pitch
     for _ in range(3):
@@ -282,36 +317,42 @@ def _lattice(values: Array) -> tuple[float, float] | None:
         if not pitch > 0.0:
             return None
         start = float(np.median(values - pitch * index))
+
+    # Enough of the values must lie near a line
     off = (values - start) / pitch
     share, near = _OFF_LATTICE
     return (start, pitch) if np.mean(np.abs(off - np.rint(off)) < near) >= share else None
 
 
 def _keys(tangents: Array, low: Array, pitch: float) -> np.ndarray:
-    """Index (n,) of the cell, `pitch` wide, that each of the `tangents` (n, 2) lies in; `low` (2,)
-    is a corner.
-    """
+    """Index (n,) of the cell, `pitch` wide, that each of `tangents` (n, 2) lies in, from `low`."""
     column, row = ((tangents - low) / pitch).astype(np.int64).T
     return row * (int(column.max()) + 1) + column
 
 
 def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray, Array, Array]:
-    """Occupied cells (m,), and mean tangents (m, 2) and depth (m,) [m] of their points on the
-    surface of the median.
+    """Occupied cells (m,), and mean tangents (m, 2) and depth (m,) [m] of the points in each.
 
-    `key`: cell (n,) of each point. A plane is linear in inverse depth, so a mean of points on it
-    lies on it too. Points across an edge are not averaged, which would invent surface.
+    `key`: cell (n,) of each point. Points off the surface of their cell's median are left out. A
+    plane is linear in inverse depth, so a mean of points on it lies on it too. Points across an
+    edge are not averaged, which would invent surface.
     """
+    # Points sorted by cell and depth
     order = np.lexsort((z, key))
     key, z = key[order], z[order]
     first = np.nonzero(np.r_[True, key[1:] != key[:-1]])[0]
     count = np.diff(np.r_[first, len(key)])
     cell = key[first]
+
     # of two alternately: always the nearer would enlarge near surfaces
     middle = z[first + (count - 1 + cell % 2) // 2]
+
+    # Points on the surface of their cell's median
     same = np.repeat(np.arange(len(cell)), count)
     on = np.abs(z - middle[same]) < jump(middle)[same]
     same, order, z = same[on], order[on], z[on]
+
+    # Means of the tangents and of the inverse depth
     number = np.bincount(same)
     means = (
         np.column_stack([np.bincount(same, weights=tangents[order, i]) for i in range(2)])
@@ -321,9 +362,7 @@ def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray,
 
 
 def _coherent(tangents: Array, z: Array, triangles: np.ndarray, reach: float) -> np.ndarray:
-    """Mask of the triangles that join neighbours on one surface: short in the image, no jump in
-    depth.
-    """
+    """Mask of the triangles that join neighbours on one surface: short, and no jump in depth."""
     corners = tangents[triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     z = z[triangles]

@@ -1,9 +1,8 @@
-"""Nearest-neighbour search in a grid of cells, several times as fast as a k-d tree for evenly
-spaced points.
+"""Nearest-neighbour search in a grid of cells, for points that are spaced evenly.
 
-Points sampled on a surface fill cells of a few spacings evenly, and query points lie mostly within
-one or two cells of them. A tree uses neither. The results equal those of
-`scipy.spatial.cKDTree.query`.
+It is several times as fast as a k-d tree. Points sampled on a surface fill cells of a few spacings
+evenly, and query points lie mostly within one or two cells of them. A tree uses neither. The
+results equal those of `scipy.spatial.cKDTree.query`.
 """
 
 from typing import NamedTuple
@@ -45,6 +44,7 @@ class NearestPoint(NamedTuple):
         stored points.
         """
         square, found = np.full(len(points), reach * reach), np.full(len(points), len(self.order))
+
         _search(self, points, square, found)
         return np.where(found < len(self.order), np.sqrt(square), np.inf), found
 
@@ -56,14 +56,20 @@ def _sorted(
     """Indices (m,) of the points cell by cell, and the first index of each cell."""
     where = np.empty(len(points), dtype=np.int64)
     first = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int64)
+
+    # Cell and count of the points
     for n in range(len(points)):
         at = 0
         for a in range(3):
             at = at * shape[a] + min(int((points[n, a] - corner[a]) / cell), shape[a] - 1)
         where[n] = at
         first[at + 1] += 1
+
+    # First point of each cell
     for i in range(1, len(first)):
         first[i] += first[i - 1]
+
+    # Points, cell by cell
     order, filled = np.empty(len(points), dtype=np.int64), first[:-1].copy()
     for n in range(len(points)):
         order[filled[where[n]]] = n
@@ -73,28 +79,32 @@ def _sorted(
 
 @kernel
 def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) -> None:
-    """Lower `square` (n,) [m^2] to the nearest point's and store its index in `found`, by shells of
-    cells.
+    """Lower `square` (n,) [m^2] to the nearest point's, and store that point's index in `found`.
 
-    A cell of shell s is at least s - 1 cells away, plus the distance from the query to the nearest
-    side of its own cell.
+    The search goes outwards by shells of cells. A cell of shell s is at least s - 1 cells away,
+    plus the distance from the query to the nearest side of its own cell.
     """
     points, order, first, corner, cell = grid.points, grid.order, grid.first, grid.corner, grid.cell
+
     nx, ny, nz = grid.shape
     for n in range(len(asked)):
+        # Cell of the query, and distance [cells] to its nearest side
         x, y, z = asked[n]
         u, v, w = (x - corner[0]) / cell, (y - corner[1]) / cell, (z - corner[2]) / cell
         i, j, k = int(np.floor(u)), int(np.floor(v)), int(np.floor(w))
         side = min(min(u - i, 1.0 - (u - i)), min(v - j, 1.0 - (v - j)), min(w - k, 1.0 - (w - k)))
         least, best = square[n], -1
+
         # Smaller shells lie outside the grid, and so do larger ones.
         shell = max(0, -i, -j, -k, i - nx + 1, j - ny + 1, k - nz + 1)
         last = max(i, j, k, nx - 1 - i, ny - 1 - j, nz - 1 - k)
+
         while shell <= last:
             if shell > 0 and ((shell - 1 + side) * cell) ** 2 >= least:
                 break
             for a in range(max(i - shell, 0), min(i + shell, nx - 1) + 1):
                 for b in range(max(j - shell, 0), min(j + shell, ny - 1) + 1):
+                    # The cells of the shell alone: between its faces only the two ends
                     rim = a == i - shell or a == i + shell or b == j - shell or b == j + shell
                     step = 1 if rim or shell == 0 else 2 * shell
                     c = k - shell
@@ -108,5 +118,6 @@ def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) 
                                     least, best = apart, m
                         c += step
             shell += 1
+
         if best >= 0:
             square[n], found[n] = least, order[best]

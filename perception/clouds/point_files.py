@@ -1,5 +1,6 @@
-"""Text files of targets B_i and direction z [Konoplin 2019]; clouds are read by
-`uuv.models.meshes.surfel_files`.
+"""Text files of targets B_i and direction z [Konoplin 2019].
+
+Clouds are read by `uuv.models.meshes.surfel_files`.
 """
 
 from pathlib import Path
@@ -16,8 +17,9 @@ _BLANKS = str.maketrans({",": " ", ";": " ", "\t": " "})
 
 
 def read_cloud(file: str | Path) -> Array:
-    """Read the points (n, 3) [m] of a PLY, PCD or text file. NaN stays NaN: `build_terrain` refuses
-    it.
+    """Read the points (n, 3) [m] of a PLY, PCD or text file.
+
+    NaN stays NaN: `build_terrain` refuses it.
 
     Raises:
         ConfigurationError: For a file that is missing, empty or has other columns; it names the
@@ -35,6 +37,7 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
         ConfigurationError: For anything else; it names the line.
     """
     path = existing_file(file, "targets")
+
     B, z = [], None
     for i, line in _lines(_text(path, "targets")):
         where = f"targets {path}, line {i}"
@@ -42,6 +45,7 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
         values = _numbers(rest if word == _UP else line, 3, where)
         if not np.all(np.isfinite(values)):
             raise ConfigurationError(f"{where}: every number must be finite, got {line!r}")
+
         if word != _UP:
             B.append(values)
         elif z is not None:
@@ -51,6 +55,7 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
         else:
             z = np.array(values) / largest  # first: the square of 1e200 overflows
             z /= np.linalg.norm(z)
+
     if not B:
         raise ConfigurationError(f"targets {path}: there is no point B in it")
     return np.array(B), np.array([0.0, 0.0, 1.0]) if z is None else z

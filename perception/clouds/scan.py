@@ -23,7 +23,7 @@ from uuv.sim.interfaces.spatial import Array, number, readonly, real_array
 
 # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner is accepted as the barrel
 SIGMA_ALLOWED = (1e-6, 0.01)
-MIN_POINTS = 60  # points, below this no pose can be told from noise
+MIN_POINTS = 60  # points, below this no pose can be distinguished from noise
 _ENDLESS = 1e5  # [m] along an axis; larger coordinates are invalid
 _SAMPLED = 20_000  # pixels, about, to which background planes are fitted
 _FACET = 0.056  # [rad] width of surface (31 px of the usual camera) for a local normal
@@ -66,6 +66,7 @@ class SensorModel:
     def __post_init__(self) -> None:
         for field in fields(self):
             number(getattr(self, field.name), f"sensor model: {field.name}")
+
         if not (
             self.focal > 0.0
             and self.baseline > 0.0
@@ -76,6 +77,8 @@ class SensorModel:
                 "sensor model: focal, baseline, disparity_sigma and edge_sigma must be positive, "
                 f"got {self}"
             )
+
+        # A wrong unit shows in the accuracy at 1 m
         least, most = SIGMA_ALLOWED
         if not least <= float(self.sigma(1.0)) <= most:
             raise ConfigurationError(
@@ -83,6 +86,7 @@ class SensorModel:
                 f"{most:g} m, "
                 f"got {float(self.sigma(1.0)):g} m from {self}"
             )
+
         if not 1.0 <= self.noise_length < np.inf:
             raise ConfigurationError(
                 f"sensor model: noise_length must be at least 1 [px], got {self.noise_length}"
@@ -99,9 +103,7 @@ class SensorModel:
         )
 
     def independent(self, pixels: ArrayLike) -> Array:
-        """Share (0..1) of an independent reading that each of several points has, which lie
-        `pixels` [px] apart.
-        """
+        """Share (0..1) of an independent reading in each of the points `pixels` [px] apart."""
         return np.minimum(1.0, np.square(np.asarray(pixels, dtype=np.float64) / self.noise_length))
 
     @property
@@ -112,9 +114,7 @@ class SensorModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownObjects:
-    """Objects that were found in a scan, and are not sought any more: they explain what shows them,
-    and hide.
-    """
+    """Objects already identified in a scan: they explain the pixels that show them, and occlude."""
 
     depth: Array  # (h, w) [m] of their models, inf beside them
     shown: np.ndarray  # (h, w) pixels of the scan that show them
@@ -130,9 +130,7 @@ class KnownObjects:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scan:
-    """One frame of a depth sensor: a point for each pixel of a pinhole grid, in the sensor
-    frame S.
-    """
+    """One frame of a depth sensor: a point for each pixel of a pinhole grid, in sensor frame S."""
 
     points: Array  # (h, w, 3) [m], NaN without echo
     tangent_x: Array  # (w,) x/z of each column
@@ -153,9 +151,7 @@ class Scan:
 
     @cached_property
     def pitch(self) -> float:
-        """Angle between neighbouring pixels, as a tangent; the geometric mean where they are not
-        square.
-        """
+        """Angle between neighbouring pixels, as a tangent; the geometric mean of `pitches`."""
         return float(np.sqrt(self.pitches.prod()))
 
     @property
@@ -169,16 +165,16 @@ class Scan:
         return np.column_stack([self.tangent_x[columns], self.tangent_y[rows], np.ones(len(rows))])
 
     def pixels(self, points: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Row and column (n,) of points (n, 3) [m] in S, clipped to the grid, and the mask of those
-        within it.
-        """
+        """Row and column (n,) of points (n, 3) in S, clipped to the grid; mask of those within."""
         with np.errstate(divide="ignore", invalid="ignore"):
             tangents = points[:, :2] / points[:, 2:]
         tangents = np.where(points[:, 2:] > 0.0, tangents, np.inf)
+
         column = (tangents[:, 0] - self.tangent_x[0]) / self.pitches[0]
         row = (tangents[:, 1] - self.tangent_y[0]) / self.pitches[1]
         height, width = self.depth.shape
         inside = (column >= 0.0) & (column <= width - 1) & (row >= 0.0) & (row <= height - 1)
+
         return (
             np.rint(np.clip(row, 0, height - 1)).astype(int),
             np.rint(np.clip(column, 0, width - 1)).astype(int),
@@ -208,9 +204,13 @@ class Scan:
         row, column, _ = self.pixels(points[points[:, 2] > 0.0])
         if not len(row):
             return slice(0, 0), slice(0, 0)
+
+        # Window around the picture of the points
         border = 4 + int(margin * max(np.ptp(row), np.ptp(column)))
         top, bottom = max(0, int(row.min()) - border), int(row.max()) + border + 1
         left, right = max(0, int(column.min()) - border), int(column.max()) + border + 1
+
+        # Steps that thin what of it lies within the grid
         height, width = (
             min(bottom, self.depth.shape[0]) - top,
             min(right, self.depth.shape[1]) - left,
@@ -230,6 +230,7 @@ class Scan:
             raise ConfigurationError(
                 f"depth frame: expected (height, width) numbers, got shape {depth.shape}"
             )
+
         K = np.asarray(image.K, dtype=np.float64)
         if K.shape != (3, 3) or not np.all(np.isfinite(K)) or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
             raise ConfigurationError(f"depth frame: K must be a pinhole matrix, got {K.tolist()}")
@@ -237,6 +238,7 @@ class Scan:
             raise ConfigurationError(
                 f"depth frame: pixels must be square, got focal lengths {K[0, 0]} and {K[1, 1]}"
             )
+
         depth = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
         tangent_x = (np.arange(depth.shape[1]) - K[0, 2]) / K[0, 0]
         tangent_y = (np.arange(depth.shape[0]) - K[1, 2]) / K[1, 1]
@@ -244,11 +246,10 @@ class Scan:
 
     @classmethod
     def from_cloud(cls, cloud: ArrayLike) -> "Scan":
-        """Scan of an unordered (n, 3) or organised (h, w, 3) cloud [m] in S; invalid points are
-        left out.
+        """Scan of an unordered (n, 3) or organised (h, w, 3) cloud [m] in S.
 
         The pixels of a depth sensor are kept or recovered where there are any (`cloud_grid`).
-        Points behind the sensor (z <= 0) or farther than 100 km are invalid.
+        Points behind the sensor (z <= 0) or farther than 100 km are left out.
 
         Raises:
             ConfigurationError: For an array that is no cloud.
@@ -261,12 +262,16 @@ class Scan:
             raise ConfigurationError(
                 f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}"
             )
+
+        # Usable points
         usable = (np.abs(values) < _ENDLESS).all(axis=-1) & (values[..., 2] > 1e-3)  # False for NaN
         count = int(usable.sum())
         if count < MIN_POINTS:
             raise PerceptionError(
                 f"only {count} usable points of {values.size // 3}; need {MIN_POINTS}"
             )
+
+        # Pixels of the sensor where there are any, else those of a virtual pinhole
         grid = organised_grid(values, usable) if values.ndim == 3 else None
         if grid is None:
             points = values[usable]
@@ -299,12 +304,16 @@ def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(int(mask.sum()))
     vertices = scan.points[mask]
+
+    # Two triangles a cell, where all their corners are in the mask
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.concatenate(
         [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)]
     )
     a, b, c = faces.T
     faces = faces[(a >= 0) & (b >= 0) & (c >= 0)]
+
+    # None across a jump of depth
     a, b, c = vertices[:, 2][faces.T]
     nearest = np.minimum(np.minimum(a, b), c)
     return vertices, faces[np.maximum(np.maximum(a, b), c) - nearest < jump(nearest)]
@@ -324,26 +333,31 @@ def distances_along(scan: Scan, starts: Array, way: Array) -> Array | None:
     vertices, triangles = triangulate(scan, np.isfinite(scan.depth))
     if not len(triangles):
         return None
+
     # Most of a scan lies between the rays, and building a ray caster takes longer than casting.
     triangles = triangles[_may_be_met(vertices, triangles, starts, way)]
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
+
     scene = RayScene(vertices[used], (np.cumsum(used) - 1)[triangles])
     return scene.distance(starts, np.broadcast_to(way, starts.shape))
 
 
 def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Array) -> np.ndarray:
-    """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), holds one of the
-    `starts` (n, 3).
-    """
+    """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), holds a start."""
+    # Rays and vertices in a plane across the rays
     across = np.linalg.svd(way[None])[2][1:].T
     rays, seen = starts @ across, vertices @ across
     corner, extent = rays.min(axis=0), np.ptp(rays, axis=0)
+
+    # Summed-area table: number of rays below and left of each corner of a grid
     cell = max(float(extent.max()) / _RAY_CELLS, _SINGLE)
     shape = (extent / cell).astype(int) + 1
     counts = np.zeros(shape + 1, dtype=np.int32)
     np.add.at(counts, tuple(((rays - corner) / cell).astype(int).T + 1), 1)
     before = counts.cumsum(axis=0).cumsum(axis=1)  # rays in all cells below a corner of the grid
+
+    # Rectangle around each triangle, in cells
     low = np.clip((seen - _SINGLE - corner) / cell, 0, shape).astype(np.int32)
     high = np.clip((seen + _SINGLE - corner) / cell + 1.0, 0, shape).astype(np.int32)
     a, b, c = triangles.T
@@ -351,6 +365,8 @@ def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Arra
         np.minimum(np.minimum(low[a], low[b]), low[c]).T,
         np.maximum(np.maximum(high[a], high[b]), high[c]).T,
     )
+
+    # Number of rays within it
     return before[right, bottom] - before[left, bottom] - before[right, top] + before[left, top] > 0
 
 
@@ -358,6 +374,7 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
     """Mask (h, w) of pixels that share their surface with at least 3 of their 8 neighbours."""
     z = scan.depth
     step = jump(z)
+
     support = np.zeros(z.shape, dtype=np.int8)
     right, down, up = (
         (np.s_[:, :-1], np.s_[:, 1:]),
@@ -368,6 +385,7 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
         apart = np.abs(z[here] - z[there])
         support[here] += apart < step[here]
         support[there] += apart < step[there]
+
     return support >= 3
 
 
@@ -384,9 +402,11 @@ def background(
     A plane is background if it extends further than the object can: one connected surface on it,
     with normals along the plane's, spreads over more than `extent`, and out of the picture or still
     further: a neighbour may lie in the object's plane. A strip where the plane only cuts through
-    something does not count. A face of the object may be among the planes, and is kept. What rises
-    above a background plane by more than the plane's own
-    roughness, averaged over a few pixels, is kept as well: a thin object that lies on the seabed.
+    something does not count.
+
+    A face of the object may be among the planes, and stays. So does what rises above a background
+    plane by more than the plane's own roughness, averaged over a few pixels: a thin object that
+    lies on the seabed.
 
     Args:
         scan: The scan.
@@ -400,6 +420,8 @@ def background(
         Mask (h, w).
     """
     found = np.zeros_like(mask)
+
+    # Thinned picture with its normals, and a sample of it to which planes are fitted
     every = slice(None, None, max(1, round(np.sqrt(mask.size / _SAMPLED))))
     part, thinned = scan.part((every, every)), mask[every, every]
     normals = _local_normals(part, thinned, max(3, round(_FACET / part.pitch)))
@@ -409,11 +431,15 @@ def background(
         part.points[rows[::step], columns[::step]],
         normals[rows[::step], columns[::step]],
     )
+
+    # Planes, those with most points first
     least = max(20, int(0.08 * len(sample)))
     for _ in range(planes):
         plane = _largest_plane(sample, sensor, rng)
         if plane is None or plane.inliers.sum() < least:
             break
+
+        # Pixels on the plane, with normals along it
         off = np.abs((part.points - plane.center) @ plane.normal)
         with np.errstate(invalid="ignore"):
             lying = (
@@ -421,19 +447,21 @@ def background(
                 & (off < _plane_tolerance(part.depth, sensor))
                 & (np.abs(normals @ plane.normal) > _ALIGNED)
             )
+
+        # Background is wider than the object can be
         width, cut = _spread(part, lying)
         if width > extent * (1.0 if cut else _UNCUT):
             found |= mask & _on_plane(scan, plane, sensor)
+
         sample, facing = sample[~plane.inliers], facing[~plane.inliers]
     return found
 
 
 def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
-    """Width [m] of the largest surface among the masked (h, w) pixels, in its widest direction,
-    outliers aside.
+    """Width [m] of the largest surface among the masked pixels, and whether the border cuts it.
 
-    Small gaps do not divide it. Widths do not depend on how densely pixels lie, near and far. And
-    whether the border of the picture cuts it.
+    The width is that in the widest direction, without outliers; it does not depend on how densely
+    pixels lie, near and far. Small gaps do not divide the surface.
     """
     label = (
         ndimage.label(ndimage.binary_dilation(lying, np.ones((3, 3)), _GAP), np.ones((3, 3)))[0]
@@ -441,12 +469,16 @@ def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
     )
     if not label.any():
         return 0.0, False
+
+    # Points of the largest connected surface, and whether the border cuts it
     largest = label == np.bincount(label[lying]).argmax()
     points = part.points[largest]
     cut = max(
         edge.sum()
         for edge in (largest[:_RIM], largest[-_RIM:], largest[:, :_RIM], largest[:, -_RIM:])
     )
+
+    # Widths in directions across its normal
     off = points - points.mean(axis=0)
     along = np.linalg.eigh(off.T @ off)[1][:, 1:]
     angles = np.pi / _WIDTHS * np.arange(_WIDTHS)
@@ -455,17 +487,20 @@ def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
 
 
 def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
-    """Mask (h, w) of the pixels on a plane: each within the sensor's noise, their local mean within
-    its roughness.
-    """
+    """Mask (h, w) of pixels on a plane: within the noise, and on average within its roughness."""
+    # Pixels within the sensor's noise
     off = (scan.points - plane.center) @ plane.normal
     with np.errstate(invalid="ignore"):
         near = np.abs(off) < _plane_tolerance(scan.depth, sensor)
     if not near.any():
         return near
+
+    # Local mean of their offsets, over about one independent reading
     width = 2 * round(0.5 * sensor.noise_length) + 1
     share = ndimage.uniform_filter(near.astype(np.float64), width)
     mean = ndimage.uniform_filter(np.where(near, off, 0.0), width) / np.maximum(share, 1e-9)
+
+    # Mean offset within the plane's own roughness
     sigma = sensor.sigma(scan.depth)
     # [sigma] of the depth there
     rough = _NORMAL * float(np.median(np.abs(mean[near] / sigma[near])))
@@ -478,6 +513,7 @@ def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
     In inverse depth a plane is a linear function of the pixel, and the errors of a stereo pair are
     uniform.
     """
+    # Means over the window: of 1, x, y, their squares, inverse depth, and its products
     x, y = np.meshgrid(scan.tangent_x, scan.tangent_y)
     inverse = np.where(mask, 1.0 / np.where(mask, scan.depth, 1.0), 0.0)
     terms = (
@@ -494,6 +530,8 @@ def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
     n, mx, my, xx, xy, yy, m, mxz, myz = (
         ndimage.uniform_filter(term.astype(np.float64), width) for term in terms
     )
+
+    # Second moments about the means
     known = mask & (n > 0.25)
     n = np.where(known, n, 1.0)
     mx, my, m = mx / n, my / n, m / n
@@ -504,6 +542,8 @@ def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
         mxz / n - mx * m,
         myz / n - my * m,
     )
+
+    # Least squares: 1/z = a x + b y + c, a plane with normal (a, b, c)
     determinant = xx * yy - xy * xy
     known &= determinant > 1e-9 * scan.pitch**4
     determinant = np.where(known, determinant, 1.0)
@@ -527,20 +567,24 @@ def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
 
 
 def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator) -> _Plane | None:
-    """Plane with most of the points (n, 3) near it: RANSAC with 150 triples, then least squares;
-    None if degenerate.
-    """
+    """Plane with most points (n, 3) near it, by RANSAC and least squares; None if degenerate."""
     if len(points) < 3:
         return None
+
+    # Candidates: planes through three points
     a, b, c = points[rng.integers(len(points), size=(3, 150))]
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
     normals, a = normals[length > 1e-9] / length[length > 1e-9, None], a[length > 1e-9]
     if not len(normals):
         return None
+
+    # The candidate with most points near it
     tolerance = _plane_tolerance(points[:, 2], sensor)
     near = np.abs(points @ normals.T - np.einsum("ij,ij->i", normals, a)) < tolerance[:, None]
     inliers = near[:, int(near.sum(axis=0).argmax())]
+
+    # Least squares over its points, chosen anew three times
     center, normal = points[0], normals[0]
     for _ in range(3):
         if inliers.sum() < 3:
@@ -585,12 +629,13 @@ def connected_surfaces(points: Array, reach: float, normals: Array | None = None
     """
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     if normals is not None:
-        # normals of several points each turn there step by step
+        # at a crease the normals, each of several points, turn step by step
         crease = np.zeros(len(points), dtype=bool)
         crease[
             pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) < _CREASE]
         ] = True
         pairs = pairs[~crease[pairs].any(axis=1)]
+
     graph = coo_matrix(
         (np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points))
     )
@@ -598,12 +643,14 @@ def connected_surfaces(points: Array, reach: float, normals: Array | None = None
 
 
 def voxel_means(points: Array, size: float) -> Array:
-    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in a fixed
-    order.
-    """
+    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in fixed order."""
     low = np.array([axis.min() for axis in points.T])  # much faster than over axis 0 of narrow rows
+
+    # Cube of each point
     cells = np.floor((points - low) / size).astype(np.int64)
     shape = np.array([axis.max() for axis in cells.T]) + 1
+
+    # Number of each occupied cube, and of the points in it
     if np.prod(shape.astype(float)) < _COUNTED:  # counting is faster than sorting
         cube = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
         every = np.bincount(cube)
@@ -612,6 +659,7 @@ def voxel_means(points: Array, size: float) -> Array:
     else:
         key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
         _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+
     return (
         np.column_stack([np.bincount(inverse, weights=points[:, i]) for i in range(3)])
         / count[:, None]
@@ -621,7 +669,7 @@ def voxel_means(points: Array, size: float) -> Array:
 def hashed_subset(step: int, points: Array, size: float) -> np.ndarray:
     """Mask (n,) of about one in `step` of the points, selected by a hash of their cubes.
 
-    The selection depends on the place of a point alone: adding a point elsewhere changes nothing,
+    The selection depends on a point's position alone: adding a point elsewhere changes nothing,
     unlike with counting.
 
     Args:
@@ -637,9 +685,7 @@ def hashed_subset(step: int, points: Array, size: float) -> np.ndarray:
 
 
 def row_hash(rows: np.ndarray) -> np.ndarray:
-    """Hash (n,) of each row of int64 integers (n, 3): equal for equal rows, almost always different
-    for others.
-    """
+    """Hash (n,) of rows (n, 3) of int64: equal for equal rows, almost surely not for others."""
     return (rows * _FACTORS).sum(axis=1)
 
 
@@ -651,13 +697,14 @@ def facing_normals(
     Args:
         points: (n, 3) [m] in S.
         neighbours: Number of nearest points of which each normal is made.
-        at: Mask (n,) of the points at which it is wanted; all by default.
+        at: Mask (n,) of the points whose normals are computed; all by default.
 
     Returns:
-        Normals (k, 3) at the k wanted points.
+        Normals (k, 3) at those k points.
     """
     wanted = points[at]
     near = cKDTree(points).query(wanted, k=range(1, min(neighbours, len(points)) + 1))[1]
+
     normals = _least_axes(points, near)
     normals[np.einsum("ni,ni->n", normals, wanted) > 0.0] *= -1.0
     return normals
@@ -665,8 +712,7 @@ def facing_normals(
 
 @kernel
 def _least_axes(points: Array, near: np.ndarray) -> Array:
-    """Unit axes (n, 3) of least spread of the points `near` (n, k) each: the smallest principal
-    component.
+    """Smallest principal axis (n, 3), unit, of each set of points with indices `near` (n, k).
 
     The smallest root of the characteristic polynomial in closed form [Smith 1961]. The axis is the
     longest cross product of two rows of C - root I, which is perpendicular to both.
@@ -675,6 +721,7 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
     C = np.empty((3, 3))
     mean = np.empty(3)
     for n in range(len(near)):
+        # Scatter matrix
         mean[:] = 0.0
         for k in near[n]:
             for i in range(3):
@@ -685,6 +732,8 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
                 for j in range(i + 1):
                     C[i, j] += (points[k, i] - mean[i]) * (points[k, j] - mean[j])
         C[0, 1], C[0, 2], C[1, 2] = C[1, 0], C[2, 0], C[2, 1]
+
+        # Smallest eigenvalue, less the mean of the three [Smith 1961]
         third = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0
         for i in range(3):
             C[i, i] -= third
@@ -699,6 +748,8 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
             + C[0, 2] * (C[1, 0] * C[2, 1] - C[1, 1] * C[2, 0])
         ) / (2.0 * p**3)
         root = 2.0 * p * np.cos(np.arccos(min(1.0, max(-1.0, half))) / 3.0 + 2.0 * np.pi / 3.0)
+
+        # Its axis: the longest cross product of two rows of C - root I
         for i in range(3):
             C[i, i] -= root
         longest = 0.0
@@ -733,8 +784,8 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) 
 
     The edge lies midway between the two pixels. It lies on the neighbour where that is a mixed
     pixel, which may belong to either side. The border of the picture is no edge, because the view
-    ends there, not the object. The edge of an
-    occluder is not one either: it leaves a seam of empty pixels.
+    ends there, not the object. The edge of an occluder is not one either: it leaves a seam of empty
+    pixels.
 
     Args:
         scan: The scan.
@@ -748,13 +799,18 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) 
     z = np.where(np.isfinite(depth_all), depth_all, np.inf)
     here = np.where(mask, scan.depth, np.inf)
     step = np.where(mask, jump(scan.depth), 0.0)
+
+    # No edge on the border of the picture
     inner = np.zeros_like(mask)
     inner[1:-1, 1:-1] = True
     edges: list[tuple[np.ndarray, ...]] = []
     with np.errstate(invalid="ignore"):
+        # Pixels beside an occluder, which leaves a seam without depth
         hidden = (
             here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step if seams else np.zeros_like(mask)
         )
+
+        # Edges towards each neighbour that is farther by a jump, or empty
         for right, down in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             beside = np.roll(z, (-down, -right), axis=(0, 1))
             rows, columns = np.nonzero(
@@ -764,12 +820,16 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) 
                 np.clip(rows + 2 * down, 0, len(z) - 1),
                 np.clip(columns + 2 * right, 0, z.shape[1] - 1),
             ]
+
             # a single pixel within a surface is no edge
             ends = beyond - here[rows, columns] > step[rows, columns]
             rows, columns, beyond = rows[ends], columns[ends], beyond[ends]
+
+            # The edge lies on the neighbour where that is a mixed pixel, else midway
             neighbour = beside[rows, columns]
             reach = np.where(beyond - neighbour > jump(neighbour), 1.0, 0.5)  # [px]
             edges.append((rows, columns, np.tile([right, down], (len(rows), 1)), reach))
+
     rows, columns, steps, reach = (np.concatenate(part) for part in zip(*edges, strict=True))
     tangents = (
         np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]])
@@ -794,10 +854,13 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
         Directions (n, 2), x then y in the image.
     """
     smooth = ndimage.gaussian_filter(mask.astype(np.float32), _EDGE_WIDTH)
+
     gradient = -_gradient(smooth, rows, columns)
     # mixed pixels along an inner edge leave gaps
     closed = ndimage.binary_closing(mask, iterations=2)
     inner = ndimage.binary_erosion(closed, iterations=round(4.0 * _EDGE_WIDTH))[rows, columns]
+
+    # Within the mask: across lines of equal inverse depth
     if inner.any():
         near = np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0)
         mean = ndimage.gaussian_filter(near, _EDGE_WIDTH) / np.maximum(smooth, 1e-6)
@@ -806,15 +869,14 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
 
 
 def _gradient(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Gradient (n, 2), x then y, at the given pixels, none of them on the border, by Sobel
-    kernels.
-    """
+    """Gradient (n, 2), x then y, by Sobel kernels, at pixels none of which lies on the border."""
     near = {
         (dy, dx): image[rows + dy, columns + dx]
         for dy in (-1, 0, 1)
         for dx in (-1, 0, 1)
         if dy or dx
     }
+
     x = sum(weight * (near[dy, 1] - near[dy, -1]) for dy, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
     y = sum(weight * (near[1, dx] - near[-1, dx]) for dx, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
     return np.column_stack([x, y]).astype(np.float64)

@@ -31,6 +31,7 @@ def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorMo
         raise ConfigurationError(
             f"sonar model: pitch, sigma and at must be positive, got {pitch}, {sigma}, {at}"
         )
+
     baseline = 0.12
     return SensorModel(
         focal=1.0 / pitch,
@@ -56,6 +57,8 @@ def without_isolated_echoes(points: ArrayLike) -> Array:
         raise ConfigurationError(
             f"sonar scan: expected echoes (H, W, 3) [m], got shape {cloud.shape}"
         )
+
+    # Neighbours on the same surface: their ranges differ by less than a jump
     r = np.linalg.norm(cloud, axis=-1)
     around = np.pad(r, 1, constant_values=np.nan)
     height, width = r.shape
@@ -65,5 +68,6 @@ def without_isolated_echoes(points: ArrayLike) -> Array:
         for column in range(3):
             if (row, column) != (1, 1):
                 support += np.abs(around[row : row + height, column : column + width] - r) < step
+
     cloud[support < _SUPPORT] = np.nan
     return readonly(cloud)

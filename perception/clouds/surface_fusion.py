@@ -1,5 +1,6 @@
-"""Mesh of a surface from depth frames of many places: a truncated signed distance field [Curless
-1996] by Open3D.
+"""Mesh of a surface from depth frames of many views, by a signed distance field [Curless 1996].
+
+The field is truncated; Open3D integrates it.
 """
 
 import math
@@ -28,11 +29,9 @@ from uuv.sim.interfaces.spatial import (
 VOXEL = 0.006  # [m] of the field; 8 mm is less accurate at edges, 4 mm no better
 # [m] two deviations of a stereo frame at 1.4 m; 30 mm rounds edges off (95 %: 5.6 for 3.0 mm)
 _TRUNCATION = 0.02
-_SURE = (
-    # [-] largest standard deviation of a depth over the truncation: worse ones hollow out what
-    # others measured
-    0.55
-)
+# [-] largest standard deviation of a depth over the truncation: worse ones hollow out what others
+# measured
+_SURE = 0.55
 _EDGE = 3  # [px] beside a jump of the depth that are left out: a stereo matcher smears it
 # vertices of a connected part, over those of the largest, below which it belongs to something else
 _ISLAND = 0.05
@@ -57,7 +56,7 @@ class SurfaceFusion:
         """Set up an empty field.
 
         Args:
-            box_T: (2, 3) [m] lowest and highest corner of what is wanted, in the object's frame T.
+            box_T: (2, 3) [m] lowest and highest corner of the field, in the object's frame T.
             voxel: [m] resolution.
             sensor: Accuracy of the depth camera; None: `SensorModel()`. Pixels too inaccurate for
                 the field are left out: with a stereo camera those farther than some 1.7 m.
@@ -68,30 +67,34 @@ class SurfaceFusion:
         """
         self._integration = open3d_loader.load().pipelines.integration
         self._box = checked(box_T, (2, 3), "box_T")
+
         voxel = finite_number(voxel, "voxel [m]", above=0.0)
         side = float((self._box[1] - self._box[0]).max())
         count = math.ceil(side / voxel)
+
         if not (np.all(self._box[0] < self._box[1]) and count <= _MOST_VOXELS):
             raise ConfigurationError(
                 f"surface fusion: a box of {side:g} m has {count} voxels of {voxel:g} m along a "
                 "side; 1 to "
                 f"{_MOST_VOXELS} are possible"
             )
+
         origin = self._box.mean(axis=0) - 0.5 * count * voxel
         # The scalable volume of Open3D 0.20 returns no surface from depth alone.
         self._volume = self._integration.UniformTSDFVolume(
             count * voxel, count, _TRUNCATION, self._integration.TSDFVolumeColorType.NoColor, origin
         )
+
         self._sensor = sensor or SensorModel()
         self.frames = 0
 
     def add(self, image: DepthImage, X_TC: Array) -> None:
-        """Add a frame taken with the camera at `X_TC` (4, 4); what lies outside the box is left
-        out.
-        """
+        """Add what lies in the box of a frame that was taken with the camera at `X_TC` (4, 4)."""
         o3d = open3d_loader.load()
         X_TC, K = checked_pose(X_TC, "X_TC"), image.K
         height, width = image.depth.shape
+
+        # Sure depths: beside no edge, accurate enough, inside the box
         scan = Scan.from_depth(image)
         edge = ndimage.binary_dilation(~without_flying_pixels(scan), iterations=_EDGE)
         depth = np.where(edge, 0.0, np.nan_to_num(image.depth))
@@ -99,6 +102,8 @@ class SurfaceFusion:
         depth[sigma > _SURE * _TRUNCATION] = 0.0
         points_T = scan.points @ X_TC[:3, :3].T + X_TC[:3, 3]
         depth[~np.all((points_T > self._box[0]) & (points_T < self._box[1]), axis=-1)] = 0.0
+
+        # Frame in the types of Open3D
         frame = o3d.geometry.RGBDImage.create_from_color_and_depth(
             o3d.geometry.Image(np.zeros((height, width, 3), dtype=np.uint8)),
             o3d.geometry.Image(depth.astype(np.float32)),
@@ -126,13 +131,18 @@ class SurfaceFusion:
         """
         found = self._volume.extract_triangle_mesh()
         vertices, triangles = np.asarray(found.vertices), np.asarray(found.triangles)
+
         if not len(vertices):
             return SurfaceMesh(
                 vertices=np.empty((0, 3)), triangles=triangles.reshape(0, 3), deviation=np.empty(0)
             )
+
+        # Signed distance from the model
         near = model.query(vertices)
         outside = np.einsum("nk,nk->n", vertices - near.point, normals[near.triangle])
         own = near.distance <= reach
+
+        # Surface near the model, without islands
         kept = without_islands(triangles[own[triangles].all(axis=1)])
         used, index = np.unique(kept, return_inverse=True)
         return SurfaceMesh(
@@ -146,10 +156,12 @@ def without_islands(triangles: np.ndarray) -> np.ndarray:
     """Triangles (F, 3) of the largest connected part, and of all that are not far smaller."""
     if not len(triangles):
         return triangles
+
     edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
     size = int(triangles.max()) + 1
     part = connected_components(
         coo_array((np.ones(len(edges)), edges.T), shape=(size, size)), directed=False
     )[1]
+
     used = np.bincount(part[np.unique(triangles)])
     return triangles[used[part[triangles[:, 0]]] >= _ISLAND * used.max()]

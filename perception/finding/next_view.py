@@ -1,11 +1,9 @@
-"""Choice of the next view: from where a further look at an object would tell most, given what the
-last one left open.
+"""Choice of the next view: the most informative one, given what the last one left unobserved.
 
-Each candidate view is predicted with the model at the pose found so far. Its information is that
-which a fit takes from
-a noiseless scan there: distances to the visible surface, and depth edges. What stands before the
-object in the last scan hides it in the candidate view too. Where two poses compete, the view counts
-in which they look most different.
+Each candidate view is predicted with the model at the pose estimated so far. Its information is
+that which a fit takes from a noiseless scan there: distances to the visible surface, and depth
+edges. What stands before the object in the last scan hides it in the candidate view too. Where two
+poses compete, the view counts in which they look most different.
 """
 
 from collections.abc import Sequence
@@ -28,7 +26,7 @@ RIVAL = 30.0  # [nat] of log likelihood, below which the next best pose competes
 # of the grid on which views are predicted: depth edges need every third pixel of 640 x 480 or so
 _PIXELS = 40_000
 _POINTS = 1500  # of a predicted scan that are compared with the model
-# [nat] that one pixel may tell: three standard deviations; more is as likely an outlier
+# [nat] that one pixel may contribute: three standard deviations; more is as likely an outlier
 _CERTAIN = 4.5
 # [-] of the best predicted worth, above which views count as equal: then the farthest is the best,
 # for it shares the least of this view's errors, and of what hides the object here
@@ -38,8 +36,7 @@ _FREE = 1e-2
 
 
 def views_around(center: Array, up: Array, arcs: Sequence[float] = ARCS) -> list[Array]:
-    """Motions (4, 4) about a vertical axis through an object's centre, each of which keeps range,
-    height and aim.
+    """Motions (4, 4) about a vertical axis through an object's centre: same range, height and aim.
 
     Args:
         center: (3,) [m] of the object, in any frame.
@@ -60,54 +57,61 @@ def ranked_views(found: Identification, views: Sequence[Array]) -> list[int]:
     """
     if found.evidence is None or found.surface is None or not views:
         return []
+
+    # What a view tells: nats between two poses that compete, else a smaller uncertainty
     rivals = [h.X_sensor_target for h in found.hypotheses[1:2]]
     if not found.accepted and found.margin < RIVAL and rivals:
         worth = [telling_nats(found, rivals[0], X_SN) for X_SN in views]
     else:
         worth = [1.0 / predicted_sigma(found, X_SN) for X_SN in views]
+
+    # The best first; among views about as good, the farthest
     best, far = max(worth), [float(np.linalg.norm(X_SN[:3, 3])) for X_SN in views]
     return sorted(range(len(views)), key=lambda i: (worth[i] < _AS_GOOD * best, -far[i], -worth[i]))
 
 
 def predicted_sigma(found: Identification, X_SN: Array) -> float:
-    """Standard deviation [m] of the least certain twist after a look from `X_SN` (4, 4), together
-    with the last one.
-    """
+    """Standard deviation [m] of the least certain twist, of the last view and one from `X_SN`."""
     assert found.surface is not None
     known = np.zeros((6, 6)) if found.covariance is None else found.covariance.information
     same = turn_of_symmetry(found.surface, np.asarray(found.X_sensor_target))
+
+    # Information of both views, along the twists that change what is seen
     total = known + predicted_information(found, X_SN) + _FREE * np.eye(6)
     held = np.linalg.svd(np.vstack([same, np.zeros((1, 6))]))[2][len(same) :]
     return float(1.0 / np.sqrt(np.linalg.eigvalsh(held @ total @ held.T)[0]))
 
 
 def predicted_information(found: Identification, X_SN: Array) -> Array:
-    """Information (6, 6) [1/m^2] that a look from `X_SN` (4, 4) would give, of twists about the
-    model's centre in S.
-    """
+    """Information (6, 6) [1/m^2] of a view from `X_SN`, on twists about the model's centre in S."""
     evidence, surface = found.evidence, found.surface
     assert evidence is not None
     assert surface is not None
+
+    # What the sensor would see from there
     grid, X_NT = _grid(evidence.scan), inverse(X_SN) @ found.X_sensor_target
     seen = _seen(found, X_SN, X_NT, grid)
     mask = np.isfinite(seen.depth)
     step = grid.pitch / evidence.scan.pitch
     sensor = replace(evidence.sensor, noise_length=max(1.0, evidence.sensor.noise_length / step))
+
     if mask.sum() < MIN_POINTS:
         return np.zeros((6, 6))
+
+    # Information of its points and edges, as a fit takes it
     predicted = Evidence.of(seen, mask, 0.8 * surface.spacing, sensor, most=_POINTS)
     pairing = Pairing.of(predicted, surface, X_NT)
     if pairing is None:
         return np.zeros((6, 6))
     gate = GATES[-1] * surface.spacing
+
+    # Turned into the frame of the last scan
     turn = np.kron(np.eye(2), X_SN[:3, :3])
     return turn @ pairing.terms(X_NT, gate, pairing.nearest(X_NT, gate))[0][:6, :6] @ turn.T
 
 
 def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float:
-    """Log likelihood [nat] by which a look from `X_SN` (4, 4) should tell the found pose from a
-    rival (4, 4).
-    """
+    """Log likelihood ratio [nat] of the estimated pose over a rival, in a view from `X_SN`."""
     evidence = found.evidence
     assert evidence is not None
     grid = _grid(evidence.scan)
@@ -115,13 +119,19 @@ def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float
         _seen(found, X_SN, inverse(X_SN) @ X, grid).depth
         for X in (np.asarray(found.X_sensor_target), X_ST_rival)
     )
+
+    # Where both poses show a surface: difference of depth over its standard deviation
     both = np.isfinite(one) & np.isfinite(other)
     off = np.zeros(one.shape)
     off[both] = (
         0.5
         * ((one[both] - other[both]) / evidence.sensor.sigma(0.5 * (one[both] + other[both]))) ** 2
     )
+
+    # Where one alone shows it: an outlier
     off[np.isfinite(one) ^ np.isfinite(other)] = _CERTAIN
+
+    # Neighbouring pixels share their errors
     independent = evidence.sensor.independent(grid.pitch / evidence.scan.pitch)
     return float(independent * np.minimum(off, _CERTAIN).sum())
 
@@ -133,16 +143,18 @@ def _grid(scan: Scan) -> Scan:
 
 
 def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
-    """Scan of the model at `X_NT` (4, 4) from `X_SN` (4, 4), without what the last scan's
-    foreground hides there.
-    """
+    """Scan of the model at `X_NT` from `X_SN`, without what the last scan's foreground hides."""
     evidence, surface = found.evidence, found.surface
     assert evidence is not None
     assert surface is not None
+
+    # Picture of the model, without surfaces too oblique for an echo
     rendered, cosine = surface.seen(X_NT, grid)
     points = np.array(rendered.points)
     with np.errstate(invalid="ignore"):
         points[~(cosine > np.cos(evidence.sensor.max_incidence))] = np.nan
+
+    # What stands before the object hides it here too
     before = transform_points(inverse(X_SN), _foreground(found, surface))
     row, column, inside = grid.pixels(before)
     near = np.full(grid.depth.shape, np.inf)
@@ -153,11 +165,12 @@ def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
 
 
 def _foreground(found: Identification, surface: ModelSurface) -> Array:
-    """Points (n, 3) [m] of the last scan, in S, that stand before the object at the found pose."""
+    """Points (n, 3) [m] of the last scan, in S, that stand before the object as it was found."""
     assert found.evidence is not None
     scan = found.evidence.scan
     step = max(1, round(float(np.sqrt(scan.depth.size / (2 * _PIXELS)))))
     part = scan.part((slice(None, None, step), slice(None, None, step)))
+
     depth = surface.depth(np.asarray(found.X_sensor_target), part)
     with np.errstate(invalid="ignore"):
         before = part.depth < depth - 0.1 * surface.radius

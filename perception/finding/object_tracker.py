@@ -1,6 +1,4 @@
-"""Object tracker: follows a found object from frame to frame in the world, and notices when it
-moves.
-"""
+"""Object tracker: follows an identified object over frames in the world, and detects its motion."""
 
 from dataclasses import dataclass, replace
 
@@ -98,17 +96,25 @@ class ObjectTracker:
             raise ConfigurationError(
                 f"object tracker: expected a DepthImage, got {type(image).__name__}"
             )
+
+        # Pose in this frame, by a fit that starts at the last one
         X_WS = estimate.X_WB @ image.X_BC
         sensor = replace(self._sensor, focal=float(image.K[0, 0]))
         scan, X_ST = Scan.from_depth(image), inverse(X_WS) @ state.X_WT
         fit = follow(scan, self._surface, X_ST, sensor)
+
+        # A fit that leaves more free than the reference did is not trusted
         if fit is not None and state.frames >= _SETTLING and self._looser(fit, state):
             fit = self._found_again(scan, X_ST, sensor) or fit
         if fit is None or fit.covariance is None:
             return replace(state, frames=state.frames + 1, last=None, alarms=0), None
+
+        # Twist from the first pose, with its information
         X_WT = X_WS @ fit.X_ST
         twist, information = self._moved(X_WT), self._information(fit, X_WS[:3, :3])
         state = replace(state, X_WT=readonly(X_WT), frames=state.frames + 1, last=fit)
+
+        # The first frames make up the reference
         if state.frames <= _SETTLING:
             state = replace(
                 state,
@@ -116,6 +122,8 @@ class ObjectTracker:
                 weighted=state.weighted + information @ twist,
             )
             return state, None
+
+        # Difference from the reference, along the twists that both observe
         P, at_first = _common(information, state.information)
         mean = at_first @ state.weighted
         difference = P @ (twist - mean)
@@ -124,8 +132,11 @@ class ObjectTracker:
             @ (np.linalg.pinv(information, hermitian=True) + at_first + self._drift**2 * np.eye(6))
             @ P
         )
+
+        # Alarm: a difference that its covariance does not explain
         excess = difference @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ difference
         alarms = state.alarms + 1 if excess > chdtri(round(np.trace(P)), _SURE) else 0
+
         motion = ObjectMotion(
             time=image.time,
             X_WT=readonly(X_WT),
@@ -138,28 +149,24 @@ class ObjectTracker:
 
     @staticmethod
     def _looser(fit: FrameFit, state: TrackerState) -> bool:
-        """True if a fit leaves more directions free than the first frames did: it has slid off what
-        held them.
-        """
+        """True if a fit observes fewer directions than the first frames did: it has slid off."""
         held = int(np.linalg.matrix_rank(state.information, rtol=1e-9, hermitian=True))
         return fit.covariance is None or fit.covariance.degrees < held
 
     def _found_again(self, scan: Scan, X_ST: Array, sensor: SensorModel) -> FrameFit | None:
-        """Search the frame for the object near where it is expected; None if it was not
-        accepted.
-        """
+        """Identify the object near its expected pose; None if the result is not accepted."""
         place = transform_points(X_ST, self._surface.center)
         found = identify(
             scan, self._surface, place, X_ST[:3, :3], sensor=sensor, approach_error=_ASTRAY
         )
+
         if not found.accepted or found.covariance is None:
             return None
         return FrameFit(X_ST=found.X_sensor_target, covariance=found.covariance, residual=0.0)
 
     def _moved(self, X_WT: Array) -> Array:
-        """Twist (6,) [m] of the object from where it was found: of its centre, and rotation vector
-        x radius.
-        """
+        """Twist (6,) [m] from the first pose: of the centre, and rotation vector x radius."""
+        # Of all poses that look the same, the one nearest to the first
         nearest = self._surface.symmetry.nearest_pose(X_WT, self._X_WT[:3, :3])
         center = self._surface.center
         off = transform_points(nearest, center) - transform_points(self._X_WT, center)
@@ -185,7 +192,7 @@ class FollowerState:
 
 
 class FoundObjectFollower:
-    """Follows the object that the target finder has found, from its first find on.
+    """Follows the object of the target finder, from its first accepted identification on.
 
     Implements `uuv.sim.interfaces.protocols.TargetFollower`.
     """
@@ -228,13 +235,13 @@ class FoundObjectFollower:
     ) -> tuple[FollowerState, ObjectMotion | None]:
         """Follow the object in one depth frame.
 
-        An object that went out of view, or moved farther than a frame's fit reaches, is looked for
-        where the finder found it last; its motion is still counted from where it was first.
+        An object that went out of view, or moved farther than a frame's fit reaches, is searched
+        where the finder identified it last; its motion still counts from its first pose.
 
         Args:
             state: Of the last call, or of `init`.
             estimate: State of the vehicle at the time of the frame.
-            target: Last accepted find.
+            target: Last accepted identification.
             measurement: The frame.
 
         Returns:
@@ -251,19 +258,19 @@ class FoundObjectFollower:
             of_tracker = tracker.init()
         elif of_tracker.last is None:
             of_tracker = replace(of_tracker, X_WT=target.X_WT)
+
         of_tracker, motion = tracker.step(of_tracker, estimate, measurement)
         return FollowerState(tracker=tracker, state=of_tracker), motion
 
 
 def _common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Projection (6, 6) on the twists that both informations (6, 6) hold, and the inverse of the
-    other one.
-    """
+    """Projection (6, 6) on the twists that both informations observe, and the other's inverse."""
     held = np.eye(6)
     for each in (one, other):
         values, vectors = np.linalg.eigh(each)
         free = vectors[:, values <= 1e-9 * values[-1]]
         held = held - held @ free @ np.linalg.pinv(held @ free)
+
     return np.asarray(held, dtype=np.float64), np.asarray(
         np.linalg.pinv(other, rcond=1e-9, hermitian=True), dtype=np.float64
     )

@@ -1,6 +1,4 @@
-"""Target finder for an object whose pose is known from a survey: the tool path is that of its
-model, carried there.
-"""
+"""Target finder for an object whose pose a survey states: its tool path is that of the model."""
 
 import numpy as np
 
@@ -16,7 +14,7 @@ SURVEY_SIGMA = 1e-4  # [m] of a survey that the simulation takes as exact
 
 
 class SurveyedObjectFinder:
-    """Takes a `SurveyedPose` for the object's; nothing is looked for.
+    """Takes a `SurveyedPose` for the object's; nothing is searched.
 
     Implements `uuv.sim.interfaces.protocols.TargetFinder`.
     """
@@ -37,6 +35,7 @@ class SurveyedObjectFinder:
         """
         self._target, self._path = target, target.path(path) if isinstance(path, str) else path
         self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
+
         low, high = target.vertices.min(axis=0), target.vertices.max(axis=0)
         self._center, self._radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
 
@@ -59,6 +58,8 @@ class SurveyedObjectFinder:
                 f"surveyed object: expected a SurveyedPose, got {type(measurement).__name__}; the "
                 "sensor is no survey"
             )
+
+        # Covariance of the survey, and that of the hull's pose
         X_WT = measurement.X_WT
         center = transform_points(X_WT, self._center)
         known = PoseCovariance(
@@ -73,6 +74,7 @@ class SurveyedObjectFinder:
         )
         position = np.nan_to_num(estimate.position_sigma, nan=0.0)
         of_hull = known.of_carrier(estimate.X_WB[:3, 3], position, attitude)
+
         target = Target(
             time=measurement.time,
             X_WT=X_WT,

@@ -1,6 +1,4 @@
-"""Target finder: identifies a known object in depth frames or sonar scans and plans the tool path
-on it.
-"""
+"""Target finder: identifies a known object in depth frames or sonar scans, and plans its path."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -57,12 +55,10 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FinderState:
-    """State of KnownObjectFinder: frames that wait to be fused, and the last identification for the
-    log.
-    """
+    """State of KnownObjectFinder: frames that wait to be fused, and the last identification."""
 
     frames: int = 0  # measurements processed
-    # frames or pings collected so far, until the wanted number is there
+    # frames or pings collected so far, until there are as many as are fused
     looks: tuple[Frame, ...] = ()
     last: Identification | None = None
     X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
@@ -81,10 +77,10 @@ class FinderState:
 
 
 class KnownObjectFinder:
-    """Target finder for one known object near its coarse detection; plans the tool path on the
-    scanned surface.
+    """Target finder for one known object near its coarse detection.
 
-    Implements `uuv.sim.interfaces.protocols.TargetFinder`.
+    It plans the tool path on the scanned surface. Implements
+    `uuv.sim.interfaces.protocols.TargetFinder`.
     """
 
     method: ClassVar[Method] = "planes"
@@ -119,7 +115,7 @@ class KnownObjectFinder:
             attitude_sigma: [rad] standard deviation of the hull's attitude, about any axis, where
                 the estimate states none.
             loose: [m] standard deviation, of the centre or of the surface under the path, above
-                which an accepted find asks for a look from another place.
+                which an accepted identification asks for another view.
 
         Raises:
             ConfigurationError: For an unknown path or malformed priors.
@@ -130,10 +126,12 @@ class KnownObjectFinder:
         self._R_WT = (
             None if orientation_W is None else checked(orientation_W, (3, 3), "orientation_W")
         )
+
         if isinstance(looks, bool) or looks < 1:
             raise ConfigurationError(f"looks: must be at least 1, got {looks}")
         if not 0.0 <= tool_radius < np.inf:
             raise ConfigurationError(f"tool_radius: must be >= 0 m, got {tool_radius}")
+
         self._sensor = sensor or SensorModel()
         self._tool_radius, self._count, self._seed = tool_radius, looks, seed
         self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
@@ -162,13 +160,14 @@ class KnownObjectFinder:
             measurement: A DepthImage or a SonarScan.
 
         Returns:
-            The new state, and the target in W. The target is None while more frames are wanted. It
-            is not accepted, and carries a reason, where the object or the surface on the path was
-            not found.
+            The new state, and the target in W. The target is None while frames are collected. It is
+            not accepted, and carries a reason, where the object was not identified or the path has
+            no scanned surface.
 
         Raises:
             ConfigurationError: If `measurement` is of another type or malformed.
         """
+        # Scan in the sensor's frame, with the sensor's pose on the hull
         if isinstance(measurement, DepthImage):
             seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
             sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
@@ -183,12 +182,16 @@ class KnownObjectFinder:
                 "target finder: expected a DepthImage or a SonarScan, got "
                 f"{type(measurement).__name__}"
             )
+
+        # Frames are collected until they are enough to be fused
         X_WC = estimate.X_WB @ X_BC
         looks = state.looks
         if isinstance(seen, Scan):
             looks = (*looks, Frame(scan=seen, X_WS=X_WC))
             if len(looks) < self._count:
                 return replace(state, frames=state.frames + 1, looks=looks), None
+
+        # Identification near the coarse detection
         X_CW = inverse(X_WC)
         attempt = attempted(
             seen,
@@ -200,6 +203,7 @@ class KnownObjectFinder:
             method=self.method,
         )
         found = attempt.widened().concluded(state.last)
+
         if (
             self._R_WT is None
             and state.last is not None
@@ -207,10 +211,12 @@ class KnownObjectFinder:
             and state.last.accepted
         ):
             # Without a coarse orientation: of all poses that look the same, the one next to the
-            # last find's.
+            # last estimate.
             R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
             alike = self._surface.symmetry.nearest_pose(found.X_sensor_target, R_CT)
             found = replace(found, X_sensor_target=readonly(alike))
+
+        # Tool path on the scanned surface
         path, reason = None, found.reason
         if found.accepted and self._path is not None:
             try:
@@ -221,6 +227,8 @@ class KnownObjectFinder:
                 path = _in_world(X_WC, path)
             except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
                 reason = str(error)
+
+        # Pose in the world, with its uncertainty
         doubt, of_hull = self._doubt(found, estimate, X_WC)
         target = Target(
             time=measurement.time,
@@ -235,12 +243,15 @@ class KnownObjectFinder:
             covariance=doubt,
             hull_covariance=of_hull,
         )
+
+        # Next view, from a place where none was taken yet
         p_WB, places = estimate.X_WB[:3, 3], state.places
         if all(np.linalg.norm(p_WB - place) > _ASIDE for place in places):
             places = (*places, readonly(p_WB))
         target = replace(
             target, next_X_WB=self._next_view(found, target, estimate.X_WB, X_WC, places)
         )
+
         return FinderState(
             frames=state.frames + 1, last=found, X_WC=readonly(X_WC), places=places
         ), target
@@ -253,17 +264,17 @@ class KnownObjectFinder:
         X_WC: Array,
         places: Sequence[Array],
     ) -> Array | None:
-        """Hull pose (4, 4) of the next look, where none was taken yet; None if none is wanted, or
-        can be chosen.
-        """
+        """Hull pose (4, 4) of the next view, aside of the last ones; None if none is needed."""
         if self.method != "planes" or (target.accepted and not self._is_loose(target)):
             return None
+
         center = transform_points(target.X_WT, self._surface.center)
         motions = [
             motion
             for motion in views_around(center, np.array([0.0, 0.0, 1.0]))
             if all(np.linalg.norm((motion @ X_WB)[:3, 3] - place) > _ASIDE for place in places)
         ]
+
         X_CW = inverse(X_WC)
         ranked = ranked_views(found, [X_CW @ motion @ X_WC for motion in motions])
         return readonly(motions[ranked[0]] @ X_WB) if ranked else None
@@ -272,6 +283,7 @@ class KnownObjectFinder:
         """True if an accepted pose is less certain than the work on it asks for."""
         if target.covariance is None:
             return False
+
         sigma = target.path_sigma
         worst = target.covariance.position_sigma if sigma is None else float(sigma.max())
         return worst > self._loose
@@ -279,14 +291,16 @@ class KnownObjectFinder:
     def _doubt(
         self, found: Identification, estimate: StateEstimate, X_WC: Array
     ) -> tuple[PoseCovariance | None, Array]:
-        """Covariance of a find in W, and the hull pose's share (6, 6) [m^2] of it."""
+        """Covariance of an estimated pose in W, and the hull pose's share (6, 6) [m^2] of it."""
         if found.covariance is None:
             return None, readonly(np.zeros((6, 6)))
+
         doubt = found.covariance.in_frame(X_WC)
         position = np.nan_to_num(estimate.position_sigma, nan=0.0)
         attitude = (
             self._attitude_sigma if np.isnan(estimate.attitude_sigma) else estimate.attitude_sigma
         )
+
         of_hull = doubt.of_carrier(estimate.X_WB[:3, 3], position, attitude)
         both = doubt.plus(of_hull)
         return both, readonly(both.matrix - doubt.matrix)
@@ -299,9 +313,7 @@ class PublishedFinder(KnownObjectFinder):
 
 
 def _scan_of(echoes: Array) -> Scan | Array:
-    """Convert echoes (h, w, 3) [m] to a Scan, or return them unchanged for `identify` to report the
-    reason.
-    """
+    """Scan of echoes (h, w, 3) [m], or the echoes, for `identify` to state what is wrong."""
     try:
         return Scan.from_cloud(echoes)
     except PerceptionError:
@@ -319,8 +331,7 @@ def _in_world(X_WC: Array, path: ToolPath) -> ToolPath:
 
 
 def fused(looks: Sequence[Frame]) -> Scan:
-    """Median depth of several frames in the grid and sensor frame of the last one; NaN where too
-    few have depth.
+    """Median depth of several frames in the grid of the last one; NaN where too few have depth.
 
     A stereo matcher errs in patches, differently in every frame. A mean over the neighbours in one
     frame keeps this error; a median over frames removes it, and what a single frame shows alone:
@@ -335,6 +346,8 @@ def fused(looks: Sequence[Frame]) -> Scan:
     """
     if not looks:
         raise ConfigurationError("fused: at least one look is needed")
+
+    # Depth of every frame, in the pixels of the last
     last = looks[-1]
     X_SW = inverse(last.X_WS)
     depths = np.stack(
@@ -343,16 +356,18 @@ def fused(looks: Sequence[Frame]) -> Scan:
             last.scan.depth,
         ]
     )
+
+    # Median where enough frames have depth
     enough = np.isfinite(depths).sum(axis=0) >= max(1, _SEEN * len(looks))
     depth = np.full(last.scan.depth.shape, np.nan)
     depth[enough] = np.nanmedian(depths[:, enough], axis=0)
+
     x, y = np.meshgrid(last.scan.tangent_x, last.scan.tangent_y)
     return replace(last.scan, points=readonly(np.stack([depth * x, depth * y, depth], axis=-1)))
 
 
 def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identification:
-    """Replace the scan of an identification by the median of several frames, for planning a path on
-    it.
+    """Identification with the median of several frames for its scan, on which a path is planned.
 
     The pose and its PoseCheck stay those of the single frame, whose noise their limits were set
     for. With fewer than three frames `found` is returned unchanged.
@@ -363,6 +378,7 @@ def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identifi
     """
     if found.evidence is None or len(looks) < _FEW:
         return found
+
     evidence, scan = found.evidence, fused(looks)
     of_median = evidence.sensor.disparity_sigma * _MEDIAN / float(np.sqrt(len(looks)))
     return replace(
@@ -377,14 +393,15 @@ def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identifi
 
 
 def _seen_from(grid: Scan, scan: Scan, X_GS: Array) -> Array:
-    """Depth (h, w) [m] of the points of `scan` in the pixels of `grid`, the nearest in each; NaN
-    where there is none.
+    """Depth (h, w) [m] of the nearest point of `scan` in each pixel of `grid`; NaN without any.
 
     `X_GS` (4, 4): pose of the scan's sensor in the frame of the grid's.
     """
     points = scan.points.reshape(-1, 3)
     points = transform_points(X_GS, points[np.isfinite(points[:, 2])])
     row, column, inside = grid.pixels(points)
+
+    # The nearest point in each pixel
     depth = np.full(grid.depth.shape, np.inf)
     np.minimum.at(depth, (row[inside], column[inside]), points[inside, 2])
     depth[np.isinf(depth)] = np.nan

@@ -1,5 +1,4 @@
-"""Compiled kernels of the navigation filter: propagation by one IMU sample, Kalman update, replay
-of the stored past.
+"""Compiled kernels of the navigation filter: propagation, Kalman update, replay of the past.
 
 States x, in this order: position p (3) [m] and velocity v (3) [m/s] in W, accelerometer bias b (3)
 [m/s^2] in hull axes. Where the sensors state that they have one, the DVL's bias c (3) [m/s] in hull
@@ -53,10 +52,10 @@ STATES, AT_DVL_BIAS, AT_WANDER, AT_TRACK = 0, 1, 2, 3
 HISTORY = 512  # IMU samples stored: largest delay of vision
 # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
 TILT_CLIP = 5e-3
-IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
+IMU_REPEATS = 25  # equal samples in a row by which the IMU counts as frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
 HOLD = (8, 25)  # samples for which a rate that jumped is not used: fewest and most
-# [rad/s/sqrt(s)] random walk of a rate that the attitude alone tells of, 67 rad/s fast
+# [rad/s/sqrt(s)] random walk of a rate that the attitude alone observes, 67 rad/s fast
 NO_GYRO = 1e-2
 # [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
 REGAINED = 5e-3
@@ -78,14 +77,14 @@ FILTER = np.dtype(
             ("tilt", np.float64),  # [m^2/s^4] variance of the horizontal acceleration by tilt noise
             ("release", np.float64, 4),  # spring of the held corrections, see `put_out`
             ("smooth", np.float64),  # [s] time constant of the output acceleration
-            # 1: the output is the place relative to the tracked object, p + o; 0: p
+            # 1: the output is the position relative to the tracked object, p + o; 0: p
             ("by_track", np.float64),
             # Times [s]
             ("time", np.float64),  # of the filter: the newest IMU sample
             ("clock", np.float64),  # newest time of any measurement
             ("given", np.float64),  # of the last estimate
             ("imu_time", np.float64),  # of the newest sound IMU sample
-            # when the accelerometer's bias was last found to have jumped; -inf: never
+            # when a jump of the accelerometer's bias was last detected; -inf: never
             ("jumped", np.float64),
             ("used", np.float64, 2),  # of the newest fix used, by kind
             ("interval", np.float64),  # shortest interval between IMU samples so far
@@ -140,10 +139,14 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
             bias in one second.
     """
     k_angle, k_bias = _gains(gyro, variances[0], variances[1], variances[2], dt)
+
+    # Propagation by the gyro
     angle = np.empty(3)
     for i in range(3):
         angle[i] = (w_B[i] - rate_bias[i]) * dt
     rotate(R, angle)
+
+    # Correction by the reference
     for i in range(3):
         err = min(max(_ahead(R, R_meas, i), -TILT_CLIP), TILT_CLIP)
         angle[i] = k_angle * err
@@ -157,9 +160,12 @@ def _gains(gyro, rate, attitude, walk, dt):
 
     Variances as in `turn`.
     """
+    # Prediction: an error of the bias turns the angle
     gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + rate * dt
     gyro[1] -= dt * gyro[2]
     gyro[2] += walk * dt
+
+    # Update by one reading of the angle
     s = gyro[0] + attitude
     k_angle, k_bias = gyro[0] / s, gyro[1] / s
     gyro[2] -= k_bias * gyro[1]
@@ -184,6 +190,7 @@ def rotate(R, angle):
     theta = np.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
     s = 1.0 - theta * theta / 6.0 if theta < 1e-4 else np.sin(theta) / theta
     c = 0.5 - theta * theta / 24.0 if theta < 1e-4 else (1.0 - np.cos(theta)) / theta**2
+
     new = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -193,6 +200,7 @@ def rotate(R, angle):
             along = R[i, 0] * angle[0] + R[i, 1] * angle[1] + R[i, 2] * angle[2]
             new[i, j] = R[i, j] + s * (R[i, k] * angle[m] - R[i, m] * angle[k])
             new[i, j] += c * (along * angle[j] - theta * theta * R[i, j])
+
     for i in range(3):  # one Newton step keeps R orthonormal
         for j in range(3):
             R[i, j] = 1.5 * new[i, j]
@@ -211,12 +219,15 @@ def propagate(f, row):
     dt, n, wander = row[DT], f.layout[STATES], f.layout[AT_WANDER]
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
     half = 0.5 * dt * dt
+
+    # Mean: constant acceleration over the step
     for i in range(3):
         a = -GRAVITY if i == 2 else 0.0
         for k in range(3):
             a += R[i, k] * (row[FORCE + k] - x[6 + k])
         x[i] += dt * x[3 + i] + half * a
         x[3 + i] += dt * a
+
     # F P F^T in place, rows and then columns; F is the identity except for three blocks.
     for j in range(n):
         b0, b1, b2 = P[6, j], P[7, j], P[8, j]
@@ -230,6 +241,8 @@ def propagate(f, row):
             turned = R[i, 0] * b0 + R[i, 1] * b1 + R[i, 2] * b2
             P[j, i] += dt * P[j, 3 + i] - half * turned
             P[j, 3 + i] -= dt * turned
+
+    # Noise of the step: acceleration, walk and jump of the bias
     for i in range(3):
         v = row[NOISE_Z] if i == 2 else row[NOISE_XY]
         P[i, i] += 0.25 * v * dt * dt
@@ -237,6 +250,8 @@ def propagate(f, row):
         P[3 + i, i] += 0.5 * v * dt
         P[3 + i, 3 + i] += v
         P[6 + i, 6 + i] += walks[0] * dt + row[JUMP]
+
+    # Wander: a first-order Gauss-Markov process
     if wander >= 0:
         kept = np.exp(-dt / walks[2])
         for i in range(wander, wander + 3):
@@ -266,6 +281,8 @@ def compare(kind, fix, row, layout, x, P):
     n, dvl_bias, wander = layout[STATES], layout[AT_DVL_BIAS], layout[AT_WANDER]
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
     first = 0 if kind == VISION else 3
+
+    # Innovation z - H x, cross covariance P H^T
     for i in range(3):
         innovation[i] = fix[VALUE + i] - x[first + i]
         for j in range(n):
@@ -283,6 +300,8 @@ def compare(kind, fix, row, layout, x, P):
                 innovation[i] -= R[i, k] * x[dvl_bias + k]
                 for j in range(n):
                     cross[j, i] += R[i, k] * P[j, dvl_bias + k]
+
+    # Covariance of the innovation, H P H^T + noise
     for i in range(3):
         for j in range(3):
             s = cross[first + i, j]
@@ -305,6 +324,8 @@ def inverse3(S):
     c01 = S[1, 2] * S[2, 0] - S[1, 0] * S[2, 2]
     c02 = S[1, 0] * S[2, 1] - S[1, 1] * S[2, 0]
     det = S[0, 0] * c00 + S[0, 1] * c01 + S[0, 2] * c02
+
+    # Adjugate over determinant
     out = np.empty((3, 3))
     out[0, 0], out[1, 0], out[2, 0] = c00 / det, c01 / det, c02 / det
     out[0, 1] = (S[0, 2] * S[2, 1] - S[0, 1] * S[2, 2]) / det
@@ -329,11 +350,14 @@ def correct(x, P, n, innovation, cross, weight):
         weight: (3, 3) inverse of its covariance.
     """
     gain = np.empty(3)
+
     for i in range(n):
         for k in range(3):
             gain[k] = (
                 cross[i, 0] * weight[0, k] + cross[i, 1] * weight[1, k] + cross[i, 2] * weight[2, k]
             )
+
+        # Mean by K (z - H x), covariance by K (P H^T)^T, with the lower half copied
         x[i] += gain[0] * innovation[0] + gain[1] * innovation[1] + gain[2] * innovation[2]
         for j in range(i + 1):
             P[i, j] -= gain[0] * cross[j, 0] + gain[1] * cross[j, 1] + gain[2] * cross[j, 2]
@@ -357,12 +381,11 @@ def absorb(f, kind, fix, row):
 
 @kernel
 def compare_track(row, first, x, P):
-    """Innovation of a reading of the track, cross covariance with the states, and weight of the
-    innovation.
+    """Innovation of a reading of the track, its cross covariance with the states, and its weight.
 
     The weight is the inverse of the innovation's covariance S0 + L^-1, in the form L (1 + S0 L)^-1.
-    That holds for an
-    information L without full rank too: directions that were not observed have no weight.
+    That holds for an information L without full rank too: directions that were not observed have no
+    weight.
 
     Args:
         row: (TRACK,) the reading.
@@ -375,15 +398,21 @@ def compare_track(row, first, x, P):
     """
     innovation, cross, A = np.empty(3), np.zeros((MOST_STATES, 3)), np.empty((3, 3))
     L = row[INFORMATION : INFORMATION + 9].reshape((3, 3))
+
+    # Innovation z - p - o, cross covariance P H^T
     for i in range(3):
         innovation[i] = row[PLACE + i] - x[i] - x[first + i]
         for j in range(MOST_STATES):
             cross[j, i] = P[j, i] + P[j, first + i]
+
+    # A = 1 + S0 L
     for i in range(3):
         for k in range(3):
             A[i, k] = 1.0 if i == k else 0.0
             for j in range(3):
                 A[i, k] += (cross[i, j] + cross[first + i, j]) * L[j, k]
+
+    # L A^-1, symmetric but for rounding
     weight = np.linalg.solve(A.T, np.ascontiguousarray(L.T)).T
     return innovation, cross, 0.5 * (weight + weight.T)
 
@@ -400,11 +429,13 @@ def absorb_track(f, row):
     if row[READ]:
         innovation, cross, weight = compare_track(row, first, x, P)
         correct(x, P, n, innovation, cross, weight)
+
     if row[BEGUN]:  # offset = origin - position
         for i in range(3):
             x[first + i] = row[ORIGIN + i] - x[i]
             for j in range(n):
                 P[first + i, j] = -P[i, j]
+
         for i in range(3):
             for j in range(n):
                 P[j, first + i] = (
@@ -428,19 +459,25 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     Returns:
         False for a sample that is not finite, which changes neither states nor past.
     """
+    # Gap before the sample: the noise of a step follows its length
     if dt < 0.999 * f.interval and unknown == 0.0:  # first samples, or a faster stream than assumed
         f.interval = dt
         f.turning[0], f.turning[1], f.turning[2] = f.rate * dt, f.attitude + 1e-16, f.rate_walk
     elif dt > 1.5 * f.interval and unknown == 0.0:
         unknown = BLIND * (dt - f.interval)
+
+    # A sample that is not finite is not used
     total = 0.0
     for i in range(3):
         total += specific_force_B[i] + w_B[i] + R_meas[i, 0] + R_meas[i, 1] + R_meas[i, 2]
     if not np.isfinite(total):
         return False
+
     turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning)
     if f.lone[0, 2] > 0.0 or f.lone[1, 2] > 0.0 or f.lone[2, 2] > 0.0:
         _follow_attitude(f, R_meas, dt)
+
+    # Inputs of the step, in a new row of the past
     head = (f.head + 1) % HISTORY
     row = f.past_input[head]
     along = (f.acceleration * dt) ** 2 + unknown
@@ -453,10 +490,13 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
         row[FORCE + i] = specific_force_B[i]
         for j in range(3):
             row[ATTITUDE + 3 * i + j] = f.R_WB[i, j]
+
+    # States of the step, without fixes so far
     propagate(f, row)
     _store(f, head)
     f.past_fix[head, VISION, HAS] = f.past_fix[head, DVL, HAS] = 0.0
     f.past_track[head, READ] = f.past_track[head, BEGUN] = 0.0
+
     for i in range(3):
         f.force[i], f.w_B[i] = specific_force_B[i], w_B[i]
     f.head = head
@@ -483,9 +523,12 @@ def take_imu(memory, sample):
         sample: ImuRecord.
     """
     f, sample = memory[0], ImuRecord(*sample)
+
     dt = sample.time[0] - f.time
     if not dt > 1e-9:
         return
+
+    # A frozen IMU repeats its samples bit by bit
     force, w, frozen = sample.specific_force_B, sample.w_WB_B, False
     if force[0] != f.seen_force[0]:
         f.repeats = 0
@@ -496,8 +539,11 @@ def take_imu(memory, sample):
         if equal:
             f.repeats += 1
             frozen = f.repeats >= IMU_REPEATS
+
     for i in range(3):
         f.seen_force[i], f.seen_w[i] = force[i], w[i]
+
+    # Of a sound sample, gyro and attitude are compared
     if not frozen and advance(f, dt, force, _believed(f, w), sample.R_WB, 0.0):
         f.imu_time = sample.time[0]
         if f.check.on:
@@ -512,17 +558,18 @@ def take_imu(memory, sample):
 def _believed(f, w_B):
     """Rates (3,) [rad/s] of the gyro as they are used.
 
-    One that jumps is not used until its check can tell: for twice the time in which a wrong jump
-    makes an angle that
-    is clear. About an axis that is wrong the rate is zero: the bias of the gyro then is the hull's
-    rate, with its sign turned.
+    A rate that jumps is not used until the check can decide: for twice the time in which a wrong
+    jump makes a significant angle. About an axis of a faulty gyro the rate is zero: the bias of the
+    gyro then is the hull's rate, with its sign turned.
     """
     check, believed, least = f.check, w_B, max(JUMPS, WILD * np.sqrt(f.rate))
     clear = 2.0 * CLEAR * np.sqrt(f.turning[1]) / f.interval
+
     for i in range(3):
         jump = abs(w_B[i] - f.w_B[i])
         jumped = jump > least and check.on == 1
         check.held[i] = check.held[i] + 1 if jumped else 0
+
         wrong = check.gyro_off[i] != 0.0
         if wrong or (jumped and check.held[i] <= min(max(clear / jump, HOLD[0]), HOLD[1])):
             if believed is w_B:
@@ -533,10 +580,9 @@ def _believed(f, w_B):
 
 @kernel
 def _leave_gyro(f, R_meas):
-    """Go on without the axes of the gyro that are wrong: turn to the attitude `R_meas` (3, 3), at
-    the rate before.
-    """
+    """Go on without the gyro's faulty axes: turn to attitude `R_meas`, at the rate before."""
     check, angle = f.check, np.zeros(3)
+
     for i in range(3):
         if check.gyro_off[i] != 0.0 and f.lone[i, 2] == 0.0:
             f.w_B[i], f.rate_bias[i], angle[i] = 0.0, -check.rate[i], _ahead(f.R_WB, R_meas, i)
@@ -547,10 +593,12 @@ def _leave_gyro(f, R_meas):
 
 @kernel
 def _follow_attitude(f, R_meas, dt):
-    """Correct angle and rate about each axis without a gyro by an attitude (3, 3), `dt` [s] after
-    the last one.
+    """Correct angle and rate about each axis without a gyro by an attitude.
+
+    `R_meas` (3, 3) is that attitude, `dt` [s] after the last one.
     """
     angle = np.zeros(3)
+
     for i in range(3):
         if f.lone[i, 2] > 0.0:
             k_angle, k_bias = _gains(f.lone[i], 0.0, f.turning[1], NO_GYRO**2, dt)
@@ -562,8 +610,7 @@ def _follow_attitude(f, R_meas, dt):
 
 @kernel
 def take_sample(memory, sample):
-    """Process what the IMU gave in one step of the loop; without it for too long, go on at constant
-    velocity.
+    """Process the IMU's sample of one step; without one for too long, assume constant velocity.
 
     Args:
         memory: (1,) of FILTER.
@@ -573,7 +620,10 @@ def take_sample(memory, sample):
     f, sample = memory[0], ImuRecord(*sample)
     if sample.time[0] > f.clock:
         f.clock = sample.time[0]
+
     take_imu(memory, sample)
+
+    # Without the IMU for too long: on at constant velocity
     dt = f.clock - f.time
     if f.clock - f.imu_time > IMU_SILENCE and dt > 1e-9:
         force = f.R_WB[2] * GRAVITY + f.x[6:9]
@@ -582,7 +632,7 @@ def take_sample(memory, sample):
 
 @kernel
 def put_out(memory, joints, out):
-    """Write the estimate of now; withheld corrections are released as by a damped spring.
+    """Write the present estimate; withheld corrections are released as by a damped spring.
 
     The `release` of the filter is that spring: frequency over the filter's own [-], lowest and
     highest frequency [rad/s], and the distance [m] beyond which the pull no longer grows.
@@ -597,6 +647,8 @@ def put_out(memory, joints, out):
     dt, lag = f.clock - f.given, f.clock - f.time
     R, x, P, held, a_B, release = f.R_WB, f.x, f.P, f.held, f.a_B, f.release
     track = f.layout[AT_TRACK] if f.by_track else -1
+
+    # Spring of the withheld corrections: it follows the filter's gain, and is stable at this step
     across = P[0, 3] + P[1, 4] + P[2, 5]
     spread = P[0, 0] + P[1, 1] + P[2, 2]
     frequency = min(max(release[0] * across / spread, release[1]), release[2])
@@ -607,6 +659,8 @@ def put_out(memory, joints, out):
         for i in range(3):
             held[1, i] -= dt * (np.sqrt(2.0) * frequency * held[1, i] + pull * held[0, i])
             held[0, i] += dt * held[1, i]
+
+    # Motion, carried from the filter's time to now
     share = min(1.0, dt / f.smooth)
     for i in range(3):
         out.w_WB_B[i] = f.w_B[i] - f.rate_bias[i]
@@ -617,15 +671,19 @@ def put_out(memory, joints, out):
         out.X_WB[i, 3] = place - held[0, i] + lag * (x[3 + i] - held[1, i])
         out.gyro_off_B[i], out.attitude_off_B[i] = f.check.gyro_off[i], f.check.attitude_off[i]
         out.position_sigma[i] = np.sqrt(P[i, i] + held[0, i] ** 2)
+
         v = 0.0
         for j in range(3):
             out.X_WB[i, j] = R[i, j]
             v += R[j, i] * (x[3 + j] - held[1, j])
         out.v_WB_B[i] = v
+
     if lag > 0.0:
         ahead = R.copy()
         rotate(ahead, out.w_WB_B * lag)
         out.X_WB[:3, :3] = ahead
+
+    # Joints
     for j in range(out.q.shape[0]):
         if np.isfinite(joints.q[j]):
             out.q[j] = joints.q[j]
@@ -633,6 +691,8 @@ def put_out(memory, joints, out):
             out.qd[j] = joints.qd[j]
         if np.isfinite(joints.tau[j]):
             out.tau[j] = joints.tau[j]
+
+    # Times
     out.time[0] = f.clock
     out.ages[0], out.ages[1], out.ages[2] = (
         f.clock - f.used[VISION],
@@ -655,10 +715,12 @@ def row_at(memory, time):
         The row, -1 if the past does not reach `time`, and `time` after the row's own [s].
     """
     f = memory[0]
+
     at = 0
     for row in range(1, HISTORY):
         if abs(f.past_input[row, TIME] - time) < abs(f.past_input[at, TIME] - time):
             at = row
+
     shift = time - f.past_input[at, TIME]
     known = f.interval if np.isfinite(f.interval) else 0.0
     return at if abs(shift) <= 0.75 * known + 1e-9 else -1, shift
@@ -680,6 +742,8 @@ def mahalanobis(memory, kind, fix, at):
     """
     f = memory[0]
     innovation, _, L = compare(kind, fix, f.past_input[at], f.layout, f.past_x[at], f.past_P[at])
+
+    # Innovation over the Cholesky factor of its covariance, by forward substitution
     white, total = np.empty(3), 0.0
     for i in range(3):  # Cholesky factor, in place
         white[i] = innovation[i]
@@ -697,8 +761,7 @@ def mahalanobis(memory, kind, fix, at):
 
 @kernel
 def replay(memory, at):
-    """Restart the filter at step `at` and run it forward with every fix received since: exact, in
-    order of time.
+    """Restart the filter at step `at`, and run it forward with every fix since, in order of time.
 
     The correction of position and velocity is added to what is withheld from the output.
 
@@ -709,11 +772,15 @@ def replay(memory, at):
     f = memory[0]
     n, x, P, held = f.layout[STATES], f.x, f.P, f.held
     track, by_track = f.layout[AT_TRACK], f.by_track
+
+    # Restart
     before = x.copy()
     x[:] = f.past_x[at]
     for i in range(n):
         for j in range(n):
             P[i, j] = f.past_P[at, i, j]
+
+    # Fixes of each step in turn, up to the newest
     while True:
         for kind in range(2):
             if f.past_fix[at, kind, HAS]:
@@ -725,6 +792,8 @@ def replay(memory, at):
         at = (at + 1) % HISTORY
         propagate(f, f.past_input[at])
         _store(f, at)
+
+    # The correction is withheld from the output
     for i in range(3):
         held[0, i] += x[i] - before[i]
         held[1, i] += x[3 + i] - before[3 + i]

@@ -1,5 +1,4 @@
-"""Fixes of the navigation filter, positions from vision and velocities from the DVL: validated,
-weighted, taken.
+"""Fixes of the navigation filter: positions from vision and velocities from the DVL, validated.
 
 A fix is compared with the stored estimate of the step at which it was measured. One that passes is
 kept at that step, and the filter runs forward again from there (`filter_kernel.replay`).
@@ -28,7 +27,7 @@ from uuv.perception.navigation.filter_kernel import (
 )
 from uuv.sim.interfaces.spatial import Array
 
-_REPEATS = 3  # equal readings in a row by which a noisy sensor is found frozen
+_REPEATS = 3  # equal readings in a row by which a noisy sensor counts as frozen
 # [s] time constant of the mean innovation; it detects a jump by 0.05 m/s^2 in twice that
 _MEAN_TIME = 0.25
 # [-] chi-square with 3 degrees of freedom: noise alone exceeds it once in 10^9 fixes
@@ -81,18 +80,21 @@ class FixMonitor:
             Mean square [-] about the mean so far, 1 for a sensor as noisy as stated.
         """
         off = white - self.mean
+
         square = float(off @ off) / (3.0 + 3.0 * self.mean_variance)
         share = 1.0 - math.exp(-max(time - self.mean_time, 0.0) / _MEAN_TIME)
         self.mean_time = max(time, self.mean_time)
         self.mean = self.mean + share * (
             white * min(1.0, most / max(math.hypot(*white.tolist()), 1e-9)) - self.mean
         )
+
         self.mean_variance = (1.0 - share) ** 2 * self.mean_variance + share**2
         return square
 
     def agrees(self, innovation: Array, farthest: float) -> bool:
-        """Count a rejected fix; True once enough in a row lie within `farthest` [square of their
-        unit] of the last.
+        """Count a rejected fix; True once enough in a row lie near the last.
+
+        `farthest`: largest squared distance of two that are near.
         """
         apart = float(np.sum((innovation - self.rejected) ** 2))
         self.agreeing = self.agreeing + 1 if self.agreeing and apart <= farthest else 1
@@ -111,8 +113,7 @@ class Fixes:
     bias_jumps: int = 0  # detected jumps of the accelerometer bias since the start, for the log
 
     def take(self, kind: int, time: float, value: Array, sigma: float) -> bool:
-        """Validate a fix, update the filter at its step, and withhold the correction; False if it
-        is not used.
+        """Update the filter by a fix at its step, and withhold the correction; False if refused.
 
         Args:
             kind: VISION or DVL.
@@ -121,9 +122,11 @@ class Fixes:
             sigma: Standard deviation of its white noise per axis.
         """
         watch = self.watches[kind]
+
         sound = np.isfinite(value).all() and math.isfinite(time)
         if sound and not watch.is_new(value, time):
             return False
+
         used = bool(sound) and self._used(watch, kind, time, sigma)
         watch.refused += not used
         return used
@@ -135,6 +138,8 @@ class Fixes:
         at, shift = row_at(self.memory, time)
         if at < 0:
             return False
+
+        # Fix in W, with its variance
         row, value = self.memory["past_input"][0, at], watch.last
         fix = np.zeros(FIX)
         fix[VALUE : VALUE + 3] = (
@@ -142,14 +147,20 @@ class Fixes:
         )
         floor = 1e-6 if kind == VISION else 1e-7  # [m], [m/s]
         fix[HAS], fix[VARIANCE], fix[SHIFT] = 1.0, watch.scale * max(sigma, floor) ** 2, shift
+
+        # An innovation larger than stated raises the sensor's variance
         squared, innovation, white = mahalanobis(self.memory, kind, fix, at)
         square = watch.take(white, time, math.sqrt(self.gate))
         if self.adapt:
             excess = min(square, _SCALE_CAP) - _SCALE_SLACK
             watch.scale = min(max(watch.scale * math.exp(_SCALE_GAIN * excess), 1.0), _MOST_SCALE)
+
+        # A jump of the bias explains the fix, or the gate decides
         first = self._bias_jumped(watch, innovation, time) if kind == DVL and self.adapt else -1
         if first < 0 and not self._admit(kind, fix, at, innovation, squared):
             return False
+
+        # Stored at its step, from where the filter runs forward again
         slot = self.memory["past_fix"][0, at, kind]
         if slot[HAS]:  # two of a kind at one step: their weighted mean
             share = fix[VARIANCE] / (fix[VARIANCE] + slot[VARIANCE])
@@ -157,27 +168,33 @@ class Fixes:
             fix[VARIANCE] = share * slot[VARIANCE]
         slot[:] = fix
         replay(self.memory, at if first < 0 else first)
+
         used = self.memory["used"][0]
         used[kind] = max(used[kind], time)
         return True
 
     def _bias_jumped(self, watch: FixMonitor, innovation: Array, time: float) -> int:
-        """Row of the past before a jump of the accelerometer bias shown by the DVL's mean
-        innovation; -1 without one.
+        """Row of the past before a jump of the accelerometer bias; -1 without one.
 
-        The bias is then assumed to have changed twice the time constant of the mean ago. The
-        variance added there explains the innovation as a velocity that runs away.
+        The DVL's mean innovation shows the jump. The bias is then assumed to have changed twice the
+        time constant of the mean ago. The variance added there explains the innovation as a
+        velocity that runs away.
         """
         if float(watch.mean @ watch.mean) <= _MEAN_GATE * watch.mean_variance:
             return -1
+
+        # Step at which the bias is assumed to have changed
         ago = 2.0 * _MEAN_TIME
         at, _ = row_at(self.memory, time - ago)
         before, past = (at - 1) % HISTORY, self.memory["past_input"][0]
         if at < 0 or not -math.inf < past[before, TIME] < past[at, TIME]:
             return -1  # older than the stored past
+
+        # Variance of the jump, by the innovation it made
         past[at, JUMP] += float(innovation @ innovation) / ago**2
         self.bias_jumps += 1
         self.memory["jumped"][0] = time
+
         watch.mean, watch.mean_variance = np.zeros(3), 0.0
         for blamed in self.watches:  # their errors were the accelerometer's
             blamed.scale, blamed.agreeing = 1.0, 0
@@ -191,6 +208,7 @@ class Fixes:
             return True
         if not watch.agrees(innovation, 2.0 * self.gate * fix[VARIANCE]):
             return False
+
         # The filter is wrong: its covariance at that step is increased until the fixes pass.
         first, past_P = 0 if kind == VISION else 3, self.memory["past_P"][0]
         for i in range(3):

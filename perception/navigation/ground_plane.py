@@ -48,10 +48,12 @@ def plane_through(echoes_W: Array) -> tuple[Array, Array, float]:
         raise ConfigurationError(
             f"plane: expected {_LEAST} finite points (k, 3) or more, got shape {points.shape}"
         )
+
     middle = points.mean(axis=0)
     _, size, axes = np.linalg.svd(points - middle)
     if not size[1] > _FLAT * size[0]:
         raise ConfigurationError(f"plane: the {len(points)} points are in a line")
+
     normal = axes[2] if axes[2, 2] >= 0.0 else -axes[2]
     off = (points - middle) @ normal
     return middle, normal, float(np.sqrt(np.mean(off**2)))
@@ -110,8 +112,9 @@ class GroundPlaneEstimator:
 
 
 def _ground(time: float, echoes_W: Array) -> GroundPlane:
-    """Plane through the median echo of each beam, of `echoes_W` (pings, k, 3) [m], over beams with
-    enough echoes.
+    """Plane through the median echoes of the beams that have enough of them.
+
+    `echoes_W`: (pings, k, 3) [m], NaN without echo.
     """
     heard = np.isfinite(echoes_W).all(axis=2).mean(axis=0) >= _HEARD
     unknown = readonly(np.full(3, np.nan))
@@ -119,6 +122,7 @@ def _ground(time: float, echoes_W: Array) -> GroundPlane:
         p, normal, scatter = plane_through(np.nanmedian(echoes_W[:, heard], axis=0))
     except ConfigurationError:
         p, normal, scatter = unknown, unknown, float("nan")
+
     silent = tuple(int(beam) + 1 for beam in np.flatnonzero(~heard))
     return GroundPlane(
         time=time,

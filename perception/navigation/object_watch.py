@@ -1,9 +1,10 @@
-"""Watch on an object that the camera on the arm tracks: it moves if the track and vision part.
+"""Watch on an object that the camera on the arm tracks: it moves if track and vision diverge.
 
-The track says how the hull moves over the object, vision how it moves in the world. Their
-difference is where the object is, up to a constant. Its mean of late is compared with that of some
-seconds. What parts more slowly is not told from errors of the arm's model and of the track, which
-grow with the way. Where vision wanders by its own statement, nothing can be told.
+The track measures how the hull moves over the object, vision how it moves in the world. Their
+difference is where the object is, up to a constant. Its mean over a short time is compared with
+that over some seconds. A slower divergence cannot be distinguished from errors of the arm's model
+and of the track, which grow with the distance. Where vision states a wander, no motion can be
+detected.
 """
 
 import math
@@ -51,22 +52,31 @@ class ObjectWatch:
         """
         if not time > self.begun:  # exposed before
             return
+
         variance = np.zeros(3) if variance_W is None else variance_W
         self.count += 1
+
         if self.count == 1:
             self.late, self.early, self.grown, self.time = place_W, place_W, variance, time
             return
+
+        # Means over two times; of all pictures while these are few
         interval, self.time = max(time - self.time, 1e-3), time
         short, long = (
             max(1.0 / self.count, -math.expm1(-interval / mean)) for mean in (_SHORT, _LONG)
         )
         self.late = self.late + short * (place_W - self.late)
         self.early = self.early + long * (place_W - self.early)
+
+        # Growth of the variance by which the track may have drifted between them
         seen = np.isfinite(variance) & np.isfinite(self.grown)
         parted = np.subtract(variance, self.grown, out=np.full(3, np.inf), where=seen)
         self.grown = np.where(seen, self.grown + long * np.where(seen, parted, 0.0), variance)
+
         if time - self.begun < _BEGUN:
             return
+
+        # Motion beyond doubt
         noise = np.sqrt(
             sigma**2 * (short / (2.0 - short) + long / (2.0 - long)) + np.maximum(parted, 0.0)
         )

@@ -1,17 +1,16 @@
-"""Check of the gyro against the attitude reference: two fields of one message that must tell of the
-same turning.
+"""Check of the gyro against the attitude reference: both fields of a message show one rotation.
 
-The angle by which the attitude has turned beyond what the gyro says, about each axis of the hull,
+The angle by which the attitude has turned beyond the integrated gyro, about each axis of the hull,
 is the noise of the attitude and the integral of the gyro's. A steady Kalman filter of it has a
 white innovation. Three parts follow:
 
 - *Alarm.* A cumulative sum of the innovation, for either sign [Page 1954], exceeds its limit, and
   so does the angle.
-- *Blame.* At the onset, where the sum left zero, one of the two changed its ways, the other did
-  not. That can be told where the change is well above what the hull's own rate did before. Else it
-  may be either, as it may with a drift that comes slowly; then the gyro is blamed if its own
-  samples step by the size of the slope, which no hull does. Readings that repeat bit by bit since
-  the onset are blamed before all else.
+- *Blame.* At the onset, where the sum left zero, the rate of one of the two changed, that of the
+  other did not. They can be distinguished where the change is well above what the hull's own rate
+  did before. Else it may be either, as it may with a drift that comes slowly; then the gyro is
+  blamed if its own samples step by the size of the slope, which no hull does. Readings that repeat
+  bit by bit since the onset are blamed before all else.
 - *Size.* The gyro is off by its jump, or by the slope of the angle since the onset: within a factor
   of two.
 
@@ -33,7 +32,7 @@ CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle mus
 LONGEST = 0.5
 # [-] standard deviations of a sample of the gyro, and of its bias: smallest rate that is a fault
 LEAST_RATE = 4.0
-FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations believed
+FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations assumed
 JUMPS = 0.01  # [rad/s] by which no hull turns faster from one sample to the next but in an impact
 WILD = 8.0  # [-] standard deviations of a sample of the gyro that a jump exceeds too
 TIMING = 2e-3  # [s] between the two fields, beside one sample
@@ -109,25 +108,33 @@ def compare_rate(f, dt, w_B, R_meas):
 
     Returns:
         NONE, GYRO or ATTITUDE: what to go on without. `gyro_off` and `attitude_off` of the check
-            say about which axes it is off, and by how much; both where it may be either.
+            hold about which axes it is off, and by how much; both where it may be either.
     """
     check = f.check
+
+    # An attitude that is no rotation cannot be compared
     if not _proper(R_meas):
         check.improper, check.compared = check.improper + 1, 0.0
         if check.improper < REPEATS:
             return NONE
         check.attitude_off[:] = np.nan
         return ATTITUDE
+
     check.improper = 0
+
+    # The comparison begins
     if check.compared == 0.0 or dt > 1.5 * f.interval:  # the first sample, or the first after a gap
         check.compared, check.angle[:], check.sums[:], check.lasting[:] = dt, 0.0, 0.0, 0.0
         check.usual[0], check.usual[1], check.R_last[:], check.w_last[:] = w_B, w_B, R_meas, w_B
         check.restless[:], check.stored = 0.0, 0
         _store(check, w_B)
         return NONE
+
     check.compared += dt
     _count_repeats(check, w_B, R_meas)
     _store(check, w_B)
+
+    # Steady Kalman filter of the angle: noise and gain
     white, noise, share = (
         max(f.turning[1], FINEST_ANGLE**2),
         max(np.sqrt(f.rate), FINEST_RATE),
@@ -135,30 +142,43 @@ def compare_rate(f, dt, w_B, R_meas):
     )
     ratio = (noise * dt) ** 2 / white
     gain = max(0.5 * (np.sqrt(ratio**2 + 4.0 * ratio) - ratio), dt / check.compared)
+
+    # Errors of time, scale and alignment make angles in step with the turning
     turning = np.sqrt((check.usual[0] ** 2).sum())
     variance = white + ((TIMING + f.interval) * turning) ** 2
     least_rate = LEAST_RATE * (noise + np.sqrt(f.gyro[2])) + (SCALE + check.misaligned) * turning
+
     verdict = NONE
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
+
+        # Angle of the attitude since the last sample
         turned = 0.0
         for m in range(3):  # vee of the antisymmetric part of the rotation since the last sample
             turned += 0.5 * (check.R_last[m, k] * R_meas[m, j] - check.R_last[m, j] * R_meas[m, k])
+
         if check.gyro_off[i] != 0.0:  # there is nothing to compare any more
             continue
+
+        # Innovation of the angle
         innovation = check.angle[i] + turned - (w_B[i] - f.rate_bias[i]) * dt
         correction = gain * min(max(innovation, -ANGLE_CLIP), ANGLE_CLIP)
         check.angle[i] = innovation - correction
         z = innovation * np.sqrt((1.0 - gain) / variance)
+
+        # Alarm, for either sign: cumulative sum and angle exceed their limits
         for side in range(2):
             if not _summed(check, side, i, z if side == 0 else -z):
                 continue
+
             off = innovation + check.corrected[side, i]
             rate = _follow(check, side, i, dt, off, (w_B[i], turned))
             check.corrected[side, i] += correction
             clear = abs(off) > CLEAR * np.sqrt(variance) and abs(rate) > least_rate
             if not clear or check.sums[side, i] <= LIMIT:
                 continue
+
+            # Blame and size
             blamed = _blamed(check, side, i, dt, off)
             if blamed == EITHER and _gyro_jumped(
                 check, i, round(check.lasting[side, i] / dt), -rate
@@ -169,11 +189,14 @@ def compare_rate(f, dt, w_B, R_meas):
             if blamed != ATTITUDE:
                 _leave_out(check, side, i, w_B[i], rate, white)
             verdict = max(verdict, GYRO if blamed == EITHER else blamed)
+
+        # Usual rates
         check.restless[i] += min(1.0, dt / RESTLESS) * (
             (w_B[i] - check.usual[0, i]) ** 2 - check.restless[i]
         )
         check.usual[0, i] += share * (w_B[i] - check.usual[0, i])
         check.usual[1, i] += share * (turned / dt - check.usual[1, i])
+
     check.R_last[:], check.w_last[:] = R_meas, w_B
     return verdict
 
@@ -182,14 +205,18 @@ def compare_rate(f, dt, w_B, R_meas):
 def _proper(R):
     """True if the columns of R (3, 3) are orthonormal but for NO_ROTATION, and right-handed."""
     worst = 0.0
+
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
+
+        # Columns of unit length, at right angles, with a positive triple product
         own, other, next_ = 0.0, 0.0, 0.0
         for m in range(3):
             n, o = (m + 1) % 3, (m + 2) % 3
             own += R[m, i] * R[m, i]
             other += R[m, i] * R[m, j]
             next_ += (R[n, i] * R[o, j] - R[o, i] * R[n, j]) * R[m, k]
+
         worst = max(worst, abs(own - 1.0), abs(other), abs(next_ - 1.0))
     return worst <= NO_ROTATION
 
@@ -214,21 +241,25 @@ def _store(check, w_B):
 
 @kernel
 def _gyro_jumped(check, i, since, size):
-    """True if the gyro jumped by about `size` [rad/s] about axis `i`, within `since` samples or
-    shortly before.
+    """True if the gyro jumped by about `size` [rad/s] about axis `i`, `since` samples ago at most.
 
-    No hull does: what it turns faster by within BESIDE samples is small against a step, however it
-    rolls. The means before and after it differ by much more than those before and after other
-    samples.
+    A jump shortly before those counts too. No hull does: what it turns faster by within BESIDE
+    samples is small against a step, however it rolls. The means before and after it differ by much
+    more than those before and after other samples.
     """
+    # Largest step of the gyro since shortly before the onset
     count = min(check.stored, PAST)
     newest, most, at = check.stored - 1, 0.0, -1
     for back in range(BESIDE - 1, min(count - BESIDE, since + BEFORE)):
         step = _step(check, i, newest - back)
         if abs(step) > abs(most):
             most, at = step, back
+
+    # It must have the size and sign of the slope
     if at < 0 or not AGREES[0] * abs(size) < abs(most) < AGREES[1] * abs(size) or most * size < 0.0:
         return False
+
+    # It must stand out of the steps elsewhere
     total, samples = 0.0, 0
     for back in range(BESIDE - 1, count - BESIDE):
         if abs(back - at) >= BESIDE:  # a jump raises the comparison that near to it
@@ -238,9 +269,7 @@ def _gyro_jumped(check, i, since, size):
 
 @kernel
 def _step(check, i, first):
-    """Mean rate [rad/s] of BESIDE samples from number `first` on, less that of as many before
-    it.
-    """
+    """Mean rate [rad/s] of BESIDE samples from number `first` on, less that of as many before."""
     total = 0.0
     for k in range(BESIDE):
         total += check.past[(first + k) % PAST, i] - check.past[(first - 1 - k) % PAST, i]
@@ -249,8 +278,7 @@ def _step(check, i, first):
 
 @kernel
 def _summed(check, side, i, z):
-    """Add an innovation `z` in standard deviations to a sum about axis `i`; False if it is zero, or
-    starts anew.
+    """Add an innovation `z` [standard deviations] to a sum about axis `i`; False if it restarts.
 
     What counts from the onset on is then zero too.
     """
@@ -258,6 +286,8 @@ def _summed(check, side, i, z):
     if check.lasting[side, i] > LONGEST:
         total = 0.0
     check.sums[side, i] = total
+
+    # A new onset
     if total > 0.0:
         return True
     check.lasting[side, i] = check.corrected[side, i] = 0.0
@@ -281,6 +311,7 @@ def _follow(check, side, i, dt, off, seen):
         seen: rate of the gyro [rad/s], angle of the attitude since the last sample [rad].
     """
     w, turned = seen
+
     check.lasting[side, i] += dt
     slope, moved, before = check.slope[side, i], check.moved[side, i], check.before[side, i]
     slope[0] += off * check.lasting[side, i]
@@ -292,20 +323,27 @@ def _follow(check, side, i, dt, off, seen):
 
 @kernel
 def _blamed(check, side, i, dt, off):
-    """GYRO, ATTITUDE or EITHER as what makes an angle `off` [rad] about axis `i`; samples come
-    every `dt` [s].
+    """GYRO, ATTITUDE or EITHER as the cause of an angle `off` [rad] about axis `i`.
+
+    Samples come every `dt` [s].
     """
     lasting = check.lasting[side, i]
+
+    # Readings that repeat
     repeats = max(REPEATS, round(lasting / dt) - 1)
     if check.same[3] >= repeats:
         return ATTITUDE
     if check.same[i] >= repeats:
         return GYRO
+
+    # A change within the hull's own motion is of either
     if (
         check.compared < RESTLESS
         or abs(off) < DISTINCT * np.sqrt(check.before[side, i, 2]) * lasting
     ):
         return EITHER
+
+    # Which of the two has turned beyond its usual rate
     gyro, attitude = abs(check.moved[side, i, 0] / off), abs(check.moved[side, i, 1] / off)
     if gyro > GUILTY:
         return GYRO
@@ -314,17 +352,19 @@ def _blamed(check, side, i, dt, off):
 
 @kernel
 def _leave_out(check, side, i, w, rate, white):
-    """Note that the gyro is off about axis `i`: it says `w` [rad/s], and the attitude turns faster
-    by `rate` [rad/s].
+    """Record that the gyro is off about axis `i`: it reads `w`, the attitude is faster by `rate`.
 
-    `white` [rad^2] is the variance of one attitude reading.
+    Both are in rad/s; `white` [rad^2] is the variance of one attitude reading.
     """
     before = check.before[side, i, 0]
+
     jump = w - before
     if rate * jump >= 0.0:  # it has not changed, as one that sticks
         check.gyro_off[i] = -rate
     else:  # the jump contains the hull's own change, the slope begins before the step
         check.gyro_off[i] = jump if abs(jump) > JUMPS else 0.5 * (jump - rate)
+
+    # Rate before, and by how much the hull's own may have changed since
     check.rate[i] = before
     moved, lasting = abs(check.moved[side, i, 1]), check.lasting[side, i]
     check.doubt[i] = moved / lasting if moved > CLEAR * np.sqrt(white) else 0.0

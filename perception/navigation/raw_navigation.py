@@ -1,6 +1,4 @@
-"""Navigation without fusion: each state from its own sensor, the baseline for
-`strapdown_filter`.
-"""
+"""Navigation without fusion, each state from its own sensor: the baseline of `strapdown_filter`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -67,6 +65,7 @@ class RawNavigation:
                 state.torque = m
             elif isinstance(m, DvlMeasurement):
                 state.v_WB_B = m.v_WB_B
+
         R_WB = state.imu.R_WB
         X_WB = np.eye(4)
         X_WB[:3, :3], X_WB[:3, 3] = R_WB, state.vision.p_WB

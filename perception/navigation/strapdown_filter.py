@@ -1,5 +1,4 @@
-"""Strapdown navigation filter: hull pose, velocity and acceleration from IMU, DVL, delayed vision
-and joint sensors.
+"""Strapdown navigation filter: hull pose and motion from IMU, DVL, vision and joint sensors.
 
 Position, velocity and accelerometer bias are estimated by one Kalman filter driven by the
 accelerometer at the IMU's rate (`uuv.perception.navigation.filter_kernel`). The tilt error of the
@@ -18,24 +17,24 @@ later fixes. The result equals that of a filter which had every measurement in t
 recalculation in [Larsen 1998].
 
 **Wander.** A slowly varying error of vision (`VisionNoise.wander`) has a state of its own. The
-motion of the hull since some moment is then observable as far as IMU and DVL allow. The place in
-the world is not, because a wander present from the start looks like another place. The object is
+motion of the hull since some moment is then observable as far as IMU and DVL allow. The position in
+the world is not, because a wander present from the start looks like another position. The object is
 located with the same cameras, so the error of that moment shifts object and hull alike, and the
 tool stays in place on the object. The wander since then does move the tool on the object. With 5 mm
 and a time constant of 20 s it is 4.5 mm since the scan where the wander is stated, 5.8 mm where it
-is not. `StateEstimate.position_sigma` refers to the place in the world and contains both parts.
+is not. `StateEstimate.position_sigma` refers to the position in the world and contains both parts.
 
 **Camera on the arm.** It measures how tool and hull move over the object (`surface_track`), at 10
-to 20 Hz and to a tenth of a millimetre. The place where its track began is as uncertain as the
-filter was then. Where vision states no wander, the estimate stays the place in the world, which
-vision's mean makes better while the track holds it still. Where vision wanders, the place in the
-world is of no use to the tool: the estimate is then the place relative to the object as seen when
-the first track began. An object that moves is taken for a motion of the hull, up to the gate, until
-`object_watch` finds that track and vision part.
+to 20 Hz and to a tenth of a millimetre. The position where its track began is as uncertain as the
+filter was then. Where vision states no wander, the estimate stays the position in the world, which
+vision's mean improves while the track holds it still. Where vision wanders, the position in the
+world is of no use to the tool: the estimate is then the position relative to the object as seen
+when the first track began. An object that moves is taken for a motion of the hull, up to the gate,
+until `object_watch` detects that track and vision diverge.
 
 **Tool at rest.** While a pressed tool stands (`ToolAtRest`), its tip is such a camera, and has not
-moved. Two messages tell how far the hull has moved between them, to a tenth of a millimetre: its
-speed, and the accelerometer's bias.
+moved. Two messages measure how far the hull has moved between them, to a tenth of a millimetre:
+that observes its speed, and the accelerometer's bias.
 
 **Smooth output.** A tool in contact needs a smooth estimate: on a surface of 3e4 N/m a jump of 0.2
 mm is 6 N. Corrections are therefore withheld and released gradually, by d'' = -sqrt(2) f d' - f^2
@@ -181,6 +180,8 @@ class Navigation:
         torque = first_of(TorqueMeasurement, first)
         speeds = [m for m in first if isinstance(m, DvlMeasurement)][-1:]
         speed = speeds[0] if speeds and _sound(speeds[0].v_WB_B) else None
+
+        # Needed readings must be finite
         for m, values in (
             (imu, (imu.specific_force_B, imu.w_WB_B, imu.R_WB)),
             (vision, (vision.p_WB,)),
@@ -191,19 +192,25 @@ class Navigation:
                 raise ConfigurationError(
                     f"navigation needs a first {type(m).__name__} that is finite, got {values}"
                 )
+
+        # Noise as the sensors state it, else as assumed
         stated = (
             imu.noise or self.imu,
             vision.noise or self.vision,
             speed.noise or self.dvl if speed else self.dvl,
         )
+
+        # Memory of the kernels
         memory, mount = np.zeros(1, FILTER), self.arm_camera or self.standing
         f = memory[0]
         self._set_constants(f, *stated)
         _set_states(f, first=(imu, vision, speed), stated=stated)
+
         last_dvl = (
             FixMonitor(speed.v_WB_B, speed.time) if speed else FixMonitor(np.zeros(3), -math.inf)
         )
         n = len(encoders.q)
+
         state = NavigationState(
             memory=memory,
             sample=imu_record(),
@@ -215,6 +222,8 @@ class Navigation:
             track=SurfaceTrack(memory, self.gate, mount) if mount else None,
             watch=ObjectWatch() if self.arm_camera and not stated[1].wander else None,
         )
+
+        # Joints at the first readings
         for record in (state.joints, state.estimate):
             record.q[:], record.qd[:], record.tau[:] = encoders.q, encoders.qd, torque.tau
         state.estimate.attitude_sigma[0] = stated[0].attitude_bias
@@ -226,6 +235,8 @@ class Navigation:
         """Write what stays the same over a run into the filter's record `f`."""
         n = 9
         f.layout[:] = -1
+
+        # Optional states, each a triple
         if dvl.bias > 0.0:
             f.layout[AT_DVL_BIAS], n = n, n + 3
         if vision.wander > 0.0:
@@ -234,6 +245,8 @@ class Navigation:
             f.layout[AT_TRACK], n = n, n + 3
             f.by_track = self.arm_camera is not None and vision.wander > 0.0
         f.layout[STATES] = n
+
+        # Noise, output, and check of the gyro
         f.walks[:] = self.bias_walk**2, vision.wander**2, vision.wander_time
         f.acceleration, f.rate, f.attitude = imu.acceleration, imu.rate**2, imu.attitude**2
         f.rate_walk, f.tilt = self.rate_bias_walk**2, 2.0 * (GRAVITY * imu.attitude) ** 2
@@ -242,12 +255,11 @@ class Navigation:
 
     @staticmethod
     def _watch(state: NavigationState, time: float, p_WB: Array, white: float) -> None:
-        """Compare a picture of vision that was used with the track, and state by how much the
-        object moves.
-        """
+        """Compare a fix of vision with the track, and write by how much the object moves."""
         watch = state.watch
         if watch is None or state.track is None:
             return
+
         place_W = state.track.place_at(time)
         if place_W is None:
             state.estimate.object_moved_W[:] = 0.0
@@ -266,7 +278,7 @@ class Navigation:
     def step(
         self, state: NavigationState, measurements: Sequence[Measurement]
     ) -> tuple[NavigationState, StateEstimate]:
-        """Process the measurements that have arrived, in any order, and return the estimate of now.
+        """Process the measurements that have arrived, in any order; return the present estimate.
 
         Measurements that are not finite, were processed before or repeat a frozen reading are
         ignored. The ages in the estimate then grow.
@@ -279,6 +291,8 @@ class Navigation:
         packed_sample, packed_joints, packed_estimate = state.packed
         fixes: list[VisionMeasurement | DvlMeasurement | SurfaceMotionMeasurement | ToolAtRest] = []
         newest, sampled = -math.inf, False
+
+        # Newest readings into the records of the kernels
         for m in measurements:  # the frequent types first
             if isinstance(m, EncoderMeasurement):
                 joints.q[:], joints.qd[:] = m.q, m.qd
@@ -298,14 +312,19 @@ class Navigation:
             ):
                 fixes.append(m)
                 continue  # fixes do not set the clock: a wrong time stamp on a picture must not
+
             if m.time > newest:
                 newest = m.time
+
+        # IMU up to now
         clock = memory["clock"]
         if newest > clock[0]:
             clock[0] = newest
         if not sampled:
             sample.time[0] = -math.inf
         take_sample(memory, packed_sample)
+
+        # Fixes
         for m in fixes:  # after the IMU, so that their step exists
             if isinstance(m, VisionMeasurement):
                 white = (m.noise or self.vision).white
@@ -324,6 +343,7 @@ class Navigation:
                     state.track.take_rest(m)
             else:
                 state.fixes.take(DVL, m.time, m.v_WB_B, (m.noise or self.dvl).white)
+
         put_out(memory, packed_joints, packed_estimate)
         return state, state_estimate(state.estimate)
 
@@ -342,12 +362,18 @@ def _set_states(
     """
     (imu, vision, speed), (of_imu, of_vision, of_dvl) = first, stated
     R, x, P = np.array(imu.R_WB, dtype=np.float64), f.x, f.P
+
+    # Position, velocity, attitude
     x[:3] = vision.p_WB
     P[:3, :3] = (of_vision.white**2 + of_vision.wander**2) * np.eye(3)
     P[3:6, 3:6] = 0.1**2 * np.eye(3)
+
+    # Accelerometer bias
     up = R[2]  # the tilt error of the attitude reference couples gravity in, across `up`
     P[6:9, 6:9] = of_imu.acceleration_bias**2 * np.eye(3)
     P[6:9, 6:9] += (GRAVITY * of_imu.attitude_bias) ** 2 * (np.eye(3) - np.outer(up, up))
+
+    # DVL: its bias, and the velocity
     _, dvl_bias, wander, _ = (slice(at, at + 3) for at in f.layout)
     if of_dvl.bias > 0.0:
         P[dvl_bias, dvl_bias] = of_dvl.bias**2 * np.eye(3)
@@ -357,15 +383,23 @@ def _set_states(
         if of_dvl.bias > 0.0:
             P[3:6, dvl_bias] = -(of_dvl.bias**2) * R
             P[dvl_bias, 3:6] = P[3:6, dvl_bias].T
+
+    # Wander of vision: it looks like another position
     if of_vision.wander > 0.0:
         P[wander, wander] = of_vision.wander**2 * np.eye(3)
         P[:3, wander] = P[wander, :3] = -(of_vision.wander**2) * np.eye(3)
+
+    # Clocks
     f.time = f.clock = f.given = f.imu_time = imu.time
     f.jumped = -math.inf
     f.interval, f.used[:] = math.inf, (vision.time, speed.time if speed else -math.inf)
+
+    # Attitude and last sample
     f.R_WB[:], f.gyro[:] = R, (of_imu.attitude**2, 0.0, of_imu.rate_bias**2)
     f.force[:] = f.seen_force[:] = imu.specific_force_B
     f.w_B[:] = f.seen_w[:] = imu.w_WB_B
+
+    # Past: its first row is the present
     f.past_input[:] = -np.inf
     f.past_input[0, TIME], f.past_input[0, ATTITUDE : ATTITUDE + 9] = imu.time, R.ravel()
     f.past_x[0], f.past_P[0] = x, P

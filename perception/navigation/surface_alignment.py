@@ -6,11 +6,10 @@ surface [Lucas 1981], and the distance from the present surface along its normal
 shape [Chen 1992]. Together they are those of [Kerl 2013]. The rotation between the pictures is
 known from attitude reference and encoders, and enters as a prior. Intensity is taken relative to
 its local mean, so lamp and veil of the water do not count. Only gradients well above the camera's
-noise
-are used: on a plain surface noise must not look like texture.
+noise are used: on a plain surface noise must not look like texture.
 
-The normal equations say which translations the view observes. Along a plain generator of a barrel
-there is none; the information there is zero.
+The normal equations show which translations the view observes. Along a plain generator of a barrel
+it observes none, and the information is zero.
 """
 
 from dataclasses import dataclass
@@ -80,8 +79,11 @@ def prepare(
         noise: Of the camera.
     """
     height, width = depth.shape
+
     known = np.isfinite(depth) & ~hidden
     image = intensity.astype(np.float64)
+
+    # Contrast: intensity relative to its local mean
     share = ndimage.gaussian_filter((~hidden).astype(np.float64), MEAN_BLUR)
     mean = ndimage.gaussian_filter(np.where(hidden, 0.0, image), MEAN_BLUR) / np.maximum(
         share, 1e-3
@@ -89,6 +91,8 @@ def prepare(
     mean = np.maximum(mean, 3.0 * noise.intensity)
     contrast = np.where(hidden, 0.0, image / mean - 1.0)
     brightness = float(np.median(mean[~hidden])) if (~hidden).any() else 1.0
+
+    # Contrast and gradients of each level, with their noise
     levels, noises = [], []
     for blur in LEVELS:
         smooth = ndimage.gaussian_filter(contrast, blur)
@@ -100,11 +104,14 @@ def prepare(
         noises.append(
             (white / (2.0 * blur * np.sqrt(np.pi)), white / (2.0 * blur**2 * np.sqrt(2.0 * np.pi)))
         )
+
+    # Inverse depth, and normals of the smoother one
     measured = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
     inverse = _smooth(measured, known, DEPTH_BLUR)
     wv, wu = np.gradient(_smooth(measured, known, NORMAL_BLUR))
     v, u = np.indices(depth.shape)
     cx, cy = 0.5 * (width - 1), 0.5 * (height - 1)
+
     # A plane is linear in the inverse depth w(u, v): its normal is (f w_u, f w_v, w - (u - cx) w_u
     # - (v - cy) w_v).
     normals = -np.stack([focal * wu, focal * wv, inverse - (u - cx) * wu - (v - cy) * wv], axis=-1)
@@ -135,12 +142,15 @@ def align(
     t = -R @ X_KC[:3, 3]
     predicted, start = R.copy(), t.copy()
     normal_matrix, pixels, settled, bad = np.zeros((6, 6)), 0, False, 1.0
+
     # pixels that share one error of the depth
     cells = 1.0 + noise.correlation**2 + 2.0 * np.pi * DEPTH_BLUR**2
     for level, most in enumerate(ITERATIONS):
+        # Noise of contrast, and the gradient that stands out of it
         sigma_i = max(np.hypot(now.noise[level][0], key.noise[level][0]), 1e-6)
         least = (LEAST_GRADIENT * max(now.noise[level][1], key.noise[level][1])) ** 2
         scale_i, scale_d = 3.0 * sigma_i, 3.0 * noise.inverse_depth
+
         settled = False
         for _ in range(most):
             H, g, count, residuals_i, residuals_d = normal_equations(
@@ -154,9 +164,12 @@ def align(
                 t,
                 np.array([scale_i, scale_d, HUBER, least]),
             )
+
             pixels = int(count)
             if pixels < LEAST_PIXELS:
                 return None
+
+            # Scales by the residuals' median, never below the noise
             scale_i = (
                 max(1.4826 * float(np.median(np.abs(residuals_i))), sigma_i)
                 if len(residuals_i)
@@ -164,8 +177,11 @@ def align(
             )
             scale_d = max(1.4826 * float(np.median(np.abs(residuals_d))), 0.2 * noise.inverse_depth)
             bad = float(np.mean(np.abs(residuals_d) > 3.0 * noise.inverse_depth))
+
             # The errors of neighbouring pixels are one: each counts for its share.
             H, g = H / cells, g / cells
+
+            # Priors: the rotation is known, an unobserved direction keeps the prediction
             turn = _rotation_vector(R @ predicted.T)
             prior = 1.0 / rotation_sigma**2
             A, b = H.copy(), g.copy()
@@ -174,6 +190,8 @@ def align(
             # a direction that is not observed keeps the prediction
             A[:3, :3] += np.eye(3) / WEAKEST**2
             b[:3] += (t - start) / WEAKEST**2
+
+            # Gauss-Newton step
             step = -np.linalg.solve(A, b)
             turned = exp_so3(step[3:])
             R, t = turned @ R, turned @ t + step[:3]
@@ -181,12 +199,17 @@ def align(
             if np.abs(step[:3]).max() < SETTLED:
                 settled = True
                 break
+
+    # Information on the position, rotation marginalised
     A = normal_matrix.copy()
     A[3:, 3:] += np.eye(3) / rotation_sigma**2
     information = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
+
+    # Directions that are hardly observed count as unobserved
     values, axes = np.linalg.eigh(information)
     values[values < WEAKEST**-2] = 0.0
     information_C = (axes * values) @ axes.T
+
     R_KC = R.T
     return Alignment(
         p_KC=-R_KC @ t,
@@ -212,8 +235,7 @@ def _rotation_vector(R: Array) -> Array:
 
 @kernel
 def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scales):
-    """Gauss-Newton normal equations of intensity and depth residuals for a small motion (v, w) of
-    the points in C.
+    """Gauss-Newton normal equations of intensity and depth, for a small motion of the points in C.
 
     Args:
         key: (3, h, w) contrast of the key picture and its gradients.
@@ -236,23 +258,30 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
     H, g, J = np.zeros((6, 6)), np.zeros(6), np.empty(6)
     found_i, found_d = np.empty(height * width), np.empty(height * width)
     ni, nd = 0, 0
+
     for v in range(height):
         for u in range(width):
             w = key_inverse[v, u]
             if not w > 0.0:
                 continue
+
+            # Point of the key in the present camera
             px, py, pz = (u - cx) / (f * w), (v - cy) / (f * w), 1.0 / w
             x = R[0, 0] * px + R[0, 1] * py + R[0, 2] * pz + t[0]
             y = R[1, 0] * px + R[1, 1] * py + R[1, 2] * pz + t[1]
             z = R[2, 0] * px + R[2, 1] * py + R[2, 2] * pz + t[2]
             if z <= 1e-3:
                 continue
+
+            # Its pixel, with bilinear weights of the four around it
             a, b = f * x / z + cx, f * y / z + cy
             i, j = int(np.floor(a)), int(np.floor(b))
             if i < 0 or j < 0 or i + 1 >= width or j + 1 >= height:
                 continue
             s, q = a - i, b - j
             c00, c01, c10, c11 = (1.0 - s) * (1.0 - q), s * (1.0 - q), (1.0 - s) * q, s * q
+
+            # Inverse depth measured there
             seen = (
                 c00 * now_inverse[j, i]
                 + c01 * now_inverse[j, i + 1]
@@ -261,6 +290,7 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
             )
             if not seen > 0.0:
                 continue
+
             # Depth: distance from the present surface along the normal, in units of the inverse
             # depth's error there.
             n0 = (
@@ -285,6 +315,8 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
                     found_d[nd] = error
                     nd += 1
                     _add(H, g, J, error, scales[1], scales[2])
+
+            # Gradients there; intensity counts where both pictures have texture
             gx = (
                 c00 * now[1, j, i]
                 + c01 * now[1, j, i + 1]
@@ -299,8 +331,10 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
             )
             if gx * gx + gy * gy < scales[3] or key[1, v, u] ** 2 + key[2, v, u] ** 2 < scales[3]:
                 continue
+
             # Mean of both gradients: second order in the motion [Malis 2004].
             gx, gy = 0.5 * (gx + key[1, v, u]), 0.5 * (gy + key[2, v, u])
+
             there = (
                 c00 * now[0, j, i]
                 + c01 * now[0, j, i + 1]

@@ -1,11 +1,9 @@
-"""Track of a camera on the arm, or of a tool at rest, over the object: its readings become fixes of
-the hull.
+"""Track over the object, of a camera on the arm or a tool at rest: its readings fix the hull.
 
 Each message gives the camera's motion since a key picture. Keys chained without a gap form a track,
-with an origin in
-W: where the filter believed the camera to be when the track began. The filter keeps the error of
-that belief as the track's offset, so a track says how the hull has moved since, and nothing of
-where it is.
+with an origin in W: where the filter believed the camera to be when the track began. The filter
+keeps the error of that belief as the track's offset, so a track measures how the hull has moved
+since, and not where it is.
 
 A direction that a picture does not observe has zero information. Where the track goes on from such
 a picture, the filter's own position takes the place of the reading in that direction.
@@ -82,15 +80,16 @@ class SurfaceTrack:
     variance_W: Array = field(default_factory=lambda: np.zeros(3))
 
     def take(self, m: SurfaceMotionMeasurement) -> None:
-        """Update the filter by a message at its step, and withhold the correction; an unsound one
-        is ignored.
-        """
+        """Update the filter by a sound message at its step, and withhold the correction."""
         parts = (m.time, m.p_KC, m.R_KC, m.information_K, m.q)
         sound = all(np.isfinite(part).all() for part in parts) and m.key_time <= m.time
+
         at = row_at(self.memory, m.time)[0] if sound else -1
         if at < 0 or (self.last is not None and m.time <= self.last.message.time):
             self.refused += 1
             return
+
+        # A new key continues the track or begins one, and so do many refused readings
         if m.key_time != self.key_time and not self._goes_on(m.key_time):
             self._begin(m, at)
         elif self._used(m, at):
@@ -102,9 +101,7 @@ class SurfaceTrack:
                 self._begin(m, at, anew=True)
 
     def take_rest(self, m: ToolAtRest) -> None:
-        """Take what the planner says of a tool at rest as a reading of a camera that has not
-        moved.
-        """
+        """Take a message on a tool at rest as a reading of a camera that has not moved."""
         known = np.eye(3) / max(m.slip_sigma, 1e-6) ** 2
         still = SurfaceMotionMeasurement(
             time=m.time,
@@ -117,33 +114,31 @@ class SurfaceTrack:
         self.take(still)
 
     def place_at(self, time: float) -> Array | None:
-        """Hull's origin (3,) [m] in W, up to a constant, at `time` [s] near that of the newest
-        reading; None: unknown.
+        """Hull's origin (3,) [m] in W, up to a constant, at `time` [s]; None: unknown.
 
-        By all readings since the track last broke off, those that the filter refused included. The
-        filter's own motion between the two times is added.
+        The time must be near that of the newest reading. The origin is by all readings since the
+        track last broke off, those that the filter refused included. The filter's own motion
+        between the two times is added.
         """
         if self.last is None:
             return None
+
         at, then = row_at(self.memory, time)[0], row_at(self.memory, self.last.message.time)[0]
         if at < 0 or then < 0:
             return None
+
         past = self.memory["past_x"][0]
         return self.last.place_W + self.carried_W + past[at, :3] - past[then, :3]
 
     def variance_at_last(self) -> Array:
-        """Variance (3,) [m^2] of the newest reading's place since the track broke off; inf where it
-        saw nothing.
-        """
+        """Variance (3,) [m^2] of the newest reading since the track broke; inf if unobserved."""
         last = self.last
         return (
             np.full(3, np.inf) if last is None else self.variance_W + _variance(last.information_W)
         )
 
     def _goes_on(self, key_time: float) -> bool:
-        """Take the last reading for the key if it is of that time; False if the track breaks
-        off.
-        """
+        """Take the last reading as key if it is of that time; False if the track breaks off."""
         last = self.last
         at = (
             row_at(self.memory, key_time)[0]
@@ -152,6 +147,7 @@ class SurfaceTrack:
         )
         if last is None or at < 0:
             return False
+
         self.variance_W = self.variance_at_last()
         self.key_time, self.R_WK, self.p_WK = key_time, last.R_WC, last.place_W + last.lever_W
         self._replay(at, origin=last.place_W)
@@ -159,9 +155,12 @@ class SurfaceTrack:
 
     def _used(self, m: SurfaceMotionMeasurement, at: int) -> bool:
         """Update the filter by a reading of the present key; False if the gate refuses it."""
+        # Hull's origin by the track, with its information
         R_WC, lever = self._camera(m, at)
         place = self.p_WK + self.R_WK @ m.p_KC - lever
         information = self.R_WK @ m.information_K @ self.R_WK.T
+
+        # Gate
         row, f = np.zeros(TRACK), self.memory[0]
         row[READ], row[PLACE : PLACE + 3], row[INFORMATION : INFORMATION + 9] = (
             1.0,
@@ -173,21 +172,25 @@ class SurfaceTrack:
         )
         if float(innovation @ weight @ innovation) > self.gate:
             return False
+
+        # An unobserved direction keeps the filter's position
         seen = place - _unobserved(information) @ innovation
         self.last = _Reading(
             message=m, R_WC=R_WC, lever_W=lever, place_W=seen, information_W=information
         )
+
         f["past_track"][at, :BEGUN] = row[:BEGUN]
         self._replay(at)
         return True
 
     def _begin(self, m: SurfaceMotionMeasurement, at: int, *, anew: bool = False) -> None:
-        """Begin a track where the filter believes the hull to be; `anew` on readings that it has
-        refused so far.
-        """
+        """Begin a track where the filter believes the hull to be; `anew` after refused readings."""
         x, first = self.memory[0]["past_x"][at], int(self.memory[0]["layout"][AT_TRACK])
         R_WC, lever = self._camera(m, at)
+
         place = x[:3] + x[first : first + 3]
+
+        # After refused readings the motion that they tell is carried on
         if anew:
             parted = self.p_WK + self.R_WK @ m.p_KC - lever - place
             unseen = _unobserved(self.R_WK @ m.information_K @ self.R_WK.T)
@@ -195,27 +198,26 @@ class SurfaceTrack:
             self.variance_W = self.variance_at_last()
         else:
             self.carried_W, self.variance_W, self.broken = np.zeros(3), np.zeros(3), self.broken + 1
+
+        # Key: placed so that this reading lies where the filter believes
         self.key_time, self.R_WK = m.key_time, R_WC @ m.R_KC.T
         self.p_WK = place + lever - self.R_WK @ m.p_KC
         known = self.R_WK @ m.information_K @ self.R_WK.T
         self.last = _Reading(
             message=m, R_WC=R_WC, lever_W=lever, place_W=place, information_W=known
         )
+
         self.refused_in_row, self.begun = 0, self.begun + 1
         self._replay(at, origin=place)
 
     def _camera(self, m: SurfaceMotionMeasurement, at: int) -> tuple[Array, Array]:
-        """Rotation R_WC (3, 3) of the camera and lever (3,) [m] to it from the hull's origin in W,
-        at a step.
-        """
+        """Rotation R_WC (3, 3) of the camera, and lever (3,) [m] in W from the hull's origin."""
         R_WB = self.memory[0]["past_input"][at, ATTITUDE : ATTITUDE + 9].reshape(3, 3)
         X_BC = self.mount.pose(m.q)
         return R_WB @ X_BC[:3, :3], R_WB @ X_BC[:3, 3]
 
     def _replay(self, at: int, origin: Array | None = None) -> None:
-        """Run the filter from a step of the past; with `origin` (3,) [m] the hull was there by the
-        track.
-        """
+        """Run the filter from a step of the past; `origin` (3,) [m]: a track begins there."""
         if origin is not None:
             row = self.memory[0]["past_track"][at]
             row[BEGUN], row[ORIGIN : ORIGIN + 3] = 1.0, origin
@@ -235,5 +237,6 @@ def _variance(information: Array) -> Array:
         spread = np.where(
             values > _SHARE * max(float(values[-1]), 1.0), 1.0 / np.maximum(values, 1e-300), np.inf
         )
+
     share = np.where(np.abs(axes) > 1e-6, axes**2, 0.0)
     return np.array([np.sum(spread[row > 0.0] * row[row > 0.0]) for row in share])

@@ -1,6 +1,4 @@
-"""The part of a scan that may show the object, thinned for ICP, and how well a pose agrees with
-it.
-"""
+"""The part of a scan that may show the object, thinned for ICP, and how well a pose agrees."""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -17,12 +15,12 @@ from uuv.sim.interfaces.spatial import Array, transform_points
 MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
 _GRAZING = np.deg2rad(88.0)  # [rad] of incidence, up to which the model explains what was scanned
 _HASHED = 1e-4  # [m] edge of the cubes by which points are drawn
-_BLOCK = 48  # [px] edge of the blocks of smooth surface in which noise is looked at
+_BLOCK = 48  # [px] edge of the blocks of smooth surface in which noise is estimated
 _SAME_DEPTH = 0.4  # [-] by which the logarithm of a block's depth may differ from the object's
-_FEWEST_BLOCKS = 4  # without which nothing is said
-_NOISE_PIXELS = 40_000  # pixels in which the noise is looked at, at most about
+_FEWEST_BLOCKS = 4  # without which the noise is taken as stated
+_NOISE_PIXELS = 40_000  # pixels in which the noise is estimated, at most about
 _INLYING = 3.0  # [sigma] as stated, beyond which a difference is something else
-_LEAST_PIXELS = 200  # without which nothing is said
+_LEAST_PIXELS = 200  # without which the noise is taken as stated
 _CORRELATED = 2.5  # [noise lengths] up to which errors may be correlated
 _UNCORRELATED = 0.1  # [-] correlation below which it has ended
 _LEAST_LENGTH = 2.0  # [px] of correlation
@@ -70,9 +68,12 @@ class Evidence:
             The evidence.
         """
         points = voxel_means(scan.points[mask], spacing)
+
+        # Few enough, drawn without regard to their order
         step = max(1, -(-len(points) // most))
         kept = hashed_subset(step, points, spacing)
         normals, points = facing_normals(points, at=kept), points[kept]
+
         apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]
         return cls(
             scan=scan,
@@ -105,9 +106,7 @@ class Evidence:
         )
 
     def thinned(self, step: int, points: int) -> "Evidence":
-        """The same evidence on every `step`-th row and column, and about `points` of its points,
-        for a rough fit.
-        """
+        """The same evidence on every `step`-th row and column, with about `points` points."""
         return _thinned(self, step, points)
 
 
@@ -116,6 +115,7 @@ def _thinned(evidence: Evidence, step: int, points: int) -> Evidence:
     every = (slice(None, None, step), slice(None, None, step))
     few = max(1, -(-len(evidence.points) // points))
     kept = hashed_subset(few, evidence.points, _HASHED)
+
     return replace(
         evidence,
         scan=evidence.scan.part(every),
@@ -136,13 +136,11 @@ def _coarser(sensor: SensorModel, step: int) -> SensorModel:
 
 
 def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorModel:
-    """Errors of depth as the smooth surfaces of a scan show them, at the depth of the masked
-    pixels.
+    """Errors of depth as the smooth surfaces of a scan show them, at the masked pixels' depth.
 
     In inverse depth a block of such a surface is a quadratic function of the pixel; what differs
-    from it is noise. That
-    of rough or broken blocks is larger: the lower quartile counts. Only the standard deviation is
-    judged, and never taken for larger than stated.
+    from it is noise. That of rough or broken blocks is larger: the lower quartile counts. Only the
+    standard deviation is judged, and never taken for larger than stated.
 
     Args:
         scan: The scan.
@@ -152,6 +150,8 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
     rows, columns = (np.arange(0, n - _BLOCK + 1, _BLOCK) for n in scan.depth.shape)
     basis = _quadratic_functions()
     middle = float(np.median(scan.depth[mask]))
+
+    # Mean square of what a quadratic surface leaves in each block, over the stated variance
     found = []
     for row in rows:
         for column in columns:
@@ -161,6 +161,7 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
             inverse = 1.0 / z
             off = inverse - basis @ (basis.T @ inverse)
             found.append(float(np.mean((off * z * z / stated.sigma(z)) ** 2)))
+
     if len(found) < _FEWEST_BLOCKS:
         return stated
     variance = (
@@ -180,8 +181,7 @@ def _quadratic_functions() -> Array:
 
 
 def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> SensorModel:
-    """Errors of depth as the scan shows them, against the model at its likeliest pose `X_ST` (4,
-    4).
+    """Errors of depth as the scan shows them, against the model at its likeliest pose `X_ST`.
 
     Variance and area of correlation come from the differences that remain. They are never taken for
     worse than stated, so that a wrong pose does not blur what contradicts it, nor for better than
@@ -196,11 +196,15 @@ def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Sensor
     scan = evidence.scan.part(
         evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _NOISE_PIXELS)
     )
+
+    # Differences from the model, in standard deviations as stated
     depth = surface.depth(X_ST, scan)
     off = (scan.depth - depth) / stated.sigma(np.where(np.isfinite(depth), depth, 1.0))
     used = np.abs(off) < _INLYING  # False for NaN
     if used.sum() < _LEAST_PIXELS:
         return stated
+
+    # Autocorrelation over the pairs of pixels that were compared
     off[~used] = 0.0
     reach = int(np.ceil(_CORRELATED * stated.noise_length))
     products, pairs = (_autocorrelation(field, reach) for field in (off, used.astype(np.float64)))
@@ -208,8 +212,11 @@ def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Sensor
     correlation = np.where(pairs > _LEAST_PIXELS, products / np.maximum(pairs, 1.0), 0.0) / max(
         variance, 1e-12
     )
+
+    # Area of the peak: the pixels that share one error
     around = ndimage.label(correlation > _UNCORRELATED)[0]
     area = float(correlation[around == around[reach, reach]].sum())  # [px of the window]
+
     floor = (MODEL_TOLERANCE / float(np.median(stated.sigma(depth[used])))) ** 2
     step = scan.pitch / evidence.scan.pitch
     return replace(
@@ -221,8 +228,9 @@ def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Sensor
 
 
 def _autocorrelation(image: np.ndarray, reach: int) -> np.ndarray:
-    """Sums of products (2 reach + 1, 2 reach + 1) of an image (h, w) with itself, moved by up to
-    `reach` pixels.
+    """Sums of products of an image (h, w) with itself, moved by up to `reach` pixels.
+
+    Shape (2 reach + 1, 2 reach + 1).
     """
     shape = [n + reach for n in image.shape]
     power = np.abs(fft.rfft2(image, shape)) ** 2
@@ -248,12 +256,15 @@ def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     if visible.sum() < 10:
         return -1.0
     points = transform_points(X_ST, surface.points[visible])
+
+    # Model points that the scan confirms, and that it sees through
     row, column, _ = evidence.scan.pixels(points)
     measured = evidence.scan.depth[row, column]
     tolerance = 2.0 * surface.spacing + 3.0 * evidence.sensor.sigma(points[:, 2])
     behind = measured - points[:, 2]
     agree = float(np.mean(np.abs(behind) < tolerance))
     through = float(np.mean(behind > 2.0 * tolerance))
+
     return agree - through + float(np.mean(explained(evidence, surface, X_ST)))
 
 
@@ -274,11 +285,13 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
 @remembered(4)  # the accepted pose is judged by the check and by its score
 def _explained(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes) -> np.ndarray:
     X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
+
     # an echo there is not expected, but may come
     visible = surface.visible(X_ST, evidence.scan, _GRAZING)
     if not visible.any():
         return np.zeros(len(evidence.points), dtype=bool)
     points = transform_points(X_ST, surface.points[visible])
+
     limit = 2.0 * surface.spacing + 3.0 * evidence.sensor.sigma(evidence.points[:, 2])
     mask = (
         NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0]

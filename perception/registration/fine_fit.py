@@ -38,9 +38,7 @@ class IcpFit:
 
 
 def nudged(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
-    """Pose (4, 4) after a few steps of ICP on planes alone, with one pairing: a start is better
-    judged there.
-    """
+    """Pose (4, 4) after a few steps of ICP on planes, where a start is better judged."""
     pairing, gate = (
         Pairing.of(evidence, surface, X_ST, with_edges=False),
         GATES[0] * surface.spacing,
@@ -60,8 +58,7 @@ def fine_fit(
     gates: Sequence[float] = GATES,
     inner: int = 5,
 ) -> IcpFit:
-    """Full ICP: hidden points removed before each round, point-to-plane distances and depth edges
-    together.
+    """Full ICP on point-to-plane distances and depth edges; hidden points leave before each round.
 
     Args:
         evidence: Scan points of the object.
@@ -80,6 +77,8 @@ def fine_fit(
         if pairing is None:
             break
         index, X_looked_up = pairing.nearest(X_ST, gate), X_ST
+
+        # Gauss-Newton steps; nearest points are looked up again once the model has moved
         for _ in range(inner):
             if _step(X_looked_up, X_ST, surface) > _STALE * surface.spacing:
                 index, X_looked_up = pairing.nearest(X_ST, gate), X_ST
@@ -88,12 +87,14 @@ def fine_fit(
             X_ST, _ = _moved(X_ST, H, g, surface)
             if _step(X_before, X_ST, surface) < _AT_REST * surface.spacing:
                 break
+
     # Free twists are judged with the pairs at the final pose: ICP may have slid off all that held
     # it before.
     if pairing is not None and _step(X_paired, X_ST, surface) > surface.spacing:
         pairing = Pairing.of(evidence, surface, X_ST)
     if pairing is None:
         return IcpFit(X_ST, np.zeros((0, 6)), np.inf, 1.0, np.inf)
+
     H, g, residual = pairing.terms(X_ST, gate, pairing.nearest(X_ST, gate))
     return IcpFit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface), pairing)
 
@@ -108,11 +109,10 @@ def icp_rows(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> PairRows
 
 
 def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:
-    """One Gauss-Newton step in the directions that the data determine, and the free directions (k,
-    6).
-    """
+    """One Gauss-Newton step in the observed directions, and the free directions (k, 6)."""
     H, g, radius = H[:6, :6], g[:6], surface.radius
     center = transform_points(X_ST, surface.center)
+
     axis, spin = surface.symmetry.axis, np.zeros((0, 6))
     if axis is not None:
         # Free by declaration: the facets of the mesh would otherwise act as evidence of the angle.
@@ -126,23 +126,25 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
         spin /= np.linalg.norm(spin)
         P = np.eye(6) - spin.T @ spin
         H, g = P @ H @ P, P @ g
+
+    # Step along what the equations determine
     values, vectors = np.linalg.eigh(H)
     held = values > _FREE * max(values[-1], 1e-12)
     step = vectors[:, held] @ ((vectors[:, held].T @ g) / values[held])
     # A longer step comes from a handful of pairs; the next iteration pairs again.
     step *= min(1.0, 0.5 * radius / max(float(np.linalg.norm(step)), 1e-12))
+
     R = exp_so3(step[3:] / radius)
     X_SS = pose(R, center + step[:3] - R @ center)
     return X_SS @ X_ST, vectors[:, ~held].T
 
 
 def _size(H: Array, g: Array, surface: ModelSurface) -> tuple[float, float]:
-    """Best scale of the object and its standard deviation [-]; free directions of the pose stay
-    unchanged.
-    """
+    """Best scale of the object and its standard deviation [-]; free directions stay unchanged."""
     values, vectors = np.linalg.eigh(H)
     if not values[-1] > 0.0:
         return 1.0, np.inf
+
     inverted = vectors[6] / np.maximum(values, _FREE**2 * values[-1])
     growth, variance = float(inverted @ (vectors.T @ g)), float(inverted @ vectors[6])
     return 1.0 + growth / surface.radius, np.sqrt(variance) / surface.radius

@@ -1,5 +1,4 @@
-"""Identification of a known object in one scan: the entry point of registration [Konoplin 2022, eq.
-1 and 2].
+"""Identification of a known object in a scan, the entry of registration [Konoplin 2022, eq. 1, 2].
 
 Steps: crop around the coarse detection, remove background and outliers, find initial poses, ICP,
 remove hidden model points, ICP again, PoseCheck by projected trajectories.
@@ -68,11 +67,9 @@ _NOMINAL = 0.005  # [-] by which the best scale may differ from 1 without anothe
 # initial poses that get a rough fit where the scan contradicts the best of a few
 _REFINED_LATER = 120
 _TURNS = 24  # rotations of a symmetry found in a mesh, up to which each one is judged by the scan
-_BETTER = (
-    # [-] information of a pixel over what the search used, from which on the noise of the scan
-    # itself is used
-    2.0
-)
+# [-] information of a pixel over that used by the search, from which on the noise of the scan
+# itself is used
+_BETTER = 2.0
 # [model radii] around the centre of an initial pose, within which scan points take part
 _AROUND = 1.3
 
@@ -205,15 +202,14 @@ def attempted(
     seed: int = 0,
     method: Method = "planes",
 ) -> "Attempt":
-    """Search from the likeliest starts, the first step of `identify`; arguments and errors as those
-    of that.
-    """
+    """Search from the likeliest starts: the first step of `identify`, with its arguments."""
     started = perf_counter()
     p_approach = None if approach is None else checked(approach, (3,), "approach")
     if p_approach is not None and np.abs(p_approach).max() > _FARTHEST:
         raise ConfigurationError(
             f"approach: must lie within {_FARTHEST:g} m of the sensor, got {shown(p_approach)}"
         )
+
     R_prior = None if orientation is None else checked(orientation, (3, 3), "orientation")
     if R_prior is not None and (
         np.abs(R_prior).max() > 2.0
@@ -221,12 +217,14 @@ def attempted(
         or not np.linalg.det(R_prior) > 0.0
     ):
         raise ConfigurationError(f"orientation: expected a rotation matrix, got {shown(R_prior)}")
+
     seed = whole_number(seed, "seed")
     approach_error = finite_number(approach_error, "approach_error [m]", above=0.0, most=_FARTHEST)
     one_of(method, get_args(Method), "method")
     if sensor is not None and not isinstance(sensor, SensorModel):
         raise ConfigurationError(f"sensor: expected a SensorModel, got {shown(sensor)}")
 
+    # What is sought, and where
     surface = sampled(target, seed)
     X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
     if p_approach is not None:
@@ -239,6 +237,8 @@ def attempted(
         method=method,
         started=started,
     )
+
+    # Pixels that may be the object, and the search in them
     try:
         scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
         mask = segment(
@@ -273,7 +273,7 @@ class _Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Refusal:
-    """An attempt that found nothing to fit the model to."""
+    """An attempt without points to fit the model to."""
 
     question: _Question
     reason: str
@@ -291,9 +291,7 @@ class _Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Search:
-    """An attempt that fitted the model from some of the starts, and the verdict on the likeliest
-    pose.
-    """
+    """An attempt that fitted the model from some starts, and the verdict on the likeliest pose."""
 
     question: _Question
     starts: list[Array]  # (4, 4) poses of T in S
@@ -315,10 +313,12 @@ class _Search:
     ) -> "_Search":
         """Search from `most` of the starts."""
         surface = question.surface
+
         if question.method == "planes":
             evidence, found = _search(searched, surface, starts, given, most)
         else:
             evidence, found = searched, _as_in_paper(searched, surface, starts)
+
         X_start = question.X_prior if question.knows_pose else found.X_start
         X_near = X_start if question.expected.R is None else question.X_prior
         return cls(
@@ -333,8 +333,7 @@ class _Search:
         )
 
     def widened(self) -> "_Search":
-        """Search from all starts, where the scan contradicts what the likeliest led to; else
-        itself.
+        """Search from all starts where the scan contradicts the result of a few; else itself.
 
         What resembled the model most is not the object then: in a heap it may resemble it least.
         """
@@ -349,10 +348,10 @@ class _Search:
         return self if wider.judged.verdict.contradicted else wider
 
     def concluded(self, earlier: Identification | None = None) -> Identification:
-        """The pose with its verdict, other shapes asked.
+        """The pose with its verdict, after comparison with other shapes.
 
         Args:
-            earlier: Look at the same object, which may have told it from its mirror image already.
+            earlier: Of the same object, which may have excluded its mirror image already.
         """
         question, surface, evidence, found = (
             self.question,
@@ -361,17 +360,23 @@ class _Search:
             self.found,
         )
         X_ST, X_told, doubt, verdict = self.judged
+
+        # The paper's own rules, where they are asked for
         if question.method == "paper-q":
             verdict = _by_criterion(verdict, evidence, surface, X_ST)
         if found.asks and verdict.decision is Decision.ACCEPT:
             verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
+
+        # Other shapes, for an accepted pose only
         mirror = None
         if question.method == "planes" and verdict.decision is Decision.ACCEPT:
             mirror = self._mirror_image(earlier)
             verdict = self._against_other_shapes(verdict, mirror)
+
         reason = verdict.reason
         if not reason and not question.expected.admits(X_ST[None], surface)[0]:
             reason = "what was found lies, or is turned, too far from what was expected"
+
         visible = surface.visible(X_ST, evidence.scan, question.sensor.max_incidence)
         return Identification(
             X_sensor_target=readonly(X_ST),
@@ -398,10 +403,9 @@ class _Search:
         )
 
     def _mirror_image(self, earlier: Identification | None) -> MirrorImage | None:
-        """The mirror image of the model as rival of the pose, as an earlier look has found it if
-        that still holds.
-        """
+        """The mirror image of the model as rival of the pose: the earlier one if it still holds."""
         surface, X_ST, expected = self.question.surface, self.judged.X_ST, self.question.expected
+
         known = None
         if earlier is not None and earlier.accepted and earlier.surface == surface:
             known = earlier.mirror
@@ -412,15 +416,16 @@ class _Search:
         )
 
     def _against_other_shapes(self, verdict: PoseCheck, mirror: MirrorImage | None) -> PoseCheck:
-        """The verdict of an accepted pose, unless the mirror image or another size of the model
-        fits as well.
-        """
+        """Verdict on an accepted pose: rescan if the mirror image or another size fits as well."""
         surface, evidence = self.question.surface, self.evidence
         if mirror is not None and mirror.hand < MIN_HAND:
             how = "better" if mirror.hand < -MIN_HAND else "as well"
             return replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {how}")
+
         if abs(verdict.size - 1.0) <= _NOMINAL:
             return verdict
+
+        # Twice as far from the nominal size as the check's limit, to the side that fits better
         size = 1.0 + float(np.copysign(2.0 * MAX_SIZE, verdict.size - 1.0))
         least = log_likelihood(evidence, surface, self.judged.X_ST) - MIN_MARGIN
         if resized_log_likelihood(evidence, surface, size, self.found) > least:
@@ -447,6 +452,8 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
         given = [question.X_prior] if question.knows_pose else []
     else:
         starts, given = [laid_on(scan.points[mask], surface, question.X_prior[:3, :3])], []
+
+    # Evidence: the pixels around any start
     standing, mask = mask, mask & _around(starts or given, surface, scan)
     _need(mask, "lie where the object could be")
     evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
@@ -462,10 +469,10 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
 def _search(
     searched: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int
 ) -> tuple[Evidence, Found]:
-    """The likeliest pose from `most` of the starts, and the evidence with the noise by which it was
-    weighed at last.
-    """
+    """The likeliest pose from `most` of the starts, and the evidence that weighed it last."""
     found = likeliest_pose(searched, surface, starts, given, most=most)
+
+    # Noise of the scan itself, where it is much less than stated
     noise = seen_noise(searched, surface, found.X_ST)
     if noise.information <= _BETTER * searched.noise.information:
         return searched, found
@@ -474,24 +481,25 @@ def _search(
 
 
 class _Judged(NamedTuple):
-    """A pose that was found, of all that are equal by symmetry the one that the scan shows, and its
-    verdict.
-    """
+    """An estimated pose and its verdict; of poses equal by symmetry, that which the scan shows."""
 
     X_ST: Array  # (4, 4)
-    X_told: Array | None  # (4, 4) if parts in view tell the angle about an axis of symmetry
+    X_told: Array | None  # (4, 4) if parts in view show the angle about an axis of symmetry
     doubt: PoseCovariance | None
     verdict: PoseCheck
 
 
 def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Array) -> _Judged:
-    """Verdict on the pose found, next to `X_near` (4, 4) by symmetry."""
+    """Verdict on an estimated pose, next to `X_near` (4, 4) by symmetry."""
+    # Of the poses equal by symmetry: the nearest, the likeliest, the one that parts in view show
     X_ST = surface.symmetry.nearest_pose(found.X_ST, X_near[:3, :3])
     X_ST = _likeliest_turn(evidence, surface, X_ST)
     X_told = resolve_symmetry(evidence, surface, X_ST)
     if X_told is not None:
         X_ST = X_told
+
     second = found.others[0].log_likelihood if found.others else -np.inf
+
     doubt = None
     if found.fit is not None:
         doubt = pose_covariance(
@@ -502,13 +510,13 @@ def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Arra
 
 
 def _likeliest_turn(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
-    """Of the poses equal by a symmetry that was found in the mesh, not declared: another one if it
-    is far likelier.
+    """Of the poses equal by an undeclared symmetry of the mesh: another one if far likelier.
 
     Such a symmetry holds within a tolerance, of which many pixels may see more.
     """
     if not surface.target.symmetry.is_none or not 1 < len(surface.symmetry.rotations) <= _TURNS:
         return X_ST
+
     poses = [X_ST @ surface.symmetry.about_center(G) for G in surface.symmetry.rotations]
     likelihoods = [log_likelihood(evidence, surface, X) for X in poses]
     best = int(np.argmax(likelihoods))
@@ -527,8 +535,7 @@ def segment(
     approach_error: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Mask of the pixels that may belong to the target: near the approach, off background planes,
-    in patches.
+    """Mask of the pixels that may be the target: near the approach, off the background, in patches.
 
     Args:
         scan: The scan.
@@ -548,12 +555,15 @@ def segment(
     _need(usable, "of the scan form a surface")
     if scan.known is not None:
         usable &= ~scan.known.shown
+
+    # Off the background, near the approach
     mask = usable & ~background(scan, usable, 2.4 * target.radius, sensor, rng)
     if approach is not None:
         mask &= near_any(scan.points, approach[None], target.radius + approach_error)
         _need(mask, "lie near the approach")
     else:
         _need(mask, "stand out from the background")
+
     # Patches of a few pixels are remains of flying pixels and of the background's roughness.
     label, count = ndimage.label(mask, structure=np.ones((3, 3)))
     size = np.bincount(label.ravel(), minlength=count + 1)
@@ -591,14 +601,14 @@ def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array])
 def _by_criterion(
     verdict: PoseCheck, evidence: Evidence, surface: ModelSurface, X_ST: Array
 ) -> PoseCheck:
-    """The figures of `verdict` with the published decision: accept below a threshold on Q, else
-    scan again.
+    """The figures of `verdict` with the published decision: accept below a threshold on Q.
 
-    The paper chooses the threshold by experiment, for object and sensor. Here it is the required
-    error of the ICP at each of the rays that Q sums up.
+    Above it a new scan is requested. The paper chooses the threshold by experiment, for object and
+    sensor. Here it is the required error of the ICP at each of the rays that Q sums up.
     """
     found = published_criterion(evidence, surface, X_ST)
     most = float(np.sqrt(found.rays)) * required_error(evidence, surface)
+
     reason = ""
     if found.rays == 0:
         reason = "no ray of the check trajectory meets both surfaces"
@@ -607,6 +617,7 @@ def _by_criterion(
             f"Q is {1e3 * found.q_m:.1f} mm over {found.rays} rays; at most {1e3 * most:.1f} "
             "mm are allowed"
         )
+
     decision = Decision.RESCAN if reason else Decision.ACCEPT
     return replace(verdict, decision=decision, reason=reason, figure_m=found.q_m, threshold_m=most)
 
@@ -661,6 +672,7 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
         return ModelSurface.of(target, seed)
     if isinstance(target, (str, Path)):
         return ModelSurface.of(TargetModel.from_file(target), seed)
+
     faces = next((name for name in ("faces", "triangles") if hasattr(target, name)), None)
     # `triangles` of trimesh's are corners (t, 3, 3)
     if hasattr(target, "vertices") and faces is not None:
@@ -668,6 +680,7 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
             TargetModel(name="mesh", vertices=target.vertices, triangles=getattr(target, faces)),
             seed,
         )
+
     if hasattr(target, "points"):
         normals = getattr(target, "normals", None)
         points, normals = (
@@ -680,11 +693,13 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
             ),
             seed,
         )
+
     if isinstance(target, np.ndarray) and target.ndim == 2 and target.shape[1] in (3, 6):
         return ModelSurface.of(
             TargetModel.from_cloud(target[:, :3], target[:, 3:] if target.shape[1] == 6 else None),
             seed,
         )
+
     given = (
         f"an array of shape {target.shape}"
         if isinstance(target, np.ndarray)

@@ -77,9 +77,7 @@ class Expected:
         return mask
 
     def admits_turn(self, R_ST: Array, surface: ModelSurface) -> np.ndarray:
-        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected one, modulo
-        declared symmetry.
-        """
+        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of that expected, by symmetry."""
         if self.R is None:
             return np.ones(len(R_ST), dtype=bool)
         return surface.symmetry.cosines(R_ST, self.R) > np.cos(_ASTRAY)
@@ -116,15 +114,20 @@ class _Picture(NamedTuple):
 def _views(surface: ModelSurface, max_incidence: float) -> _Views:
     every = max(1, len(surface.points) // _MODEL_POINTS)
     points, normals = surface.points[::every], surface.normals[::every]
+
+    # Table of cells around the model
     margin = _MARGIN * surface.radius
     corner, size = points.min(axis=0) - margin, np.ptp(points, axis=0) + 2.0 * margin
     cell = float(size.max() / _CELLS)
     shape = np.ceil(size / cell).astype(int)
     cells = np.minimum(((points - corner) / cell).astype(int), shape - 1)
+
     ways, middles, shown, nearest = [], [], [], []
     spins = np.stack(
         [exp_so3([0.0, 0.0, angle]) for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS)]
     )
+
+    # From each side: the visible points, and the nearest of them to each cell
     for way in sphere(1)[0]:
         mask = surface.exposed(
             surface.center + _DISTANCE * surface.radius * way, max_incidence, every
@@ -141,6 +144,7 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
         middles.append(points[seen].mean(axis=0))
         shown.append(_some(seen, _SHOWN))
         nearest.append(owner[tuple(np.asarray(index))])
+
     return _Views(
         points=points,
         normals=normals,
@@ -160,8 +164,7 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
 def initial_poses(
     scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
 ) -> list[Array]:
-    """Initial poses X_ST for ICP: the best of each patch of the scan, up to 12 others, and those of
-    point pairs.
+    """Initial poses X_ST for ICP: the best of each patch, up to 12 others, those of point pairs.
 
     Point pairs are used where the attitude is unknown; their poses count as they are and after the
     fast ICP.
@@ -182,6 +185,7 @@ def initial_poses(
     views = _views(surface, sensor.max_incidence)
     if not len(views.ways):
         return []
+
     points = voxel_means(scan.points[mask], _THIN * surface.radius)
     normals = facing_normals(points, 12)
     picture = _Picture(scan.depth, scan.tangent_x[0], scan.tangent_y[0], *scan.pitches)
@@ -203,10 +207,13 @@ def initial_poses(
             zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0]
         )
 
+    # Poses of each patch, the best one apart from the others
     for patch in _patches(points, surface.radius, expected):
         of_patch = settled(patch, _turned(views, points[patch].mean(axis=0)))
         firsts += of_patch[:1]
         found += of_patch[1:]
+
+    # Distinct poses: the best of each patch, then the others
     for each in (firsts, found):
         each.sort(key=lambda item: -item[0])
     kept: list[Array] = []
@@ -218,6 +225,8 @@ def initial_poses(
             break
         if _is_apart(surface, X, kept):
             kept.append(X)
+
+    # Point pairs, where the attitude is unknown
     if expected.R is None:
         voted = point_pair_poses(points, normals, surface)[:_VOTED]
         by_pairs = voted.copy()
@@ -239,6 +248,7 @@ def _is_apart(surface: ModelSurface, X_ST: Array, kept: list[Array]) -> bool:
     """True if an initial pose (4, 4) is another one than each of those that are kept."""
     if not kept:
         return True
+
     others = np.array(kept)
     centers = others[:, :3, :3] @ surface.center + others[:, :3, 3]
     moved = np.linalg.norm(centers - transform_points(X_ST, surface.center), axis=1)
@@ -247,9 +257,7 @@ def _is_apart(surface: ModelSurface, X_ST: Array, kept: list[Array]) -> bool:
 
 
 def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarray]:
-    """Indices of the points (n, 3) of each patch: each connected surface alone, with its vicinity,
-    and in parts.
-    """
+    """Indices of the points (n, 3) of each patch: a connected surface, its vicinity, or a part."""
     label = connected_surfaces(points, _TOGETHER * radius)
     size = np.bincount(label)
     patches: list[np.ndarray] = []
@@ -261,18 +269,19 @@ def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarra
         near = np.linalg.norm(points - points[alone].mean(axis=0), axis=1) < _VICINITY * radius
         if not 0.9 < near.sum() / len(alone) < 1.1:
             patches.append(np.nonzero(near)[0])
+
     return patches + _balls(
         points, np.concatenate(patches) if patches else np.zeros(0, dtype=int), radius, expected
     )
 
 
 def _balls(points: Array, among: np.ndarray, radius: float, expected: Expected) -> list[np.ndarray]:
-    """Indices of the points (n, 3) in each of a few balls, spread over the patches that hold more
-    than the object.
+    """Indices of the points (n, 3) in each of a few balls over the patches larger than the object.
 
     Touching objects form one surface, whose middle is none of theirs. The balls' centres are the
     points farthest from each other.
     """
+    # Points of the patches that extend beyond the object
     label = connected_surfaces(points, _TOGETHER * radius)
     large = np.zeros(len(points), dtype=bool)
     for k in np.unique(label[among]):
@@ -281,9 +290,12 @@ def _balls(points: Array, among: np.ndarray, radius: float, expected: Expected) 
         large[of_patch] = np.percentile(off, 95) > _LARGE * radius
     if expected.p is not None:
         large &= np.linalg.norm(points - expected.p, axis=1) < expected.error + _BALL * radius
+
     seeds = points[large]
     if not len(seeds):
         return []
+
+    # Farthest-point sampling, begun next to the middle
     balls: list[np.ndarray] = []
     middle = seeds.mean(axis=0) if expected.p is None else expected.p
     distance = np.full(len(seeds), np.inf)
@@ -298,9 +310,7 @@ def _balls(points: Array, among: np.ndarray, radius: float, expected: Expected) 
 
 
 def _turned(views: _Views, middle: Array) -> Array:
-    """Poses (v * _SPINS, 4, 4) that put each view, in each spin, on the scan around `middle` (3,)
-    [m].
-    """
+    """Poses (v * _SPINS, 4, 4) that put each view, in each spin, on the scan at `middle` [m]."""
     R = _facing(-middle) @ views.turns
     X = np.zeros((*R.shape[:2], 4, 4))
     X[..., :3, :3] = R
@@ -329,8 +339,7 @@ class _Equations(NamedTuple):
 def _settle(
     X_ST: Array, points: Array, normals: Array, sigma: float, gates: Array, views: _Views
 ) -> Array:
-    """Fast ICP of every pose of `X_ST` (n, 4, 4), in place; returns the explained share (n,) of the
-    points.
+    """Fast ICP of every pose `X_ST` (n, 4, 4), in place; explained share (n,) of the points.
 
     One Gauss-Newton step for each of `gates` [m]. The share is counted in the last iteration,
     before its step.
@@ -346,8 +355,11 @@ def _settle(
         views.radius,
         views.spacing,
     )
+
     nx, ny, nz = nearest.shape[1:]
     reach = 2.0 * (cell + spacing)
+
+    # Gauss-Newton steps of each pose
     for h in range(len(X_ST)):
         X = X_ST[h]
         for gate in gates:
@@ -357,6 +369,7 @@ def _settle(
             count = 0
             scale = max(2.0 * sigma, 0.25 * gate)
             for n in range(len(points)):
+                # Scan point in T, and its cell of the table
                 dx, dy, dz = points[n, 0] - X[0, 3], points[n, 1] - X[1, 3], points[n, 2] - X[2, 3]
                 x = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
                 y = X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz
@@ -368,6 +381,8 @@ def _settle(
                 )
                 if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
                     continue
+
+                # Nearest visible model point, refused beyond the gate or with another normal
                 m = nearest[view, i, j, k]
                 ox, oy, oz = x - model[m, 0], y - model[m, 1], z - model[m, 2]
                 square = ox * ox + oy * oy + oz * oz
@@ -382,9 +397,13 @@ def _settle(
                 )
                 if abs(cosine) < _FACING:
                     continue
+
+                # Explained: on the surface, not beside it
                 along = u * ox + v * oy + w * oz
                 if abs(along) < spacing + 3.0 * sigma and square < (reach + 3.0 * sigma) ** 2:
                     count += 1
+
+                # Distance across the surface, with a robust weight
                 weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2
                 ax, ay, az = (
                     (x - center[0]) / radius,
@@ -398,7 +417,10 @@ def _settle(
                     _add(equations, weight, ox, (1.0, 0.0, 0.0), at)
                     _add(equations, weight, oy, (0.0, 1.0, 0.0), at)
                     _add(equations, weight, oz, (0.0, 0.0, 1.0), at)
+
             explained[h] = count / len(points)
+
+            # Damped step of at most half a radius
             damping = _DAMPING * np.trace(H) + 1e-9
             for a in range(6):
                 H[a, a] += damping
@@ -417,6 +439,7 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
     w = np.empty(3)
     for a in range(3):
         w[a] = -center[a] - (X_ST[0, a] * p[0] + X_ST[1, a] * p[1] + X_ST[2, a] * p[2])
+
     best, index = -np.inf, 0
     for v in range(len(ways)):
         cosine = ways[v, 0] * w[0] + ways[v, 1] * w[1] + ways[v, 2] * w[2]
@@ -427,13 +450,12 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
 
 @kernel
 def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: _Triple) -> None:
-    """Add an `offset` [m] along the unit `way` at the place `at` [radii] from the centre to the
-    normal equations.
-    """
+    """Add an `offset` [m] along unit `way` to the normal equations, `at` [radii] off the centre."""
     H, g, row = equations.H, equations.g, equations.row
     (u, v, w), (x, y, z) = way, at
     row[0], row[1], row[2] = u, v, w
     row[3], row[4], row[5] = y * w - z * v, z * u - x * w, x * v - y * u
+
     for a in range(6):
         weighted = weight * row[a]
         g[a] += weighted * offset
@@ -451,6 +473,7 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
     )
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + sine * K + cosine * (K @ K)  # Rodrigues' formula
+
     R = X_ST[:3, :3].copy()
     X_ST[:3, 3] += R @ (center + step[:3] - turn @ center)
     X_ST[:3, :3] = R @ turn
@@ -458,9 +481,7 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
 
 @kernel
 def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) -> Array:
-    """Share (n,) of the visible model confirmed by the scan, less the share it sees through, at the
-    poses (n, 4, 4).
-    """
+    """Share (n,) of the visible model that the scan confirms, less the share it sees through."""
     share = np.empty(len(X_ST))
     model, shown, depth = views.points, views.shown, picture.depth
     height, width = depth.shape
@@ -472,6 +493,8 @@ def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) 
             ahead = X[2, 0] * x + X[2, 1] * y + X[2, 2] * z + X[2, 3]
             if ahead <= 0.0:
                 continue
+
+            # Its pixel, and whether the scan lies there or behind
             column = (X[0, 0] * x + X[0, 1] * y + X[0, 2] * z + X[0, 3]) / ahead
             row = (X[1, 0] * x + X[1, 1] * y + X[1, 2] * z + X[1, 3]) / ahead
             i = round((row - picture.tangent_y) / picture.pitch_y)
@@ -482,5 +505,6 @@ def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) 
                     total += 1
                 elif behind > 2.0 * tolerance:
                     total -= 1
+
         share[h] = total / shown.shape[1]
     return share

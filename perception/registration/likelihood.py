@@ -1,6 +1,4 @@
-"""Likelihood of a scan, given the pose of a known model: what ranks poses, and what the best is
-compared with.
-"""
+"""Likelihood of a scan, given the pose of a known model: it ranks poses."""
 
 from collections.abc import Sequence
 
@@ -23,9 +21,7 @@ _UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does 
 
 
 def glance(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood [nat] from a twentieth of the pixels; arguments as those of
-    `log_likelihood`.
-    """
+    """Log likelihood [nat] from a twentieth of the pixels; arguments as for `log_likelihood`."""
     return _compared(evidence, surface, X_ST, _GLANCED)
 
 
@@ -36,12 +32,12 @@ def log_likelihood(
 
     Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is
     clipped, which leaves room for growth and dents. A share of points within a tolerance cannot
-    tell a plate from the same plate turned round, because every single difference drowns in noise;
-    a sum of squares over hundreds of pixels can.
+    distinguish a plate from the same plate turned round, because every single difference drowns in
+    noise; a sum of squares over hundreds of pixels can.
 
     Pixels without depth contribute nothing. Those that stand out, and those of the background, cost
-    the same wherever the model does not cover them, so that only those that it covers are looked
-    at: a small object in a heap is seen as finely as one alone.
+    the same wherever the model does not cover them, so that only those that it covers are compared:
+    a small object in a heap is seen as finely as one alone.
 
     Args:
         evidence: Scan and mask of the object.
@@ -66,6 +62,8 @@ def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: in
     window = _window(evidence, [(surface, X_ST)], pixels)
     if window is None:
         return 0.0
+
+    # Pixels with depth that the model covers
     scan, mask = evidence.scan.part(window), evidence.standing[window]
     rows, columns = np.nonzero(np.isfinite(scan.depth))
     depth = surface.depth_along(X_ST, scan.lines_of_sight(rows, columns))
@@ -88,6 +86,7 @@ def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: in
             ** 2
         )
         without = np.where(there, np.minimum(explained, _UNEXPLAINED_COST), without)
+
     cost = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST) - without[shown]
     return -0.5 * _weight(evidence, window) * float(cost.sum())
 
@@ -95,8 +94,7 @@ def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: in
 def difference(
     evidence: Evidence, one: tuple[ModelSurface, Array], other: tuple[ModelSurface, Array]
 ) -> float:
-    """Log likelihood [nat] by which two models at their poses are expected to differ on this scan's
-    pixels.
+    """Expected log likelihood ratio [nat] of two models at their poses, on this scan's pixels.
 
     Args:
         evidence: Scan and sensor.
@@ -110,11 +108,14 @@ def difference(
     window = _window(evidence, [one, other], _PIXELS)
     if window is None:
         return 0.0
+
     scan = evidence.scan.part(window)
     a, b = (surface.depth(X_ST, scan) for surface, X_ST in (one, other))
     z = np.where(np.isfinite(a), a, np.where(np.isfinite(b), b, 1.0))
     sigma = evidence.noise.sigma(z)
+
     seen = (np.isfinite(a) | np.isfinite(b)) & (scan.depth > z - np.maximum(OCCLUDER, 6.0 * sigma))
+
     cost = np.where(
         np.isfinite(a) & np.isfinite(b), np.minimum(((a - b) / sigma) ** 2, _MOST_COST), _MOST_COST
     )
@@ -122,8 +123,7 @@ def difference(
 
 
 def _weight(evidence: Evidence, window: tuple[slice, slice]) -> float:
-    """Independent readings for which a pixel of the window stands, with those that thinning has
-    left out.
+    """Independent readings for which a pixel of the window stands, with those thinned away.
 
     The window depends on the pose: were those left out not counted, a pose with a smaller picture
     would be likelier.
@@ -134,8 +134,7 @@ def _weight(evidence: Evidence, window: tuple[slice, slice]) -> float:
 def _window(
     evidence: Evidence, models: Sequence[tuple[ModelSurface, Array]], pixels: int
 ) -> tuple[slice, slice] | None:
-    """Rows and columns around models at their poses (4, 4), thinned; None if none is in the
-    picture.
+    """Rows and columns around models at their poses (4, 4), thinned; None if out of the picture.
 
     The step follows the size of the models at the depth of the evidence, and not the pose: with
     other pixels the sum over thousands of them differs by tens of nats.
@@ -144,6 +143,7 @@ def _window(
     rows, columns = evidence.scan.window(np.concatenate(corners), 0.0, evidence.scan.depth.size)
     if rows.stop <= rows.start or columns.stop <= columns.start:
         return None
+
     largest = max(surface.radius for surface, _ in models)
     across = 2.0 * largest / (evidence.scan.pitch * evidence.middle)  # [px]
     step = max(1, int(np.ceil(across * np.sqrt(_FILLED / pixels))))

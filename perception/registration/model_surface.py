@@ -1,6 +1,4 @@
-"""Sampled surface of a known model: points with normals, what of them a sensor sees, and its depth
-image.
-"""
+"""Sampled surface of a known model: points with normals, their visibility, and depth images."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -24,11 +22,10 @@ MODELS = 2  # latest surfaces whose symmetries, views, ... are kept for those of
 
 @dataclass(frozen=True, eq=False)
 class ModelSurface:
-    """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all
-    in T.
+    """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster.
 
-    Surfaces of the same content are equal, so that what is worked out for one of the latest models
-    serves the next run.
+    All is in T. Surfaces of the same content are equal, so that what is computed for one of the
+    latest models serves the next run.
     """
 
     target: TargetModel
@@ -57,6 +54,8 @@ class ModelSurface:
         corners = target.vertices[target.triangles]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         double_area = np.linalg.norm(cross, axis=1)
+
+        # Points spread evenly over the area: triangle by its area, place by folded unit square
         rng = np.random.default_rng(seed)
         count = int(np.clip(3.0 * double_area.sum() / spacing**2, 2000, 150_000))
         face = np.searchsorted(
@@ -68,12 +67,15 @@ class ModelSurface:
         u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
         a, b, c = corners[face].transpose(1, 0, 2)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+
+        # Symmetry as declared, else that of the mesh if it is closed
         cloud = target.cloud
         is_open = cloud is not None and cloud.is_open
         resolution = cloud.spacing if cloud is not None else 0.0
         symmetry = target.symmetry
         if symmetry.is_none and not is_open:
             symmetry = mesh_symmetry(target.vertices, target.triangles, rng, resolution)
+
         first = one_per_cube(points, spacing)
         return cls(
             target=target,
@@ -107,36 +109,33 @@ class ModelSurface:
             self.hull,
             self.center,
         ]
+
         for symmetry in (self.symmetry, target.symmetry):
             axis = none if symmetry.axis is None else symmetry.axis
             parts += [axis, symmetry.rotations, symmetry.center]
+
         parts += [np.array([self.spacing, self.radius, self.resolution])]
         parts += [none if self.border is None else self.border.data]
         digest = hashlib.blake2b(
             f"{target.name} {type(self.scene).__name__}".encode(), digest_size=16
         )
+
         for part in parts:
             digest.update(f"{part.dtype}{part.shape}".encode())
             digest.update(part.tobytes())
         return digest.digest()
 
     def thinned(self, points: int) -> "ModelSurface":
-        """The same surface with fewer points, `points` at most, about; itself where it has no
-        more.
-        """
+        """The same surface with about `points` points at most; itself where it has no more."""
         return _thinned(self, points)
 
     @property
     def is_open(self) -> bool:
-        """True for a scan from some sides: what lies behind it, and beyond its border, is
-        unknown.
-        """
+        """True for a scan from some sides: what lies behind it and beyond its border is unknown."""
         return isinstance(self.scene, OneSidedScene)
 
     def on_border(self, points: Array) -> np.ndarray:
-        """Mask (n,) of the points (n, 3) [m] in T near the border of an open cloud: no edges of the
-        object.
-        """
+        """Mask (n,) of points (n, 3) [m] in T at the border of an open cloud: no object's edge."""
         if self.border is None:
             return np.zeros(len(points), dtype=bool)
         return (
@@ -144,8 +143,7 @@ class ModelSurface:
         )
 
     def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
-        """Mask (m,) of the points that the sensor can see: in view, not hidden, not at grazing
-        incidence.
+        """Mask (m,) of the points that are visible: in view, not hidden, not at grazing incidence.
 
         Args:
             X_ST: (4, 4) pose of T in S.
@@ -175,18 +173,20 @@ class ModelSurface:
         points, normals = self.points[::step], self.normals[::step]
         rays = points - origin
         distance = np.linalg.norm(rays, axis=1)
+
+        # Facing the sensor, and among those that are judged
         facing = -np.einsum("ij,ij->i", rays, normals)
         seen = (facing if self.is_open else np.abs(facing)) > np.cos(max_incidence) * distance
         if among is not None:
             seen &= among
+
+        # Nothing in front of them
         first = self.scene.distance(origin, rays[seen]) * distance[seen]
         seen[seen] = first > distance[seen] - 0.002
         return seen
 
     def covers(self, X_ST: Array, points: Array) -> np.ndarray:
-        """Mask (n,) of the points (n, 3) [m] in S whose line of sight meets the model at `X_ST` (4,
-        4).
-        """
+        """Mask (n,) of points (n, 3) [m] in S whose line of sight meets the model at `X_ST`."""
         X_TS = inverse(X_ST)
         return np.isfinite(self.scene.distance(X_TS[:3, 3], points @ X_TS[:3, :3].T))
 
@@ -204,6 +204,7 @@ class ModelSurface:
         rays_T = rays @ X_TS[:3, :3].T
         hit = self.scene.cast(X_TS[:3, 3], rays_T)
         depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
+
         cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(
             rays, axis=-1
         )
@@ -212,21 +213,21 @@ class ModelSurface:
         ), cosine
 
     def depth(self, X_ST: Array, scan: Scan) -> Array:
-        """Depth (h, w) [m] of the model at `X_ST` (4, 4) in the pixels of `scan`, NaN where it is
-        missed.
-        """
+        """Depth (h, w) [m] of the model at `X_ST` in the pixels of `scan`, NaN where missed."""
         depth, X_TS = np.full(scan.depth.shape, np.nan), inverse(X_ST)
         corners = transform_points(X_ST, self.hull)
         window = (
             scan.window(corners, 0.0, scan.depth.size) if corners[:, 2].min() > 0.0 else np.s_[:, :]
         )
+
         t = self.scene.distance(X_TS[:3, 3], scan.part(window).rays @ X_TS[:3, :3].T)
         depth[window] = np.where(np.isfinite(t), t, np.nan)
         return depth
 
     def depth_along(self, X_ST: Array, rays: Array) -> Array:
-        """Depth (n,) [m] of the model at `X_ST` (4, 4) along rays (n, 3) in S, scaled to a depth of
-        1; inf for none.
+        """Depth (n,) [m] of the model at `X_ST` along rays (n, 3) in S; inf where they miss it.
+
+        The rays are scaled to a depth of 1.
         """
         X_TS = inverse(X_ST)
         return self.scene.distance(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
@@ -237,6 +238,7 @@ def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
     share = len(surface.points) / points
     if share <= 1.0:
         return surface
+
     spacing = surface.spacing * float(np.sqrt(share))
     kept = one_per_cube(surface.points, spacing)
     return replace(
@@ -245,16 +247,18 @@ def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
 
 
 def one_per_cube(points: Array, size: float) -> np.ndarray:
-    """Index of one of the points (n, 3) in each cube of edge `size` [m]: their mean would leave the
-    surface.
+    """Index of one of the points (n, 3) in each cube of edge `size` [m].
+
+    Their mean would leave the surface.
     """
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     return np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)[1]
 
 
 def _hull(vertices: Array) -> Array:
-    """The vertices (k, 3) that lie outermost in any of 162 directions: within 1 % of the size of
-    the convex hull.
+    """The vertices (k, 3) that lie outermost in any of 162 directions.
+
+    Their extent is within 1 % of that of the convex hull.
     """
     return vertices[np.unique((vertices @ sphere(2)[0].T).argmax(axis=0))]
 
@@ -266,5 +270,6 @@ def _visible(
     X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
     in_view = scan.pixels(transform_points(X_ST, surface.points[::step]))[2]
     mask = surface.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)
+
     mask.setflags(write=False)
     return mask

@@ -1,5 +1,6 @@
-"""Pairs of scan and visible model in one round of ICP: points with planes, and depth edges; their
-normal equations.
+"""Pairs of scan and visible model in a round of ICP, and their normal equations.
+
+Scan points are paired with planes of the model, depth edges with depth edges.
 """
 
 from dataclasses import dataclass, fields
@@ -22,14 +23,14 @@ from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 SHARP_EDGE = np.cos(np.deg2rad(70.0))
 _WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
 _RASTER = 32  # [px] to whose multiples, about, windows of depth edges are extended
-_BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is looked at
+_BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is compared
 # [-] share of the sharp edges that can show, below which they are too few to judge all by
 _SHOWN = 0.1
 _BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
 _EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
 _HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
 _CONTOUR = 5.0  # [px] within which a contour's points give its direction
-_BAND = 40.0  # [px] without depth beside a surface, beyond which its outline is not looked for
+_BAND = 40.0  # [px] without depth beside a surface, beyond which its outline is not sought
 # [px] by which that band may be wider than the model's own, which turns away there: no shadow of
 # stereo
 _WIDER = 2.0
@@ -92,9 +93,7 @@ class PairRows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairing:
-    """The visible model points and depth edges that are compared with the scan in one round of
-    ICP.
-    """
+    """The visible model points and depth edges that a round of ICP compares with the scan."""
 
     evidence: Evidence
     surface: ModelSurface
@@ -123,9 +122,7 @@ class Pairing:
         )
 
     def nearest(self, X_ST: Array, gate: float) -> np.ndarray:
-        """Index (n,) of the visible model point nearest to each scan point; their number where none
-        is near.
-        """
+        """Index (n,) of the model point nearest to each scan point; their number where none is."""
         points = transform_points(inverse(X_ST), self.evidence.points)
         return self.grid.query(points, self._reach(gate))[1]
 
@@ -133,8 +130,7 @@ class Pairing:
         return gate + 3.0 * self.evidence.median_sigma
 
     def terms(self, X_ST: Array, gate: float, index: np.ndarray) -> tuple[Array, Array, float]:
-        """Normal equations (7, 7), (7,) of planes and depth edges, and the robust rms [m] of the
-        planes.
+        """Normal equations (7, 7), (7,) of planes and edges, and the robust rms [m] of the planes.
 
         The unknowns are a twist about the model's centre (linear; angular x radius), and growth x
         radius from there. `index` is the result of `nearest`.
@@ -143,6 +139,7 @@ class Pairing:
         H, g, residual = _plane_terms(
             evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface
         )
+
         if self.edges is not None:
             edges = _edge_rows(self.edges, evidence, X_ST, gate, surface)
             H, g = (
@@ -152,13 +149,12 @@ class Pairing:
         return H, g, residual
 
     def rows(self, X_ST: Array, gate: float, index: np.ndarray) -> PairRows:
-        """The pairs themselves, planes first and then depth edges; arguments as those of
-        `terms`.
-        """
+        """The pairs themselves, planes first and then depth edges; arguments as for `terms`."""
         evidence, surface = self.evidence, self.surface
         scan, model = _kernel_inputs(evidence, self.points, self.normals, surface)
         center = transform_points(X_ST, surface.center)
         J, values = _plane_rows(scan, model, index, X_ST, center, self._reach(gate))
+
         paired = values[:, 0] > 0.0
         points = evidence.points[paired]
         weight, slope, distance = values[paired].T
@@ -168,7 +164,7 @@ class Pairing:
         return PairRows.joined(planes, self.edge_rows(X_ST, gate))
 
     def edge_rows(self, X_ST: Array, gate: float) -> PairRows:
-        """The pairs of depth edges; arguments as those of `terms`."""
+        """The pairs of depth edges; arguments as for `terms`."""
         if self.edges is None:
             none = np.zeros(0)
             return PairRows(np.zeros((0, 7)), none, none, none, np.zeros((0, 2)), none)
@@ -193,6 +189,8 @@ def edge_offsets(
     edges = _edges(evidence, surface, X_ST)
     if edges is None or edges.model_sharp.sum() < 20 or not len(edges.ends.edges.rows):
         return np.zeros(0), np.nan, np.nan
+
+    # Sharp edges that can show: no occluder in front, and the background well behind
     sharp = edges.model_sharp
     points = transform_points(X_ST, edges.model_points[sharp])
     tangents = points[:, :2] / points[:, 2:]
@@ -201,6 +199,8 @@ def edge_offsets(
     if seen.sum() < max(20, _SHOWN * len(points)):
         return np.zeros(0), np.nan, np.nan
     points, tangents, normal = points[seen], tangents[seen], normal[seen]
+
+    # Nearest edge of the scan at the same depth, in the same direction
     ends = edges.ends.edges
     tree = cKDTree(ends.tangents)
     distance, index = tree.query(tangents, distance_upper_bound=0.06 / float(points[:, 2].min()))
@@ -208,7 +208,10 @@ def edge_offsets(
     index = np.where(paired, index, 0)
     paired &= np.abs(ends.depth[index] - points[:, 2]) < 2.0 * jump(points[:, 2])
     paired &= np.einsum("ij,ij->i", edges.ends.outward[index], normal) > 0.5
+
     offsets = np.einsum("ij,ij->i", ends.tangents[index] - tangents, normal) * points[:, 2]
+
+    # Where the scanned surface goes on at the same depth, a little and further beyond the edge
     goes_on = np.ones(len(points), dtype=bool)
     for beyond in (0.03, 0.05):
         probe = np.column_stack([points[:, :2] + beyond * normal, points[:, 2]])
@@ -218,6 +221,7 @@ def edge_offsets(
         goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
         # one part of the model in front of another does not end it
         goes_on &= ~surface.covers(X_ST, probe)
+
     return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
 
 
@@ -230,8 +234,7 @@ def _hidden(evidence: Evidence, points: Array) -> np.ndarray:
 
 
 def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:
-    """Mask (n,) of the model's edges (n, 3) [m] in S that cannot show: the background behind them
-    is as near.
+    """Mask (n,) of the model's edges (n, 3) [m] in S that rest on the background: none shows.
 
     `normal` (n, 2): unit directions across the edges, outward in the image.
     """
@@ -241,6 +244,7 @@ def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:
         row, column, inside = evidence.scan.pixels(
             np.column_stack([beyond, np.ones(len(beyond))]) * points[:, 2:]
         )
+
         step = evidence.scan.depth[row, column] - points[:, 2]
         with np.errstate(invalid="ignore"):
             resting |= (
@@ -300,12 +304,12 @@ def _pair(
     gate: float,
     J: Array,
 ) -> tuple[float, float, float]:
-    """Pair of scan point `n` and model point `i`: weight [1/m^2], its slope [1/m^2] and distance
-    [m] along the normal.
+    """Pair of scan point `n` and model point `i`: weight, slope [1/m^2] and distance [m].
 
     Writes the Jacobian row `J` (7,). The weight is 0 where the pair does not count. Weight times
-    distance is the score; the slope is the score's derivative by the distance.
+    distance along the normal is the score; the slope is the score's derivative by the distance.
     """
+    # Model point and normal in S, towards the sensor
     q, m = np.empty(3), np.empty(3)
     for a in range(3):
         q[a], m[a] = X_ST[a, 3], 0.0
@@ -313,6 +317,8 @@ def _pair(
             q[a] += X_ST[a, b] * model.points[i, b]
             m[a] += X_ST[a, b] * model.normals[i, b]
     facing = -1.0 if m[0] * q[0] + m[1] * q[1] + m[2] * q[2] > 0.0 else 1.0
+
+    # Distance along the normal, in all, and angle of the normals
     along, square, cosine = 0.0, 0.0, 0.0
     for a in range(3):
         m[a] *= facing
@@ -320,12 +326,17 @@ def _pair(
         along += m[a] * off
         square += off * off
         cosine += m[a] * scan.normals[n, a]
+
     # Beyond the rim of the visible part the nearest point pulls sideways: such pairs are dropped.
     if square >= gate**2 or square - along**2 >= (1.5 * model.spacing) ** 2 or cosine <= 0.5:
         return 0.0, 0.0, 0.0
+
+    # Robust weight, and slope of the score
     sigma = scan.sigma[n]
     u = (along / max(2.0 * sigma, 0.25 * gate)) ** 2
     full = scan.independent[n] / (sigma**2 + 1e-6)
+
+    # Jacobian: twist about the model's centre, and growth
     for a in range(3):
         q[a] = (q[a] - center[a]) / model.radius
         J[a] = m[a]
@@ -340,11 +351,10 @@ def _pair(
 def _plane_sums(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array, Array]:
-    """Sums over the valid pairs: normal equations as in `_plane_terms`, and weights and weighted
-    squares (2,) [m^2].
-    """
+    """Normal equations as in `_plane_terms`, and sums (2,) of weights and weighted squares."""
     H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
     pairs = 0
+
     for n in range(len(scan.points)):
         if index[n] >= len(model.points):
             continue
@@ -354,10 +364,12 @@ def _plane_sums(
         pairs += 1
         sums[0] += weight
         sums[1] += weight * along**2
+
         for a in range(7):
             g[a] += weight * along * J[a]
             for b in range(a + 1):
                 H[a, b] += weight * J[a] * J[b]
+
     if pairs < 6:
         return np.zeros((7, 7)), np.zeros(7), np.zeros(2)
     for a in range(7):
@@ -370,9 +382,7 @@ def _plane_sums(
 def _plane_rows(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array]:
-    """Jacobian rows (n, 7), and weight, slope [1/m^2] and distance [m] (n, 3) of the pairs; 0 where
-    none counts.
-    """
+    """Jacobian rows (n, 7), and weight, slope [1/m^2], distance [m] (n, 3) of the pairs, or 0."""
     rows, terms = np.zeros((len(scan.points), 7)), np.zeros((len(scan.points), 3))
     for n in range(len(scan.points)):
         if index[n] < len(model.points):
@@ -381,8 +391,7 @@ def _plane_rows(
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
-    """Jacobian rows (n, 7) of `direction . at` for a twist about the model's centre and growth from
-    there.
+    """Jacobian rows (n, 7) of `direction . at` for a twist about the model's centre, and growth.
 
     Rotation and growth are scaled by the model's radius.
     """
@@ -401,15 +410,21 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
     part = scan.part(_rastered(scan, rows, columns))
     if min(part.depth.shape) < 8:
         return None
+
+    # Edges of the scan, and of the model on the same pixels
     ends, behind = _scan_edges(evidence, rows.step or 1)
     model, cosine = surface.seen(X_ST, part)
     covered = np.isfinite(model.depth)
     of_model = contour(model, covered, model.depth, seams=False)
     if max(len(ends.edges.rows), len(behind.edges.rows)) < 10 or len(of_model.rows) < 10:
         return None
+
+    # Model's edges to a fraction of a pixel, in T
     tangents = _refined(surface, X_ST, part, of_model)
     points = of_model.depth[:, None] * np.column_stack([tangents, np.ones(len(tangents))])
     points = transform_points(inverse(X_ST), points)
+
+    # Width of the rim that is too steep for an echo, and kind of each edge
     at = of_model.rows, of_model.columns
     band, (row, column) = _to_nearest(covered & (cosine > np.cos(evidence.sensor.max_incidence)))
     sharp, whole = cosine[at] > SHARP_EDGE, ~surface.on_border(points)
@@ -426,8 +441,7 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
 
 
 def _across(pixels: Array, steps: np.ndarray) -> Array:
-    """Unit directions (n, 2) across the contours through given points (n, 2) [px], to the side of
-    the steps (n, 2).
+    """Unit directions (n, 2) across the contours through points (n, 2) [px], along the `steps`.
 
     A wrong direction would turn motions along the contour, which it does not resist, into motions
     across it.
@@ -444,6 +458,8 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
     n = len(pixels)
     rough, across = np.zeros((n, 2)), np.empty((n, 2))
     first, last = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+
+    # Mean step of the neighbours; they lie between `first` and `last` in the sorted row
     low, high = 0, 0
     for i in range(n):
         while pixels[low, 0] < pixels[i, 0] - _CONTOUR:
@@ -457,8 +473,11 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
             ) ** 2 < _CONTOUR**2:
                 rough[i, 0] += steps[j, 0]
                 rough[i, 1] += steps[j, 1]
+
         length = max(np.hypot(rough[i, 0], rough[i, 1]), 1e-12)
         rough[i] /= length
+
+    # Direction of the line through those neighbours that step the same way
     for i in range(n):
         total, mx, my, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(first[i], last[i]):
@@ -470,7 +489,10 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
                 total += 1.0
                 mx, my = mx + x, my + y
                 xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+
         across[i] = rough[i]
+
+        # Across it, to the side of the step, where the two agree
         if total > 0.0:
             xx, xy, yy = xx - mx * mx / total, xy - mx * my / total, yy - my * my / total
             along = 0.5 * np.arctan2(2.0 * xy, xx - yy)
@@ -482,9 +504,7 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
 
 
 def _nearest_in_image(points: Array, at: Array, reach: float) -> np.ndarray:
-    """Index (n,) of the one of `points` (k, 2) that is nearest to each of `at` (n, 2); -1 beyond
-    `reach`.
-    """
+    """Index (n,) of the nearest of `points` (k, 2) to each of `at` (n, 2); -1 beyond `reach`."""
     order = np.argsort(points[:, 0], kind="stable")
     found = _nearest_sorted(points[order], at, reach)
     return np.where(found >= 0, order[found], -1)
@@ -495,6 +515,8 @@ def _nearest_sorted(points: Array, at: Array, reach: float) -> np.ndarray:
     """As `_nearest_in_image`, for points sorted by their first coordinate."""
     found = np.full(len(at), -1)
     start = np.searchsorted(points[:, 0], at[:, 0])
+
+    # Outwards in both directions, until the first coordinate alone is too far
     for i in range(len(at)):
         nearest = reach * reach
         for way in (-1, 1):
@@ -515,13 +537,13 @@ def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]
     if not mask.any():
         here = np.indices(mask.shape)
         return np.full(mask.shape, np.inf), (here[0], here[1])
+
     distance, index = ndimage.distance_transform_edt(~mask, return_indices=True)
     return distance, (index[0], index[1])
 
 
 def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
-    """Extend a window to a raster that is the same for all windows of a step, so that their pixels
-    are the same too.
+    """Window extended to a raster, so that all windows of a step have the same pixels.
 
     The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels
     are therefore the same however much the picture is cropped.
@@ -532,7 +554,10 @@ def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
     ):
         # number of the picture's first pixel on the raster
         first = round(float(tangents[0]) / pitch + 0.25)
+
         step = window.step or 1
+
+        # Both ends on the raster, the first within the picture
         raster = step * (_RASTER // step)
         start = window.start - (window.start + first) % raster
         stop = window.stop + -(window.stop + first) % raster
@@ -541,12 +566,12 @@ def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
 
 
 def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
-    """Tangents (n, 2) of the model's depth edges `found` on the grid of `part`, to a fraction of a
-    pixel.
-    """
+    """Tangents (n, 2) of the model's edges `found` on the grid of `part`, finer than a pixel."""
     X_TS, step = inverse(X_ST), jump(found.depth)
     middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
+
+    # Bisection: is the model still there?
     for halving in range(_HALVINGS):
         rays = np.column_stack(
             [middle + part.pitches * at[:, None] * found.steps, np.ones(len(at))]
@@ -558,9 +583,7 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
 
 @remembered(8)
 def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
-    """Depth edges of the scan on a grid of pixels: where the surface ends, and where the depth
-    behind it begins.
-    """
+    """Depth edges of the scan: where the surface ends, and where the depth behind it begins."""
     around = round(_BAND) + 2 * step
     rows, columns = (
         slice(max(0, int(lines[0]) - around), int(lines[-1]) + 1 + around, step)
@@ -569,20 +592,24 @@ def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
             np.nonzero(evidence.mask.any(axis=0))[0],
         )
     )
+
     window = _rastered(evidence.scan, rows, columns)
     part, mask = evidence.scan.part(window), evidence.mask[window]
     found = contour(part, mask, part.depth)
     ends = _Outline(
         found, outward(mask, part.depth, found.rows, found.columns), np.zeros(len(found.rows))
     )
+
     # The surface goes on, at its depth, up to where there is depth again.
     band, nearest = _to_nearest(mask)
     filled = mask | (~np.isfinite(part.depth) & (band < _BAND))
     depth = np.where(filled, part.depth[nearest], part.depth)
+
     found = contour(Scan.of_grid(depth, part.tangent_x, part.tangent_y), filled, depth)
     found = found.only(
         np.isfinite(depth[found.rows + found.steps[:, 1], found.columns + found.steps[:, 0]])
     )
+
     at = found.rows, found.columns
     return ends, _Outline(found, outward(filled, depth, *at), band[at])
 
@@ -594,6 +621,8 @@ def _edge_rows(
     points = transform_points(X_ST, edges.model_points)
     tangents = points[:, :2] / points[:, 2:]
     reach = gate / float(np.median(points[:, 2]))
+
+    # Partners of either kind of edge: near, of like depth, rim and direction
     sides = []
     for side, of_kind in ((edges.ends, edges.model_sharp), (edges.behind, edges.model_smooth)):
         if not of_kind.any():
@@ -609,14 +638,19 @@ def _edge_rows(
         paired &= side.band <= edges.model_band[index] + _WIDER
         paired &= np.einsum("ij,ij->i", side.outward, edges.model_outward[index]) > 0.7
         sides.append((index[paired], side.edges.tangents[paired]))
+
     sides = sides or [(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
     index, measured = (np.concatenate(each) for each in zip(*sides, strict=True))
     if len(index) < 10:
         index, measured = index[:0], measured[:0]
+
+    # Distance across the edge in the image plane, scaled to the depth
     P, m = points[index], edges.model_outward[index]
     across = np.einsum("ij,ij->i", measured - tangents[index], m) * P[:, 2]
     # d(m . P_xy / z) z = (m, -m . P_xy / z) . dP
     direction = np.column_stack([m, -np.einsum("ij,ij->i", m, tangents[index])])
+
+    # Noise of a reading, and its robust weight
     pitch = evidence.scan.pitch * P[:, 2]
     # Mixed depths at an edge differ from pixel to pixel: each pixel is an independent reading.
     sigma = evidence.sensor.edge_sigma * pitch

@@ -1,11 +1,10 @@
-"""Starts of the search by point pair features: poses for which pairs of scan points vote [Drost
-2010].
+"""Starts of the search by point pair features: pairs of scan points vote for poses [Drost 2010].
 
 A pair of oriented points has four numbers that no motion changes: their distance, the angles of
 both normals with the line between them, and the angle of the normals. Pairs of the model are sorted
 by these. Each pair of the scan with a common first point votes for the model's points and turns
-that lay such a pair on it. Touching objects need no
-segmentation: pairs across two objects vote for nothing in particular.
+that put such a pair on it. Touching objects need no segmentation: pairs across two objects vote for
+nothing in particular.
 """
 
 from typing import NamedTuple
@@ -51,12 +50,16 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
         Poses X_ST (k, 4, 4), those with most votes first.
     """
     pairs = _model_pairs(surface)
+
+    # One point per cube, few enough
     size = float(pairs.step)
     kept = one_per_cube(points, size)
     while len(kept) > _SCAN_POINTS:
         size *= 1.2
         kept = one_per_cube(points, size)
     points, frames = points[kept], _frames(normals[kept])
+
+    # Votes of some of them as first points
     references = np.unique(np.linspace(0, len(points) - 1, _REFERENCES).astype(np.int64))
     X, votes = _vote(points, frames, references, pairs, _NEARBY * surface.radius)
     return X.reshape(-1, 4, 4)[np.argsort(-votes.ravel(), kind="stable")]
@@ -66,8 +69,11 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
 def _model_pairs(surface: ModelSurface) -> _Pairs:
     thinned = surface.thinned(_MODEL_POINTS)
     points, frames = thinned.points, _frames(thinned.normals)
+
     step = 2.0 * surface.radius / _DISTANCES
     feature, turn = _features(points, frames, step)
+
+    # Sorted by feature
     every = feature.ravel()
     order = np.argsort(every, kind="stable")
     order = order[every[order] >= 0]
@@ -85,22 +91,25 @@ def _frames(normals: Array) -> Array:
 
 @kernel
 def _feature(p: Array, frame: Array, q: Array, normal: Array, step: float) -> tuple[int, float]:
-    """Number of the feature of two oriented points, -1 for none, and the turn [rad] about the first
-    normal.
-    """
+    """Number of the feature of two oriented points, -1 for none, and turn [rad] about the first."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     length = np.sqrt(x * x + y * y + z * z)
     far = int(length / step)
     if far >= _DISTANCES or length < 0.5 * step:
         return -1, 0.0
+
+    # Cosines: both normals with the line, normal with normal
     along = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
     a = along / length
     b = (normal[0] * x + normal[1] * y + normal[2] * z) / length
     c = frame[0, 0] * normal[0] + frame[0, 1] * normal[1] + frame[0, 2] * normal[2]
+
+    # Number of the feature: a digit for the distance and for each angle
     number = far
     for cosine in (a, b, c):
         angle = np.arccos(min(1.0, max(-1.0, cosine)))
         number = number * _ANGLES + min(_ANGLES - 1, int(angle * (_ANGLES / np.pi)))
+
     u = frame[1, 0] * x + frame[1, 1] * y + frame[1, 2] * z
     v = frame[2, 0] * x + frame[2, 1] * y + frame[2, 2] * z
     return number, np.arctan2(-v, u)
@@ -130,8 +139,11 @@ def _vote(
     count = np.empty((len(pairs.points), _TURNS))
     votes_of = count.reshape(-1)
     row = pairs.first * _TURNS
+
     for k in range(len(references)):
         r = references[k]
+
+        # Votes for model points and turns, shared between two steps of the turn
         count[:] = 0.0
         for s in range(len(points)):
             if s == r:
@@ -151,6 +163,8 @@ def _vote(
                 second = first + 1 if first + 1 < _TURNS else 0
                 votes_of[np.uint64(row[n] + first)] += 1.0 - share
                 votes_of[np.uint64(row[n] + second)] += share
+
+        # Peaks, each with its surroundings removed
         for peak in range(_PEAKS):
             best = int(count.argmax())
             m, at = best // _TURNS, best % _TURNS
@@ -163,6 +177,7 @@ def _vote(
                 pairs.frames[m],
                 at * (2.0 * np.pi / _TURNS),
             )
+
             for other in range(len(pairs.points)):
                 off = pairs.points[other] - pairs.points[m]
                 if off[0] ** 2 + off[1] ** 2 + off[2] ** 2 < nearby**2:
@@ -173,8 +188,9 @@ def _vote(
 
 @kernel
 def _lay(X: Array, p: Array, frame: Array, q: Array, model_frame: Array, angle: float) -> None:
-    """Write the pose `X` (4, 4) that lays a model point with its frame on a scan point, turned
-    about the normal.
+    """Write the pose `X` (4, 4) that puts a model point with its frame on a scan point.
+
+    `angle` [rad]: turn about the normal.
     """
     c, s = np.cos(angle), np.sin(angle)
     for a in range(3):
@@ -183,6 +199,7 @@ def _lay(X: Array, p: Array, frame: Array, q: Array, model_frame: Array, angle: 
             X[a, b] = (
                 frame[0, a] * n + frame[1, a] * (c * u - s * v) + frame[2, a] * (s * u + c * v)
             )
+
     for a in range(3):
         X[a, 3] = p[a] - (X[a, 0] * q[0] + X[a, 1] * q[1] + X[a, 2] * q[2])
     X[3, 3] = 1.0

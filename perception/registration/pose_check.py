@@ -1,5 +1,4 @@
-"""Verification of a fitted pose by projected trajectories, and the decision to accept, rescan or
-refuse.
+"""Verification of a fitted pose by projected trajectories: accept, rescan or refuse.
 
 Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the
 triangulated surfaces of the scan and of the fitted model. The distances E_i between both
@@ -46,17 +45,15 @@ _ACROSS_EDGES = 1.5  # [px] by which a ray is moved aside to detect a nearby edg
 _MIN_RAYS = 40  # rays without which there is no verdict
 _RIM = 1.0  # [noise lengths] width below which a missing part is the error of an edge
 _FEATURE = 2.0  # [noise lengths^2] largest part that may be missing by chance
-# [spacings] edge of a part that a cloud does not tell from a gap between two of its surfaces
+# [spacings] edge of a part that a cloud cannot distinguish from a gap between two of its surfaces
 _UNTOLD = 3.0
 _AGREES = 1.5  # [sigma] within which scan and model agree
 # [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
 _ABRUPT = 0.6
 _FEW_RAYS = 120  # parallel rays below which lines of sight replace them
-_TURNED_AWAY = (
-    # [-] share of the rim of a region without depth that an occluder takes, above which it may go
-    # on there
-    0.3
-)
+# [-] share of the rim of a region without depth that an occluder takes, above which it may go on
+# there
+_TURNED_AWAY = 0.3
 # [-] share of the parallel rays that stay clear of edges, below which lines of sight replace them
 _THIN = 0.75
 _SIGHTS = 1000  # lines of sight, about
@@ -87,11 +84,11 @@ WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
 # [m], share of the range and [rad] by which a pose may be wrong
 FOUND = (0.005, 0.003, np.deg2rad(3.0))
-# [looks] that a wrong pose costs: less is expected to be lost by another look below a chance of 0.9
+# [views] that a wrong pose costs: below a probability of 0.9 another view is expected to cost less
 WRONG_COSTS = 10.0
 # [-] by which the best scale may differ from 1: midway to an object 5 % larger or smaller
 MAX_SIZE = 0.025
-# [-] standard deviation of the scale above which this does not tell it from 1
+# [-] standard deviation of the scale above which this cannot be distinguished from 1
 MAX_SIZE_SIGMA = 0.02
 # [nat] over every other pose; right poses among near twins (an uneven starfish) reach 8
 MIN_MARGIN = 6.0
@@ -200,25 +197,35 @@ def check(
     rays = _cast(evidence, surface, X_ST, transform_points(X_ST, surface.points[visible]))
     if isinstance(rays, str):
         return _unmade(rays)
+
     E, both, sigma = rays.E, rays.compared, rays.sigma
     if both.sum() < _MIN_RAYS:
         return _unmade(
             f"only {int(both.sum())} check rays meet the object in the scan; need {_MIN_RAYS}"
         )
+
+    # Shares of the rays on which both surfaces agree, and on which the scan lies behind
     judged = max(1, int(rays.judged.sum()))
     agreement, seen_through = float(rays.near.sum() / judged), float(rays.through.sum() / judged)
     coverage = float((rays.judged & ~rays.through).mean())
+
+    # Distance of both surfaces, against the sensor's noise
     noise = float(np.sqrt(np.mean(sigma[both] ** 2)))
     figure, threshold = _trimmed_rms(E[both], TRIM), MAX_FIGURE * noise
+
+    # Distance over patches, in which the noise averages out: errors of shape and pose
     size = surface.radius / _PATCHES
     form = _form(rays.C_model[both], E[both], size)
     independent = max(1.0, size / float(np.median(rays.pitch)) / evidence.sensor.noise_length)
     form_threshold = MODEL_TOLERANCE + 1.1 * noise / np.sqrt(independent)
 
+    # Depth edges, and how far the surface goes on beyond them
     offsets, edge_share, goes_on = edge_offsets(evidence, surface, X_ST)
     beyond, ends = _beyond(evidence, surface, X_ST), edge_share > _ENDS[0] and goes_on < _ENDS[1]
     edge = float(np.median(np.abs(offsets))) if len(offsets) else np.nan
     edge_threshold = 3.0 * float(np.median(rays.pitch)) + 0.002
+
+    # Another ICP: whether it moves the pose, and the size at which the object fits best
     rest = fit or fine_fit(evidence, surface, X_ST)
     points = surface.points[visible]
     move = 0.0
@@ -226,17 +233,23 @@ def check(
         move = _rms_distance(transform_points(rest.X_ST, points), transform_points(X_ST, points))
     move_threshold = MAX_MOVE[0] + MAX_MOVE[1] * float(np.linalg.norm(rays.C_model.mean(axis=0)))
     size_threshold = MAX_SIZE
+
+    # Other poses: how much less likely the scan is there
     if others is None:
         others = best_alternative(evidence, surface, X_ST)
     margin = log_likelihood(evidence, surface, X_ST) - others
+
+    # Parts of the model that the scan misses, and how well this view holds the pose
     missing, least = _missing(evidence, surface, X_ST)
     size_sigma = covariance.size_sigma if covariance is not None else rest.size_sigma
     loose, doubt = _looseness(covariance, float(np.linalg.norm(rays.C_model.mean(axis=0))))
     undeclared = len(rest.free) - (surface.symmetry.axis is not None)
 
+    # What contradicts the pose
     against = [
         text
         for failed, text in (
+            # surfaces
             (
                 figure > threshold,
                 f"surfaces lie {1e3 * figure:.1f} mm apart, limit {1e3 * threshold:.1f} mm",
@@ -250,6 +263,7 @@ def check(
                 f"only {agreement:.0%} of the check rays agree, need {MIN_AGREEMENT:.0%}",
             ),
             (seen_through > MAX_THROUGH, f"the scan sees through {seen_through:.0%} of the model"),
+            # edges, and what lies beyond them
             (
                 edge > edge_threshold,
                 f"edges lie {1e3 * edge:.1f} mm apart, limit {1e3 * edge_threshold:.1f} mm",
@@ -262,6 +276,7 @@ def check(
                 beyond > (_MAX_TOUCHING if ends else MAX_BEYOND),
                 f"{beyond:.0%} of the surface that it lies on is not the model's",
             ),
+            # another fit, size or pose
             (
                 move > move_threshold,
                 f"a further fit moves it by {1e3 * move:.1f} mm, limit {1e3 * move_threshold:.1f} "
@@ -272,6 +287,7 @@ def check(
                 f"at {rest.size:.2f} times its size it fits better",
             ),
             (margin < -MIN_MARGIN, "another pose fits better"),
+            # missing parts
             (
                 missing > least,
                 f"{missing} connected pixels of the model are missing, at most {least} may be",
@@ -279,6 +295,8 @@ def check(
         )
         if failed
     ]
+
+    # What this view does not observe
     lacking = [
         text
         for failed, text in (
@@ -304,6 +322,8 @@ def check(
         )
         if failed
     ]
+
+    # Decision: a gross contradiction of an object seen for the most part is final
     gross = agreement < 0.5 or seen_through > 0.3 or figure > 2.0 * threshold
     decision = Decision.ACCEPT
     if against or lacking:
@@ -337,26 +357,31 @@ def check(
 
 
 def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[int, int]:
-    """Pixels of the largest part of the model that the scan sees through, and how many may be by
-    chance.
+    """Pixels of the largest part of the model that is missing, and how many may be by chance.
 
     The part is a connected region of pixels in which the scan lies behind the model by 3 sigma or
-    more, wider than the
-    errors at an edge. At its rim the distance must jump: a dent begins gently.
+    more, wider than the errors at an edge. At its rim the distance must jump: a dent begins gently.
     """
     window = evidence.scan.window(transform_points(X_ST, surface.points), 0.05, _SURFACE_PIXELS)
     scan = evidence.scan.part(window)
     depth = surface.depth(X_ST, scan)
+
+    # Scan behind the model, in standard deviations
     shown = np.isfinite(depth) & np.isfinite(scan.depth)
     sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
     behind = np.where(shown, scan.depth - depth, 0.0) / sigma
+
     # [px] of one independent reading
     cell = evidence.sensor.noise_length * evidence.scan.pitch / scan.pitch
     wide = 2 * int(np.ceil(0.5 * _RIM * cell)) + 1
+
+    # Regions wider than the error of an edge, larger than chance and than gaps of the cloud
     label, count = ndimage.label(ndimage.binary_opening(behind > 3.0, np.ones((wide, wide))))
     pixel = scan.pitch * float(np.median(depth[shown])) if shown.any() else np.inf  # [m]
     least = round(max(_FEATURE * cell**2, (_UNTOLD * surface.resolution / pixel) ** 2))
     rough, agrees = shown & (np.abs(behind) < 3.0), shown & (np.abs(behind) < _AGREES)
+
+    # Largest of them that is too deep for a dent, or begins abruptly
     largest = 0
     for part in range(1, count + 1):
         inside = label == part
@@ -370,9 +395,7 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
 
 
 def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool, str]:
-    """Whether another look costs less than what is expected from a wrong pose; and how loosely the
-    pose is held.
-    """
+    """Whether another view costs less than a wrong pose would; and the pose's deviations."""
     if covariance is None:
         return False, ""
     position, angle = covariance.held_sigmas
@@ -381,11 +404,10 @@ def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool,
 
 
 def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Rays | str:
-    """Compare both surfaces along rays over the visible model `points` (m, 3) [m] in S; a reason if
-    too few meet it.
+    """Compare both surfaces along rays over the visible model `points` (m, 3) [m] in S.
 
-    The rays are parallel [Konoplin 2022]. On bars and grids many of them pass near an edge: lines
-    of sight replace them.
+    Returns a reason if too few rays meet the model. The rays are parallel [Konoplin 2022]. On bars
+    and grids many of them pass near an edge: lines of sight replace them.
     """
     met = _parallel(evidence, surface, X_ST, points)
     if met is None or len(met.C_model) < _FEW_RAYS or met.clear < _THIN:
@@ -393,6 +415,7 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
         met = by_sight if met is None or len(by_sight.C_model) > len(met.C_model) else met
     if len(met.C_model) < _MIN_RAYS:
         return f"only {len(met.C_model)} check rays meet the visible model; need {_MIN_RAYS}"
+
     sensor, scan, C_model, cosine, E = (
         evidence.sensor,
         evidence.scan,
@@ -400,10 +423,13 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
         met.cosine,
         met.E,
     )
+
+    # Standard deviation of the distance: noise, pixel pitch on a slope, model
     z = C_model[:, 2]
     pitch = scan.pitch * z
     slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / cosine
     sigma = np.sqrt(sensor.sigma(z) ** 2 + (pitch * slope) ** 2 + MODEL_TOLERANCE**2)
+
     # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line
     # of sight shows it.
     row, column, _ = scan.pixels(C_model)
@@ -416,17 +442,21 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     hidden = (around < z - occluder) | (-occluder > E)
     if scan.known is not None:
         hidden |= scan.known.depth[row + top, column + left] < z
+
     # Where scan and model agree along the line of sight, a ray beside it passed through a gap that
     # an occluder leaves.
     behind = scan.depth[top : top + len(first), left : left + first.shape[1]][row, column] - z
     agrees = np.abs(behind) < 3.0 * sigma
     E = np.where(agrees & ~(np.abs(E) < 3.0 * sigma), behind, E)
+
     # Where the ray meets no triangle the line of sight decides: the scan lies behind, or there is
     # no depth around.
     meets = np.isfinite(E)
     past = ~meets & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
     past &= np.isfinite(around) | ~np.isfinite(ndimage.minimum_filter(first, 5)[row, column])
     hidden |= past & _behind_no_depth(first, row, column, z - occluder)
+
+    # Classes: agreement, scan behind the model, scan in front of it
     near = ~hidden & (np.abs(E) < 3.0 * sigma)
     through = ~hidden & ((meets & (3.0 * sigma <= E)) | past)
     before = ~hidden & meets & (-3.0 * sigma >= E)
@@ -434,8 +464,9 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
 
 
 def _behind_no_depth(first: Array, row: np.ndarray, column: np.ndarray, limit: Array) -> np.ndarray:
-    """Mask (n,) of rays into a region without depth at whose rim an occluder stands: it may be
-    turned away there.
+    """Mask (n,) of rays into a region without depth that an occluder at its rim may hide.
+
+    Its surface may be turned away there.
 
     Args:
         first: (h, w) [m] depth of the scan, inf where there is none.
@@ -448,10 +479,14 @@ def _behind_no_depth(first: Array, row: np.ndarray, column: np.ndarray, limit: A
         return np.zeros(len(row), dtype=bool)
     beside = ndimage.maximum_filter(label, 3)
     beside[~np.isfinite(first)] = 0
+
+    # Region of each ray, and the depth in front of which it is occluded there
     region = label[row, column]
     within = region > 0
     nearest = np.full(count + 1, np.inf)
     np.minimum.at(nearest, region[within], limit[within])
+
+    # Share of the region's rim that an occluder takes
     rim = beside > 0
     occluding = np.bincount(beside[rim], first[rim] < nearest[beside[rim]], count + 1)
     share = occluding / np.maximum(np.bincount(beside[rim], minlength=count + 1), 1)
@@ -474,6 +509,8 @@ def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Ar
     scan = evidence.scan
     H_D, o = direction(points)
     starts = curves(H_D, o, points)
+
+    # Rays that meet the model, clear of its edges
     X_TS = inverse(X_ST)
     on_model = surface.scene.cast(
         transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
@@ -490,6 +527,7 @@ def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Ar
     clear = float(hit.sum() / max(1, meets.sum()))
     t_model, starts = on_model["t"][hit], starts[hit]
     C_model = starts + t_model[:, None] * o
+
     # The rays are parallel, the sensor's lines of sight are not: keep rays whose model point the
     # sensor itself should see.
     line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
@@ -503,8 +541,11 @@ def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Ar
         t_model[expected],
         cosine[expected],
     )
+
     if not len(C_model):
         return None
+
+    # Distances to the scan along the same rays
     part = scan.part(scan.window(C_model, 0.05, _SURFACE_PIXELS))
     t_scan = distances_along(part, starts, o)
     if t_scan is None:
@@ -517,14 +558,19 @@ def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _
     scan = evidence.scan
     window = scan.window(transform_points(X_ST, surface.points), 0.0, _SURFACE_PIXELS)
     part = scan.part(window)
+
     model, cosine = surface.seen(X_ST, part)
     z = np.where(np.isfinite(model.depth), model.depth, np.inf)
+
+    # Pixels whose four neighbours lie on the same face
     step = jump(model.depth)
     clear = np.isfinite(model.depth)
     with np.errstate(invalid="ignore"):
         for axis in (0, 1):
             for side in (-1, 1):
                 clear &= np.abs(np.roll(z, side, axis=axis) - z) < step
+
+    # An even selection of those that see it at a fair angle
     rows, columns = np.nonzero(clear & (cosine > _STEEP))
     every = max(1, len(rows) // _SIGHTS)
     rows, columns = rows[::every], columns[::every]
@@ -532,6 +578,8 @@ def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _
         model.points[rows, columns],
         part.depth[rows, columns] - model.depth[rows, columns],
     )
+
+    # Their distance along the ray, which is longer than along the axis
     along = np.linalg.norm(C_model, axis=1) / C_model[:, 2]
     o = C_model.sum(axis=0) if len(C_model) else np.array([0.0, 0.0, 1.0])
     return _Met(
@@ -544,9 +592,7 @@ def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _
 
 
 def direction(points: Array) -> tuple[Array, Array]:
-    """Centroid H_D (3,) [m] of the model points (m, 3) [m] in S, and the unit line of sight o (3,)
-    towards it.
-    """
+    """Centroid H_D (3,) [m] of model points (m, 3) [m] in S, and the line of sight o (3,) to it."""
     H_D = points.mean(axis=0)
     return H_D, H_D / np.linalg.norm(H_D)  # S is the origin: o = -(S - H_D)/|S - H_D|
 
@@ -559,8 +605,7 @@ def across(o: Array) -> tuple[Array, Array]:
 
 
 def curves(H_D: Array, o: Array, points: Array) -> Array:
-    """Points c_i of lines and circles in a plane perpendicular to `o`, in front of the object,
-    across all of it.
+    """Points c_i of lines and circles in a plane perpendicular to `o`, in front of the object.
 
     Args:
         H_D: (3,) [m] centroid of the visible model in S.
@@ -572,6 +617,7 @@ def curves(H_D: Array, o: Array, points: Array) -> Array:
     """
     reach = lateral_reach(H_D, o, points)
     s = np.arange(-reach, reach + _RAY_STEP, _RAY_STEP)
+
     flat = [
         np.outer(s, [np.cos(angle), np.sin(angle)])
         for angle in np.linspace(0.0, np.pi, _LINES, endpoint=False)
@@ -601,6 +647,7 @@ def clear_of_edges(
     """
     clear = np.ones(len(starts), dtype=bool)
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
+
     u, v = across(o)
     for aside in (u, -u, v, -v):
         beside = surface.scene.distance(transform_points(X_TS, starts + margin * aside), way)
@@ -622,9 +669,7 @@ def lateral_reach(H_D: Array, o: Array, points: Array) -> float:
 
 
 def in_plane(H_D: Array, o: Array, points: Array, flat: Array) -> Array:
-    """Lift `flat` (n, 2) [m] into a plane perpendicular to `o`, in front of all `points`: (n, 3)
-    [m] in S.
-    """
+    """Points (n, 3) [m] in S of `flat` (n, 2) [m] in a plane across `o`, before all `points`."""
     before = min(float(((points - H_D) @ o).min()) - 0.3, -0.05)
     return H_D + before * o + flat @ np.stack(across(o))
 
@@ -639,8 +684,7 @@ def _rms_distance(a: Array, b: Array) -> float:
 
 
 def _form(points: Array, E: Array, size: float) -> float:
-    """Trimmed rms [m] of the medians of `E` (n,) over cubes of edge `size` [m]; 0 where there are
-    too few.
+    """Trimmed rms [m] of the medians of `E` (n,) over cubes of edge `size` [m]; 0 if too few.
 
     Averaging removes the noise and leaves errors of shape and pose.
     """
@@ -655,13 +699,13 @@ def _form(points: Array, E: Array, size: float) -> float:
 
 
 def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Share of the scanned surfaces that pass smoothly into the model at `X_ST` and that it does
-    not explain.
+    """Share that the model at `X_ST` leaves unexplained of the surfaces that pass smoothly into it.
 
     A neighbour that touches the object meets it at a crease, and is another surface.
     """
     if surface.is_open:
         return 0.0  # the object goes on where its scan ends
+
     on_model = explained(evidence, surface, X_ST)
     label = connected_surfaces(evidence.points, _TOGETHER * surface.spacing, evidence.normals)
     taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]

@@ -1,4 +1,4 @@
-"""Covariance of a fitted pose, from the fit itself: how far noise like that of this scan moves it.
+"""Covariance of a fitted pose, from the fit itself: how far noise as in this scan moves it.
 
 The pose is an M-estimate: it makes the sum of the pairs' scores zero. Each tile of the image is
 left out in turn, and the motion of the estimate follows by one Newton step (delete-a-group
@@ -21,7 +21,7 @@ _LEFT_OUT = 0.9  # [-] of a tile's hold: the last tile that holds a motion is no
 # [-] share of the turn about the axis of symmetry that lies in the free twists, if it is one of
 # them
 _OF_AXIS = 0.98
-_FEWEST = 4  # tiles, below which nothing is said
+_FEWEST = 4  # tiles, below which no covariance is estimated
 
 
 def pose_covariance(
@@ -41,18 +41,25 @@ def pose_covariance(
     """
     if rows is None:
         return None
+
+    # Tiles of the image
     cells = np.floor(
         rows.tangents / (_TILE * evidence.sensor.noise_length * evidence.scan.pitch)
     ).astype(np.int64)
     tiles = np.unique(cells, axis=0, return_inverse=True)[1]
     if not len(tiles) or tiles.max() + 1 < _FEWEST:
         return None
+
+    # Pose, in the directions that are not free
     H, s = _of_tiles(rows, tiles)
     held = np.linalg.svd(np.vstack([free, np.zeros((1, 6))]))[2][len(free) :]
     common = _common(rows)
     matrix = held.T @ _spread(H[:, :6, :6], s[:, :6], common[:, :6], held) @ held
+
+    # Growth, as one more unknown
     grown = np.block([[held, np.zeros((len(held), 1))], [np.zeros((1, 6)), np.ones((1, 1))]])
     growth = _spread(H, s, common, grown)[-1, -1]
+
     return PoseCovariance(
         matrix=readonly(matrix),
         free=readonly(free),
@@ -64,9 +71,7 @@ def pose_covariance(
 
 
 def turn_of_symmetry(surface: ModelSurface, X_ST: Array) -> Array:
-    """Unit twist (1, 6) in S about the model's axis of symmetry, as those of `IcpFit.free`; (0, 6)
-    without an axis.
-    """
+    """Unit twist (1, 6) in S about the axis of symmetry, as in `IcpFit.free`; (0, 6) without."""
     symmetry = surface.symmetry
     if symmetry.axis is None:
         return np.zeros((0, 6))
@@ -76,9 +81,7 @@ def turn_of_symmetry(surface: ModelSurface, X_ST: Array) -> Array:
 
 
 def _same(surface: ModelSurface, X_ST: Array, free: Array) -> Array:
-    """Twist (1, 6) in S about the model's axis of symmetry, if it is among the free ones (k, 6);
-    else (0, 6).
-    """
+    """Twist (1, 6) in S about the axis of symmetry, if it is among the free ones; else (0, 6)."""
     along = turn_of_symmetry(surface, X_ST) @ free.T @ free
     length = np.linalg.norm(along)
     return readonly(along / length if length > _OF_AXIS else np.zeros((0, 6)))
@@ -89,20 +92,20 @@ def _of_tiles(rows: PairRows, tiles: np.ndarray) -> tuple[Array, Array]:
     order = np.argsort(tiles, kind="stable")
     first = np.flatnonzero(np.diff(tiles[order], prepend=-1))
     J, edge = rows.J[order], rows.common > 0.0
+
     slope = np.empty(len(rows.J))
     for kind in (edge, ~edge):
         # Slopes of single pairs may be negative: their mean ratio to the weights keeps every part
         # positive.
         ratio = float(rows.slope[kind].sum() / max(rows.weight[kind].sum(), 1e-300))
         slope[kind] = max(ratio, _LEAST_SLOPE) * rows.weight[kind]
+
     H = np.add.reduceat(slope[order, None, None] * J[:, :, None] * J[:, None, :], first)
     return H, np.add.reduceat((rows.weight * rows.distance)[order, None] * J, first)
 
 
 def _common(rows: PairRows) -> Array:
-    """Scores (3, 7) of the errors that all depth edges share: one aside, one upwards and one
-    outward.
-    """
+    """Scores (3, 7) of the errors that all depth edges share: aside, upwards and outward."""
     aside, up, outward = rows.J[:, 0], rows.J[:, 1], np.ones(len(rows.J))
     return np.array([(rows.slope * rows.common * share) @ rows.J for share in (aside, up, outward)])
 
@@ -121,11 +124,16 @@ def _spread(H: Array, s: Array, common: Array, held: Array) -> Array:
     if k == 0:
         return np.zeros((0, 0))
     total = H.sum(axis=0) + 1e-9 * np.trace(H.sum(axis=0)) / k * np.eye(k)
+
+    # Newton step of the estimate without each tile
     # by leaving one tile out
     moved = np.linalg.solve(total - _LEFT_OUT * H, (s - s.mean(axis=0))[..., None])
     alone = moved[..., 0]
+
+    # Error that all tiles share
     shared = np.linalg.solve(total, (common @ held.T).T)
     drawn, ideal = (g - 1) / g * alone.T @ alone, np.linalg.inv(total)
+
     # A few tiles give a rough covariance: it is drawn towards that of equal, independent errors of
     # the same size.
     ideal *= np.trace(total @ drawn) / k

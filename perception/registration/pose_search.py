@@ -1,6 +1,4 @@
-"""Search for the pose that gives the scan the highest likelihood: ICP from several starts, and from
-look-alikes.
-"""
+"""Search for the pose of highest likelihood: ICP from several starts, and from look-alikes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -39,7 +37,7 @@ _STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
 _FAR = (-12.0, -8.0, -6.0, -4.5, -3.0, 3.0, 4.5, 6.0, 8.0, 12.0)
 _NEARLY = 30.0  # [nat] below the likeliest pose, within which a fit is worthwhile
 _EXPLORED = 3  # poses whose look-alikes are tried
-_EXPLORED_SLIPPING = 6  # of a model that slips along itself: it may be several places off
+_EXPLORED_SLIPPING = 6  # of a model that slips along itself: it may be several maxima off
 # distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
 _FINISHED = 4
 # the likeliest poses, which are fitted again where the noise turns out to be less than stated
@@ -91,8 +89,7 @@ def likeliest_pose(
     given: list[Array],
     most: int = REFINED,
 ) -> Found:
-    """ICP from the likeliest starts, then from poses that look like the likeliest one, until none
-    is likelier.
+    """ICP from the likeliest starts, then from look-alikes of the best, until none is likelier.
 
     Args:
         evidence: Scan of the object.
@@ -106,9 +103,12 @@ def likeliest_pose(
     def fitted(X: Array, X_start: Array) -> _Candidate:
         return _likelier(evidence, surface, fine_fit(*thin, X), X, X_start)
 
+    # Rough fits from the likeliest starts
     tried = [fitted(X, X) for X in [*_ranked(evidence, surface, starts, most), *given]]
     best = _likeliest(tried)
     tried += [fitted(X, best.X_start) for X in _slides(evidence, surface, best.fit)]
+
+    # Rough fits of poses that look like the likeliest one
     explored: list[_Candidate] = []
     for _ in range(_EXPLORED if slipping_twist(surface) is None else _EXPLORED_SLIPPING):
         # The likeliest pose and then its rivals: from a flange turned over, no single step leads to
@@ -125,6 +125,8 @@ def likeliest_pose(
             near = [each for each in tried if not _differ(surface, X, each.X_ST)]
             fit = near[0].fit if near else fine_fit(*thin, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
+
+    # Fits to the end: of the best one, and of rivals as far below it as it gained
     rough_best, *rest = _distinct(surface, tried)
     tried.append(_finished(evidence, surface, rough_best))
     # so may be the others, about
@@ -132,6 +134,8 @@ def likeliest_pose(
     least = tried[-1].log_likelihood - _of_noise(evidence, _RIVAL) - short
     near = [each for each in rest if each.log_likelihood > least]
     tried += [_finished(evidence, surface, each) for each in near[: _FINISHED - 1]]
+
+    # Other maxima: along the loosest twist, and along the slip
     tried += _beside(evidence, surface, _likeliest(tried))
     for _ in range(_EXPLORED):
         best = _likeliest(tried)
@@ -144,18 +148,19 @@ def likeliest_pose(
         ]
         if best is _likeliest(tried):
             break
+
     return _found(surface, [*tried, *_climbed(evidence, surface, tried)])
 
 
 def _climbed(
     evidence: Evidence, surface: ModelSurface, tried: list[_Candidate]
 ) -> list[_Candidate]:
-    """The likeliest pose and its rivals, brought to the top of the likelihood, where it is close
-    between them.
+    """The likeliest pose and its rivals at the top of the likelihood, where they are close.
 
     Gauss-Newton ends up to 20 nat short of it on bars, where most pixels lie at an edge.
     """
     best, *others = _distinct(surface, tried)
+
     close = [each for each in others if each.log_likelihood > best.log_likelihood - _CLOSE]
     return (
         [_at_top(evidence, surface, each) for each in [best, *close[: _CLIMBING - 1]]]
@@ -170,9 +175,12 @@ def _at_top(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) ->
     covariance = pose_covariance(evidence, surface, candidate.X_ST, candidate.fit.free, rows)
     if covariance is None:
         return candidate
+
     variances, axes = np.linalg.eigh(covariance.matrix)
     steps = np.minimum(np.sqrt(np.maximum(variances, 0.0)), _FARTHEST_STEP * surface.spacing)
     X_ST, most = candidate.X_ST, candidate.log_likelihood
+
+    # Coordinate ascent along the principal axes of the covariance
     for share in _SHARES:
         for _ in range(_CLIMBS):
             X_before = X_ST
@@ -185,6 +193,7 @@ def _at_top(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) ->
                         break
             if X_ST is X_before:
                 break
+
     return replace(candidate, fit=replace(candidate.fit, X_ST=X_ST), log_likelihood=most)
 
 
@@ -206,7 +215,7 @@ def _found(surface: ModelSurface, tried: list[_Candidate]) -> Found:
 def likeliest_of(
     evidence: Evidence, surface: ModelSurface, starts: list[Array], to_beat: float
 ) -> Found:
-    """ICP from the likeliest of many starts, which leave nothing else to be tried.
+    """ICP from the likeliest of many starts that leave nothing else to be tried.
 
     Args:
         evidence: Scan of the object.
@@ -216,9 +225,11 @@ def likeliest_of(
             fitted to the end.
     """
     thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
+
     poses = _ranked(evidence, surface, starts, _REFINED_OF_MANY, _NUDGED_OF_MANY)
     tried = [_likelier(evidence, surface, fine_fit(*thin, X), X, X) for X in poses]
     best = _likeliest(tried)
+
     if best.log_likelihood > to_beat - _of_noise(evidence, _RIVAL):
         tried.append(_finished(evidence, surface, best))
     return _found(surface, tried)
@@ -227,9 +238,7 @@ def likeliest_of(
 def _ranked(
     evidence: Evidence, surface: ModelSurface, starts: list[Array], most: int, moved: int = _NUDGED
 ) -> list[Array]:
-    """The likeliest poses (4, 4), each apart from the others; of more than `most`, `moved` are
-    nudged first.
-    """
+    """The likeliest poses (4, 4), apart from each other; of many, `moved` are nudged first."""
     if len(starts) > most:
         few_points, few_of_model = (
             evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS),
@@ -237,6 +246,7 @@ def _ranked(
         )
         best = _likeliest_at_a_glance(evidence, surface, starts, moved)
         starts = [nudged(few_points, few_of_model, X) for X in best]
+
     kept: list[Array] = []
     for X in _likeliest_at_a_glance(evidence, surface, starts, len(starts)):
         if len(kept) < most and all(_differ(surface, X, Y) for Y in kept):
@@ -269,27 +279,26 @@ def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Fo
         tried.append(
             _Candidate(replace(start, X_ST=X), found.X_start, log_likelihood(evidence, surface, X))
         )
+
     return _found(surface, [*tried, *_climbed(evidence, surface, tried)])
 
 
 def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
-    """Evidence with fewer pixels and points, enough to tell which of many poses are worth a fit to
-    the end.
-    """
+    """Evidence with fewer pixels and points, enough to choose the poses worth a fit to the end."""
     picture = 2.0 * surface.radius / (evidence.scan.pitch * evidence.middle)  # [px] across
     rim = evidence.mask & ~ndimage.binary_erosion(evidence.mask)
     width = 2.0 * evidence.mask.sum() / max(1, int(rim.sum()))  # [px] of a part of the picture
+
     step = int(np.clip(min(picture / _ROUGH_ACROSS, width / _ROUGH_WIDTH), 1, _ROUGH_STEP))
     return evidence.thinned(step, _ROUGH_POINTS)
 
 
 def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood [nat] of the scan at the best fitted pose that looks nearly as `X_ST` does;
-    -inf without any.
-    """
+    """Log likelihood [nat] at the best fitted pose that looks nearly as `X_ST`, or -inf."""
     alike = _likeliest_at_a_glance(
         evidence, surface, (X_ST @ G for G in ambiguous_poses(surface)), _ALIKE
     )
+
     fitted = (fine_fit(evidence, surface, X).X_ST for X in alike)
     return max(
         (log_likelihood(evidence, surface, X) for X in fitted if _differ(surface, X, X_ST)),
@@ -304,11 +313,13 @@ def _likeliest(candidates: list[_Candidate]) -> _Candidate:
 def _likelier(
     evidence: Evidence, surface: ModelSurface, fit: IcpFit, X_before: Array, X_start: Array
 ) -> _Candidate:
-    """The fitted pose, or that before the fit: on thin plates in much noise ICP may lead away from
-    a good one.
+    """The fitted pose, or that before the fit if it is likelier.
+
+    On thin plates in much noise ICP may lead away from a good pose.
     """
     if fit.pairing is None:  # driven out of view, where no pixel speaks against it
         return _Candidate(fit, X_start, -np.inf)
+
     before, after = (log_likelihood(evidence, surface, X) for X in (X_before, fit.X_ST))
     return _Candidate(
         fit if after > before else replace(fit, X_ST=X_before), X_start, max(before, after)
@@ -322,8 +333,9 @@ def _rivals(evidence: Evidence, candidates: list[_Candidate]) -> list[_Candidate
 
 
 def _of_noise(evidence: Evidence, nats: float) -> float:
-    """What ICP leaves to gain where it leaves `nats` [nat] with the noise as stated: more, the less
-    noise there is.
+    """What ICP leaves to gain [nat] where it leaves `nats` with the noise as stated.
+
+    It is more, the less noise there is.
     """
     return nats * evidence.noise.information / evidence.sensor.information
 
@@ -349,6 +361,8 @@ def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) 
     if len(fit.free) > (surface.symmetry.axis is not None):
         fit = fine_fit(evidence, surface, candidate.X_ST, GATES)
     candidate = _likelier(evidence, surface, fit, candidate.X_ST, candidate.X_start)
+
+    # Along loose twists, then on the depth image, then along the slip
     loose = _slackened(evidence, surface, candidate)
     X_ST, likelihood = polished(evidence, surface, loose.fit, loose.log_likelihood)
     X_ST, likelihood = settled(evidence, surface, X_ST, likelihood)
@@ -356,8 +370,7 @@ def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) 
 
 
 def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
-    """True if two poses (4, 4) are not the same up to the declared symmetry and the ends of ICP's
-    valley.
+    """True if two poses (4, 4) differ by more than declared symmetry and the end of ICP's valley.
 
     What is displaced is the model's centre: the origin of its file may lie anywhere.
     """
@@ -366,9 +379,7 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
 
 
 def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
-    """The likeliest pose along the twists that ICP holds least: the outline may say more of them
-    than any pair does.
-    """
+    """The likeliest pose along the twists that ICP observes least: the outline may show them."""
     for _ in range(_SLACKENED):
         covariance = pose_covariance(
             evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit)
@@ -383,48 +394,50 @@ def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _
 def _along_loosest(
     evidence: Evidence, surface: ModelSurface, best: _Candidate, covariance: PoseCovariance
 ) -> _Candidate:
-    """The likeliest of a few poses along the loosest twist that has a likelier one; `best` itself
-    if none has.
-    """
+    """The likeliest of a few poses along the loosest twist with a likelier one; else `best`."""
     variances, axes = np.linalg.eigh(covariance.matrix)
     for variance, axis in zip(variances[::-1], axes.T[::-1], strict=True):
         sigma = float(np.sqrt(max(variance, 0.0)))
         if sigma < _LOOSE:
             break
+
         found = best
         for step in _steps(_STEPS, sigma, surface):
             X = _along(covariance, step * sigma * axis) @ best.X_ST
             likelihood = log_likelihood(evidence, surface, X)
             if likelihood > found.log_likelihood:
                 found = _Candidate(replace(best.fit, X_ST=X), best.X_start, likelihood)
+
         if found is not best:
             return found
     return best
 
 
 def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list[_Candidate]:
-    """Poses far along the loosest twist that are nearly as likely: the likelihood may have several
-    maxima there.
-    """
+    """Poses far along the loosest twist that are nearly as likely: there may be several maxima."""
     covariance = pose_covariance(
         evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit)
     )
+
     if covariance is None:
         return []
     variances, axes = np.linalg.eigh(covariance.matrix)
     sigma = float(np.sqrt(max(variances[-1], 0.0)))
     if sigma < _LOOSE:
         return []
+
     found: list[_Candidate] = []
     for step in _steps(_FAR, sigma, surface):
         X = _along(covariance, step * sigma * axes[:, -1]) @ best.X_ST
         if log_likelihood(evidence, surface, X) > best.log_likelihood - _of_noise(
             evidence, _NEARLY
         ) and _differ(surface, X, best.X_ST):
+            # Another maximum: fitted and polished
             fit = fine_fit(evidence, surface, X, GATES[1:])
             likelihood = log_likelihood(evidence, surface, fit.X_ST)
             X_ST, likelihood = polished(evidence, surface, fit, likelihood)
             found.append(_Candidate(replace(fit, X_ST=X_ST), best.X_start, likelihood))
+
     return found
 
 
@@ -434,17 +447,13 @@ def _steps(steps: Iterable[float], sigma: float, surface: ModelSurface) -> list[
 
 
 def _along(covariance: PoseCovariance, twist: Array) -> Array:
-    """Motion (4, 4) in S by a `twist` (6,) (linear; angular x radius) [m] about the model's
-    centre.
-    """
+    """Motion (4, 4) in S by a `twist` (6,) [m] (linear; angular x radius) about the centre."""
     R = exp_so3(twist[3:] / covariance.radius)
     return pose(R, covariance.center + twist[:3] - R @ covariance.center)
 
 
 def _slides(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[Array]:
-    """The best translation along each free twist of `fit`: no residual pulls the model along
-    these.
-    """
+    """The best translation along each free twist of `fit`, along which no residual pulls."""
     found: list[Array] = []
     for twist in fit.free:
         if np.linalg.norm(twist[:3]) < _SLIDING:

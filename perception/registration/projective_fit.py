@@ -1,9 +1,7 @@
-"""Last steps of registration: Gauss-Newton on the depth image itself, pixel by pixel, together with
-the depth edges.
+"""Last steps of registration: Gauss-Newton on the pixels of the depth image and the depth edges.
 
 ICP compares a thinned scan, smoothed by cubes and by its own normals. At its end every pixel that
-shows the object is
-compared with the rendered model: the same comparison that the likelihood makes.
+shows the object is compared with the rendered model: the same comparison that the likelihood makes.
 """
 
 import numpy as np
@@ -19,7 +17,7 @@ _STEPS = 3  # of Gauss-Newton at most
 _LONGEST = 3.0  # [spacings] of a step: where little is compared a longer one leads astray
 _PIXELS = 10_000  # of the object that are compared, about
 _OUTSIDE = 3.0  # [sigma] beyond which a pixel shows something else
-_STEEP = np.cos(np.deg2rad(75.0))  # cosine of incidence below which a depth says little
+_STEEP = np.cos(np.deg2rad(75.0))  # cosine of incidence below which a depth is not compared
 
 
 def polished(
@@ -41,12 +39,16 @@ def polished(
         rows = pixel_rows(evidence, surface, X_ST)
         if fit.pairing is not None:
             rows = PairRows.joined(rows, fit.pairing.edge_rows(X_ST, GATES[-1] * surface.spacing))
+
+        # Gauss-Newton step in the directions that are not free
         J = rows.J[:, :6]
         H, g = J.T @ (rows.weight[:, None] * J), J.T @ (rows.weight * rows.distance)
         held = np.linalg.svd(np.vstack([fit.free, np.zeros((1, 6))]))[2][len(fit.free) :]
         A = held @ H @ held.T
         step = held.T @ np.linalg.solve(A + 1e-9 * (np.trace(A) + 1.0) * np.eye(len(A)), held @ g)
         step *= min(1.0, _LONGEST * surface.spacing / max(float(np.linalg.norm(step)), 1e-12))
+
+        # Taken while it makes the scan likelier
         center = transform_points(X_ST, surface.center)
         R = exp_so3(step[3:] / surface.radius)
         moved = pose(R, center + step[:3] - R @ center) @ X_ST
@@ -58,9 +60,7 @@ def polished(
 
 
 def polished_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRows | None:
-    """What holds a polished pose `X_ST` (4, 4): pixels and depth edges; None if the model is out of
-    view.
-    """
+    """Pixels and depth edges that hold a polished pose `X_ST`; None if the model is out of view."""
     pairing = Pairing.of(evidence, surface, X_ST)
     if pairing is None:
         return None
@@ -69,17 +69,19 @@ def polished_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Pai
 
 
 def pixel_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRows:
-    """Depth differences of scan and model at `X_ST` (4, 4), one pixel a row; unknowns as in
-    `Pairing.terms`.
-    """
+    """Depth differences of scan and model at `X_ST`, a pixel a row; unknowns of `Pairing.terms`."""
     window = evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _PIXELS)
     scan = evidence.scan.part(window)
+
+    # Rendered model
     rays, X_TS = scan.rays, np.linalg.inv(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
     z = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
     sigma = evidence.noise.sigma(np.where(np.isfinite(z), z, 1.0))
+
     off = scan.depth - z
     n = hit["normal"].astype(np.float64) @ X_ST[:3, :3].T
+
     across = np.einsum("hwi,hwi->hw", n, rays)
     with np.errstate(invalid="ignore"):
         used = (np.abs(off) < np.minimum(_OUTSIDE * sigma, OCCLUDER)) & (
@@ -93,6 +95,7 @@ def pixel_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRo
         rays[used],
         z[used],
     )
+
     arm = (z[:, None] * rays - transform_points(X_ST, surface.center)) / surface.radius
     weight = evidence.noise.independent(window[0].step or 1) / sigma**2
     return PairRows(

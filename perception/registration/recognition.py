@@ -2,13 +2,12 @@
 
 `recognise`: each is identified, and all are compared on the same pixels.
 
-The scan's likelihood with one object at its best pose, over that with another, says how much better
-it explains the
-scan. The pixels must be the same for both: those that stand out for any object that the scan does
-not contradict. An object that is likelier than the accepted one, though not accepted itself, is a
-reason to look again.
+The scan's likelihood with one object at its best pose, over that with another, shows how much
+better it explains the scan. The pixels must be the same for both: those that stand out for any
+object that the scan does not contradict. An object that is likelier than the accepted one, though
+not accepted itself, is a reason for another view.
 
-`identify_together`: what is accepted explains its pixels and hides what lies behind, while the
+`identify_together`: what is accepted explains its pixels and occludes what lies behind, while the
 others are sought again.
 """
 
@@ -49,7 +48,7 @@ class Candidate:
 
     name: str
     found: Identification
-    # [nat] of the scan, on the pixels that all candidates share; -inf if it was not found
+    # [nat] of the scan, on the pixels that all candidates share; -inf without evidence
     log_likelihood: float
 
 
@@ -78,9 +77,7 @@ class Recognition:
 
     @property
     def margin(self) -> float:
-        """Log likelihood [nat] of the likeliest object above that of the runner-up; inf if there is
-        none.
-        """
+        """Log likelihood [nat] of the likeliest object above the runner-up's; inf without any."""
         if len(self.candidates) < 2:
             return np.inf
         first, second = (each.log_likelihood for each in self.candidates[:2])
@@ -97,7 +94,7 @@ def recognise(
     approach_error: float = APPROACH_ERROR,
     seed: int = 0,
 ) -> Recognition:
-    """Find out which of several objects is in one scan, and where.
+    """Recognise which of several objects is in one scan, and where.
 
     Args:
         cloud: As for `identify`.
@@ -118,10 +115,13 @@ def recognise(
     """
     started = perf_counter()
     surfaces = models_of(targets, seed)
+
     scan: Any = cloud
     if not isinstance(cloud, Scan):
         with suppress(PerceptionError):  # each says it
             scan = Scan.from_cloud(cloud)  # once for all
+
+    # Each object alone
     attempts = {
         name: attempted(
             scan,
@@ -134,6 +134,7 @@ def recognise(
         )
         for name, surface in surfaces.items()
     }
+
     found = {name: attempt.concluded() for name, attempt in attempts.items()}
     if not any(each.accepted for each in found.values()):
         # Most objects are another one: all starts are fitted only if none fits.
@@ -142,6 +143,7 @@ def recognise(
             if wider is not attempt:
                 found[name] = wider.concluded()
 
+    # All on the same pixels
     candidates = _compared(found)
     name, reason = None, _doubt(candidates)
     decision = candidates[0].found.decision
@@ -149,6 +151,7 @@ def recognise(
         name = candidates[0].name
     elif decision is Decision.ACCEPT or any(each.found.accepted for each in candidates):
         decision = Decision.RESCAN
+
     return Recognition(
         name=name,
         reason=reason,
@@ -167,13 +170,11 @@ def identify_together(
     approach_error: float = APPROACH_ERROR,
     seed: int = 0,
 ) -> dict[str, Identification]:
-    """Find several objects that all are in one scan, such as a heap of things that touch each
-    other.
+    """Identify several objects that all are in one scan, such as a heap in which they touch.
 
     What is accepted explains its part of the scan: the others are sought again without it, and may
-    lie behind it, as
-    long as another one is accepted so. A pixel shows one object: of two that claim the same ones
-    the likelier is taken.
+    lie behind it, as long as another one is accepted so. A pixel shows one object: of two that
+    claim the same ones the likelier is taken.
 
     Args:
         cloud: As for `identify`.
@@ -191,16 +192,20 @@ def identify_together(
         ConfigurationError: For arguments of a wrong type or shape, no targets, or two of one name.
     """
     surfaces = models_of(targets, seed)
+
     approaches = dict(approaches or {})
     if stray := sorted(set(approaches) - set(surfaces)):
         raise ConfigurationError(
             f"approaches: no object is named {shown(stray[0])}; there are {sorted(surfaces)}"
         )
+
     scan: Any = cloud
     if not isinstance(cloud, Scan):
         with suppress(PerceptionError):  # each says it
             scan = Scan.from_cloud(cloud)
+
     found: dict[str, Identification] = {}
+
     sought = list(surfaces)
     while sought:
         for name in sought:
@@ -212,7 +217,10 @@ def identify_together(
                 approach_error=approach_error,
                 seed=seed,
             )
+
         left = [name for name in sought if not found[name].accepted]
+
+        # Accepted objects explain their pixels, the likelier first
         for name in sorted(
             set(sought) - set(left), key=lambda name: -found[name].hypotheses[0].log_likelihood
         ):
@@ -229,6 +237,7 @@ def identify_together(
                 scan = replace(
                     scan, known=known if scan.known is None else known.joined(scan.known)
                 )
+
         if len(left) == len(sought):
             break
         sought = left
@@ -238,8 +247,10 @@ def identify_together(
 def _shown(scan: Scan, found: Identification) -> KnownObjects:
     """An accepted object in the pixels of the scan."""
     assert found.evidence is not None  # it was accepted
+
     depth = found.surface.depth(found.X_sensor_target, scan)
     off, z = np.abs(scan.depth - depth), np.where(np.isfinite(depth), depth, 1.0)
+
     with np.errstate(invalid="ignore"):
         shown = off < 3.0 * found.evidence.noise.sigma(z)
         shown |= ndimage.binary_dilation(shown) & (off < 3.0 * found.evidence.sensor.sigma(z))
@@ -260,18 +271,21 @@ def models_of(
         raise ConfigurationError(
             f"targets: expected several models, or the name of a folder, got {shown(targets)}"
         )
+
     models: dict[str, ModelSurface] = {}
     for k, (name, target) in enumerate(named):
         try:
             surface = sampled(target, seed)
         except ConfigurationError as error:
             raise ConfigurationError(f"targets, {name or f'number {k + 1}'}: {error}") from error
+
         name = name or surface.target.name
         if name in models:
             raise ConfigurationError(
                 f"targets: every model needs a name of its own, {name!r} is there twice"
             )
         models[name] = surface
+
     if not models:
         raise ConfigurationError("targets: at least one model is needed, got none")
     return models
@@ -291,6 +305,7 @@ def model_files(folder: str | Path) -> list[Path]:
     files = sorted(
         file for file in path.iterdir() if file.suffix.lower() in _ENDINGS and file.is_file()
     )
+
     if not files:
         raise ConfigurationError(
             f"targets: no model in folder {shown(str(folder))}; files end in {sorted(_ENDINGS)}"
@@ -299,21 +314,23 @@ def model_files(folder: str | Path) -> list[Path]:
 
 
 def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
-    """The candidates on common pixels with the noise that the best of them leaves, the likeliest
-    first.
+    """The candidates on common pixels, with the noise that the best leaves; the likeliest first.
 
-    Those that were not found come last.
+    Those without evidence come last.
     """
     seen = {name: each.evidence for name, each in found.items() if each.evidence is not None}
     rivals = [
         evidence for name, evidence in seen.items() if found[name].decision is not Decision.REFUSE
     ]
+
+    # Pixels of all rivals, with the least noise that any of them leaves
     common = None
     for evidence in rivals or list(seen.values()):
         if common is None:
             common = evidence
         noise = max(common.noise, evidence.noise, key=lambda noise: noise.information)
         common = replace(common, standing=common.standing | evidence.standing, noise=noise)
+
     candidates = [
         Candidate(
             name=name,
@@ -332,6 +349,7 @@ def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
 def _doubt(candidates: tuple[Candidate, ...]) -> str:
     """Why the likeliest of the candidates is not taken for the object; empty if it is."""
     first = candidates[0]
+
     if not any(each.found.accepted for each in candidates):
         return (
             f"none of {len(candidates)} objects is accepted; the likeliest, {first.name}: "
@@ -339,6 +357,7 @@ def _doubt(candidates: tuple[Candidate, ...]) -> str:
         )
     if not first.found.accepted:
         return f"{first.name} is the likeliest, but not accepted: {first.found.reason}"
+
     for other in candidates[1:]:
         ahead = first.log_likelihood - other.log_likelihood
         if ahead < MIN_MARGIN:

@@ -1,6 +1,4 @@
-"""Other shapes as rivals of a model: its mirror image and other sizes may fit nearly as well, and
-are other objects.
-"""
+"""Other shapes as rivals of a model: its mirror image and other sizes may fit nearly as well."""
 
 from dataclasses import dataclass, replace
 
@@ -19,24 +17,21 @@ from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly
 
 MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
-_NEAR = 7  # other poses that were found, from which a model of another size is fitted too
+_NEAR = 7  # other hypotheses from which a model of another size is fitted too
 # of those that look like the pose of the model, from which its mirror image is fitted too
 _ALIKE_POSES = 24
-# [nat] over the mirror image, from which on a later look from the same place need not seek it
+# [nat] over the mirror image, from which on a later scan from the same place need not seek it
 _BEYOND_DOUBT = 100.0
 # [-] of the range: motion of the sensor about the object, up to which it sees the same of it
 _SAME_PLACE = 0.1
-_LOST = 0.5  # [-] of the margin over the mirror image that a later look may lose
-# [nat] expected difference of log likelihood, below which this view does not tell one from the
-# other
+_LOST = 0.5  # [-] of the margin over the mirror image that a later scan may lose
+# [nat] expected difference of log likelihood, below which this view cannot distinguish the two
 _ALIKE = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MirrorImage:
-    """The mirror image of a model where it fits a scan best, beside the pose of the model
-    itself.
-    """
+    """The mirror image of a model where it fits a scan best, beside the model's own pose."""
 
     X_TM: Array  # (4, 4) pose of the mirror image M in T
     log_likelihood: float  # [nat] of the scan, with the model itself
@@ -47,7 +42,7 @@ class MirrorImage:
 def best_mirror_image(
     searched: Evidence, evidence: Evidence, surface: ModelSurface, X_ST: Array, expected: Expected
 ) -> MirrorImage | None:
-    """The mirror image of the model, fitted near a pose of the model and sought anywhere else.
+    """The mirror image of the model, fitted near a pose of the model and sought elsewhere.
 
     Args:
         searched: Scan of the object with the noise as stated.
@@ -63,15 +58,20 @@ def best_mirror_image(
     rival = mirror_image(surface)
     if rival is None:
         return None
+
+    # Starts: reflections near the pose, and a search of its own
     alike = ambiguous_poses(surface)
     alike = (np.eye(4), *alike[:: -(-len(alike) // _ALIKE_POSES) or 1])
     starts = [X_ST @ G @ turn for G in alike for turn in _turns(surface)]
     starts += initial_poses(searched.scan, searched.mask, rival, searched.sensor, expected)
+
     found = likeliest_of(searched, rival, starts, log_likelihood(searched, surface, X_ST))
     if evidence is not searched:
         found = weighed_again(evidence, rival, found)
+
     if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
         return None
+
     X_TS, likelihood = inverse(X_ST), log_likelihood(evidence, surface, X_ST)
     return MirrorImage(
         X_TM=readonly(X_TS @ found.X_ST),
@@ -84,30 +84,33 @@ def best_mirror_image(
 def is_told_again(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, earlier: MirrorImage
 ) -> bool:
-    """Whether a scan tells a model from its mirror image as an earlier one from the same place did,
-    beyond doubt.
+    """Whether a scan excludes the mirror image as clearly as an earlier one from the same place.
 
-    The hand of an object does not change between two looks, so its mirror image need not be sought
-    anew. But the object
-    may have been replaced, or something have come before it: the model must explain this scan about
-    as well, and the mirror image as badly where it fitted best.
+    The hand of an object does not change between two scans, so its mirror image need not be sought
+    anew. But the object may have been replaced, or something have come before it: the model must
+    explain this scan about as well, and the mirror image as badly where it fitted best.
 
     Args:
         evidence: Scan of the object.
         surface: Sampled model.
         X_ST: (4, 4) fitted pose of T in S.
-        earlier: What an earlier look at the same object has found.
+        earlier: Mirror image in an earlier scan of the same object.
     """
     rival = mirror_image(surface)
     if rival is None or earlier.hand < _BEYOND_DOUBT:
         return False
+
+    # From the same place
     p_TS = inverse(X_ST)[:3, 3]
     moved = float(np.linalg.norm(p_TS - earlier.p_TS))
     if moved > _SAME_PLACE * float(np.linalg.norm(p_TS - surface.center)):
         return False
+
+    # Explained about as well, and the mirror image as badly
     likelihood = log_likelihood(evidence, surface, X_ST)
     if likelihood < earlier.log_likelihood - _LOST * earlier.hand:
         return False
+
     hand = likelihood - log_likelihood(evidence, rival, X_ST @ earlier.X_TM)
     return hand > max(_BEYOND_DOUBT, (1.0 - _LOST) * earlier.hand)
 
@@ -115,8 +118,7 @@ def is_told_again(
 def resized_log_likelihood(
     evidence: Evidence, surface: ModelSurface, size: float, found: Found
 ) -> float:
-    """Log likelihood [nat] of the scan with the model at another size, fitted near the poses that
-    were found.
+    """Log likelihood [nat] of the scan with the model at another size, fitted near its poses.
 
     Args:
         evidence: Scan of the object.
@@ -127,6 +129,7 @@ def resized_log_likelihood(
     rival = resized(surface, size)
     near = [found.X_ST, *(each.X_sensor_target for each in found.others[:_NEAR])]
     starts = [pose(X[:3, :3], X[:3, 3] + (1.0 - size) * X[:3, :3] @ surface.center) for X in near]
+
     return likeliest_of(
         evidence, rival, starts, log_likelihood(evidence, surface, found.X_ST)
     ).log_likelihood
@@ -158,6 +161,7 @@ def mirror_image(surface: ModelSurface) -> ModelSurface | None:
     vertices, triangles = surface.target.vertices, surface.target.triangles
     if has_mirror_plane(vertices, triangles, np.random.default_rng(0), surface.resolution):
         return None
+
     flip = np.array([-1.0, 1.0, 1.0])
     symmetry = surface.symmetry
     return replace(
@@ -181,12 +185,11 @@ def mirror_image(surface: ModelSurface) -> ModelSurface | None:
 
 @remembered(16, owners=MODELS)
 def _turns(surface: ModelSurface) -> tuple[Array, ...]:
-    """Poses (4, 4) of the mirror image in T that lie on the model: reflected in each of its
-    principal planes.
-    """
+    """Poses (4, 4) of the mirror image in T on the model: reflected in each principal plane."""
     middle, axes = _principal(surface)
     flip = np.diag([-1.0, 1.0, 1.0])
     turns: list[Array] = []
+
     for axis in axes:
         reflection = np.eye(3) - 2.0 * np.outer(axis, axis)
         turns.append(pose(reflection @ flip, middle - reflection @ middle))

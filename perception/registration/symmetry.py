@@ -1,7 +1,6 @@
-"""Symmetry of a known model: rotations under which it looks nearly the same, and parts in view that
-break a symmetry.
+"""Symmetry of a known model: rotations that leave it nearly the same, and parts that break it.
 
-**Near symmetry.** One arm of a starfish further, or a plate turned round. Such rotations are found
+**Near symmetry.** One arm of a starfish further, or a plate turned round. Such rotations are sought
 on the model alone, by rotating it about its principal axes. PoseCheck must then separate the fitted
 pose from them by the scan. Rotations declared as symmetry count as the same pose.
 
@@ -70,23 +69,25 @@ _OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
 
 @remembered(16, owners=MODELS)
 def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
-    """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may
-    be empty.
+    """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first.
 
     Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look
     alike, of 5 deg, about the principal axes and the axes of T. They pass through the centroid of
-    the surface and through the centre of its
-    bounding box. About the declared axis nothing is tried: all such rotations are the same pose.
+    the surface and through the centre of its bounding box. About the declared axis nothing is
+    tried: all such rotations are the same pose.
     """
     points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
     tree = cKDTree(surface.points)
     folds = sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)})
+
     found: list[tuple[float, Array]] = []
     for middle in (surface.points.mean(axis=0), surface.center):
         main = np.linalg.eigh(np.cov((surface.points - middle).T))[1].T
         for axis in np.vstack([main, np.eye(3)]):
             if _is_declared(surface.symmetry, axis):
                 continue
+
+            # Rotations by the folds; those of a round body only where all folds look alike
             turns = [
                 pose(R, middle - R @ middle)
                 for R in (exp_so3(angle * axis) for angle in (*folds, *_ROUND))
@@ -99,10 +100,13 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
                 if unlike is None:
                     continue
                 alike += 1
+
+                # Settled, and another pose than those so far
                 G = _settled(tree, points, G)
                 others = [] if k >= len(folds) else [Y for _, Y in found]
                 if _is_another(surface.symmetry, G, [np.eye(4), *others]):
                     found.append((unlike, G))
+
     turned = tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
     return turned + tuple(_shifts(surface, points, tree))
 
@@ -119,14 +123,16 @@ def _is_declared(symmetry: Symmetry, axis: Array) -> bool:
 
 
 def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
-    """Pose (4, 4) near `G` that lays the points (n, 3) best on those of the tree: trimmed ICP [Arun
-    1987].
-    """
+    """Pose (4, 4) near `G` that puts points (n, 3) best on those of the tree: trimmed ICP."""
     for _ in range(_SETTLED):
         moved = transform_points(G, points)
         distance, index = tree.query(moved)
+
+        # Pairs but for the farthest
         kept = distance <= np.quantile(distance, _TRIMMED)
         a, b = moved[kept], tree.data[index[kept]]
+
+        # Least-squares rotation of the pairs [Arun 1987]
         U, _, Vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
         G = pose(R, b.mean(axis=0) - R @ a.mean(axis=0)) @ G
@@ -134,21 +140,24 @@ def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
 
 
 def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
-    """Poses G (4, 4) by which a periodic model looks alike: along a principal axis by a period, or
-    as a screw.
-    """
+    """Poses G (4, 4) by which a periodic model looks alike: shifts by a period, or screws."""
     middle = surface.points.mean(axis=0)
     some = points[:: max(1, len(points) // _SHIFTED)]
     steps = np.arange(*_PERIODS, surface.spacing / surface.radius) * surface.radius
     found: list[Array] = []
+
+    # Rms distance along each principal axis
     for axis in np.linalg.eigh(np.cov((surface.points - middle).T))[1].T:
         length = float(np.ptp(surface.points @ axis))
         off = np.array([_overlap(tree, some, step * axis, length) for step in steps])
         if not np.isfinite(off).any():
             continue
+
         # A period brings the surfaces together again, after they have been apart.
         limit = min(_PERIODIC * off[np.isfinite(off)].max(), _ALIKE * surface.radius)
         periods = steps[1:-1][(off[1:-1] <= off[:-2]) & (off[1:-1] < off[2:]) & (off[1:-1] < limit)]
+
+        # Shifts by a period, and screws of either hand
         for period in periods[:_MOST_PERIODS]:
             found += [pose(p=sign * period * axis) for sign in (1.0, -1.0)]
             for share in _SCREWS:
@@ -163,8 +172,7 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
 
 @remembered(16, owners=MODELS)
 def slipping_twist(surface: ModelSurface) -> Array | None:
-    """Twist (6,) [1, 1/m] in T about the model's centre that the surface resists least [Gelfand
-    2004].
+    """Twist (6,) [1, 1/m] in T about the model's centre, resisted least [Gelfand 2004].
 
     A spring is screwed along itself, a nearly round body turned. Facets and ends leave it several
     places to rest on the way. It moves the surface by 1 (rms). None where the surface resists every
@@ -172,11 +180,15 @@ def slipping_twist(surface: ModelSurface) -> Array | None:
     """
     if surface.symmetry.axis is not None:
         return None
+
     at = surface.points - surface.center
     J = np.column_stack([surface.normals, np.cross(at, surface.normals) / surface.radius])
+
+    # Smallest eigenvalue: the motion that the surface resists least
     values, vectors = np.linalg.eigh(J.T @ J / len(J))
     linear, angular = vectors[:3, 0], vectors[3:, 0] / surface.radius
     motion = float(np.sqrt(np.mean(np.sum((linear + np.cross(angular, at)) ** 2, axis=1))))
+
     if np.sqrt(max(values[0], 0.0)) > _SLIPPERY * motion:
         return None
     return np.concatenate([linear, angular]) / motion
@@ -184,12 +196,11 @@ def slipping_twist(surface: ModelSurface) -> Array | None:
 
 @remembered(128, owners=MODELS)
 def slipped(surface: ModelSurface, by: float) -> Array:
-    """Pose G (4, 4) in T by which the model has slipped: a motion of its surface by `by` [m] along
-    `slipping_twist`.
-    """
+    """Pose G (4, 4) in T by which the model has slipped: `by` [m] along `slipping_twist`."""
     twist = slipping_twist(surface)
     if twist is None:
         return np.eye(4)
+
     generator = np.zeros((4, 4))
     generator[:3, :3], generator[:3, 3] = (
         skew(twist[3:]),
@@ -199,20 +210,17 @@ def slipped(surface: ModelSurface, by: float) -> Array:
 
 
 def _overlap(tree: cKDTree, points: Array, shift: Array, length: float) -> float:
-    """Rms distance [m] of the shifted points (n, 3) that stay within the model; inf if too few
-    do.
-    """
+    """Rms distance [m] of the shifted points (n, 3) that stay within the model; inf if too few."""
     share = 1.0 - np.linalg.norm(shift) / length
     if share < _OVERLAP:
         return np.inf
+
     distance = np.sort(tree.query(points + shift)[0])[: int(share * len(points))]
     return float(np.sqrt(np.mean(distance**2)))
 
 
 def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float | None:
-    """Rms distance [m] of the points (n, 3) moved by `G` (4, 4) from those of the tree; None above
-    `limit`.
-    """
+    """Rms distance [m] of points (n, 3) moved by `G` from those of the tree; None above `limit`."""
     moved = transform_points(G, points)
     total = 0.0
     for k in range(_FEW):  # the distances of a few points alone exclude most rotations
@@ -223,9 +231,7 @@ def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float |
 
 
 def _is_another(symmetry: Symmetry, G: Array, others: list[Array]) -> bool:
-    """True if a pose (4, 4) differs from each of the others by more than 8 deg, up to the declared
-    symmetry.
-    """
+    """True if a pose (4, 4) differs from all others by more than 8 deg, up to declared symmetry."""
     return bool(
         np.all(symmetry.cosines(G[:3, :3], np.array(others)[:, :3, :3]) < np.cos(_DIFFERENT))
     )
@@ -233,12 +239,15 @@ def _is_another(symmetry: Symmetry, G: Array, others: list[Array]) -> bool:
 
 @remembered(16, owners=MODELS)
 def asymmetric_parts(surface: ModelSurface) -> Array:
-    """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh; none
-    without an axis.
+    """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh.
+
+    None without an axis of symmetry.
     """
     symmetry, points = surface.symmetry, surface.points
+
     if symmetry.axis is None:
         return np.zeros((0, 3))
+
     least = max(_OFF, 1.2 * surface.spacing)
     grid = NearestPoint.of(points, surface.spacing)
     off = np.median(
@@ -251,6 +260,7 @@ def asymmetric_parts(surface: ModelSurface) -> Array:
         ],
         axis=0,
     )
+
     parts = points[off > least]
     if len(parts) > _MOST * len(points):
         return np.zeros((0, 3))
@@ -279,20 +289,27 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
             for a in angles
         ]
 
+    # All angles, on pixels where the parts may appear
     angles = np.arange(0.0, 2.0 * np.pi, _STEP)
     poses = turned(angles, symmetry.rotations)
     pixels = _Pixels.of(evidence, surface, poses)
     if pixels is None:
         return None
+
+    # Gain over the featureless body
     seen = pixels.depths(surface, poses)
     bare = np.median(seen, axis=0)
     gain, agree = pixels.gains(seen, bare)
+
+    # Unique: the gain at other angles is far less
     best = int(gain.argmax())
     group, at = divmod(best, len(angles))
     beside = np.abs(np.angle(np.exp(1j * (angles - angles[at])))) < _OTHER
     others = np.delete(gain, group * len(angles) + np.nonzero(beside)[0])
     if gain[best] < _TELLING + max(0.0, float(others.max())) or agree[best] < _AGREE:
         return None
+
+    # Finer angles around the best one
     G, near = symmetry.rotations[group : group + 1], angles[at] + _STEP * _FINE
     gain = pixels.gains(pixels.depths(surface, turned(near, G)), bare)[0]
     # Centroid of the peak, not its maximum: the top is flat, and noise would move the maximum.
@@ -316,11 +333,14 @@ class _Pixels:
         for X in poses:
             row, column, inside = scan.pixels(transform_points(X, points))
             where[row[inside], column[inside]] = True
+
+        # Evenly selected, if there are many
         rows, columns = np.nonzero(where & (scan.depth > 0.0))
         if not len(rows):
             return None
         step = -(-len(rows) // _PIXELS)
         rows, columns = rows[::step], columns[::step]
+
         depth = scan.depth[rows, columns]
         rays = np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows], np.ones(len(rows))])
         sigma = np.hypot(evidence.sensor.sigma(depth), _TOLERANCE)
@@ -334,11 +354,13 @@ class _Pixels:
         return found
 
     def gains(self, seen: Array, bare: Array) -> tuple[Array, Array]:
-        """Gain (k,) [nat] of `seen` (k, p) [m] over the featureless `bare` (p,) [m], and the share
-        (k,) that agrees.
+        """Gain (k,) [nat] of `seen` (k, p) [m] over the featureless `bare` (p,) [m].
+
+        And the share (k,) of the changed pixels that agree.
         """
         cost = np.minimum(0.5 * ((seen - self.depth) / self.sigma) ** 2, _OUTLIER)
         gain = np.minimum(0.5 * ((bare - self.depth) / self.sigma) ** 2, _OUTLIER) - cost
+
         with np.errstate(invalid="ignore"):
             changed = np.abs(seen - bare) > 2.0 * self.sigma
         agree = np.sum(changed & (cost < 2.0), axis=1) / np.maximum(1, changed.sum(axis=1))

@@ -1,6 +1,4 @@
-"""Following of an object that was found: ICP from the last pose, on the pixels around it, in every
-frame.
-"""
+"""Following of an identified object: ICP from the last pose, on the pixels around it."""
 
 from dataclasses import dataclass, replace
 
@@ -39,7 +37,7 @@ def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) 
     """Fit an object in a frame, near where it is expected.
 
     There is no search and no verification: an object that has moved further than ICP reaches, about
-    a twelfth of its radius, is not followed. `identify` finds it again.
+    a twelfth of its radius, is not followed and must be identified anew.
 
     Args:
         scan: The frame.
@@ -55,17 +53,21 @@ def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) 
     part = scan.part(window)
     if min(part.depth.shape) < 3:
         return None
+
     # [px] of the thinned window
     sensor = replace(sensor, noise_length=max(1.0, sensor.noise_length / window[0].step))
+
     center = transform_points(X_ST, surface.center)
     mask = near_any(part.points, center[None], _AROUND * surface.radius) & without_flying_pixels(
         part
     )
     if mask.sum() < MIN_POINTS:
         return None
+
     evidence = Evidence.of(part, mask, 0.8 * surface.spacing, sensor, most=_POINTS)
     if len(evidence.points) < MIN_POINTS:
         return None
+
     fit = fine_fit(evidence, surface, X_ST, GATES[:1])
     if not np.isfinite(fit.residual):
         return None

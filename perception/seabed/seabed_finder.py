@@ -1,6 +1,4 @@
-"""Target finder for seabed work: terrain and tool path from sonar scans or depth frames of the
-seabed.
-"""
+"""Target finder for seabed work: terrain and tool path from sonar scans or depth frames."""
 
 from dataclasses import dataclass, replace
 
@@ -26,8 +24,7 @@ class SeabedFinderState:
 
 
 class SeabedFinder:
-    """Target finder for seabed work: builds the terrain from each scan, projects the targets and
-    plans the tool path.
+    """Target finder for seabed work: terrain of each scan, projected targets, tool path.
 
     Implements `uuv.sim.interfaces.protocols.TargetFinder`.
     """
@@ -64,8 +61,10 @@ class SeabedFinder:
             raise ConfigurationError(
                 f"targets B: expected (s, 3) numbers, s > 0, got shape {self._B.shape}"
             )
+
         if isinstance(looks, bool) or looks < 1:
             raise ConfigurationError(f"looks: must be at least 1, got {looks}")
+
         self._looks = looks if cloud_W is None else 1
         self._up = np.array(checked(up_W, (3,), "up_W"))
         self._core_depth, self._width, self._limits = core_depth, width, limits
@@ -78,7 +77,7 @@ class SeabedFinder:
     def step(
         self, state: SeabedFinderState, estimate: StateEstimate, measurement: Measurement
     ) -> tuple[SeabedFinderState, Target | None]:
-        """Add one scan of the seabed, and plan the work when enough are there.
+        """Add one scan of the seabed, and plan the work once there are enough.
 
         Args:
             state: Of the last call, or of `init`.
@@ -87,12 +86,13 @@ class SeabedFinder:
             measurement: A SonarScan or a DepthImage.
 
         Returns:
-            The new state, and the target in W. The target is None while more scans are wanted. It
-            is not accepted, and carries a reason, where no work is possible.
+            The new state, and the target in W. The target is None while scans are collected. It is
+            not accepted, and carries a reason, where no work is possible.
 
         Raises:
             ConfigurationError: If `measurement` is of another type or malformed.
         """
+        # Enough clouds are collected first
         seen = (
             self._cloud_W
             if self._cloud_W is not None
@@ -101,6 +101,8 @@ class SeabedFinder:
         clouds = (*state.waiting, seen)
         if len(clouds) < self._looks:
             return replace(state, waiting=clouds), None
+
+        # Plan, or a target that is refused
         cloud_W = np.concatenate(clouds)
         center = self._B.mean(axis=0)
         reach = float(np.linalg.norm(center - estimate.X_WB[:3, 3]))
@@ -119,10 +121,13 @@ class SeabedFinder:
                 path=None,
             )
             return SeabedFinderState(cloud_W=readonly(cloud_W)), refused
+
+        # Path of the profile, or that of a core into the ground
         A = plan.targets.A
         away = np.linalg.norm(A - estimate.X_WB[:3, 3], axis=1)
         R = plan.terrain.R_ground
         path = plan.path or core_path(A[0], -R[2], R[0], self._core_depth)
+
         target = Target(
             time=measurement.time,
             X_WT=readonly(pose(p=A.mean(axis=0))),
@@ -137,9 +142,7 @@ class SeabedFinder:
 
 
 def points_in_world(X_WB: Array, measurement: Measurement) -> Array:
-    """Points (n, 3) [m] in W of one sonar scan or depth frame, measured from a hull at `X_WB` (4,
-    4).
-    """
+    """Points (n, 3) [m] in W of a sonar scan or depth frame, measured from a hull at `X_WB`."""
     if isinstance(measurement, SonarScan):
         points, X_BS = without_isolated_echoes(measurement.points), measurement.X_BS
     elif isinstance(measurement, DepthImage):
@@ -148,5 +151,6 @@ def points_in_world(X_WB: Array, measurement: Measurement) -> Array:
         raise ConfigurationError(
             f"seabed finder: expected a SonarScan or a DepthImage, got {type(measurement).__name__}"
         )
+
     points = points.reshape(-1, 3)
     return transform_points(X_WB @ X_BS, points[np.isfinite(points).all(axis=1)])

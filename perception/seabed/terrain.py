@@ -1,5 +1,4 @@
-"""Triangulated surface of an unknown seabed from a sonar cloud, with the standard error of its
-heights.
+"""Triangulated surface of an unknown seabed from a sonar cloud, with standard errors of heights.
 
 Seen from a vehicle above it a seabed is a height over the ground plane [Konoplin 2019, section 1].
 The cloud is therefore triangulated by Delaunay in that plane. This needs no parameter and no
@@ -39,7 +38,7 @@ _NEIGHBOURS = 24  # points of a local fit, a quadric of 6 terms
 _SWEEPS = 4  # iterations of its robust weights
 _FAR = 4.0  # standard deviations from the neighbours' quadric, beyond which a point is an outlier
 _THIN = 0.02  # [-] ratio of a cloud's sides below which it is a line
-_LAYER_POINTS = 12_000  # points, about, at which two layers are looked for
+_LAYER_POINTS = 12_000  # points, about, at which two layers are sought
 _LAYER_GAP = 0.02  # [m] least gap between two layers, in addition to noise and curvature
 _LAYER_SHARE = 0.12  # [-] of the points with two heights around them; edges of rocks have fewer
 _LAYER_RADIUS = 0.15  # [m] around a target within which layers matter
@@ -71,15 +70,11 @@ class Terrain:
         return _axes(self.up)
 
     def ground(self, points: ArrayLike) -> Array:
-        """Coordinates (n, 3) [m] of `points` (n, 3) [m] in S: place on the ground plane (2) and
-        height.
-        """
+        """Coordinates (n, 3) [m] of `points` (n, 3) [m] in S: two on the ground plane, height."""
         return np.asarray(points, dtype=np.float64) @ self.R_ground.T
 
     def under(self, points: ArrayLike) -> tuple[Array, np.ndarray]:
-        """Distance (n,) [m] straight down from `points` (n, 3) [m] to the surface (inf: none), and
-        triangle index.
-        """
+        """Distance (n,) [m] down from `points` (n, 3) [m] to the surface, or inf; triangles."""
         p = np.atleast_2d(np.asarray(points, dtype=np.float64))
         hit = self.scene.cast(p - self.origin, np.broadcast_to(-self.up, p.shape))
         return hit["t"].astype(np.float64), hit["triangle"]
@@ -112,10 +107,13 @@ def build_terrain(
     z = unit_vector(up, "up")
     if hole is not None:
         hole = finite_number(hole, "hole [m]", above=0.0)
+
+    # Local coordinates: over the ground plane and from the middle of the cloud
     origin = points.mean(axis=0)
     R = _axes(z)
     local = (points - origin) @ R.T
     _check_spread(local)
+
     looked_at, layered = _layers(local)
     if len(layered) > _LAYER_SHARE * len(looked_at):
         raise PerceptionError(
@@ -123,10 +121,14 @@ def build_terrain(
             f"{len(layered) / len(looked_at):.0%} of the places "
             "looked at; which of them is the seabed cannot be told"
         )
+
+    # Heights with their standard errors, and the triangles over them
     kept, count, noise = _thinned(local, max_vertices)
     height, sigma, noise, good = _fitted(kept, count, noise)
     vertices = np.column_stack([kept[:, :2], height])[good]
     triangles = _delaunay(vertices)
+
+    # Triangles without an edge across a hole
     spacing = np.sqrt(_area(local) / len(vertices))
     limit = _HOLE * spacing if hole is None else hole
     edges = np.linalg.norm(np.diff(vertices[triangles][:, [0, 1, 2, 0], :2], axis=1), axis=2).max(
@@ -137,6 +139,7 @@ def build_terrain(
         raise PerceptionError(
             f"cloud: no three neighbouring points are within {limit:.3f} m of each other"
         )
+
     p_S = vertices @ R
     triangles.setflags(write=False)
     return Terrain(
@@ -181,18 +184,23 @@ def project(terrain: Terrain, B: ArrayLike) -> Projection:
         raise ConfigurationError(
             f"targets B: expected (s, 3) numbers, s > 0, got shape {targets.shape}"
         )
+
     if not np.all(np.isfinite(targets)):
         bad = int(np.argmin(np.isfinite(targets).all(axis=1)))
         raise ConfigurationError(
             f"targets B: every number must be finite, B_{bad + 1} is {targets[bad].tolist()}"
         )
     checked_place(targets, targets.shape, "targets B", _FARTHEST)
+
+    # Vertical rays to the surface, which must be there, and in one layer
     t, triangle = terrain.under(targets)
     for i in np.flatnonzero(~np.isfinite(t)):
         _say_missed(terrain, targets[i], f"B_{i + 1}")
+
     A = targets - t[:, None] * terrain.up
     for i in range(len(A)):
         _check_layers(terrain, A[i], f"A_{i + 1}")
+
     corner = terrain.vertices[terrain.triangles[triangle]]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -253,6 +261,8 @@ def relief(
         PerceptionError: If too little of the patch was measured.
     """
     limits = limits or ReliefLimits()
+
+    # Vertices around the points
     centers = terrain.ground(np.atleast_2d(np.asarray(around, dtype=np.float64)))
     heights = terrain.ground(terrain.vertices)
     near = cKDTree(centers[:, :2]).query(heights[:, :2], distance_upper_bound=radius)[0] <= radius
@@ -260,11 +270,15 @@ def relief(
         raise PerceptionError(
             f"relief: only {near.sum()} measured points within {radius:g} m of {name}"
         )
+
+    # Plane through them, and what deviates from it
     patch = heights[near]
     middle = patch.mean(axis=0)
     (sx, sy), *_ = np.linalg.lstsq(patch[:, :2] - middle[:2], patch[:, 2] - middle[2], rcond=None)
     off = patch[:, 2] - middle[2] - (patch[:, :2] - middle[:2]) @ [sx, sy]
     slope, rough, step = float(np.arctan(np.hypot(sx, sy))), float(off.std()), float(np.ptp(off))
+
+    # Limits
     found = [
         f"{word} {value * scale:.{digits}f} {unit} over the limit of {limit * scale:.{digits}f}"
         for word, value, limit, scale, digits, unit in (
@@ -285,10 +299,12 @@ def _as_cloud(cloud: ArrayLike) -> Array:
     points = real_array(cloud, "cloud", "(N, 3) numbers [m]")
     if points.ndim != 2 or points.shape[1] != 3:
         raise ConfigurationError(f"cloud: expected (N, 3) numbers [m], got shape {points.shape}")
+
     if len(points) < MIN_POINTS:
         raise PerceptionError(
             f"cloud: {len(points)} points show no surface, at least {MIN_POINTS} are needed"
         )
+
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
         raise PerceptionError(
@@ -314,9 +330,7 @@ def _check_spread(local: Array) -> None:
 
 
 def _area(local: Array) -> float:
-    """Area [m^2] covered by the points: occupied cells of a grid with about a dozen points per
-    cell.
-    """
+    """Area [m^2] covered by the points: occupied cells of a grid, with about 12 points a cell."""
     low, size = local[:, :2].min(axis=0), np.ptp(local[:, :2], axis=0)
     side = float(np.sqrt(size[0] * size[1] / max(4.0, len(local) / 12.0)))
     cell = ((local[:, :2] - low) / max(side, 1e-9)).astype(np.int64)
@@ -334,12 +348,16 @@ def _layers(local: Array) -> tuple[Array, Array]:
     k = 12
     if len(part) < 4 * k:
         return part[:, :2], part[:0, :2]
+
+    # Plane through the neighbours of each point
     distance, index = cKDTree(part[:, :2]).query(part[:, :2], k=k)
     offset = part[index] - part[:, None]
     ones = np.ones((*offset.shape[:2], 1))
     M = np.concatenate([ones, offset[..., :2] / np.maximum(distance[:, -1:, None], 1e-9)], axis=2)
     normal = np.einsum("nki,nkj->nij", M, M) + 1e-6 * np.eye(3)
     plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", M, offset[..., 2])[..., None])[..., 0]
+
+    # Widest gap between the sorted deviations, and the spread on either side of it
     off = np.sort(offset[..., 2] - np.einsum("nki,ni->nk", M, plane), axis=1)
     side = 3  # least number of neighbours on either side of the gap
     gaps = np.diff(off, axis=1)[:, side - 1 : k - side]
@@ -351,32 +369,39 @@ def _layers(local: Array) -> tuple[Array, Array]:
         n = rows.sum(axis=1)
         mean = (off * rows).sum(axis=1) / n
         spread = np.maximum(spread, np.sqrt((((off - mean[:, None]) * rows) ** 2).sum(axis=1) / n))
+
     two = gap > _LAYER_GAP + 2.0 * spread + 0.3 * distance[:, -1]
     return part[:, :2], part[two, :2]
 
 
 def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
-    """Average the points in cells to about `most`; returns them, the count (n,) in each and the
-    noise [m] of one.
+    """Points averaged in cells to about `most`, the count (n,) in each and the noise [m] of one.
 
     A small cloud is returned without averaging, with noise NaN. Points far from the median of their
     cell are left out.
     """
     if len(local) <= most:
         return _distinct(local), np.ones(len(_distinct(local)), dtype=np.int64), np.nan
+
+    # Points by cell, and by height within it
     side = np.sqrt(_area(local) / most)
     low = local[:, :2].min(axis=0)
     cell = ((local[:, :2] - low) / side).astype(np.int64)
     key = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
     order = np.lexsort((local[:, 2], key))
     key, p = key[order], local[order]
+
     first = np.flatnonzero(np.diff(key, prepend=key[0] - 1))
     count = np.diff(first, append=len(key))
     row = np.repeat(np.arange(len(first)), count)
+
+    # Points near the median of their cell
     median = 0.5 * (p[first + (count - 1) // 2, 2] + p[first + count // 2, 2])
     off = np.abs(p[:, 2] - median[row])
     spread = 1.48 * float(np.median(off[count[row] >= 3])) if np.any(count >= 3) else np.inf
     near = off <= _FAR * spread + side
+
+    # Their mean, and the scatter about it
     held = np.bincount(row[near], minlength=len(first))
     some = np.maximum(held, 1)
     mean = (
@@ -384,6 +409,7 @@ def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
         / some[:, None]
     )
     rest = (p[near, 2] - mean[row[near], 2]) ** 2
+
     many = held >= 3
     variance = np.bincount(row[near], rest, len(first))[many] / (held[many] - 1)
     noise = float(np.sqrt(np.median(variance))) if many.any() else np.nan
@@ -400,8 +426,7 @@ def _distinct(local: Array) -> Array:
 def _fitted(
     points: Array, count: np.ndarray, noise: float
 ) -> tuple[Array, Array, float, np.ndarray]:
-    """Smoothed heights (v,) [m] of `points`, their standard errors, the noise of one point, and the
-    mask of inliers.
+    """Smoothed heights (v,) [m] of `points`, standard errors, noise of a point, mask of inliers.
 
     A quadric is fitted robustly around each point. Where it explains the neighbours within their
     noise it is the better measurement. Where the relief is finer, the point itself is. A Wiener
@@ -409,17 +434,25 @@ def _fitted(
     """
     k = min(_NEIGHBOURS, len(points))
     distance, index = cKDTree(points[:, :2]).query(points[:, :2], k=k)
+
+    # Robust quadrics, and how far each point lies from its own
     fit, scatter, leverage = np.empty((3, len(points)))
     _fit_quadrics(points, index, distance, count.astype(np.float64), fit, scatter, leverage)
     off = points[:, 2] - fit
+
     # Each point pulls the quadric towards itself, so its residual is smaller than its noise:
     # corrected by the leverage.
     one = np.sqrt(count / np.maximum(1.0 - leverage, 0.05))
+
     if not np.isfinite(noise):
         noise = 1.48 * float(np.median(np.abs(off) * one))
+
+    # Outliers
     own = noise / np.sqrt(count)
     scale = np.maximum(scatter, np.median(scatter))
     good = np.abs(off) <= _FAR * np.maximum(scale, own) + 1e-6
+
+    # Wiener filter: the point's share grows with the relief that its quadric leaves
     keep = np.maximum(0.0, 1.0 - own**2 / np.maximum(scatter**2, 1e-18))
     height = fit + keep * off
     sigma = own * np.sqrt(keep**2 + (1.0 - keep**2) * leverage)
@@ -428,8 +461,9 @@ def _fitted(
 
 @kernel
 def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
-    """For each point: height of a robust quadric through its neighbours, their scatter about it,
-    and its leverage.
+    """Height, scatter and leverage of each point, by a robust quadric through its neighbours.
+
+    Writes `fit`, `scatter` and `leverage`, (n,) each.
     """
     n, k = index.shape
     M = np.empty((k, 6))
@@ -440,16 +474,20 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
     e = np.empty(6)
     x = np.zeros(6)
     for i in range(n):
+        # Terms of the quadric at the neighbours
         radius = max(distance[i, k - 1], 1e-9) * 1.05
         for j in range(k):
             u = (points[index[i, j], 0] - points[i, 0]) / radius
             v = (points[index[i, j], 1] - points[i, 1]) / radius
             M[j, 0], M[j, 1], M[j, 2], M[j, 3], M[j, 4], M[j, 5] = 1.0, u, v, u * u, u * v, v * v
             off[j] = points[index[i, j], 2]
+
         # Start from the neighbours' median: least squares would start off the surface where two of
         # them are outliers.
         off -= np.median(off)
         scale = max(1.48 * np.median(np.abs(off)), 1e-9)
+
+        # Iteratively reweighted least squares: weights by distance, count and Tukey's biweight
         for _ in range(_SWEEPS):
             A[:] = 0.0
             b[:] = 0.0
@@ -463,16 +501,21 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
                     b[p] += w[j] * M[j, p] * z
                     for q in range(6):
                         A[p, q] += w[j] * M[j, p] * M[j, q]
+
             trace = A[0, 0]
             for p in range(6):
                 A[p, p] += 1e-9 * trace
             x = np.linalg.solve(A, b)
+
+            # Residuals, and their scale
             for j in range(k):
                 z = points[index[i, j], 2] - points[i, 2]
                 for p in range(6):
                     z -= M[j, p] * x[p]
                 off[j] = z
             scale = max(1.48 * np.median(np.abs(off)) * np.sqrt(k / max(k - 6.0, 1.0)), 1e-9)
+
+        # Height at the point, and its own weight in it
         e[:] = 0.0
         e[0] = 1.0
         fit[i] = points[i, 2] + x[0]
@@ -488,6 +531,8 @@ def _delaunay(vertices: Array) -> np.ndarray:
         raise PerceptionError(
             "cloud: seen from above its points lie in a line: they span no surface"
         ) from error
+
+    # Counter-clockwise, none of zero area
     corner = vertices[triangles][..., :2]
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -499,15 +544,14 @@ def _delaunay(vertices: Array) -> np.ndarray:
 
 
 def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
-    """Raise PerceptionError with the reason for which the ray down from `B` (3,) [m] meets no
-    surface.
-    """
+    """Raise PerceptionError: why the ray down from `B` (3,) [m] meets no surface."""
     above = terrain.scene.cast((B - terrain.origin)[None], terrain.up[None])["t"][0]
     if np.isfinite(above):
         raise PerceptionError(
             f"target {name} lies {above:.2f} m under the surface: the ray down "
             "from it meets nothing"
         )
+
     place = terrain.ground(B[None])[0]
     nearest = float(
         np.linalg.norm(terrain.ground(terrain.vertices)[:, :2] - place[:2], axis=1).min()

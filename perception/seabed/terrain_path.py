@@ -1,5 +1,4 @@
-"""Tool path over an unknown seabed: vertical profiles between targets, tool axes, smoothing spline,
-speed law.
+"""Tool path over an unknown seabed: vertical profiles between targets, tool axes, spline.
 
 The surface is cut by the planes through A_i A_i+1 and z. Where a plane crosses the edges of
 triangles lie the points T_j, each with the unit axes a_j (of the tool, into the ground) and n_j
@@ -69,9 +68,12 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
         raise ConfigurationError(
             f"profile: expected two or more finite targets (s, 3), got shape {targets.shape}"
         )
+
     width = checked_width(width)
     ground, ends = terrain.ground(terrain.vertices), terrain.ground(targets)
     points, along, flags = [], [], []
+
+    # Targets, with the points between them
     for i in range(len(ends) - 1):
         cut, way = _cut(ground, terrain.triangles, ends[i], ends[i + 1], f"A_{i + 1}", f"A_{i + 2}")
         points += [ends[i : i + 1], cut]
@@ -79,11 +81,14 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
         flags += [True] + [False] * len(cut)
     points.append(ends[-1:])
     along.append(along[-1][-1:])
+
+    # Axes: normals over the tool's width, and the path's direction across them
     T = np.concatenate(points)
     normal = _normals(ground, T, max(0.5 * width, 2.0 * terrain.spacing))
     way = np.column_stack([np.concatenate(along), np.zeros(len(T))])
     n = way - np.einsum("ij,ij->i", way, normal)[:, None] * normal
     n /= np.linalg.norm(n, axis=1, keepdims=True)
+
     R = terrain.R_ground
     return Profile(
         T=readonly(T @ R),
@@ -96,15 +101,16 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
 def _cut(
     ground: Array, triangles: np.ndarray, start: Array, end: Array, first: str, second: str
 ) -> tuple[Array, Array]:
-    """Points (k, 3) where edges cross the vertical plane between two targets, in order, and its
-    direction (2,).
-    """
+    """Points (k, 3) where edges cross the vertical plane between two targets; direction (2,)."""
     length = float(np.linalg.norm(end[:2] - start[:2]))
     if length < 1e-6:
         raise ConfigurationError(
             f"profile: {first} and {second} lie over the same place, no plane goes through them"
         )
+
     way = (end[:2] - start[:2]) / length
+
+    # Triangles on both sides of the plane, and their two edges that cross it
     offset = ground[:, :2] - start[:2]
     aside, u = offset[:, 1] * way[0] - offset[:, 0] * way[1], offset @ way
     left = aside >= 0.0
@@ -112,11 +118,15 @@ def _cut(
     edges = np.sort(crossed[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2), axis=2)
     cuts = left[edges[..., 0]] != left[edges[..., 1]]  # two of three edges of each triangle
     pairs = edges[cuts].reshape(-1, 2, 2)
+
+    # Crossings, as places along the plane
     a, b = pairs[..., 0], pairs[..., 1]
     share = aside[a] / (aside[a] - aside[b])
     # (k, 2) [m] first and last place of the plane in each triangle
     at = u[a] + share * (u[b] - u[a])
     _check_covered(at, length, first, second)
+
+    # In order along the plane, an edge of two triangles once
     edge, index = np.unique(pairs.reshape(-1, 2), axis=0, return_index=True)
     s = at.reshape(-1)[index]
     p = ground[edge[:, 0]] + share.reshape(-1)[index, None] * (
@@ -130,11 +140,13 @@ def _cut(
 
 def _check_covered(at: Array, length: float, first: str, second: str) -> None:
     """Refuse a plane that leaves the surface between its targets."""
+    # Farthest place reached so far, against the begin of the next
     low, high = at.min(axis=1), at.max(axis=1)
     order = np.argsort(low)
     reached = np.maximum.accumulate(np.concatenate([[0.0], high[order]]))
     begins = np.concatenate([low[order], [length]])
     inside = (reached < length - _BARE) & (begins > reached + _BARE)
+
     if inside.any():
         hole = int(inside.argmax())
         size = min(begins[hole], length) - reached[hole]
@@ -146,9 +158,7 @@ def _check_covered(at: Array, length: float, first: str, second: str) -> None:
 
 
 def _normals(ground: Array, T: Array, radius: float) -> Array:
-    """Unit normals (m, 3), upwards, of the planes through the vertices within `radius` [m] of each
-    point (m, 3).
-    """
+    """Upward unit normals (m, 3) of planes through the vertices within `radius` [m] of each T."""
     tree = cKDTree(ground[:, :2])
     normal = np.empty((len(T), 3))
     for j, near in enumerate(tree.query_ball_point(T[:, :2], radius)):
@@ -161,9 +171,8 @@ def _normals(ground: Array, T: Array, radius: float) -> Array:
 
 
 def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
-    """Cubic B-spline through the targets of a profile, sampled every `spacing` [m] of its
-    length.
-    """
+    """Cubic B-spline through the targets of a profile, sampled every `spacing` [m] of length."""
+    # Dense polyline through the profile, which the targets pin
     spacing = finite_number(spacing, "spacing [m]", least=1e-5)
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cut.T, axis=0), axis=1))])
     fine = np.union1d(np.linspace(0.0, u[-1], max(16, 1 + round(u[-1] / _DENSE))), u[cut.target])
@@ -172,18 +181,24 @@ def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
         np.column_stack([np.interp(fine, u, column) for column in each.T])
         for each in (cut.T, cut.a, cut.n)
     )
+
     curve, axis, ahead = (_spline(fine, values, weight) for values in (p, a, n))
+
+    # Evenly spaced by length along the curve
     dense = np.linspace(0.0, u[-1], max(64, 4 * round(u[-1] / spacing)))
     length = np.concatenate(
         [[0.0], np.cumsum(np.linalg.norm(np.diff(curve(dense), axis=0), axis=1))]
     )
     s = np.linspace(0.0, length[-1], max(8, 1 + round(length[-1] / spacing)))
     at = np.interp(s, length, dense)
+
+    # Axes of unit length, perpendicular to each other
     z = axis(at)
     z /= np.linalg.norm(z, axis=1, keepdims=True)
     x = ahead(at)
     x -= np.einsum("ij,ij->i", x, z)[:, None] * z
     x /= np.linalg.norm(x, axis=1, keepdims=True)
+
     on_scan = np.ones(len(s), dtype=bool)
     on_scan.setflags(write=False)
     return ToolPath(
@@ -274,12 +289,16 @@ def plan_seabed_work(
     if limits is not None and not isinstance(limits, ReliefLimits):
         raise ConfigurationError(f"limits: expected ReliefLimits, got {type(limits).__name__}")
     patch = finite_number(patch, "patch [m]", above=0.0, most=100.0)
+
+    # From the cloud to the profile
     terrain = build_terrain(cloud, z)
     targets = project(terrain, B)
     cut = profile(terrain, targets.A, width) if len(targets.A) > 1 else None
+
     found = relief(terrain, targets.A if cut is None else cut.T, patch, limits)
     if not found.suitable:
         raise PerceptionError(found.reason)
+
     path = None if cut is None else smooth_path(cut)
     return SeabedPlan(
         terrain=terrain,

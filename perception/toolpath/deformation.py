@@ -1,5 +1,4 @@
-"""Map of an object's deformation against its model: growth, silt and dents, pixel by pixel and as a
-list of regions.
+"""Map of an object's deformation against its model: growth, silt and dents, by pixel and region.
 
 Each pixel that the model covers is compared along its line of sight; the deviation is along the
 model's normal, growth positive. Stereo errs in patches, so pixels are averaged until little of this
@@ -66,12 +65,11 @@ class DeformationMap:
 
 
 def map_deformation(found: Identification, size: float | None = None) -> DeformationMap:
-    """Compare the scan of an accepted identification, of one or several frames (`on_all_looks`),
-    with its model.
+    """Compare the scan of an accepted identification with its model.
 
-    A region counts if noise does not explain its largest deviation. Excluded are edges, surface at
-    more than 60 deg of incidence, growth beyond the model's outline, and deviations of OCCLUDER or
-    more.
+    The scan may be fused of several frames (`target_finder.with_fused_frames`). A region counts if
+    noise does not explain its largest deviation. Excluded are edges, surface at more than 60 deg of
+    incidence, growth beyond the model's outline, and deviations of OCCLUDER or more.
 
     Args:
         found: Accepted identification.
@@ -88,20 +86,27 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
         )
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise ConfigurationError(f"deformation: size must be positive [m], got {size}")
+
     evidence, surface = found.evidence, found.surface
+
+    # Pose fitted anew to the undeformed rest, by the regions of a first comparison
     first = _Comparison.of(evidence, surface, found.X_sensor_target)
     X_ST = _refitted(
         evidence, surface, found.X_sensor_target, first.labelled(0.5 * first.size)[0] > 0
     )
     last = _Comparison.of(evidence, surface, X_ST)
+
     size = last.size if size is None else size
     label, count = last.labelled(size)
+
+    # Regions of the second comparison, the largest first
     regions = sorted(
         ((last.region(label == k), k) for k in range(1, count + 1)),
         key=lambda item: -item[0].area_m2,
     )
     place = np.zeros(count + 1, dtype=np.int64)
     place[[k for _, k in regions]] = np.arange(1, count + 1)
+
     return DeformationMap(
         X_sensor_target=readonly(X_ST),
         points_S=evidence.scan.points,
@@ -129,19 +134,26 @@ class _Comparison:
     def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> "_Comparison":
         """Compare with the model at `X_ST` (4, 4)."""
         scan, sensor = evidence.scan, evidence.sensor
+
         model, cosine = surface.seen(X_ST, scan)
         z = model.depth
         covered = np.isfinite(z)
         slant = np.sqrt(1.0 + scan.tangent_x**2 + (scan.tangent_y**2)[:, None])
+
+        # Deviation along the model's normal, from that along the line of sight
         normal = cosine * slant  # [-] component of a depth step along the model's normal
         off = (z - scan.depth) * normal
+
         around = 2 * max(1, round(_RIM / (sensor.focal * scan.pitch))) + 1  # [px] of this grid
         nearest = ndimage.minimum_filter(np.where(covered, z, np.inf), around, mode="nearest")
         farthest = ndimage.maximum_filter(np.where(covered, z, np.inf), around, mode="nearest")
+
+        # Pixels that are compared: away from edges, seen well, the object and no occluder
         with np.errstate(invalid="ignore"):  # inf - inf beyond the model
             known = covered & (farthest - nearest < jump(z)) & (np.abs(off) < OCCLUDER)
         known &= (cosine > SEEN_WELL) & without_flying_pixels(scan)
         expected = covered & (cosine > np.cos(sensor.max_incidence))
+
         area = np.where(expected, (scan.pitch * z) ** 2 / np.where(expected, normal, 1.0), 0.0)
         if not known.any():
             return cls(X_ST, model.points, known, np.zeros_like(z), np.full_like(z, np.inf), area)
@@ -171,10 +183,9 @@ class _Comparison:
         return 2.0 * (POSE_ERROR + self.noise)
 
     def labelled(self, size: float) -> tuple[np.ndarray, int]:
-        """Regions beyond `size` [m] to one side that are significant somewhere: labels from 1, and
-        their number.
-        """
+        """Labels, from 1, of significant regions beyond `size` [m] to one side; their number."""
         label, count = np.zeros(self.known.shape, dtype=np.int64), 0
+
         for side in (1.0, -1.0):
             part = ndimage.label(self.known & (side * self.deviation > size))[0]
             certain = self.known & (side * self.deviation > _DOUBT * self.sigma + POSE_ERROR)
@@ -190,6 +201,7 @@ class _Comparison:
         p_S = points[int(np.linalg.norm(offset, axis=1).argmin())]
         axes = np.linalg.eigh((area[:, None] * offset).T @ offset)[1]
         width, length = np.ptp(offset @ axes[:, 1:], axis=0)
+
         return Region(
             p_T=readonly(transform_points(inverse(self.X_ST), p_S)),
             p_S=readonly(p_S),
@@ -204,12 +216,11 @@ class _Comparison:
 def _refitted(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, deformed: np.ndarray
 ) -> Array:
-    """Pose (4, 4) fitted to the pixels that are not `deformed` (h, w); `X_ST` itself where these do
-    not suffice.
-    """
+    """Pose (4, 4) fitted to pixels that are not `deformed` (h, w); `X_ST` if they are too few."""
     rest = evidence.mask & ~deformed
     if not deformed.any() or rest.sum() < MIN_POINTS:
         return X_ST
+
     fit = fine_fit(
         Evidence.of(evidence.scan, rest, 0.8 * surface.spacing, evidence.sensor), surface, X_ST
     )

@@ -1,5 +1,4 @@
-"""Deviation of the scanned surface from the model along a path, beyond sensor noise [Konoplin 2022,
-eq. 2].
+"""Deviation of the scanned surface from the model along a path [Konoplin 2022, eq. 2].
 
 Points of the path are projected along +-o on the triangulations of scan and model. The sensor's
 noise decides which differences are significant. A steep and high bump shows in few pixels. A low
@@ -56,12 +55,10 @@ _FADE = (0.05, 4.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation:
-    """Signed distance of the scanned surface behind (+) or in front of (-) the model along a
-    path.
-    """
+    """Signed distance of the scanned surface behind (+) or before (-) the model along a path."""
 
     o: Array  # (3,) unit direction of projection, from the sensor to the object, in S
-    along_o: Array  # (n,) [m], 0 where the model is kept
+    along_o: Array  # (n,) [m], 0 where the path stays on the model
     across: Array  # (n,) slope of the deviation across the path, [m]/[m]
     share: Array  # (n,) [-] weight of the scan in the tool axis, 0 to 1, without steps
     on_scan: np.ndarray  # (n,) bool: a significant deviation
@@ -84,8 +81,7 @@ def deviate(
     max_deviation: float,
     bridge: float,
 ) -> Deviation:
-    """Project a dense path along +-o on the surfaces of scan and model and compare them [Konoplin
-    2022, eq. 2].
+    """Compare the surfaces of scan and model along +-o at a dense path [Konoplin 2022, eq. 2].
 
     Args:
         evidence: Scan of the object.
@@ -118,14 +114,19 @@ def deviate(
     with np.errstate(invalid="ignore"):  # inf - inf where both are missed
         difference = scan - model
         in_bounds = np.isfinite(difference) & (np.abs(difference) < max_deviation)
+
+    # Where the sensor sees this face of the model well
     sight = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     cosine = np.einsum("nli,ni->nl", sight, path.a)
     face = cosine > SEEN_WELL
     face &= np.abs(model - _BEFORE) < _SAME_FACE
     well = face & in_bounds
+
     form, section = _form(well, difference, s), np.where(face, model - _BEFORE, np.inf)
     face, well = face[:, _INNER], well[:, _INNER]
     difference, rays = difference[:, _INNER], rays[:, _INNER]
+
+    # Holes in plain view, which may be bridged, and sides that are not seen
     usable = well.sum(axis=1) >= _LEAST_RAYS
     hole = ~usable & (
         _in_plain_view(evidence, surface, X_ST, rays, face).sum(axis=1) >= _LEAST_RAYS
@@ -154,6 +155,7 @@ def deviate(
         patch = (np.ptp(_LATERAL) + step) * (_MEDIAN + 2.0 * width) * weight
         return value, doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
 
+    # High and steep deviations
     fine, sigma = mean(usable, _SMOOTH)
     threshold = 4.5 * sigma + pose_error
     high = _hysteresis(np.where(usable, np.abs(fine), 0.0), threshold)
@@ -163,14 +165,19 @@ def deviate(
     leans = (
         4.5 * doubt / np.sqrt(np.maximum(1.0, patches)) / np.std(BESIDE) + pose_error / BESIDE[-1]
     )
+
     whole = usable & (well.sum(axis=1) > _LEAST_RAYS)
     beyond = np.maximum(np.abs(fine) / threshold, np.where(whole, np.abs(form[:, 1]), 0.0) / leans)
     if high.any():
         high = _hysteresis(np.where(usable, beyond, 0.0), np.ones(n))
     rest = usable & ~high
+
+    # Low and wide ones
     wide, sigma = mean(rest, _SMOOTH_LOW)
     low = _hysteresis(np.where(rest, np.abs(wide), 0.0), 4.5 * sigma + pose_error)
     rest &= ~low
+
+    # Errors of the pose
     widest, sigma = mean(rest, _SMOOTH_POSE)
     # Fouling or a dent has also shifted the pose. No threshold for that: a step would tilt the tool
     # more than the error matters. Shrinkage removes what noise explains. On a clean path the model
@@ -180,14 +187,18 @@ def deviate(
     trust = 1.0 / (1.0 + (_FORM_NOISE * doubt / _MEAN_ERROR) ** 2 / np.maximum(1.0, patches))
     trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
     steep = fine + trust * (form[:, 0] - fine)
+
     for found, values in ((low, wide), (high, steep)):
         # a gap beside a deviation does not end it
         share = _blur(found[nearest].astype(float), step)
         along += share * (values - along)
+
+    # Slope across the path, and all of it over parts that were not seen
     across = _slope(well, difference, middle)
     along, across, on_scan = _over_gaps(
         along, np.where(usable, across, 0.0), high | low, usable, bridged, s
     )
+
     share, across = _blur(on_scan.astype(float), step), _blur(across, 0.5 * step)
     bend = share * trust * np.where(usable & high[nearest], form[:, 2], 0.0)
     return Deviation(
@@ -215,8 +226,7 @@ def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
 
 
 def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndarray]:
-    """Axes into the scanned surface at points of a path, from a parabola through the scan around
-    each of them.
+    """Axes into the scanned surface at points of a path, by a parabola around each.
 
     The parabola is weighted by a Gaussian as narrow as the sensor's noise allows: a wide one is
     biased where the surface bends within it.
@@ -230,6 +240,7 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
         Unit axes (n, 3) in S, and the mask (n,) of those that enough points determine; the others
         are those of `z`.
     """
+    # Points of the scan, and the width of the Gaussian at each place
     part = evidence.scan.part(evidence.scan.window(p, 0.1, 10**6))
     points = part.points.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
@@ -238,19 +249,25 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
         _SPREAD * evidence.sensor.sigma(p[:, 2]) * patch / (np.sqrt(2.0) * _SLOPE_NOISE)
     )
     widths = np.clip(widths, *_WIDTHS)
+
     axes, known = z.copy(), np.zeros(len(p), dtype=bool)
     if len(points) < _FITTED:
         return axes, known
     tree = cKDTree(points)
     for i, near in enumerate(tree.query_ball_point(p, 2.5 * widths)):
+        # Points in the axes of the path, across it in widths
         u, v = _perpendicular(z[i])
         to = points[near] - p[i]
         x, y, depth = to @ u / widths[i], to @ v / widths[i], to @ z[i]
         weight = np.exp(-0.5 * (x * x + y * y)) * (np.abs(depth) < _SAME_FACE)
+
+        # Weighted least squares of a parabola
         terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
         normal = terms.T @ (weight[:, None] * terms)
         if np.count_nonzero(weight > 0.1) < _FITTED or np.linalg.cond(normal) > _ILL_CONDITIONED:
             continue
+
+        # Its slopes tilt the axis
         rise = np.linalg.solve(normal, terms.T @ (weight * depth))[1:3] / widths[i]
         axis = z[i] - rise[0] * u - rise[1] * v
         axes[i], known[i] = axis / np.linalg.norm(axis), True
@@ -267,17 +284,16 @@ def _perpendicular(axis: Array) -> tuple[Array, Array]:
 
 
 def _project_on_model(surface: ModelSurface, X_ST: Array, starts: Array, o: Array) -> np.ndarray:
-    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the model's surface, inf if
-    missed.
-    """
+    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the model, inf if missed."""
     X_TS = inverse(X_ST)
     way = np.broadcast_to(X_TS[:3, :3] @ o, starts.shape)
     return surface.scene.cast(transform_points(X_TS, starts), way)["t"]
 
 
 def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -> np.ndarray:
-    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the scan around `near` (m, 3), inf
-    if missed.
+    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the scan near a path, or inf.
+
+    `near` (m, 3) [m]: points of the path.
     """
     part = evidence.scan.part(evidence.scan.window(near, 0.1, 10**6))
     if min(part.depth.shape) < 2:
@@ -289,9 +305,7 @@ def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -
 def _in_plain_view(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, rays: Array, face: np.ndarray
 ) -> np.ndarray:
-    """Mask (n, l) of the points `rays` (n, l, 3) in S that the sensor should see well on the model
-    at `X_ST`.
-    """
+    """Mask (n, l) of the points `rays` (n, l, 3) in S that the sensor should see on the model."""
     flat = rays.reshape(-1, 3)
     X_TS = inverse(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], flat @ X_TS[:3, :3].T)["t"]
@@ -308,6 +322,7 @@ def _bridgeable(
 
     Raises PerceptionError for a hole longer than `bridge` [m].
     """
+    # Holes that are too long
     step = float(np.diff(s).mean())
     label, count = ndimage.label(hole)
     for i in range(1, count + 1):
@@ -319,6 +334,8 @@ def _bridgeable(
                 "m from its start: "
                 f"{_cause(evidence, p[rows])}; at most {1e3 * bridge:.0f} mm can be bridged"
             )
+
+    # Gaps with surface on both sides
     bridged = np.zeros_like(usable)
     label, count = ndimage.label(~usable)
     for i in range(1, count + 1):
@@ -358,12 +375,16 @@ def _over_gaps(
         return nothing, nothing, np.zeros(len(s), dtype=bool)
     if usable.all():
         return along, across, on_scan
+
+    # Over gaps: interpolated between seen parts
     at = s[usable]
     if len(at) >= 2:
         from scipy.interpolate import PchipInterpolator
 
         along = np.where(usable, along, PchipInterpolator(at, along[usable], extrapolate=False)(s))
     across = np.interp(s, at, across[usable])
+
+    # Beyond them: faded out from the nearest seen part
     before = np.maximum.accumulate(np.where(usable, np.arange(len(s)), -1))
     after = np.minimum.accumulate(np.where(usable, np.arange(len(s)), len(s))[::-1])[::-1]
     out = ~(usable | bridged)
@@ -375,6 +396,7 @@ def _over_gaps(
         left = np.where(u < 1.0, 1.0 - u * u * (3.0 - 2.0 * u), 0.0)
         faded[rows] += left * size
         faded_across[rows] += left * across[edge[rows]]
+
     joined = bridged & on_scan[np.clip(before, 0, None)] & on_scan[np.clip(after, None, len(s) - 1)]
     return (
         np.where(out, faded, along),
@@ -395,8 +417,7 @@ def _blur(values: Array, step: float) -> Array:
 
 
 def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, Array]:
-    """Gaussian mean of `values` over the `known` among them, 0 where none is near, and their share
-    of the Gaussian.
+    """Gaussian mean of the `known` of `values`, 0 where none is near; their share of the Gaussian.
 
     `width` in samples. Beyond the ends nothing is known.
     """
@@ -406,22 +427,21 @@ def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, 
 
 
 def _hysteresis(size: Array, threshold: Array) -> np.ndarray:
-    """Mask of the runs where `size` stays above a share of `threshold` and exceeds it at least
-    once.
-    """
+    """Mask of the runs where `size` stays above a share of `threshold` and exceeds it once."""
     label, _ = ndimage.label(size > _RESUME * threshold)
     return np.isin(label, np.unique(label[(size > threshold) & (label > 0)]))
 
 
 def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
-    """Polynomial (n, 3) of the deviation across the path over [m], for a surface curved in both
-    directions.
+    """Polynomial (n, 3) of the deviation across the path, in [m]; the surface may be curved.
 
     The mean over a curved surface is biased. Parabolas across the path, and a Gaussian without this
     bias along it, avoid that.
     """
     step = float(np.diff(s).mean())
     lines, weight = np.zeros(difference.shape), np.zeros(difference.shape)
+
+    # Each line along the path: median, then a Gaussian of second order
     for k, known in enumerate(well.T):
         if known.sum() < 2:
             continue
@@ -433,6 +453,8 @@ def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
             step,
         )
         lines[:, k], weight[:, k] = 2.0 * line - _blur(line, step), _blur(known.astype(float), step)
+
+    # Parabola across the lines, by weighted least squares
     x = BESIDE / BESIDE[-1]
     powers = x[:, None] ** np.arange(3)
     normal = np.einsum("nk,kp,kq->npq", weight, powers, powers) + np.diag([1e-9, 1e-3, 1e-3])

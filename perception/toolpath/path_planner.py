@@ -2,8 +2,8 @@
 
 The path is transformed by the identified pose. Where the object is seen well and deviates from its
 model by more than the sensor's noise (fouled, silted, dented), points are moved along +-o onto the
-scanned triangulation. Elsewhere the model is the better measurement and is kept. A tool that ends
-in a ball is led along what the ball can reach. A cubic B-spline smooths the whole path.
+scanned triangulation. Elsewhere the model is the better measurement and stays. A tool that ends in
+a ball is led along what the ball can reach. A cubic B-spline smooths the whole path.
 """
 
 from dataclasses import replace
@@ -84,25 +84,32 @@ def plan_path(
             "got "
             f"{spacing}, {max_deviation}, {bridge} and {tool_radius}"
         )
+
+    # The path on the model, and the deviation of the scan along it
     carried = carry(found.X_sensor_target, densified(path))
     dense = along_itself(carried)
     b = carried.b if carried.keeps_b else None
     deviation = deviate(
         found.evidence, found.surface, found.X_sensor_target, dense, max_deviation, bridge
     )
+
+    # A point of contact
     p, z = dense.p + deviation.along_o[:, None] * deviation.o, tilted_axis(dense, deviation)
     if not (tool_radius > 0.0 and deviation.on_scan.any()):
         return turning_at_rest(_smoothed(p, z, deviation.on_scan, spacing, b))
+
+    # A ball: contact points, and axes where the scan shows them better
     p, z = rolled(dense, deviation, tool_radius)
     axes, scanned = scanned_axis(found.evidence, p, z)
     path_found = _smoothed(p, _towards(axes, z, p), deviation.on_scan, spacing, b)
+
     at = np.linspace(0.0, 1.0, len(path_found.s))
     seen = np.interp(at, np.linspace(0.0, 1.0, len(p)), scanned.astype(float)) > 0.5
     return turning_at_rest(workable(path_found, tool_radius, seen))
 
 
 def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> ToolPath:
-    """Tool path on the object as its model says, where no scan tells more.
+    """Tool path on the surface of the model, for an object that was not scanned.
 
     Args:
         X_AT: (4, 4) pose of the object.
@@ -123,12 +130,11 @@ def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> T
 
 
 def _towards(axes: Array, z: Array, p: Array) -> Array:
-    """Unit axes (n, 3) from those of model and deviation, `z`, to those of the scan as far as these
-    differ for sure.
-    """
+    """Unit axes (n, 3): `z` of model and deviation, or the scan's where they differ for sure."""
     apart = np.sum((axes - z) ** 2, axis=1)
     step = float(np.linalg.norm(np.diff(p, axis=0), axis=1).mean())
     share = ndimage.gaussian_filter1d(apart / (apart + _SURE**2), _SLOPE / step, mode="nearest")
+
     mixed = ndimage.gaussian_filter1d(
         z + share[:, None] * (axes - z), _SLOPE / step, axis=0, mode="nearest"
     )
@@ -136,12 +142,11 @@ def _towards(axes: Array, z: Array, p: Array) -> Array:
 
 
 def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = None) -> ToolPath:
-    """`path` on a surface that is not its model's, at half speed and without what this tool cannot
-    work there.
+    """`path` on a surface that deviates: at half speed, without what this tool cannot work.
 
     In a hollow nearly as tight as itself a ball touches two flanks at once: the force jumps from
-    one to the other. Such places are left out with a margin, and those where nothing was scanned:
-    the model says nothing about them. Ends that are left out are cut off.
+    one to the other. Such places are left out with a margin, and those where nothing was scanned,
+    for the model does not hold there. Ends that are left out are cut off.
 
     Args:
         path: Path of the ball's contact point.
@@ -154,6 +159,7 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
     Raises:
         PerceptionError: If nothing of the path remains.
     """
+    # Hollows as tight as the ball, and places that were not seen, with a margin
     step = float(path.s[1] - path.s[0])
     bend = np.gradient(np.gradient(path.p, step, axis=0), step, axis=0)
     tight = -np.sum(bend * path.z, axis=1) > _TIGHT / tool_radius
@@ -162,11 +168,14 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
     tight, unseen = (
         ndimage.binary_dilation(places, iterations=margin) for places in (tight, unseen)
     )
+
+    # Stretches that are long enough to be worked
     fits = ~(tight | unseen)
     stretch, count = ndimage.label(fits)
     fits &= (np.bincount(stretch, minlength=count + 1) * step >= min(_SHORTEST, float(path.s[-1])))[
         stretch
     ]
+
     if not fits.any():
         why = (
             f"it fits the surface on {1.0 - tight.mean():.0%} of the path, of which "
@@ -175,6 +184,8 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
         raise PerceptionError(
             f"the tool, a ball of {1e3 * tool_radius:.0f} mm, can work nowhere on the path: {why}"
         )
+
+    # From the first place that fits to the last, with what is left out between
     kept = np.flatnonzero(fits)[[0, -1]]
     part = slice(kept[0], kept[1] + 1)
     causes = (
@@ -185,6 +196,7 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
         f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()
     ]
     note = f"{' and '.join(told)}, are left out" if told else ""
+
     return replace(
         path,
         s=readonly(path.s[part] - path.s[part.start]),
@@ -199,8 +211,7 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
 
 
 def carry(X_ST: Array, path: ModelPath) -> ModelPath:
-    """Transform a path from T to S, points and axes [Konoplin 2022, eq. 3], with the whole pose in
-    one matrix.
+    """Transform a path from T to S, points and axes [Konoplin 2022, eq. 3].
 
     The equation has two rotations and centroids; `X_ST` (4, 4) combines them.
     """
@@ -230,6 +241,8 @@ def densified(path: ModelPath) -> ModelPath:
         raise ConfigurationError(
             f"tool path: points {int(chord.argmin())} and {int(chord.argmin()) + 1} coincide"
         )
+
+    # Splines through points and axes; steps of b are taken out, and put back
     u = np.concatenate([[0.0], np.cumsum(chord)])
     fine = np.linspace(0.0, u[-1], max(8, 1 + round(u[-1] / _DENSE)))
     steps = Steps.of(path.a, path.b) if path.keeps_b else NO_STEPS
@@ -253,23 +266,30 @@ def _smoothed(
     """
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     curve, axis = _spline(u, p), _spline(u, z)
+
+    # Evenly spaced by length along the curve
     fine = np.linspace(0.0, u[-1], max(16, 4 * round(u[-1] / spacing)))
     length = np.concatenate(
         [[0.0], np.cumsum(np.linalg.norm(np.diff(curve(fine), axis=0), axis=1))]
     )
     s = np.linspace(0.0, length[-1], max(2, 1 + round(length[-1] / spacing)))
     at = np.interp(s, length, fine)
+
+    # Axes
     points, tool = curve(at), axis(at)
     tool /= np.linalg.norm(tool, axis=1, keepdims=True)
+
     steps = NO_STEPS if b is None else Steps.of(z, b)
     x = curve.derivative()(at) if b is None else _spline(u, steps.taken_out(z, b))(at)
     x -= np.einsum("ij,ij->i", x, tool)[:, None] * tool
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     x = steps.put_back(tool, x, np.interp(at, u, np.arange(len(u))))
+
     if b is None:
         free = without_turn(x[0], tool)
         if np.einsum("ij,ij->i", free, x).min() < _TURNS:
             x = free
+
     nearest = np.clip(np.searchsorted(u, at), 0, len(u) - 1)
     flags = on_scan[nearest].copy()
     flags.setflags(write=False)
@@ -295,10 +315,9 @@ def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array,
     """Contact points (n, 3) [m] and axes (n, 3) in S of a ball-ended tool that moves along a path.
 
     The surface is the model's plus the deviation, as far beside the path as BESIDE extends. Its
-    morphological closing
-    bridges tight hollows: the centre of a ball that rolls on the surface stays at least its radius
-    away from every surface point. The ball then reaches, seen along the tool axis, the surface
-    itself or, over a tight hollow, its own underside.
+    morphological closing bridges tight hollows: the centre of a ball that rolls on the surface
+    stays at least its radius away from every surface point. The ball then reaches, seen along the
+    tool axis, the surface itself or, over a tight hollow, its own underside.
 
     Args:
         path: Dense path in S.
@@ -308,20 +327,27 @@ def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array,
     Returns:
         Contact points (n, 3) [m] and unit axes (n, 3) in S.
     """
+    # Surface beside the path: model, deviation, and its form
     count = 2 * round(BESIDE[-1] / _ACROSS) + 1
     x = np.linspace(BESIDE[0], BESIDE[-1], count)
     section = np.array([_between(row, x) for row in deviation.section])
     depth = section + deviation.form @ x ** np.arange(3)[:, None]
     lateral = np.cross(path.a, path.b)
     surface = path.p[:, None] + x[:, None] * lateral[:, None] + depth[..., None] * deviation.o
+
+    # The same, with straight ends on which the ball can stand
     step = float(np.linalg.norm(np.diff(path.p, axis=0), axis=1).mean())
     more, slope = int(np.ceil(radius / step)), max(1, round(_SLOPE / step))
     longer = np.vstack(
         [_onward(surface[::-1], more, slope)[::-1], surface, _onward(surface, more, slope)]
     )
     ways = np.vstack([np.tile(-path.a[0], (more, 1)), -path.a, np.tile(-path.a[-1], (more, 1))])
+
+    # Closing: the surface raised to the underside of the ball
     over = lift(longer, ways, radius)[more:-more]
     closed = surface - over[..., None] * path.a[:, None]
+
+    # Normals from the slopes along and across
     middle, off = count // 2, round(_SLOPE / _ACROSS)
     along = ndimage.gaussian_filter1d(
         np.gradient(closed[:, middle], axis=0), 0.5 * _SLOPE / step, axis=0
@@ -341,9 +367,7 @@ def _onward(surface: Array, rows: int, over: int) -> Array:
 
 
 def _between(row: Array, x: Array) -> Array:
-    """Interpolate a section (7,) at offsets `x` [m] from the path; _GONE beyond its known part on
-    either side.
-    """
+    """Interpolate a section (7,) at offsets `x` [m] from the path; _GONE beyond its known part."""
     known = np.isfinite(row)
     if not known[len(row) // 2]:
         return np.where(np.abs(x) < _ACROSS, 0.0, _GONE)

@@ -1,10 +1,9 @@
-"""Tool paths on any model: curves projected on its mesh, cuts of the mesh by planes, lists of
-points with axes.
+"""Tool paths on any model: curves projected on its mesh, cuts by planes, lists of points.
 
 A curve is points (n, 3) [m] in the model's frame T, near the surface. `laid_on` projects it along a
 direction by ray casting [Moller 1997], [Konoplin 2019, eq. 1 to 4]. `cut` follows the surface in a
-plane [Konoplin 2019, section 1]. The
-result is a ModelPath like those of the objects: add it with `TargetModel.with_path`.
+plane [Konoplin 2019, section 1]. The result is a ModelPath like those of the objects: add it with
+`TargetModel.with_path`.
 """
 
 from collections.abc import Sequence
@@ -41,6 +40,7 @@ _MOST_TURN, _MOST_LINES = 1e3, 10_000  # [rad] of a helix; lines of a raster
 def line(start: ArrayLike, end: ArrayLike) -> Array:
     """Points (n, 3) [m] from `start` to `end` (3,)."""
     a, b = _place(start, "line: start"), _place(end, "line: end")
+
     length = float(np.linalg.norm(b - a))
     if not length > _NEAR:
         raise ConfigurationError("line: start and end coincide")
@@ -54,8 +54,7 @@ def circle(
     angle: float = 2.0 * np.pi,
     rise: float = 0.0,
 ) -> Array:
-    """Arc, circle or helix: points (n, 3) [m] from `start`, right-handed about `axis` through
-    `center`.
+    """Arc, circle or helix: points (n, 3) [m] from `start`, right-handed about an axis.
 
     Args:
         center: (3,) [m] in T.
@@ -72,11 +71,13 @@ def circle(
     """
     c, p = _place(center, "circle: center"), _place(start, "circle: start")
     angle, rise = number(angle, "circle: angle [rad]"), number(rise, "circle: rise [m]")
+
     w = unit_vector(axis, "circle: axis")
     arm = (p - c) - w * (w @ (p - c))
     radius = float(np.linalg.norm(arm))
     if not radius > _NEAR:
         raise ConfigurationError("circle: the start lies on the axis")
+
     if not (
         abs(angle) < _MOST_TURN and abs(rise) <= _FARTHEST and angle != 0.0 and np.isfinite(rise)
     ):
@@ -85,6 +86,7 @@ def circle(
             f"{_FARTHEST:g} m; got "
             f"{angle} rad, {rise} m"
         )
+
     share = np.linspace(0.0, 1.0, _count(float(np.hypot(radius * angle, rise))))
     turned = np.array([exp_so3(angle * u * w) @ arm for u in share])
     return p - arm + turned + (share * rise)[:, None] * w
@@ -111,14 +113,18 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
         _place(value, f"raster: {name}")
         for value, name in ((center, "center"), (along, "along"), (across, "across"))
     )
+
     length, width = float(np.linalg.norm(u)), float(np.linalg.norm(v))
     if not (length > _NEAR and width > _NEAR and abs(u @ v) < 1e-6 * length * width):
         raise ConfigurationError("raster: along and across must be perpendicular and not zero")
+
     pitch = finite_number(pitch, "raster: pitch [m]", above=0.0)
     if width / pitch > _MOST_LINES:
         raise ConfigurationError(
             f"raster: pitch must give at most {_MOST_LINES} lines, got {pitch} m on {width:g} m"
         )
+
+    # Lines in turn, each but the last with a half circle to the next
     lines = 1 + max(1, int(np.ceil(width / pitch - 1e-9)))
     pitch = width / (lines - 1)
     parts, turn = [], np.linspace(0.0, np.pi, _count(0.5 * np.pi * pitch))[1:-1, None]
@@ -136,8 +142,7 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
 def laid_on(
     target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, before: float = 0.5
 ) -> ModelPath:
-    """Project a curve on the mesh of a target along a direction, with the surface's normals as tool
-    axes.
+    """Project a curve on the mesh of a target along a direction, with normals as tool axes.
 
     The rays take the first surface that they meet. The tool axis is the inward normal, averaged
     over a footprint of 1 cm.
@@ -162,22 +167,28 @@ def laid_on(
         raise ConfigurationError(
             f"direction: expected (3,) or {points.shape} numbers, got shape {ways.shape}"
         )
+
     ways = ways / np.maximum(np.abs(ways).max(axis=-1, keepdims=True), 1e-9)
     length = np.linalg.norm(ways, axis=-1, keepdims=True)
     if not np.all(length > _NEAR):
         raise ConfigurationError("direction: must not be zero")
     ways = np.broadcast_to(ways / length, points.shape)
+
+    # Rays down on the mesh
     scene = RayScene(target.vertices, target.triangles)
     b = _tangents(points)
     aside = np.cross(ways, b)
     starts = points - before * ways
     hit = scene.cast(starts, ways)
+
     missed = np.flatnonzero(~np.isfinite(hit["t"]))
     if len(missed):
         raise ConfigurationError(
             f"path on {target.name!r}: {len(missed)} of {len(points)} rays miss it, the first from "
             f"{np.round(points[missed[0]], 3).tolist()}"
         )
+
+    # No step off an edge
     p = starts + hit["t"][:, None] * ways
     steps, wanted = (np.linalg.norm(np.diff(values, axis=0), axis=1) for values in (p, points))
     fall = np.flatnonzero(steps > _STEEPEST * wanted)
@@ -187,6 +198,8 @@ def laid_on(
             f"{np.round(p[fall[0]], 3).tolist()}, by "
             f"{1e3 * steps[fall[0]]:.0f} mm"
         )
+
+    # Normals over the footprint
     normals = np.zeros_like(p)
     for side in (-1.0, 0.0, 1.0):
         near = scene.cast(starts + side * _FOOTPRINT * aside, ways)
@@ -197,10 +210,10 @@ def laid_on(
 
 
 def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayLike) -> ModelPath:
-    """Profile of a target between two points, in the plane through both and `direction` [Konoplin
-    2019, section 1].
+    """Profile of a target between two points, in the plane through both and `direction`.
 
-    The path is where the plane cuts the triangles (T_j) between the projected points (A_i, A_i+1).
+    The path is where the plane cuts the triangles (T_j) between the projected points (A_i, A_i+1)
+    [Konoplin 2019, section 1].
 
     Args:
         target: Model with the mesh.
@@ -221,9 +234,12 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
     normal = np.cross(chord, way)
     if not np.linalg.norm(normal) > 1e-6:
         raise ConfigurationError("cut: start and end lie one behind the other along the direction")
+
     normal /= np.linalg.norm(normal)
     along = np.cross(way, normal)
     along *= np.sign(along @ chord)
+
+    # Crossings of the plane with the edges of triangles
     corners = np.asarray(target.vertices)[target.triangles]
     side = (corners - ends[0]) @ normal
     # a corner in the plane counts to one side: no crossing is lost
@@ -233,14 +249,18 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
         rows = np.flatnonzero(side[:, i] * side[:, j] < 0.0)
         share = side[rows, i] / (side[rows, i] - side[rows, j])
         t.append(corners[rows, i] + share[:, None] * (corners[rows, j] - corners[rows, i]))
+
     crossings = np.vstack(t)
     reach = (crossings - ends[0]) @ along
     crossings = crossings[(reach > 0.0) & (reach < chord @ along)]
+
     # Of the crossings, keep those that a ray along the direction meets first.
     scene = RayScene(target.vertices, target.triangles)
     ahead = float(np.ptp(corners.reshape(-1, 3) @ way)) + 0.1
     first = scene.cast(crossings - ahead * way, np.broadcast_to(way, crossings.shape))["t"]
     crossings = crossings[np.abs(first - ahead) < 1e-4]
+
+    # Path over those points, respaced
     points = np.vstack([ends[0], crossings[np.argsort((crossings - ends[0]) @ along)], ends[1]])
     return laid_on(target, _respaced(points), way, before=0.05)
 
@@ -265,6 +285,8 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
 
     p = _points(points, "points")
     a = checked(axes, p.shape, "axes")
+
+    # Unit axes that turn by less than 90 deg between neighbours
     size = np.linalg.norm(a, axis=1)
     if not np.all(size > _NEAR):
         raise ConfigurationError(f"axes: row {int(size.argmin())} is zero")
@@ -274,10 +296,13 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
         raise ConfigurationError(
             f"axes: rows {int(turned.argmin())} and {int(turned.argmin()) + 1} point apart"
         )
+
+    # Splines through points and axes
     u = _chords(p, "points")
     fine = np.linspace(0.0, u[-1], max(_count(float(u[-1])), len(p)))
     dense, axis = make_interp_spline(u, p, k=3)(fine), make_interp_spline(u, a, k=1)(fine)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+
     if along is None:
         return _path(dense, axis, "points", axis)
     b = make_interp_spline(u, checked(along, p.shape, "along"), k=1)(fine)
@@ -294,6 +319,8 @@ def joined(paths: Sequence[ModelPath]) -> ModelPath:
         gap = float(np.linalg.norm(then.p[0] - first.p[-1]))
         if gap > 2.0 * PATH_STEP:
             raise ConfigurationError(f"paths {i} and {i + 1} are {1e3 * gap:.0f} mm apart")
+
+    # Without points that two paths share
     p = np.vstack([path.p for path in paths])
     keep = np.concatenate([[True], np.linalg.norm(np.diff(p, axis=0), axis=1) > 0.2 * PATH_STEP])
     a, b = (np.vstack([getattr(path, name) for path in paths])[keep] for name in ("a", "b"))

@@ -17,6 +17,8 @@ def turning_at_rest(path: ToolPath) -> ToolPath:
     steps = Steps.of(path.z, path.x)
     if not len(steps.after):
         return path
+
+    # Rows of the longer path: a sample, and those of the turn behind it
     count = np.ones(len(path.s), dtype=np.int64)
     count[steps.after] += np.ceil(np.abs(steps.angle) / _EACH).astype(np.int64)
     row = np.repeat(np.arange(len(path.s)), count)
@@ -25,10 +27,13 @@ def turning_at_rest(path: ToolPath) -> ToolPath:
         steps.after, steps.angle, np.cumsum(count)[steps.after] - count[steps.after], strict=True
     ):
         turned[first : first + count[last]] = np.linspace(0.0, angle, count[last])
+
     s, z, x = path.s[row], path.z[row], path.x[row]
     longer = np.diff(turned, prepend=0.0)
+
     # the first point of each row is the path's own
     longer[np.concatenate([[True], np.diff(row) > 0])] = 0.0
+
     return replace(
         path,
         s=readonly(s + _LENGTH * np.cumsum(np.abs(longer))),

@@ -1,3 +1,1 @@
-"""The published identification, for comparison: its ICP and its check of the fit [Konoplin
-2022].
-"""
+"""The published identification, for comparison: its ICP and its check [Konoplin 2022]."""

@@ -1,5 +1,4 @@
-"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], beside
-`uuv.perception.registration.pose_check`.
+"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], beside our `pose_check`.
 
 Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the
 triangulated surfaces of model and scan of the object, which they meet in C_i and C'_i.
@@ -30,8 +29,7 @@ class PublishedCriterion:
 def published_criterion(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str = "line", n: int = 50
 ) -> PublishedCriterion:
-    """Published criterion Q at the pose `X_ST`, for comparison with
-    `uuv.perception.registration.pose_check`.
+    """Published criterion Q at the pose `X_ST`, for comparison with `pose_check`.
 
     Args:
         evidence: Scan of the object.
@@ -53,6 +51,8 @@ def published_criterion(
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     if not visible.any():
         return PublishedCriterion(q_m=0.0, rays=0, missed=n)
+
+    # Trajectory of points c_i
     points = transform_points(X_ST, surface.points[visible])
     H_D, o = direction(points)
     reach = lateral_reach(H_D, o, points)
@@ -62,6 +62,8 @@ def published_criterion(
         else circle(0.5 * reach, n)
     )
     starts = in_plane(H_D, o, points, flat)
+
+    # Projections on the model and on the scan of the object
     X_TS = inverse(X_ST)
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
     C_model = surface.scene.distance(transform_points(X_TS, starts), way)
@@ -72,6 +74,8 @@ def published_criterion(
     C_scan = distances_along(part, starts, o)
     if C_scan is None:
         return PublishedCriterion(q_m=0.0, rays=0, missed=n)
+
+    # Q over the rays that meet both
     both = np.isfinite(C_model) & np.isfinite(C_scan)
     E = C_scan[both] - C_model[both]
     return PublishedCriterion(

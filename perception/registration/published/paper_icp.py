@@ -1,5 +1,4 @@
-"""Point-to-point ICP from the model to the scan as published, kept as a baseline [Konoplin 2022],
-[Konoplin 2019].
+"""Point-to-point ICP from model to scan, the published baseline [Konoplin 2022], [Konoplin 2019].
 
 The model's centroid is put on the scan's, then ICP runs a few iterations with all model points.
 Points that the sensor cannot see are removed and ICP runs until its error no longer decreases. If
@@ -46,8 +45,7 @@ def laid_on(points: Array, surface: ModelSurface, R_ST: Array) -> Array:
 
 
 def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFit:
-    """Run the first iterations of ICP with all model points, the others with those visible from the
-    sensor.
+    """Run the first iterations of ICP with all model points, the others with the visible ones.
 
     Args:
         evidence: Scan points of the object.
@@ -59,7 +57,9 @@ def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFi
     """
     step = -(-len(surface.points) // _MODEL_POINTS)
     tree = cKDTree(evidence.points)
+
     X_ST, error = _icp(tree, surface.points[::step], X_ST, _FIRST)
+
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence, step)
     if visible.sum() >= 10:
         X_ST, error = _icp(tree, surface.points[::step][visible], X_ST, _MOST)
@@ -67,23 +67,20 @@ def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFi
 
 
 def required_error(evidence: Evidence, surface: ModelSurface) -> float:
-    """Largest rms distance [m] of a good fit, from the noise and spacing of the points; the paper
-    leaves it open.
-    """
+    """Largest rms distance [m] of a good fit, from noise and spacing; the paper leaves it open."""
     noise = float(np.sqrt(np.mean(evidence.sigma**2)))
     return _ALLOWED * float(np.hypot(noise, surface.spacing))
 
 
 def _icp(tree: cKDTree, points_T: Array, X_ST: Array, iterations: int) -> tuple[Array, float]:
-    """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until the rms distance [m] no longer
-    decreases.
-    """
+    """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until its rms distance [m] stays."""
     error, middle = np.inf, points_T.mean(axis=0)
     for _ in range(iterations):
         distance, index = tree.query(transform_points(X_ST, points_T))
         before, error = error, float(np.sqrt(np.mean(distance**2)))
         if not error < (1.0 - _FALLS) * before:
             break
+
         nearest = tree.data[index]
         # Least-squares rotation of the paired points by SVD [Arun 1987].
         U, _, Vt = np.linalg.svd((nearest - nearest.mean(axis=0)).T @ (points_T - middle))

@@ -139,7 +139,7 @@ class TouchJob:
         return self.X_WB @ np.array(self.vehicle.X_BA)
 
     def aim(self, plan: TouchProgress) -> tuple[Touch, Nest, Array]:
-        """Present touch, its nest, and p_WN (3,) by the arm model, corrected by the last touches."""
+        """Present touch, its nest, and p_WN (3,) by the arm model, corrected by past touches."""
         touch = self.touches[plan.at]
         nest, found = self.nests[touch.nest], plan.offsets.get(touch.nest)
         return touch, nest, nest.p_WN if not found else nest.p_WN + np.mean(found[-5:], axis=0)

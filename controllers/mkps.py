@@ -1,12 +1,12 @@
-"""Inverse kinematics of any serial chain by MKPS, the method of "finite rotation and displacement"
-[Danilov 2021].
+"""Inverse kinematics of serial chains by MKPS, finite rotation and displacement [Danilov 2021].
 
     chain = Chain.from_dh(dh, limits=limits)
     result = solve(chain, X_base_tip, q0)
 
 This module is the public interface. Chains are built in `uuv.controllers.ik.chain`, pose sequences
 are tracked in `uuv.controllers.ik.tracking`. The compiled loops are in `uuv.controllers.ik`:
-`kinematics`, `damped_descent` (hybrid), `sweeps` (jacobian_free), `paper_stages` (plain).
+`chain_kernels`, `damped_descent` (hybrid), `sweeps` (jacobian_free), `paper_stages` (plain),
+`priorities` (priority).
 """
 
 import math
@@ -62,7 +62,7 @@ Precision = Literal["double", "single"]
 StageAxes = Literal["joint", "tip"]
 
 _METHODS = get_args(Method)
-# sweeps are cheap
+# largest number of iterations by default; sweeps are cheap
 _MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000, "priority": 400}
 _MOST_HYBRID = _MOST["hybrid"]
 _MOST_COUNTED = 10**9  # largest number of iterations or restarts that may be asked for
@@ -143,16 +143,19 @@ class IkOptions:
         one_of(self.stage_axes, get_args(StageAxes), "stage_axes")
         if not isinstance(self.history, bool | np.bool_):
             raise ConfigurationError(f"history: must be True or False, got {shown(self.history)}")
+
         most, name = (
             (_MOST_KEPT, "max_iterations with history")
             if self.history
             else (_MOST_COUNTED, "max_iterations")
         )
+
         if self.max_iterations is not None:
             whole_number(self.max_iterations, name, least=1, most=most)
         whole_number(self.max_restarts, "max_restarts", most=_MOST_COUNTED)
         if self.threads is not None:
             whole_number(self.threads, "threads", least=1, most=_MOST_THREADS)
+
         if self.stage_tolerances is not None:
             both = real_array(self.stage_tolerances, "stage_tolerances [rad]", "two numbers")
             if both.shape != (2,):
@@ -161,6 +164,7 @@ class IkOptions:
                 )
             for value in both.tolist():
                 _tolerance(value, "stage_tolerances [rad]")
+
         usual = self.precision == "double" and not self.history and self.stage_tolerances is None
         object.__setattr__(self, "usual", usual)
 
@@ -181,8 +185,7 @@ def solve(
     axis_tolerance: float | None = None,
     turn_tolerance: float | None = None,
 ) -> IkResult:
-    """Solve the inverse kinematics of a chain for one tip pose, starting at `q0`, within the joint
-    limits.
+    """Solve the inverse kinematics of a chain for one tip pose, from `q0`, within the joint limits.
 
     A part of the pose whose tolerance is infinite does not count: `orientation_tolerance=inf` asks
     for a position alone, `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for
@@ -238,6 +241,7 @@ def solve(
     ):
         # Half a microsecond counts here: names of this module are found faster than those of
         # another.
+
         q = _empty(chain.n)
         most = options.max_iterations
         try:
@@ -254,6 +258,7 @@ def solve(
         except (TypeError, KeyError, OverflowError, ValueError):
             # not yet compiled, or arguments of other types: the general way below
             outcome = _NO_OUTCOME
+
         code, iterations, restarts, error_p, error_r = outcome
         if code < _BAD_TARGET:
             cause = _CAUSES[code] if code or not restarts else _RESTARTED
@@ -262,6 +267,7 @@ def solve(
                 IkResult,
                 (q, done, iterations, error_p, error_r, cause, restarts, None, None, _NAN, _NAN),
             )
+
     tolerances = _Tolerances(
         position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance
     )
@@ -273,6 +279,7 @@ def solve(
 def _tolerance(value: Any, name: str) -> float:
     """Return `value` if it is > 0; infinity means that this error does not count."""
     given = number(value, name)
+
     if not given > 0.0:
         raise ConfigurationError(f"{name}: must be positive, got {given:g}")
     return given
@@ -290,9 +297,7 @@ class _Tolerances(NamedTuple):
 def _settings(
     chain: Chain, tolerances: _Tolerances, method: str, branch: str, options: IkOptions
 ) -> tuple[kernels.Settings, PartTolerances | None]:
-    """Validated options in the terms of the compiled loops; None unless the pose is solved for by
-    parts.
-    """
+    """Validated options for the compiled loops; the parts are None unless they count apart."""
     one_of(method, _METHODS, "method")
     one_of(branch, get_args(Branch), "branch")
     if not isinstance(options, IkOptions):
@@ -301,10 +306,12 @@ def _settings(
         raise ConfigurationError(
             'precision: "priority" iterates in double precision only, got "single"'
         )
+
     tol_p = _tolerance(tolerances.position, "position_tolerance [m]")
     tol_r = _tolerance(tolerances.orientation, "orientation_tolerance [rad]")
     axis = tol_r if tolerances.axis is None else _tolerance(tolerances.axis, "axis_tolerance [rad]")
     turn = tol_r if tolerances.turn is None else _tolerance(tolerances.turn, "turn_tolerance [rad]")
+
     split = tolerances.axis is not None or tolerances.turn is not None
     tol_1 = tol_2 = tol_r * 0.5**0.5
     if options.stage_tolerances is not None:
@@ -368,15 +375,19 @@ def _solve(
     parts: PartTolerances | None,
     options: IkOptions,
 ) -> IkResult:
+    # Memory, tolerances and trail of the compiled loop
     history, single = bool(options.history), options.precision == "single"
     memory = chain.single() if single else chain._memory
     q = np.empty(chain.n)
+
     rows = settings.limit + MOST_AFTER + 1 if history else 0
     trail = np.empty((rows, chain.n))
     used = settings
     if single:
         p, r, one, two = (_SINGLE_MARGIN * tol for tol in settings[1:5])
         used = settings._replace(tol_p=p, tol_r=r, tol_1=one, tol_2=two)
+
+    # By parts, by the usual entry, or by one that keeps a trail
     outcome: tuple[int, int, int, float, float]
     split = math.nan, math.nan
     if parts is not None:
@@ -395,10 +406,13 @@ def _solve(
         traced = "traced_keep" if settings.keep else "traced_hybrid"
         name = traced if settings.method == kernels.HYBRID else _METHODS[settings.method]
         outcome = entry(name, memory.dtype)(memory, target, start, used, trail, q)
+
     code, iterations, restarts, error_p, error_r = outcome
     if code >= kernels.BAD_TARGET:
         _refuse(code, target, start, "")
     cause = _cause(code, restarts)
+
+    # Errors of a solution in single precision, in double precision
     if single:
         error_p, error_r, axis, turn = _errors(chain, q, target)
         met = error_p <= settings.tol_p and error_r <= settings.tol_r
@@ -406,12 +420,14 @@ def _solve(
             met, split = met and axis <= parts.axis and turn <= parts.turn, (axis, turn)
         if code == _CONVERGED and not met:
             code, cause = kernels.STALLED, _COARSE
+
     path = goals = None
     if history:
         trail[iterations] = q  # without convergence the result is the best iterate, not the last
         trail, goals = trail[: iterations + 1], np.empty((iterations + 1, 3))
         entry("goals")(chain._memory, target, settings.tip_axes, trail, goals)
         path, goals = readonly(trail), readonly(goals)
+
     return IkResult(
         q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals, *split
     )
@@ -494,18 +510,22 @@ def solve_many(
     count = len(targets) if targets.ndim == 3 else 0
     if targets.shape != (count, 4, 4):
         raise ConfigurationError(f"X_base_tip: expected shape (N, 4, 4), got {targets.shape}")
+
     starts = _stack(q0, "q0")
     if starts.shape not in ((chain.n,), (count, chain.n)):
         raise ConfigurationError(
             f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}"
         )
+
     starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
     tolerances = _Tolerances(
         position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance
     )
+
     settings, parts = _settings(chain, tolerances, method, branch, options)
     if options.history or options.precision == "single":
         raise ConfigurationError("options: `solve_many` is without history and in double precision")
+
     threads = options.threads
     if threads is None:
         threads = (
@@ -513,6 +533,7 @@ def solve_many(
             if hasattr(os, "sched_getaffinity")
             else os.cpu_count() or 1
         )
+
     q, out = np.empty((count, chain.n)), np.full((count, 7), np.nan)
     many = entry("many" if parts is None else "many_parts")
 
@@ -522,9 +543,11 @@ def solve_many(
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, range(0, count, _CHUNK)))
+
     codes = out[:, 0].astype(np.int64)
     for i in np.flatnonzero(codes >= kernels.BAD_TARGET):
         _refuse(int(codes[i]), targets[i], starts[i], f"[{i}]")
+
     batch = IkBatch(
         q=q,
         converged=codes == _CONVERGED,
@@ -536,6 +559,7 @@ def solve_many(
         turn_error=out[:, 6].copy(),
         codes=codes,
     )
+
     for name in batch.__slots__:
         getattr(batch, name).setflags(write=False)
     return batch
@@ -551,12 +575,14 @@ def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float, float,
     X = chain.forward(q)
     R = X[:3, :3].T @ target[:3, :3]
     whole, tilt = log_so3(R), np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
+
     half = 0.5 * float(np.linalg.norm(whole))
     turn = (
         0.0
         if half == 0.0
         else 2.0 * abs(np.arctan2(np.sin(half) * whole[2] / (2.0 * half), np.cos(half)))
     )
+
     return float(np.linalg.norm(X[:3, 3] - target[:3, 3])), 2.0 * half, float(tilt), float(turn)
 
 
@@ -569,9 +595,7 @@ def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """Convert `values` to contiguous float64 of `shape`; the compiled loops validate the
-    numbers.
-    """
+    """Convert `values` to contiguous float64 of `shape`; the compiled loops check the numbers."""
     array = _stack(values, name)
     if array.shape != shape:
         raise ConfigurationError(f"{name}: expected shape {shape}, got {array.shape}")

@@ -1,5 +1,4 @@
-"""Gains, filters and limits of all controllers: default, unit, meaning, and what fails without
-them.
+"""Gains, filters and limits of all controllers: default, unit, meaning, effect without them.
 
     WorkController(model, tuning=ArmTuning(joint_frequency=40.0))
 
@@ -150,9 +149,7 @@ class ArmTuning:
 
     @property
     def servo_gains(self) -> Array:
-        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, its limit [rad
-        s].
-        """
+        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, limit [rad s]."""
         w = self.joint_frequency
         return np.array(
             [
@@ -171,9 +168,7 @@ class ArmTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceLoopTuning:
-    """Force loop: integral law, with optional P and D, from the normal force error to the
-    displacement.
-    """
+    """Force loop: integral law, with optional P and D, from force error to displacement."""
 
     title = "force loop"
     bandwidth: float = tuned(24.0, "[rad/s] of the closed loop on any surface")
@@ -195,9 +190,7 @@ class ForceLoopTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedForceTuning:
-    """Published force law: PID from each component of the force error to the displacement of the
-    tool.
-    """
+    """Published force law: PID from each component of the force error to a displacement."""
 
     title = "published force law"
     proportional: float = tuned(1e-5, "[m/N]")

@@ -49,11 +49,14 @@ class ClosedFormForce(TorqueSensors):
         before_B = state.sensed.f_B.copy()
         super().sense(state, estimate, drives)
         sensed, rows, now_B = state.sensed, list(JOINTS), before_B
+
         A = sensed.J_B[:3, rows].T
         if _regular(A):
             now_B = np.linalg.solve(A, (sensed.tau_e - state.bias)[rows])
+
         sensed.f_B[:] = before_B + self._force_share * (now_B - before_B)
         sensed.f_G[:] = sensed.X_BG[:3, :3].T @ sensed.f_B
+
         state.estimate = ContactEstimate(
             force_W=estimate.X_WB[:3, :3] @ sensed.f_B,
             normal=float(-sensed.f_G[2]),
@@ -70,6 +73,7 @@ class ClosedFormForce(TorqueSensors):
         """
         if state.record.weighing[0]:
             self.weigh(state, estimate, reference)
+
         noise = self.gains.noise * np.abs(estimate.tau)
         variance = self.gains.kept * noise**2 + self.gains.drift**2
         state.record.sigma_G[:] = self._sigma_G(state, variance)

@@ -1,5 +1,4 @@
-"""Disturbance observer of the hull: current from its drag, error of the thrusters' gain, and a
-steady force.
+"""Disturbance observer of the hull: current, error of the thrusters' gain, and a steady force.
 
 The hull's momentum is predicted from its inertia, the thrust, and the arm's wrench. The remaining
 change of momentum is split by the signature of each cause. Per hull axis i, with v the velocity of
@@ -66,6 +65,7 @@ class DisturbanceObserver:
         self._beliefs = beliefs or ObserverDeviations()
         b = self._beliefs
         mass, turning = inertia[:3, :3].copy(), inertia[3:, 3:].copy()
+
         self._hull = _Hull(
             mass=mass,
             inverse_mass=np.asarray(np.linalg.inv(mass), dtype=np.float64),
@@ -77,6 +77,7 @@ class DisturbanceObserver:
             noise=np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk]),
             moment_bandwidth=b.moment_bandwidth,
         )
+
         self._hull_fields = tuple(self._hull)
 
     def init(self) -> DisturbanceObserverState:
@@ -107,8 +108,7 @@ class DisturbanceObserver:
         static_B: Array,
         dt: float,
     ) -> None:
-        """Update the estimates with the hull's velocity now and the wrenches that acted on it
-        during the last `dt`.
+        """Update the estimates with the hull's velocity and the wrenches during the last `dt`.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -124,7 +124,10 @@ class DisturbanceObserver:
             state.v_W[:], state.w_B[:], state.begun = R_WB @ v_WB_B, w_WB_B, True
             state.arm_B[:] = arm_B
             return
+
+        # Mean of the arm's wrench over the step
         other_B = 0.5 * (arm_B + state.arm_B) + static_B
+
         _observe(
             self._hull_fields,
             (R_WB, v_WB_B, w_WB_B),
@@ -140,13 +143,13 @@ class DisturbanceObserver:
                 state.moment_B,
             ),
         )
+
         state.arm_B[:] = arm_B
 
     def unknown(
         self, state: DisturbanceObserverState, R_WB: Array, v_WB_B: Array, given_B: Array
     ) -> Array:
-        """Estimated disturbance wrench (6,) [N, N m] beside thrusters, arm, weight and buoyancy,
-        hull axes.
+        """Estimated disturbance wrench (6,) beside thrusters, arm, weight and buoyancy, hull axes.
 
         Args:
             state: of the observer.
@@ -198,6 +201,7 @@ def _observe(hull, seen, wrenches, dt, state):
     R_WB, v_B, w_WB_B = seen
     given_B, other_B = wrenches
     v_W, current_W, gain, offset_W, P, w_B, moment_B = state
+
     _observe_moving(
         hull, (R_WB, v_B, w_WB_B - w_B), given_B, other_B, dt, (v_W, current_W, gain, offset_W, P)
     )
@@ -206,25 +210,32 @@ def _observe(hull, seen, wrenches, dt, state):
 
 @kernel
 def _observe_moving(hull, seen, given_B, other_B, dt, state):
-    """Step of the three four-state filters; the last of `seen` (3,) [rad/s] is the change of the
-    angular velocity.
-    """
+    """Step of the four-state filters; `seen` ends with the change of angular velocity [rad/s]."""
     R_WB, v_B, turned = seen
     v_W, current_W, gain, offset_W, P = state
     mass, inverse_mass, lever, numbers = hull.mass, hull.inverse_mass, hull.lever, hull.noise
     linear, quadratic = hull.linear, hull.quadratic
+
     R_WB = R_WB.copy()
     R_BW = R_WB.T.copy()
     u, offset = R_BW @ (v_W - current_W), R_BW @ offset_W
+
+    # Known forces, with drag against the moving water
     known = given_B[:3] * (1.0 + gain) + other_B[:3] + offset
     for i in range(3):
         known[i] -= (linear[i] + quadratic[i] * abs(u[i])) * u[i]
+
     # Momentum in world axes: rotation adds no further terms, except that of the lever.
     v_W += R_WB @ (inverse_mass @ (dt * known - lever @ turned))
+
+    # Innovation
     error = v_B - R_BW @ v_W
+
     dv, dc, dd = np.empty(3), np.empty(3), np.empty(3)
     noise = numbers * numbers
     F, K = np.eye(4), np.empty(4)
+
+    # One extended Kalman filter per hull axis
     for i in range(3):
         slope = (linear[i] + 2.0 * quadratic[i] * abs(u[i])) * dt / mass[i, i]
         F[0, 0], F[0, 1], F[0, 2], F[0, 3] = (
@@ -233,6 +244,8 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
             given_B[i] * dt / mass[i, i],
             dt / mass[i, i],
         )
+
+        # Prediction: water that accelerates carries the hull along
         Pi = F @ P[i] @ F.T.copy()
         walk = noise[1] * dt
         Pi[0, 0] += walk
@@ -241,14 +254,19 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
         Pi[1, 1] += walk
         Pi[2, 2] += noise[2] * dt
         Pi[3, 3] += noise[3] * mass[i, i] ** 2 * dt
+
+        # Update by the measured velocity
         s = Pi[0, 0] + noise[0]
         for j in range(4):
             K[j] = Pi[j, 0] / s
         for j in range(4):
             for k in range(4):
                 P[i, j, k] = Pi[j, k] - K[j] * s * K[k]
+
         dv[i], dc[i], dd[i] = K[0] * error[i], K[1] * error[i], K[3] * error[i]
         gain[i] = min(max(gain[i] + K[2] * error[i], -0.5), 0.5)
+
+    # Corrections in world axes
     v_W += R_WB @ dv
     current_W += R_WB @ dc
     offset_W += R_WB @ dd
@@ -256,12 +274,12 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
 
 @kernel
 def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
-    """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance
-    that this takes.
-    """
+    """Step of the moment observer: `w_B` tracks the measured rate, by the moment `moment_B`."""
     turning, inverse_turning, pace = hull.turning, hull.inverse_turning, hull.moment_bandwidth * dt
     linear, quadratic = hull.linear[3:], hull.quadratic[3:]
     spin, net, error = np.empty(3), np.empty(3), np.empty(3)
+
+    # Net moment: drag and gyroscopic moment of the measured rate
     for i in range(3):
         spin[i] = turning[i, 0] * w_WB_B[0] + turning[i, 1] * w_WB_B[1] + turning[i, 2] * w_WB_B[2]
     for i in range(3):
@@ -269,6 +287,8 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
         drag = (linear[i] + quadratic[i] * abs(w_WB_B[i])) * w_WB_B[i]
         gyroscopic = w_WB_B[j] * spin[k] - w_WB_B[k] * spin[j]
         net[i] = given_B[3 + i] + other_B[3 + i] + moment_B[i] - drag - gyroscopic
+
+    # Predicted rate and its error
     for i in range(3):
         w_B[i] += dt * (
             inverse_turning[i, 0] * net[0]
@@ -277,6 +297,8 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
         )
         error[i] = w_WB_B[i] - w_B[i]
         w_B[i] += min(1.0, 2.0 * pace) * error[i]
+
+    # Moment that takes the error away
     for i in range(3):
         moment_B[i] += (
             pace**2

@@ -34,8 +34,7 @@ def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
 
 
 def force_covariance(J: Array, sigma: Array, torque_covariance: Array) -> Array:
-    """Covariance of the force of `tip_force` when the torque errors differ from the `sigma` that
-    weight them.
+    """Covariance of the force of `tip_force` for torque errors other than its weights `sigma`.
 
     Args:
         J: (3, n) [m/rad] linear Jacobian of the tip.
@@ -65,8 +64,7 @@ class WrenchEstimate:
 def tip_wrench(
     tau_e: Array, J: Array, sigma: Array, *, force_prior: float = 1e3, moment_prior: float = 30.0
 ) -> WrenchEstimate:
-    """Force and moment on the tip from the external torques of any number of joints, with a prior
-    of zero mean.
+    """Force and moment on the tip from external torques of any joints, by a prior of zero mean.
 
     Six joints or more observe all six components outside singular postures. Fewer joints observe as
     many combinations as there are joints, and the prior decides the rest. A small `moment_prior`
@@ -85,9 +83,11 @@ def tip_wrench(
     """
     scale = np.repeat([force_prior, moment_prior], 3)
     A = J.T * scale / sigma[:, None]  # the unknowns in units of the prior
+
     values, axes = np.linalg.eigh(A.T @ A)
     values = np.maximum(values, 0.0)
     scaled = (axes / (1.0 + values)) @ axes.T
+
     return WrenchEstimate(
         wrench=scale * (scaled @ (A.T @ (tau_e / sigma))),
         covariance=scale[:, None] * scaled * scale,
@@ -97,8 +97,7 @@ def tip_wrench(
 
 
 def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, float]) -> Array:
-    """Closed-form force on the tool from joints 1, 3 and 4 [Konoplin 2022, eq. 5], for comparison
-    only.
+    """Closed-form force on the tool from joints 1, 3 and 4 [Konoplin 2022, eq. 5], to compare with.
 
     Holds for a pure force on that arm: yaw joint, then three parallel pitch joints, joints 5 and 6
     at zero.
@@ -118,11 +117,13 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
     l2, l3, l4 = lengths
     c2, c23, c234 = np.cos(q[1]), np.cos(q[1] + q[2]), np.cos(q[1] + q[2] + q[3])
     c4, s4 = np.cos(q[3]), np.sin(q[3])
+
     radius = l2 * c2 + l3 * c23 + l4 * c234
     if abs(s4) < 1e-6 or abs(radius) < 1e-6:
         raise ConfigurationError(
             f"eq. (5) is singular here: sin q4 = {s4:.2e}, tip {radius:.2e} m from the yaw axis"
         )
+
     Fz = tau_e[3] / l4
     Fx = (tau_e[2] - (1.0 + l3 * c4 / l4) * tau_e[3]) / (l3 * s4)
     return np.array([Fx, tau_e[0] / radius, Fz])

@@ -56,8 +56,10 @@ class KernelContact(TorqueSensors):
         if numbers < 1:
             name = "numbers of the contact estimator"
             raise ConfigurationError(f"{name}: must be at least 1, got {numbers}")
+
         self._numbers = numbers
         name = getattr(function, "__name__", repr(function))
+
         of_pointers = _of_pointers(kernel(function), numbers, self._arm.n, self.timing.period)
         self._compiled = slot_function(of_pointers, f"contact estimator {name}")
 

@@ -1,5 +1,4 @@
-"""Load observer: external joint torques from the arm's generalised momentum, without accelerations
-or torque sensors.
+"""Load observer: external joint torques from momentum, without accelerations or torque sensors.
 
 The hull moves freely. T is the kinetic energy of rigid bodies and water (added mass included), and
 p = dT/dqd. Lagrange's equation of joint j is
@@ -68,9 +67,7 @@ class LoadObserverState:
 
 
 class LoadObserver:
-    """External torque on every joint of a vehicle's arm from motor torques, joint velocities and
-    hull velocity.
-    """
+    """External torque on every joint of an arm, from motor torques, joint and hull velocities."""
 
     def __init__(
         self,
@@ -99,14 +96,17 @@ class LoadObserver:
                 raise ConfigurationError(
                     f"load observer {name}: must be finite and > 0 s, got {value}"
                 )
+
         vehicle = Vehicle.of(model)
         self._arm = arm = ArmDynamics(model, water_error=water_error)
         bare = arm.parameters.numbers.copy()
         for drag in arm.of_bodies(bare, "linear", "quadratic"):
             drag[:] = 0.0
         arm.weightless(bare)
+
         # Without weight, buoyancy and drag.
         self._bare = arm.parameters._replace(numbers=bare, stations=arm.parameters.stations[:0])
+
         dry = friction or vehicle.dry_friction
         self._gears = GearModel(
             armature=np.array(vehicle.armature),
@@ -115,6 +115,7 @@ class LoadObserver:
             stiction=dry.stiction,
             stribeck_speed=dry.stribeck_speed,
         )
+
         self._period = period
         # [1/s] its pole: exactly exp(-period / time_constant)
         self._gain = -np.expm1(-period / time_constant) / period
@@ -135,8 +136,7 @@ class LoadObserver:
         nu_B: Array,
         v_current_W: Array,
     ) -> Array:
-        """External torques (n,) [N m], J^T f of the world on the arm; `state` advances by one
-        period.
+        """External torques (n,) [N m], J^T f of the world on the arm; advances `state` by a period.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -159,9 +159,11 @@ class LoadObserver:
         R_WB = fitting(R_WB, (3, 3), "load observer R_WB")
         nu_B = fitting(nu_B, (6,), "load observer nu_B")
         v_current_W = fitting(v_current_W, (3,), "load observer v_current_W")
+
         hull[:9] = R_WB.ravel()
         hull[9:15] = nu_B
         hull[9:12] -= R_WB.T @ v_current_W
+
         timing = (self._period, self._gain, not state.started)
         arms = tuple(self._arm.parameters), tuple(self._bare)
         _observe(
@@ -172,6 +174,7 @@ class LoadObserver:
             timing,
             (state.integral, state.known, state.tau_e),
         )
+
         state.started = True
         return state.tau_e.copy()
 
@@ -184,14 +187,20 @@ def _observe(arm, bare, gears, hull, seen, timing, state):
     dt, gain, first = timing
     integral, known, tau_e = state
     n = q.shape[0]
+
     no_contact, wrench_B, work = np.zeros(6), np.empty(6), workspace(arm.layout)
     static, velocity, p, turning = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+
+    # Torques without accelerations, with and without weight, buoyancy and drag
     joints = JointMotion(q, qd, np.zeros(n))
     newton_euler(arm, joints, hull, no_contact, work, static, wrench_B)
     newton_euler(bare, joints, hull, no_contact, work, velocity, wrench_B)
     momentum(arm, work, p, turning)
+
     dry = np.empty(n)
     dry_friction(gears.coulomb, gears.stiction, gears.stribeck_speed, SMOOTHING, qd, dry)
+
+    # Residual of the momentum
     for j in range(n):
         p[j] += gears.armature[j] * qd[j]
         now = turning[j] - (static[j] - velocity[j]) - gears.viscous[j] * qd[j] - dry[j]
@@ -220,6 +229,8 @@ def momentum(arm, work, p_joint, turning):
     layout, numbers = arm.layout, arm.numbers
     nb = layout.shape[1]
     parent, kind, column = layout[0], layout[1], layout[2]
+
+    # Views of the packed numbers
     axis = numbers[0 : 3 * nb].reshape(nb, 3)
     mass = numbers[15 * nb : 16 * nb]
     com = numbers[16 * nb : 19 * nb].reshape(nb, 3)
@@ -229,10 +240,14 @@ def momentum(arm, work, p_joint, turning):
     R = work[: 9 * nb].reshape(nb, 3, 3)
     p = work[9 * nb : 12 * nb].reshape(nb, 3)
     nu = work[21 * nb : 27 * nb].reshape(nb, 6)
+
     h = np.zeros((nb, 6))
     at_origin, water = np.empty(6), np.empty(6)
+
     for b in range(nb - 1, -1, -1):
         v, w, c, o = nu[b, :3], nu[b, 3:], com[b], origin[b]
+
+        # Momentum of the rigid body about its joint, and its twist at the origin of the water
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             h[b, i] += mass[b] * (v[i] + w[j] * c[k] - w[k] * c[j])
@@ -240,6 +255,8 @@ def momentum(arm, work, p_joint, turning):
             for m in range(3):
                 h[b, 3 + i] += inertia[b, i, m] * w[m]
             at_origin[i], at_origin[3 + i] = v[i] + w[j] * o[k] - w[k] * o[j], w[i]
+
+        # Momentum of the water, moved to the joint
         for i in range(6):
             water[i] = 0.0
             for m in range(6):
@@ -248,6 +265,8 @@ def momentum(arm, work, p_joint, turning):
             j, k = (i + 1) % 3, (i + 2) % 3
             h[b, i] += water[i]
             h[b, 3 + i] += water[3 + i] + o[j] * water[k] - o[k] * water[j]
+
+        # p = s . h and dT/dq = h . (v x s)
         if column[b] >= 0:
             u, at = axis[b], column[b]
             p_joint[at] = turning[at] = 0.0
@@ -260,6 +279,7 @@ def momentum(arm, work, p_joint, turning):
                 else:
                     p_joint[at] += u[i] * h[b, i]
                     turning[at] += h[b, i] * about
+
         up = parent[b]
         if up < 0:
             continue
@@ -273,9 +293,7 @@ def momentum(arm, work, p_joint, turning):
 
 
 class MomentumObserver(TorqueResidual):
-    """Contact force from motor torques by the momentum of arm and hull, without torque sensors
-    [DeLuca 2003].
-    """
+    """Contact force from motor torques by the momentum of arm and hull [DeLuca 2003]."""
 
     def __init__(
         self,
@@ -299,6 +317,7 @@ class MomentumObserver(TorqueResidual):
         """
         tuning = tuning or ArmTuning()
         super().__init__(model, arm or ArmDynamics(model, water_error=water_error), tuning, period)
+
         self._dry = friction or self._vehicle.dry_friction
         self._observer = LoadObserver(
             model,
@@ -327,6 +346,7 @@ class MomentumObserver(TorqueResidual):
         """
         tuning, dry, sensed, f_tip_W = self._tuning, self._dry, state.sensed, np.empty(3)
         load: LoadObserverState = state.own
+
         # for the motion; the force is overwritten
         self._sense(state, estimate, drives.current_W, f_tip_W)
         sensed.tau_e[:] = self._observer.step(
@@ -338,14 +358,17 @@ class MomentumObserver(TorqueResidual):
             nu_B=sensed.hull[9:15],
             v_current_W=drives.current_W,
         )
+
         errors = (state.bias, state.floor, 0.0)
         normal = force_from_external_torques(
             estimate.X_WB, drives.tau, errors, tuple(sensed), f_tip_W
         )
+
         reversal, wanted = tuning.gears.reversal, drives.qd_wanted
         dry_friction(
             dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction
         )
+
         self._tare(state, reference)
         sigma_G = state.record.sigma_G
         if self._is_slow_tick(state):
@@ -355,5 +378,6 @@ class MomentumObserver(TorqueResidual):
             )
             state.floor[:] = np.hypot(tuning.torques.observer_floor, state.floor)
             sigma_G = force_sigma(sensed.X_BG, sensed.J_B, state.floor, state.floor**2)
+
         state.record.ticks[0] += 1
         state.estimate = ContactEstimate(force_W=f_tip_W, normal=normal, sigma_G=sigma_G)

@@ -1,5 +1,4 @@
-"""Payload identification: mass errors of the arm's parts, estimated while the arm unfolds free of
-contact.
+"""Payload identification: mass errors of the arm's parts, estimated as the arm unfolds.
 
 In a single posture the torque residual of a wrong mass looks like a sensor bias, and the tare
 removes both. In another posture the residual of a part that is heavier than believed is different.
@@ -80,8 +79,11 @@ class PayloadIdentification:
             step: [rad] change of a joint from which on a posture counts as a new one.
         """
         self._arm, self._doubt, self._water, self._step = arm, doubt, water, step
+
         own = arm.parameters
         nb = own.layout.shape[1]
+
+        # The arm with the mass of one part only, and its water alone
         parts = np.tile(own.numbers, (nb, 1))
         for k, alone in enumerate(parts):
             for masses in arm.of_bodies(alone, "mass", "inertia"):
@@ -91,6 +93,7 @@ class PayloadIdentification:
         water_alone = own.numbers.copy()
         for heavy in arm.of_bodies(water_alone, "mass", "com", "inertia", "buoyancy"):
             heavy[:] = 0.0
+
         self._terms = tuple(_Terms(own.layout, parts, water_alone, own.stations))
         self._prior = np.concatenate(
             [np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]]
@@ -115,6 +118,7 @@ class PayloadIdentification:
             tau_e: (n,) [N m] torques of the model less those measured.
         """
         _add(self._terms, tuple(joints), hull, tau_e, state.total)
+
         if state.count == 0:
             state.q = joints.q.copy()
         state.count += 1
@@ -125,15 +129,14 @@ class PayloadIdentification:
         mean = state.total / state.count
         weight = 1.0 / (self._doubt**2 + (self._water * mean[:, -2]) ** 2)
         A = mean[:, :-1]
+
         state.information += A.T @ (weight[:, None] * A)
         state.seen += A.T @ (weight * mean[:, -1])
         state.total[:] = 0.0
         state.count = 0
 
     def excess(self, state: PayloadIdentificationState) -> Array:
-        """Estimated excess mass (nb,) [-] of each part, as a share of its believed mass; includes
-        all samples added.
-        """
+        """Estimated excess mass (nb,) [-] of each part, as a share of its mass, by all samples."""
         if state.count:
             self._take(state)
         found = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
@@ -149,11 +152,11 @@ class PayloadIdentification:
 
 @kernel
 def _add(terms, joints, hull, tau_e, total):
-    """Add one sample to the sums `total` (n, nb + n + 2): -G, -I, -H, tau_e; `terms` are the fields
-    of `_Terms`.
-    """
+    """Add a sample to `total` (n, nb + n + 2): -G, -I, -H, tau_e; `terms`: fields of `_Terms`."""
     layout, parts, water, stations = terms
     nb, n, none = parts.shape[0], tau_e.shape[0], np.zeros(6)
+
+    # G of each part, then H of the water
     for k in range(nb + 1):
         of_part = k < nb
         alone = (
@@ -164,6 +167,8 @@ def _add(terms, joints, hull, tau_e, total):
         tau, _ = inverse_dynamics(alone, joints, hull, none)
         for j in range(n):
             total[j, k if of_part else nb + n] -= tau[j]
+
+    # Bias and residual
     for j in range(n):
         total[j, nb + j] -= 1.0
         total[j, nb + n + 1] += tau_e[j]

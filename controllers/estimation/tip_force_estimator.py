@@ -90,12 +90,11 @@ class ContactState:
         self.record.sigma_G[:] = estimate.sigma_G
 
     def wrench_B(self) -> Array:
-        """Contact wrench (6,) [N, N m] on the hull through the arm, at the hull's origin in hull
-        axes.
-        """
+        """Contact wrench (6,) [N, N m] on the hull through the arm, at its origin in hull axes."""
         contact_B = np.zeros(6)
         contact_B[:3] = self.sensed.f_B
         contact_B[3:] = skew(self.sensed.X_BG[:3, 3]) @ self.sensed.f_B
+
         return contact_B
 
 
@@ -121,9 +120,7 @@ class ContactEstimator(Protocol):
 
 
 class TorqueResidual:
-    """Common part of the estimators: the arm's motion, and its torques less those of the model
-    without contact.
-    """
+    """Common part of the estimators: the arm's motion, and its torques beyond the model's."""
 
     def __init__(
         self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float
@@ -154,14 +151,14 @@ class TorqueResidual:
     def _sense(
         self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array
     ) -> float:
-        """Force from the torque sensors into `f_tip_W`, motion and residual into `state.sensed`;
-        the normal force.
-        """
+        """Force into `f_tip_W`, motion and residual into `state.sensed`; returns the normal one."""
         e, floor = estimate, state.floor
         if e.tau_doubt is not None:
             floor = np.hypot(floor, e.tau_doubt)
+
         readings = (e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, current_W, e.q, e.qd, e.tau)
         errors = (state.bias, floor, self._tuning.torques.share)
+
         return estimate_tip_force(
             tuple(state.arm), readings, errors, self.timing, tuple(state.sensed), f_tip_W
         )
@@ -176,9 +173,7 @@ class TorqueResidual:
 
 
 class TorqueSensors(TorqueResidual):
-    """Contact force from torque sensors on the gear outputs; the payload is identified while the
-    arm unfolds.
-    """
+    """Contact force from torque sensors on the gear outputs, with the payload identified."""
 
     def __init__(
         self,
@@ -203,15 +198,18 @@ class TorqueSensors(TorqueResidual):
         """
         tuning = tuning or ArmTuning()
         super().__init__(model, arm or ArmDynamics(model, water_error=water_error), tuning, period)
+
         self._period = period
         self._payload = PayloadIdentification(self._arm)
         self._force_share = share = min(1.0, period / tuning.force_filter)
+
         gears = FrictionTracking(
             armature=np.array(self._vehicle.armature),
             damping=np.array(self._vehicle.joint_damping),
             most=tuning.gears.excess * (friction or self._vehicle.dry_friction).stiction,
             share=min(1.0, period / tuning.gears.filter),
         )
+
         self.gains = FeelGains(
             timing=self.timing,
             noise=tuning.torques.share,
@@ -262,8 +260,7 @@ class TorqueSensors(TorqueResidual):
         find_sigma(self.gains, estimate.tau, state.record)
 
     def sense(self, state: ContactState, estimate: StateEstimate, drives: DriveState) -> None:
-        """Force, friction and motion of one sample, without tare and payload; the sigma stays as it
-        is.
+        """Force, friction and motion of one sample, without tare and payload; the sigma stays.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -278,8 +275,7 @@ class TorqueSensors(TorqueResidual):
         feel_by_torques(state.arm, self.gains, readings, doubt, drives.tau, state.record)
 
     def weigh(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
-        """Identify the payload while the arm unfolds; adopt it at the first tool pose, still free
-        of contact.
+        """Identify the payload while the arm unfolds; adopt it at the first tool pose.
 
         Args:
             state: as `sense` left it; changed in place.
@@ -287,6 +283,7 @@ class TorqueSensors(TorqueResidual):
             reference: says when the arm begins its work.
         """
         sensed, payload = state.sensed, state.own
+
         if reference.X_WG is not None:
             state.excess = self._payload.excess(payload)
             state.arm.numbers[:] = self._payload.weighed(state.excess).numbers

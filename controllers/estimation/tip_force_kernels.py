@@ -1,5 +1,4 @@
-"""Kernels of the tip-force estimator: from joint torques to the force on the tool, in one compiled
-call.
+"""Kernels of the tip-force estimator: from joint torques to the force on the tool.
 
 The parts are those of `uuv.controllers.arm.inverse_dynamics` and
 `uuv.controllers.estimation.force_from_torques`. The tests compare the compiled forms here with the
@@ -71,9 +70,7 @@ class SensedArm(NamedTuple):
 
     @classmethod
     def start(cls, qd: Array, w_B: Array) -> "SensedArm":
-        """Memory at the first estimate: `qd` (n,) [rad/s], `w_B` (3,) [rad/s] of the hull, hull
-        axes.
-        """
+        """Memory at the first estimate: `qd` (n,) [rad/s], `w_B` (3,) [rad/s] of the hull."""
         n = len(qd)
         return cls(
             qd_slow=np.array(qd),
@@ -90,9 +87,7 @@ class SensedArm(NamedTuple):
 
 
 class Tare(NamedTuple):
-    """Tare of the torque sensors: mean reading free of contact, which is bias plus model error in
-    this posture.
-    """
+    """Tare of the torque sensors: mean reading free of contact, bias and model error together."""
 
     total: Array  # (n,) [N m] sum of the samples
     samples: Array  # (1,) their number
@@ -121,8 +116,7 @@ def add_to_tare(tare, tau_e, bias):
 
 @kernel
 def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
-    """Filtered force of the world on the tip from torque sensors less the arm model; returns the
-    normal force [N].
+    """Filtered force of the world on the tip from torque sensors less the arm model.
 
     Joint and hull angular accelerations come from the lag of filtered rates.
 
@@ -142,6 +136,8 @@ def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
     dt, acceleration_time, force_time = timing
     X_WB, v_B, w_B, a_B = read.X_WB, read.v_B, read.w_B, read.a_B
     hull, w_slow_B, qd_slow = out.hull, out.w_slow_B, out.qd_slow
+
+    # Motion of the hull, its angular acceleration from the lag of the filtered rate
     lag = min(1.0, dt / acceleration_time)
     for i in range(3):
         for j in range(3):
@@ -152,11 +148,15 @@ def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
         hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])
         hull[18 + i] = (w_B[i] - w_slow_B[i]) / acceleration_time
         w_slow_B[i] += lag * (w_B[i] - w_slow_B[i])
+
+    # Accelerations of the joints likewise
     for j in range(read.q.shape[0]):
         out.qdd[j] = (read.qd[j] - qd_slow[j]) / acceleration_time
         qd_slow[j] += lag * (read.qd[j] - qd_slow[j])
+
     joints = JointMotion(read.q, read.qd, out.qdd)
     f_B = unfiltered_tip_force(ArmParameters(*arm), joints, read.tau, TorqueErrors(*errors), out)
+
     lag = min(1.0, dt / force_time)
     for i in range(3):
         out.f_B[i] += lag * (f_B[i] - out.f_B[i])
@@ -165,8 +165,7 @@ def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
 
 @kernel
 def force_from_external_torques(X_WB, tau_scale, errors, sensed, f_W):
-    """Force of the world on the tip from the external torques `sensed.tau_e`, unfiltered; returns
-    the normal force [N].
+    """Unfiltered force of the world on the tip from the external torques `sensed.tau_e`.
 
     Args:
         X_WB: (4, 4) hull pose.
@@ -198,8 +197,7 @@ def _in_axes(X_WB, out, f_W):
 
 @kernel
 def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
-    """Unfiltered force of the world on the tip (3,) [N], hull axes, from torque sensors less the
-    arm model.
+    """Unfiltered force (3,) [N] on the tip, hull axes, from torque sensors less the arm model.
 
     Args:
         arm: `ArmParameters`.
@@ -215,6 +213,7 @@ def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
     work = workspace(arm.layout)
     newton_euler(arm, joints, sensed.hull, np.zeros(6), work, sensed.tau_e, sensed.wrench_B)
     tip_kinematics(arm, work, sensed.X_BG, sensed.J_B)
+
     for j in range(joints.q.shape[0]):
         sensed.tau_e[j] -= tau_measured[j]
     return _least_squares(sensed.J_B, sensed.tau_e, tau_measured, errors)
@@ -222,12 +221,12 @@ def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
 
 @kernel
 def _least_squares(J_B, tau_e, tau_scale, errors):
-    """Force on the tip (3,) [N], hull axes:
-    `uuv.controllers.estimation.force_from_torques.tip_force` by Cholesky.
-    """
+    """Force on the tip (3,) [N], hull axes: `force_from_torques.tip_force` by Cholesky."""
     bias, floor, noise = errors.bias, errors.floor, errors.noise
     a00, a11, a22, a01, a02, a12 = PRIOR, PRIOR, PRIOR, 0.0, 0.0, 0.0
     b0 = b1 = b2 = 0.0
+
+    # Normal equations, with the prior
     for j in range(tau_e.shape[0]):
         weight = 1.0 / (floor[j] + noise * abs(tau_scale[j])) ** 2
         x, y, z, t = J_B[0, j], J_B[1, j], J_B[2, j], weight * (tau_e[j] - bias[j])
@@ -240,11 +239,15 @@ def _least_squares(J_B, tau_e, tau_scale, errors):
         b0 += t * x
         b1 += t * y
         b2 += t * z
+
+    # Cholesky factor
     l00 = np.sqrt(a00)
     l10, l20 = a01 / l00, a02 / l00
     l11 = np.sqrt(a11 - l10 * l10)
     l21 = (a12 - l20 * l10) / l11
     l22 = np.sqrt(a22 - l20 * l20 - l21 * l21)
+
+    # Forward and back substitution
     y0 = b0 / l00
     y1 = (b1 - l10 * y0) / l11
     y2 = (b2 - l20 * y0 - l21 * y1) / l22
@@ -255,8 +258,7 @@ def _least_squares(J_B, tau_e, tau_scale, errors):
 
 @kernel
 def force_sigma(X_BG, J_B, weighed, variance):
-    """Standard deviation (3,) [N] of the estimated force in tool axes, by
-    `force_from_torques.force_covariance`.
+    """Standard deviation (3,) [N] of the force, tool axes: `force_from_torques.force_covariance`.
 
     Args:
         X_BG: (4, 4) tip pose in the hull's frame.
@@ -269,15 +271,21 @@ def force_sigma(X_BG, J_B, weighed, variance):
     """
     n = weighed.shape[0]
     J, stated, out = np.zeros((3, n)), PRIOR * np.eye(3), np.empty(3)
+
+    # Jacobian in tool axes
     for i in range(3):
         for j in range(n):
             for k in range(3):
                 J[i, j] += X_BG[k, i] * J_B[k, j]
+
+    # Covariance that the weights state
     for i in range(3):
         for k in range(3):
             for j in range(n):
                 stated[i, k] += J[i, j] * J[k, j] / weighed[j] ** 2
     stated = np.linalg.inv(stated)
+
+    # Covariance by the actual errors
     for i in range(3):
         total = 0.0
         for k in range(3):
@@ -320,8 +328,7 @@ class FeelGains(NamedTuple):
 
 @kernel
 def feel_by_torques(arm, gains, readings, doubt, tau_motor, contact):
-    """Contact force by `estimate_tip_force`, and friction of the gears, as `TorqueSensors` feels
-    them.
+    """Contact force by `estimate_tip_force` and gear friction, as `TorqueSensors` gives them.
 
     Args:
         arm: `ArmParameters`.
@@ -348,8 +355,7 @@ def feel_by_torques(arm, gains, readings, doubt, tau_motor, contact):
 
 @kernel
 def find_sigma(gains, tau, contact):
-    """Standard deviation of the contact force, into `contact`; the tick makes it as often as the
-    hull steps.
+    """Standard deviation of the contact force, into `contact`; due as often as the hull steps.
 
     Args:
         gains: `FeelGains`.
@@ -389,7 +395,7 @@ def feel_by_slot(slot, seen, tau_motor, contact):
     values = slot.values
     n = q.shape[0]
 
-    # What it is told.
+    # Input of the slot
     for j in range(n):
         values[j] = q[j]
         values[n + j] = qd[j]
@@ -404,7 +410,7 @@ def feel_by_slot(slot, seen, tau_motor, contact):
         values[9 * n + i] = sensed.f_B[i]
     answer = call(slot)
 
-    # What it answers.
+    # Its output
     for i in range(3):
         sensed.f_B[i] = values[9 * n + i]
     for j in range(n):

@@ -1,3 +1,1 @@
-"""Parts of the inverse kinematics `uuv.controllers.mkps`: chains, and one compiled solver per
-file.
-"""
+"""Parts of the inverse kinematics `uuv.controllers.mkps`: chains, one compiled solver per file."""

@@ -1,5 +1,4 @@
-"""Serial chains for the inverse kinematics of `uuv.controllers.mkps`, built from DH rows, vectors,
-MJCF or URDF.
+"""Serial chains for inverse kinematics, built from DH rows, vectors, MJCF or URDF.
 
 Joints are hinges [rad], slides [m] and pantograph links [rad]. A pantograph link swings while the
 body that it carries keeps its orientation. The base frame is the one that the chain was given in;
@@ -42,8 +41,7 @@ _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
-    """A serial chain from a base frame to a tip frame, described where all its joint values are
-    zero.
+    """A serial chain from a base frame to a tip frame, described with all joint values zero.
 
     Build it by `from_dh`, `from_arm`, `from_vectors`, `from_mjcf` or `from_urdf`. All arrays are
     read-only, in base axes.
@@ -71,6 +69,7 @@ class Chain:
                 "a chain's axes and its tip at zero must be finite: a length or angle is beyond "
                 "reason"
             )
+
         largest = float(
             max(np.abs(self.points).max(initial=0.0), np.abs(self.X_base_tip0[:3, 3]).max())
         )
@@ -78,6 +77,7 @@ class Chain:
             raise ConfigurationError(
                 f"a chain must lie within {FARTHEST:g} m of its base, got {largest:g} m"
             )
+
         set_field("n", len(self.joint_types))
         set_field("_scale", _scale(self))
         set_field("_memory", memory_of(self, self._scale))
@@ -92,8 +92,7 @@ class Chain:
         limits: ArrayLike | None = None,
         tool: ArrayLike | None = None,
     ) -> Self:
-        """Build a chain from standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha
-        [rad]).
+        """Build a chain from standard DH rows (theta0 [rad], d [m], a [m], alpha [rad]).
 
         A hinge row moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha). A slide has Tz(d + q) instead. A
         pantograph link moves by Rz(theta0 + q) Tz(d) Tx(a) Rz(-q) Rx(alpha).
@@ -117,6 +116,7 @@ class Chain:
             raise ConfigurationError(
                 f"dh: numbers must lie within {FARTHEST:g}, got {np.abs(rows).max():g}"
             )
+
         return cls._along_rows(
             np.column_stack([rows, np.zeros(len(rows))]),
             _letters(joint_types, len(rows)),
@@ -128,8 +128,7 @@ class Chain:
 
     @classmethod
     def from_arm(cls, arm: SerialArm) -> Self:
-        """Build the chain of a serial arm, from its base to its flange, with its limits and joint
-        names.
+        """Build the chain of a serial arm, base to flange, with its limits and joint names.
 
         Args:
             arm: kinematics, as read from a file or a model, or published (`uuv.models.arms`).
@@ -142,6 +141,7 @@ class Chain:
         """
         if not isinstance(arm, SerialArm):
             raise ConfigurationError(f"arm: expected a SerialArm, got {shown(arm)}")
+
         limits = _checked_limits(arm.limits, arm.n)
         return cls._along_rows(
             arm.table, arm.joint_types, arm.X_base_0, arm.X_n_flange, limits, arm.joint_names
@@ -157,9 +157,7 @@ class Chain:
         limits: Array,
         names: tuple[str, ...],
     ) -> Self:
-        """Build the chain of validated table rows (n, 5) of `uuv.models.arms.serial_arm`, with
-        pantograph links.
-        """
+        """Build the chain of validated table rows (n, 5) of `uuv.models.arms.serial_arm`."""
         axes, points, links = np.empty((3, len(table), 3))
         X = X_base_0
         for i, row in enumerate(table):
@@ -167,6 +165,7 @@ class Chain:
             X = X @ pose(exp_so3([0.0, 0.0, row[THETA]]))
             links[i] = X[:3, :3] @ [row[A], 0.0, 0.0] if types[i] == "o" else 0.0
             X = X @ pose(tilt_of(row), [row[A], 0.0, row[D]])
+
         return cls(
             joint_types=types,
             axes=readonly(axes),
@@ -186,8 +185,7 @@ class Chain:
         L: ArrayLike | None = None,
         tool: ArrayLike | None = None,
     ) -> Self:
-        """Build a chain from the vector model of [Danilov 2021, chapter 2, fig. 1], in its initial
-        position.
+        """Build a chain from the vector model of [Danilov 2021, chapter 2, fig. 1] in initial pose.
 
         Joint 1 is at the base origin. A slide moves its link by +q e. The tip's z is along the last
         link (E_x of [Danilov 2021]). Its x is along the part of e_n perpendicular to z (E_z of
@@ -213,6 +211,7 @@ class Chain:
         directions = checked(e, (n, 3), "e")
         directions = directions / np.maximum(np.abs(directions).max(axis=1, keepdims=True), 1e-9)
         kinds = checked(p, (n,), "p")
+
         lengths = np.linalg.norm(directions, axis=1)
         if not np.all(lengths > 1e-9):
             raise ConfigurationError(
@@ -222,9 +221,12 @@ class Chain:
             raise ConfigurationError(
                 f"p: allowed 1 (hinge), 0 (slide), 2 (pantograph link), got {kinds.tolist()}"
             )
+
         last = float(np.linalg.norm(vectors[-1]))
         if not last > 1e-12:
             raise ConfigurationError("M: the last link needs a length, for it is the tool's axis")
+
+        # Tip frame: z along the last link, x across it towards the last joint's axis
         axes = directions / lengths[:, None]
         z = vectors[-1] / last
         across = axes[-1] - (axes[-1] @ z) * z
@@ -232,6 +234,8 @@ class Chain:
             across = np.eye(3)[int(np.argmin(np.abs(z)))]
             across = across - (across @ z) * z
         x = across / np.linalg.norm(across)
+
+        # Each joint stands where the link before it ends
         points = np.vstack([np.zeros(3), np.cumsum(vectors, axis=0)])
         X_base_tip0 = pose(np.column_stack([x, np.cross(z, x), z]), points[-1])
         limits = None if L is None else _bounds(L, (2, n), "L").T
@@ -251,8 +255,7 @@ class Chain:
     def from_mjcf(
         cls, model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()
     ) -> Self:
-        """Build the chain of joints between a body and a site of a compiled model, in the frame of
-        that body.
+        """Build the chain between a body and a site of a compiled model, in the frame of that body.
 
         The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges
         where limited. Two consecutive hinges that an active joint equality turns against each other
@@ -279,8 +282,7 @@ class Chain:
     def from_urdf(
         cls, urdf: str | Path, base_link: str, tip_link: str, exclude: Sequence[str] = ()
     ) -> Self:
-        """Build the chain of joints between two links of a URDF, from link frame to link frame, by
-        `from_mjcf`.
+        """Build the chain between two links of a URDF, from link frame to link frame.
 
         Fixed joints take no part, `continuous` ones have no limits. Two consecutive hinges are one
         pantograph link where the second mimics the first, turning the other way about the same
@@ -303,15 +305,11 @@ class Chain:
         return cls.from_mjcf(model, "world" if base_link == root else base_link, CHAIN_TIP, exclude)
 
     def forward(self, q: ArrayLike) -> Array:
-        """Tip pose X_base_tip (4, 4) at joint values `q` (n,) [rad] or [m]; ConfigurationError for
-        a bad `q`.
-        """
+        """Tip pose X_base_tip (4, 4) at `q` (n,) [rad] or [m]; ConfigurationError for a bad `q`."""
         return self.kinematics(q)[0]
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Jacobian (6, n) of the tip (linear; angular), in base axes at the tip; ConfigurationError
-        for a bad `q`.
-        """
+        """Jacobian (6, n) of the tip (linear; angular) in base axes; as `forward` for a bad `q`."""
         return self.kinematics(q)[1]
 
     def kinematics(self, q: ArrayLike) -> tuple[Array, Array]:
@@ -336,6 +334,7 @@ class Chain:
                 beyond = rounded < bounds if inwards > 0 else rounded > bounds
                 rounded[beyond] = np.nextafter(rounded[beyond], np.float32(inwards))
                 set_limits(memory, column, rounded)
+
             self._single.append(memory)
         return self._single[0]
 
@@ -349,6 +348,8 @@ def _mjcf_fields(
     if isinstance(exclude, str) or not isinstance(exclude, Iterable):
         raise ConfigurationError(f"exclude: expected names of joints, got {shown(exclude)}")
     excluded = {_find(model, mujoco.mjtObj.mjOBJ_JOINT, name, "exclude") for name in exclude}
+
+    # Bodies from the tip back to the base
     bodies = []
     body = int(model.site_bodyid[site])
     while body not in (base, 0):
@@ -358,6 +359,8 @@ def _mjcf_fields(
         raise ConfigurationError(
             f"tip_site: {tip_site!r} must be carried by body {base_body!r} or a body beyond it"
         )
+
+    # Joints along them, base to tip
     joints = [
         j
         for body in reversed(bodies)
@@ -367,6 +370,7 @@ def _mjcf_fields(
     names = [model.joint(j).name for j in joints]
     kinds = [int(model.jnt_type[j]) for j in joints]
     letters = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
+
     for name, kind in zip(names, kinds, strict=True):
         if kind not in letters:
             raise ConfigurationError(
@@ -374,6 +378,8 @@ def _mjcf_fields(
             )
     if not joints:
         raise ConfigurationError(f"no joint between body {base_body!r} and site {tip_site!r}")
+
+    # Axes at joint values of zero, followers where their equality puts them
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
     data.qpos[model.jnt_qposadr[joints]] = 0.0
@@ -381,9 +387,12 @@ def _mjcf_fields(
     for follower, (_, constant, _) in followers.items():
         data.qpos[model.jnt_qposadr[follower]] = constant
     mujoco.mj_kinematics(model, data)
+
     limits = np.where(
         model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf]
     )
+
+    # A follower and its leader are one pantograph link
     links = np.zeros((len(joints), 3))
     types = [letters[kind] for kind in kinds]
     for follower, (leader, constant, ratio) in followers.items():
@@ -397,6 +406,8 @@ def _mjcf_fields(
         links[i] = data.xanchor[follower] - data.xanchor[leader]
         bounds = np.sort((limits[i + 1] - constant) / ratio)
         limits[i] = max(limits[i, 0], bounds[0]), min(limits[i, 1], bounds[1])
+
+    # What is left, in the frame of the base
     own = [i for i, j in enumerate(joints) if j not in followers]
     ids = [joints[i] for i in own]
     X_W_base = pose(data.xmat[base].reshape(3, 3), data.xpos[base])
@@ -442,13 +453,13 @@ def set_limits(
 
 
 def memory_of(chain: Chain, scale: float) -> Array:
-    """Build kernel memory (see `uuv.controllers.ik.chain_kernels`) for a chain, its lengths
-    multiplied by `scale`.
-    """
+    """Kernel memory (`uuv.controllers.ik.chain_kernels`) of a chain, lengths times `scale`."""
     n = chain.n
     memory = np.zeros(kernels.memory_size(n))
     table = memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)
     joints = table[kernels.HEAD :]
+
+    # Frame of the first joint: z on the joint's axis, x free
     path = np.vstack([chain.points, chain.X_base_tip0[:3, 3]])
     R = _frame_with_z(chain.axes[0])
     table[0, :12] = np.column_stack([R, scale * chain.points[0]]).ravel()
@@ -457,19 +468,25 @@ def memory_of(chain: Chain, scale: float) -> Array:
         following = chain.axes[i + 1] if i + 1 < n else axis
         across = np.cross(axis, following)
         sine = float(np.linalg.norm(across))
+
         # Parallel axes have no unique common normal: keep x. A small cross product still gives an
         # exact normal.
         x_after = across / sine if sine > 1e-15 else x
         x_after = x_after - (x_after @ axis) * axis
         x_after /= np.linalg.norm(x_after)
+
+        # Offset about z and alpha about x lead to the frame of the next joint
         offset = np.arctan2(axis @ np.cross(x, x_after), x @ x_after)
         alpha = np.arctan2(x_after @ across, axis @ following)
         R_after = np.column_stack([x_after, np.cross(axis, x_after), axis])
+
+        # Link vector in that frame; of a pantograph link the swinging part, and the rest
         link = R_after.T @ (path[i + 1] - path[i])
         after = np.zeros(3)
         if chain.joint_types[i] == "o":
             swinging = R_after.T @ chain.links[i]
             link, after = swinging, link - swinging
+
         joints[i, kernels.KIND] = _KINDS[chain.joint_types[i]]
         joints[i, kernels.OFFSET] = offset
         joints[i, kernels.COS_OFFSET], joints[i, kernels.SIN_OFFSET] = (
@@ -481,10 +498,13 @@ def memory_of(chain: Chain, scale: float) -> Array:
         joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
         joints[i, kernels.LOWER], joints[i, kernels.UPPER] = chain.limits[i]
         R = R_after @ exp_so3([alpha, 0.0, 0.0])
+
+    # Tip in the last joint frame, and the scalars of the head
     table[1, :9] = (R.T @ chain.X_base_tip0[:3, :3]).ravel()
     strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
     table[0, kernels.SCALE] = scale
     table[0, kernels.REACH] = scale * (_length(chain) + sum(strokes)) * (1.0 + 1e-9)
+
     # Measured: full sweeps curl the tip of chains of more than 8 joints, and drive joints onto
     # narrow limits.
     turns = chain.limits[:, 1] - chain.limits[:, 0] >= 2.0 * np.pi - 1e-9
@@ -537,19 +557,19 @@ def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
 
 
 def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int, float, float]]:
-    """Hinges coupled to the one before: {follower: (leader, constant, ratio)}, q = constant + ratio
-    * q_leader.
-    """
+    """Hinges coupled to the one before: {follower: (leader, c, r)}, q = c + r q_leader."""
     followers = {}
     for e in range(model.neq):
         pair = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
         coupled = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[e]
         if not coupled or not set(pair) <= set(joints):
             continue
+
         # MuJoCo: q1 - q1_0 = c0 + c1 (q2 - q2_0) + ..., where q_0 is the joint's value at qpos0.
         c0, c1 = model.eq_data[e, :2]
         first, second = sorted(pair, key=joints.index)
         hinges = all(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in pair)
+
         if (
             not hinges
             or joints.index(second) != joints.index(first) + 1
@@ -562,6 +582,8 @@ def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int,
                 " pantograph link (two hinges in a row, polycoef c 1 or c -1), got "
                 f"{model.eq_data[e, :5].tolist()}"
             )
+
+        # The value of the second joint at a leader at zero, whichever the equality names first
         at_rest = {j: float(model.qpos0[model.jnt_qposadr[j]]) for j in pair}
         shift = c0 if pair[0] == second else -c0 * c1
         followers[second] = (first, at_rest[second] + shift - c1 * at_rest[first], c1)
@@ -569,13 +591,12 @@ def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int,
 
 
 def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:
-    """Index of the named element of a model; ConfigurationError with the known names if there is
-    none.
-    """
+    """Index of a named element of a model; ConfigurationError with the known names if unknown."""
     if not isinstance(model, mujoco.MjModel):
         raise ConfigurationError(f"model: expected a mujoco.MjModel, got {shown(model)}")
     if not isinstance(name, str) or not name.isprintable():  # None would crash MuJoCo
         raise ConfigurationError(f"{argument}: expected a name, got {shown(name)}")
+
     found = mujoco.mj_name2id(model, kind, name)
     if found < 0:
         count = {

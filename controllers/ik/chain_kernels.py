@@ -1,5 +1,4 @@
-"""Compiled kinematics of a serial chain, shared by the solvers of `uuv.controllers.ik`;
-allocation-free.
+"""Compiled kinematics of a serial chain for `uuv.controllers.ik`; allocation-free.
 
 A chain and its solver's working memory are one array, `memory`, of `memory_size(n)` numbers, for
 one thread at a time. Its type, float64 or float32, is the precision of all arithmetic. `partition`
@@ -120,9 +119,13 @@ def _compiled_cosine_and_sine(angle):
         # the library's values.
         if not abs(angle) < 1e5:
             return math.cos(angle), math.sin(angle)
+
+        # Remainder of the quarter turns, pi/2 in three parts
         quarter = math.floor(angle * 0.6366197723675814 + 0.5)
         r = (angle - quarter * 1.5707963267341256) - quarter * 6.077100506303966e-11
         r -= quarter * 2.0222662487959506e-21
+
+        # Sine and cosine of the remainder
         z = r * r
         s = 1.58962301576546568060e-10 * z - 2.50507477628578072866e-8
         s = (s * z + 2.75573136213857245213e-6) * z - 1.98412698295895385996e-4
@@ -132,6 +135,8 @@ def _compiled_cosine_and_sine(angle):
         c = (c * z - 2.75573141792967388112e-7) * z + 2.48015872888517045348e-5
         c = (c * z - 1.38888888888730564116e-3) * z + 4.16666666666665929218e-2
         c = 1.0 - 0.5 * z + z * z * c
+
+        # Quadrant
         turns = int(quarter) & 3
         if turns & 1:
             c, s = s, c
@@ -152,6 +157,7 @@ def partition(memory, n):
     work = goal + 60
     past = work + n * WORK
     q = past + n * PAST
+
     return Memory(
         memory[:goal].reshape(HEAD + n, COLUMNS),
         memory[goal : goal + 12].reshape(4, 3),
@@ -168,18 +174,23 @@ def trace(table, q, work):
 
     For a pantograph link, `work[i, POINT:]` holds its link vector instead of its joint's point.
     """
+    # Pose of the frame so far: axes x, y, z and origin p, each by its components in base axes
     xx, yx, zx, px = table[0, 0], table[0, 1], table[0, 2], table[0, 3]
     xy, yy, zy, py = table[0, 4], table[0, 5], table[0, 6], table[0, 7]
     xz, yz, zz, pz = table[0, 8], table[0, 9], table[0, 10], table[0, 11]
     for i in range(q.shape[0]):
         row = table[HEAD + i]
         kind = row[KIND]
+
+        # The joint's axis and point, for the Jacobian
         work[i, AXIS] = zx
         work[i, AXIS + 1] = zy
         work[i, AXIS + 2] = zz
         work[i, POINT] = px
         work[i, POINT + 1] = py
         work[i, POINT + 2] = pz
+
+        # Turn about z by offset + q
         if kind == HINGE:
             c, s = cosine_and_sine(q[i] + row[OFFSET])
         else:
@@ -187,6 +198,8 @@ def trace(table, q, work):
         xx, yx = c * xx + s * yx, c * yx - s * xx
         xy, yy = c * xy + s * yy, c * yy - s * xy
         xz, yz = c * xz + s * yz, c * yz - s * xz
+
+        # Move by the link vector
         lx, ly, lz = row[LINK], row[LINK + 1], row[LINK + 2]
         if kind == SLIDE:
             lz += table[0, SCALE] * q[i]
@@ -202,10 +215,13 @@ def trace(table, q, work):
         px += lx * xx + ly * yx + lz * zx
         py += lx * xy + ly * yy + lz * zy
         pz += lx * xz + ly * yz + lz * zz
+
+        # Turn about x by alpha, to the next joint's axis
         c, s = row[COS_ALPHA], row[SIN_ALPHA]
         yx, zx = c * yx + s * zx, c * zx - s * yx
         yy, zy = c * yy + s * zy, c * zy - s * yy
         yz, zz = c * yz + s * zz, c * zz - s * yz
+
     return px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz
 
 
@@ -226,13 +242,19 @@ def column(table, work, i, px, py, pz):
     """
     kind = table[HEAD + i, KIND]
     ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+
+    # Hinge: e x s, with s from the joint to the tip
     if kind == HINGE:
         sx, sy, sz = px - work[i, POINT], py - work[i, POINT + 1], pz - work[i, POINT + 2]
         return ey * sz - ez * sy, ez * sx - ex * sz, ex * sy - ey * sx, ex, ey, ez
+
+    # Slide: along e
     none = px - px
     if kind == SLIDE:
         scale = table[0, SCALE]
         return scale * ex, scale * ey, scale * ez, none, none, none
+
+    # Pantograph link: e x s, with s the link; the tip does not turn
     sx, sy, sz = work[i, POINT], work[i, POINT + 1], work[i, POINT + 2]
     return ey * sz - ez * sy, ez * sx - ex * sz, ex * sy - ey * sx, none, none, none
 
@@ -249,10 +271,13 @@ def forward(table, q, work, X, J):
         J: (6, n) Jacobian (linear; angular) at the tip in base axes, out.
     """
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+
     scale = table[0, SCALE]
     for i in range(q.shape[0]):
         cx, cy, cz, J[3, i], J[4, i], J[5, i] = column(table, work, i, px, py, pz)
         J[0, i], J[1, i], J[2, i] = cx / scale, cy / scale, cz / scale
+
+    # Axes of the tip, by its rotation in the last joint frame
     for k in range(3):
         wx, wy, wz = table[1, k], table[1, 3 + k], table[1, 6 + k]
         X[0, k] = xx * wx + yx * wy + zx * wz
@@ -275,9 +300,13 @@ def skew_left(goal, tip):
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
+
+    # Half the sum of tip axis x goal axis: axis times sine
     wx = half * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
     wy = half * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
     wz = half * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
+
+    # (trace R - 1) / 2
     cosine = half * (
         xx * tx
         + xy * ty
@@ -295,8 +324,7 @@ def skew_left(goal, tip):
 
 @jit
 def turn_left(goal, tip):
-    """Orientation error from the axes of `tip` to those of the goal: rotation axis times chord, and
-    chord^2.
+    """Orientation error from the axes of `tip` to those of the goal: axis times chord, and chord^2.
 
     The chord is 2 sin(angle/2). Near the goal this is the rotation vector; farther away it is
     shorter, and cheaper to compute.
@@ -310,25 +338,31 @@ def turn_left(goal, tip):
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
+
     wx, wy, wz, cosine = skew_left(goal, tip)
     sine2 = wx * wx + wy * wy + wz * wz
     if cosine > real(-0.99):
         factor2 = real(2.0) / (one + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
         return wx * factor, wy * factor, wz * factor, sine2 * factor2
+
     # Near half a turn the skew part vanishes, and R + 1 is nearly 2 a a^T: take its longest column
     # as the axis.
     rx = one + xx * tx + yx * ux + zx * vx
     ry = one + xy * ty + yy * uy + zy * vy
     rz = one + xz * tz + yz * uz + zz * vz
+
     if rx >= ry and rx >= rz:
         ax, ay, az = rx, ty * xx + uy * yx + vy * zx, tz * xx + uz * yx + vz * zx
     elif ry >= rz:
         ax, ay, az = tx * xy + ux * yy + vx * zy, ry, tz * xy + uz * yy + vz * zy
     else:
         ax, ay, az = tx * xz + ux * yz + vx * zz, ty * xz + uy * yz + vy * zz, rz
+
+    # The axis or its opposite: that along the skew part
     if ax * wx + ay * wy + az * wz < sine2 - sine2:
         ax, ay, az = -ax, -ay, -az
+
     chord2 = real(2.0) - real(2.0) * cosine
     factor = math.sqrt(chord2 / (ax * ax + ay * ay + az * az))
     return ax * factor, ay * factor, az * factor, chord2
@@ -362,9 +396,7 @@ def chord_squared(angle):
 
 @jit
 def squared_tolerances(table, settings):
-    """Position and orientation tolerance of `settings`, to compare with the errors of
-    `pose_error`.
-    """
+    """Tolerances of `settings`, to compare with the errors of `pose_error`."""
     real = table.dtype.type
     return Near((real(settings.tol_p) * table[0, SCALE]) ** 2, real(chord_squared(settings.tol_r)))
 
@@ -396,6 +428,8 @@ def set_goal(table, X, goal):
         and abs(X[3, 0]) + abs(X[3, 1]) + abs(X[3, 2]) + abs(X[3, 3] - 1.0) < 1e-9
         and math.isfinite(X[0, 3] + X[1, 3] + X[2, 3])
     )
+
+    # Scaled position, and axes of the last joint frame
     for k in range(3):
         goal[0, k] = X[k, 3] * table[0, SCALE]
         wx, wy, wz = table[1, 3 * k], table[1, 3 * k + 1], table[1, 3 * k + 2]
@@ -424,10 +458,13 @@ def begin(table, X, q0, options_good, leaps, goal, work, q):
     """
     if not options_good:
         return BAD_OPTION
+
     if X.shape[0] != 4 or X.shape[1] != 4 or not set_goal(table, X, goal):
         return BAD_TARGET
     if q0.shape[0] != q.shape[0]:
         return BAD_START
+
+    # The start, within the limits
     for i in range(q.shape[0]):
         if not math.isfinite(q0[i]):
             return BAD_START
@@ -437,14 +474,13 @@ def begin(table, X, q0, options_good, leaps, goal, work, q):
             q[i], row[LOWER], row[UPPER], leaps and row[KIND] != SLIDE, q.dtype.type(TWO_PI)
         )
         work[i, START] = q[i]
+
     return reach_fault(table, goal, 0.0)
 
 
 @inlined
 def reach_fault(table, goal, slack):
-    """OUT_OF_REACH if the goal is farther off than the chain is long, by more than `slack` [m];
-    else CONVERGED.
-    """
+    """OUT_OF_REACH for a goal `slack` [m] farther off than the chain is long, else CONVERGED."""
     x, y, z = goal[0, 0] - table[0, 3], goal[0, 1] - table[0, 7], goal[0, 2] - table[0, 11]
     most = table[0, REACH] + slack * table[0, SCALE]
     return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > most else CONVERGED
@@ -467,6 +503,7 @@ def admit(value, lower, upper, hinge, full_turn):
     """
     if lower <= value <= upper:
         return value
+
     if hinge:
         turned = value - full_turn if value > upper else value + full_turn
         if lower <= turned <= upper:
@@ -476,18 +513,18 @@ def admit(value, lower, upper, hinge, full_turn):
 
 @jit
 def fold(table, q):
-    """Bring wound-up hinges of `q` within their limits by whole turns; False if that fails for a
-    joint.
-    """
+    """Bring wound-up hinges of `q` within their limits by whole turns; False if one stays out."""
     turn = q.dtype.type(TWO_PI)
     for i in range(q.shape[0]):
         lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
         value = q[i]
+
         if table[HEAD + i, KIND] != SLIDE:
             if value < lower:
                 value += turn * q.dtype.type(math.ceil((lower - value) / turn))
             elif value > upper:
                 value -= turn * q.dtype.type(math.ceil((value - upper) / turn))
+
         if not lower <= value <= upper:
             return False
         q[i] = value
@@ -496,18 +533,18 @@ def fold(table, q):
 
 @jit
 def drawn_in(table, q, most):
-    """Bring joint values of `q` that are at most `most` beyond their limits onto these; False if
-    one is farther out.
-    """
+    """Bring joints of `q` up to `most` beyond their limits onto these; False if one is farther."""
     turn = q.dtype.type(TWO_PI)
     for i in range(q.shape[0]):
         lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
         value = q[i]
+
         if table[HEAD + i, KIND] != SLIDE:
             if value > upper + most:
                 value -= turn * q.dtype.type(math.ceil((value - upper - most) / turn))
             elif value < lower - most:
                 value += turn * q.dtype.type(math.ceil((lower - most - value) / turn))
+
         if not lower - most <= value <= upper + most:
             return False
         q[i] = min(max(value, lower), upper)
@@ -516,9 +553,7 @@ def drawn_in(table, q, most):
 
 @jit
 def restart_angle(restart, joint):
-    """Pseudorandom number in [0, 1) that depends on its two arguments only (splitmix64 [Steele
-    2014]).
-    """
+    """Pseudorandom number in [0, 1) of its two arguments only (splitmix64 [Steele 2014])."""
     z = (np.uint64(restart) << np.uint64(20)) + np.uint64(joint) + np.uint64(1)
     z *= np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -543,6 +578,8 @@ def scatter(table, restart, work, q):
     for i in range(q.shape[0]):
         lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
         half = math.pi if table[HEAD + i, KIND] != SLIDE else 1.0 / table[0, SCALE]
+
+        # A range of 2 half about the first start, moved where a limit is nearer
         lower = max(lower, min(work[i, START] - half, upper - 2.0 * half))
         upper = min(upper, lower + 2.0 * half)
         q[i] = lower + (upper - lower) * restart_angle(restart, i)
@@ -550,9 +587,7 @@ def scatter(table, restart, work, q):
 
 @jit
 def at_corner(table, corner, q):
-    """Joint values `q` (n,) on their limits: bit i of `corner` tells which of the two for joint
-    i.
-    """
+    """Joint values `q` (n,) on their limits: the upper one where bit i of `corner` is set."""
     for i in range(q.shape[0]):
         q[i] = table[HEAD + i, UPPER] if (corner >> i) & 1 else table[HEAD + i, LOWER]
 
@@ -608,8 +643,7 @@ def recall(table, goal, work, q):
 
 @jit
 def turned_over(work, past, normal, n):
-    """Test for a change of orientation between two Jacobians, that is, for a singular configuration
-    between them.
+    """Test for a singular configuration between two Jacobians, by a change of orientation.
 
     The test is the sign of det(J_past J^T), for n < 6 of det(J_past^T J). By Cauchy and Binet it is
     the product of the two determinants for n = 6. Otherwise it is the inner product of their
@@ -626,12 +660,15 @@ def turned_over(work, past, normal, n):
         1e-12).
     """
     m = min(n, 6)
+    # J_past J^T, for n < 6 J_past^T J
     for a in range(m):
         for b in range(m):
             t = 0.0
             for i in range(max(n, 6)):
                 t += past[i, a] * work[i, b] if n >= 6 else past[a, i] * work[b, i]
             normal[a, b] = t
+
+    # Sign of its determinant, by elimination with partial pivoting
     over = False
     for k in range(m):
         pivot = k
@@ -640,12 +677,15 @@ def turned_over(work, past, normal, n):
                 pivot = a
         if abs(normal[pivot, k]) < 1e-12:
             return False
+
+        # A swap of rows changes the sign
         if pivot != k:
             over = not over
             for b in range(k, m):
                 normal[k, b], normal[pivot, b] = normal[pivot, b], normal[k, b]
         if normal[k, k] < 0.0:
             over = not over
+
         for a in range(k + 1, m):
             factor = normal[a, k] / normal[k, k]
             for b in range(k + 1, m):
@@ -672,6 +712,7 @@ def hand_over(table, q, p2, chord2, code, iterations, restarts, out):
     """
     for i in range(q.shape[0]):
         out[i] = q[i]
+
     return (
         code,
         iterations,
@@ -683,8 +724,7 @@ def hand_over(table, q, p2, chord2, code, iterations, restarts, out):
 
 @jit
 def branch_left(table, q, near, work, past, normal):
-    """Test for a singular configuration on the straight line in joint space from the start in
-    `work` to `q`.
+    """Test for a singular configuration on the straight line in joint space from start to `q`.
 
     A line on which no joint moves more than `near` counts as clear without this test. Where the
     Jacobian is singular everywhere (a planar arm of four joints) no crossing can be detected.
@@ -701,6 +741,8 @@ def branch_left(table, q, near, work, past, normal):
         True if the line crosses a singular configuration.
     """
     n = q.shape[0]
+
+    # Longest joint motion; column BEST takes the solution
     far = 0.0
     for i in range(n):
         work[i, BEST] = q[i]
@@ -710,6 +752,8 @@ def branch_left(table, q, near, work, past, normal):
             far = max(far, table[0, SCALE] * abs(q[i] - work[i, START]))
     if far <= near:
         return False
+
+    # Along the line in pieces, each Jacobian compared with the one before
     pieces = math.ceil(far / _WALK)
     left = False
     for piece in range(pieces + 1):
@@ -717,14 +761,17 @@ def branch_left(table, q, near, work, past, normal):
             for k in range(6):
                 past[i, k] = work[i, COLUMN + k]
             q[i] = work[i, START] + (work[i, BEST] - work[i, START]) * (piece / pieces)
+
         px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
         for i in range(n):
             work[i, 0], work[i, 1], work[i, 2], work[i, 3], work[i, 4], work[i, 5] = column(
                 table, work, i, px, py, pz
             )
+
         if piece > 0 and turned_over(work, past, normal, n):
             left = True
             break
+
     for i in range(n):
         q[i] = work[i, BEST]
     return left

@@ -1,5 +1,4 @@
-"""Compiled loops of the hybrid method: Levenberg-Marquardt on J J^T (6, 6), after a combined sweep
-where that pays off.
+"""Compiled loops of the hybrid method: Levenberg-Marquardt, after a sweep where it pays off.
 
 Arrays are those of `uuv.controllers.ik.chain_kernels`.
 """
@@ -73,8 +72,7 @@ SETTLE_STEPS = 200  # largest number of steps of `settle`
 SETTLE_GAIN = 1e-7  # relative gain in squared error, under which a step of `settle` counts as quiet
 TRADES = 12  # largest number of times that `trade` changes the weights
 LEAST_RATIO = 1e-2  # least factor of the square of a weight in one trade
-# times the weighted tolerances, that a sum of squares may be which `settle` left near its least
-# value
+# largest sum of squares after `settle`, over that of the tolerances, that a trade may still mend
 ALLOWED = 1.2
 MOST_AFTER = (1 + TRADES) * SETTLE_STEPS  # largest number of steps after the iterations have ended
 KEPT = 0  # column of `past` in which `trade` keeps joint values
@@ -113,6 +111,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     px, py, pz = tip[0], tip[1], tip[2]
     ex, ey, ez, wx, wy, wz = error
     n = q.shape[0]
+
     # Lower half of J J^T, row by row. Scalars stay in registers: twice as fast as an array.
     none = damping - damping
     z = none, none, none
@@ -120,6 +119,8 @@ def damped_step(views, limited, damping, tip, error, weights):
         z = tool_axis(table, tip)
     a10 = a20 = a21 = a30 = a31 = a32 = a40 = a41 = a42 = a43 = a50 = a51 = a52 = a53 = a54 = none
     a00 = a11 = a22 = a33 = a44 = a55 = damping
+
+    # Columns of J, zero for a joint that would leave its range
     for i in range(n):
         c0, c1, c2, c3, c4, c5 = column(table, work, i, px, py, pz)
         if weights is not None:
@@ -138,6 +139,8 @@ def damped_step(views, limited, damping, tip, error, weights):
             c4,
             c5,
         )
+
+        # J J^T, the sum of c c^T
         a00 += c0 * c0
         a10 += c1 * c0
         a11 += c1 * c1
@@ -159,9 +162,11 @@ def damped_step(views, limited, damping, tip, error, weights):
         a53 += c5 * c3
         a54 += c5 * c4
         a55 += c5 * c5
+
     # L D L^T factorisation by columns, l = a / d; forward substitution of the right-hand side in
     # the same pass.
     one = table.dtype.type(1.0)
+    # Column 0
     d = one / a00
     l1, l2, l3, l4, l5 = a10 * d, a20 * d, a30 * d, a40 * d, a50 * d
     a11 -= l1 * a10
@@ -179,6 +184,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     a53 -= l5 * a30
     a54 -= l5 * a40
     a55 -= l5 * a50
+
     y0, y1, y2, y3, y4, y5 = (
         ex,
         ey - l1 * ex,
@@ -188,6 +194,8 @@ def damped_step(views, limited, damping, tip, error, weights):
         wz - l5 * ex,
     )
     y0 *= d
+
+    # Column 1
     d = one / a11
     m2, m3, m4, m5 = a21 * d, a31 * d, a41 * d, a51 * d
     a22 -= m2 * a21
@@ -205,6 +213,8 @@ def damped_step(views, limited, damping, tip, error, weights):
     y4 -= m4 * y1
     y5 -= m5 * y1
     y1 *= d
+
+    # Column 2
     d = one / a22
     n3, n4, n5 = a32 * d, a42 * d, a52 * d
     a33 -= n3 * a32
@@ -217,6 +227,8 @@ def damped_step(views, limited, damping, tip, error, weights):
     y4 -= n4 * y2
     y5 -= n5 * y2
     y2 *= d
+
+    # Column 3
     d = one / a33
     o4, o5 = a43 * d, a53 * d
     a44 -= o4 * a43
@@ -225,17 +237,23 @@ def damped_step(views, limited, damping, tip, error, weights):
     y4 -= o4 * y3
     y5 -= o5 * y3
     y3 *= d
+
+    # Column 4
     d = one / a44
     p5 = a54 * d
     a55 -= p5 * a54
     y5 -= p5 * y4
     y4 *= d
+
+    # Back substitution
     y5 /= a55
     y4 -= p5 * y5
     y3 -= o4 * y4 + o5 * y5
     y2 -= n3 * y3 + n4 * y4 + n5 * y5
     y1 -= m2 * y2 + m3 * y3 + m4 * y4 + m5 * y5
     y0 -= l1 * y1 + l2 * y2 + l3 * y3 + l4 * y4 + l5 * y5
+
+    # dq = J^T y
     largest = none
     for i in range(n):
         step = (
@@ -253,8 +271,7 @@ def damped_step(views, limited, damping, tip, error, weights):
 
 @jit
 def take_step(table, cap, largest, mode, work, q):
-    """Move `q` by `work[:, STEP]`, scaled down to a longest joint step, with the limits treated as
-    `mode` says.
+    """Move `q` by `work[:, STEP]`, scaled to a longest joint step, with the limits of `mode`.
 
     Args:
         table: the chain.
@@ -267,6 +284,7 @@ def take_step(table, cap, largest, mode, work, q):
     real = q.dtype.type
     limited = mode != THROUGH
     factor = real(1.0) if largest <= real(cap) else real(cap) / largest
+
     for i in range(q.shape[0]):
         value = q[i] + factor * work[i, STEP]
         row = table[HEAD + i]
@@ -278,8 +296,7 @@ def take_step(table, cap, largest, mode, work, q):
 
 @jit
 def descend(views, near, weights, pace, best2, trail, row):
-    """Levenberg-Marquardt steps from `views.q` until the pose is met, the error stalls, or the
-    steps are spent.
+    """Levenberg-Marquardt steps from `views.q` until the pose is met or the error stalls.
 
     A stall is a squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW
     steps.
@@ -301,28 +318,37 @@ def descend(views, near, weights, pace, best2, trail, row):
     table, goal, work, q = views.table, views.goal, views.work, views.q
     real = q.dtype.type
     limited = pace.mode != THROUGH
+
     # The damping must exceed the rounding of J J^T, or a singular J J^T is no longer positive
     # definite.
     floor = real(4.0) * np.finfo(q.dtype).eps
     mark = real(np.inf)
     steps = 0
+
     while True:
         note(q, trail, row + steps)
         tip = trace(table, q, work)
         error, error2, left = measured(table, goal, tip, weights)
+
         if within(left, near):
             code = CONVERGED if limited or fold(table, q) else STALLED
             return code, steps, best2, left
+
+        # Best joint values so far, within the limits only
         if limited and error2 < best2:
             best2 = error2
             for i in range(q.shape[0]):
                 work[i, BEST] = q[i]
+
+        # Stalled: the error against that of STALL_WINDOW steps before
         if steps % STALL_WINDOW == 0:
             if not error2 < real(STALL_FACTOR) * mark:
                 return STALLED, steps, best2, left
             mark = error2
+
         if steps >= pace.limit:
             return EXHAUSTED, steps, best2, left
+
         damping = real(DAMPING) * error2 + floor
         largest = damped_step(views, limited, damping, tip, error, weights)
         take_step(table, pace.cap, largest, pace.mode, work, q)
@@ -331,8 +357,9 @@ def descend(views, near, weights, pace, best2, trail, row):
 
 @jit
 def settle(views, near, weights, trail, row):
-    """Descend from the best joint values so far to the nearest local minimum within the limits; the
-    error never grows.
+    """Descend from the best joint values to the nearest local minimum within the limits.
+
+    The error never grows.
 
     Args:
         views: memory of the chain; column BEST of its work holds the best joint values, `q` takes
@@ -348,8 +375,10 @@ def settle(views, near, weights, trail, row):
     table, goal, work, q = views.table, views.goal, views.work, views.q
     real = q.dtype.type
     n = q.shape[0]
+
     for i in range(n):
         q[i] = work[i, BEST]
+
     share = real(DAMPING)
     best2 = real(np.inf)
     quiet, steps = 0, 0
@@ -357,8 +386,11 @@ def settle(views, near, weights, trail, row):
         note(q, trail, row + steps)
         tip = trace(table, q, work)
         error, error2, left = measured(table, goal, tip, weights)
+
         if within(left, near):
             return CONVERGED, steps, left
+
+        # A better pose is kept, and the next step damped less
         if error2 < best2:
             quiet = quiet + 1 if error2 > (real(1.0) - real(SETTLE_GAIN)) * best2 else 0
             best2 = error2
@@ -371,10 +403,12 @@ def settle(views, near, weights, trail, row):
                 q[i] = work[i, BEST]
             tip = trace(table, q, work)
             error, _, _ = measured(table, goal, tip, weights)
+
         damping = share * best2 + real(4.0) * np.finfo(q.dtype).eps
         largest = damped_step(views, True, damping, tip, error, weights)
         take_step(table, SHORT_STEP, largest, ALONG, work, q)
         steps += 1
+
     for i in range(n):
         q[i] = work[i, BEST]
     return STALLED, steps, measured(table, goal, trace(table, q, work), weights)[2]
@@ -382,8 +416,7 @@ def settle(views, near, weights, trail, row):
 
 @jit
 def trade(views, near, weights, trail, row):
-    """Trade one part of the error against another at the edge of reach, until each is within its
-    tolerance.
+    """Trade one part of the error against another at the edge of reach, until each is in tolerance.
 
     The least sum of squares may exceed one tolerance where another is not used up. Lawson's rule
     for a least largest error [Lawson 1961] is to multiply the square of a weight by the error over
@@ -427,9 +460,12 @@ def trade(views, near, weights, trail, row):
         a2, t2 = left[1] if whole else left[2], left[3]
         if p * left[0] + a * a2 + t * t2 > real(ALLOWED) * (p * near_p + a * near_a + t * near_t):
             break
+
+        # Lawson's rule: the square of a weight times error over tolerance
         p *= max(math.sqrt(left[0] / near_p), least)
         a *= max(math.sqrt(a2 / near_a), least)
         t *= max(math.sqrt(t2 / near_t), least)
+
         traded = scaled_weights(table, p, a, a if whole else t)
         code, spent, left = settle(views, near, traded, trail, row + steps)
         steps += spent
@@ -443,8 +479,7 @@ def trade(views, near, weights, trail, row):
 
 @jit
 def finish(views, near, weights, trail, row):
-    """End a search without success: at the nearest pose, or within the tolerances at the edge of
-    reach.
+    """End a search without success, at the nearest pose or within tolerance at the edge of reach.
 
     Args:
         views: memory of the chain; column BEST of its work holds the best joint values, `q` takes
@@ -459,8 +494,10 @@ def finish(views, near, weights, trail, row):
     """
     code, steps, left = settle(views, near, weights, trail, row)
     p2, chord2 = left[0], left[1]
+
     if code == CONVERGED:
         return code, steps, p2, chord2
+
     real = views.q.dtype.type
     if weights is None:
         one, any_ = real(1.0), real(np.inf)
@@ -499,45 +536,59 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
     views = partition(memory, out.shape[0])
     table, goal, work, q = views.table, views.goal, views.work, views.q
     limit, restarts = settings.limit, settings.restarts
+
     fault = begin(table, X, q0, options_good(settings, parts), True, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
+
     real = q.dtype.type
     near, weights = judged_by(table, settings, parts)
+
     if parts is not None:
         fault = reach_fault(table, goal, settings.tol_p)
+
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
+
     steps, restart, best2 = 0, 0, real(np.inf)
     while True:
         mode = WITHIN if restart % 2 == 0 else THROUGH
+
+        # A sweep first, from a far start
         if parts is None and restart == 0 and table[1, SWEEPS] > 0.0:
             p2, chord2 = errors(table, goal, q, work)
             if p2 + chord2 > real(FAR):
                 note(q, trail, steps)
                 sweep(table, goal, real(FAR_WEIGHT), mode, q, work)
                 steps += 1
+
         pace = Pace(limit - steps, LONG_STEP, mode)
         code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
         steps += spent
+
         # met, but beyond limits
         if code == STALLED and within(left, near) and drawn_in(table, q, real(BEYOND)):
             pace = Pace(limit - steps, SHORT_STEP, ALONG)
             code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
             steps += spent
+
         if code == CONVERGED or steps >= limit or restart >= restarts:
             break
         restart += 1
         scatter(table, restart, work, q)
+
+    # The last starts: corners of the limits
     corner, above = 0, real(-1.0)
     while code == STALLED and corner < CORNERS and q.shape[0] <= CORNERED and fault != OUT_OF_REACH:
         above = nearest_corner(table, goal, weights, above, work, q)
         if not above < real(np.inf) or steps >= limit:
             break
+
         pace = Pace(limit - steps, SHORT_STEP, ALONG)
         code, spent, best2, left = descend(views, near, weights, pace, best2, trail, steps)
         steps += spent
         corner += 1
+
     p2, chord2 = left[0], left[1]
     if code != CONVERGED:
         code, spent, p2, chord2 = finish(views, near, weights, trail, steps)
@@ -546,13 +597,13 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
                 OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
             )
         steps += spent
+
     return hand_over(table, q, p2, chord2, code, steps, restart + corner, out)
 
 
 @jit
 def solve_keep(memory, X, q0, settings, parts, trail, out):
-    """Branch-keeping method: Levenberg-Marquardt by short steps from `q0`, without jumps or
-    restarts.
+    """Branch-keeping method: Levenberg-Marquardt by short steps from `q0`, no jumps, no restarts.
 
     Args:
         memory: kernel memory of the chain.
@@ -571,12 +622,15 @@ def solve_keep(memory, X, q0, settings, parts, trail, out):
     fault = begin(table, X, q0, options_good(settings, parts), False, views.goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
+
     near, weights = judged_by(table, settings, parts)
     if parts is not None:
         fault = reach_fault(table, views.goal, settings.tol_p)
+
     unknown = q.dtype.type(np.inf)
     pace = Pace(settings.limit, SHORT_STEP, ALONG)
     code, steps, _, left = descend(views, near, weights, pace, unknown, trail, 0)
+
     p2, chord2 = left[0], left[1]
     if code != CONVERGED:
         stopped = EXHAUSTED if code == EXHAUSTED else STALLED
@@ -584,6 +638,8 @@ def solve_keep(memory, X, q0, settings, parts, trail, out):
         steps += spent
         if code != CONVERGED:
             code = OUT_OF_REACH if fault == OUT_OF_REACH else stopped
+
     if code == CONVERGED and branch_left(table, q, SHORT_STEP, work, views.past, views.normal):
         code = BRANCH_LOST
+
     return hand_over(table, q, p2, chord2, code, steps, 0, out)

@@ -1,5 +1,4 @@
-"""Compiled, cached entry points of the inverse kinematics, called from Python by
-`uuv.controllers.mkps`.
+"""Compiled, cached entry points of the inverse kinematics `uuv.controllers.mkps`.
 
 The entries for one target hold the GIL on purpose. They may then share the memory of their chain,
 and one solution takes far less time than a switch to another thread. The entry for many targets
@@ -134,9 +133,7 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
 
     @_releasing
     def many_parts(memory, X, q0, settings, axis, turn, first, last, q, out):
-        """As `many` for poses by parts; the angles of `split` are two more numbers in `out` (N,
-        7).
-        """
+        """As `many` for poses by parts; the angles of `split` end the rows of `out` (N, 7)."""
         trail = memory[:0].reshape(0, 1)
         for i in range(first, last):
             tolerances = PartTolerances(axis, turn)
@@ -182,6 +179,7 @@ def entry(name: str, precision: DTypeLike = np.float64) -> Any:
     """
     function, rest = _ENTRIES[name]
     memory = types.float32[::1] if np.dtype(precision) == np.float32 else _VECTOR
+
     if (memory, *rest) not in function.overloads:
         if function.signatures:
             function.disable_compile(False)

@@ -9,7 +9,5 @@ Method = Literal["hybrid", "jacobian_free", "plain", "priority"]
 
 
 def tracking_method(method: Method, n: int) -> Method:
-    """Method by which an arm of `n` joints tracks tool poses: "priority" for "hybrid" where there
-    are not six.
-    """
+    """Method that tracks tool poses with `n` joints: "priority" for "hybrid" where n is not 6."""
     return "priority" if method == "hybrid" and n != 6 else method

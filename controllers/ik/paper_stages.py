@@ -1,5 +1,4 @@
-"""Compiled loops of plain MKPS: the three stages of [Danilov 2021, chapter 3], the signs of its
-formulas corrected.
+"""Compiled loops of plain MKPS: stages of [Danilov 2021, chapter 3], with corrected signs.
 
 In formula (2) of [Danilov 2021] the modulus loses the sign of the step, which is atan2(e.(S x K),
 S.K - (e.S)(e.K)). Here e is the joint's unit axis, S what it turns and K where S should point. In
@@ -69,24 +68,32 @@ def place(table, goal, near_p, q, work):
     # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle
     # means nothing.
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
+
     px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
     rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+
     for i in range(q.shape[0]):
         if rx * rx + ry * ry + rz * rz <= near_p:
             break
         row = table[HEAD + i]
         kind, lower, upper = row[KIND], row[LOWER], row[UPPER]
         ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+
+        # A slide moves straight towards the target
         if kind == SLIDE:
             moved = min(max(q[i] + (ex * rx + ey * ry + ez * rz) / table[0, SCALE], lower), upper)
             d = table[0, SCALE] * (moved - q[i])
             q[i] = moved
             rx, ry, rz = rx - d * ex, ry - d * ey, rz - d * ez
             continue
+
+        # S and K of [Danilov 2021, eq. 2]
         sx, sy, sz = work[i, POINT], work[i, POINT + 1], work[i, POINT + 2]
         if kind == HINGE:
             sx, sy, sz = px - sx, py - sy, pz - sz
         kx, ky, kz = sx + rx, sy + ry, sz + rz
+
+        # Arguments of atan2, see the module
         near = (
             sx * kx
             + sy * ky
@@ -94,11 +101,15 @@ def place(table, goal, near_p, q, work):
             - (ex * sx + ey * sy + ez * sz) * (ex * kx + ey * ky + ez * kz)
         )
         across = ex * (sy * kz - sz * ky) + ey * (sz * kx - sx * kz) + ez * (sx * ky - sy * kx)
+
         if near * near + across * across < nothing:
             continue
+
         moved = min(max(q[i] + math.atan2(across, near), lower), upper)
         c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
         q[i] = moved
+
+        # The error that is left
         if kind == PANTOGRAPH:
             lx, ly, lz = turn(sx, sy, sz, ex, ey, ez, c, s)
             rx, ry, rz = kx - lx, ky - ly, kz - lz
@@ -110,8 +121,7 @@ def place(table, goal, near_p, q, work):
 
 @jit
 def align(table, u, t, tolerance, q, work):
-    """One sweep of an axis stage, tip to base: turn an axis of the last joint frame towards a
-    target axis.
+    """One sweep of an axis stage, tip to base: turn an axis of the last frame to its target.
 
     Args:
         table: the chain.
@@ -127,6 +137,8 @@ def align(table, u, t, tolerance, q, work):
     # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle
     # means nothing.
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
+
+    # The axis in base axes, and its angle to the target
     tx, ty, tz = t
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ux, uy, uz = u
@@ -136,11 +148,14 @@ def align(table, u, t, tolerance, q, work):
         xz * ux + yz * uy + zz * uz,
     )
     angle = angle_between(ax, ay, az, tx, ty, tz)
+
     for i in range(q.shape[0] - 1, -1, -1):
         if angle <= tolerance:
             break
         if table[HEAD + i, KIND] != HINGE:
             continue
+
+        # Arguments of atan2, see the module
         ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
         near = (
             ax * tx
@@ -149,8 +164,10 @@ def align(table, u, t, tolerance, q, work):
             - (ex * ax + ey * ay + ez * az) * (ex * tx + ey * ty + ez * tz)
         )
         across = ex * (ay * tz - az * ty) + ey * (az * tx - ax * tz) + ez * (ax * ty - ay * tx)
+
         if near * near + across * across < nothing:
             continue
+
         moved = min(
             max(q[i] + math.atan2(across, near), table[HEAD + i, LOWER]), table[HEAD + i, UPPER]
         )
@@ -205,9 +222,9 @@ def stage_axes(table, tip_axes, q, work):
     """Axes E_x and E_z of the two axis stages, in the last joint frame.
 
     By default the tool's own axes, as published. Else E_z is the axis of the last hinge and E_x an
-    axis perpendicular
-    to it: the last hinge then turns E_x without moving E_z, while the stages of the tool's own axes
-    undo each other in part, unless one of them is parallel to that hinge's axis.
+    axis perpendicular to it: the last hinge then turns E_x without moving E_z, while the stages of
+    the tool's own axes undo each other in part, unless one of them is parallel to that hinge's
+    axis.
 
     Args:
         table: the chain.
@@ -220,9 +237,12 @@ def stage_axes(table, tip_axes, q, work):
     """
     if tip_axes:
         return (table[1, 2], table[1, 5], table[1, 8]), (table[1, 0], table[1, 3], table[1, 6])
+
+    # Axis of the last hinge, in the last joint frame
     last = q.shape[0] - 1
     while last > 0 and table[HEAD + last, KIND] != HINGE:
         last -= 1
+
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ex, ey, ez = work[last, AXIS], work[last, AXIS + 1], work[last, AXIS + 2]
     # This is the z axis, unless slides or pantograph links lie beyond the hinge.
@@ -231,6 +251,8 @@ def stage_axes(table, tip_axes, q, work):
         ex * yx + ey * yy + ez * yz,
         ex * zx + ey * zy + ez * zz,
     )
+
+    # An axis perpendicular to it
     zero = ux - ux  # in the precision of the chain
     if abs(ux) < abs(uy):
         length = math.sqrt(uy * uy + uz * uz)
@@ -256,10 +278,12 @@ def three_goals(table, goal, along, across, q, work):
     """
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip = trace(table, q, work)
     rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+
     ax, ay, az = in_frame(along, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
     bx, by, bz = in_frame(across, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
     mx, my, mz = goal_axis(goal, along)
     nx, ny, nz = goal_axis(goal, across)
+
     return (
         rx * rx + ry * ry + rz * rz,
         angle_between(ax, ay, az, mx, my, mz),
@@ -270,8 +294,7 @@ def three_goals(table, goal, along, across, q, work):
 
 @jit
 def solve_plain(memory, X, q0, settings, trail, out):
-    """Plain MKPS: the stages of [Danilov 2021, chapter 3] in turn, until its three inequalities (6)
-    hold.
+    """Plain MKPS: the stages of [Danilov 2021, chapter 3] in turn, until its inequalities (6) hold.
 
     Args:
         memory: kernel memory of the chain.
@@ -286,20 +309,26 @@ def solve_plain(memory, X, q0, settings, trail, out):
     """
     table, goal, normal, work, past, q = partition(memory, out.shape[0])
     limit, keep = settings.limit, settings.keep
+
     axes_good = settings.tol_1 > 0.0 and settings.tol_2 > 0.0
     options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and axes_good and limit >= 1
     fault = begin(table, X, q0, options_good, not keep, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
+
     real = q.dtype.type
     near = squared_tolerances(table, settings)
     near_1, near_2 = real(settings.tol_1), real(settings.tol_2)
+
     along, across = stage_axes(table, settings.tip_axes, q, work)
     wanted_along, wanted_across = goal_axis(goal, along), goal_axis(goal, across)
     sweeps, best2 = 0, real(np.inf)
+
     while True:
         note(q, trail, sweeps)
         p2, angle_1, angle_2, chord2 = three_goals(table, goal, along, across, q, work)
+
+        # Inequalities (6), or the whole rotation in place of the last two
         if p2 <= near.p2 and (chord2 <= near.chord2 or (angle_1 <= near_1 and angle_2 <= near_2)):
             code = (
                 BRANCH_LOST
@@ -307,28 +336,37 @@ def solve_plain(memory, X, q0, settings, trail, out):
                 else CONVERGED
             )
             break
+
+        # Best joint values so far
         error2 = p2 + chord2
         if error2 < best2:
             best2 = error2
             for i in range(q.shape[0]):
                 work[i, BEST] = q[i]
+
         if sweeps >= limit:
             p2, chord2 = recall(table, goal, work, q)
             code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED
             break
+
+        # Position stage
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
             if place(table, goal, near.p2, q, work) <= near.p2:
                 break
+
+        # Axis stages
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
             if align(table, along, wanted_along, near_1, q, work) <= near_1:
                 break
+
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
             if align(table, across, wanted_across, near_2, q, work) <= near_2:
                 break
+
     return hand_over(table, q, p2, chord2, code, sweeps, 0, out)

@@ -1,5 +1,4 @@
-"""Parts of a pose error, each with its own tolerance: position, tool axis, and turn about the tool
-axis.
+"""Parts of a pose error, with tolerances of their own: position, tool axis, turn about it.
 
 The tool axis is the z axis of the tip. A part whose tolerance is infinite does not count: its
 weight is zero, and the steps of a descent are free in it. Where every part counts alike, `weights`
@@ -62,9 +61,7 @@ class Weights(NamedTuple):
 
 @jit
 def counts(angle):
-    """True if an orientation tolerance [rad] excludes some rotation: none is longer than half a
-    turn.
-    """
+    """True if an orientation tolerance [rad] excludes some rotation: none is longer than pi."""
     return angle < math.pi
 
 
@@ -88,15 +85,14 @@ alike = jit(count_alike)  # the same, compiled
 
 @inlined
 def options_good(settings, parts):
-    """True if the options are within their ranges; without `parts`, position and rotation must both
-    count.
-    """
+    """True if the options are in range; without `parts`, position and rotation must both count."""
     good = (
         settings.tol_p > 0.0
         and settings.tol_r > 0.0
         and settings.limit >= 1
         and settings.restarts >= 0
     )
+
     if parts is None:
         return good and settings.tol_p < np.inf and counts(settings.tol_r)
     return good and parts.axis > 0.0 and parts.turn > 0.0
@@ -116,6 +112,7 @@ def squared_parts(table, settings, parts):
     """
     real = table.dtype.type
     whole, axis, turn = settings.tol_r, parts.axis, parts.turn
+
     return PartsNear(
         (real(settings.tol_p) * table[0, SCALE]) ** 2,
         real(chord_squared(whole) if counts(whole) else np.inf),
@@ -140,6 +137,7 @@ def scaled_weights(table, position2, axis2, turn2):
     real = table.dtype.type
     none, least = real(0.0), real(LIGHTEST)
     largest = max(max(position2, axis2), max(turn2, np.finfo(table.dtype).tiny))
+
     return Weights(
         max(math.sqrt(position2 / largest), least) if position2 > none else none,
         max(math.sqrt(axis2 / largest), least) if axis2 > none else none,
@@ -184,7 +182,7 @@ def judged_by(table, settings, parts):
 @overload(judged_by, inline="always")
 def _compiled_judged_by(table, settings, parts):
     """Compiled `judged_by`, which has results of two types."""
-    del table, settings  # of the parts alone it depends which one
+    del table, settings  # the parts alone decide which
     if isinstance(parts, types.NoneType):
         return lambda table, settings, parts: (squared_tolerances(table, settings), parts)
 
@@ -217,10 +215,13 @@ def tilt_left(table, goal, z):
     """
     real = goal.dtype.type
     one, two = real(1.0), real(2.0)
+
+    # The tool axis of the goal
     wx, wy, wz = table[1, 2], table[1, 5], table[1, 8]
     ax = goal[1, 0] * wx + goal[2, 0] * wy + goal[3, 0] * wz
     ay = goal[1, 1] * wx + goal[2, 1] * wy + goal[3, 1] * wz
     az = goal[1, 2] * wx + goal[2, 2] * wy + goal[3, 2] * wz
+
     tx, ty, tz = z[1] * az - z[2] * ay, z[2] * ax - z[0] * az, z[0] * ay - z[1] * ax
     sine2 = tx * tx + ty * ty + tz * tz
     cosine = z[0] * ax + z[1] * ay + z[2] * az
@@ -228,6 +229,7 @@ def tilt_left(table, goal, z):
         factor2 = two / (one + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
         return tx * factor, ty * factor, tz * factor, sine2 * factor2
+
     # Opposite axes leave the rotation axis open: any that is perpendicular to both.
     if sine2 < np.finfo(goal.dtype).eps:
         if abs(z[0]) < abs(z[1]):
@@ -235,6 +237,7 @@ def tilt_left(table, goal, z):
         else:
             tx, ty, tz = -z[2], z[1] - z[1], z[0]
         sine2 = tx * tx + ty * ty + tz * tz
+
     chord2 = two - two * cosine
     factor = math.sqrt(chord2 / sine2)
     return tx * factor, ty * factor, tz * factor, chord2
@@ -259,11 +262,15 @@ def turn_about(goal, tip, z, axis2):
     real = goal.dtype.type
     one, two = real(1.0), real(2.0)
     wx, wy, wz, cosine = skew_left(goal, tip)
+
+    # Sine and cosine of the turn, up to a common factor
     s = two * (z[0] * wx + z[1] * wy + z[2] * wz)
     c = two * cosine + real(0.5) * axis2  # trace R - R22
     length = math.sqrt(s * s + c * c)
+
     if length < real(4.0) * np.finfo(goal.dtype).eps:
         return s - s, s - s
+
     s, c = s / length, c / length
     turn = (
         s * math.sqrt(two / (one + c))
@@ -296,7 +303,7 @@ def measured(table, goal, tip, weights):
 @overload(measured, inline="always")
 def _compiled_measured(table, goal, tip, weights):
     """Compiled `measured`, which has results of two types."""
-    del table, goal, tip  # of the weights alone it depends which one
+    del table, goal, tip  # the weights alone decide which
     if isinstance(weights, types.NoneType):
         return lambda table, goal, tip, weights: whole_error(goal, tip)  # noqa: ARG005
     return lambda table, goal, tip, weights: parts_error(table, goal, tip, weights)
@@ -316,6 +323,7 @@ def parts_error(table, goal, tip, weights):
     z = tool_axis(table, tip)
     tx, ty, tz, axis2 = tilt_left(table, goal, z)
     turn, turn2 = turn_about(goal, tip, z, axis2)
+
     a, b, c = weights.position, weights.axis, weights.turn * turn
     error = (a * px, a * py, a * pz, b * tx + c * z[0], b * ty + c * z[1], b * tz + c * z[2])
     return error, a * a * p2 + b * b * axis2 + c * c, (p2, chord2, axis2, turn2)
@@ -366,6 +374,7 @@ def weighted_column(column, z, weights):
     """
     c0, c1, c2, c3, c4, c5 = column
     a, b = weights.position, weights.axis
+
     turn = (weights.turn - b) * (z[0] * c3 + z[1] * c4 + z[2] * c5)
     return a * c0, a * c1, a * c2, b * c3 + turn * z[0], b * c4 + turn * z[1], b * c5 + turn * z[2]
 
@@ -394,19 +403,20 @@ def nearest_corner(table, goal, weights, above, work, q):
     """
     n = q.shape[0]
     least, found = q.dtype.type(np.inf), 0
+
     for corner in range(1 << n):
         at_corner(table, corner, q)
         _, error2, _ = measured(table, goal, trace(table, q, work), weights)
         if above < error2 < least:
             least, found = error2, corner
+
     at_corner(table, found, q)
     return least
 
 
 @jit
 def split(memory, code, q):
-    """Angle between the tool axes, and turn about the tool axis [rad], after a solver; zeros for a
-    refused input.
+    """Angle between the tool axes and turn about the tool axis [rad]; zeros for a refused input.
 
     Args:
         memory: kernel memory of the chain, which holds the goal.
@@ -415,8 +425,10 @@ def split(memory, code, q):
     """
     if code >= BAD_TARGET:
         return 0.0, 0.0
+
     views = partition(memory, q.shape[0])
     for i in range(q.shape[0]):
         views.q[i] = q[i]
+
     _, _, axis2, turn2 = parts_at(views.table, views.goal, views.q, views.work)
     return angle_of(float(axis2)), angle_of(float(turn2))

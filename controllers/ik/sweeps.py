@@ -1,7 +1,7 @@
-"""Compiled loops of the Jacobian-free method: combined MKPS sweeps [Danilov 2021] with Anderson
-acceleration.
+"""Compiled loops of the Jacobian-free method: MKPS sweeps with Anderson acceleration.
 
-Arrays are those of `uuv.controllers.ik.chain_kernels`.
+Sweeps: [Danilov 2021], its stages combined. Acceleration: [Anderson 1965]. Arrays are those of
+`uuv.controllers.ik.chain_kernels`.
 """
 
 import math
@@ -88,12 +88,11 @@ def turn(vx, vy, vz, ex, ey, ez, c, s):
 
 @jit
 def sweep(table, goal, weight, mode, q, work):
-    """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + weight sum
-    |a_k - t_k|^2.
+    """One combined sweep, tip to base: each joint minimises |R|^2 + weight sum |a_k - t_k|^2.
 
-    This joins the three stages of [Danilov 2021, eq. 2, 4 and 5] into one. Joints between the
-    moving one and the base keep their axes and points. Only the tip point and the tool axes are
-    carried along, so a sweep costs O(n).
+    Each minimum is exact. This joins the stages of [Danilov 2021, eq. 2, 4 and 5] into one. Joints
+    between the moving one and the base keep their axes and points. Only the tip point and the tool
+    axes are carried along, so a sweep costs O(n).
 
     Args:
         table: the chain.
@@ -107,19 +106,25 @@ def sweep(table, goal, weight, mode, q, work):
         Squared position error [scaled] and squared chord before the sweep.
     """
     nothing, full_turn = q.dtype.type(64.0) * np.finfo(q.dtype).eps, q.dtype.type(TWO_PI)
+
     tip = trace(table, q, work)
     chord2 = turn_left(goal, tip)[3]
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
+
+    # Position error; axes of the goal
     gx, gy, gz = goal[0, 0], goal[0, 1], goal[0, 2]
     rx, ry, rz = gx - px, gy - py, gz - pz
     p2 = rx * rx + ry * ry + rz * rz
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
+
     for i in range(q.shape[0] - 1, -1, -1):
         row = table[HEAD + i]
         kind, lower, upper = row[KIND], row[LOWER], row[UPPER]
         ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+
+        # A slide moves the tip straight towards the goal
         if kind == SLIDE:
             wanted = q[i] + (ex * (gx - px) + ey * (gy - py) + ez * (gz - pz)) / table[0, SCALE]
             moved = min(max(wanted, lower), upper)
@@ -129,13 +134,19 @@ def sweep(table, goal, weight, mode, q, work):
             py += d * ey
             pz += d * ez
             continue
+
+        # S from the joint to the tip (of a pantograph link: the link), and K where it should point
         sx, sy, sz = work[i, POINT], work[i, POINT + 1], work[i, POINT + 2]
         if kind == HINGE:
             sx, sy, sz = px - sx, py - sy, pz - sz
         kx, ky, kz = sx + gx - px, sy + gy - py, sz + gz - pz
+
+        # Maximise near * cosine + across * sine, the part of the objective that the angle changes
         es = ex * sx + ey * sy + ez * sz
         near = sx * kx + sy * ky + sz * kz - es * (ex * kx + ey * ky + ez * kz)
         across = ex * (sy * kz - sz * ky) + ey * (sz * kx - sx * kz) + ez * (sx * ky - sy * kx)
+
+        # A hinge also turns the tool axes
         if kind == HINGE:
             ea_et = (
                 (ex * xx + ey * xy + ez * xz) * (ex * tx + ey * ty + ez * tz)
@@ -159,6 +170,8 @@ def sweep(table, goal, weight, mode, q, work):
                 + ey * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
                 + ez * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
             )
+
+        # The best angle, within the limits
         length = math.sqrt(near * near + across * across)
         if length < nothing:  # this joint cannot change the objective
             continue
@@ -170,10 +183,13 @@ def sweep(table, goal, weight, mode, q, work):
         if moved != wanted:
             c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
         q[i] = moved
+
+        # The tip, and the tool axes
         if kind == PANTOGRAPH:
             kx, ky, kz = turn(sx, sy, sz, ex, ey, ez, c, s)
             px, py, pz = px + kx - sx, py + ky - sy, pz + kz - sz
             continue
+
         sx, sy, sz = turn(sx, sy, sz, ex, ey, ez, c, s)
         px, py, pz = work[i, POINT] + sx, work[i, POINT + 1] + sy, work[i, POINT + 2] + sz
         xx, xy, xz = turn(xx, xy, xz, ex, ey, ez, c, s)
@@ -195,6 +211,8 @@ def mix(count, past, normal, q):
     real = q.dtype.type
     n = q.shape[0]
     zero = real(0.0)
+
+    # Normal equations, the right-hand side in column 6
     for a in range(count):
         for b in range(a + 1):
             t = zero
@@ -205,6 +223,8 @@ def mix(count, past, normal, q):
         for i in range(n):
             t += past[i, TURNS + a] * past[i, RESIDUAL]
         normal[a, 6] = t
+
+    # L D L^T factorisation, forward substitution in the same pass
     ridge = real(1.0) + real(16.0) * np.finfo(q.dtype).eps
     for a in range(count):
         for b in range(a):
@@ -220,11 +240,15 @@ def mix(count, past, normal, q):
             normal[a, 6] -= lower * normal[k, 6]
             normal[a, k] = lower
         normal[a, 7] = real(1.0) / d
+
+    # Back substitution
     for a in range(count - 1, -1, -1):
         t = normal[a, 6] * normal[a, 7]
         for k in range(a + 1, count):
             t -= normal[k, a] * normal[k, 6]
         normal[a, 6] = t
+
+    # g - dG y
     for i in range(n):
         value = past[i, SWEPT]
         for a in range(count):
@@ -261,24 +285,31 @@ def accelerate(views, weight, near, limit, mode, best2, trail, row):
     known = False  # the memory holds the sweep before this one
     reference, mark = real(np.inf), real(np.inf)
     rounding = real(1.0) + real(1.0 / 16.0) * math.sqrt(np.finfo(q.dtype).eps)
+
     while True:
         note(q, trail, row + sweeps)
         for i in range(n):
             past[i, AT] = q[i]
         p2, chord2 = sweep(table, goal, weight, mode, q, work)
         error2 = p2 + chord2
+
+        # Met: the joint values before this sweep
         if p2 <= near.p2 and chord2 <= near.chord2:
             for i in range(n):
                 q[i] = past[i, AT]
             code = CONVERGED if mode != THROUGH or fold(table, q) else STALLED
             return code, sweeps, best2, p2, chord2
+
         if mode != THROUGH and error2 < best2:
             best2 = error2
             for i in range(n):
                 work[i, BEST] = past[i, AT]
+
         if sweeps >= limit:
             return EXHAUSTED, sweeps, best2, p2, chord2
         sweeps += 1
+
+        # An accelerated step too far is undone
         objective = p2 + real(2.0) * weight * chord2
         if (
             objective
@@ -289,11 +320,15 @@ def accelerate(views, weight, near, limit, mode, best2, trail, row):
                 q[i] = past[i, SWEPT]
             known, count, slot, reference = False, 0, 0, real(np.inf)
             continue
+
+        # Stalled: the objective against that of SWEEP_WINDOW sweeps before
         if sweeps % SWEEP_WINDOW == 1:
             factor = SWEEP_FACTOR if objective > real(CLOSE) else CLOSE_FACTOR
             if not objective < real(factor) * mark:
                 return STALLED, sweeps, best2, p2, chord2
             mark = objective
+
+        # Differences to the sweep before
         reference = objective
         for i in range(n):
             residual = q[i] - past[i, AT]
@@ -301,6 +336,8 @@ def accelerate(views, weight, near, limit, mode, best2, trail, row):
             past[i, STEPS + slot] = q[i] - past[i, SWEPT]
             past[i, RESIDUAL] = residual
             past[i, SWEPT] = q[i]
+
+        # Anderson's step, within the limits
         if known:
             count = min(count + 1, DEPTH)
             slot = (slot + 1) % DEPTH
@@ -308,6 +345,7 @@ def accelerate(views, weight, near, limit, mode, best2, trail, row):
             for i in range(n):
                 if mode != THROUGH or table[HEAD + i, KIND] == SLIDE:
                     q[i] = min(max(q[i], table[HEAD + i, LOWER]), table[HEAD + i, UPPER])
+
         known = True
 
 
@@ -335,25 +373,31 @@ def solve_jacobian_free(memory, X, q0, settings, trail, out):
     fault = begin(table, X, q0, options_good, not keep, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
+
     real = q.dtype.type
     near = squared_tolerances(table, settings)
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
+
     sweeps, restart, best2 = 0, 0, real(np.inf)
     while True:
         mode = ALONG if keep else WITHIN if restart % 2 == 0 else THROUGH
         weight = SWEEP_WEIGHT if restart % 3 == 0 else LIGHTER if restart % 3 == 1 else HEAVIER
+
         code, spent, best2, p2, chord2 = accelerate(
             views, real(weight), near, limit - sweeps, mode, best2, trail, sweeps
         )
         sweeps += spent
+
         if code == CONVERGED or sweeps >= limit or keep or restart >= restarts:
             break
         restart += 1
         scatter(table, restart, work, q)
+
     if code != CONVERGED:
         p2, chord2 = recall(table, goal, work, q)
         code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if sweeps >= limit else STALLED
     elif keep and branch_left(table, q, SHORT_WAY, work, views.past, views.normal):
         code = BRANCH_LOST
+
     return hand_over(table, q, p2, chord2, code, sweeps, restart, out)

@@ -1,15 +1,15 @@
-"""Tracking of a sequence of tool poses, also through singular configurations [Danilov 2021, chapter
-4, figs. 6 and 7].
+"""Tracking of a sequence of tool poses, also through singular configurations.
 
     path = track(chain, X_base_tip, q0, period=0.01)                   # a whole sequence of poses
     tracker = Tracker(chain, period=0.01); state = tracker.init(q0)    # or one pose at a time
     state, step = tracker.step(state, X_base_tip)
 
 Each pose is solved for from the last joint values, by short steps on their branch. Near a singular
-configuration this may spin some joints ("looping" in [Danilov 2021]). There the arm passes in one
-of its two ways. `limit` clamps the joints to their travel in one period at the speed limits. `hold`
-keeps the joint that would spin constant. The tool then leaves its path by the least amount that
-this allows, in position less than in orientation. It returns at the same speed limits.
+configuration this may spin some joints ("looping" in [Danilov 2021, chapter 4, figs. 6 and 7]).
+There the arm passes in one of its two ways. `limit` clamps the joints to their travel in one period
+at the speed limits. `hold` keeps the joint that would spin constant. The tool then leaves its path
+by the least amount that this allows, in position less than in orientation. It returns at the same
+speed limits.
 
 Nearness is the smallest singular value of the Jacobian, lengths divided by the scale of the chain.
 Lengths thus count in arm lengths, comparable to radians. Nearness 0 is singular, and 1/nearness
@@ -139,6 +139,7 @@ class Tracker:
             "position_tolerance": position_tolerance,
             "orientation_tolerance": orientation_tolerance,
         }
+
         for name, value in ((name, number(value, name)) for name, value in given.items()):
             if not (value > 0.0 and (np.isfinite(value) or name == "near")):
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
@@ -147,20 +148,24 @@ class Tracker:
                 "orientation_tolerance: must be under pi, for the whole pose is tracked, got "
                 f"{orientation_tolerance:g}"
             )
+
         speeds = real_array(speed_limits, "speed_limits")
         speeds = checked(
             np.broadcast_to(speeds, (chain.n,)) if speeds.ndim == 0 else speeds,
             (chain.n,),
             "speed_limits",
         )
+
         if not np.all(speeds > 0.0):
             raise ConfigurationError(
                 f"speed_limits: every one must be positive, got {speeds.tolist()}"
             )
+
         one_of(passing, get_args(Passing), "passing")
         one_of(method, get_args(Method), "method")
         if hold_joint is not None:
             whole_number(hold_joint, "hold_joint", most=chain.n - 1)
+
         self.hold_joint = hold_joint
         self.chain, self.period, self.near, self.passing, self.method = (
             chain,
@@ -170,6 +175,8 @@ class Tracker:
             method,
         )
         self._travel = speeds * period
+
+        # Settings of the compiled solver; in an axis stage each axis may take its share of `tol_r`
         tol_p, tol_r = self._tolerances = float(position_tolerance), float(orientation_tolerance)
         axis = tol_r * 0.5**0.5
         kinds = {
@@ -177,9 +184,11 @@ class Tracker:
             "jacobian_free": kernels.JACOBIAN_FREE,
             "priority": kernels.PRIORITY,
         }
+
         self._settings = kernels.Settings(
             kinds.get(method, kernels.HYBRID), tol_p, tol_r, axis, axis, _STEPS, 0, True, False
         )
+
         self._memory = memory_of(chain, _LEAD * chain._scale)
         # The entry of usual calls leaves tolerances that differ very much to another one.
         self._usual = method == "hybrid" and count_alike(_LEAD * chain._scale, tol_p, tol_r)
@@ -189,10 +198,9 @@ class Tracker:
         self._rank = _generic_rank(chain)
 
     def init(self, q0: ArrayLike) -> TrackState:
-        """State at joint values `q0` (n,) [rad] or [m]; ConfigurationError if they are bad or
-        beyond the limits.
-        """
+        """State at `q0` (n,) [rad] or [m]; ConfigurationError if bad or beyond the limits."""
         q = checked(q0, (self.chain.n,), "q0")
+
         lower, upper = self.chain.limits.T
         for i in np.flatnonzero((q < lower - 1e-9) | (q > upper + 1e-9)):
             raise ConfigurationError(
@@ -201,26 +209,30 @@ class Tracker:
         return TrackState(q=readonly(np.clip(q, lower, upper)))
 
     def step(self, state: TrackState, X_base_tip: ArrayLike) -> tuple[TrackState, TrackStep]:
-        """Joint values for the next pose; ConfigurationError if `X_base_tip` (4, 4) is not a
-        pose.
-        """
+        """Joint values for the next pose; ConfigurationError if `X_base_tip` (4, 4) is no pose."""
         target = checked(X_base_tip, (4, 4), "X_base_tip")
         nearness, motion = self._weakest(state.q)
         q, errors, converged = self._solve(target, state.q, self.chain.limits)
+
         way: Way = "none"
         held = None
         restricted = np.zeros(self.chain.n, dtype=bool)
+
+        # Too fast near a singular configuration: pass it within the speed limits
         too_fast = bool(np.any(np.abs(q - state.q) > self._travel))
         if self.passing != "off" and too_fast and (state.way != "none" or nearness < self.near):
             way, held = self._choose(state, nearness, motion)
+
             lower = np.maximum(self.chain.limits[:, 0], state.q - self._travel)
             upper = np.minimum(self.chain.limits[:, 1], state.q + self._travel)
             if held is not None:
                 lower[held] = upper[held] = state.q[held]
+
             q, errors, converged = self._solve(target, state.q, np.column_stack([lower, upper]))
             restricted = ((q <= lower) & (lower > self.chain.limits[:, 0])) | (
                 (q >= upper) & (upper < self.chain.limits[:, 1])
             )
+
         step = TrackStep(
             q=q,
             qd=readonly((q - state.q) / self.period),
@@ -231,45 +243,46 @@ class Tracker:
             way=way,
             restricted=restricted,
         )
+
         held_for = state.held_for + self.period * (held is not None) if way != "none" else 0.0
         return TrackState(q=q, way=way, held=held, held_for=held_for), step
 
     def _choose(self, state: TrackState, nearness: float, motion: Array) -> tuple[Way, int | None]:
-        """The way of passing, and the joint to hold: the one that moves most in the weakest
-        motion.
-        """
+        """Way of passing, and the joint to hold: the one that moves most in the weakest motion."""
         near = self.near if self.passing == "hold" else _HOLD_SHARE * self.near
         if self.passing == "limit" or not nearness < near or state.held_for >= _LONGEST_HOLD:
             return "limit", None  # also on the way back after a joint was held
+
         if self.hold_joint is not None:
             return "hold", self.hold_joint
         return "hold", int(np.argmax(np.abs(motion))) if state.held is None else state.held
 
     def _weakest(self, q: Array) -> tuple[float, Array]:
-        """Nearness at `q`, and the unit joint motion (n,) that moves the tool least: the singular
-        vector.
-        """
+        """Nearness at `q`, and the unit joint motion (n,) that moves the tool least."""
+        # Jacobian in arm lengths and radians
         J = self.chain.jacobian(q)
         J[:3] *= self.chain._scale
         slides = np.array([letter == "p" for letter in self.chain.joint_types])
         J[:, slides] /= self.chain._scale
+
+        # The singular vector of the smallest singular value of a rank that the chain can have
         _, values, motions = np.linalg.svd(J, full_matrices=False)
         return float(values[self._rank - 1]), motions[self._rank - 1]
 
     def _solve(
         self, target: Array, q0: Array, limits: Array
     ) -> tuple[Array, tuple[float, float], bool]:
-        """Nearest pose within `limits`, by short steps from `q0`: (q, errors [m] [rad],
-        converged).
-        """
+        """Nearest pose within `limits` by short steps from `q0`: (q, errors [m] [rad], met)."""
         chain, memory = self.chain, self._memory.copy()
         set_limits(memory, kernels.LOWER, limits[:, 0])
         set_limits(memory, kernels.UPPER, limits[:, 1])
+
         q = np.empty(chain.n)
         if self._usual:
             outcome = self._entry(memory, target, q0, *self._tolerances, _STEPS, 0, q)
         else:
             outcome = self._entry(memory, target, q0, self._settings, chain._no_trail, q)
+
         code, _, _, error_p, error_r = outcome
         if code == kernels.BAD_TARGET:
             raise not_a_pose("X_base_tip", target)
@@ -323,15 +336,18 @@ def track(
         method=method,
         hold_joint=hold_joint,
     )
+
     targets = np.asarray(X_base_tip, dtype=np.float64)
     if targets.ndim != 3 or targets.shape[1:] != (4, 4) or len(targets) == 0:
         raise ConfigurationError(
             f"X_base_tip: expected shape (N, 4, 4) with N > 0, got {targets.shape}"
         )
+
     state, steps = tracker.init(q0), []
     for target in targets:
         state, step = tracker.step(state, target)
         steps.append(step)
+
     return Track(
         time=readonly(period * np.arange(1, len(steps) + 1)),
         q=readonly([step.q for step in steps]),

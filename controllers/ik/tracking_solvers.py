@@ -1,5 +1,4 @@
-"""Solvers that the compiled loop calls by address, to track a tool pose by another method than the
-hybrid one.
+"""Solvers that the compiled loop calls by address, to track a tool pose by another method.
 
 A method is compiled only where it is chosen; the loop then need not contain all three.
 """
@@ -34,7 +33,9 @@ def _compiled(method: Method) -> Any:
     def of_pointers(n, tol_p, tol_r, limit, memory, X, q0, q, errors):
         chain, trail = carray(memory, _size(n)), carray(memory, (0, 1))
         target, start, out, said = carray(X, (4, 4)), carray(q0, n), carray(q, n), carray(errors, 2)
+
         axis = tol_r * 0.5**0.5
+
         if plain:
             settings = Settings(PLAIN, tol_p, tol_r, axis, axis, limit, 0, True, True)
             code, _, _, said[0], said[1] = solve_plain(chain, target, start, settings, trail, out)
@@ -48,6 +49,7 @@ def _compiled(method: Method) -> Any:
             code, _, _, said[0], said[1] = solve_jacobian_free(
                 chain, target, start, settings, trail, out
             )
+
         return code
 
     return c_function(_SOLVER, error_model="numpy")(of_pointers)
@@ -79,6 +81,7 @@ def _call(
         kind = ir.FunctionType(
             count, [count, number, number, count, *(each.type for each in arrays)]
         )
+
         return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [*args[1:5], *arrays])
 
     numbers = (types.intp, types.float64, types.float64, types.int64)
@@ -106,6 +109,7 @@ def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
         A code of `uuv.controllers.ik.chain_kernels`.
     """
     places = chain.ctypes.data, X.ctypes.data, q0.ctypes.data, q.ctypes.data, errors.ctypes.data
+
     return _call_solver(
         address,
         q0.shape[0],

@@ -1,6 +1,4 @@
-"""Margins of the arm along a tool path: limits of joints and torques, singular postures, distance,
-thrust.
-"""
+"""Margins of the arm along a tool path: joints, torques, singularities, distance, thrust."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -37,9 +35,7 @@ _SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives 
 
 @kernel
 def _step_and_room(before, q, low, high):
-    """Largest change of a joint from `before` to `q`, and the smallest distance of `q` to the
-    limits; (n,) each.
-    """
+    """Largest joint step from `before` to `q`, least distance of `q` to its limits; (n,) each."""
     jump, room = 0.0, np.inf
     for j in range(q.shape[0]):
         jump = max(jump, abs(q[j] - before[j]))
@@ -49,8 +45,7 @@ def _step_and_room(before, q, low, high):
 
 @kernel
 def _are_above(margin, J, push, torque_limits):
-    """True if the margins of torque and of singular postures are above `margin` by more than
-    rounding.
+    """True if the margins of torque and singular postures exceed `margin` beyond rounding.
 
     Args:
         margin: [-]
@@ -63,12 +58,15 @@ def _are_above(margin, J, push, torque_limits):
         load = abs(J[0, j] * push[0] + J[1, j] * push[1] + J[2, j] * push[2]) / torque_limits[j]
         if 3.0 * (1.0 - load) < margin + 1e-9:
             return False
+
     # The smallest singular value is above t where the Gram matrix less t^2 has a Cholesky
     # factorisation.
     k, t = min(6, n), _SINGULAR * margin * (1.0 + 1e-6)
     L, trace = np.empty((k, k)), 0.0
+
     for a in range(k):
         for b in range(a + 1):
+            # Gram matrix of the weighted Jacobian, less t^2
             total = -t * t if a == b else 0.0
             for m in range(max(6, n)):
                 if n < 6:
@@ -77,6 +75,8 @@ def _are_above(margin, J, push, torque_limits):
                     total += J[a, m] * J[b, m] * _SCALE[a, 0] * _SCALE[b, 0]
             if a == b:
                 trace += total
+
+            # Its Cholesky factor
             for m in range(b):
                 total -= L[a, m] * L[b, m]
             if a == b:
@@ -163,27 +163,34 @@ class ArmMargins:
         q, q_start = self.vehicle.q_ready if track.q is None else track.q, None
         full, long = self.chain.n >= FULL, reach(self.chain)
         slides = np.array([kind == "p" for kind in self.chain.joint_types])
+
         for i, X_WG in enumerate(track.poses):
             share = i / len(track.poses)
             if track.hulls is not None:
                 X_WB = track.hulls[i]
                 X_AW = inverse(X_WB @ self.vehicle.X_BA)
+
+            # Posture at this pose, on the branch of the one before
             result = posture_for(self.chain, X_AW @ X_WG, q)
             jump, room = _step_and_room(q, result.q, low, high)
             if not result.converged:
                 return Dropped(i, share, Limit.REACH, result.q)
             if i and jump > _LARGEST_STEP:
                 return Dropped(i, share, Limit.TURN, result.q - q)
+
             q = result.q
             margin = min(margin, room / 0.5)
             if margin <= floor:  # cheap margins first: most candidates are rejected here
                 return Dropped(i, share, Limit.JOINT, q)
+
+            # Tilt of the tool axis, where an arm of fewer joints presses
             X_AG, J = self.chain.kinematics(q)
             pressed = track.loads is None or bool(np.any(track.loads[i]))
             if not full and pressed:
                 margin = min(margin, (TILT - result.orientation_error) / (TILT - _ROOMY_TILT))
                 if margin <= floor:
                     return Dropped(i, share, Limit.TILT, np.array([result.orientation_error]))
+
             # These two, and the gap, seldom are the smallest margin: kernels, equal but for
             # rounding, tell where.
             if not (
@@ -198,10 +205,13 @@ class ArmMargins:
                 margin = min(margin, 3.0 * torque)
                 if margin <= floor:
                     return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
+
                 weakest = np.linalg.svd(J * _SCALE if full else J[:3], compute_uv=False)[-1]
                 margin = min(margin, weakest / (_SINGULAR if full else BENT * long))
                 if margin <= floor:
                     return Dropped(i, share, Limit.SINGULAR, q)
+
+            # Distance to the object
             centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[
                 2 : self.chain.n - 2
             ]
@@ -215,6 +225,8 @@ class ArmMargins:
                 )
                 if margin <= floor:
                     return Dropped(i, share, Limit.OBJECT, q)
+
+            # Thrust
             if self.holding is not None and track.loads is not None:
                 margin = min(
                     margin,
@@ -222,8 +234,10 @@ class ArmMargins:
                 )
                 if margin <= floor:
                     return Dropped(i, share, Limit.THRUST, q)
+
             if i == 0:
                 q_start = q
+
         assert q_start is not None
         return Worked(float(margin), q_start)
 
@@ -244,16 +258,19 @@ class ArmMargins:
                     if names
                     else "the arm is too short"
                 )
+
             case Limit.TURN:
                 return (
                     f"{joint(np.abs(dropped.q))} would turn by "
                     f"{np.degrees(np.abs(dropped.q).max()):.0f} deg at once"
                 )
+
             case Limit.JOINT:
                 low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
                 return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} comes to its limit"
             case Limit.TILT:
                 return f"the tool would lean by {np.degrees(dropped.q[0]):.0f} deg"
+
             case Limit.TORQUE:
                 return f"{joint(np.abs(dropped.q) / vehicle.torque_limits)} cannot bear the push"
             case Limit.SINGULAR:

@@ -1,6 +1,4 @@
-"""Size of an arm: its length, and the scale of the distances that hull and tool keep beside an
-object.
-"""
+"""Size of an arm: its length, and the scale of the distances kept beside an object."""
 
 import numpy as np
 
@@ -23,14 +21,10 @@ def reach(chain: Chain) -> float:
 
 
 def base_axis(chain: Chain, q: Array) -> float:
-    """1 if the axis z of the arm's base points to the side on which the arm works at `q` (n,)
-    [rad], else -1.
-    """
+    """1 if the axis z of the arm's base points to the side of the work at `q` (n,), else -1."""
     return 1.0 if float(chain.forward(q)[2, 3]) >= 0.0 else -1.0
 
 
 def size(chain: Chain) -> float:
-    """Scale [-] of the distances that a vehicle with this arm keeps beside an object; 1 for an arm
-    of 1.5 m.
-    """
+    """Scale [-] of the distances that this arm keeps beside an object; 1 for an arm of 1.5 m."""
     return min(1.0, max(_LEAST, reach(chain) / _USUAL))

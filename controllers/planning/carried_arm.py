@@ -1,11 +1,9 @@
-"""Hull placement for arms of fewer than six joints: the hull carries the arm along the path, and
-turns with it.
+"""Hull placement for arms of fewer than six joints: the hull carries the arm along the path.
 
 Such an arm cannot give its tool any direction. Hull and arm are therefore one chain: three slides
 and the yaw of the level hull, then the arm's joints. Its inverse kinematics by priorities gives the
-hull's place at every point of the
-path: the tool's position first, then its axis. Of many working postures of the arm the roomiest is
-taken.
+hull pose at every point of the path: the tool's position first, then its axis. Of many working
+postures of the arm the roomiest is taken.
 
 The arm alone holds the tool's position while the hull drifts. The tool's axis then leans, which a
 round pad bears.
@@ -63,6 +61,7 @@ def with_hull(chain: Chain, X_BA: Array) -> Chain:
         X_BA: (4, 4) its base on the hull.
     """
     R, free = X_BA[:3, :3], np.inf * np.array([[-1.0, 1.0]])
+
     return Chain(
         joint_types="pppr" + chain.joint_types,
         axes=np.vstack([np.eye(3), [[0.0, 0.0, 1.0]], chain.axes @ R.T]),
@@ -99,6 +98,7 @@ class CarriedArm:
         """
         whole = with_hull(self.chain, self.vehicle.X_BA)
         shares = samples_along(path, self.search.samples)
+
         shell = ConvexHull(self.around.obstacle)
         skin = skin_of(self.around.obstacle, shell)
         arm = ArmMargins(
@@ -109,18 +109,23 @@ class CarriedArm:
             clearance=self.search.arm_clearance,
             holding=self.holding,
         )
+
         drag = self.holding.drag if self.holding else 0.0
         poses = tool_poses(path, shares, 0.0, self.standoff)
         on_path, middle = poses[STANDOFF_STEPS:-STANDOFF_STEPS], len(shares) // 2
         most = -np.inf
         best, furthest = cast("Placement | None", None), cast("Dropped | None", None)
         met: list[Array] = []
+
         for start in self._starts(whole, on_path[middle], skin, met):
             if most >= _ENOUGH:
                 break
+
+            # The hull's way along the path, with room everywhere
             hulls = self._along(whole, on_path, middle, start, keeps_x=path.keeps_x)
             if hulls is None or any(not self._has_room(X_WB, skin) for X_WB in hulls):
                 continue
+
             at_ends = [hulls[0]] * STANDOFF_STEPS, [hulls[-1]] * STANDOFF_STEPS
             roll = self._roll(whole, start, on_path[middle])
             track = ToolTrack(
@@ -130,15 +135,19 @@ class CarriedArm:
                 hulls=[*at_ends[0], *hulls, *at_ends[1]],
                 q=start[HULL_JOINTS:],
             )
+
+            # Margins of the arm on this way
             found = arm.along(track, hulls[0], 0.0)
             if isinstance(found, Dropped):
                 if best is None and (furthest is None or found.reached > furthest.reached):
                     furthest = found
                 continue
+
             worth = min(found.margin, 1.0) - self._side(start[HULL_JOINTS:])
             if worth <= most:
                 continue
             most = worth
+
             best = Placement(
                 X_WB=hulls[0],
                 travel_W=readonly(hulls[-1][:3, 3] - hulls[0][:3, 3]),
@@ -148,6 +157,7 @@ class CarriedArm:
                 reached=1.0,
                 way=_way(shares, hulls),
             )
+
         if best is None and not met:
             raise ReachError(
                 "the tool path is out of reach: within the limits of its joints the arm turns the "
@@ -159,8 +169,7 @@ class CarriedArm:
         return best
 
     def _starts(self, whole: Chain, X_WG: Array, skin: Array, met: list[Array]) -> Iterator[Array]:
-        """Joint values (4 + n,) of hull and arm for the middle of the path, the roomiest postures
-        of the arm first.
+        """Joint values (4 + n,) of hull and arm for the middle of the path, roomiest first.
 
         `met` collects those that meet it, with room for the hull or without.
         """
@@ -170,15 +179,20 @@ class CarriedArm:
         span = high - low
         even = qmc.Halton(len(low), scramble=False).random(_POSTURES)
         postures = low + _INSIDE * span + (1.0 - 2.0 * _INSIDE) * span * even
+
+        # Also with the first joint as in the ready posture
         straight = postures.copy()
         straight[:, 0] = self.vehicle.q_ready[0]
         postures = np.vstack([self.vehicle.q_ready, straight, postures])
+
+        # Working postures of the arm, the roomiest first
         z_W, found = X_WG[:3, 2], []
         for q in postures:
             X_BG, J = self.vehicle.X_BA @ self.chain.kinematics(q)[0], self.chain.kinematics(q)[1]
             z_B = X_BG[:3, 2]
             if abs(z_B[2] - z_W[2]) > 0.5:  # the hull stays level: only the arm tilts the tool
                 continue
+
             room = float(np.minimum(q - low, high - q).min())
             push = (
                 np.abs(J[:3].T @ self.chain.forward(q)[:3, 2])
@@ -187,8 +201,12 @@ class CarriedArm:
             )
             bent = float(np.linalg.svd(J[:3], compute_uv=False)[-1])
             margin = min(room, 1.0 - float(push.max()), bent / (BENT * reach(self.chain)))
+
             found.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
+
         found.sort(key=lambda each: -each[0])
+
+        # Position and heading of the hull for each, with hull and arm as one chain
         kept = 0
         for _, q, X_BG in found:
             fits = False
@@ -204,36 +222,32 @@ class CarriedArm:
                     "priority",
                     options=_STEPS,
                 )
+
                 if not result.converged:
                     continue
                 met.append(result.q)
                 if self._has_room(hull_pose(result.q), skin):
                     yield result.q
                     fits = True
+
             kept += fits
             if kept >= _KEPT:
                 return
 
     def _side(self, q: Array) -> float:
-        """Share of the arm's length by which the tool is aside of the hull at `q` (n,): a push
-        there rolls it.
-        """
+        """Offset of the tool to the side at `q` (n,), in arm lengths: a push there rolls it."""
         return abs(float((self.vehicle.X_BA @ self.chain.forward(q))[1, 3])) / reach(self.chain)
 
     @staticmethod
     def _yaws(z_B: Array, z_W: Array) -> Array:
-        """Headings [rad] of the hull that turn the tool axis of a posture towards the wanted
-        one.
-        """
+        """Headings [rad] of the hull that turn the tool axis of a posture to that of the path."""
         if np.hypot(z_W[0], z_W[1]) < _UPRIGHT:
             return np.linspace(0.0, 2.0 * np.pi, _YAWS, endpoint=False, dtype=np.float64)
         return np.array([np.arctan2(z_W[1], z_W[0]) - np.arctan2(z_B[1], z_B[0])], dtype=np.float64)
 
     @staticmethod
     def _round(whole: Chain, joints: Array, X_WG: Array) -> Array:
-        """Tool pose (4, 4) at the place and with the axis of `X_WG`, turned about it as the tool is
-        at `joints`.
-        """
+        """Tool pose (4, 4) with position and axis of `X_WG`, turned about it as at `joints`."""
         z, x = X_WG[:3, 2], whole.forward(joints)[:3, 0]
         x = x - (x @ z) * z
         if np.linalg.norm(x) < 1e-3:
@@ -244,9 +258,7 @@ class CarriedArm:
     def _along(
         self, whole: Chain, poses: list[Array], middle: int, start: Array, *, keeps_x: bool
     ) -> list[Array] | None:
-        """Hull poses (4, 4) along the path, from the middle to both ends; None where hull and arm
-        do not get there.
-        """
+        """Hull poses (4, 4) along the path, from the middle to its ends; None if not met."""
         hulls: dict[int, Array] = {}
         for way in (range(middle, len(poses)), range(middle, -1, -1)):
             joints = start
@@ -273,9 +285,7 @@ class CarriedArm:
 
 
 def _way(shares: Array, hulls: list[Array]) -> "CubicSpline":
-    """Displacement [m] in W and turn [rad] of the hull from its first pose, over the share of the
-    path.
-    """
+    """Displacement [m] in W and turn [rad] of the hull from its first pose, over the path."""
     from scipy.interpolate import CubicSpline
 
     p = np.array([X[:3, 3] for X in hulls]) - hulls[0][:3, 3]

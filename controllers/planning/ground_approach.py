@@ -1,5 +1,4 @@
-"""Coarse approach to an unknown seabed: descent to the scanning height above the plane of the
-Doppler log's ranges.
+"""Coarse approach to an unknown seabed: descent towards the plane of the Doppler log's ranges.
 
 [Konoplin 2019], after its reference 11: until finer data are known, the seabed is the plane through
 the ranges of the log's beams. The plane decides if the vehicle may approach at all, and how far.
@@ -36,8 +35,7 @@ class GroundApproach:
                 )
 
     def pose(self, estimate: StateEstimate, X_WB: Array) -> Array:
-        """Hull pose (4, 4) to scan from, above the position of the level pose `X_WB` (4, 4), with
-        its heading.
+        """Hull pose (4, 4) to scan from, with position and heading of the level pose `X_WB` (4, 4).
 
         Raises:
             ReachError: too few beams have measured the ground, the plane is too old, or it is too
@@ -49,6 +47,7 @@ class GroundApproach:
                 f"the Doppler log has given no ranges for {self.oldest:g} s: how far the ground "
                 "is, is unknown"
             )
+
         if not math.isfinite(ground.p_W[0]):
             silent = f", silent: {', '.join(map(str, ground.silent))}" if ground.silent else ""
             raise ReachError(
@@ -56,16 +55,20 @@ class GroundApproach:
                 f"see it, {BEAMS} not in "
                 f"a line are needed{silent}"
             )
+
         slope = math.acos(min(1.0, float(ground.normal_W[2])))
         if slope > self.slope:
             raise ReachError(
                 f"the ground slopes by {math.degrees(slope):.0f} deg on the whole, at most "
                 f"{math.degrees(self.slope):.0f} deg can be worked on"
             )
+
+        # Higher where a corner of the hull would be too near
         X = np.array(X_WB)
         n, p = ground.normal_W, ground.p_W
         X[2, 3] = p[2] - (n[:2] @ (X[:2, 3] - p[:2])) / n[2] + self.height
         corners = np.array(np.meshgrid(*self.hull_box.T)).reshape(3, -1).T @ X[:3, :3].T + X[:3, 3]
         gap = float(((corners - p) @ n).min())
         X[2, 3] += max(0.0, (self.clearance - gap) / n[2])
+
         return X

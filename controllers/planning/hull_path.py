@@ -1,6 +1,4 @@
-"""Clearance of hull and arm beside an object, and hull paths with folded arm that keep clear of
-it.
-"""
+"""Clearance of hull and arm beside an object, and hull paths with folded arm that keep it."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -39,6 +37,7 @@ class HullPath:
         q = np.array(vehicle.q_home)
         arm_A = np.vstack([joint_centres(chain, q), chain.kinematics(q)[0][:3, 3]])
         self._arm_B, self._hull_box = transform_points(np.array(vehicle.X_BA), arm_A), hull_box
+
         shell = ConvexHull(obstacle)
         self._clearance = size(chain) * CLEARANCE
         self._skin, self._planes, self._middle = (
@@ -48,9 +47,7 @@ class HullPath:
         )
 
     def gap(self, X_WB: Array) -> float:
-        """Distance [m] of the hull's box, the arm's joints and its tip to the object; negative
-        inside.
-        """
+        """Distance [m] of hull box, arm joints and tip to the object; negative inside."""
         return min(hull_gap(X_WB, self._hull_box, self._skin), self._arm_gap(X_WB))
 
     def keeps(self, X_WB: Array, clearance: float) -> bool:
@@ -60,23 +57,17 @@ class HullPath:
         return hull_keeps(X_WB, self._hull_box, self._skin, clearance)
 
     def _arm_gap(self, X_WB: Array) -> float:
-        """Distance [m] of the arm's joints and its tip to the object's convex hull; negative
-        inside.
-        """
+        """Distance [m] of arm joints and tip to the object's convex hull; negative inside."""
         arm_W = transform_points(X_WB, self._arm_B)
         return convex_gap(arm_W, self._planes)
 
     def lowest(self, X_WB: Array) -> float:
-        """Height [m] in W of the lowest point of arm joints, tip and underside of a level hull at
-        `X_WB` (4, 4).
-        """
+        """Height [m] in W of the lowest of arm joints, tip and underside of a level hull."""
         arm_W = transform_points(X_WB, self._arm_B)
         return min(float(arm_W[:, 2].min()), float(X_WB[2, 3] + self._hull_box[0, 2]))
 
     def least_gap(self, poses: Sequence[Array]) -> float:
-        """Least distance [m] to the object on straight moves through `poses` (4, 4), each with
-        uniform rotation.
-        """
+        """Least distance [m] to the object on straight moves through `poses` (4, 4)."""
         return min(
             self.gap(PoseMove(0.0, 1.0, start, end).at(share)[0])
             for start, end in pairwise(poses)
@@ -92,6 +83,7 @@ class HullPath:
         """
         wanted = min(self._clearance, self.gap(X_from), self.gap(X_to))
         best, widest = [X_to], -np.inf
+
         for way in self._ways(X_from, X_to):
             gap = self.least_gap([X_from, *way])
             if gap > widest:
@@ -109,9 +101,7 @@ class HullPath:
             yield [pose(R_from, self._off(X_from, back)), pose(R_to, self._off(X_to, back)), X_to]
 
     def _off(self, X_WB: Array, back: float) -> Array:
-        """Position (3,) [m] of a pose, moved horizontally away from the middle of the object by
-        `back` [m].
-        """
+        """Position (3,) [m] of a pose moved horizontally by `back` [m] off the object's middle."""
         away = (X_WB[:3, 3] - self._middle) * [1.0, 1.0, 0.0]
         return X_WB[:3, 3] + back * away / max(float(np.linalg.norm(away)), 1e-9)
 
@@ -121,6 +111,7 @@ def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
     edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
     start, end = obstacle[edges[:, 0]], obstacle[edges[:, 1]]
     count = np.ceil(np.linalg.norm(end - start, axis=1) / _SKIN_STEP).astype(int)
+
     points = [obstacle[hull.vertices]]
     for n in np.unique(count[count > 1]):
         share = np.arange(1, n)[:, None, None] / n
@@ -141,6 +132,7 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
         The distance [m].
     """
     p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
+
     # By coordinates: NumPy reduces rows of three several times slower.
     x, y, z = np.maximum(hull_box[0] - p_B, p_B - hull_box[1]).T
     inside = float(np.maximum(np.maximum(x, y), z).min())
@@ -154,9 +146,7 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
 def hull_gap_kernel(
     X_WB: Array, hull_box: Array, obstacle: Array, away: Array, enough: float
 ) -> float:
-    """As `hull_gap` of an obstacle displaced by -`away` (3,) [m], to the rounding; any value below
-    `enough` ends it.
-    """
+    """As `hull_gap` of an obstacle at -`away` (3,) [m], to the rounding; ends under `enough`."""
     nearest = np.inf
     for x, y, z in obstacle:
         x, y, z = x - away[0] - X_WB[0, 3], y - away[1] - X_WB[1, 3], z - away[2] - X_WB[2, 3]
@@ -167,6 +157,7 @@ def hull_gap_kernel(
             deepest = max(deepest, outside)
             square += max(outside, 0.0) ** 2
         nearest = min(nearest, deepest if deepest < 0.0 else np.sqrt(square))
+
         if nearest < enough:
             break
     return nearest
@@ -175,9 +166,7 @@ def hull_gap_kernel(
 def hull_keeps(
     X_WB: Array, hull_box: Array, obstacle: Array, clearance: float, away: Array | None = None
 ) -> bool:
-    """True if the hull's box is no nearer than `clearance` [m] to the object, displaced by -`away`
-    (3,) [m].
-    """
+    """True if the hull's box keeps `clearance` [m] to the object, moved by -`away` (3,) [m]."""
     away = np.zeros(3) if away is None else away
     gap = hull_gap_kernel(X_WB, hull_box, obstacle, away, clearance - ROUNDING)
     if abs(gap - clearance) <= ROUNDING:  # the kernel cannot tell
@@ -186,11 +175,10 @@ def hull_keeps(
 
 
 def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
-    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf
-    without joints.
+    """Distance [m] from the arm's joint centres to the object's convex hull; inf without joints.
 
-    Left out are the first two joints, which hardly move, and the last two, which go with the tool
-    to the contact.
+    Negative inside. Left out are the first two joints, which hardly move, and the last two, which
+    go with the tool to the contact.
     """
     moved = joint_centres(chain, q)[2 : chain.n - 2]
     if not len(moved):
@@ -200,9 +188,7 @@ def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> 
 
 
 def convex_gap(points: Array, planes: Array) -> float:
-    """Distance [m] from the nearest of `points` (k, 3) [m] to a convex hull of `planes` (m, 4);
-    negative inside.
-    """
+    """Signed distance [m] of `points` (k, 3) [m] to a convex hull of `planes` (m, 4): the least."""
     outside = planes[:, :3] @ points.T + planes[:, 3:]
     # Along rows that lie side by side: NumPy reduces the few columns several times slower.
     return float(np.ascontiguousarray(outside.T).max(axis=1).min())
@@ -233,6 +219,7 @@ def joint_gap_kernel(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -
         u = X_AW[0, 0] * x + X_AW[1, 0] * y + X_AW[2, 0] * z + gone[0]
         v = X_AW[0, 1] * x + X_AW[1, 1] * y + X_AW[2, 1] * z + gone[1]
         w = X_AW[0, 2] * x + X_AW[1, 2] * y + X_AW[2, 2] * z + gone[2]
+
         outside = -np.inf
         for a, b, c, offset in planes:
             outside = max(outside, a * u + b * v + c * w + offset)
@@ -246,15 +233,18 @@ def joint_centres_kernel(slides: np.ndarray, axes: Array, points: Array, q: Arra
     centres = np.empty((len(q), 3))
     # each joint is moved by those before it
     R, turned, p = np.eye(3), np.empty((3, 3)), np.zeros(3)
+
     for i in range(len(q)):
         for a in range(3):
             centres[i, a] = (
                 R[a, 0] * points[i, 0] + R[a, 1] * points[i, 1] + R[a, 2] * points[i, 2] + p[a]
             )
+
         if slides[i]:
             for a in range(3):
                 p[a] += (R[a, 0] * axes[i, 0] + R[a, 1] * axes[i, 1] + R[a, 2] * axes[i, 2]) * q[i]
             continue
+
         s, c = np.sin(q[i]), np.cos(q[i])
         # Rodrigues' formula on the rows of R: r + sin (r x k) + (1 - cos) ((r . k) k - r)
         for a in range(3):

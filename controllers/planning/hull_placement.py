@@ -1,5 +1,4 @@
-"""Hull placement: the level hull pose from which the arm reaches the whole tool path, and the arm's
-first posture.
+"""Hull placement: the level hull pose, and the arm's posture, that reach a whole tool path.
 
 Candidate positions of the arm's base around the path are tried, each with the hull level. If the
 base's axis points down (or up), the hull is turned so that the arm reaches forward, or at right
@@ -110,18 +109,21 @@ def place_hull(
             holding=holding,
         )
         return carried.place(path)
+
     shares = samples_along(path, search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     hull = ConvexHull(around.obstacle)
     skin = skin_of(around.obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
+
     # The poses relative to the travelling hull: its displacement since mid-path is subtracted.
     even = np.linspace(0.0, float(path.s[-1]), search.samples)
     done = np.interp(shares, even, np.linspace(-0.5, 0.5, search.samples))
     done = np.pad(done, STANDOFF_STEPS, mode="edge")
     gone = done[:, None] * travel_W
     drag = holding.drag if holding else 0.0
+
     tracks = [
         ToolTrack(
             poses=from_moving_hull(tool_poses(path, shares, roll, standoff), gone),
@@ -130,6 +132,7 @@ def place_hull(
         )
         for roll in rolls
     ]
+
     arm = ArmMargins(
         vehicle=vehicle,
         chain=chain,
@@ -140,19 +143,16 @@ def place_hull(
     )
     mounting = _Mounting.of(vehicle.X_BA, base_axis(chain, vehicle.q_ready))
     ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
+
     best: Placement | None = None
     best_yaw, furthest = 0.0, cast("Dropped | None", None)
 
     def too_close(X_WB: Array, away_W: Array) -> bool:
-        """True if the hull, displaced by `away_W` (3,) [m], is nearer to the object than its
-        clearance.
-        """
+        """True if the hull, displaced by `away_W` (3,) [m], is too near to the object."""
         return not hull_keeps(X_WB, around.hull_box, skin, search.clearance, away_W)
 
     def consider(base: Array, yaw: float) -> bool:
-        """Try all tool rolls from this position of the arm's base (3,) [m] with this hull yaw
-        [rad]; True if better.
-        """
+        """Try all tool rolls at an arm base (3,) [m] and hull yaw [rad]; True if better."""
         nonlocal best, best_yaw, furthest
         R_WB = exp_so3([0.0, 0.0, yaw])
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
@@ -161,8 +161,10 @@ def place_hull(
             < around.floor + search.clearance
         ):
             return False
+
         if any(too_close(X_WB, way * travel_W) for way in ways):
             return False
+
         better = False
         for roll, track in zip(rolls, tracks, strict=True):
             to_beat = (1.0 + _BETTER) * best.margin if best else 0.0
@@ -184,14 +186,19 @@ def place_hull(
 
     for base, yaw in mounting.candidates(path, middle, reach(chain), search):
         consider(base, yaw)
+
+    # Local search about the best one, by ever smaller steps
     for step in search.refinements:
         while best is not None:
             base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
             better = [consider(*near) for near in mounting.neighbours(base, best_yaw, middle, step)]
             if not any(better):
                 break
+
     if best is None:
         raise out_of_reach(shares, furthest, arm, held=holding is not None)
+
+    # Half of the travel lies before mid-path
     start = best.X_WB.copy()
     start[:3, 3] -= 0.5 * travel_W
     return replace(best, X_WB=start)
@@ -212,6 +219,7 @@ class _Mounting:
     @classmethod
     def of(cls, X_BA: Array, sign: float) -> "_Mounting":
         axis, reach = sign * X_BA[:3, 2], X_BA[:3, 0]
+
         upright = bool(abs(axis[2]) > np.sqrt(0.5))
         ahead = reach if upright else axis
         return cls(
@@ -240,9 +248,11 @@ class _Mounting:
                 )
                 yield base, self._facing(base, middle) + turn
             return
+
         into = path.z.mean(axis=0)  # mean direction of the tool axis
         facing = float(np.arctan2(into[1], into[0])) - self.forward
         asides = np.arange(search.asides) * (2.0 * np.pi / search.asides)
+
         for turn, height, radius, aside in itertools.product(
             search.headings, search.heights, search.radii, asides
         ):
@@ -261,6 +271,7 @@ class _Mounting:
         """Candidates `step` [m] away from a good one, and with yaw changed by 2 `step` [rad]."""
         moved = [base + step * way for way in np.vstack([np.eye(3), -np.eye(3)])]
         turned = [(base, yaw + turn) for turn in (-2.0 * step, 2.0 * step)]  # [rad]
+
         if self.upright:
             aside = yaw - self._facing(base, middle)
             return [(near, self._facing(near, middle) + aside) for near in moved] + turned
@@ -321,6 +332,7 @@ class PathStanding:
             StrongCurrentError: if the thrusters hold none in the current.
         """
         obstacle = transform_points(target.X_WT, self.model.vertices)
+
         try:
             chosen = self._best(obstacle, whole, self.holding)
         except ReachError:
@@ -330,19 +342,24 @@ class PathStanding:
             # retreats.
             placement, path, worked = self._best(obstacle, whole, self.holding.without_friction())
             chosen = replace(placement, held=False), path, worked
+
         if self.holding is None or not np.any(current_W):
             return chosen
+
+        # Where push and current ask for much of a thruster, the hull is turned
         moved = self.holding.in_current(current_W)
         smooth = moved.without_friction()
         used = self.used(chosen[0], chosen[1], smooth)
         if used <= self.limits.spared:
             return chosen
+
         for holding in (moved, smooth):
             with suppress(ReachError):
                 turned, path, worked = self._best(obstacle, whole, holding)
                 if (least := self.used(turned, path, smooth)) < used:
                     chosen, used = (replace(turned, held=holding is moved), path, worked), least
                 break
+
         if used <= self.limits.thrust:
             return chosen
         raise StrongCurrentError(
@@ -352,8 +369,7 @@ class PathStanding:
         )
 
     def used(self, placement: Placement, path: ToolPath, holding: ThrustMargin) -> float:
-        """Largest share of thrust that any thruster uses along a path from a placement; 1 is full
-        thrust.
+        """Largest share of full thrust that a thruster uses along a path from a placement.
 
         Args:
             placement: the hull's place for the path.
@@ -367,11 +383,13 @@ class PathStanding:
         shares = samples_along(path, count)
         poses = tool_poses(path, shares, placement.roll, self.limits.standoff)
         loads = tool_loads(path, shares, placement.roll, self.limits.force, holding.drag)
+
         done = np.interp(
             shares, np.linspace(0.0, float(path.s[-1]), count), np.linspace(0.0, 1.0, count)
         )
         done = np.pad(done, STANDOFF_STEPS, mode="edge")
         q, most = placement.q_start, 0.0
+
         for X_WG, load, share in zip(poses, loads, done, strict=True):
             X_WB = placement.hull_at(share)
             X_AG = inverse(X_WB @ self.vehicle.X_BA) @ X_WG
@@ -382,13 +400,12 @@ class PathStanding:
     def _best(
         self, obstacle: Array, whole: ToolPath, holding: ThrustMargin | None
     ) -> tuple[Placement, ToolPath, float]:
-        """Best placement over shares of the path and travels of the hull; raises ReachError if none
-        exists.
-        """
+        """Best placement over shares of the path and travels of the hull, or ReachError."""
         limits = self.limits
         around = Surroundings(obstacle=obstacle, hull_box=self.hull_box, floor=self.floor)
         best: tuple[Placement, ToolPath, float] | None = None
         failure: ReachError | None = None
+
         for share, travel in self._candidates():
             if share < 1.0 and best is not None and best[0].margin >= limits.cramped:
                 break
@@ -408,19 +425,20 @@ class PathStanding:
             except ReachError as error:
                 failure = failure or error
                 continue
+
             if best is None or found.margin > best[0].margin:
                 best = found, shorter, share
             if best[0].margin >= limits.roomy:
                 break
+
         if best is None:
             raise failure or ReachError("there is no way to stand")
         return best
 
     def _candidates(self) -> Iterator[tuple[float, float]]:
-        """Candidates (share of the path to work, travel of the hull as a share of it), the best
-        first.
-        """
+        """Candidates (share of the path to work, share that the hull travels), best first."""
         yield from ((1.0, travel) for travel in (_TRAVELS if self.chain.n >= FULL else (1.0,)))
+
         share = 1.0 - _SHORTER
         while share >= self.limits.least_share - 1e-9:
             yield share, 1.0

@@ -41,14 +41,14 @@ def middle_part(path: ToolPath, share: float) -> ToolPath:
 
 
 def part_of(path: ToolPath, keep: np.ndarray) -> ToolPath:
-    """The samples of a path where `keep` (N,) is True, from the first to the last one on which the
-    tool can press.
+    """The samples where `keep` (N,) is True, from the first to the last that the tool can press.
 
     The arc length is counted anew from 0.
     """
     if path.fits is not None and (keep & path.fits).any():
         first, last = np.flatnonzero(keep & path.fits)[[0, -1]]
         keep = keep & (np.arange(len(keep)) >= first) & (np.arange(len(keep)) <= last)
+
     fits = None if path.fits is None else path.fits[keep]
     s, p, z, x = path.s[keep], path.p[keep], path.z[keep], path.x[keep]
     return replace(path, s=s - s[0], p=p, z=z, x=x, on_scan=path.on_scan[keep], fits=fits)
@@ -79,6 +79,7 @@ def _tool_pose(path, s, roll, X, tangent, turn):
     R_low, p_low = _frame(path, low, roll)
     R_high, p_high = _frame(path, high, roll)
     X[:3, :3], X[:3, 3] = _frame(path, s, roll)
+
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         total = 0.0
@@ -94,12 +95,16 @@ def _frame(path, s, roll):
     i = min(max(np.searchsorted(path.s, s) - 1, 0), path.s.shape[0] - 2)
     share = (s - path.s[i]) / (path.s[i + 1] - path.s[i])
     p = (1.0 - share) * path.p[i] + share * path.p[i + 1]
+
+    # Axes, orthonormal again
     z = (1.0 - share) * path.z[i] + share * path.z[i + 1]
     z /= np.sqrt((z * z).sum())
     x = (1.0 - share) * path.x[i] + share * path.x[i + 1]
     x -= (x * z).sum() * z
     x /= np.sqrt((x * x).sum())
     y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
+
+    # Turned about z by the roll
     c, sn = np.cos(roll), np.sin(roll)
     R = np.empty((3, 3))
     R[:, 0], R[:, 1], R[:, 2] = c * x + sn * y, c * y - sn * x, z
@@ -107,19 +112,20 @@ def _frame(path, s, roll):
 
 
 def samples_along(path: ToolPath, count: int) -> Array:
-    """Arc lengths [m] at which a path is tested: `count` even ones, and more where the tool turns
-    over an edge.
-    """
+    """Arc lengths [m] at which a path is tested: `count` even ones, more where the tool turns."""
     even = np.linspace(0.0, float(path.s[-1]), count)
     frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
-    # [rad]
+
+    # [rad] turn of the tool's axes up to each sample
     turned = np.concatenate(
         [[0.0], np.cumsum(np.sqrt(0.5 * np.sum(np.diff(frame, axis=0) ** 2, axis=1)))]
     )
+
     at = np.interp(even, path.s, turned)
     more = np.maximum(np.ceil(np.diff(at) / _MOST_TURN) - 1, 0).astype(np.int64)
     if not more.any():
         return even
+
     between = [
         np.interp(np.linspace(a, b, k + 2)[1:-1], turned, path.s)
         for a, b, k in zip(at, at[1:], more, strict=False)
@@ -128,8 +134,7 @@ def samples_along(path: ToolPath, count: int) -> Array:
 
 
 def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
-    """Tool poses (4, 4) from the stand-off to the surface, along the path, and back off the
-    surface.
+    """Tool poses (4, 4) from the stand-off to the surface, along the path, and back.
 
     Args:
         path: tool path in W.
@@ -150,9 +155,7 @@ def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> l
 
 
 def tool_loads(path: ToolPath, shares: Array, roll: float, force: float, drag: float) -> Array:
-    """Force of the surface on the tip (k, 3) [N], tool axes, at each of `tool_poses`; zero off the
-    surface.
-    """
+    """Force (k, 3) [N] of the surface on the tip at `tool_poses`, tool axes; zero off it."""
     loads = np.zeros((len(shares) + 2 * STANDOFF_STEPS, 3))
     for load, s in zip(loads[STANDOFF_STEPS:], shares, strict=False):
         X, tangent, _ = tool_pose(path, s, roll)

@@ -36,23 +36,20 @@ class Placement:
         if self.way is None:
             X_WB[:3, 3] += share * self.travel_W
             return X_WB
+
         moved = self.way(min(max(share, 0.0), 1.0))
         X_WB[:3, 3] += moved[:3]
         X_WB[:3, :3] = exp_so3([0.0, 0.0, moved[3]]) @ X_WB[:3, :3]
         return X_WB
 
     def hull_rate(self, share: float) -> Array:
-        """Displacement (3,) [m] of the hull in W per share [-] of the path, when `share` of it is
-        done.
-        """
+        """Displacement (3,) [m] of the hull in W per share [-] of the path, at `share` of it."""
         return self.travel_W if self.way is None else self.way(min(max(share, 0.0), 1.0), 1)[:3]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacementSearch:
-    """Search grid and clearances of the placement; heights and radii in lengths of the stretched
-    arm.
-    """
+    """Search grid and clearances of the placement; heights and radii in arm lengths."""
 
     # of the base off the middle, against its own axis
     heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)
@@ -96,8 +93,7 @@ class Surroundings:
 def out_of_reach(
     shares: Array, furthest: Dropped | None, arm: ArmMargins, *, held: bool
 ) -> ReachError:
-    """The refusal of a path that no place of the hull lets the arm take; it tells how far the best
-    one came.
+    """Refusal of a path that the arm takes from no hull pose, with the share that it can take.
 
     Args:
         shares: [m] arc lengths of the poses tried on the path.
@@ -107,9 +103,11 @@ def out_of_reach(
     """
     while_held = " while the thrusters hold it" if held else ""
     where = "0%: nowhere is there room for the hull"
+
     if furthest is not None:
         at = float(shares[min(max(furthest.at - STANDOFF_STEPS, 0), len(shares) - 1)])
         where = f"{furthest.reached:.0%}, up to {at:.2f} m, where {arm.said(furthest)}"
+
     return ReachError(
         "the tool path is out of reach: no place of the hull lets the arm take all of "
         f"it{while_held}, at best {where}"

@@ -1,10 +1,9 @@
-"""Promise before contact: the chance that the tool stays within a tolerance of its path on the true
-object.
+"""Promise before contact: probability that the tool stays within a tolerance of its path.
 
-The tool's error across its axis has two parts. One is constant over the work: where the object was
-found. The other
-changes during it: where navigation believes the hull to be. The arm's own part is an order of
-magnitude smaller. Both are stated as covariances, so that the chance follows from them alone.
+The tool's error across its axis has two parts. One is constant over the work: the error of the
+object's pose. The other changes during it: the error of the hull's estimated position. The arm's
+own part is an order of magnitude smaller. Both are stated as covariances, from which alone the
+probability follows.
 """
 
 from dataclasses import dataclass
@@ -26,9 +25,7 @@ _QUANTILES = 512  # of the normal distribution, at which the constant part is su
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopLimits:
-    """When a pressed tool stops on its path, and how well it then stands
-    (`uuv.controllers.tasks.stops`).
-    """
+    """Stops of a pressed tool on its path (`uuv.controllers.tasks.stops`)."""
 
     every: float = option(
         3.0,
@@ -117,10 +114,12 @@ def promise(
     moving = float(np.sqrt(np.mean(np.square(estimate.position_sigma))))
     if of_path is None or not np.isfinite(moving):
         return None
+
     held = of_path[:, 1:].max(axis=0)
     held = held[np.isfinite(held)]
     looks = max(1.0, _PEAKS * duration / NAVIGATION_TIME)
     chance = float(np.prod([_chance(sigma, moving, tolerance, looks) for sigma in held]))
+
     return Promise(
         chance=chance,
         tolerance=tolerance,
@@ -130,8 +129,7 @@ def promise(
 
 
 def _chance(held: float, moving: float, tolerance: float, looks: float) -> float:
-    """Probability that a constant error plus each of `looks` independent ones stays within the
-    tolerance [m].
+    """Probability that a constant error plus `looks` independent ones stay within tolerance [m].
 
     Args:
         held: [m] standard deviation of the constant error.

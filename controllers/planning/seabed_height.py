@@ -30,16 +30,12 @@ _SHEAR = 0.16 * 4.0 / np.pi  # [-] largest shear stress times H^2 over thrust
 
 
 def jet_shear(thrust: float, height: float) -> float:
-    """Largest shear stress [Pa] on the ground under a jet of `thrust` [N] straight down from
-    `height` [m].
-    """
+    """Largest shear stress [Pa] on the ground under a jet of `thrust` [N] at `height` [m]."""
     return _SHEAR * thrust / height**2
 
 
 def silt_height(thrust: float, critical_shear: float) -> float:
-    """Least height [m] at which a downward jet of `thrust` [N] does not move ground of
-    `critical_shear` [Pa].
-    """
+    """Least height [m] of a downward jet of `thrust` [N] over ground of `critical_shear` [Pa]."""
     return float(np.sqrt(_SHEAR * thrust / critical_shear))
 
 
@@ -101,8 +97,7 @@ def choose_height(
     standoff: float,
     search: HeightSearch | None = None,
 ) -> WorkHeight:
-    """Highest feasible hull pose above `path` with a roomy margin, or the one with the largest
-    margin.
+    """Highest feasible hull pose above `path` with a roomy margin, else that of the largest one.
 
     Args:
         own: the vehicle.
@@ -122,6 +117,7 @@ def choose_height(
         ConfigurationError: `ground` or `X_WB` is invalid.
     """
     search, vehicle, chain = search or HeightSearch(), own.vehicle, own.chain
+
     start = np.array(checked(X_WB, (4, 4), "X_WB"))
     points = np.asarray(ground, dtype=np.float64)
     if (
@@ -133,17 +129,21 @@ def choose_height(
         raise ConfigurationError(
             f"ground: expected finite points (V, 3), V > 0, got shape {points.shape}"
         )
+
     if start[2, 2] < np.cos(np.radians(5.0)):
         raise ConfigurationError("X_WB: the hull must be level to go down")
+
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     poses = [tool_poses(path, shares, roll, standoff) for roll in rolls]
     still = np.zeros((len(poses[0]), 3))
+
     # `arm_gap` tests the arm, below
     tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])
     arm = ArmMargins(
         vehicle=vehicle, chain=chain, planes=nowhere, force=force, clearance=search.arm_clearance
     )
+
     highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
     calm = silt_height(search.jet, search.critical_shear)
     best: WorkHeight | None = None
@@ -155,9 +155,11 @@ def choose_height(
             X = start.copy()
             X[:3, 3] += aside * (start[:3, :3] @ [np.cos(bearing), np.sin(bearing), 0.0])
             X[2, 3] = highest
+
             gap, over = _hull_gaps(X, own.hull_box, points, search.clearance)
             if gap == np.inf:
                 continue  # no ground points below: the descent would be blind
+
             known = True
             over += search.jets_above
             if min(gap - search.clearance, over - calm) > room:
@@ -165,19 +167,24 @@ def choose_height(
                     min(gap - search.clearance, over - calm),
                     over - calm < gap - search.clearance,
                 )
+
+            # Descend until a tool roll has a roomy margin
             while gap >= search.clearance and over >= calm:
                 for roll, tool in zip(rolls, poses, strict=True):
                     to_beat = best.placement.margin if best else search.margin
                     worked = arm.along(ToolTrack(poses=tool, gone=still), X, to_beat)
                     furthest = max(furthest, worked.reached if isinstance(worked, Dropped) else 1.0)
+
                     if isinstance(worked, Dropped) or worked.margin < search.margin:
                         continue
+
                     if (
                         arm_gap(chain, X @ vehicle.X_BA, tool, worked.q_start, tree)
                         < search.arm_clearance
                     ):
                         hit = True
                         continue
+
                     found = Placement(
                         X_WB=readonly(X),
                         travel_W=readonly(np.zeros(3)),
@@ -193,22 +200,27 @@ def choose_height(
                         jet_height=over,
                         shear=jet_shear(search.jet, over),
                     )
+
                 if best is not None and best.placement.margin >= search.roomy:
                     return best
+
                 X[2, 3] -= search.step
                 gap, over = gap - search.step, over - search.step
         if best is not None:
             return best
+
     if not known:
         raise ReachError(
             "no height to work at: of the ground under the hull, there and aside, no point is known"
         )
+
     why = (
         f"its thrusters must stay {calm:.2f} m over the ground, or a jet of {search.jet:g} N "
         "would stir it up"
         if silt
         else f"the hull must stay {search.clearance:.2f} m clear of the ground"
     )
+
     if room < 0.0:
         raise ReachError(f"no height to work at: {why}; that is higher than the arm reaches")
     if hit:
@@ -216,6 +228,7 @@ def choose_height(
             f"no height to work at: {why}; where the arm takes all of the path it comes within "
             f"{search.arm_clearance:.2f} m of the ground"
         )
+
     raise ReachError(
         f"no height to work at: {why}; from there and higher the arm takes at best {furthest:.0%} "
         "of the path, up to "
@@ -224,8 +237,7 @@ def choose_height(
 
 
 def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tuple[float, float]:
-    """Heights [m] of the hull's underside above the highest and above the median ground; inf
-    without ground points.
+    """Heights [m] of the hull's underside above highest and median ground; inf without points.
 
     Counts ground within `beside` [m] of the hull's outline.
     """
@@ -233,6 +245,7 @@ def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tu
     near = np.all(
         (p_B[:, :2] > hull_box[0, :2] - beside) & (p_B[:, :2] < hull_box[1, :2] + beside), axis=1
     )
+
     if not near.any():
         return np.inf, np.inf
     return float(hull_box[0, 2] - p_B[near, 2].max()), float(
@@ -243,8 +256,7 @@ def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tu
 def arm_gap(
     chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, ground: cKDTree
 ) -> float:
-    """Least distance [m] of the ground to the arm's joints and their midpoints, over all tool
-    poses.
+    """Least distance [m] of the ground to arm joints and their midpoints, over all tool poses.
 
     Left out are the first joint, at the hull, and the last two, which go into the ground with the
     tool.
@@ -260,6 +272,7 @@ def arm_gap(
         The distance [m]; inf for an arm without further joints.
     """
     q, gap = q_start, np.inf
+
     for X_WG in tools:
         q = solve(chain, inverse(X_WA) @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS).q
         joints = joint_centres(chain, q)[: chain.n - 2]

@@ -1,6 +1,4 @@
-"""Time-parametrised motions with bounded speed and acceleration: poses, joints, and progress along
-a path.
-"""
+"""Motions in time with bounded speed and acceleration: poses, joints, progress along a path."""
 
 from dataclasses import dataclass, replace
 
@@ -73,10 +71,12 @@ class PoseMove:
     def at(self, time: float) -> tuple[Array, Array]:
         """Pose (4, 4) and velocity of its origin (3,) [m/s], W, at `time` [s]."""
         share, rate = _quintic((time - self.start) / self.duration)
+
         X = np.eye(4)
         X[:3, :3] = self.X_from[:3, :3] @ exp_so3(
             share * log_so3(self.X_from[:3, :3].T @ self.X_to[:3, :3])
         )
+
         travel = self.X_to[:3, 3] - self.X_from[:3, 3]
         X[:3, 3] = self.X_from[:3, 3] + share * travel
         return X, travel * (rate / self.duration)
@@ -155,6 +155,7 @@ class Progress:
             return 0.0, 0.0
         if time >= total:
             return self.length, 0.0
+
         acceleration = self.speed / self.ramp
         ramp = min(self.ramp, 0.5 * total)
         if time <= ramp:
@@ -162,6 +163,7 @@ class Progress:
         if time > total - ramp:
             left = total - time
             return self.length - 0.5 * acceleration * left**2, acceleration * left
+
         return 0.5 * acceleration * ramp**2 + self.speed * (time - ramp), self.speed
 
     def time(self, s: float) -> float:
@@ -170,6 +172,7 @@ class Progress:
         ramp = min(self.ramp, 0.5 * total)
         risen = 0.5 * acceleration * ramp**2
         s = min(max(s, 0.0), self.length)
+
         if s <= risen:
             return float(np.sqrt(2.0 * s / acceleration))
         if s > self.length - risen:
@@ -179,9 +182,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpeedLaw:
-    """Arc length and speed over time along a path, from rest to rest, slower in bends [Konoplin
-    2019].
-    """
+    """Speed along a path over time, from rest to rest, slower in bends [Konoplin 2019]."""
 
     time: Array  # (n,) [s] at the path's samples, from 0
     s: Array  # (n,) [m], from 0
@@ -193,11 +194,10 @@ class SpeedLaw:
         return float(self.time[-1])
 
     def at(self, time: float) -> tuple[float, float]:
-        """Arc length [m] and speed [m/s] at `time` [s]; at rest before the start and after the
-        end.
-        """
+        """Arc length [m] and speed [m/s] at `time` [s]; at rest before and after."""
         if not self.time[0] < time < self.time[-1]:
             return float(self.s[0] if time <= self.time[0] else self.s[-1]), 0.0
+
         i = int(np.searchsorted(self.time, time)) - 1
         h = time - self.time[i]
         # constant between two samples
@@ -238,8 +238,7 @@ def speed_law(
 def progress_along(
     path: ToolPath, begin: float, end: float, *, speed: float, ramp: float, bend: float = BEND
 ) -> Progress | SpeedLaw:
-    """Motion along the stretch of a path from `begin` to `end` [m]: trapezoidal, unless a bend must
-    be taken slower.
+    """Motion along a path from `begin` to `end` [m]: trapezoidal, unless bends must be slower.
 
     Args:
         path: The tool path.
@@ -256,14 +255,13 @@ def progress_along(
     limit = _limit(path, bend)
     if not inside.any() or speed <= limit[inside].min():
         return Progress(end - begin, speed, ramp)
+
     s = np.concatenate([[begin], path.s[inside], [end]])
     return _law(s - begin, np.minimum(speed, np.interp(s, path.s, limit)), speed / ramp)
 
 
 def _limit(path: ToolPath, bend: float) -> Array:
-    """Largest speed (n,) [m/s] at the samples of a path: of `bend` [m/s^2] across it, and of
-    TURN.
-    """
+    """Largest speed (n,) [m/s] at a path's samples, by `bend` [m/s^2] across it and by TURN."""
     frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
     turning = np.sqrt(0.5 * np.sum(np.gradient(frame, path.s, axis=0) ** 2, axis=1))  # [rad/m]
     return np.minimum(
@@ -278,15 +276,16 @@ def _curvature(path: ToolPath) -> Array:
 
 
 def _law(s: Array, limit: Array, along: float) -> SpeedLaw:
-    """Fastest law from rest to rest at `s` (n,) [m] under speeds `limit` (n,) [m/s]; v^2 changes by
-    2 `along` ds.
-    """
+    """Fastest law from rest to rest at `s` (n,) [m] within `limit` [m/s] and `along` [m/s^2]."""
     v = np.array(limit)
     v[0] = v[-1] = 0.0
+
+    # Accelerate forwards, brake backwards: v^2 changes by at most 2 along ds
     step = np.diff(s)
     for i in range(len(step)):
         v[i + 1] = min(v[i + 1], np.sqrt(v[i] ** 2 + 2.0 * along * step[i]))
     for i in range(len(step) - 1, -1, -1):
         v[i] = min(v[i], np.sqrt(v[i + 1] ** 2 + 2.0 * along * step[i]))
+
     time = np.concatenate([[0.0], np.cumsum(2.0 * step / (v[:-1] + v[1:]))])
     return SpeedLaw(time=readonly(time), s=readonly(s), speed=readonly(v))

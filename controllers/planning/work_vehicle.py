@@ -27,16 +27,12 @@ class WorkVehicle:
 
     @property
     def size(self) -> float:
-        """Scale [-] of the distances that it keeps beside an object, see
-        `uuv.controllers.planning.arm_size`.
-        """
+        """Scale [-] of the distances beside an object (`uuv.controllers.planning.arm_size`)."""
         return size(self.chain)
 
     @property
     def level_view_B(self) -> Array:
-        """Horizontal direction (3,) of the camera's view; ahead for one that looks straight
-        down.
-        """
+        """Horizontal direction (3,) of the camera's view; ahead if it looks straight down."""
         ahead = self.X_BC[:3, 2] * [1.0, 1.0, 0.0]
         return (
             ahead / np.linalg.norm(ahead)

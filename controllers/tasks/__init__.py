@@ -1,3 +1,1 @@
-"""Planners of an intervention: contact work, insertion, inspection, seabed work, touching, as
-tables of phases.
-"""
+"""Planners of an intervention as tables of phases: contact work, insertion, inspection, seabed."""

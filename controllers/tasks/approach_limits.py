@@ -35,6 +35,7 @@ class ApproachLimits:
     def __post_init__(self) -> None:
         for limit in fields(self):
             finite_number(getattr(self, limit.name), f"task.approach.{limit.name}", above=0.0)
+
         braking = (self.speed**2 - self.touch_speed**2) / (2.0 * self.acceleration)
         if not self.guard > braking:
             raise ConfigurationError(

@@ -94,16 +94,18 @@ class ScanTarget(Phase):
         return ScanState(now.time)
 
     def step(self, state: ScanState, held: Held, now: Context) -> Outcome:
-        """Done with `held.target`; refused if this view shows too little and another may be
-        taken.
-        """
+        """Done with `held.target`; refused if this view shows too little and another may follow."""
         limits, target = self._limits, now.target
+
+        # Wait for the next frame
         if target is None or target.time < state.look_from:
             if now.time - state.look_from > limits.frame_within:
                 return Abort(
                     AbortCode.NO_FRAME, f"no depth frame arrived within {limits.frame_within:g} s"
                 )
             return None
+
+        # Look again until there are enough finds
         state.looks += 1
         state.in_vain += 1
         if target.accepted and (target.path is not None or not self._path):
@@ -111,10 +113,13 @@ class ScanTarget(Phase):
         if state.finds and state.looks < limits.finds:
             state.look_from = now.time + limits.interval
             return None
+
+        # End of the view: the object must rest
         held.next_X_WB = target.next_X_WB
         again = held.views < limits.views
         if moving := self._moving(state.finds):
             return Abort(AbortCode.OBJECT_MOVES, moving)
+
         if state.finds and state.in_vain >= limits.lost:
             if again:
                 return PhaseEvent.REFUSED
@@ -123,25 +128,29 @@ class ScanTarget(Phase):
                 "moves, or was another"
             )
             return Abort(AbortCode.OBJECT_MOVES, reason)
+
+        # Enough from this view
         if state.finds and not (again and target.accepted and target.next_X_WB is not None):
             held.target = fuse_poses((*held.finds, *state.finds))
             return PhaseEvent.DONE
+
+        # Another view, or what all of them show together
         held.finds = (*held.finds, *state.finds)
         if again:
             return PhaseEvent.REFUSED
         if held.finds:  # loose, but found: this view shows less
             held.target = fuse_poses(held.finds)
             return PhaseEvent.DONE
+
         views = f" in {limits.views} views" if limits.views > 1 else ""
         return Abort(AbortCode.NOT_IDENTIFIED, f"not identified{views}: {target.reason}")
 
     def _moving(self, finds: Sequence[Target]) -> str:
-        """Sentence if too few of the finds from one view are of one pose; empty if the object
-        rests.
-        """
+        """Sentence if too few finds of one view are of one pose; empty if the object rests."""
         same = _agreeing(finds)
         if len(same) >= self._limits.agree * len(finds):
             return ""
+
         way = max(
             float(np.linalg.norm(one.X_WT[:3, 3] - other.X_WT[:3, 3]))
             for one in finds
@@ -160,8 +169,7 @@ class ScanTarget(Phase):
 
 
 def fuse_poses(finds: Sequence[Target]) -> Target:
-    """Mean of the identifications that agree, each weighted by its information; the newest of them
-    gives the path.
+    """Mean of the identifications that agree, weighted by information; path of the newest one.
 
     An identification in W has three errors. That of the registration is independent in every frame.
     That of the believed hull position is correlated over some seconds, and that of its attitude is
@@ -180,6 +188,8 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
     of_hull = _common(finds)
     X_WT, mean, _ = mean_pose([find.X_WT for find in finds], covariances, of_hull)
     path, moved = last.path, X_WT @ inverse(last.X_WT)
+
+    # The path of the newest, moved with the pose
     if path is not None:
         R = moved[:3, :3]
         path = replace(
@@ -188,6 +198,7 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
             z=_turned(R, path.z),
             x=_turned(R, path.x),
         )
+
     doubt = mean if stated else None
     return replace(
         last, X_WT=readonly(X_WT), path=path, covariance=doubt, hull_covariance=readonly(of_hull)
@@ -203,9 +214,11 @@ def _common(finds: Sequence[Target]) -> Array:
     of_hull = np.mean([find.hull_covariance for find in finds], axis=0)
     if len(finds) == 1:
         return of_hull
+
     times = np.array([find.time for find in finds])
     alike = np.exp(-np.abs(times[:, None] - times) / NAVIGATION_TIME)
     share = (alike.sum() - len(finds)) / (len(finds) * (len(finds) - 1))
+
     turned = of_hull[:3, 3:] @ np.linalg.pinv(of_hull[3:, 3:], hermitian=True) @ of_hull[3:, :3]
     of_hull[:3, :3] = turned + share * (of_hull[:3, :3] - turned)
     return of_hull
@@ -235,9 +248,7 @@ def _agree(one: Target, other: Target) -> bool:
 
 
 def _alike(find: Target) -> PoseCovariance:
-    """Covariance of a find that states none, for weights that are equal: about the middle of the
-    path.
-    """
+    """Covariance of a find that states none: equal weights, about the middle of the path."""
     middle = find.X_WT[:3, 3] if find.path is None else find.path.p.mean(axis=0)
     none = np.zeros((0, 6))
     return PoseCovariance(matrix=np.eye(6), free=none, center=middle, radius=1.0, size_sigma=np.inf)
@@ -259,9 +270,7 @@ class TareSensors(Phase):
     """Average the bias of the joint torques, free of contact; the tool is at the stand-off."""
 
     def __init__(self, after: float = 1.5, seconds: float = 2.0) -> None:
-        """Set up the phase: `after` [s] the arm has come to rest, and the bias is averaged over
-        `seconds` [s].
-        """
+        """Set up the phase: a wait of `after` [s], then the mean of the bias over `seconds` [s]."""
         self._after, self._seconds = after, seconds
 
     def enter(self, held: Held, now: Context) -> Since:
@@ -310,16 +319,20 @@ class CertainPlace(Phase):
         if outcome is not PhaseEvent.DONE or now.time - state.asked < limits.interval:
             return None if outcome is PhaseEvent.DONE else outcome
         assert held.line is not None
+
+        # Probability for the time of the work
         state.tared = min(state.tared, now.time)
         duration = float(held.line.path.s[-1]) / (self._speed * held.line.path.pace)
         target = held.target
         held.promise = (
             None if target is None else promise(now.estimate, target, limits.tolerance, duration)
         )
+
         if held.promise is None:
             return PhaseEvent.DONE
         chance, first = held.promise.chance, not np.isfinite(state.asked)
         rising = first or chance > state.chance + limits.gain
+
         state.asked, state.chance = now.time, chance
         if (
             chance < max(limits.wanted, limits.least)
@@ -327,6 +340,7 @@ class CertainPlace(Phase):
             and now.time - state.tared < limits.patience
         ):
             return None
+
         held.note = f"{held.note}; {held.promise}" if held.note else str(held.promise)
         if chance < limits.least:
             return Abort(
@@ -361,9 +375,7 @@ class ArrivalLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorkSite:
-    """What is known before the work: the vehicle, where it scans from, and how it chooses its
-    place.
-    """
+    """What is known before the work: the vehicle, the view, and the choice of a placement."""
 
     own: WorkVehicle
     X_WB_scan: Array  # (4, 4) hull pose in W from which the target is scanned
@@ -382,8 +394,7 @@ def around(own: WorkVehicle, model: TargetModel) -> Callable[[Target], HullPath]
 
 
 def lifted(own: WorkVehicle, X_WB_work: Array, X_WB: Array, lift: float) -> Array:
-    """Hull pose (4, 4) before the work pose, along the axis of the arm's base, at which the arm
-    unfolds.
+    """Hull pose (4, 4) in which the arm unfolds, before the work pose along the base's axis.
 
     Args:
         own: the vehicle.
@@ -407,8 +418,7 @@ def arrival(
     broken: Mapping[Reaction, str],
     tare: Phase | None = None,
 ) -> Iterable[tuple[str, TaskRow]]:
-    """Rows from the begin of a task to the tare; if they are broken off before it, the vehicle
-    stays where it is.
+    """Rows from the begin of a task to the tare; the vehicle stays if it is broken off before that.
 
     Args:
         site: what is known before the work.
@@ -435,6 +445,8 @@ def arrival(
             X, to = np.array(held.X_WB), held.next_X_WB
             ahead = heading(to[:3, :3]) - heading(X[:3, :3])
             return pose(exp_so3([0.0, 0.0, ahead]) @ X[:3, :3], [to[0, 3], to[1, 3], X[2, 3]])
+
+        # Else to either side in turn, turned towards the object
         side = 0.3 * (1.0 if held.views % 2 else -1.0)
         X = np.array(held.X_WB_scan)
         X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], site.own.level_view_B)
@@ -445,6 +457,7 @@ def arrival(
         target = held.target
         assert target is not None
         assert target.path is not None
+
         placement, path, worked = site.stand(target, target.path, now.current_W)
         if worked < 1.0:
             held.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
@@ -452,6 +465,7 @@ def arrival(
             held.note = path.note
         if not placement.held:
             held.note = "the thrusters may not hold the hull against friction at the set force"
+
         held.line, held.depth = ToolLine(path, placement, offset), depth
         before = lifted(site.own, placement.X_WB, held.X_WB, limits.lift)
         held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
@@ -465,6 +479,8 @@ def arrival(
             {PhaseEvent.DONE: "scan" if site.come_near is None else at_once("near")},
         ),
     )
+
+    # Nearer, once the hull is at rest
     if site.come_near is not None:
         yield (
             "near",
@@ -483,6 +499,8 @@ def arrival(
             ),
         )
         yield again, row(settle, WorkState.SETTLE, {PhaseEvent.DONE: "scan"})
+
+    # The object, from as many views as it takes, and the placement
     scanned = {PhaseEvent.DONE: at_once("stand"), PhaseEvent.REFUSED: "other view"}
     yield "scan", row(ScanTarget(limits.scan), WorkState.SCAN, scanned)
     yield "other view", row(move(other_view), WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
@@ -490,6 +508,8 @@ def arrival(
         "stand",
         row(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SCAN, {PhaseEvent.DONE: "travel"}),
     )
+
+    # The way to the placement, and the tare
     yield "travel", row(move(), WorkState.CLOSE_IN, {PhaseEvent.DONE: "unfold"})
     yield (
         "unfold",

@@ -80,9 +80,7 @@ class AxialPhase(Phase):
         return now.contact_force(held.tool()[0][:3, 2])
 
     def _advance(self, held: Held, now: Context, wanted: float, resisted: float = 0.0) -> None:
-        """Move the depth by one period at `wanted` [m/s], reduced by the force share `resisted`
-        (see `next_speed`).
-        """
+        """Move the depth by a period at `wanted` [m/s], less for `resisted` (see `next_speed`)."""
         limits = self._limits
         held.speed = next_speed(
             held.speed,
@@ -126,9 +124,7 @@ class AxialContact:
 
 
 class AxialApproach(AxialPhase):
-    """Advance from the stand-off to a depth before the surface; contact on the way is an obstacle,
-    or the rim.
-    """
+    """Advance from the stand-off to a depth; contact on the way is an obstacle, or the rim."""
 
     def __init__(
         self,
@@ -160,10 +156,12 @@ class AxialApproach(AxialPhase):
         """Done at the depth; touched where the rim is met."""
         contact, (slow_from, slow) = self._contact, self._slow
         axial, _ = self._forces(held, now)
+
         wanted = self._limits.approach_speed if held.depth < slow_from else slow
         self._advance(
             held, now, wanted, max(0.0, axial) / self._push.force if contact.yields else 0.0
         )
+
         state.seconds = state.seconds + now.period if axial > contact.touch else 0.0
         if state.seconds and state.seconds >= contact.touch_time:
             if held.depth < -contact.early:
@@ -171,6 +169,7 @@ class AxialApproach(AxialPhase):
                     AbortCode.OBSTACLE, contact.obstacle.format(f"{-held.depth * 1e3:.0f}")
                 )
             return PhaseEvent.TOUCHED
+
         return PhaseEvent.DONE if held.depth >= self._to else None
 
 
@@ -210,10 +209,12 @@ class Withdraw(AxialPhase):
         limits = self._limits
         axial, _ = self._forces(held, now)
         inside = held.depth > self._mouth
+
         wanted, resisted = (
             (-limits.speed, -axial / self._push.force) if inside else (-limits.approach_speed, 0.0)
         )
         self._advance(held, now, wanted, resisted)
+
         stuck = now.time - state.since > limits.longest
         if not stuck and held.depth > -limits.standoff:
             return None
@@ -263,6 +264,7 @@ def axial_monitors(
 
     at_work = partial(Monitor, reaction=Reaction.RETREAT, during=_AT_WORK)
     force = too_much_force(limits.force_limit, contact_force)
+
     return (
         *fault_monitors(blind_time, BEFORE_CONTACT),
         Monitor(

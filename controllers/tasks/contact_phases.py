@@ -37,9 +37,7 @@ class ApproachState:
 
 
 class GuardedApproach(Phase):
-    """Guarded move along the tool axis until contact, or to a distance from the surface without
-    contact.
-    """
+    """Guarded move along the tool axis until contact, or to a distance without contact."""
 
     def __init__(self, limits: ApproachLimits, distance: float | None = None) -> None:
         """Set up the phase; `distance` [m] to keep from the surface, None: contact is sought."""
@@ -56,6 +54,8 @@ class GuardedApproach(Phase):
         limits = self._limits
         state.felt_for = state.felt_for + now.period if now.normal > limits.touch else 0.0
         touched = state.felt_for >= limits.touch_time
+
+        # Without contact, to a distance from the surface
         if self._distance is not None:
             depth = limits.standoff - self._distance
             if touched:
@@ -66,9 +66,12 @@ class GuardedApproach(Phase):
                 return None
             held.depth = depth
             return PhaseEvent.DONE
+
+        # Until contact
         if touched:
             held.set_force, held.speed = now.normal, 0.0
             return PhaseEvent.DONE
+
         self._advance(held, now, limits.standoff)
         if held.depth > limits.standoff + limits.search:
             return Abort(
@@ -115,9 +118,7 @@ class PressState:
 
 
 class Press(Phase):
-    """Ramp the force to its set value, and wait until it is reached; no motion along the path
-    yet.
-    """
+    """Ramp the force to its set value and wait until it is reached; the tool rests on the path."""
 
     def __init__(
         self,
@@ -150,9 +151,12 @@ class Press(Phase):
         """Done once the force has been reached for long enough."""
         limits, set_force = self._limits, self._set_force
         felt = now.normal
+
         if now.paused:
             state.since += now.period
         held.set_force = towards(held.set_force, set_force, self._rate * now.period)
+
+        # A surface that gives way
         if self._tip is not None and state.p_WG is not None:
             yielded = float((self._tip(now.estimate) - state.p_WG) @ held.tool()[0][:3, 2])
             if yielded > limits.gives_way:
@@ -166,6 +170,7 @@ class Press(Phase):
             state.set_since = math.inf
         elif not math.isfinite(state.set_since):
             state.set_since = now.time
+
         late = now.time - state.since > limits.within
         if now.time - state.set_since > limits.held or (late and not self._insist):
             return PhaseEvent.DONE
@@ -219,8 +224,7 @@ class FollowState:
 
 
 class FollowPath(Phase):
-    """Move along the path, with set forces on consecutive, equally long parts of it; the hull
-    travels along.
+    """Move along the path with set forces on equally long parts of it; the hull travels along.
 
     Where the tool cannot press on all of the path, this is one stretch of it, and there may be
     more.
@@ -241,22 +245,28 @@ class FollowPath(Phase):
         assert held.line is not None
         path, limits = held.line.path, self._limits
         end = float(path.s[-1])
+
         if self._forces:
             end = min(last for _, last in stretches(path) if last > held.s)
+
         progress = progress_along(
             path, held.s, end, speed=path.pace * limits.speed, ramp=limits.ramp, bend=limits.bend
         )
+
         stops = (
             Stops(limits.stops)
             if limits.stops and self._forces and limits.stops.help(held.promise)
             else None
         )
+
         return FollowState(progress, now.time, held.s, stops=stops)
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at the end of the path; more at the end of any other stretch."""
         assert held.line is not None
         limits, progress, length = self._limits, state.progress, float(held.line.path.s[-1])
+
+        # Progress, slower before a pause or a stop
         stopping = self._stops(state, held, now)
         state.pace = towards(
             state.pace, 0.0 if now.paused or stopping else 1.0, now.period / limits.pace_time
@@ -264,15 +274,20 @@ class FollowPath(Phase):
         state.since += (1.0 - state.pace) * now.period
         done, rate = progress.at(now.time - state.since)
         held.s = state.begin + done
+
+        # Set force of this part of the path
         if self._forces:
             change = self._rate * now.period
             held.set_force = towards(held.set_force, self._set_force(held, now), change)
+
         if now.time - state.since > progress.duration + limits.linger:
             return (
                 PhaseEvent.DONE
                 if next_stretch(held) is None or not self._forces
                 else PhaseEvent.MORE
             )
+
+        # The hull travels along
         placement = held.start_of_line()
         held.X_WB = placement.hull_at(held.s / length)
         state.v_WB_W = rate * state.pace / length * placement.hull_rate(held.s / length)
@@ -300,6 +315,7 @@ class FollowPath(Phase):
         rate = state.progress.at(now.time - state.since)[1] * state.pace
         X_WG, tangent, turn = held.tool()
         standing = state.stops is not None and state.stops.standing
+
         return Setpoint(
             X_WG=X_WG,
             v_WG_W=rate * tangent,
@@ -320,9 +336,7 @@ def next_stretch(held: Held) -> float | None:
 
 
 def travel(state: FollowState, held: Held, now: Context) -> None:
-    """Bring the tool's place on the path, off the surface, and the hull that travels along, to the
-    present time.
-    """
+    """Move the tool along the path, off the surface, and the hull with it, to the present time."""
     assert held.line is not None
     done, rate = state.progress.at(now.time - state.since)
     held.s, length, placement = (
@@ -342,9 +356,7 @@ def travelling(state: FollowState, held: Held, now: Context) -> Setpoint:
 
 
 class NextStretch(Phase):
-    """Move the tool at the stand-off to the next stretch of the path on which it can press; the
-    hull travels along.
-    """
+    """Move the tool at the stand-off to the next stretch that it can press; the hull goes along."""
 
     def __init__(self, limits: FollowLimits, standoff: float) -> None:
         """Set up the phase: limits of the motion, and distance [m] from the surface."""
@@ -373,9 +385,7 @@ class NextStretch(Phase):
 
 
 class Unload(Phase):
-    """Ramp the force down before the tool leaves: one that is released at 90 N rebounds from a hard
-    surface.
-    """
+    """Ramp the force down before the tool leaves: released at 90 N, it rebounds."""
 
     def __init__(self, rate: float, until: float) -> None:
         """Set up the phase: `rate` [N/s] of the force, down to `until` [N]."""
@@ -394,9 +404,7 @@ class Unload(Phase):
 
 
 class Retreat(Phase):
-    """Withdraw the tool along its axis by the arm, by the whole approach or at least by the
-    stand-off.
-    """
+    """Withdraw the tool by the arm along its axis: the whole approach, at least the stand-off."""
 
     def __init__(self, speed: float, clearance: float) -> None:
         """Set up the phase: `speed` [m/s] of the tool, `clearance` [m] least length of the way."""
@@ -423,8 +431,7 @@ class Retreat(Phase):
 
 
 class NextPoint(Phase):
-    """Move the tool at the stand-off to the next of several points; more at the point, done after
-    the last one.
+    """Move the tool at the stand-off to the next of several points; done after the last one.
 
     The hull travels along.
     """
@@ -444,6 +451,7 @@ class NextPoint(Phase):
         k = len(held.places)
         if k == len(self._points):
             return None
+
         held.depth = min(0.0, held.depth - self._standoff)
         limits, before = self._limits, self._points[k - 1]
         return FollowState(

@@ -61,17 +61,20 @@ class Settle(Phase):
     def step(self, state: SettleState, held: Held, now: Context) -> Outcome:
         """Done once the hull has been at rest for long enough."""
         limits, estimate = self._limits, now.estimate
+
         if now.time - state.since > limits.within:
             return Abort(
                 AbortCode.HULL_NOT_AT_REST,
                 f"the hull did not become quiet within {limits.within:.0f} s",
             )
+
         moving = math.hypot(*estimate.v_WB_B.tolist()) > limits.speed
         turning = math.hypot(*estimate.w_WB_B.tolist()) > limits.turn
         if moving or turning or held.off(estimate) > limits.error:
             state.quiet_since = math.inf
         elif not math.isfinite(state.quiet_since):
             state.quiet_since = estimate.time
+
         return PhaseEvent.DONE if estimate.time - state.quiet_since > limits.time else None
 
 
@@ -134,9 +137,7 @@ class MoveState:
 
 
 class MoveHull(Phase):
-    """Move the hull through the poses of `Held.way`, or to one that is given; it waits for a hull
-    that lags behind.
-    """
+    """Move the hull through the poses of `Held.way`, or to a given one; wait for a late hull."""
 
     def __init__(self, motion: HullMotion, to: Callable[[Held], Array] | None = None) -> None:
         self._motion, self._to = motion, to
@@ -152,14 +153,19 @@ class MoveHull(Phase):
             return Abort(
                 AbortCode.HULL_LATE, f"the hull came {self._motion.late:.0f} s late on its way"
             )
+
+        # Slower while the hull lags behind
         pace = self._motion.pace(held.off(now.estimate))
         if pace < 1.0:
             late = (1.0 - pace) * now.period
             state.move, state.waited = state.move.later(late), state.waited + late
+
         if not state.move.done(now.time):
             held.X_WB, v_WB_W = state.move.at(now.time)
             state.v_WB_W = pace * v_WB_W
             return None
+
+        # The next move, if any
         held.X_WB, state.v_WB_W = state.move.X_to, ZERO
         if not state.way:
             return PhaseEvent.DONE
@@ -226,6 +232,7 @@ class PullBack(Phase):
     def enter(self, held: Held, now: Context) -> PullState:
         """Hold the arm as it is, and begin the move."""
         held.q = np.array(now.estimate.q)
+
         off = np.array(held.X_WB)
         off[:3, 3] -= way_back(held, self._clearance) * held.tool()[0][:3, 2]
         return PullState(self._motion.to(off, held, now), ZERO)
@@ -270,13 +277,18 @@ class Leash:
             Hull pose (4, 4), its velocity (3,) [m/s] and angular velocity (3,) [rad/s], W.
         """
         X_now, R_now = estimate.X_WB, estimate.X_WB[:3, :3]
+
+        # Position and velocity
         p = _within(X_WB[:3, 3] - X_now[:3, 3], self.place)
         v_now = R_now @ estimate.v_WB_B
         v = _within(v_WB_W - v_now, self.speed)
+
+        # Heading, and turn about the vertical
         off = math.remainder(heading(R_now) - heading(X_WB[:3, :3]), math.tau)
         turned = off - min(max(off, -self.heading), self.heading)
         spin = float((R_now @ estimate.w_WB_B)[2])
         w = np.array([0.0, 0.0, spin - min(max(spin, -self.turn), self.turn)])
+
         return pose(exp_so3([0.0, 0.0, turned]) @ X_WB[:3, :3], X_now[:3, 3] + p), v_now + v, w
 
 
@@ -351,32 +363,41 @@ class Escape(Phase):
         """Begin the ascent at the estimated position."""
         p_WB_from = np.array(now.estimate.X_WB[:3, 3])
         held.X_WB = pose(held.X_WB[:3, :3], p_WB_from)
+
         X_WG = held.tool(way_back(held, self._clearance))[0]
         up_W = ascent_direction(-X_WG[:3, 2])
+
         clear = pose(held.X_WB[:3, :3], p_WB_from + self._limits.rise * up_W)
         move = self._limits.motion.to(clear, held, now)
+
         return EscapeState(now.time, move, p_WB_from, up_W / np.linalg.norm(up_W), X_WG, ZERO, ZERO)
 
     def step(self, state: EscapeState, held: Held, now: Context) -> Outcome:
         """Done at the end of the ascent with the arm folded, or when it is given up."""
         limits, estimate = self._limits, now.estimate
+
         held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(
             *state.move.at(now.time), estimate
         )
+
         drawn = limits.draw_speed * (now.time - state.since)
         if state.fold is None:
             risen = _ascent(estimate.X_WB[:3, 3] - state.p_WB_from, state.up_W)
             X_WG = held.tool(way_back(held, self._clearance))[0]
             X_WG[:3, 3] += (min(drawn, limits.draw) + risen) * state.up_W
             state.X_WG = X_WG
+
+            # Given up, or high enough for the arm to fold
             if now.time - state.since > limits.patience:
                 held.q = np.array(estimate.q)
                 return PhaseEvent.DONE
             if risen < limits.free:
                 return None
+
             state.fold = JointMove.between(
                 now.time, np.array(estimate.q), self._q_fold, speed=limits.fold_speed
             )
+
         held.q, state.qd = state.fold.at(now.time)
         return PhaseEvent.DONE if state.move.done(now.time) and state.fold.done(now.time) else None
 
@@ -397,9 +418,7 @@ class AwayState:
 
 
 class HoldAway(Phase):
-    """Hold hull and joint angles away from the object, as far as the hull can: the end of a task
-    broken off.
-    """
+    """Hold hull and joint angles away from the object, as far as the hull can, after an abort."""
 
     def __init__(self, leash: Leash) -> None:
         self._leash = leash
@@ -446,8 +465,6 @@ class Halt(Phase):
 
 
 def _ascent(gone_W: Array, up_W: Array) -> float:
-    """Length [m] of the ascent along `up_W` (3,) of a hull displaced by `gone_W` (3,), whatever its
-    drift.
-    """
+    """Length [m] of the ascent along `up_W` (3,) of a hull displaced by `gone_W` (3,)."""
     steep = abs(up_W[2]) > _STEEP
     return max(0.0, float(gone_W[2] / up_W[2] if steep else gone_W @ up_W))

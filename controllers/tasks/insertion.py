@@ -1,5 +1,4 @@
-r"""Insertion: puts a sampler into a hole of a known object and withdraws it (the sampling holes of
-[Konoplin 2022]).
+r"""Insertion of a sampler into a hole of a known object, and out of it [Konoplin 2022].
 
 settle -> scan -> close-in -> tare -> approach -> insert -> work (in the hole) -> withdraw -> done
                                          \-> search -/       any of these -> withdraw -> abort
@@ -79,9 +78,7 @@ class SearchLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InsertionJob(InsertionSettings):
-    """Settings, forces and limits of an insertion; depths are of the tip below the mouth as
-    identified.
-    """
+    """Settings and limits of an insertion; depths are of the tip below the mouth as identified."""
 
     stay: float = 2.0  # [s] time at that depth
     force: float = 15.0  # [N] axial force at which the advance stops
@@ -117,17 +114,20 @@ class InsertionJob(InsertionSettings):
         ):
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigurationError(f"insertion {name}: must be > 0, got {value}")
+
         if self.force > 0.5 * axial.force_limit:
             raise ConfigurationError(
                 f"insertion force: {self.force} N leaves no room: at most half the limit of "
                 f"{axial.force_limit} N"
             )
+
         inside = self.inside
         if not inside.side_full > inside.side_easy > 0.0:
             raise ConfigurationError(
                 f"insertion side_full: must exceed side_easy of {inside.side_easy} N > 0, got "
                 f"{inside.side_full}"
             )
+
         if not axial.standoff > self.guard > self.entry:
             raise ConfigurationError("insertion: standoff > guard > entry [m] must hold")
 
@@ -148,6 +148,7 @@ def axis_path(X_WT: Array, hole: Hole, depth: float) -> ToolPath:
     ones = np.ones((len(s), 1))
     flags = np.zeros(len(s), dtype=bool)
     flags.setflags(write=False)
+
     return ToolPath(
         s=readonly(s),
         p=readonly(X_WH[:3, 3] + s[:, None] * X_WH[:3, 2]),
@@ -167,9 +168,7 @@ class EntryState:
 
 
 class EnterHole(AxialPhase):
-    """Advance with axial and side force below their set values; a stopped tool searches or tries
-    again.
-    """
+    """Advance with bounded axial and side force; a stopped tool searches or tries again."""
 
     def __init__(self, job: InsertionJob, push: Push) -> None:
         super().__init__(job.axial, push)
@@ -183,14 +182,19 @@ class EnterHole(AxialPhase):
         """Done at the depth; touched where the tool stops at the rim."""
         job, limits = self._job, self._job.inside
         axial, aside = self._forces(held, now)
+
+        # A jammed tool backs off
         if math.isfinite(state.backing_to):
             self._advance(held, now, -job.axial.speed, -axial / job.force)
             if held.depth <= state.backing_to:
                 state.backing_to = -math.inf
                 state.deepest, state.gained = held.depth, now.time
             return None
+
+        # Slower under a side force, until the tool is centred
         ease = min(1.0, (limits.side_full - aside) / (limits.side_full - limits.side_easy))
         self._advance(held, now, max(0.0, ease) * job.axial.speed, axial / job.force)
+
         if held.depth >= job.depth:
             return PhaseEvent.DONE
         if held.depth > state.deepest + limits.gain:
@@ -203,10 +207,12 @@ class EnterHole(AxialPhase):
         """After a stop: search for the hole at the rim, back off inside the bore, or give up."""
         limits = self._job.inside
         held.tries += 1
+
         if held.tries > limits.tries:
             return Abort(
                 AbortCode.JAMMED, f"stopped at {held.depth * 1e3:.0f} mm, {limits.tries} times over"
             )
+
         if state.deepest < limits.nose:
             return PhaseEvent.TOUCHED
         state.backing_to = max(held.depth - limits.back, -self._job.entry)
@@ -242,6 +248,7 @@ class SpiralSearch(AxialPhase):
         search = self._search
         axial, _ = self._forces(held, now)
         self._advance(held, now, self._speed_down, axial / search.force)
+
         radius = search.pitch * state.angle / (2.0 * np.pi)
         if axial > 0.5 * search.force:
             # Equal speed along the spiral r = c angle: d angle = v dt / sqrt(r^2 + c^2).
@@ -249,6 +256,7 @@ class SpiralSearch(AxialPhase):
                 search.speed * now.period / math.hypot(radius, search.pitch / (2.0 * np.pi))
             )
             held.aside = (radius * math.cos(state.angle), radius * math.sin(state.angle))
+
         if held.depth > state.touched_at + search.dip:
             return PhaseEvent.DONE
         if radius > search.radius:
@@ -258,9 +266,7 @@ class SpiralSearch(AxialPhase):
 
 
 class HoleInsertion(TaskPlanner):
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) that inserts the tool into one hole of one
-    known object.
-    """
+    """Planner that inserts the tool into one hole of one known object."""
 
     def __init__(
         self,
@@ -273,8 +279,7 @@ class HoleInsertion(TaskPlanner):
         period: float = 0.01,
         search: PlacementSearch | None = None,
     ) -> None:
-        """Set up the planner; arguments as `uuv.controllers.tasks.surface_work`, with a hole
-        instead of a path.
+        """Set up the planner: as `uuv.controllers.tasks.surface_work`, with a hole for a path.
 
         Args:
             own: the vehicle.
@@ -299,6 +304,7 @@ class HoleInsertion(TaskPlanner):
             raise ConfigurationError(
                 f"insertion depth: must be below the hole's {hole.depth} m, got {job.depth}"
             )
+
         self._hole, self._depth = hole, job.depth
         standing = StandingLimits(force=job.force, standoff=job.axial.standoff)
         stand = PathStanding(
@@ -310,9 +316,11 @@ class HoleInsertion(TaskPlanner):
             search=search,
         )
         self.stand = stand
+
         site = WorkSite(
             own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target)
         )
+
         limits = ArrivalLimits()
         monitors = axial_monitors(
             job.axial,
@@ -320,6 +328,7 @@ class HoleInsertion(TaskPlanner):
             blind_time=limits.blind_time,
             too_long="the depth was not reached",
         )
+
         rows = insertion_rows(site, limits, job)
         super().__init__(rows, monitors, X_WB=X_WB_scan, q=own.vehicle.q_home, period=period)
 
@@ -372,6 +381,7 @@ def insertion_rows(
 def rows_at_hole(job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the stand-off on; "approach" is to be entered."""
     axial, states = job.axial, WorkState
+
     outside = Push(force=job.force, beyond=-job.early)
     inside = replace(outside, compliant_beyond=-job.entry if job.compliance else math.inf)
     rim = AxialContact(
@@ -381,9 +391,11 @@ def rows_at_hole(job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
         obstacle="something stands {} mm before the mouth",
         yields=True,
     )
+
     approach = AxialApproach(axial, outside, rim, slow=(-job.guard, job.touch_speed), to=-job.entry)
     searched = {PhaseEvent.DONE: "insert", PhaseEvent.TOUCHED: "search"}
     inserted = {PhaseEvent.DONE: "work", PhaseEvent.TOUCHED: "search"}
+
     yield "approach", TaskRow(approach, states.APPROACH, searched, WITHDRAW)
     yield (
         "search",

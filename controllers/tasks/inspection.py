@@ -1,5 +1,4 @@
-"""Inspection flight: the hull orbits a found object at a set distance, and at further levels if it
-is to cover it.
+"""Inspection flight: the hull orbits a known object, at further levels if it is to cover it.
 
 The trajectory is laid on the model and carried to the real object by the identified pose [Konoplin
 2019, section 2]. Its eq. 6, x'(t) = H + M_r (x(t) + p_1 - H) + p_2, is R x + p with the pose X_WT
@@ -89,6 +88,7 @@ class InspectionJob(InspectionSettings):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigurationError(f"inspection {name}: must be > 0, got {value}")
+
         if not 0.0 < self.behind[0] < self.behind[1] < self.lost_place:
             raise ConfigurationError(
                 "inspection: 0 < behind[0] < behind[1] < lost_place [m] must hold"
@@ -97,9 +97,7 @@ class InspectionJob(InspectionSettings):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Orbit:
-    """Closed line around an object, travelled once, of camera and hull; the last sample equals the
-    first.
-    """
+    """Closed line of camera and hull around an object; the last sample equals the first."""
 
     s: Array  # (N,) [m] arc length of the camera's line
     p_WC: Array  # (N, 3) [m] positions of the camera
@@ -114,18 +112,19 @@ class Orbit:
         i = int(np.clip(np.searchsorted(self.s, s) - 1, 0, len(self.s) - 2))
         h = self.s[i + 1] - self.s[i]
         share = (s - self.s[i]) / h
+
         p = (1.0 - share) * self.p_WB[i] + share * self.p_WB[i + 1]
         yaw = (1.0 - share) * self.yaw[i] + share * self.yaw[i + 1]
         turn = np.array([0.0, 0.0, (self.yaw[i + 1] - self.yaw[i]) / h])
+
         return pose(exp_so3([0.0, 0.0, yaw]), p), (self.p_WB[i + 1] - self.p_WB[i]) / h, turn
 
     def pace(self, job: InspectionJob) -> Progress:
-        """Progress from rest to rest along the orbit, within the job's speed, acceleration and turn
-        rate.
-        """
+        """Progress from rest to rest along the orbit, within speed, acceleration and turn rate."""
         way, yaw = (np.gradient(values, self.s, axis=0) for values in (self.p_WB, self.yaw))
         longest = float(np.linalg.norm(way, axis=1).max())
         bend = float(np.linalg.norm(np.gradient(way, self.s, axis=0), axis=1).max())
+
         # the components along and across the line add up to the limit
         half = job.acceleration / np.sqrt(2.0)
         rate = min(
@@ -133,6 +132,7 @@ class Orbit:
             job.turn_rate / max(float(np.abs(yaw).max()), 1e-9),
             np.sqrt(half / bend),
         )
+
         return Progress(float(self.s[-1]), rate, rate * longest / half)
 
 
@@ -161,9 +161,7 @@ class Keep:
     clearance: float  # [m]
 
     def short(self, poses: Iterable[Array]) -> tuple[float, str] | None:
-        """First gap [m] along hull `poses` (4, 4) that is below the clearance, and to what; None if
-        it is kept.
-        """
+        """First gap [m] along hull `poses` (4, 4) below the clearance, and to what; else None."""
         for X_WB in poses:
             for gap, what in (
                 (self.passing.gap(X_WB), "object"),
@@ -180,8 +178,7 @@ class Keep:
 
 
 def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Array]:
-    """Closed horizontal line at a set distance around an object, at half its height,
-    counter-clockwise from above.
+    """Closed line at a set horizontal distance around an object, at half its height.
 
     Args:
         vertices_T: (V, 3) [m] vertices of the object in T.
@@ -189,14 +186,17 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
         distance: [m] horizontal distance from the outline.
 
     Returns:
-        The line (N, 3) [m] in T, its last point its first, and the horizontal unit directions (N,
-        3) to the outline.
+        The line (N, 3) [m] in T, counter-clockwise from above, its last point its first, and the
+            horizontal unit directions (N, 3) to the outline.
     """
     axes = rotation_from_z(up_T, np.eye(3)[int(np.argmin(np.abs(up_T)))]).T
     seen = vertices_T @ axes.T
     outline = seen[ConvexHull(seen[:, :2]).vertices, :2]
+
     sides = np.roll(outline, -1, axis=0) - outline
     out = np.arctan2(-sides[:, 0], sides[:, 1])  # [rad] direction of each side's outward normal
+
+    # Arcs around the corners, straight lines along the sides
     points: list[Array] = []
     for corner, side, before, after in zip(outline, sides, np.roll(out, 1), out, strict=True):
         turn = (after - before) % (2.0 * np.pi)
@@ -208,6 +208,8 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
             / np.linalg.norm(side)
         )
         points.append(points[-1][-1] + shares * side)
+
+    # A smooth curve through them, evenly sampled
     raw = np.vstack(points)
     raw = np.vstack([raw[np.linalg.norm(raw - np.roll(raw, 1, axis=0), axis=1) > 1e-6], raw[:1]])
     (knots, coefficients, degree), _ = splprep(raw.T, per=True, s=len(raw) * _SMOOTH**2)
@@ -216,6 +218,8 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
     u = np.linspace(0.0, 1.0, 1 + math.ceil(length / _STEP))
     line, way = curve(u), curve(u, 1)
     line[-1], way[-1] = line[0], way[0]
+
+    # Directions to the outline; all at the height of the middle
     inward = np.column_stack([-way[:, 1], way[:, 0]]) / np.linalg.norm(way, axis=1, keepdims=True)
     middle = 0.5 * (seen[:, 2].min() + seen[:, 2].max())
     return np.column_stack([line, np.full(len(line), middle)]) @ axes, inward @ axes[:2]
@@ -252,16 +256,21 @@ def orbit(
         raise ConfigurationError(
             "inspection: the camera looks straight down or up, it does not see an object's sides"
         )
+
     level = level or Level(ahead * job.distance, -view[2] * job.distance)
     line_T, inward_T = offset_outline(
         target.vertices, X_WT[:3, :3].T @ np.array([0.0, 0.0, 1.0]), level.out
     )
     p_WC = transform_points(X_WT, line_T) + np.array([0.0, 0.0, level.up])  # [Konoplin 2019, eq. 6]
     inward_W = inward_T @ X_WT[:3, :3].T
+
+    # Begin where the camera is nearest
     first = int(np.argmin(np.linalg.norm(p_WC[:-1] - near_W, axis=1)))
     p_WC, inward_W = (
         np.vstack([np.roll(each[:-1], -first, axis=0), each[first]]) for each in (p_WC, inward_W)
     )
+
+    # Heading of the hull, and its origin beside the camera
     yaw = np.unwrap(np.arctan2(inward_W[:, 1], inward_W[:, 0]) - np.arctan2(view[1], view[0]))
     lever = X_BC[:3, 3]
     turned = np.column_stack(
@@ -271,6 +280,7 @@ def orbit(
             np.full(len(yaw), lever[2]),
         ]
     )
+
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p_WC, axis=0), axis=1))])
     return Orbit(
         s=readonly(s), p_WC=readonly(p_WC), p_WB=readonly(p_WC - turned), yaw=readonly(yaw)
@@ -289,9 +299,7 @@ class OrbitState:
 
 
 class FlyOrbit(Phase):
-    """Move the hull along the next orbit of `Held.plan`, taken off that list, no faster than the
-    hull follows.
-    """
+    """Move the hull along the next orbit of `Held.plan`, no faster than the hull follows."""
 
     def __init__(self, job: InspectionJob) -> None:
         self._job = job
@@ -306,10 +314,13 @@ class FlyOrbit(Phase):
         """Done once around; MORE if another orbit follows."""
         near, far = self._job.behind
         pace = min(max((far - held.off(now.estimate)) / (far - near), 0.0), 1.0)
+
+        # Progress as far as the hull follows
         state.worked += pace * now.period
         held.s, rate = state.progress.at(state.worked)
         held.X_WB, way, turn = state.orbit.at(held.s)
         state.v_WB_W, state.w_WB_W = pace * rate * way, pace * rate * turn
+
         if state.worked <= state.progress.duration:
             return None
         if not held.plan:
@@ -324,9 +335,7 @@ class FlyOrbit(Phase):
 
 
 class Inspection(TaskPlanner):
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) that views one known object from all sides,
-    its arm folded.
-    """
+    """Planner that views one known object from all sides, its arm folded."""
 
     def __init__(
         self,
@@ -361,11 +370,13 @@ class Inspection(TaskPlanner):
             near_W = transform_points(held.X_WB, own.X_BC[None, :3, 3])[0]
             found = orbit(target, X_WT, job, X_BC=own.X_BC, near_W=near_W)
             X_WB = found.at(0.0)[0]
+
             passing = HullPath(
                 own.vehicle, own.chain, own.hull_box, transform_points(X_WT, target.vertices)
             )
             keep = Keep(passing, floor, job.clearance)
             check_clear(found, motion.to(X_WB, held, now), keep)
+
             held.plan, held.way = [found], [X_WB]
             if view is not None:
                 held.plan = covering(
@@ -395,6 +406,7 @@ def inspection_rows(
     settle, states = Settle(job.rest), WorkState
     row = partial(TaskRow, leave={Reaction.RETREAT: "held"})
     scan = ScanTarget(ScanLimits(views=1, finds=1), path=False)
+
     yield "settle", row(settle, states.SETTLE, {PhaseEvent.DONE: "scan"})
     yield "scan", row(scan, states.SCAN, {PhaseEvent.DONE: at_once("plan")})
     yield "plan", row(plan, states.SCAN, {PhaseEvent.DONE: "travel"})
@@ -468,6 +480,8 @@ def covering(
     half = 0.5 * float(np.ptp(transform_points(X_WT, target.vertices)[:, 2]))
     levels = [Level(out, half + up) for out in _OUT for up in _UP]
     make = partial(orbit, target, X_WT, job, X_BC=camera.X_BC, near_W=first.p_WC[0])
+
+    # Orbits that keep the clearance, and what they see
     clear = [
         found
         for found in (make(level=level) for level in levels)
@@ -476,11 +490,14 @@ def covering(
     views = [(found, sees(found)) for found in clear]
     orbits, seen = [first], sees(first)
     visible = np.any([seen, *(each for _, each in views)], axis=0)
+
+    # The largest gain next, if its way is clear
     while views and seen.sum() < _ENOUGH * visible.sum():
         views.sort(key=lambda each: int((each[1] & ~seen).sum()))
         found, more = views.pop()
         if not (more & ~seen).any():
             break
+
         move = PoseMove.between(
             0.0,
             orbits[-1].at(0.0)[0],
@@ -489,6 +506,7 @@ def covering(
             acceleration=job.acceleration,
             turn_rate=job.turn_rate,
         )
+
         if keep.short(_during(move)) is None:
             orbits.append(found)
             seen |= more
@@ -496,8 +514,7 @@ def covering(
 
 
 def allowed_cameras(vertices_W: Array, X_BC: Array, keep: Keep) -> Array:
-    """Camera poses X_WC (n, 4, 4) of a level hull that keeps its clearance, on a grid of places and
-    headings.
+    """Camera poses X_WC (n, 4, 4) of a level hull that keeps its clearance, on a grid.
 
     Args:
         vertices_W: (V, 3) [m] of the object in W.

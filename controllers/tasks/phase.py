@@ -1,5 +1,4 @@
-"""Phases of a task: the protocol, what phases share, what they see and what they ask of the
-controller.
+"""Phases of a task: the protocol, what they share, see, and ask of the controller.
 
 A phase is a small object with its own limits. It is entered, stepped once a period, and gives the
 set points of that period. `uuv.controllers.tasks.task` runs the phases of a table;
@@ -56,8 +55,7 @@ class Abort:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolLine:
-    """Tool path in W, worked from a chosen hull pose, with the straight way to it along the tool
-    axis.
+    """Tool path in W, worked from a chosen hull pose, with the straight way to it.
 
     Another way than the straight one changes three places alike: `Held.aside`, set before the tare,
     the velocity of the phase's set point, and `uuv.controllers.planning.hull_placement.tool_poses`,
@@ -72,8 +70,7 @@ class ToolLine:
     def at(
         self, s: float, depth: float, aside: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[Array, Array, Array]:
-        """Tool pose X_WG (4, 4) at a point of the path, and the derivatives of the path's pose
-        there.
+        """Tool pose X_WG (4, 4) at a point of the path, and the derivatives of the path's pose.
 
         Args:
             s: [m] arc length.
@@ -115,9 +112,7 @@ class Held:
     note: str = ""  # message for the user
 
     def tool(self, back: float = 0.0) -> tuple[Array, Array, Array]:
-        """Tool pose at the present depth, less `back` [m], with the derivatives of
-        `ToolLine.at`.
-        """
+        """Tool pose at the present depth, less `back` [m], with derivatives as `ToolLine.at`."""
         assert self.line is not None
         return self.line.at(self.s, self.depth + self.line.offset - back, self.aside)
 
@@ -193,9 +188,7 @@ class Context:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setpoint:
-    """What a phase asks of the controller beside `Held`; fields as those of
-    `uuv.sim.interfaces.messages.Reference`.
-    """
+    """What a phase asks of the controller beside `Held`; fields as those of `Reference`."""
 
     X_WG: Array | None = None
     v_WG_W: Array = field(default_factory=lambda: ZERO)
@@ -293,9 +286,7 @@ class Decide(Phase):
 
 
 def way_back(held: Held, clearance: float) -> float:
-    """Length [m] of the way off the surface: `clearance`, or the whole approach if that is longer;
-    0 without one.
-    """
+    """Length [m] of the way off the surface: the approach, at least `clearance`; 0 without that."""
     return max(held.depth, clearance) if clearance else 0.0
 
 

@@ -1,5 +1,4 @@
-"""Seabed work: takes a core with a set push, or drags a tool along a path at a set depth [Konoplin
-2019].
+"""Seabed work: takes a core with a set push, or drags a tool at a set depth [Konoplin 2019].
 
 settle (-> settle, nearer) -> scan -> close-in -> tare -> approach -> insert (-> press) -> work ->
 withdraw -> done
@@ -83,20 +82,20 @@ class SeabedJob(SeabedSettings):
         ):
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigurationError(f"seabed job {name}: must be > 0, got {value}")
+
         limit = self.axial.force_limit
         if self.push > 0.5 * limit:
             raise ConfigurationError(
                 f"seabed job push: {self.push} N leaves no room: at most half the limit of "
                 f"{limit} N"
             )
+
         if not self.axial.standoff > self.guard:
             raise ConfigurationError("seabed job: standoff > guard [m] must hold")
 
 
 class Penetrate(AxialPhase):
-    """Penetrate the soil to the depth (dragged tool), or until the soil bears nearly the push
-    (core).
-    """
+    """Penetrate the soil to the depth (dragged tool), or until it bears nearly the push (core)."""
 
     def __init__(self, job: SeabedJob, push: Push) -> None:
         super().__init__(job.axial, push)
@@ -108,9 +107,11 @@ class Penetrate(AxialPhase):
         job = self._job
         axial, _ = self._forces(held, now)
         self._advance(held, now, job.axial.speed, axial / job.push)
+
         if held.depth >= job.depth if job.drag else axial >= job.close * job.push:
             held.speed, held.set_force = 0.0, job.push
             return PhaseEvent.DONE
+
         if held.depth < job.depth:
             return None
         said = f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N"
@@ -139,13 +140,12 @@ class Drag(AxialPhase):
         _, rate = state.progress.at(now.time - state.since)
         X_WG, tangent, turn = held.tool()
         way = tangent + held.depth * np.cross(turn, X_WG[:3, 2])
+
         return replace(super().setpoint(state, held, now), v_WG_W=rate * way, w_WG_W=rate * turn)
 
 
 class SeabedWork(TaskPlanner):
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) of one operation in the seabed: a core, or a
-    dragged tool.
-    """
+    """Planner of one operation in the seabed: a core, or a dragged tool."""
 
     def __init__(
         self,
@@ -179,6 +179,7 @@ class SeabedWork(TaskPlanner):
                 raise ReachError(
                     "no place to stand: nothing is known of the ground around the target"
                 )
+
             sunk = replace(path, p=readonly(path.p + job.depth * path.z)) if job.drag else path
             found = choose_height(
                 own,
@@ -196,12 +197,14 @@ class SeabedWork(TaskPlanner):
         site = WorkSite(
             own=own, X_WB_scan=X_WB, stand=stand, come_near=None if coarse is None else coarse.pose
         )
+
         monitors = axial_monitors(
             job.axial,
             lost_place=limits.lost_place,
             blind_time=limits.blind_time,
             too_long="it was not in the soil",
         )
+
         rows = seabed_rows(site, limits, job, period)
         super().__init__(rows, monitors, X_WB=X_WB, q=own.vehicle.q_home, period=period)
 
@@ -226,12 +229,14 @@ def seabed_rows(
         touch=job.touch, obstacle="something stands {} mm over the ground as scanned"
     )
     approach = AxialApproach(axial, soil, stone, slow=(math.inf, 0.0), to=-job.guard)
+
     yield from arrival(
         site, limits, then=at_once("approach"), depth=-axial.standoff, offset=0.0, broken=PARK
     )
     yield "approach", TaskRow(approach, states.APPROACH, {PhaseEvent.DONE: "insert"}, WITHDRAW)
     after = {PhaseEvent.DONE: "work" if job.drag else "press"}
     yield "insert", TaskRow(Penetrate(job, soil), states.INSERT, after, WITHDRAW)
+
     if job.drag:
         yield "work", TaskRow(Drag(job, soil), states.WORK, {PhaseEvent.DONE: "withdraw"}, WITHDRAW)
     else:
@@ -241,4 +246,5 @@ def seabed_rows(
         stay = Stay(axial, replace(soil, force_control=True), job.stay)
         yield "press", TaskRow(press, states.PRESS, {PhaseEvent.DONE: "work"}, WITHDRAW)
         yield "work", TaskRow(stay, states.WORK, {PhaseEvent.DONE: "withdraw"}, WITHDRAW)
+
     yield from axial_end(Withdraw(axial, soil, -job.guard))

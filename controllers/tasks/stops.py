@@ -1,5 +1,4 @@
-"""Short stops of a pressed tool on its path: while friction holds it, its joints tell how the hull
-moves.
+"""Short stops of a pressed tool on its path, in which its joints tell how the hull moves.
 
 A zero-velocity update [Foxlin 2005] by the tool in place of a foot. It needs a tool that does not
 slip at rest. The force across it, left from sliding, is therefore let go first.
@@ -26,9 +25,7 @@ class Stops:
 
     @property
     def standing(self) -> bool:
-        """True while the tool does not move along its path: it yields to what would push it over
-        the surface.
-        """
+        """True while the tool stands on its path, and yields to a push across the surface."""
         return self.still > 0.0
 
     def end(self) -> None:
@@ -46,15 +43,21 @@ class Stops:
         """
         limits = self.limits
         self.said = None
+
         if now.paused:  # its force is reduced, and nothing tells whether it holds
             self.end()
             return False
+
         if self.moved < limits.every:
             self.moved += now.period
             return False
+
+        # First brake, then stand
         if pace > 0.0:
             return True
         self.still += now.period
+
+        # Count the time while friction holds the tool
         if not (steady and self._held(axis_W, now)):
             self.since = math.inf
         elif math.isinf(self.since):
@@ -66,6 +69,7 @@ class Stops:
             self.end()
             self.said = said
             return False
+
         if math.isinf(self.since) and self.still > limits.patience:
             self.end()
             return False

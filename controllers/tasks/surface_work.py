@@ -101,6 +101,7 @@ class SurfaceTaskConfig(SurfaceSettings):
                     "the surface whatever is "
                     "set (where less is set, it leaves sooner)"
                 )
+
         standoff = self.approach.standoff
         if self.contactless is not None and not 0.0 < self.contactless <= standoff:
             raise ConfigurationError(
@@ -122,9 +123,7 @@ class SurfaceTaskConfig(SurfaceSettings):
 
 
 class SurfaceWork(TaskPlanner):
-    """Planner (`uuv.sim.interfaces.protocols.Planner`) that works along one tool path on one known
-    object.
-    """
+    """Planner that works along one tool path on one known object."""
 
     def __init__(
         self,
@@ -166,9 +165,11 @@ class SurfaceWork(TaskPlanner):
             search=search,
             holding=holding if job.contactless is None else None,
         )
+
         site = WorkSite(
             own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target)
         )
+
         self.job, self.stand = job, stand
         super().__init__(
             surface_rows(site, job),
@@ -201,13 +202,16 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     press = Press(
         job.press, job.forces[0], job.force_rate, insist=job.force_control, tip=site.own.tip
     )
+
     along = FollowLimits(speed=job.speed, stops=job.promise.stops)
     follow = FollowPath(along, job.forces if job.contactless is None else (), job.force_rate)
     tare = CertainPlace(TareSensors(), job.promise, job.speed)
     stand_off = -approach.standoff
+
     yield from arrival(
         site, job.arrival, then="approach", depth=0.0, offset=stand_off, broken=BREAK_OFF, tare=tare
     )
+
     meet = TaskRow(
         GuardedApproach(approach, job.contactless),
         states.APPROACH,
@@ -217,11 +221,14 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     )
     yield "approach", meet
     yield "press", TaskRow(press, states.PRESS, {PhaseEvent.DONE: "work"}, BREAK_OFF, feels=True)
+
     ends = {
         PhaseEvent.DONE: "unload" if job.presses else "retreat",
         PhaseEvent.MORE: "let go" if job.presses else "lift",
     }
     yield "work", TaskRow(follow, states.WORK, ends, BREAK_OFF, feels=True)
+
+    # Off the surface, and on to the next stretch
     let_go, lift = (
         Unload(job.force_rate, approach.touch),
         Retreat(approach.speed, approach.standoff),
@@ -230,6 +237,7 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     yield "let go", TaskRow(let_go, states.RETREAT, {PhaseEvent.DONE: "lift"}, BREAK_OFF)
     yield "lift", TaskRow(lift, states.RETREAT, {PhaseEvent.DONE: "onward"}, BREAK_OFF)
     yield "onward", TaskRow(onward, states.CLOSE_IN, {PhaseEvent.DONE: "approach"}, BREAK_OFF)
+
     yield from retreat_rows(site, job)
 
 
@@ -250,6 +258,7 @@ def retreat_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
         Retreat(approach.speed, clear),
         Escape(job.escape, clear, site.own.vehicle.q_home),
     )
+
     yield (
         "unload",
         TaskRow(
@@ -259,12 +268,14 @@ def retreat_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
             off,
         ),
     )
+
     yield "retreat", TaskRow(retreat, states.RETREAT, {PhaseEvent.DONE: "parked"}, off)
     yield "rise", TaskRow(escape, states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
     yield (
         "pull back",
         TaskRow(PullBack(motion, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop),
     )
+
     yield "parked", TaskRow(HoldTool(clear), states.DONE, leave=off)
     yield "held", TaskRow(HoldAway(job.escape.leash), states.DONE, leave=stop)
     yield "halt", TaskRow(Halt(), states.RETREAT, {PhaseEvent.DONE: "halted"})
@@ -286,13 +297,12 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         return "" if now.normal > 0.5 * touch else f"contact lost for {limits.lost_time} s"
 
     def leaving_force(held: Held, now: Context) -> float:
-        """In any direction once the tool is released; until then the surface's friction may act
-        across it.
-        """
+        """In any direction once released; until then the surface's friction acts across it."""
         return normal_force(held, now) if held.set_force > touch else contact_force(held, now)
 
     return (
         *fault_monitors(job.arrival.blind_time),
+        # the hull off its place
         Monitor(
             condition=adrift(job.arrival.lost_place),
             reaction=Reaction.RISE,
@@ -311,12 +321,14 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             code=AbortCode.HULL_ADRIFT,
             during=LEAVING,
         ),
+        # the object
         Monitor(
             condition=object_moves(job.promise.tolerance),
             reaction=Reaction.RETREAT,
             code=AbortCode.OBJECT_MOVES,
             during=IN_CONTACT,
         ),
+        # too much force
         Monitor(
             condition=too_much_force(job.force_limit, normal_force),
             reaction=Reaction.RETREAT,
@@ -329,6 +341,7 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             code=AbortCode.FORCE_LIMIT,
             during=LEAVING,
         ),
+        # force not felt or not held, contact lost
         Monitor(
             condition=uncertain_force(limits.sigma),
             reaction=Reaction.RETREAT,

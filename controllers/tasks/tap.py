@@ -1,6 +1,4 @@
-"""Tapping: touches points along a path with a set force for some time, one after another, and notes
-their places.
-"""
+"""Tapping: touches points along a path with a set force for some time, one after another."""
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
@@ -52,9 +50,11 @@ def tap(
 
     def rows() -> Iterable[tuple[str, TaskRow]]:
         approach, clear, ends, states = job.approach, job.approach.standoff, PhaseEvent, WorkState
+
         yield from arrival(
             site, job.arrival, then="approach", depth=0.0, offset=-clear, broken=BREAK_OFF
         )
+
         table: tuple[tuple[str, Phase, WorkState, str], ...] = (
             ("approach", contact.GuardedApproach(approach), states.APPROACH, "press"),
             (
@@ -68,8 +68,10 @@ def tap(
             ("let go", contact.Unload(job.force_rate, approach.touch), states.RETREAT, "lift"),
             ("lift", contact.Retreat(approach.speed, clear), states.RETREAT, "next"),
         )
+
         for name, phase, state, then in table:
             yield name, TaskRow(phase, state, {ends.DONE: then}, BREAK_OFF)
+
         move = contact.NextPoint(points, FollowLimits(speed=job.speed), clear)
         yield (
             "next",

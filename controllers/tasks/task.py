@@ -1,6 +1,4 @@
-"""A task: a table of phases with what follows each, and monitors that watch over them; run by
-`TaskPlanner`.
-"""
+"""A task: a table of phases with what follows each, and monitors; run by `TaskPlanner`."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -86,6 +84,7 @@ class TaskPlanner:
         self.period = period
         self._rows, self._monitors = dict(rows), tuple(monitors)
         self._X_WB, self._q = np.array(X_WB), np.array(q)
+
         for name, row in self._rows.items():
             for after in (*row.then.values(), *row.leave.values()):
                 if after not in self._rows:
@@ -102,6 +101,7 @@ class TaskPlanner:
         """State at the start: the first row."""
         held = Held(X_WB=self._X_WB, X_WB_scan=self._X_WB, q=self._q)
         state = TaskState("", estimate.time, None, held, [0.0] * len(self._monitors))
+
         self._enter(
             state, next(iter(self._rows)), Context(estimate.time, self.period, estimate, None, None)
         )
@@ -128,25 +128,29 @@ class TaskPlanner:
         """
         time = estimate.time if math.isfinite(estimate.time) else state.since
         now = Context(time, self.period, estimate, target, last)
+
         faults = last.faults if last is not None else ()
         state.lost_thrusters = tuple(fault for fault in faults if fault.kind is FaultKind.THRUSTER)
+
         while isinstance(self._advance(state, now), AtOnce):
             pass
         return state, self._reference(state, now)
 
     def _advance(self, state: TaskState, now: Context) -> str | None:
-        """Watch, and step the present phase; the name of the row that was entered after it, if
-        any.
-        """
+        """Watch, and step the present phase; the name of the row entered after it, if any."""
         row = self._rows[state.row]
         if row.feels and now.last is not None and not now.last.contact.known:
             raise ConfigurationError(NO_ESTIMATE)
+
         reaction, cause = watch(self._monitors, state.false_at, row.work, state.held, now)
         if reaction in row.leave:
             state.abort = cause if cause is None else cause.after(state.abort)
             row = self._enter(state, row.leave[reaction], now)
+
         if reaction is Reaction.PAUSE:
             now = replace(now, paused=True)
+
+        # Step the phase; what follows is in its row
         outcome = row.phase.step(state.phase, state.held, now)
         if outcome is None:
             return None
@@ -154,6 +158,7 @@ class TaskPlanner:
             state.abort, after = outcome.after(state.abort), row.leave[Reaction.RETREAT]
         else:
             after = row.then[outcome]
+
         self._enter(state, after, now)
         return after
 
@@ -171,6 +176,7 @@ class TaskPlanner:
         """Reference for the controller in the present phase."""
         row, held, abort = self._rows[state.row], state.held, state.abort
         asked = row.phase.setpoint(state.phase, held, now)
+
         return Reference(
             time=now.time,
             state=WorkState.ABORT if row.work is WorkState.DONE and abort is not None else row.work,
@@ -189,6 +195,7 @@ class TaskPlanner:
             tare=asked.tare,
             scan=asked.scan,
             touch=asked.touch,
+            # for the report
             path_s=self.path_s(held),
             abort=None if abort is None else abort.code,
             note=held.note if abort is None else abort.reason,

@@ -1,9 +1,8 @@
-"""Point touching for kinematic calibration: the arm presses its ball tip into fixed nests under
-joint-torque control.
+"""Point touching for kinematic calibration: the arm presses its ball tip into fixed nests.
 
 Free motion follows joint angles. Over the nest the tip is held by a soft spring. In the nest the
 spring's end then follows the tip, so that no side force remains, and a small constant force presses
-the ball home. The joint torques bear the arm's weight in water.
+the ball home. The arm is under joint-torque control; the torques bear its weight in water.
 """
 
 from collections.abc import Sequence
@@ -75,18 +74,23 @@ def draw_touches(
         for _ in range(tries):
             if len(found) == count:
                 break
+
             R_WG = _direction(nest.z_WN, cone, rng)
             above = pose(R_WG, nest.p_WN + TOUCH.lift * nest.z_WN)
             over, seated = (
                 solve(chain, X_AW @ X, q_start, 1e-4, 1e-3) for X in (above, pose(R_WG, nest.p_WN))
             )
+
             if over.converged and seated.converged:
                 found.append((over.q, Touch(nest=k, R_WG=R_WG)))
+
         if len(found) < count:
             raise ReachError(
                 f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(found)} of {count} directions "
                 "within reach"
             )
+
+        # In the order of nearest joint angles
         at = q_start
         while found:  # next the one nearest in joint angles
             q, touch = found.pop(int(np.argmin([np.abs(q - at).max() for q, _ in found])))
@@ -96,15 +100,15 @@ def draw_touches(
 
 
 def _direction(z: Array, cone: float, rng: np.random.Generator) -> Array:
-    """Random tool frame, its z against `z` within `cone`, uniform over the cap, with a uniform
-    angle about itself.
-    """
+    """Random tool frame, its z against `z` within `cone`, uniform over the cap and about itself."""
     height = rng.uniform(np.cos(cone), 1.0)
     turn, spin = rng.uniform(0.0, 2.0 * np.pi, 2)
     side = np.sqrt(1.0 - height**2)
+
     R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     along = -R @ [side * np.cos(turn), side * np.sin(turn), height]
     R = rotation_from_z(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+
     c, s = np.cos(spin), np.sin(spin)
     return R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -135,25 +139,24 @@ class TouchJob:
         return self.X_WB @ np.array(self.vehicle.X_BA)
 
     def aim(self, plan: TouchProgress) -> tuple[Touch, Nest, Array]:
-        """Present touch, its nest, and p_WN (3,) by the vehicle's own arm model: corrected by its
-        last touches.
-        """
+        """Present touch, its nest, and p_WN (3,) by the arm model, corrected by past touches."""
         touch = self.touches[plan.at]
         nest, found = self.nests[touch.nest], plan.offsets.get(touch.nest)
         return touch, nest, nest.p_WN if not found else nest.p_WN + np.mean(found[-5:], axis=0)
 
     def way(self, plan: TouchProgress, q: Array) -> list[Array]:
-        """Joint angles (n,) to pass to over the next nest, or back to the ready posture after the
-        last touch.
+        """Joint angles (n,) to pass to over the next nest, or back to the ready posture at the end.
 
         The way passes through the ready posture if the straight motion would strike a nest.
         """
         ready = np.array(self.vehicle.q_ready)
         if plan.at >= len(self.touches):
             return [ready]
+
         touch, nest, aim = self.aim(plan)
         over = aim + self.tuning.lift * nest.z_WN
         goal = solve(self.chain, inverse(self.X_WA) @ pose(touch.R_WG, over), ready, 1e-4, 1e-3).q
+
         return [goal] if self._clear(q, goal) else [ready, goal]
 
     def _clear(self, q_from: Array, q_to: Array) -> bool:
@@ -182,9 +185,7 @@ class WayState:
 
 
 class MoveOver(Phase):
-    """Move the joints to over the next nest; more if there is one, done in the ready posture after
-    the last.
-    """
+    """Move the joints to over the next nest (more), or to the ready posture at the end (done)."""
 
     def __init__(self, job: TouchJob) -> None:
         self._job = job
@@ -209,9 +210,12 @@ class MoveOver(Phase):
         """A quintic in time; the pin comes to rest for 0.3 s over a nest."""
         t = now.time - state.since
         last = held.plan_of(TouchProgress).at >= len(self._job.touches)
+
         if last and t >= state.duration:
             held.q, state.qd = state.way[-1], np.zeros(len(held.q))
             return PhaseEvent.DONE
+
+        # Over the nest, or on to the next joint angles
         if t >= state.duration + (0.3 if len(state.way) == 1 else 0.0):
             if len(state.way) == 1:
                 return PhaseEvent.MORE
@@ -223,6 +227,8 @@ class MoveOver(Phase):
                 begun.duration,
             )
             t = 0.0
+
+        # Quintic from rest to rest
         s = min(1.0, t / state.duration)
         blend, rate = (
             s**3 * (10.0 - 15.0 * s + 6.0 * s * s),
@@ -284,6 +290,7 @@ class OverNest(Phase):
         """The end of the spring."""
         plan = held.plan_of(TouchProgress)
         t, tuning = now.time - state.since, self._job.tuning
+
         touch, nest, aim = self._job.aim(plan)
         X_WG = pose(touch.R_WG, aim + (self._start + self._speed * t) * nest.z_WN)
         if not self._reads:
@@ -294,9 +301,7 @@ class OverNest(Phase):
 
 
 class LeaveNest(OverNest):
-    """Motion out of the nest; the place at which the pin was seated corrects the next touches of
-    it.
-    """
+    """Motion out of the nest; the position of the seated pin corrects the next touches of it."""
 
     def enter(self, held: Held, now: Context) -> NestState:
         """Compute where the pin is."""
@@ -308,9 +313,11 @@ class LeaveNest(OverNest):
     def step(self, state: NestState, held: Held, now: Context) -> Outcome:
         """Take the offset over; done above the nest."""
         plan, job = held.plan_of(TouchProgress), self._job
+
         if state.offset is not None and float(np.linalg.norm(state.offset)) < job.tuning.believable:
             plan.offsets.setdefault(job.touches[plan.at].nest, []).append(state.offset)
         state.offset = None
+
         outcome = super().step(state, held, now)
         plan.at += outcome is not None
         return outcome
@@ -350,15 +357,18 @@ class TouchSequence(TaskPlanner):
             X_WB=X_WB,
             tuning=tuning,
         )
+
         way, fast, ends, states = (
             tuning.lift + tuning.beyond,
             2.0 * tuning.descent,
             PhaseEvent,
             WorkState,
         )
+
         down = OverNest(job, way / tuning.descent, tuning.lift, -tuning.descent)
         press = OverNest(job, tuning.settle + tuning.reading, -tuning.beyond, 0.0, reads=True)
         up = LeaveNest(job, way / fast, -tuning.beyond, fast)
+
         rows = {
             "over": TaskRow(MoveOver(job), states.CLOSE_IN, {ends.MORE: "down", ends.DONE: "held"}),
             "down": TaskRow(down, states.APPROACH, {ends.DONE: "press"}),
@@ -366,4 +376,5 @@ class TouchSequence(TaskPlanner):
             "up": TaskRow(up, states.RETREAT, {ends.DONE: "over"}),
             "held": TaskRow(Hold(), states.DONE),
         }
+
         super().__init__(rows.items(), (), X_WB=X_WB, q=vehicle.q_home, period=0.004)

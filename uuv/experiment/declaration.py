@@ -279,6 +279,6 @@ def _imported(made: Experiment[Any, Any]) -> Experiment[Any, Any]:
     module = import_module(name)
     if Path(str(module.__file__)).resolve() != file:
         raise ConfigurationError(
-            f"{file}: Python finds another module {name!r} first ({module.__file__}); rename the file"
+            f"{file}: Python finds another module {name!r} first ({module.__file__}); rename it"
         )
     return getattr(module, made.__qualname__)

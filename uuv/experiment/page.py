@@ -124,7 +124,7 @@ class Page:
         least: float = -np.inf,
         where: Where | None = None,
     ) -> Self:
-        """Adds a bound: exit code 0, and "accepted" on the page, only if the statistic is within it.
+        """Adds a bound: exit code 0, and "accepted" on the page, only if the statistic is in it.
 
         Args:
             of: Statistic; a share is compared without its interval.

@@ -123,7 +123,7 @@ def long_classes(page: Page) -> Iterator[Offence]:
     """Lines of a class beyond those allowed."""
     for node in page.nodes:
         if isinstance(node, ast.ClassDef):
-            yield from _excess(node, _length(node), CLASS_LINES, "lines")
+            yield from _excess(node, _length(page, node), CLASS_LINES, "lines")
 
 
 def long_functions(page: Page) -> Iterator[Offence]:
@@ -133,15 +133,15 @@ def long_functions(page: Page) -> Iterator[Offence]:
             inner = [
                 item for item in ast.walk(node) if isinstance(item, Definition) and _is_kernel(item)
             ]
-            yield from _excess(
-                node, _length(node) - sum(map(_length, inner)), FUNCTION_LINES, "lines"
-            )
+            length = _length(page, node) - sum(_length(page, item) for item in inner)
+            yield from _excess(node, length, FUNCTION_LINES, "lines")
 
 
 def long_files(page: Page) -> Iterator[Offence]:
     """Lines of a file beyond those allowed."""
-    if len(page.lines) > FILE_LINES:
-        yield Offence(1, len(page.lines) - FILE_LINES, f"{len(page.lines)} lines of {FILE_LINES}")
+    length = _count(page.lines)
+    if length > FILE_LINES:
+        yield Offence(1, length - FILE_LINES, f"{length} lines of {FILE_LINES}")
 
 
 def asserted_types(page: Page) -> Iterator[Offence]:
@@ -183,8 +183,13 @@ def _excess(node: Function | ast.ClassDef, number: int, most: int, unit: str) ->
         yield Offence(node.lineno, number - most, f"{node.name}: {number} {unit}, at most {most}")
 
 
-def _length(node: Function | ast.ClassDef) -> int:
-    return (node.end_lineno or node.lineno) - node.lineno + 1
+def _length(page: Page, node: Function | ast.ClassDef) -> int:
+    return _count(page.lines[node.lineno - 1 : node.end_lineno])
+
+
+def _count(lines: list[str]) -> int:
+    """Lines but for the pauses: air makes nothing longer."""
+    return sum(not _is_pause(line) for line in lines)
 
 
 def _words(nodes: list[ast.expr]) -> set[str]:

@@ -27,10 +27,10 @@ PAGES = {
     ),
     "fields": (CLASS + "    deepest: ClassVar[float]\n", CLASS + "    deepest: float\n"),
     "class-lines": (
-        "class Water:\n" + 249 * "    depth = 3.0\n",
+        "class Water:\n" + 249 * "    depth = 3.0\n\n",
         "class Water:\n" + 250 * "    depth = 3.0\n",
     ),
-    "function-lines": (BODY + 59 * LINE, BODY + 60 * LINE),
+    "function-lines": (BODY + 59 * (LINE + "    # deep\n"), BODY + 60 * LINE),
     "file-lines": (FILE, FILE + "DEPTH = 3.0\n"),
     "asserts": ("assert depth is not None\n", "assert isinstance(depth, float) and depth > 0.0\n"),
 }

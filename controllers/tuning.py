@@ -149,7 +149,7 @@ class ArmTuning:
 
     @property
     def servo_gains(self) -> Array:
-        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, limit [rad s]."""
+        """(4,) of the servo: stiffness [1/s^2], damping [1/s], integral [1/s^3]; limit [rad s]."""
         w = self.joint_frequency
         return np.array(
             [

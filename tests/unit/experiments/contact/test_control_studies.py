@@ -10,7 +10,7 @@ import pytest
 from experiments.contact import force_step_figures as step_response
 from experiments.contact import force_steps
 from experiments.faults import gyro_steps
-from experiments.vehicles import pushed_hover as hover
+from experiments.vehicles import hover
 from uuv.sim.interfaces.messages import FaultKind
 
 
@@ -27,7 +27,9 @@ def test_cells_of_a_push_are_median_quantile_and_largest_and_the_current_is_rms(
         "current_error": [0.03, -0.01],
         "command_rate": 0.123,
     }
-    assert hover.cells_of(row) == [
+    columns = hover.hover.columns
+    cells = [figure.bound_to(columns, "test").cell([row]) for figure in hover.FIGURES]
+    assert cells == [
         "10.0, 19.0, 20.0",
         "1.0, 1.9, 2.0",
         "5.0, 9.5, 10.0",

@@ -181,8 +181,7 @@ def solve(
     axis_tolerance: float | None = None,
     turn_tolerance: float | None = None,
 ) -> IkResult:
-    """Solve the inverse kinematics of a chain for one tip pose, starting at `q0`, within the joint
-    limits.
+    """Solve the inverse kinematics of a chain for one tip pose, from `q0`, within joint limits.
 
     A part of the pose whose tolerance is infinite does not count: `orientation_tolerance=inf` asks
     for a position alone, `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for
@@ -569,9 +568,7 @@ def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """Convert `values` to contiguous float64 of `shape`; the compiled loops validate the
-    numbers.
-    """
+    """`values` as contiguous float64 of `shape`; the compiled loops validate numbers."""
     array = _stack(values, name)
     if array.shape != shape:
         raise ConfigurationError(f"{name}: expected shape {shape}, got {array.shape}")

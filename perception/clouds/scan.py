@@ -130,9 +130,7 @@ class KnownObjects:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scan:
-    """One frame of a depth sensor: a point for each pixel of a pinhole grid, in the sensor
-    frame S.
-    """
+    """One frame of a depth sensor: a point for each pixel of a pinhole grid, in S."""
 
     points: Array  # (h, w, 3) [m], NaN without echo
     tangent_x: Array  # (w,) x/z of each column
@@ -153,9 +151,7 @@ class Scan:
 
     @cached_property
     def pitch(self) -> float:
-        """Angle between neighbouring pixels, as a tangent; the geometric mean where they are not
-        square.
-        """
+        """Tangent of the angle between pixels; the geometric mean where they are not square."""
         return float(np.sqrt(self.pitches.prod()))
 
     @property
@@ -244,8 +240,7 @@ class Scan:
 
     @classmethod
     def from_cloud(cls, cloud: ArrayLike) -> "Scan":
-        """Scan of an unordered (n, 3) or organised (h, w, 3) cloud [m] in S; invalid points are
-        left out.
+        """Scan of an unordered (n, 3) or organised (h, w, 3) cloud [m] in S, less bad points.
 
         The pixels of a depth sensor are kept or recovered where there are any (`cloud_grid`).
         Points behind the sensor (z <= 0) or farther than 100 km are invalid.
@@ -598,9 +593,7 @@ def connected_surfaces(points: Array, reach: float, normals: Array | None = None
 
 
 def voxel_means(points: Array, size: float) -> Array:
-    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in a fixed
-    order.
-    """
+    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], ordered."""
     low = np.array([axis.min() for axis in points.T])  # much faster than over axis 0 of narrow rows
     cells = np.floor((points - low) / size).astype(np.int64)
     shape = np.array([axis.max() for axis in cells.T]) + 1

@@ -1,6 +1,4 @@
-"""Target finder: identifies a known object in depth frames or sonar scans and plans the tool path
-on it.
-"""
+"""Target finder: identifies a known object in depth frames or sonar scans, and plans the path."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -81,8 +79,7 @@ class FinderState:
 
 
 class KnownObjectFinder:
-    """Target finder for one known object near its coarse detection; plans the tool path on the
-    scanned surface.
+    """Target finder for one known object near its coarse detection; plans the tool path.
 
     Implements `uuv.sim.interfaces.protocols.TargetFinder`.
     """
@@ -319,8 +316,7 @@ def _in_world(X_WC: Array, path: ToolPath) -> ToolPath:
 
 
 def fused(looks: Sequence[Frame]) -> Scan:
-    """Median depth of several frames in the grid and sensor frame of the last one; NaN where too
-    few have depth.
+    """Median depth of frames in the sensor frame of the last one; NaN where few have depth.
 
     A stereo matcher errs in patches, differently in every frame. A mean over the neighbours in one
     frame keeps this error; a median over frames removes it, and what a single frame shows alone:

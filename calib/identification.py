@@ -1,5 +1,4 @@
-"""Kinematic calibration of an arm from touches of unknown points in many orientations, after
-[Yukhimets 2023].
+"""Kinematic calibration of an arm from touches of unknown points, after [Yukhimets 2023].
 
 A prior keeps the estimate from collapsing to an arm of size zero.
 
@@ -82,9 +81,7 @@ class Outlier:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Combination:
-    """An observable combination of parameters: weighted sum of their changes over
-    `RankReport.scales`.
-    """
+    """An observable combination: weighted sum of changes over `RankReport.scales`."""
 
     text: str  # its largest terms
     weights: Array  # (P,) of the changes over `RankReport.scales`, unit length
@@ -175,9 +172,7 @@ class Calibration:
 
     @property
     def dh(self) -> Array:
-        """Standard DH (n, 4) of exactly the identified arm: theta0 [rad], d [m], a [m], alpha
-        [rad].
-        """
+        """Standard DH (n, 4) of the identified arm: theta0 [rad], d [m], a [m], alpha [rad]."""
         return self.arm.dh
 
     @property
@@ -217,9 +212,7 @@ class Calibration:
         return float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees_of_freedom, 1.0)))
 
     def combinations(self, confidence: float = 0.95) -> tuple[Combination, ...]:
-        """Observable combinations of the free parameters with confidence intervals, best observed
-        first.
-        """
+        """Observable combinations of free parameters, best first, with confidence intervals."""
         report, quantile = self.rank_free, self.quantile(confidence)
         out = []
         for i, weights in enumerate(report.directions):
@@ -236,8 +229,7 @@ class Calibration:
         return tuple(out)
 
     def scale(self, q: ArrayLike) -> tuple[float, float]:
-        """Scale of the identified arm relative to the nominal one, from flange positions at poses
-        `q` (N, n).
+        """Scale of the identified arm to the nominal one, from flanges at poses `q` (N, n).
 
         A scale of 1.001 means: where the nominal arm moves 1 m, the identified one moves 1.001 m.
 
@@ -319,9 +311,7 @@ class Calibration:
         return factor * np.sqrt(variance)
 
     def deflected(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
-        """True joint positions (M, n) at encoder readings `q` (M, n), deflected under
-        `payload_mass` [kg].
-        """
+        """Joint positions (M, n) at readings `q` (M, n), deflected under `payload_mass` [kg]."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         if self.loads is None:
             return values
@@ -340,8 +330,7 @@ def identify(
     loads: Loads | None = None,
     method: Method | MapFit = "map",
 ) -> Calibration:
-    """Identify an arm from touches of unknown points: `series` holds one (m_i, n) array of joint
-    values per point.
+    """Identify an arm from touches; `series` holds joint values (m_i, n) for each unknown point.
 
     Deterministic.
 
@@ -423,9 +412,7 @@ def _map_fit(
     prior: Mapping[str, float] | None,
     how: MapFit,
 ) -> tuple[Fit, Data, Parameters]:
-    """Maximum a posteriori estimate: the fit, its data with outliers at weight 0, and the
-    parameters left free.
-    """
+    """Maximum a posteriori estimate: fit, data with outliers at weight 0, free parameters."""
     arm, mean, elastic = observed.arm, observed.mean, observed.loads is not None
     default = (*DEFAULT_FREE, "compliance") if elastic else DEFAULT_FREE
     try:

@@ -1,5 +1,4 @@
-"""Hydrodynamic coefficients of bodies: data classes, their table inside an MjSpec, and closed forms
-for plain shapes.
+"""Hydrodynamic coefficients of bodies: data, their table in an MjSpec, forms of plain shapes.
 
 Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's
 order). They are stored in `body.userdata`, one row of `LAYOUT.size` numbers per body. A compiled
@@ -233,8 +232,7 @@ def attach(
 
 
 def density_of(spec: mujoco.MjSpec) -> float:
-    """Density of the water [kg/m^3] in `spec`: the world's, else that of its bodies, else
-    `SEA_WATER`.
+    """Density of water [kg/m^3] in `spec`: the world's, else its bodies', else `SEA_WATER`.
 
     Raises:
         ConfigurationError: the bodies have different densities.
@@ -278,8 +276,7 @@ def water_density(model: mujoco.MjModel) -> float:
 
 
 def world_row(model: mujoco.MjModel) -> Array:
-    """Row of the world of a compiled wet model, as a live view; created with its density where
-    missing.
+    """Row of the world of a compiled wet model, a live view; created where it is missing.
 
     Raises:
         ConfigurationError: as `water_density`.
@@ -429,8 +426,7 @@ def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
 def trim(
     spec: mujoco.MjSpec, body: str, *, metacentric_height: float, qpos: ArrayLike | None = None
 ) -> BodyHydrodynamics:
-    """Ballast the tree of `body`: set that body's volume and centre of buoyancy so that the tree
-    floats at rest.
+    """Ballast a tree: its `body` gets the volume and centre of buoyancy with which it floats.
 
     Afterwards the tree's buoyancy equals its weight. Its centre of buoyancy lies straight above its
     centre of mass, against gravity. Every other coefficient stays. All bodies must have their
@@ -756,9 +752,7 @@ def _body_named(spec: mujoco.MjSpec, name: object) -> Any:
 
 
 def _numbers(userdata: Sequence[float]) -> Array:
-    """Array of MuJoCo's vector `userdata`, number by number: fifteen times as fast as NumPy's
-    own.
-    """
+    """Array of MuJoCo's vector `userdata`, by numbers: fifteen times as fast as NumPy's."""
     return np.array([userdata[k] for k in range(len(userdata))])
 
 

@@ -1,6 +1,4 @@
-"""A vehicle in a compiled model: indices, limits, keyframes and thrusters, looked up once by
-`uuv.models.naming`.
-"""
+"""A vehicle in a compiled model: indices, limits, keyframes and thrusters, looked up once."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -47,8 +45,7 @@ class Vehicle:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, names: PartNames = USUAL_NAMES) -> "Vehicle":
-        """Look the vehicle up in a compiled model; one with neither `arm_base` nor `tip` has no
-        arm.
+        """The vehicle in a compiled model; with neither `arm_base` nor `tip` it has no arm.
 
         Args:
             model: compiled model with a vehicle by the contract of `uuv.models.naming`.

@@ -13,8 +13,7 @@ anything else.
 import os
 from pathlib import Path
 
-# All matrices are small: a second thread of BLAS saves no time and burns a core. Read when numpy is
-# first imported.
+# Matrices are small: a second thread of BLAS burns a core. Read when numpy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _HERE = Path(__file__).resolve().parent

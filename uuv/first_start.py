@@ -37,8 +37,7 @@ from uuv.sim.interfaces.kernels.stored import counts
 from uuv.sim.interfaces.tables import TableReader
 
 LIST = Path(__file__).with_suffix(".json")
-# functions that compile something: their argument, roughly their seconds, and the kernels that come
-# first
+# Functions that compile something: argument, seconds (roughly), kernels that come first.
 CALLS = (
     ("uuv.sim.hydrodynamics:install", (), 8.0, "uuv.sim.native."),
     ("uuv.controllers.ik.entries:entry", ("kinematics",), 0.5, "uuv.controllers.ik."),

@@ -411,8 +411,7 @@ def tip_kinematics(arm, work, X_BG, J_B):
         b = layout[0, b]
 
 
-# Entries from Python take records as plain tuples: numba finds the type of a NamedTuple ten times
-# as slowly.
+# Entries from Python take plain tuples: numba finds the type of a NamedTuple ten times slower.
 
 
 @kernel

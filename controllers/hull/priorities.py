@@ -18,8 +18,7 @@ import numpy as np
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-# Axes of a wrench on the hull, hull axes: what comes first is given up last where thrusters
-# saturate.
+# Axes of a wrench on the hull, hull axes: the first is given up last where thrusters saturate.
 PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
 # After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss
 # of depth control.

@@ -24,13 +24,8 @@ class Shelter:
         gap = p_W - np.array(self.place)
         behind = gap @ along
         aside = np.linalg.norm(gap - behind * along)
-        return (
-            -self.share
-            * 0.5
-            * (1.0 + np.tanh(behind / 0.5))
-            * np.exp(-((aside / 0.5) ** 2))
-            * stream
-        )
+        wake = 0.5 * (1.0 + np.tanh(behind / 0.5)) * np.exp(-((aside / 0.5) ** 2))
+        return -self.share * wake * stream
 
 
 @dataclass(frozen=True, kw_only=True)

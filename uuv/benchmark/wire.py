@@ -28,8 +28,7 @@ _NO_LOAD, _SAME_LOAD, _NEW_LOAD = 0.0, 1.0, 2.0
 _REST = 2 + 7 + 1 + 9  # numbers beside torques and thrusters
 # first letter of a message: an estimate as numbers; one with entries that are rare
 _PLAIN, _PICKLED = b"E", b"P"
-# Fields of an estimate in their order, with the shapes of those that do not depend on the number of
-# joints.
+# Fields of an estimate in order, with the shapes of those that have none per joint.
 _FIELDS: dict[str, tuple[int, ...]] = {
     "X_WB": (4, 4),
     "v_WB_B": (3,),

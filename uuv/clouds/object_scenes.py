@@ -32,8 +32,7 @@ from uuv.sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise
 from uuv.sim.sensors.sonar import BEAMS, NOISE, Sonar, SonarBeams, SonarNoise
 
 FOCAL = 554.0  # [px] focal length of an image of 640 x 480
-# Objects whose centre does not show their height: aim of the camera p_T [m], range of its elevation
-# [rad].
+# Objects whose centre does not show their height: camera aim p_T [m], elevations [rad].
 _AIM = {"pile": ((0.0, 0.0, 0.2), (-0.25, 0.5))}
 # Default range of the camera's elevation above the horizon of T [rad].
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(70.0))

@@ -12,8 +12,7 @@ from uuv.perturbations.perturbation import Perturbation, perturb
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 
-# Numbers of a model that perturbations of a vehicle change, by the kind of thing that they belong
-# to.
+# Numbers of a model that perturbations of a vehicle change, by what they belong to.
 _OF_BODY = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_user")
 _OF_DOF = ("dof_damping", "dof_frictionloss", "dof_armature")
 _OF_JOINT = ("jnt_stiffness", "jnt_user", "jnt_range")

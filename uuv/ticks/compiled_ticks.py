@@ -42,8 +42,7 @@ from uuv.sim.plant.readout import COLLISION, LEAST, MOST, NORMAL
 from uuv.sim.sensors.proprioception import encode, sense_motion, transmit
 
 _NEW, _PLANNED, _COMMANDED = int(Stage.NEW), int(Stage.PLANNED), int(Stage.COMMANDED)
-# Called by other kernels only: entries from Python would take a third of the time of compiling
-# `run_ticks`.
+# Called by kernels only: entries from Python would add a third to compiling `run_ticks`.
 _WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _CHANNELS = ("encoders", "torques", "imu")  # of the sensors of every tick, in the order of `Sensed`
 

@@ -10,32 +10,7 @@ import pytest
 from experiments.contact import force_step_figures as step_response
 from experiments.contact import force_steps
 from experiments.faults import gyro_steps
-from experiments.vehicles import pushed_hover as hover
 from uuv.sim.interfaces.messages import FaultKind
-
-
-def test_cells_of_a_push_are_median_quantile_and_largest_and_the_current_is_rms():
-    """Of 0 to 20 mm the 95 % is 19 mm; errors of the current of 30 and 10 mm/s have an RMS of
-    22.
-    """
-    row: dict[str, Any] = {
-        "excursion": (1e-3 * np.arange(21)).tolist(),
-        "tilt": np.radians(0.1 * np.arange(21)).tolist(),
-        "turn": np.radians(0.5 * np.arange(21)).tolist(),
-        "saturated": [0.0, 0.1],
-        "force_error": [4.0, 8.0],
-        "current_error": [0.03, -0.01],
-        "command_rate": 0.123,
-    }
-    assert hover.cells_of(row) == [
-        "10.0, 19.0, 20.0",
-        "1.0, 1.9, 2.0",
-        "5.0, 9.5, 10.0",
-        "5.0",
-        "6",
-        "22",
-        "0.12",
-    ]
 
 
 def test_spread_of_the_steps_is_about_their_mean_response():

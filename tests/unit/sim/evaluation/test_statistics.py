@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from uuv.sim.evaluation.statistics import crashed_run, kind_of_failure, share_interval, spread, verdicts
+from uuv.sim.evaluation.statistics import (
+    crashed_run,
+    kind_of_failure,
+    share_interval,
+    spread,
+    verdicts,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import AbortCode
 

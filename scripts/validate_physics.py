@@ -85,7 +85,7 @@ class Row:
         ]
 
 
-class Page:
+class ValidationPage:
     """A pytest plug-in that collects the rows, in the order of the tests."""
 
     def __init__(self) -> None:
@@ -140,7 +140,7 @@ def main() -> int:
 def run(options: ValidateOptions) -> int:
     """Runs the checks, prints and writes the table; exit code 0 if all hold."""
     out = new_folder("validate", options.out).resolve()
-    page, begin, worked = Page(), time.perf_counter(), time.process_time()
+    page, begin, worked = ValidationPage(), time.perf_counter(), time.process_time()
     stopped = pytest.main(
         [
             str(ROOT / "tests" / "physics"),

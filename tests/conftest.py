@@ -254,9 +254,13 @@ def script(ended):
     scripts/experiments/contact/contact.py does, in this process.
     """
 
+    from uuv.experiment.declaration import experiments_in  # pyarrow, which few tests need
+
     def run(name: str, *arguments: object) -> Run:
         module = import_module(name)
-        return ended(lambda: run_scenario(module.main), f"{name}.py", *arguments)
+        declared = experiments_in(module)
+        main = declared[0].main if declared else module.main
+        return ended(lambda: run_scenario(main), f"{name}.py", *arguments)
 
     return run
 

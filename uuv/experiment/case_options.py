@@ -11,7 +11,8 @@ from uuv.experiment.options import HarnessOptions
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.help_texts import help_texts
 
-SEED, RUNS = "seed", "runs"
+SEED = "seed"
+RUNS = "runs"
 _NAMES_OF_OPTIONS = {entry.name for entry in fields(HarnessOptions)} | {RUNS}
 
 
@@ -41,6 +42,7 @@ class CaseSpace:
                     f"{self.base.__name__} has no field {name!r} to vary; it has "
                     f"{', '.join(known)}{did_you_mean(name, known)}"
                 )
+
         for name in known:
             if name in _NAMES_OF_OPTIONS:
                 raise ConfigurationError(
@@ -55,17 +57,21 @@ class CaseSpace:
         Args:
             about: Help text of the command.
         """
-        hints, texts = get_type_hints(self.base), dict(help_texts(self.base))
+        hints = get_type_hints(self.base)
+        texts = dict(help_texts(self.base))
         members: list[tuple[str, Any, Any]] = []
+
         if self.seeds:
             members.append((RUNS, int, field(default=self.seeds)))
             texts[RUNS] = "Number of seeds, from --seed on."
             texts.setdefault(SEED, "Seed of the first run.")
 
         for entry in fields(self.base):
-            hint, default = hints[entry.name], _default(entry)
+            hint = hints[entry.name]
+            default = _default(entry)
             if entry.name in self.vary:
-                hint, default = tuple[hint, ...], field(default=tuple(self.vary[entry.name]))
+                hint = tuple[hint, ...]
+                default = field(default=tuple(self.vary[entry.name]))
             elif entry.name == SEED and self.seeds and default.default is MISSING:
                 default = field(default=0)
             members.append((entry.name, hint, default))
@@ -73,6 +79,7 @@ class CaseSpace:
         names = [name for name, _, _ in members]
         harness = [entry.name for entry in fields(ExperimentOptions)]
         groups = {"cases": " ".join(names), "harness": " ".join(harness)}
+
         return make_dataclass(
             "Options",
             members,
@@ -90,6 +97,7 @@ class CaseSpace:
         """
         for name, values in self.vary.items():
             _check_words(name, getattr(options, name), values)
+
         if self.expand is None:
             return list(self._bases(options))
         return [case for base in self._bases(options) for case in self.expand(base)]
@@ -101,6 +109,7 @@ class CaseSpace:
             for entry in fields(self.base)
             if entry.name not in self.vary
         }
+
         combinations = [
             dict(zip(self.vary, values, strict=True))
             for values in product(*(getattr(options, name) for name in self.vary))
@@ -120,11 +129,12 @@ def _check_words(name: str, values: Sequence[Any], known: Sequence[Any]) -> None
     option = f"--{name.replace('_', '-')}"
     if not values:
         raise ConfigurationError(f"{option}: needs at least one value")
+
     for value in values:
         if isinstance(value, str) and value not in known:
-            there = ", ".join(map(str, known))
+            listed = ", ".join(map(str, known))
             raise ConfigurationError(
-                f"{option}: no {value!r}; there are {there}{did_you_mean(value, known)}"
+                f"{option}: no {value!r}; there are {listed}{did_you_mean(value, known)}"
             )
 
 

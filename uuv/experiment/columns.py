@@ -21,7 +21,7 @@ _SAME = 1e-6  # relative; floating-point libraries of other machines differ by l
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Column:
+class ResultColumn:
     """How a column of rows is named, shown and compared."""
 
     name: str  # in the rows
@@ -43,12 +43,16 @@ class Column:
         """A value of a row as text."""
         if value is None:
             return "-"
-        if isinstance(value, bool):
-            return "yes" if value else "no"
-        if isinstance(value, list):
-            return ", ".join(map(self.cell, value))
+
+        # a table or a list of values
         if isinstance(value, Mapping):
             return ", ".join(f"{key} {self.cell(item)}" for key, item in value.items())
+        if isinstance(value, list):
+            return ", ".join(map(self.cell, value))
+
+        # a single value
+        if isinstance(value, bool):
+            return "yes" if value else "no"
         if isinstance(value, int) and self.factor == 1.0:
             return str(value)
         return self.number(self.factor * value) if isinstance(value, int | float) else str(value)
@@ -80,23 +84,24 @@ def column(
             None: it is never compared, such as a computing time.
         default: Default of the field.
     """
-    declared = Column(
+    declared = ResultColumn(
         name="", label=label, unit=unit, digits=digits, factor=factor, by=by, tolerance=tolerance
     )
     return field(default=default, metadata={_METADATA: declared})
 
 
-def columns_of(case: type[Any], row: type[Any]) -> dict[str, Column]:
+def columns_of(case: type[Any], row: type[Any]) -> dict[str, ResultColumn]:
     """Columns by name: those of the case, then those of what its run gives.
 
     Raises:
         ConfigurationError: Both have a field of one name.
     """
+    columns: dict[str, ResultColumn] = {}
     texts = help_texts(case)
-    columns: dict[str, Column] = {}
+
     for entry in fields(case):
         unit = _UNIT.search(texts.get(entry.name, ""))
-        columns[entry.name] = Column(name=entry.name, unit=unit[1] if unit else "")
+        columns[entry.name] = ResultColumn(name=entry.name, unit=unit[1] if unit else "")
 
     for entry in fields(row):
         if entry.name in columns:
@@ -104,12 +109,12 @@ def columns_of(case: type[Any], row: type[Any]) -> dict[str, Column]:
                 f"{row.__name__}.{entry.name}: {case.__name__} has a field of that name; a row "
                 "holds both"
             )
-        declared: Column = entry.metadata.get(_METADATA, Column(name=entry.name))
+        declared: ResultColumn = entry.metadata.get(_METADATA, ResultColumn(name=entry.name))
         columns[entry.name] = replace(declared, name=entry.name)
     return columns
 
 
-def known_column(columns: Mapping[str, Column], name: str, what: str) -> Column:
+def known_column(columns: Mapping[str, ResultColumn], name: str, what: str) -> ResultColumn:
     """The column `name`, for `what`, which begins the message.
 
     Raises:
@@ -123,7 +128,7 @@ def known_column(columns: Mapping[str, Column], name: str, what: str) -> Column:
     return columns[name]
 
 
-def check_names(columns: Mapping[str, Column], row: Mapping[str, Any], where: str) -> None:
+def check_names(columns: Mapping[str, ResultColumn], row: Mapping[str, Any], where: str) -> None:
     """Refuses a row with other columns: of an earlier version of the experiment.
 
     Raises:
@@ -131,6 +136,7 @@ def check_names(columns: Mapping[str, Column], row: Mapping[str, Any], where: st
     """
     lacking = [name for name in columns if name not in row]
     unknown = [name for name in row if name not in columns]
+
     if lacking or unknown:
         faults = [f"no column {', '.join(lacking)}"] if lacking else []
         faults += [f"{', '.join(unknown)} is none of its columns"] if unknown else []
@@ -140,7 +146,7 @@ def check_names(columns: Mapping[str, Column], row: Mapping[str, Any], where: st
 
 
 def records_by(
-    columns: Mapping[str, Column], rows: Sequence[Mapping[str, Any]], keys: Sequence[str]
+    columns: Mapping[str, ResultColumn], rows: Sequence[Mapping[str, Any]], keys: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Rows with plain values where the columns have tables with these keys.
 
@@ -153,9 +159,11 @@ def records_by(
         One record for each row and key; none for a row whose tables are None.
     """
     records = [dict(row) for row in rows]
+
     for key in keys:
         if key in columns:
             continue
+
         tables = [name for name, entry in columns.items() if entry.by == key]
         records = [
             {**record, **{name: (record[name] or {}).get(word) for name in tables}, key: word}

@@ -19,19 +19,21 @@ from dataclasses import fields, is_dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, TypeVar, get_type_hints
 
 from uuv.catalogue import EXPERIMENTS
 from uuv.experiment.case_options import CaseSpace, ExperimentOptions
-from uuv.experiment.columns import Column, check_names, columns_of
+from uuv.experiment.columns import ResultColumn, check_names, columns_of
 from uuv.experiment.harness import Study, Summary
 from uuv.experiment.local_processes import NO_LIMITS
 from uuv.experiment.page import Page
 from uuv.experiment.row_log import KEY, TIMING
 from uuv.experiment.row_table import Row, read_rows
 from uuv.experiment.worker import Limits
-from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
 from uuv.sim.interfaces.files import folder_given, folder_name
+from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.run_folder import RUNS
 
 Case = TypeVar("Case")
@@ -52,16 +54,23 @@ class Experiment(Generic[Case, Outcome]):
         run: Callable[[Case], Outcome],
         space: CaseSpace,
         *,
-        columns: Mapping[str, Column],
+        columns: Mapping[str, ResultColumn],
         quick: Mapping[str, Any],
         failed: Callable[[Case, str], Outcome] | None,
     ) -> None:
-        self.name, self.run, self.space, self.columns = name, run, space, columns
+        self.name = name
+        self.run = run
+        self.space = space
+        self.columns = columns
         self.quick = quick  # options of the quick subset
         self.limits: Limits = NO_LIMITS
         self.line: Callable[[Row], str] = lambda _: ""
-        self._failed, self._page = failed, Page()
-        self.__module__, self.__qualname__ = run.__module__, run.__qualname__
+        self._failed = failed
+        self._page = Page()
+
+        # as functools.wraps does: a worker imports it by these names
+        self.__module__ = run.__module__
+        self.__qualname__ = run.__qualname__
         self.__doc__ = run.__doc__
 
     def __call__(self, case: Case) -> Outcome:
@@ -79,6 +88,11 @@ class Experiment(Generic[Case, Outcome]):
 
     @page.setter
     def page(self, page: Page) -> None:
+        """Sets the page.
+
+        Raises:
+            ConfigurationError: It names what is no column.
+        """
         page.check(self.columns)
         self._page = page
 
@@ -109,14 +123,22 @@ class Experiment(Generic[Case, Outcome]):
         Raises:
             ConfigurationError: There is no such option.
         """
+        self.check_options(values)
+        return self.options(**values)
+
+    def check_options(self, names: Iterable[str]) -> None:
+        """Refuses names that are no options.
+
+        Raises:
+            ConfigurationError: Which one, and those that there are.
+        """
         known = [entry.name for entry in fields(self.options)]
-        for name in values:
+        for name in names:
             if name not in known:
                 raise ConfigurationError(
                     f"experiment {self.name}: no option {name!r}; there are {', '.join(known)}"
                     f"{did_you_mean(name, known)}"
                 )
-        return self.options(**values)
 
     def main(self) -> int:
         """Command of the experiment: parses the command line, runs or resumes; the exit code."""
@@ -165,8 +187,18 @@ class Experiment(Generic[Case, Outcome]):
         )
 
     def row(self, case: Case) -> Row:
-        """Runs a case; its row has the fields of the case, then those of the outcome."""
-        return self._row(case, self.run(case))
+        """Runs a case; its row has the fields of the case, then those of the outcome.
+
+        Raises:
+            ConfigurationError: The run refused its case; the message says which one.
+        """
+        try:
+            return self._row(case, self.run(case))
+        except UuvError as error:
+            if self._failed is not None:  # the error has a column of its own
+                raise
+            values = ", ".join(f"{key} {shown(value)}" for key, value in vars_of(case).items())
+            raise ConfigurationError(f"experiment {self.name}, {values}: {error}") from error
 
     def summary(self, rows: Sequence[Row]) -> Summary:
         """The page for some rows.
@@ -188,6 +220,7 @@ class Experiment(Generic[Case, Outcome]):
             raise ConfigurationError(
                 f"experiment {self.name}: a run must give its row, a dataclass; got {kind}"
             )
+
         parts = (case, outcome)
         return {name: value for part in parts for name, value in vars_of(part).items()}
 
@@ -221,19 +254,29 @@ def experiment(
     """
 
     def decorated(run: Callable[[Case], Outcome]) -> Experiment[Case, Outcome]:
-        case, row = _argument(run), get_type_hints(run).get("return")
-        base = case if cases is None else _argument(cases)
-        if row is None or not is_dataclass(row):
+        case = _argument(run)
+        row = get_type_hints(run).get("return")
+        if not isinstance(row, type) or not is_dataclass(row):
             raise ConfigurationError(f"{run.__name__}: must return a dataclass, by annotation")
 
+        base = case if cases is None else _argument(cases)
         space = CaseSpace(base=base, seeds=seeds, vary=vary or {}, paired=paired, expand=cases)
         columns = columns_of(case, row)
-        made = Experiment(name, run, space, columns=columns, quick=quick or {}, failed=failed)
-        made.options_with(made.quick)  # refuses names that are no options
-        return made
+        declared = Experiment(name, run, space, columns=columns, quick=quick or {}, failed=failed)
+        declared.check_options(declared.quick)
+        return declared
 
     folder_name(name, "name of an experiment")
     return decorated
+
+
+def experiments_in(module: ModuleType) -> list[Experiment[Any, Any]]:
+    """Experiments that a module declares, in their order."""
+    return [
+        entry
+        for entry in vars(module).values()
+        if isinstance(entry, Experiment) and entry.__module__ == module.__name__
+    ]
 
 
 def without_log(row: Row) -> Row:
@@ -262,7 +305,7 @@ def _argument(function: Callable[..., Any]) -> type[Any]:
     return kind
 
 
-def _imported(made: Experiment[Any, Any]) -> Experiment[Any, Any]:
+def _imported(declared: Experiment[Any, Any]) -> Experiment[Any, Any]:
     """An experiment of the main script, imported under the name of its module.
 
     Raises:
@@ -270,15 +313,18 @@ def _imported(made: Experiment[Any, Any]) -> Experiment[Any, Any]:
     """
     main = sys.modules["__main__"]
     file = Path(str(main.__file__)).resolve()
+
+    # by `python -m`; below scripts/; or anywhere, for Python searches the folder of a script first
     if main.__spec__ is not None:
         name = main.__spec__.name
     elif file.is_relative_to(EXPERIMENTS):
         name = ".".join(file.relative_to(EXPERIMENTS.parent).with_suffix("").parts)
     else:
         name = file.stem
+
     module = import_module(name)
     if Path(str(module.__file__)).resolve() != file:
         raise ConfigurationError(
             f"{file}: Python finds another module {name!r} first ({module.__file__}); rename it"
         )
-    return getattr(module, made.__qualname__)
+    return getattr(module, declared.__qualname__)

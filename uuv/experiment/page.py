@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
-from uuv.experiment.columns import Column, known_column, records_by
+from uuv.experiment.columns import ResultColumn, known_column, records_by
 from uuv.experiment.harness import Summary, Table
 from uuv.experiment.row_table import Row
 from uuv.experiment.statistic import Record, Statistic, flattened, stat, statistic_of
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Where = Callable[[Record], Any]  # whether a record counts
-Columns = Mapping[str, Column]
+Columns = Mapping[str, ResultColumn]
 ALL = "all"  # label of the last line of a table, over all records
 _MOST_WHOLE = 20  # distinct whole numbers that a histogram shows one by one
-_BINS = 20
+_BINS = 10  # of a histogram of numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class PagePart:
     """What one element of a page gives for some rows."""
 
     metrics: Mapping[str, Any] = field(default_factory=dict)
@@ -50,7 +50,7 @@ class Element(Protocol):
         """Refuses names that are no columns."""
         ...
 
-    def part(self, rows: Sequence[Row], columns: Columns) -> Part:
+    def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
         """The element for some rows."""
         ...
 
@@ -67,7 +67,7 @@ class Page:
         """Adds a line: the share of rows for which `of` is true, with its 95 % interval.
 
         Args:
-            of: Column, or function of a row; rows where it is None are left out.
+            of: ResultColumn, or function of a row; rows where it is None are left out.
             label: What the line says before the figure; default: the label of the column.
             where: Rows that count; default: all.
         """
@@ -108,9 +108,9 @@ class Page:
         """Adds a histogram of a column.
 
         Args:
-            of: Column of numbers.
+            of: ResultColumn of numbers.
             title: Title; default: the label of the column.
-            by: Column, or what the keys of columns are, whose values have bars of their own.
+            by: ResultColumn, or what the keys of columns are, whose values have bars of their own.
             where: Rows that count; default: all.
             none: Label of the bar of missing values.
         """
@@ -165,6 +165,7 @@ class Page:
         """
         parts = [element.part(rows, columns) for element in self._elements]
         bounds = [part.failed for part in parts if part.failed is not None]
+
         return Summary(
             metrics={"runs": len(rows)} | {k: v for part in parts for k, v in part.metrics.items()},
             tables=[table for part in parts for table in part.tables],
@@ -185,12 +186,15 @@ class _Share:
     def check(self, columns: Columns) -> None:
         self.of.bound_to(columns, "a share of the page")
 
-    def part(self, rows: Sequence[Row], columns: Columns) -> Part:
+    def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
         share = self.of.bound_to(columns, "a share of the page")
         records = _counting(rows, self.where)
+
         cell = share.cell(records)
         text = "no row" if cell == "-" else f"{cell.replace(' (', ' % (', 1)}"
-        return Part(metrics={share.label: share.numbers(records)}, lines=[f"{share.label}: {text}"])
+        return PagePart(
+            metrics={share.label: share.numbers(records)}, lines=[f"{share.label}: {text}"]
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,11 +224,12 @@ class _Table:
     def _statistics(self, columns: Columns) -> list[Statistic]:
         return [statistic_of(entry, columns, self._what) for entry in self.columns]
 
-    def part(self, rows: Sequence[Row], columns: Columns) -> Part:
+    def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
         statistics = self._statistics(columns)
         records = _counting(records_by(columns, rows, self._keys), self.where)
         if not records:
-            return Part()
+            return PagePart()
+
         sides = list(dict.fromkeys(record[self.across] for record in records if self.across))
         groups = _grouped(records, self.by)
 
@@ -244,13 +249,14 @@ class _Table:
             caption=_left_out(statistics, records),
             labels=len(self.by),
         )
+
         figures = {
             " ".join(map(str, names)) or ALL: {
                 statistic.label: statistic.numbers(group) for statistic in statistics
             }
             for names, group in groups.items()
         }
-        return Part(metrics={self.title: figures}, tables=[table])
+        return PagePart(metrics={self.title: figures}, tables=[table])
 
     def _headings(self, statistics: Sequence[Statistic], sides: Sequence[Any]) -> list[str]:
         if not self.across:
@@ -285,8 +291,9 @@ class _Histogram:
         if self.by:
             _check_key(columns, self.by, "a histogram of the page")
 
-    def part(self, rows: Sequence[Row], columns: Columns) -> Part:
-        column, keys = columns[self.of], (self.by,) if self.by else ()
+    def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
+        column = columns[self.of]
+        keys = (self.by,) if self.by else ()
         records = _counting(records_by(columns, rows, keys), self.where)
         title = self.title or column.heading
         groups = {
@@ -294,14 +301,15 @@ class _Histogram:
             for names, group in _grouped(records, keys).items()
         }
         if not groups:
-            return Part()
+            return PagePart()
+
         bars, counts = _bars(groups, column, self.none)
         table = Table(
             title=f"{title}, rows",
             columns=(self.by or "", *bars),
             rows=[(label, *map(str, numbers)) for label, numbers in counts.items()],
         )
-        return Part(tables=[table], pictures=_drawn(title, column.heading, bars, counts))
+        return PagePart(tables=[table], pictures=_drawn(title, column.heading, bars, counts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,16 +324,24 @@ class _Bound:
     def check(self, columns: Columns) -> None:
         self.of.bound_to(columns, "a bound of the page")
 
-    def part(self, rows: Sequence[Row], columns: Columns) -> Part:
+    def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
         statistic = self.of.bound_to(columns, "a bound of the page")
+
         numbers = statistic.numbers(_counting(rows, self.where))
         if not numbers:
-            return Part(failed=[f"{statistic.label}: no row"])
+            return PagePart(failed=[f"{statistic.label}: no row"])
+
         value = next(iter(numbers.values()))
         if self.least <= value <= self.most:
-            return Part(failed=[])
-        bound = f"at most {self.most:g}" if value > self.most else f"at least {self.least:g}"
-        return Part(failed=[f"{statistic.label}: {value:.4g}, {bound} is allowed"])
+            return PagePart(failed=[])
+        word = "at most" if value > self.most else "at least"
+        bound = self.most if value > self.most else self.least
+        return PagePart(
+            failed=[
+                f"{statistic.label}: {statistic.amount(value)}, {word} {statistic.amount(bound)} "
+                "is allowed"
+            ]
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,11 +353,12 @@ class _Special:
     def check(self, columns: Columns) -> None:
         del columns
 
-    def part(self, rows: Sequence[Row], columns: Columns) -> Part:
+    def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
         del columns
         items = self.function(list(rows))
         items = items if isinstance(items, list) else [items]
-        return Part(
+
+        return PagePart(
             metrics={k: v for item in items if isinstance(item, Mapping) for k, v in item.items()},
             tables=[item for item in items if isinstance(item, Table)],
             lines=[item for item in items if isinstance(item, str)],
@@ -381,9 +398,10 @@ def _left_out(statistics: Sequence[Statistic], records: Sequence[Record]) -> str
 
 
 def _bars(
-    groups: Mapping[str, Sequence[Any]], column: Column, none: str
+    groups: Mapping[str, Sequence[Any]], column: ResultColumn, none: str
 ) -> tuple[list[str], dict[str, list[int]]]:
     """Labels of the bars, and their heights by group: whole numbers one by one, others in bins."""
+    # whole numbers have a bar each, others one for each bin
     known = [value for values in groups.values() for value in values if value is not None]
     if all(isinstance(value, int) for value in known) and len(set(known)) <= _MOST_WHOLE:
         labels = list(map(str, range(min(known), max(known) + 1))) if known else []
@@ -400,6 +418,7 @@ def _bars(
             )[0].tolist()
             for name, values in groups.items()
         }
+
     if any(value is None for values in groups.values() for value in values):
         labels.append(none)
         for name, values in groups.items():
@@ -414,7 +433,9 @@ def _drawn(
 
     figure = Figure(figsize=(8.0, 3.0), layout="constrained")
     axes = figure.subplots()
-    places, width = np.arange(len(bars)), 0.8 / max(1, len(counts))
+    places = np.arange(len(bars))
+    width = 0.8 / max(1, len(counts))
+
     for i, (name, numbers) in enumerate(counts.items()):
         axes.bar(places + width * (i - 0.5 * (len(counts) - 1)), numbers, width=width, label=name)
 
@@ -423,4 +444,5 @@ def _drawn(
     axes.set_ylabel("rows")
     if len(counts) > 1:
         axes.legend()
+
     yield title, "", figure

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from uuv.experiment.columns import Column, known_column, with_unit
+from uuv.experiment.columns import ResultColumn, known_column, with_unit
 from uuv.sim.evaluation.statistics import share_interval
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array
@@ -43,7 +43,7 @@ class Statistic:
     kind: Kind
     of: str | Callable[[Record], Any]  # column, or function of a record
     label: str
-    column: Column  # unit and format
+    column: ResultColumn  # unit and format
     none: float | None = None  # counts in place of a value that is None, which else is left out
     among: str = ""  # column with the number of trials, of a share of counts
 
@@ -53,7 +53,7 @@ class Statistic:
         unit = "%" if self.kind == "share" else "" if self.kind == "count" else self.column.unit
         return with_unit(self.label, unit)
 
-    def bound_to(self, columns: Mapping[str, Column], what: str) -> "Statistic":
+    def bound_to(self, columns: Mapping[str, ResultColumn], what: str) -> "Statistic":
         """The statistic with label, unit and format of its column.
 
         Raises:
@@ -62,11 +62,13 @@ class Statistic:
         """
         if self.among:
             known_column(columns, self.among, what)
+
         if callable(self.of):
             if not self.label:
                 raise ConfigurationError(f"{what}: a statistic of a function needs a label")
             return self
 
+        # what the column says, unless the statistic says otherwise
         column = known_column(columns, self.of, what)
         words = _WORDS.get(self.kind, self.kind)
         plain = column.label or column.name.replace("_", " ")
@@ -86,6 +88,7 @@ class Statistic:
         for record in records:
             item = self.of(record) if callable(self.of) else record[self.of]
             values += flattened(item)
+
         return [self.none if item is None else item for item in values if not self._left_out(item)]
 
     def _left_out(self, item: Any) -> bool:
@@ -99,6 +102,7 @@ class Statistic:
     def numbers(self, records: Sequence[Record]) -> dict[str, Any]:
         """The statistic as numbers by name, in the units of the rows; empty without a value."""
         values = self.values(records)
+
         if self.kind == "count":
             return {"count": sum(map(bool, values))}
         if not values:
@@ -108,7 +112,8 @@ class Statistic:
 
         if self.kind == "share":
             trials = [record[self.among] for record in records] if self.among else [1] * len(values)
-            good, of = round(sum(values)), round(sum(trials))
+            good = round(sum(values))
+            of = round(sum(trials))
             low, high = share_interval(good, of)
             return {"share": good / of, "low": low, "high": high, "good": good, "of": of}
 
@@ -116,11 +121,18 @@ class Statistic:
         names = _SPREAD if self.kind == "spread" else (self.kind,)
         return {name: _NUMBERS[name](array) for name in names}
 
+    def amount(self, value: float) -> str:
+        """One number of `numbers` with its unit."""
+        if self.kind == "share":
+            return f"{100.0 * value:.4g} %"
+        return f"{self.column.factor * value:.4g} {self.column.unit}".rstrip()
+
     def cell(self, records: Sequence[Record]) -> str:
         """The statistic as text; "-" without a value."""
         numbers = self.numbers(records)
         if not numbers:
             return "-"
+
         if self.kind == "share":
             digits = self.column.digits if self.column.digits is not None else _SHARE_DIGITS
             return (
@@ -129,6 +141,8 @@ class Statistic:
             )
         if self.kind in ("value", "count"):
             return self.column.cell(next(iter(numbers.values())))
+
+        # a sum of whole numbers is one
         whole = self.kind == "total" and self.column.digits is None and self.column.factor == 1.0
         if whole and all(isinstance(item, int) for item in self.values(records)):
             return f"{numbers['total']:.0f}"
@@ -166,11 +180,13 @@ def stat(
         raise ConfigurationError(
             f"no statistic {kind!r}; there are {known}{did_you_mean(kind, get_args(Kind))}"
         )
-    column = Column(name=label, unit=unit, digits=digits)
+    column = ResultColumn(name=label, unit=unit, digits=digits)
     return Statistic(kind=kind, of=of, label=label, column=column, none=none, among=among)
 
 
-def statistic_of(entry: "str | Statistic", columns: Mapping[str, Column], what: str) -> Statistic:
+def statistic_of(
+    entry: "str | Statistic", columns: Mapping[str, ResultColumn], what: str
+) -> Statistic:
     """A statistic of a table's columns: itself, or the values of a column that is named.
 
     Raises:

@@ -116,11 +116,12 @@ def lost(push: PushCase) -> dict[str, PushCase]:
     """Each thruster lost, unnoticed and known after 0.5 s."""
     vehicle = Vehicle.of(vehicle_spec(push.vehicle).compile())
     push = replace(push, directions_B=push.directions_B[:1], settle=8.0, push=4.0, rest=8.0)
-    cases = {}
+
+    named = {}
     for thruster, name in enumerate(vehicle.thruster_names):
-        cases[f"{name} lost, unnoticed"] = replace(push, lost=thruster)
-        cases[f"{name} lost, known after 0.5 s"] = replace(push, lost=thruster, noticed=0.5)
-    return cases
+        named[f"{name} lost, unnoticed"] = replace(push, lost=thruster)
+        named[f"{name} lost, known after 0.5 s"] = replace(push, lost=thruster, noticed=0.5)
+    return named
 
 
 TABLES = {"envelope": envelope, "ablation": ablation, "lost": lost}
@@ -136,8 +137,10 @@ def cases(pushes: Pushes) -> Iterator[HoverCase]:
         "gust": pushes.gust,
         "seed": pushes.seed,
     }
+
     for speed in pushes.currents if pushes.table == "envelope" else (USUAL_CURRENT,):
         nominal = HoverCase(variant="", current=speed, **shared)
+        # the names need no more than the nominal case
         for variant in variants(pushes.table, _push(nominal)):
             yield replace(nominal, variant=variant)
 
@@ -145,6 +148,7 @@ def cases(pushes: Pushes) -> Iterator[HoverCase]:
 def _push(case: HoverCase) -> PushCase:
     """Pushes of a case with the nominal vehicle and controller."""
     push = push_case(case.directions, case.force, case.posture, case.gust, case.seed)
+
     return replace(push, current_W=flow(case.current))
 
 

@@ -42,13 +42,16 @@ def push_case(directions: int, force: float, posture: str, gust: float, seed: in
     Raises:
         ConfigurationError: The drives bear the push in none of the directions.
     """
-    own = vehicle_spec("uuv_puma").compile()
-    q, spread = np.array(POSTURES[posture]), spread_directions(directions)
-    held = holdable_directions(Vehicle.of(own), ArmDynamics(own), q, spread, force)
+    model = vehicle_spec("uuv_puma").compile()
+    q = np.array(POSTURES[posture])
+    spread = spread_directions(directions)
+
+    held = holdable_directions(Vehicle.of(model), ArmDynamics(model), q, spread, force)
     if not held.any():
         raise ConfigurationError(
             f"--force {force}: the arm's drives bear it in none of the directions"
         )
+
     return PushCase(
         directions_B=spread[held], q=q, force=force, gust=gust, current_W=flow(0.2), seed=seed
     )

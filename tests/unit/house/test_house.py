@@ -22,7 +22,7 @@ from uuv.sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[3]
 SCRIPTS = sorted(
-    path for path in (ROOT / "scripts").rglob("*.py") if "run_scenario(main)" in path.read_text()
+    path for path in (ROOT / "scripts").rglob("*.py") if "    run_scenario(" in path.read_text()
 )
 README = ROOT / "README.md"
 DOCUMENTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
@@ -81,7 +81,7 @@ def test_script_starts_as_all_do(script: Path):
     assert script.stem not in ROOMS, "a script named like a room hides it"
     text = script.read_text()
     assert re.search(r"^from uuv\.start import .*\brun_scenario\b", text, flags=re.MULTILINE)
-    assert "run_scenario(main)" in text
+    assert re.search(r"^    run_scenario\((\w+\.)?main\)$", text, flags=re.MULTILINE)
 
 
 def without_uv_options(words: list[str]) -> list[str]:

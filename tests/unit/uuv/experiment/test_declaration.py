@@ -1,0 +1,301 @@
+"""An experiment of one file: its options, cases, rows and page, and what it refuses."""
+
+import json
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uuv.experiment import Page, column, experiment, read_rows, stat
+from uuv.experiment.declaration import experiments_in
+from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Throw:
+    """One throw."""
+
+    ball: str
+    """Name of the ball."""
+    speed: float = 3.0
+    """Speed [m/s]."""
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Landing:
+    """Where it lands."""
+
+    reach: float | None = column("reach", "mm", digits=0, factor=1e3)
+    good: bool = column("beyond 5 m", default=False)
+    bounces: Mapping[str, int] | None = column("bounces", by="ground", default=None)
+
+
+@experiment("throws", seeds=6, vary={"ball": ("red", "blue")}, quick={"runs": 2})
+def throws(case: Throw) -> Landing:
+    """Throws a ball."""
+    if case.speed < 0.0:
+        raise PerceptionError("no ball is seen")
+    reach = case.speed + case.seed
+    if reach > 7.0:
+        return Landing(reach=None)
+    bounces = {"sand": case.seed, "rock": 2 * case.seed}
+    return Landing(reach=reach, good=reach > 5.0, bounces=bounces)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Volley:
+    """Several throws in a row."""
+
+    speeds: tuple[float, ...] = (1.0, 2.0)
+    """Speeds [m/s]."""
+
+
+def thrown(volley: Volley) -> Iterator[Throw]:
+    """A throw for each speed."""
+    return (Throw(ball="red", speed=speed, seed=0) for speed in volley.speeds)
+
+
+volleys = experiment("volleys", cases=thrown)(throws.run)
+
+
+def summary_of(page: Page, **options: Any) -> Any:
+    """Summary of all rows of the experiment on a page."""
+    cases = throws.space.cases(throws.options_with(options))
+    rows = [{"seed": case.seed, "ball": case.ball, "speed": case.speed} for case in cases]
+    outcomes = [vars(throws(case)) for case in cases]
+    page.check(throws.columns)
+    return page.summary(
+        [row | outcome for row, outcome in zip(rows, outcomes, strict=True)], throws.columns
+    )
+
+
+# -- cases and options -----------------------------------------------------------------------------
+
+
+def test_seeds_go_round_the_combinations_or_are_paired_with_all():
+    cases = throws.space.cases(throws.options_with({"runs": 3, "seed": 4}))
+    assert [(case.ball, case.seed) for case in cases] == [("red", 4), ("blue", 5), ("red", 6)]
+
+    paired = experiment("p", seeds=2, vary={"ball": ("a", "b")}, paired=True)(throws.run)
+    cases = paired.space.cases(paired.options_with({}))
+    assert [(c.ball, c.seed) for c in cases] == [("a", 0), ("b", 0), ("a", 1), ("b", 1)]
+
+
+def test_a_function_makes_the_cases_of_options_of_its_own():
+    cases = volleys.space.cases(volleys.options_with({"speeds": (1.5, 2.5)}))
+    assert [case.speed for case in cases] == [1.5, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"ball": ("rde",)}, "--ball: no 'rde'; there are red, blue (did you mean red?)"),
+        ({"ball": ()}, "--ball: needs at least one value"),
+        ({"runs": 0}, "--runs: must be at least 1, got 0"),
+        ({"balls": ("red",)}, "throws: no option 'balls'"),
+    ],
+)
+def test_options_that_are_refused(options, message):
+    with pytest.raises(ConfigurationError) as refused:
+        throws.space.cases(throws.options_with(options))
+    assert message in str(refused.value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Twice:
+    """Row with a column of the case."""
+
+    speed: float = column("speed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hidden:
+    """Case with an option of the harness."""
+
+    workers: int = 1
+
+
+def test_declarations_that_are_refused():
+    def twice(case: Throw) -> Twice: ...
+
+    def hidden(case: Hidden) -> Landing: ...
+
+    def bare(case: Throw): ...
+
+    with pytest.raises(ConfigurationError, match=r"Twice\.speed: Throw has a field of that name"):
+        experiment("x")(twice)
+    with pytest.raises(ConfigurationError, match=r"Hidden\.workers: is an option of every"):
+        experiment("x")(hidden)
+    with pytest.raises(ConfigurationError, match="bare: must return a dataclass"):
+        experiment("x")(bare)
+    with pytest.raises(ConfigurationError, match="Throw has no field 'bal' to vary"):
+        experiment("x", vary={"bal": (1,)})(throws.run)
+
+
+# -- running ---------------------------------------------------------------------------------------
+
+
+def test_a_row_holds_case_and_outcome_and_a_second_start_resumes(tmp_path, capfd):
+    options = throws.options_with({"out": tmp_path, "workers": 1, "runs": 2})
+    assert throws.carry_out(options) == 0
+    first, second = sorted(read_rows(tmp_path), key=lambda row: row["seed"])
+    assert {name: first[name] for name in throws.columns} == {
+        "ball": "red",
+        "speed": 3.0,
+        "seed": 0,
+        "reach": 3.0,
+        "good": False,
+        "bounces": {"sand": 0, "rock": 0},
+    }
+    assert second["ball"] == "blue"
+
+    longer = throws.options_with({"out": tmp_path, "workers": 1, "runs": 3})
+    assert throws.carry_out(longer) == 0
+    assert "2 of 3 runs are there already" in capfd.readouterr().out
+
+
+def test_a_page_of_rows_of_another_version_is_refused_by_the_column(tmp_path, monkeypatch):
+    options = throws.options_with({"out": tmp_path, "workers": 1, "runs": 1})
+    assert throws.carry_out(options) == 0
+    page_alone = throws.options_with({"out": tmp_path, "run": False, "runs": 1})
+    assert throws.carry_out(page_alone) == 0
+
+    monkeypatch.setattr(throws, "columns", {**throws.columns, "height": throws.columns["reach"]})
+    with pytest.raises(ConfigurationError, match=r"another version of .*: no column height"):
+        throws.carry_out(page_alone)
+
+
+def test_an_error_of_a_run_names_its_case(tmp_path):
+    options = throws.options_with({"out": tmp_path, "workers": 1, "speed": -1.0})
+    with pytest.raises(
+        ConfigurationError, match=r"throws, ball 'red', speed -1\.0, seed 0: no ball"
+    ):
+        throws.carry_out(options)
+
+
+def test_a_case_that_failed_can_have_a_row(tmp_path):
+    lost = experiment("lost", seeds=2, failed=lambda *_: Landing(reach=None))
+    declared = lost(throws.run)
+    options = declared.options_with({"out": tmp_path, "workers": 1, "speed": -1.0, "ball": "red"})
+    assert declared.carry_out(options) == 0
+    assert [row["reach"] for row in read_rows(tmp_path)] == [None, None]
+
+
+def test_a_worker_gets_the_experiment_by_its_name():
+    assert pickle.loads(pickle.dumps(throws)) is throws
+    assert pickle.loads(pickle.dumps(throws.row)) == throws.row
+
+
+# -- page ------------------------------------------------------------------------------------------
+
+
+def test_a_table_has_statistics_by_group_and_over_all():
+    page = Page().table(
+        "Reach",
+        by="ball",
+        columns=[stat("mean", "reach"), stat("spread", "reach"), stat("share", "good")],
+        total=True,
+    )
+    (table,) = summary_of(page).tables
+    assert table.columns == (
+        "ball",
+        "reach, mean [mm]",
+        "reach, median, 95 %, largest [mm]",
+        "beyond 5 m [%]",
+    )
+    # reach of red 3, 5, 7 m; of blue 4 and 6 m, and one without
+    assert [list(row[:3]) for row in table.rows] == [
+        ["red", "5000", "5000, 6800, 7000"],
+        ["blue", "5000", "5000, 5900, 6000"],
+        ["all", "5000", "5000, 6800, 7000"],
+    ]
+    assert table.rows[0][3] == "33.3 (6.1 to 79.2) of 3"
+    assert "reach, mean: 1 of 6 rows have no value" in table.caption
+
+
+def test_columns_with_keys_make_a_line_or_a_column_for_each_key():
+    page = Page().table("Down", by="ground", columns=[stat("total", "bounces")])
+    page.table("Across", by="ball", across="ground", columns=[stat("total", "bounces")])
+    down, across = summary_of(page).tables
+    assert [list(row) for row in down.rows] == [["sand", "10"], ["rock", "20"]]
+    assert across.columns == ("ball", "sand", "rock")
+    assert [list(row) for row in across.rows] == [["red", "6", "12"], ["blue", "4", "8"]]
+
+
+def test_a_histogram_counts_whole_numbers_bins_and_missing_values():
+    page = Page().histogram("bounces", by="ground").histogram("reach", none="never")
+    whole, bins = summary_of(page).tables
+    assert whole.columns == ("ground", *map(str, range(9)))
+    assert [row[0] for row in whole.rows] == ["sand", "rock"]
+    assert list(whole.rows[0][1:6]) == ["1"] * 5
+    (numbers,) = bins.rows
+    assert bins.columns[-1] == "never"
+    assert numbers[-1] == "1"
+    assert sum(map(int, numbers[1:])) == 6
+
+
+def test_bounds_make_it_accepted_or_not():
+    within = Page().accept(stat("largest", "reach"), most=7.5)
+    assert summary_of(within).accepted
+    beyond = Page().accept(stat("largest", "reach"), most=6.5).accept(stat("share", "good"))
+    assert summary_of(beyond).failed == ["reach, largest: 7000 mm, at most 6500 mm is allowed"]
+    assert not summary_of(Page().accept(stat("largest", "reach"), most=9.0), speed=9.0).accepted
+
+
+def test_shares_and_figures_of_a_function():
+    page = Page().share("good", "far").add(lambda rows: [f"{len(rows)} rows", {"last": 5}])
+    summary = summary_of(page)
+    assert summary.lines == ["far: 33.3 % (9.7 to 70.0) of 6", "6 rows"]
+    assert summary.metrics["last"] == 5
+    assert summary.metrics["far"]["good"] == 2
+
+
+@pytest.mark.parametrize(
+    ("page", "message"),
+    [
+        (lambda: Page().share("god"), "no column 'god'"),
+        (lambda: Page().table("T", columns=["reech"]), "did you mean reach?"),
+        (lambda: Page().table("T", by="grond", columns=["reach"]), "no column 'grond'"),
+        (lambda: Page().histogram("x"), "a histogram of the page: no column 'x'"),
+        (lambda: Page().table("T", columns=[stat("mean", lambda _: 1)]), "needs a label"),
+        (lambda: Page().table("T", columns=[stat("meen", "reach")]), "did you mean mean?"),
+    ],
+)
+def test_names_on_a_page_are_checked_where_it_is_declared(page, message):
+    with pytest.raises(ConfigurationError) as refused:
+        throws.page = page()
+    assert message in str(refused.value)
+
+
+# -- the example of the documents ------------------------------------------------------------------
+
+
+def test_the_example_of_the_page_is_the_file_and_runs_as_a_command(root, tmp_path):
+    page = (root / "docs" / "own_experiment.md").read_text(encoding="utf-8")
+    file = root / "docs" / "examples" / "my_drift.py"
+    assert f"```python\n{file.read_text(encoding='utf-8')}```" in page
+
+    words = "--runs 1 --vehicle bluerov2_heavy --speed 0.3 --workers 1"
+    run = subprocess.run(
+        [sys.executable, file, *words.split(), "--out", tmp_path / "out"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (row,) = read_rows(tmp_path / "out")
+    assert 0.3 < row["drift"] < 0.6
+    assert "Two seconds without thrust" in run.stdout
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert metrics["accepted"]
+    assert Path(tmp_path / "out" / "report.html").is_file()
+
+
+def test_experiments_of_a_module_are_those_that_it_declares():
+    assert experiments_in(sys.modules[__name__])[0] is throws

@@ -33,8 +33,9 @@ _HARD = 0.9999  # impedance of the constraint
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GearFriction:
-    """Dry friction of one gear, at the joint; of a slide in N and m/s. The viscous part is the
-    joint's `damping`.
+    """Dry friction of one gear, at its joint; the viscous part is the joint's `damping`.
+
+    Figures of a slide are in N and m/s.
 
     Raises:
         ConfigurationError: a figure is not finite or negative, stiction is below `coulomb`, or
@@ -53,6 +54,7 @@ class GearFriction:
                     f"gear friction {item.name}: must be finite and >= 0, got {value}"
                 )
             object.__setattr__(self, item.name, value)
+
         if self.stiction < self.coulomb:
             raise ConfigurationError(
                 f"gear friction stiction: must be at least coulomb, {self.coulomb} N m, got "
@@ -126,12 +128,15 @@ def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
     """
     coulomb = np.array(model.dof_frictionloss)[np.asarray(model.jnt_dofadr, dtype=np.int64)[joints]]
     stiction, speed = coulomb.copy(), np.ones(len(joints))
+
+    # Curves of `attach`, where the bound in the model is still theirs.
     for row, joint in enumerate(joints):
         if not _carries(model.jnt_user[joint]):
             continue
         _, sliding, breakaway, over = model.jnt_user[joint, :ROW]
         if breakaway > sliding and abs(coulomb[row] - sliding) <= ROUNDED * sliding:
             coulomb[row], stiction[row], speed[row] = sliding, breakaway, over
+
     return DryFriction(
         coulomb=readonly(coulomb), stiction=readonly(stiction), stribeck_speed=readonly(speed)
     )

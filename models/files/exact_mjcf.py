@@ -16,7 +16,9 @@ def exact_xml(spec: mujoco.MjSpec) -> str:
         get, put = native._mjPRIVATE__get_xml_precision, native._mjPRIVATE__set_xml_precision
     except AttributeError:
         return spec.to_xml()
+
     get.restype, put.argtypes = ctypes.c_int, [ctypes.c_int]
+
     before = get()
     put(_DIGITS)
     try:

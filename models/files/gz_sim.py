@@ -47,6 +47,7 @@ def body_hydrodynamics(
     """
     added, linear, quadratic = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
     others: dict[str, float] = {}
+
     for name, value in parameters.items():
         if name not in _KNOWN:
             raise ConfigurationError(
@@ -55,6 +56,8 @@ def body_hydrodynamics(
                 "xUU, xUabsU and the like"
             )
         value = finite_number(value, f"gz-sim Hydrodynamics {name}")
+
+        # Stability derivatives: what damps is negative there, and positive here.
         place = gz_term(name)
         if place is None:  # xDotU
             added[_FORCES.index(name[0]), _SPEEDS.index(name[-1])] = -value
@@ -66,6 +69,7 @@ def body_hydrodynamics(
             quadratic[i] = -value
         elif value != 0.0:
             others[name] = value
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=np.asarray(center_of_buoyancy, dtype=np.float64),

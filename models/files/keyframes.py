@@ -14,11 +14,10 @@ _WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 @contextmanager
 def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
-    """Context in which joints of `spec` may be added and deleted: at its end keyframes have their
-    size again.
+    """Context in which joints of `spec` may be added and deleted: then its keyframes fit again.
 
     Each joint that was there before keeps its position in every keyframe. A new joint gets that of
-    the model's reference configuration. Joints are told apart by their names, those without a name
+    the model's reference configuration. Joints are identified by their names, those without a name
     by their bodies'.
     """
     if not spec.keys:
@@ -29,7 +28,9 @@ def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
     kept = {
         key.name: dict(_positions(before, before.key_qpos[i])) for i, key in enumerate(spec.keys)
     }
+
     yield
+
     for key in spec.keys:
         key.qpos = np.zeros(0)
     after = spec.copy().compile()

@@ -1,6 +1,4 @@
-"""Reader of users' MJCF files: each is read, compiled and validated once, with one clear error
-where it is wrong.
-"""
+"""Reader of users' MJCF files: read, compiled and validated once, each fault in one clear line."""
 
 import re
 from pathlib import Path
@@ -41,6 +39,7 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
     """
     path = existing_file(file, what)
     name = f"{what} {shown(str(path))}"
+
     root = re.search(
         rb"<([A-Za-z][\w.-]*)", re.sub(rb"<!--.*?-->", b"", bytes_of(path, what), flags=re.DOTALL)
     )
@@ -49,6 +48,7 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
         raise ConfigurationError(
             f"{name}: {found}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>"
         )
+
     try:
         if path.suffix.lower() == ".xml":
             spec = mujoco.MjSpec.from_file(str(path))
@@ -57,6 +57,7 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
             spec.modelfiledir = str(path.parent)
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigurationError(f"{name} is not an MJCF that MuJoCo reads: {error}") from error
+
     return spec, compiled(spec, name)
 
 
@@ -74,6 +75,7 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigurationError(f"{name}: MuJoCo cannot compile it: {error}") from error
+
     for field in _JUDGED:
         values = np.asarray(getattr(model, field))
         if not np.all(np.abs(values) <= _LARGEST):  # this form also catches NaN
@@ -83,4 +85,5 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
             raise ConfigurationError(
                 f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}"
             )
+
     return model

@@ -1,17 +1,17 @@
-"""Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside the
-model.
+"""Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside it.
 
-    hull: base_link                    # body, or link of a URDF; default: the only body on the world
+    hull: base_link                    # body, or link of a URDF; default: the only one on the world
     arm_base: arm_mount                # body fixed to the hull that carries the arm
-    tip: {body: wrist, pos: [0, 0, 0.19], z: [0, 0, 1]}         # of the tool, z out of it; or the name of a site
-    camera: {body: base_link, pos: [0.2, 0, 0], z: [1, 0, -0.5]}  # z along the view; or the name of a site
+    tip: {body: wrist, pos: [0, 0, 0.19], z: [0, 0, 1]}  # z out of the tool; or the name of a site
+    camera: {body: base_link, pos: [0.2, 0, 0], z: [1, 0, -0.5]}  # z along the view; or a site
     tool: gripper                      # geom that may touch
     joints: {shoulder: 10, elbow: 10}  # base to tip, with torque limits [N m]; or a list of names
     thrusters:
       - {name: port, pos: [-0.2, 0.1, 0], direction: [1, 0, 0], kind: t200}
       - {actuator: thr_2, kind: {forward: 300, reverse: 220, dead_band: 0.05, time_constant: 0.15}}
-      - {site: thr_3, kind: {of_table: {command: [-1, 0, 1], thrust: [-40, 0, 50]}}}  # as in `uuv.models.files.sidecar`
-    trim: 0.05                         # [m] ballast the hull: neutral, and this metacentric height, with the arm folded
+      # kinds as in `uuv.models.files.sidecar`
+      - {site: thr_3, kind: {of_table: {command: [-1, 0, 1], thrust: [-40, 0, 50]}}}
+    trim: 0.05  # [m] metacentric height to which the hull is ballasted, neutral, the arm folded
 
 Every key may be left out where the model has that part by its usual name.
 """
@@ -84,6 +84,7 @@ class MappedThruster:
             raise ConfigurationError(
                 f"needs one of actuator, site, and pos with direction, got {stated or 'none'}"
             )
+
         lacking = [name for name in ("pos", "direction") if placed and getattr(self, name) is None]
         if lacking:
             raise ConfigurationError(f"{' and '.join(lacking)}: three numbers are missing")
@@ -96,6 +97,7 @@ class MappedThruster:
                 f"kind: {_T200} is the only one by name, got {shown(self.kind)}; others by "
                 "figures: {forward: N, reverse: N}, {of_table: ...} or {of_polynomial: ...}"
             )
+
         object.__setattr__(self, "name", self.name or self.actuator or self.site or "")
 
     @property
@@ -105,9 +107,7 @@ class MappedThruster:
 
     @property
     def place(self) -> PartPlace | None:
-        """Place of a site to be added, z along the positive thrust; None: it is at one of the
-        model's.
-        """
+        """Place of a site to be added, z along the positive thrust; None: at one of the model's."""
         if self.pos is None or self.direction is None:
             return None
         return PartPlace(body=self.body or "", pos=self.pos, z=self.direction)

@@ -1,5 +1,4 @@
-"""URDF files: the tree of links and joints, the serial arm between two links, and the robot as a
-MuJoCo model.
+"""URDF files: the tree of links and joints, the arm between two links, the robot in MuJoCo.
 
     robot = urdf.parse("arm.urdf")
     arm = robot.chain(tip="flange").arm()                       # SerialArm, from the root link
@@ -87,7 +86,10 @@ def mesh_file(name: str, folder: Path) -> Path | None:
         folder: of the URDF.
     """
     plain, folder = name.removeprefix("file://"), folder.resolve()
+
     tried = [folder / plain]
+
+    # A package, by the folders above that of the URDF.
     if "://" in plain:
         plain = plain.partition("://")[2]
         package, _, rest = plain.partition("/")
@@ -95,10 +97,13 @@ def mesh_file(name: str, folder: Path) -> Path | None:
         tried = [base / package / rest for base in above] + [
             base / rest for base in above if base.name == package
         ]
+
+    # The end of the path, below the URDF's folder or the one above.
     parts = Path(plain).parts
     tried += [
         base.joinpath(*parts[k:]) for k in range(len(parts)) for base in (folder, folder.parent)
     ]
+
     return next((path.resolve() for path in tried if path.is_file()), None)
 
 
@@ -154,6 +159,7 @@ class UrdfChain:
                 )
             axes.append(X[i][:3, :3] @ axis)
             limits.append(_limits(joint, self.name))
+
         driven = [self.joints[i] for i in self.driven]
         types = "".join(_DRIVEN[str(joint.get("type"))] for joint in driven)
         return replace(
@@ -196,6 +202,7 @@ class UrdfRobot:
                 raise ConfigurationError(
                     f"{argument}: the robot has {', '.join(self.links)}, got {shown(link)}"
                 )
+
         joints: list[Element] = []
         link = tip
         while link != base and link in self.carriers:
@@ -205,6 +212,7 @@ class UrdfRobot:
             raise ConfigurationError(
                 f"{arguments[1]}: {tip!r} must be link {base!r} or a link beyond it"
             )
+
         for joint in joints:
             if joint.get("type") in _UNSOLVED:
                 raise ConfigurationError(
@@ -243,6 +251,7 @@ class UrdfRobot:
                     f"{', '.join(leaves)}"
                 )
             tip = leaves[0]
+
         start = self.root if base is None else base
         joints = self.path(start, tip, arguments)
         for joint in joints:
@@ -251,6 +260,7 @@ class UrdfRobot:
                     f"{self.name}: joint {joint.get('name')!r} between base and tip must not be a "
                     "mimic"
                 )
+
         chain = UrdfChain(
             name=self.name,
             base=start,
@@ -282,10 +292,12 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
     xml = _parsed(urdf, name)
     links = tuple(link.get("name", "") for link in xml.findall("link"))
     carriers: dict[str, tuple[str, Element]] = {}
+
     for joint in xml.findall("joint"):
         said, kind = f"{name}: joint {joint.get('name', '')!r}", joint.get("type", "")
         if kind not in _JOINTS:
             raise ConfigurationError(f"{said}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
+
         ends = [
             end.get("link", "")
             for end in (joint.find("parent"), joint.find("child"))
@@ -315,6 +327,7 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
                 f"{name}: the links of a URDF must form one tree, found the loop {way}"
             )
         carried.update(way)
+
     return UrdfRobot(name=name, xml=xml, links=links, root=roots[0], carriers=carriers)
 
 
@@ -340,9 +353,12 @@ def model_from_urdf(
     robot = parse(urdf)
     robot.path(base_link, tip_link)
     mimics = take_mimics(robot)
+
     for _, joint in robot.carriers.values():
         if joint.get("type") in _UNSOLVED:
             joint.set("type", "fixed")  # beside the chain, where MuJoCo would refuse it
+
+    # Bodies without shapes.
     for link in robot.xml.findall("link"):
         for part in list(link):
             link.remove(part)
@@ -352,8 +368,10 @@ def model_from_urdf(
         ElementTree.SubElement(
             inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0"
         )
+
     extension = ElementTree.SubElement(robot.xml, "mujoco")
     ElementTree.SubElement(extension, "compiler", fusestatic="false")
+
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
         carrier = spec.worldbody if tip_link == robot.root else spec.body(tip_link)
@@ -367,9 +385,7 @@ def model_from_urdf(
 
 
 def take_mimics(robot: UrdfRobot) -> list[tuple[str, Element]]:
-    """Remove the `mimic` elements, which MuJoCo does not know, from a robot's XML: joint and
-    element of each.
-    """
+    """Take the `mimic` elements, which MuJoCo lacks, out of a robot: joint and element of each."""
     mimics = []
     for _, joint in robot.carriers.values():
         mimic = joint.find("mimic")
@@ -415,11 +431,13 @@ def _parsed(urdf: Any, name: str) -> Element:
         content = bytes_of(urdf, name)  # as bytes: XML says its encoding itself
     else:
         raise ConfigurationError(f"{name}: expected a file or its text, got {shown(urdf)}")
+
     try:
         xml = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         # the latter two of encodings it does not know
         raise ConfigurationError(f"{name}: no XML ({error})") from error
+
     if xml.tag != "robot":
         raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
     if any(str(element.tag).startswith(_XACRO) for element in xml.iter()):

@@ -1,6 +1,4 @@
-"""Reader of PCD files, the point clouds of PCL: text, binary and compressed, in the order of the
-file.
-"""
+"""Reader of PCD files, the point clouds of PCL: text, binary, compressed; in the file's order."""
 
 from pathlib import Path
 
@@ -46,10 +44,12 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
             else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
         )
         height, width = (int(header.get(key, ["1"])[0]) for key in ("HEIGHT", "WIDTH"))
+
         columns = [names.index(axis) for axis in "xyz"]
         if all(f"normal_{axis}" in names for axis in "xyz"):
             columns += [names.index(f"normal_{axis}") for axis in "xyz"]
         kind = header["DATA"][0].lower()
+
         if not len(names) == len(counts) == len(types) or count < 0 or min(counts) < 0:
             raise ValueError("fields")
         if not all(counts[k] for k in columns):
@@ -58,16 +58,19 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         raise ConfigurationError(
             f"cloud {file}: no points can be read from this PCD file: bad header ({error})"
         ) from error
+
     if not count:
         raise ConfigurationError(
             f"cloud {file}: no points can be read from this PCD file, it says that it has none"
         )
+
     shape = (height, width) if min(height, width) > 1 and height * width == count else None
     widths = [np.dtype(type_).itemsize * many for type_, many in zip(types, counts, strict=True)]
     if kind == "ascii":
         return *_parted(
             _from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file)
         ), shape
+
     if kind == "binary":
         if len(data) < count * sum(widths):
             raise _cut_short(file, count)
@@ -87,6 +90,7 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         raise ConfigurationError(
             f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}"
         )
+
     with np.errstate(invalid="ignore"):  # for a signalling NaN
         values = [
             np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns
@@ -122,6 +126,7 @@ def _from_text(data: bytes, count: int, columns: list[int], width: int, file: Pa
     lines = [line.split() for line in data.decode("ascii", "replace").splitlines() if line.strip()]
     if len(lines) < count:
         raise _cut_short(file, count)
+
     points = np.empty((count, len(columns)))
     for i, words in enumerate(lines[:count]):
         try:
@@ -144,9 +149,7 @@ def _cut_short(file: Path, count: int) -> ConfigurationError:
 
 @kernel
 def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
-    """Decompress LZF into `whole`; returns the number of bytes written, or -1 for malformed data
-    [Lehmann 2000].
-    """
+    """Decompress LZF [Lehmann 2000] into `whole`; the number of bytes written, -1 if malformed."""
     i, o = 0, 0
     while i < len(packed):
         head = np.int64(packed[i])
@@ -159,6 +162,7 @@ def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
                 i += 1
                 o += 1
             continue
+
         length = head >> 5  # back reference
         if length == 7:
             if i >= len(packed):
@@ -167,12 +171,15 @@ def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
             i += 1
         if i >= len(packed):
             return -1
+
         back = o - ((head & 31) << 8) - np.int64(packed[i]) - 1
         i += 1
         if back < 0 or o + length + 2 > len(whole):
             return -1
+
         for _ in range(length + 2):
             whole[o] = whole[back]
             o += 1
             back += 1
+
     return o

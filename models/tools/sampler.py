@@ -50,9 +50,9 @@ class Box:
     length: float  # [m] from the mount to its edges
     mass: float  # [kg]
     wall: float = 0.0015  # [m]
-    # [rad] of its cutting edge, from the horizontal: 90 deg minus the friction
+    # [rad] of its cutting edge, from the horizontal: 90 deg minus the friction of steel on sand, so
+    # that the sand neither draws it in nor lifts it out
     rake: float = float(np.radians(69.0))
-    # of steel on sand, so that the sand neither draws it in nor lifts it out
 
     @property
     def contact(self) -> ToolContact:
@@ -80,8 +80,7 @@ _MOUNT = 0.05  # [kg] of each of the mount's two intermediate plates
 
 
 def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrodynamics]:
-    """Replace the pad on the arm of `spec` by the tool in its mount; return the tool's
-    hydrodynamics by body name.
+    """Replace the pad on the arm of `spec` by the tool in its mount; returns its hydrodynamics.
 
     The tool is mounted on the pad's body, along its slide. The tip site moves to its end, and the
     keyframes gain the mount's joints, at rest.
@@ -91,6 +90,7 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
     """
     pad = next((body for body in spec.bodies if body.name == PAD_BODY), None)
     tip = next((site for site in spec.sites if site.name == TIP_SITE), None)
+
     if (
         pad is None
         or tip is None
@@ -100,6 +100,7 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
         raise ConfigurationError(
             f"a sampler takes the place of a body {PAD_BODY!r} on one slide, at a site {TIP_SITE!r}"
         )
+
     with keyframes_kept(spec):
         link, place, turn = pad.parent, np.array(pad.pos), np.array(pad.quat)
         along = np.array(pad.joints[0].axis)
@@ -134,9 +135,12 @@ def add(
     mujoco.mju_quat2Mat(R, turn)
     tip.pos = place + R.reshape(3, 3) @ along * tool.length
     face = np.array(tip.quat) if face is None else face
+
+    # Slides across the tool, on plates of their own, and along it.
     side = np.eye(3)[int(np.argmin(np.abs(along)))]
     side -= (side @ along) * along
     side /= np.linalg.norm(side)
+
     parent = link
     for name, axis in (("mount_x", side), ("mount_y", np.cross(along, side))):
         parent = parent.add_body(
@@ -145,6 +149,7 @@ def add(
         if name == "mount_x":
             parent.pos, parent.quat = place, turn
         add_slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
+
     held = parent.add_body(
         name=PAD_BODY,
         mass=tool.mass,
@@ -153,6 +158,7 @@ def add(
         explicitinertial=True,
     )
     add_slide(held, PAD_JOINT, along, (-GIVE, 0.25 * GIVE))
+
     geom = held.add_geom(name=TOOL_GEOM, **touching(FRICTION), rgba=[0.75, 0.78, 0.82, 1.0])
     if isinstance(tool, Box):
         geom.type, geom.size = (
@@ -169,6 +175,7 @@ def add(
         geom.size = [tool.radius, 0, 0]
         geom.fromto = np.concatenate([dome * along, (tool.length - dome) * along])
         water = cylinder(tool.radius, dome * along, tool.length * along)
+
     held.add_site(name=TOOL_FACE_SITE, pos=tool.length * along, quat=face, group=4)
     return {PAD_BODY: water}
 

@@ -102,6 +102,7 @@ def _vehicle(name: str, figures: PublishedHull, places: tuple) -> mujoco.MjSpec:
 
 def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> mujoco.MjsBody:
     hull = published_hulls.add_hull(spec, figures)
+
     # For rendering and contact only: the frame as a box, the foam above it.
     frame, foam = mujoco.mjtGeom.mjGEOM_BOX, [0.11, 0.38, 0.85, 1.0]
     hull.add_geom(
@@ -114,6 +115,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         rgba=[0.2, 0.22, 0.26, 0.0],
         group=3,
     )
+
     for side, y in (("port", 0.17), ("starboard", -0.17)):
         hull.add_geom(
             name=f"foam_{side}",
@@ -125,6 +127,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
             conaffinity=0,
             rgba=foam,
         )
+
     hull.add_geom(
         name="housing",
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -135,6 +138,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         conaffinity=0,
         rgba=[0.85, 0.87, 0.9, 1.0],
     )
+
     # OpenCV axes, horizontal: z forward, x to starboard.
     hull.add_site(
         name=CAMERA_SITE,
@@ -143,6 +147,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         group=4,
         size=[0.01, 0.01, 0.01],
     )
+
     names = [
         published_hulls.add_thruster(
             spec, hull, str(i), published_hulls.from_ned(p), published_hulls.from_ned(direction)

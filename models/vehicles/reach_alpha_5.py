@@ -3,10 +3,9 @@
 Masses, volumes, centres: hkolano/PitchPrediction (MagicNumAlpha.jl, urdf/blue_rov_hardware.urdf),
 the simulation that [Kolano 2022] compared with pool trials. Its frames are used, since the inertias
 refer to them. In the manufacturer's URDF with inertias (edxmorgan/uvms-simulator, floating-KinDyn)
-the centres of mass lie beside the links. Inertias with
-their products: edxmorgan/floating-KinDyn, alpha_5_robot.urdf. Viscous friction: identified there
-(usage/alpha_reach.py). All were read in code, second hand; the manufacturer's own data sheet was
-not found.
+the centres of mass lie beside the links. Inertias with their products: edxmorgan/floating-KinDyn,
+alpha_5_robot.urdf. Viscous friction: identified there (usage/alpha_reach.py). All were read in
+code, second hand; the manufacturer's own data sheet was not found.
 
 Added mass: the values that Kolano adds to the masses of the links. Here they act across each link
 only, since strip theory has none along, and in rotation as a cylinder with this mass. Drag:
@@ -161,6 +160,7 @@ def add_arm(
     published_hulls.add_capsule(
         base, ARM_BASE_BODY, RADIUS, ((-0.13, 0.0, 0.0), (-0.02, 0.0, 0.0)), _GREY
     )
+
     bodies = {
         ARM_BASE_BODY: replace(
             cylinder(RADIUS, (-0.15, 0.0, 0.0), (0.0, 0.0, 0.0)),
@@ -168,6 +168,7 @@ def add_arm(
             center_of_buoyancy=BASE_CENTER,
         )
     }
+
     body = base
     for i, link in enumerate(LINKS, start=1):
         body = body.add_body(
@@ -180,12 +181,14 @@ def add_arm(
             range=link.limits,
             damping=[link.friction, 0.0, 0.0],
         )
+
         motor = spec.add_actuator(
             name=f"joint{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"joint{i}"
         )
         motor.ctrlrange = [-link.torque, link.torque]
         published_hulls.add_capsule(body, link.name, RADIUS, (link.start, link.end), _GREY)
         bodies[link.name] = _water(link)
+
     body.add_site(
         name=TIP_SITE, pos=_TIP, quat=[0.0, 1.0, 0.0, 0.0], group=4, size=[0.01, 0.01, 0.01]
     )
@@ -196,6 +199,7 @@ def _water(link: _Link) -> BodyHydrodynamics:
     length = float(np.linalg.norm(np.subtract(link.end, link.start)))
     # [m] of the cylinder with this added mass
     radius = np.sqrt(link.added / (np.pi * SEA_WATER * length))
+
     return replace(
         cylinder(radius, link.start, link.end),
         volume=1e-3 * link.volume,

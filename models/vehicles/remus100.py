@@ -1,7 +1,7 @@
-"""REMUS 100, a torpedo-shaped vehicle with one propeller, as PythonVehicleSimulator models it after
-[Fossen 2021].
+"""REMUS 100, a torpedo-shaped vehicle with one propeller, as in PythonVehicleSimulator.
 
-Figures and forms are those of the source's remus100.py (commit 7e1db8e), which was read; its helper
+Its model is that of [Fossen 2021]. Figures and forms are those of the source's remus100.py (commit
+7e1db8e), which was read; its helper
 gnc.py was read in copies. Its axes are forward, starboard, down; the few signs that change are
 marked. It stands for what the plain coefficients of this project cannot say:
 
@@ -55,9 +55,11 @@ def build() -> mujoco.MjSpec:
     spec = published_hulls.new_spec("remus100")
     body = spec.worldbody.add_body(name=HULL_BODY)
     body.add_freejoint(name=HULL_BODY)
+
     mass, roll, pitch = rigid()
     published_hulls.set_inertial(body, mass, [0.0, 0.0, -LOW], np.diag([roll, pitch, pitch]))
     hydrodynamics.attach(spec, {HULL_BODY: coefficients()})
+
     body.add_geom(
         name="hull",
         type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
@@ -67,6 +69,7 @@ def build() -> mujoco.MjSpec:
         conaffinity=2,
         rgba=[0.95, 0.75, 0.1, 1.0],
     )
+
     name = published_hulls.add_thruster(spec, body, "main", [-_A, 0.0, 0.0], [1.0, 0.0, 0.0])
     thrusters.attach(spec, {name: propeller()})
     published_hulls.add_keys(spec)
@@ -75,9 +78,7 @@ def build() -> mujoco.MjSpec:
 
 
 def rigid() -> tuple[float, float, float]:
-    """Mass [kg] of the spheroid of water, its moments of inertia [kg m^2] in roll, and in pitch and
-    yaw.
-    """
+    """Mass [kg] of the spheroid of water; inertia [kg m^2] in roll, and in pitch or yaw."""
     mass = 4.0 / 3.0 * math.pi * DENSITY * _A * _B**2
     return mass, 0.4 * mass * _B**2, 0.2 * mass * (_A**2 + _B**2)
 
@@ -85,18 +86,24 @@ def rigid() -> tuple[float, float, float]:
 def coefficients() -> BodyHydrodynamics:
     """Water of the hull at its middle; all its numbers are the same in the source's axes."""
     mass, roll, pitch = rigid()
+
+    # With the mass of the water, about the middle of the hull.
     added = np.diag(hydrodynamics.ellipsoid([_A, _B, _B], water_density=DENSITY).added_mass).copy()
     added[3] = 0.3 * roll
     S = skew([0.0, 0.0, -LOW])
     total = added + np.array([mass] * 3 + [*np.diag(np.diag([roll, pitch, pitch]) - mass * S @ S)])
+
+    # Damping ratios of the source in roll and pitch, its time constant in yaw.
     righting = mass * GRAVITY * LOW  # [N m/rad]
     turning = [
         2.0 * 0.3 * math.sqrt(righting * total[3]),  # 2 zeta w I
         2.0 * 0.8 * math.sqrt(righting * total[4]),
         total[5] / 1.0,  # over its time constant [s]
     ]
+
     area = 0.7 * LENGTH * DIAMETER
     half = _SUMMED * _A
+
     return BodyHydrodynamics(
         volume=mass / DENSITY,
         added_mass=np.diag(added),
@@ -155,7 +162,9 @@ def fin_wrench(v_B: ArrayLike, rudder: float, stern_plane: float) -> Array:
     u, v, w = checked(v_B, (3,), "velocity [m/s]")
     level, upright = 0.5 * DENSITY * _FIN_AREA * np.array([u * u + v * v, u * u + w * w])
     ahead = -level * _RUDDER_LIFT * rudder**2 - upright * _STERN_LIFT * stern_plane**2
+
     # to port, and up
     side, heave = level * _RUDDER_LIFT * rudder, upright * _STERN_LIFT * stern_plane
+
     force = np.array([ahead, side, heave])
     return np.concatenate([force, np.cross([-_A, 0.0, 0.0], force)])

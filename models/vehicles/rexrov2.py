@@ -10,8 +10,8 @@ the inertia is turned into the former here. The propellers' time constant is an 
 The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the
 kinematics, joint limits and torques of the KUKA LBR iiwa 7 R800 (`uuv.models.arms.published_arms`,
 KUKA's technical data) and a pad. Its links are cylinders, their masses estimates that add up to the
-24 kg of that arm. No such arm is sold for use under
-water: it stands for those of seven joints. The camera looks down past the bow.
+24 kg of that arm. No such arm is sold for use under water: it stands for those of seven joints. The
+camera looks down past the bow.
 """
 
 import math
@@ -91,6 +91,7 @@ def with_arm_7() -> mujoco.MjSpec:
             conaffinity=2,
             rgba=[0.93, 0.72, 0.13, 1.0],
         )
+
     turned = (
         exp_so3([0.0, 0.0, math.radians(z)]) @ exp_so3([0.0, math.radians(y), 0.0])
         for _, (y, z) in _THRUSTERS
@@ -103,11 +104,13 @@ def with_arm_7() -> mujoco.MjSpec:
         forward=_THRUST, reverse=_THRUST, dead_band=0.0, time_constant=_LAG, inflow_loss=0.0
     )
     thrusters.attach(spec, dict.fromkeys(names, one))
+
     s, c = math.sin(_DOWN), math.cos(_DOWN)
     look = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
     hull.add_site(
         name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(look), group=4, size=[0.01] * 3
     )
+
     _add_arm(spec, hull)
     published_hulls.add_keys(spec, HOME, READY)
     published_hulls.ballast(spec)
@@ -122,6 +125,7 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
     water: dict[str, BodyHydrodynamics] = {
         ARM_BASE_BODY: cylinder(0.08, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
     }
+
     arm, body, X = published_arms.load("iiwa7"), base, np.eye(4)
     for i, (theta, d, a, alpha, _) in enumerate(arm.table):
         name, joint = f"link{i + 1}", f"joint{i + 1}"
@@ -135,6 +139,8 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         )
         motor = spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
         motor.ctrlrange = [-_TORQUES[i], _TORQUES[i]]
+
+        # A cylinder along the link, or a short one about its joint.
         r, mass = _RADII[i], _MASSES[i]
         start, end = (0.0, 0.0, 0.0 if d else -r), (0.0, 0.0, d or r)
         length = max(d, 2.0 * r)
@@ -146,6 +152,7 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
             published_hulls.add_capsule(body, name, r, (start, end), (0.85, 0.87, 0.9, 1.0))
         water[name] = cylinder(r, start, end)
         X = _row(theta, d, a, alpha)
+
     body.add_site(
         name=TIP_SITE,
         pos=X[:3, 3],

@@ -1,5 +1,4 @@
-"""Static thruster curves, command to thrust and inverse: a polynomial on each side of a dead band,
-or a table.
+"""Static thruster curves, command to thrust and back: polynomials beside a dead band, or a table.
 
 One curve is one row of numbers, so that plant and controllers evaluate the same data in compiled
 code.
@@ -77,6 +76,7 @@ def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
         raise ConfigurationError(
             f"thruster: its curve of {len(numbers)} numbers has no known kind and length"
         )
+
     first = tuple(numbers[_FIRST : _FIRST + count])
     second = tuple(numbers[_FIRST + count : _FIRST + 2 * count])
     if kind == TABLE:
@@ -108,6 +108,7 @@ def thrust_at(curve, command):
     reach = reach_at(curve, command)
     if reach == 0.0:
         return 0.0
+
     count = int(curve[_COUNT])
     if curve[_KIND] == TABLE:
         at = _segment(curve[_FIRST:], count, command)
@@ -117,6 +118,7 @@ def thrust_at(curve, command):
         thrust = _horner(curve[start:], count, reach)[0]
         if command < 0.0:
             thrust = -thrust
+
     # tolerance, so that the inverse of the least thrust yields it
     if abs(thrust) < curve[_LEAST] * (1.0 - 1e-9):
         return 0.0
@@ -135,6 +137,7 @@ def command_for(curve, thrust):
         thrust = 0.0 if abs(thrust) < 0.5 * least else np.sign(thrust) * least
     if thrust == 0.0:
         return min(max(0.0, curve[_LOW]), curve[_HIGH])
+
     count = int(curve[_COUNT])
     if curve[_KIND] == TABLE:
         x, y = curve[_FIRST : _FIRST + count], curve[_FIRST + count : _FIRST + 2 * count]
@@ -142,9 +145,12 @@ def command_for(curve, thrust):
             return x[count - 1]
         if thrust <= y[0]:
             return x[0]
+
         at = 0
         while y[at + 1] < thrust:
             at += 1
+
+        # Newton's method in the segment, from its chord.
         low, high = x[at], x[at + 1]
         command = low + (high - low) * (thrust - y[at]) / (y[at + 1] - y[at])
         for _ in range(100):
@@ -153,6 +159,8 @@ def command_for(curve, thrust):
             if done:
                 break
         return command
+
+    # Polynomial in the reach beyond the dead band.
     start, band = (_FIRST, curve[_HIGH]) if thrust > 0.0 else (_FIRST + count, -curve[_LOW])
     wanted = abs(thrust)
     if curve[_KIND] == QUADRATIC:
@@ -167,13 +175,13 @@ def command_for(curve, thrust):
             low, high, reach, done = _closer(low, high, reach, value - wanted, slope)
             if done:
                 break
+
     return np.sign(thrust) * (band + (1.0 - band) * reach)
 
 
 @kernel
 def thrust_in_flow(curve, loss, inflow, command):
-    """Steady thrust [N] in moving water: less by `loss` [N s/m], times the reach of the command,
-    times `inflow` [m/s].
+    """Steady thrust [N] in moving water: less by `loss` [N s/m] times reach times `inflow` [m/s].
 
     The inflow is the speed of advance through the water along the thrust.
     """
@@ -183,8 +191,7 @@ def thrust_in_flow(curve, loss, inflow, command):
 
 @kernel
 def command_in_flow(curve, loss, inflow, thrust):
-    """Command whose steady thrust in moving water is `thrust` [N], or the nearest to it in the
-    direction of `thrust`.
+    """Command whose steady thrust in moving water is `thrust` [N], or the nearest in its direction.
 
     Args:
         curve: of the thruster.
@@ -195,14 +202,17 @@ def command_in_flow(curve, loss, inflow, thrust):
     still = command_for(curve, thrust)
     if thrust == 0.0 or thrust_at(curve, still) == 0.0 or loss * inflow == 0.0:
         return still
+
     sign = np.sign(thrust)
     # Sought is the larger root: between the command in still water and full speed where the flow
     # takes thrust away, else between the least thrust and the command in still water.
     taken = loss * inflow * sign > 0.0
     end = sign if taken else command_for(curve, sign * curve[_LEAST])
     low, high = (still, end) if taken else (end, still)
+
     if taken and sign * (thrust_in_flow(curve, loss, inflow, end) - thrust) <= 0.0:
         return end
+
     for _ in range(52):  # halves: to rounding
         middle = 0.5 * (low + high)
         if sign * (thrust_in_flow(curve, loss, inflow, middle) - thrust) < 0.0:
@@ -252,13 +262,13 @@ def _segment(x, count, command):
 
 @kernel
 def _cubic(blocks, count, at, command):
-    """Value and slope of the Hermite cubic between points `at` and the next; constant beyond its
-    ends.
-    """
+    """Value and slope of the Hermite cubic from point `at` to the next; constant beyond both."""
     x0, x1 = blocks[at], blocks[at + 1]
     y0, y1 = blocks[count + at], blocks[count + at + 1]
     h = x1 - x0
     s0, s1 = h * blocks[2 * count + at], h * blocks[2 * count + at + 1]
+
+    # t in [0, 1] from one point to the other.
     t = min(max((command - x0) / h, 0.0), 1.0)
     rise = y1 - y0
     a, b = 3.0 * rise - 2.0 * s0 - s1, s0 + s1 - 2.0 * rise
@@ -266,15 +276,16 @@ def _cubic(blocks, count, at, command):
 
 
 def _slopes(x: Array, y: Array) -> Array:
-    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, at the ends from
-    three points.
-    """
+    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, bounded ends."""
     h, secant = np.diff(x), np.diff(y) / np.diff(x)
     slopes = np.zeros_like(y)
+
     for i in range(1, len(x) - 1):
         if secant[i - 1] * secant[i] > 0.0:
             before, after = h[i - 1] + 2.0 * h[i], 2.0 * h[i - 1] + h[i]
             slopes[i] = (before + after) / (before / secant[i - 1] + after / secant[i])
+
+    # Ends, from three points.
     for end, near, far in ((0, 0, 1), (-1, -1, -2)):
         slope = ((2.0 * h[near] + h[far]) * secant[near] - h[near] * secant[far]) / (
             h[near] + h[far]
@@ -284,6 +295,7 @@ def _slopes(x: Array, y: Array) -> Array:
         elif secant[near] * secant[far] <= 0.0 and abs(slope) > 3.0 * abs(secant[near]):
             slope = 3.0 * secant[near]
         slopes[end] = slope
+
     return slopes
 
 
@@ -318,8 +330,7 @@ def check_polynomial(coefficients: Sequence[float]) -> float:
 
 
 def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[float, float]:
-    """Validate an invertible table, and return its thrust magnitudes [N] at the upper and lower
-    end.
+    """Validate an invertible table; returns its thrust magnitudes [N] at upper and lower end.
 
     Raises:
         ConfigurationError: commands or thrusts that do not rise, or no zero thrust.
@@ -333,9 +344,11 @@ def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[floa
         raise ConfigurationError(
             f"thruster table: commands must rise within full speed, got {x.tolist()}"
         )
+
     still = (y[1:] == 0.0) & (y[:-1] == 0.0)
     if not (y[0] < 0.0 < y[-1] and np.any(y == 0.0) and np.all((np.diff(y) > 0.0) | still)):
         raise ConfigurationError(
             f"thruster table: thrusts must rise from below zero through zero, got {y.tolist()}"
         )
+
     return float(y[-1]), float(-y[0])

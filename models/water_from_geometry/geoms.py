@@ -59,6 +59,7 @@ def geoms_of(model: mujoco.MjModel, body: int, choice: Choice) -> tuple[list[int
     mine = [g for g in range(model.ngeom) if model.body_weldid[model.geom_bodyid[g]] == body]
     visual = [g for g in mine if not (model.geom_contype[g] or model.geom_conaffinity[g])]
     collision = [g for g in mine if g not in set(visual)]
+
     if choice == "all" or not mine:
         return mine, "geoms"
     if choice == "auto":
@@ -85,6 +86,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
                 f"{name}: a {what} has no volume; allowed on a body that moves: "
                 f"{', '.join(_SHAPES.values())}"
             )
+
         R, p = _in_body(model, g, body)
         if kind == int(_KINDS.mjGEOM_MESH):
             at = int(model.geom_dataid[g])
@@ -94,6 +96,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
         else:
             vertices, triangles = primitive(_SHAPES[kind], model.geom_size[g])
             shells = Shells(corners=vertices[triangles], said="closed form")
+
         corners = shells.corners @ R.T + p
         extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if extent > LARGEST:
@@ -102,6 +105,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
                 "millimetres? "
                 'Write scale="0.001 0.001 0.001" into the file, or for a mesh file --scale 0.001'
             )
+
         yield GeomShells(
             name=name,
             kind=_SHAPES[kind],
@@ -126,8 +130,7 @@ def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]
 
 
 def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
-    """Closed triangles of a plain shape of MuJoCo's geom size, round ones scaled to the exact
-    volume.
+    """Closed triangles of a plain shape of MuJoCo's size; round ones scaled to the exact volume.
 
     Args:
         shape: sphere, capsule, ellipsoid, cylinder or box.
@@ -140,15 +143,18 @@ def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
     angle = np.linspace(0.0, np.pi, _RINGS)
     arc = np.column_stack([-np.cos(angle), np.sin(angle)])
     arc[[0, -1], 1] = 0.0
+
     if shape == "box":
         base = np.array([[-x, -y, -z], [x, -y, -z], [x, y, -z], [-x, y, -z]])
         return prism(base, base * [1.0, 1.0, -1.0])
+
     if shape == "cylinder":
         turn = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
         wider = np.sqrt(2.0 * np.pi / _SIDES / np.sin(2.0 * np.pi / _SIDES))
         ring = x * wider * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_SIDES)])
         end = np.array([0.0, 0.0, y])
         return prism(ring - end, ring + end)
+
     if shape == "capsule":
         half = _RINGS // 2 + 1
         profile = np.vstack([x * arc[:half] - [y, 0.0], x * arc[half - 1 :] + [y, 0.0]])
@@ -157,6 +163,7 @@ def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
         true = np.pi * x**2 * (2.0 * y + 4.0 / 3.0 * x)
         wider = np.sqrt(true / volume(vertices, triangles))
         return vertices * [wider, wider, 1.0], triangles
+
     vertices, triangles = revolve(arc, _SIDES)
     vertices = vertices * (4.0 / 3.0 * np.pi / volume(vertices, triangles)) ** (1.0 / 3.0)
     return vertices[:, [1, 2, 0]] * ([x, x, x] if shape == "sphere" else [x, y, z]), triangles

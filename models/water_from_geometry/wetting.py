@@ -1,7 +1,7 @@
-"""Water of every moving body of a model from its geoms, with the origin and the uncertainty of each
-number.
+"""Water of every moving body of a model by its geoms; origin and uncertainty of each number.
 
-    wetted = wet(read_robot("arm.urdf"))
+    spec, notes = read_model("arm.urdf")
+    wetted = wet(spec)
     wetted.bodies["forearm"].added_mass
 
 Volume and centre are exact along lines through the union of a body's geoms. Added mass is the
@@ -63,9 +63,7 @@ _HULL_FACTOR = 2.0  # by which added mass may be wrong where a convex hull stand
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """One number, or row of numbers, of a body's water: where it is from, and how wrong it may
-    be.
-    """
+    """One number, or row of numbers, of a body's water: its origin, and how wrong it may be."""
 
     body: str
     quantity: str
@@ -125,8 +123,10 @@ def wet(
             f"panels: expected a whole number from {FEWEST_PANELS} to {MOST_PANELS}, got "
             f"{shown(panels)}"
         )
+
     for k, body in enumerate(spec.bodies[1:], start=1):
         body.name = body.name or f"body_{k}"
+
     model = _compiled(spec)
     moving = moving_bodies(model)
     if not moving:
@@ -134,6 +134,7 @@ def wet(
             "no body moves, so none feels water; a vehicle needs a free joint (for a URDF: "
             "--free), an arm joints"
         )
+
     bodies: dict[str, BodyHydrodynamics] = {}
     origins: list[Origin] = []
     alike: dict[bytes, str] = {}  # a body of each shape
@@ -142,6 +143,7 @@ def wet(
         for i in range(1, model.nbody)
         if model.body_weldid[i] == 0
     ]
+
     for i in moving:
         name = model.body(i).name
         chosen, which = geoms_of(model, i, geoms)
@@ -155,12 +157,14 @@ def wet(
                 f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{kept}"
             )
             continue
+
         parts = list(shells_in_body(model, i, chosen))
         solid = [part for part in parts if len(part.shells.corners)]
         if not solid:
             raise ConfigurationError(
                 f"{parts[0].name}: encloses no volume ({parts[0].shells.said})"
             )
+
         first = alike.setdefault(_shape(solid, which), name)
         if first == name:
             bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
@@ -169,16 +173,19 @@ def wet(
                 bodies[first],
                 [replace(o, body=name) for o in origins if o.body == first],
             )
+
         origins += rows
         dry += [
             f"{part.name}: {part.shells.said}" for part in parts if not len(part.shells.corners)
         ]
+
     if not bodies:
         raise ConfigurationError(f"no moving body has geoms to displace water: {'; '.join(dry)}")
     hydrodynamics.attach(spec, bodies, density)
     spec.option.density = spec.option.viscosity = 0.0
     for body in spec.bodies[1:]:
         body.gravcomp = 0.0
+
     if metacentric_height is not None:
         name, row = _trimmed(spec, model, bodies, metacentric_height)
         bodies[name] = hydrodynamics.attached(spec)[name]
@@ -190,6 +197,7 @@ def wet(
                 if o.body != name or o.quantity not in ("volume", "centre of buoyancy")
             ),
         ]
+
     return Wetted(spec=spec, bodies=bodies, origins=tuple(origins), dry=tuple(dry))
 
 
@@ -238,13 +246,16 @@ def _body(
     how = "; ".join(dict.fromkeys(part.shells.said for part in parts if part.kind == "mesh"))
     method = "lines through the union" if spread else "tetrahedra of its triangles"
     said = f"{method}, {which}" + (f" ({how})" if how else "")
+
     plain = len(parts) == 1 and parts[0].kind != "mesh"
     if plain:
         volume, center, spread, wander = exact_volume(parts[0]), parts[0].p, 0.0, 0.0
         said = f"closed form of a {parts[0].kind}, {which}"
+
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     closing = sum(part.shells.doubt for part in parts) / volume
     spread = max(spread, closing)
+
     if plain and parts[0].kind in _CLOSED_FORMS:
         surface, solution = union_surface(corners, volume, panels), None
     else:
@@ -252,8 +263,10 @@ def _body(
     matrix, from_where, doubt = _added_mass(
         parts, corners, density, surface, solution, panels, closing
     )
+
     sort = "plain" if plain else "solid" if volume > _SOLID * convex_hull(corners)[1] else "frame"
     strip, quadratic, drag_said, drag_value = _drag(corners, center, surface, density)
+
     water = BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -261,6 +274,7 @@ def _body(
         quadratic_damping=quadratic,
         strips=strip,
     )
+
     factor = f"factor {_FACTORS[sort]:g}"
     rows = (
         (
@@ -279,6 +293,7 @@ def _body(
         ("drag", drag_value, drag_said, factor),
         ("linear damping", "0", "not known from geometry", "unknown"),
     )
+
     return water, [
         Origin(body=name, quantity=quantity, value=value, origin=origin, uncertainty=uncertainty)
         for quantity, value, origin, uncertainty in rows
@@ -286,8 +301,7 @@ def _body(
 
 
 def _volume(corners: Array) -> tuple[float, Array, float, float]:
-    """Volume [m^3] and centre (3,) [m] of a union; how much these differ by the direction of the
-    lines [-], [m].
+    """Volume [m^3], centre (3,) [m] of a union; their spread by direction of lines [-], [m].
 
     Where the shells do not overlap, they are exact: by the tetrahedra between the origin and the
     triangles.
@@ -299,11 +313,13 @@ def _volume(corners: Array) -> tuple[float, Array, float, float]:
     centers = np.array(
         [_ASKEW @ scan.moment / volume for scan, volume in zip(scans, volumes, strict=True)]
     )
+
     if all(scan.disjoint for scan in scans):
         a, b, c = corners.transpose(1, 0, 2)
         tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
         whole = float(tetrahedra.sum())
         return whole, 0.25 * tetrahedra @ (a + b + c) / whole, 0.0, 0.0
+
     mean = float(volumes.mean())
     return (
         mean,
@@ -316,9 +332,7 @@ def _volume(corners: Array) -> tuple[float, Array, float, float]:
 def _panelled(
     corners: Array, volume: float, density: float, panels: int
 ) -> tuple[UnionSurface, PanelSolution | None]:
-    """Surface and added mass, extrapolated where two surfaces agree; None where no surface holds
-    the body.
-    """
+    """Surface and added mass, extrapolated where two surfaces agree; None where none holds it."""
 
     def solved(count: int) -> tuple[UnionSurface, PanelSolution | None]:
         surface = union_surface(corners, volume, count)
@@ -339,6 +353,7 @@ def _panelled(
                 and surface.missed < _MISSED
             ):
                 return surface, best
+
         if 2 * panels > finest:
             return surface, best
         coarse, panels = fine, 2 * panels
@@ -362,6 +377,7 @@ def _added_mass(
         axes = np.full(3, part.size[0]) if part.kind == "sphere" else part.size
         local = hydrodynamics.ellipsoid(axes, water_density=density).added_mass
         return moved_added_mass(local, part.R, part.p), f"closed form of a {part.kind}", "exact"
+
     if solution is not None:
         said = (
             f"{solution.panels} panels, volume {100 * (surface.held - 1.0):+.1f} % before its "
@@ -373,6 +389,7 @@ def _added_mass(
             return solution.added_mass, f"{said}; no coarser surface to compare with", "unknown"
         if solution.changed <= panel_method.TRUSTED:
             said += ", extrapolated"
+
         return (
             solution.added_mass,
             said,
@@ -385,6 +402,8 @@ def _added_mass(
                 )
             ),
         )
+
+    # The hull stands for a body that is too thin.
     solid, hull_volume = convex_hull(corners)
     whole = union_surface(solid, hull_volume, panels)
     found = panel_method.added_mass(whole.vertices, whole.triangles, density)
@@ -404,9 +423,11 @@ def _drag(
     R = R[:, order]
     R = R * [1.0, 1.0, np.sign(np.linalg.det(R))]
     turned = corners @ R
+
     length, *across = np.ptp(turned.reshape(-1, 3), axis=0)
     slenderness = float(length / np.sqrt(np.prod(across)))
     aside = float(np.linalg.norm(center))
+
     if slenderness >= SLENDER or aside > ASIDE * length:
         seen = silhouettes(turned)
         along = turned[..., 0] - center @ R[:, 0]
@@ -418,10 +439,12 @@ def _drag(
         )
         value = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
         return strip, np.zeros(6), f"a strip, {why}; {_coefficients(seen)}", value
+
     seen = silhouettes(corners)
     C, area = seen.coefficients, seen.area
     turning = np.array([np.average(np.delete(C, k), weights=np.delete(area, k)) for k in range(3)])
     quadratic = 0.5 * density * np.concatenate([C * area, turning * _spin(corners, surface)])
+
     return (
         None,
         quadratic,
@@ -452,9 +475,11 @@ def _trimmed(
     if len(names) != 1 or names[0] not in bodies:
         said = ", ".join(names) or "none"
         raise ConfigurationError(f"neutral: expected one floating body with water, found {said}")
+
     before = bodies[names[0]]
     after = hydrodynamics.trim(spec, names[0], metacentric_height=height)
     change = 1e3 * (after.volume - before.volume)
+
     return names[0], Origin(
         body=names[0],
         quantity="volume, trimmed",

@@ -1,5 +1,4 @@
-"""Hydrodynamic coefficients of bodies: data classes, their table inside an MjSpec, and closed forms
-for plain shapes.
+"""Hydrodynamic coefficients of bodies: data classes, their table in an MjSpec, plain shapes.
 
 Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's
 order). They are stored in `body.userdata`, one row of `LAYOUT.size` numbers per body. A compiled
@@ -87,9 +86,8 @@ class StripDrag:
     """Drag of a slender part, integrated along a segment by Gauss-Legendre stations.
 
     Each station has its own velocity, so that a swinging link is damped correctly, which a single
-    6x6 matrix cannot do.
-    Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`, the cross-flow principle
-    [Faltinsen 1990, section 7].
+    6x6 matrix cannot do. Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`, the
+    cross-flow principle [Faltinsen 1990, section 7].
 
     Raises:
         ConfigurationError: a number that is not finite or is negative, or a segment without length.
@@ -145,12 +143,14 @@ class BodyHydrodynamics:
         object.__setattr__(self, "center_of_buoyancy", center)
         object.__setattr__(self, "added_mass", _added_mass(self.added_mass))
         object.__setattr__(self, "linear_damping", _linear_damping(self.linear_damping))
+
         quadratic = bounded(self.quadratic_damping, (6,), "quadratic_damping")
         if np.any(quadratic < 0.0):
             raise ConfigurationError(
                 f"quadratic_damping: must not be negative, got {quadratic.tolist()}"
             )
         object.__setattr__(self, "quadratic_damping", quadratic)
+
         object.__setattr__(self, "strips", _strips(self.strips))
         object.__setattr__(self, "forms", _forms(self.forms))
 
@@ -194,6 +194,7 @@ def attach(
     )
     if not density > 0.0:
         raise ConfigurationError(f"water_density [kg/m^3]: must be positive, got {density}")
+
     targets = {name: _body_named(spec, name) for name in bodies}
     if unknown := sorted((name for name, body in targets.items() if body is None), key=str):
         have = (
@@ -203,6 +204,7 @@ def attach(
         raise ConfigurationError(
             f"no such body: {', '.join(map(repr, unknown))}; the spec has {have}"
         )
+
     for name, coefficients in bodies.items():
         if not isinstance(coefficients, BodyHydrodynamics):
             raise ConfigurationError(
@@ -217,15 +219,19 @@ def attach(
     # if negative, MuJoCo takes the longest row, and attached specs do not conflict
     if spec.nuser_body >= 0:
         spec.nuser_body = max(spec.nuser_body, LAYOUT.size, *map(len, rows.values()))
+
     world = _row_of(spec.worldbody)
     world[LAYOUT.density] = density
     world[LAYOUT.ceiling] = world[LAYOUT.ceiling] or CEILING
     spec.worldbody.userdata = world
+
     for name, row in rows.items():
         targets[name].userdata = row
         # MuJoCo stores only the diagonal of a "simple" body's inertia; added mass needs the whole
         # block.
         targets[name].simple = 0
+
+    # The density holds for bodies of earlier calls too.
     for body in spec.bodies[1:]:
         row = body.userdata
         if carries(row) and row[LAYOUT.body_density] != density:
@@ -233,8 +239,7 @@ def attach(
 
 
 def density_of(spec: mujoco.MjSpec) -> float:
-    """Density of the water [kg/m^3] in `spec`: the world's, else that of its bodies, else
-    `SEA_WATER`.
+    """Density of the water [kg/m^3] in `spec`: the world's, else its bodies', else `SEA_WATER`.
 
     Raises:
         ConfigurationError: the bodies have different densities.
@@ -278,8 +283,7 @@ def water_density(model: mujoco.MjModel) -> float:
 
 
 def world_row(model: mujoco.MjModel) -> Array:
-    """Row of the world of a compiled wet model, as a live view; created with its density where
-    missing.
+    """Row of the world of a compiled wet model, a live view; created with its density if missing.
 
     Raises:
         ConfigurationError: as `water_density`.
@@ -315,6 +319,7 @@ def set_current(
     _check_spec(spec)
     if not any(carries(body.userdata) for body in spec.bodies):
         raise ConfigurationError("set_current: this spec has no hydrodynamics; call attach first")
+
     attach(spec, {})
     world = _row_of(spec.worldbody)
     world[LAYOUT.current_acceleration :][:3] = checked(
@@ -340,9 +345,7 @@ def carries(row: Sequence[float] | Array) -> bool:
 
 
 def pack(body: BodyHydrodynamics) -> Array:
-    """Encode `body` as a row (LAYOUT.size,) of user data; a body with forms has a longer one (see
-    `LAYOUT`).
-    """
+    """Encode `body` as a row of user data, (LAYOUT.size,), or longer with forms (see `LAYOUT`)."""
     row = np.zeros(LAYOUT.size)
     row[LAYOUT.stamp] = LAYOUT.stamp_value
     row[LAYOUT.volume] = body.volume
@@ -351,6 +354,7 @@ def pack(body: BodyHydrodynamics) -> Array:
     row[LAYOUT.linear_damping :][:36] = body.linear_damping.ravel()
     row[LAYOUT.quadratic_damping :][:6] = body.quadratic_damping
     row[LAYOUT.strip_count] = len(body.segments)
+
     for k, strip in enumerate(body.segments):
         row[LAYOUT.strips + k * _STRIP_SIZE :][:_STRIP_SIZE] = [
             *strip.start,
@@ -359,6 +363,7 @@ def pack(body: BodyHydrodynamics) -> Array:
             strip.tangential,
             strip.stations,
         ]
+
     records = [
         (form.kind, len(numbers), *numbers) for form in body.terms for numbers in [form.numbers()]
     ]
@@ -381,12 +386,15 @@ def unpack(row: ArrayLike) -> BodyHydrodynamics:
 def _unpacked(content: bytes) -> BodyHydrodynamics:
     """The body of a row, which is frozen: an assembly asks for the same ones dozens of times."""
     row = np.frombuffer(content)
+
+    # Rounding to MJCF's six digits may cost a matrix its definiteness.
     added_mass = np.zeros((6, 6))
     added_mass[_UPPER] = row[LAYOUT.added_mass :][:21]
     added_mass = _restored(added_mass + np.triu(added_mass, 1).T)
     linear_damping = row[LAYOUT.linear_damping :][:36].reshape(6, 6)
     symmetric = 0.5 * (linear_damping + linear_damping.T)
     linear_damping = linear_damping + (_restored(symmetric) - symmetric)
+
     strips = []
     for k in range(min(int(row[LAYOUT.strip_count]), MAX_STRIPS)):
         numbers = row[LAYOUT.strips + k * _STRIP_SIZE :][:_STRIP_SIZE]
@@ -399,6 +407,7 @@ def _unpacked(content: bytes) -> BodyHydrodynamics:
                 stations=int(numbers[8]),
             )
         )
+
     return BodyHydrodynamics(
         volume=float(row[LAYOUT.volume]),
         center_of_buoyancy=row[LAYOUT.center_of_buoyancy :][:3],
@@ -411,8 +420,9 @@ def _unpacked(content: bytes) -> BodyHydrodynamics:
 
 
 def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
-    """Decode a row for a model that knows no forms; a PhysicsWarning that begins with `whose` names
-    those left out.
+    """Decode a row for a model that knows no forms; a PhysicsWarning names those left out.
+
+    The warning begins with `whose`.
 
     Raises:
         ConfigurationError: as `unpack` does.
@@ -429,8 +439,7 @@ def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
 def trim(
     spec: mujoco.MjSpec, body: str, *, metacentric_height: float, qpos: ArrayLike | None = None
 ) -> BodyHydrodynamics:
-    """Ballast the tree of `body`: set that body's volume and centre of buoyancy so that the tree
-    floats at rest.
+    """Ballast the tree of `body` by that body's volume and centre of buoyancy: it floats at rest.
 
     Afterwards the tree's buoyancy equals its weight. Its centre of buoyancy lies straight above its
     centre of mass, against gravity. Every other coefficient stays. All bodies must have their
@@ -455,6 +464,7 @@ def trim(
         raise ConfigurationError(
             f"{body}: no hydrodynamics attached; attached are {', '.join(sorted(here))}"
         )
+
     metacentric_height = float(checked([metacentric_height], (1,), "metacentric_height [m]")[0])
     model = spec.copy().compile()
     data = mujoco.MjData(model)
@@ -462,6 +472,7 @@ def trim(
         data.qpos = checked(qpos, (model.nq,), "qpos")
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
+
     gravity = np.array(model.opt.gravity)
     if not np.any(gravity):
         raise ConfigurationError("trim: gravity is zero")
@@ -479,6 +490,7 @@ def trim(
             p_W = data.xpos[i] + data.xmat[i].reshape(3, 3) @ other.center_of_buoyancy
             displaced += density * other.volume
             moment += density * other.volume * p_W
+
     needed = mass - displaced
     if needed <= 0.0:
         raise ConfigurationError(
@@ -495,7 +507,7 @@ def trim(
     return trimmed
 
 
-# ---------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # plain shapes
 
 
@@ -527,9 +539,11 @@ def sphere(
     )
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
+
     volume = 4.0 / 3.0 * np.pi * radius**3
     local = np.diag([0.5 * water_density * volume] * 3 + [0.0] * 3)
     drag = 0.5 * water_density * drag_coefficient * np.pi * radius**2
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -563,6 +577,7 @@ def ellipsoid(
     center = bounded(center, (3,), "center [m]", LONGEST)
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
+
     volume = 4.0 / 3.0 * np.pi * a * b * c
     area = np.pi * np.array([b * c, a * c, a * b])
     return BodyHydrodynamics(
@@ -604,18 +619,22 @@ def box(
     edges, center = lengths(size, (3,), "size [m]"), bounded(center, (3,), "center [m]", LONGEST)
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
+
     volume = float(np.prod(edges))
     area = volume / edges
     side = np.sqrt(area)  # [m] side of the square of equal frontal area
+
     # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant if
     # long.
     slenderness = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0]
     reduced = [0.579 * np.pi / 4.0, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80]
     translation = water_density * side**3 * np.interp(edges / side, slenderness, reduced)
+
     rotation = water_density * volume * _ellipsoid_factors(edges / 2.0)[3:]
     x, y, z = edges
     # integral of |r|^3 over faces
     spin = np.array([x * (y**4 + z**4), y * (x**4 + z**4), z * (x**4 + y**4)]) / 32.0
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -668,6 +687,8 @@ def cylinder(
         tangential=0.5 * water_density * friction_coefficient * 2.0 * np.pi * radius,
         stations=stations,
     )
+
+    # Strip theory: the displaced mass across, none along the axis.
     axis = strip.end - strip.start
     length = float(np.linalg.norm(axis))
     volume = np.pi * radius**2 * length
@@ -675,6 +696,7 @@ def cylinder(
     local = np.diag([mass, mass, 0.0, mass * length**2 / 12.0, mass * length**2 / 12.0, 0.0])
     R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     center = 0.5 * (strip.start + strip.end)
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -702,14 +724,14 @@ def moved_added_mass(added_mass: ArrayLike, R: ArrayLike, p: ArrayLike) -> Array
 
 
 def _ellipsoid_factors(axes: Array) -> Array:
-    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid [Lamb 1932, art.
-    114, 115].
+    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid.
 
-    Equations (8) of article 114 and (5) of article 115.
+    Equations (8) of article 114 and (5) of article 115 [Lamb 1932].
     """
     from scipy.special import elliprd
 
     squares = axes**2
+
     # Lamb's alpha_0 = abc int_0^inf dl / ((a^2 + l) Delta), which is 2/3 abc R_D.
     alpha = np.array(
         [
@@ -717,6 +739,7 @@ def _ellipsoid_factors(axes: Array) -> Array:
             for i in range(3)
         ]
     )
+
     factors = np.zeros(6)
     factors[:3] = alpha / (2.0 - alpha)
     for i in range(3):
@@ -726,10 +749,11 @@ def _ellipsoid_factors(axes: Array) -> Array:
         # a body of revolution has no added inertia about its axis
         if abs(difference) > 1e-9 * total:
             factors[3 + i] = difference**2 * slip / (5.0 * (2.0 * difference - total * slip))
+
     return factors
 
 
-# ---------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # checks
 
 
@@ -758,9 +782,7 @@ def _body_named(spec: mujoco.MjSpec, name: object) -> Any:
 
 
 def _numbers(userdata: Sequence[float]) -> Array:
-    """Array of MuJoCo's vector `userdata`, number by number: fifteen times as fast as NumPy's
-    own.
-    """
+    """Array of MuJoCo's vector `userdata`, number by number: fifteen times as fast as by NumPy."""
     return np.array([userdata[k] for k in range(len(userdata))])
 
 
@@ -796,6 +818,7 @@ def _linear_damping(values: ArrayLike) -> Array:
         ) from error
     if shape not in ((6,), (6, 6)):
         raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {shape}")
+
     matrix = bounded(values, shape, "linear_damping")
     if shape == (6,):
         if np.any(matrix < 0.0):
@@ -814,9 +837,7 @@ def _semidefinite(matrix: Array, name: str) -> Array:
 
 
 def _restored(symmetric: Array) -> Array:
-    """`symmetric` (6, 6), or the nearest semidefinite matrix where rounding to six digits made it
-    indefinite.
-    """
+    """`symmetric` (6, 6), or the nearest semidefinite one where six digits made it indefinite."""
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     if not -1e-5 * eigenvalues[-1] < eigenvalues[0] < -1e-9 * eigenvalues[-1]:
         return symmetric

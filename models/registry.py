@@ -41,9 +41,7 @@ class MadeForm:
 
 
 class Registry(Generic[T]):
-    """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", "sensor",
-    "controller".
-    """
+    """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", ..."""
 
     def __init__(
         self,
@@ -110,6 +108,7 @@ class Registry(Generic[T]):
         """
         name, own = self.resolve(name), self.resolve(name) in self._built_in
         make = self.maker(name)
+
         if options:
             allowed = inspect.signature(make).parameters
             anything = any(
@@ -120,6 +119,7 @@ class Registry(Generic[T]):
                 raise ConfigurationError(
                     f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}"
                 )
+
         if own:
             return make(*given, **options)
         try:
@@ -165,6 +165,7 @@ class Registry(Generic[T]):
         chosen: Any = self.maker(name)
         if isinstance(chosen, type) and issubclass(chosen, base) and is_dataclass(chosen):
             return cast(type[T], chosen)
+
         needs = getattr(base, "needs", f"inherits {base.__name__}")
         which = f"{self.kind} {shown(name)}"
         raise ConfigurationError(f"{place}: {which} must be a dataclass that {needs}")

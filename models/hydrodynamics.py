@@ -290,7 +290,8 @@ def world_row(model: mujoco.MjModel) -> Array:
     """
     row = model.body_user[0]
     if not carries(row):
-        row[LAYOUT.density], row[LAYOUT.ceiling] = water_density(model), CEILING
+        row[LAYOUT.density] = water_density(model)
+        row[LAYOUT.ceiling] = CEILING
         row[LAYOUT.stamp] = LAYOUT.stamp_value
     return row
 
@@ -533,10 +534,8 @@ def sphere(
     Returns:
         Coefficients at the body origin.
     """
-    radius, center = (
-        float(lengths([radius], (1,), "radius [m]")[0]),
-        bounded(center, (3,), "center [m]", LONGEST),
-    )
+    radius = float(lengths([radius], (1,), "radius [m]")[0])
+    center = bounded(center, (3,), "center [m]", LONGEST)
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
 
@@ -616,7 +615,8 @@ def box(
     Returns:
         Coefficients at the body origin.
     """
-    edges, center = lengths(size, (3,), "size [m]"), bounded(center, (3,), "center [m]", LONGEST)
+    edges = lengths(size, (3,), "size [m]")
+    center = bounded(center, (3,), "center [m]", LONGEST)
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
 
@@ -744,7 +744,8 @@ def _ellipsoid_factors(axes: Array) -> Array:
     factors[:3] = alpha / (2.0 - alpha)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        difference, total = squares[j] - squares[k], squares[j] + squares[k]
+        difference = squares[j] - squares[k]
+        total = squares[j] + squares[k]
         slip = alpha[k] - alpha[j]
         # a body of revolution has no added inertia about its axis
         if abs(difference) > 1e-9 * total:
@@ -864,9 +865,11 @@ def _forms(values: Form | tuple[Form, ...]) -> tuple[Form, ...]:
 
 
 def _unpacked_forms(tail: Array) -> tuple[Form, ...]:
-    forms, at = [], 0
+    forms = []
+    at = 0
     while at + 1 < len(tail) and tail[at]:
-        kind, count = tail[at], tail[at + 1]
+        kind = tail[at]
+        count = tail[at + 1]
         end = at + 2 + int(count)
         if kind not in KINDS or not (count >= 0 and count == int(count)) or end > len(tail):
             raise ConfigurationError(

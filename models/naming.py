@@ -76,7 +76,8 @@ def find(model: "mujoco.MjModel", kind: "mujoco.mjtObj", name: str) -> int:
 
 def of_geom(model: "mujoco.MjModel", geom: int) -> str:
     """A geom in a message: by its name, if it has one, and by its body."""
-    name, body = model.geom(geom).name, model.body(int(model.geom_bodyid[geom])).name
+    name = model.geom(geom).name
+    body = model.body(int(model.geom_bodyid[geom])).name
     return repr(name or body) if name in ("", body) or body == "world" else f"{name!r} of {body!r}"
 
 

@@ -106,7 +106,8 @@ class Registry(Generic[T]):
             ConfigurationError: for an unknown name or option, with those there are, and for
                 whatever another package's maker raises while it is imported or called.
         """
-        name, own = self.resolve(name), self.resolve(name) in self._built_in
+        name = self.resolve(name)
+        own = name in self._built_in
         make = self.maker(name)
 
         if options:

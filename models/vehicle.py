@@ -63,7 +63,8 @@ class Vehicle:
         hull = find(model, mujoco.mjtObj.mjOBJ_BODY, names.hull)
         free = _free_joint(model, hull)
 
-        arm_base, tip = hull, -1
+        arm_base = hull
+        tip = -1
         joints: list[int] = []
         if _has_arm(model, names):
             arm_base = find(model, mujoco.mjtObj.mjOBJ_BODY, names.arm_base)
@@ -173,14 +174,16 @@ def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
     Raises:
         ConfigurationError: `ancestor` does not carry the body, or there is a joint between them.
     """
-    X, at = np.eye(4), body
+    X = np.eye(4)
+    at = body
     while at != ancestor:
         if at == 0 or model.body_jntnum[at]:
             raise ConfigurationError(
                 f"body {model.body(body).name!r} must be fixed to body "
                 f"{model.body(ancestor).name!r}"
             )
-        X, at = _pose(model.body_pos[at], model.body_quat[at]) @ X, int(model.body_parentid[at])
+        X = _pose(model.body_pos[at], model.body_quat[at]) @ X
+        at = int(model.body_parentid[at])
     return X
 
 
@@ -227,13 +230,15 @@ def _has_arm(model: mujoco.MjModel, names: PartNames) -> bool:
 def _driven_joints(model: mujoco.MjModel, base: int, tip: int) -> list[int]:
     """Joints between the body `base` and the site `tip` that have an actuator, base to tip."""
     joints: list[int] = []
-    carrier, end = model.body(base).name, model.site(tip).name
+    carrier = model.body(base).name
+    end = model.site(tip).name
 
     body = int(model.site_bodyid[tip])
     while body != base:
         if body == 0:
             raise ConfigurationError(f"site {end!r} is not carried by body {carrier!r}")
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        first = int(model.body_jntadr[body])
+        count = int(model.body_jntnum[body])
         joints[:0] = [j for j in range(first, first + count) if _actuator_of(model, j) >= 0]
         body = int(model.body_parentid[body])
 

@@ -131,7 +131,8 @@ def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) ->
     # Each link follows the axis of its own joint.
     bodies = {body.id: body for body in spec.bodies}
     for i, link in enumerate(links):
-        X_AP, X_AL = X_AW @ _world(data, int(model.body_parentid[link])), X_AW @ _world(data, link)
+        X_AP = X_AW @ _world(data, int(model.body_parentid[link]))
+        X_AL = X_AW @ _world(data, link)
         _set_pose(bodies[link], inverse(carried[i] @ X_AP) @ carried[i + 1] @ X_AL)
 
     # What the last link carries follows the tip.
@@ -168,7 +169,8 @@ def with_errors(
     Returns:
         The arm with errors.
     """
-    dh, beta = arm.table[:, :BETA].copy(), arm.table[:, BETA].copy()
+    dh = arm.table[:, :BETA].copy()
+    beta = arm.table[:, BETA].copy()
 
     parallel = np.isin(np.arange(arm.n), arm.near_parallel)
 
@@ -192,7 +194,8 @@ def _hinges(model: mujoco.MjModel, base: int, site: int, exclude: Sequence[str])
     joints: list[int] = []
     body = int(model.site_bodyid[site])
     while body not in (base, 0):
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        first = int(model.body_jntadr[body])
+        count = int(model.body_jntnum[body])
         joints[:0] = [j for j in range(first, first + count) if j not in excluded]
         body = int(model.body_parentid[body])
 
@@ -223,7 +226,8 @@ def _first_frame(axis: Array, point: Array) -> Array:
 
 def _row(X: Array, axis_A: Array, point_A: Array) -> Array:
     """Table row (5,) that leads from frame `X` (4, 4) to the axis `axis_A` through `point_A`."""
-    z, p = X[:3, :3].T @ axis_A, X[:3, :3].T @ (point_A - X[:3, 3])
+    z = X[:3, :3].T @ axis_A
+    p = X[:3, :3].T @ (point_A - X[:3, 3])
     across = float(np.hypot(z[0], z[1]))
     if across < np.sin(NEAR_PARALLEL):
         # Hayati: the origin is where the line meets the plane of x and y.
@@ -240,7 +244,8 @@ def _row(X: Array, axis_A: Array, point_A: Array) -> Array:
     normal = np.array([-z[1], z[0], 0.0]) / across
     a = float(foot @ normal)
     if a < -_INTERSECTING:
-        normal, a = -normal, -a
+        normal = -normal
+        a = -a
 
     theta = float(np.arctan2(normal[1], normal[0]))
     turned = exp_so3([0.0, 0.0, -theta]) @ z
@@ -284,4 +289,5 @@ def _world(data: mujoco.MjData, body: int) -> Array:
 
 def _set_pose(thing: mujoco.MjsBody | mujoco.MjsSite, X: Array) -> None:
     thing.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    thing.pos, thing.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
+    thing.pos = X[:3, 3]
+    thing.quat = quat_wxyz_from_rotation(X[:3, :3])

@@ -127,7 +127,8 @@ def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
         The friction of the n joints.
     """
     coulomb = np.array(model.dof_frictionloss)[np.asarray(model.jnt_dofadr, dtype=np.int64)[joints]]
-    stiction, speed = coulomb.copy(), np.ones(len(joints))
+    stiction = coulomb.copy()
+    speed = np.ones(len(joints))
 
     # Curves of `attach`, where the bound in the model is still theirs.
     for row, joint in enumerate(joints):
@@ -135,7 +136,9 @@ def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
             continue
         _, sliding, breakaway, over = model.jnt_user[joint, :ROW]
         if breakaway > sliding and abs(coulomb[row] - sliding) <= ROUNDED * sliding:
-            coulomb[row], stiction[row], speed[row] = sliding, breakaway, over
+            coulomb[row] = sliding
+            stiction[row] = breakaway
+            speed[row] = over
 
     return DryFriction(
         coulomb=readonly(coulomb), stiction=readonly(stiction), stribeck_speed=readonly(speed)

@@ -32,7 +32,8 @@ def frame_step(R, o, row, q, slide, axes):
 
     for i in range(3):
         x, y, z = R[i, 0], R[i, 1], R[i, 2]
-        axes[0, i], axes[1, i] = z, o[i]
+        axes[0, i] = z
+        axes[1, i] = o[i]
 
         # Rz(theta), then Tz(d) and Tx(a).
         x, y = c * x + s * y, c * y - s * x
@@ -40,8 +41,11 @@ def frame_step(R, o, row, q, slide, axes):
 
         # Rx(alpha), then Ry(beta) on the way back into R.
         y, z = ca * y + sa * z, ca * z - sa * y
-        axes[2, i], axes[3, i] = x, y
-        R[i, 0], R[i, 1], R[i, 2] = cb * x - sb * z, y, cb * z + sb * x
+        axes[2, i] = x
+        axes[3, i] = y
+        R[i, 0] = cb * x - sb * z
+        R[i, 1] = y
+        R[i, 2] = cb * z + sb * x
 
 
 @kernel(signature=float64[:, :, :, ::1](_M, _FLAGS, _M, _M))

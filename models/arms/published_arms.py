@@ -320,7 +320,9 @@ _ARMS["jaco"] = _arm(
     " far from even about zero",
 )
 
-_TURN, _TILT_X, _TILT_Z = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+_TURN = (0.0, 1.0, 0.0)
+_TILT_X = (1.0, 0.0, 0.0)
+_TILT_Z = (0.0, 0.0, 1.0)
 SERVO_ARM = VectorArm(
     title="eight-joint servo arm",
     M=readonly(np.outer([0.06, 0.07, 0.07, 0.07, 0.07, 0.07, 0.06, 0.06], (0.0, -1.0, 0.0))),

@@ -180,7 +180,8 @@ class SerialArm:
         table = np.zeros((n, ROW))
         X = X_base_0
         for k in range(n - 1):
-            z_next, o_next = X[:3, :3].T @ z[k + 1], X[:3, :3].T @ (o[k + 1] - X[:3, 3])
+            z_next = X[:3, :3].T @ z[k + 1]
+            o_next = X[:3, :3].T @ (o[k + 1] - X[:3, 3])
             table[k] = _row_between(z_next, o_next)
             X = X @ _step(table[k])
         X = X @ _step(table[-1])
@@ -213,7 +214,8 @@ class SerialArm:
     @property
     def near_parallel(self) -> tuple[int, ...]:
         """Joints (from 0) whose axis is near-parallel to the next joint's: those that need beta."""
-        alpha, beta = self.table[:, ALPHA], self.table[:, BETA]
+        alpha = self.table[:, ALPHA]
+        beta = self.table[:, BETA]
         tilt = np.hypot(np.sin(alpha), np.sin(beta))
         hinges = ~self.slides
         return tuple(
@@ -231,13 +233,15 @@ class SerialArm:
         fit for machines only.
         """
         table = np.array(self.table)
-        turn, shift = 0.0, 0.0  # of the new frame k - 1 about and along its z, against the old one
+        turn = 0.0  # [rad] of the new frame k - 1 about its z, against the old one
+        shift = 0.0  # [m] along it
         for k in range(self.n):
             row = table[k].copy()
             row[THETA] -= turn
             row[D] -= shift
             if row[BETA] == 0.0:
-                turn, shift = 0.0, 0.0
+                turn = 0.0
+                shift = 0.0
                 table[k] = row
                 continue
 
@@ -245,7 +249,8 @@ class SerialArm:
             X = _step(row)
             new = _row_between(X[:3, 2], X[:3, 3], parallel=_EXACTLY_PARALLEL, hint=row)
             rest = inverse(_step(new)) @ X  # Rz(-turn) Tz(-shift)
-            turn, shift = float(np.arctan2(rest[0, 1], rest[0, 0])), -float(rest[2, 3])
+            turn = float(np.arctan2(rest[0, 1], rest[0, 0]))
+            shift = -float(rest[2, 3])
             table[k] = new
 
         return readonly(table[:, :4])
@@ -283,7 +288,8 @@ class SerialArm:
         values = checked_place(q, (self.n,), "q")
         *joints, flange = self.origins()
 
-        X, found = np.eye(4), []
+        X = np.eye(4)
+        found = []
         for origin, kind, value in zip(joints, self.joint_types, values, strict=True):
             X = (
                 X
@@ -388,7 +394,8 @@ def _row_between(
     a = float(x @ o[:2])
     along = a + 1e-12 if hint is None else float(x @ [np.cos(hint[THETA]), np.sin(hint[THETA])])
     if along < 0.0:
-        x, a = -x, -a
+        x = -x
+        a = -a
 
     theta = float(np.arctan2(x[1], x[0]))
     alpha = float(np.arctan2(x[1] * z[0] - x[0] * z[1], z[2]))

@@ -50,7 +50,8 @@ def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) ->
     spec.option.gravity = -9.81 * np.asarray(up) / np.linalg.norm(up)
 
     # Links, each with its joint at the end of the one before.
-    body, at = spec.worldbody, np.zeros(3)
+    body = spec.worldbody
+    at = np.zeros(3)
     for i, (link, axis) in enumerate(zip(arm.M, arm.e, strict=True)):
         body = body.add_body(name=f"link{i + 1}", pos=at)
         body.add_joint(
@@ -82,7 +83,8 @@ def rest(model: mujoco.MjModel, q_wanted: Array) -> Array:
         ConfigurationError: If it does not come to rest.
     """
     data = mujoco.MjData(model)
-    data.qpos[:], data.ctrl[:] = q_wanted, q_wanted
+    data.qpos[:] = q_wanted
+    data.ctrl[:] = q_wanted
 
     while data.time < _LONGEST:
         mujoco.mj_step(model, data, nstep=50)

@@ -79,7 +79,8 @@ def _add_missing(spec: mujoco.MjSpec) -> dict[str, str]:
 
 def is_armed(spec: mujoco.MjSpec) -> bool:
     """True if a vehicle has an arm by the contract, so that what else it lacks can be computed."""
-    bodies, sites = {body.name for body in spec.bodies}, {site.name for site in spec.sites}
+    bodies = {body.name for body in spec.bodies}
+    sites = {site.name for site in spec.sites}
     return {ARM_BASE_BODY, HULL_BODY} <= bodies and TIP_SITE in sites
 
 

@@ -30,7 +30,8 @@ def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
         mujoco.mju_quat2Mat(R, model.geom_quat[g])
         X_BG = body_in_body(model, body, hull) @ pose(R.reshape(3, 3), model.geom_pos[g])
         box = model.geom_aabb[g]
-        centre, reach = X_BG[:3, 3] + X_BG[:3, :3] @ box[:3], np.abs(X_BG[:3, :3]) @ box[3:]
+        centre = X_BG[:3, 3] + X_BG[:3, :3] @ box[:3]
+        reach = np.abs(X_BG[:3, :3]) @ box[3:]
         corners += [centre - reach, centre + reach]
 
     return (

@@ -20,7 +20,9 @@ from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
-_UP, _AHEAD, _STARBOARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
+_UP = (0.0, 0.0, 1.0)
+_AHEAD = (1.0, 0.0, 0.0)
+_STARBOARD = (0.0, -1.0, 0.0)
 
 
 def mapped(file: VehicleFile) -> mujoco.MjSpec:
@@ -159,7 +161,8 @@ def _body(spec: mujoco.MjSpec, wanted: str, name: str, hull: str | None = None) 
 
 def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
     """Rename a body, and what refers to it by name."""
-    before, body.name = body.name, to
+    before = body.name
+    body.name = to
     if before == to:
         return
 
@@ -352,7 +355,8 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
         spec.delete(actuator)
     joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the motor's own range limits it
     motor = spec.add_actuator(name=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
-    motor.ctrlrange, motor.ctrllimited = [-limit, limit], mujoco.mjtLimited.mjLIMITED_TRUE
+    motor.ctrlrange = [-limit, limit]
+    motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def add_motors(spec: mujoco.MjSpec, joints: Iterable[str], name: str) -> None:
@@ -409,10 +413,8 @@ def _thruster(
     # A site, of the model or added.
     site = mapped.site
     if mapped.place is not None:
-        site, body = (
-            f"thruster_{mapped.name}",
-            _body(spec, renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY, name),
-        )
+        site = f"thruster_{mapped.name}"
+        body = _body(spec, renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY, name)
         body.add_site(name=site, pos=mapped.place.pos, quat=_along_x(mapped.place.z), group=4)
     elif site not in {each.name for each in spec.sites}:
         raise _missing(name, "site", str(site), [each.name for each in spec.sites])

@@ -25,12 +25,13 @@ from uuv.sim.interfaces.spatial import Array
 
 DRAWN = 3000  # postures
 VIEW = float(np.radians(25.0))  # half angle of the camera's view that the folded arm keeps clear of
-_RINGS, _SPOKES = 3, 8  # of the rays within that angle
+_RINGS = 3  # of the rays within that angle
+_SPOKES = 8
 _FARTHEST = 3.0  # [m] to which the view is to be clear
 _ALWAYS = 0.9  # share of postures from which on two touching parts are taken for neighbours
 _TRIED = 400  # postures from which neighbours are recognised
-# changes that are tried around the best posture, and rounds of them, each half as wide
-_LOCAL, _ROUNDS = 60, 6
+_LOCAL = 60  # changes that are tried around the best posture in a round
+_ROUNDS = 6  # each half as wide as the one before
 _LEVER = 0.4  # of the reach [m/rad]: weighs rotation against translation
 _INSIDE = 0.4, 0.75  # share of the reach at which a ready tool is
 _ROOMY = 0.5  # [rad] or [m] distance from a joint limit that counts as free
@@ -68,7 +69,8 @@ class PostureSearch:
 
         self.data = mujoco.MjData(self.model)
         vehicle = self.vehicle
-        self._low, self._high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+        self._low = vehicle.q_limits[:, 0]
+        self._high = vehicle.q_limits[:, 1]
         self._camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE)
 
         # Shapes that the arm moves.
@@ -114,10 +116,8 @@ class PostureSearch:
 
         density = hydrodynamics.water_density(model)
         bodies = np.flatnonzero(model.body_rootid == model.body_rootid[self.vehicle.hull])
-        net, local = (
-            np.array(model.body_mass[bodies]),
-            model.body_mass[bodies, None] * model.body_ipos[bodies],
-        )
+        net = np.array(model.body_mass[bodies])
+        local = model.body_mass[bodies, None] * model.body_ipos[bodies]
         for i, body in enumerate(bodies):
             if hydrodynamics.carries(model.body_user[body]):
                 water = hydrodynamics.unpack(model.body_user[body])
@@ -133,10 +133,12 @@ class PostureSearch:
         costs = np.array([self._spread(q) for q in inside])
 
         # The most compact one that is clear of all.
-        best, cost = None, np.inf
+        best = None
+        cost = np.inf
         for i in np.argsort(costs, kind="stable"):
             if self.is_clear(inside[i]) and self.view_blocked(inside[i]) == 0.0:
-                best, cost = inside[i], costs[i]
+                best = inside[i]
+                cost = costs[i]
                 break
 
         if best is None:  # no posture leaves the view free: the least in the way
@@ -153,7 +155,8 @@ class PostureSearch:
                 and self.is_clear(q)
                 and self.view_blocked(q) == 0.0
             ):
-                best, cost = q, spread
+                best = q
+                cost = spread
 
         return FoundPosture(q=best, said="clear of the hull, of itself and of the camera's view")
 
@@ -162,16 +165,19 @@ class PostureSearch:
         scores = np.array([self._readiness(q) for q in self._drawn])
 
         # The best drawn one that is clear.
-        best, score = self._drawn[int(np.argmax(scores))], -np.inf
+        best = self._drawn[int(np.argmax(scores))]
+        score = -np.inf
         for i in np.argsort(-scores, kind="stable"):
             if self.is_clear(self._drawn[i]):
-                best, score = self._drawn[i], scores[i]
+                best = self._drawn[i]
+                score = scores[i]
                 break
 
         # Small changes of it.
         for q in self._around(best, np.zeros(len(self._low))):
             if (now := self._readiness(q)) > score and self.is_clear(q):
-                best, score = q, now
+                best = q
+                score = now
 
         far = float(np.linalg.norm(self._tip(best)))
         return FoundPosture(
@@ -223,9 +229,11 @@ class PostureSearch:
             return 0.0, ""
 
         self._at(q)
-        model, data = self.model, self.data
-        R, p = data.site_xmat[self._camera].reshape(3, 3), data.site_xpos[self._camera]
-        hit, distance = np.full(1, -1, dtype=np.int32), 0.0
+        model = self.model
+        data = self.data
+        R = data.site_xmat[self._camera].reshape(3, 3)
+        p = data.site_xpos[self._camera]
+        hit = np.full(1, -1, dtype=np.int32)
         hits: list[int] = []
         rays = list(_fan(half_angle))
 
@@ -248,7 +256,9 @@ class PostureSearch:
 
     def _singular_value(self) -> float:
         """`singular_value` at the present posture."""
-        model, data, dof = self.model, self.data, self.vehicle.dof
+        model = self.model
+        data = self.data
+        dof = self.vehicle.dof
         jac = np.zeros((6, model.nv))
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, jac[:3], jac[3:], self.vehicle.tip)
@@ -268,8 +278,10 @@ class PostureSearch:
 
     def _tip_axis(self) -> tuple[Array, Array]:
         """`tip_axis` at the present posture."""
-        vehicle, data = self.vehicle, self.data
-        R_WB, p = data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]
+        vehicle = self.vehicle
+        data = self.data
+        R_WB = data.xmat[vehicle.hull].reshape(3, 3)
+        p = data.xpos[vehicle.hull]
         return R_WB.T @ (data.site_xpos[vehicle.tip] - p), R_WB.T @ data.site_xmat[
             vehicle.tip
         ].reshape(3, 3)[:, 2]
@@ -282,7 +294,8 @@ class PostureSearch:
 
     def _within(self, geom: int) -> bool:
         """Whether the camera is inside the bounding sphere of a small geom, such as its housing."""
-        model, data = self.model, self.data
+        model = self.model
+        data = self.data
         away = float(np.linalg.norm(data.geom_xpos[geom] - data.site_xpos[self._camera]))
         return away < float(model.geom_rbound[geom]) < 0.15
 
@@ -290,7 +303,8 @@ class PostureSearch:
         room = float(np.minimum(q - self._low, self._high - q).min())
         reach = self.reach  # may search, so before the posture is set
         self._at(q)
-        sigma, (p_BG, z_BG) = self._singular_value(), self._tip_axis()
+        sigma = self._singular_value()
+        p_BG, z_BG = self._tip_axis()
         far = float(np.linalg.norm(p_BG - self.vehicle.X_BA[:3, 3])) / reach
 
         # Far from singular postures and joint limits, at a fair share of the reach.
@@ -333,7 +347,9 @@ class PostureSearch:
     def _spread(self, q: Array) -> float:
         """How far [m] the arm reaches out of the hull's box at `q` (n,), and its list, weighted."""
         self._at(q)
-        model, data, hull = self.model, self.data, self.vehicle.hull
+        model = self.model
+        data = self.data
+        hull = self.vehicle.hull
         places = [data.geom_xpos[self._arm_geoms], data.site_xpos[[self.vehicle.tip]]]
         p_B = (np.vstack(places) - data.xpos[hull]) @ data.xmat[hull].reshape(3, 3)
         radius = np.append(model.geom_rbound[self._arm_geoms], 0.0)
@@ -345,7 +361,8 @@ class PostureSearch:
 
     def _lists(self) -> float:
         """List [rad] of the vehicle at the present posture; 0 without water, or if unstable."""
-        data, hull = self.data, self.vehicle.hull
+        data = self.data
+        hull = self.vehicle.hull
         bodies, net, local = self._masses
         if not bodies.size:
             return 0.0
@@ -397,13 +414,16 @@ def _box(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], hull: int
     """Corners (2, 3) [m] in hull axes of the box around `geoms`' boxes; a point without any."""
     if not geoms:
         return np.zeros((2, 3))
-    R, p = data.xmat[hull].reshape(3, 3), data.xpos[hull]
+    R = data.xmat[hull].reshape(3, 3)
+    p = data.xpos[hull]
 
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    low = np.full(3, np.inf)
+    high = np.full(3, -np.inf)
     for g in geoms:
         R_BG = R.T @ data.geom_xmat[g].reshape(3, 3)
         centre = R.T @ (data.geom_xpos[g] - p) + R_BG @ model.geom_aabb[g, :3]
         half = np.abs(R_BG) @ model.geom_aabb[g, 3:]
-        low, high = np.minimum(low, centre - half), np.maximum(high, centre + half)
+        low = np.minimum(low, centre - half)
+        high = np.maximum(high, centre + half)
 
     return np.array([low, high])

@@ -10,7 +10,8 @@ from uuv.models.water.forms import CrossTerms, gz_term
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import finite_number, shown
 
-_FORCES, _SPEEDS = "xyzkmn", "UVWPQR"
+_FORCES = "xyzkmn"
+_SPEEDS = "UVWPQR"
 _NAMES = [f"{i}{j}" for i in _FORCES for j in _SPEEDS]
 _KNOWN = (
     *(f"{i}Dot{j}" for i in _FORCES for j in _SPEEDS),
@@ -45,7 +46,9 @@ def body_hydrodynamics(
         ConfigurationError: an unknown name, or numbers that `BodyHydrodynamics` refuses, such as a
             linear damping that feeds energy in.
     """
-    added, linear, quadratic = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
+    added = np.zeros((6, 6))
+    linear = np.zeros((6, 6))
+    quadratic = np.zeros(6)
     others: dict[str, float] = {}
 
     for name, value in parameters.items():

@@ -203,7 +203,8 @@ def attach_tree(
         _check_names(sections.bodies, bodies, "body")
         _check_names(sections.thrusters, actuators, "actuator")
 
-        wet, driven = {}, {}
+        wet = {}
+        driven = {}
         for name, entry in sections.bodies.items():
             if hydrodynamics.carries(bodies[name].userdata):
                 raise ConfigurationError(f"body {name!r} has its water already, {_TWICE}")
@@ -410,7 +411,8 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes:
         return _READER.made(BodyHydrodynamics, stated, where)
 
-    shape, place = shapes[0], inside(where, shapes[0])
+    shape = shapes[0]
+    place = inside(where, shape)
     density = {} if water_density is None else {_DENSITY: water_density}
     body = _READER.made(SHAPES[shape], {**density, **_READER.table(entry[shape], place)}, place)
     try:

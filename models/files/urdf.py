@@ -85,7 +85,8 @@ def mesh_file(name: str, folder: Path) -> Path | None:
         name: path, file:// or package://.
         folder: of the URDF.
     """
-    plain, folder = name.removeprefix("file://"), folder.resolve()
+    plain = name.removeprefix("file://")
+    folder = folder.resolve()
 
     tried = [folder / plain]
 
@@ -125,7 +126,8 @@ class UrdfChain:
     @property
     def X_base_child(self) -> list[Array]:
         """Pose (4, 4) in the base link of the link after each joint, at zero."""
-        X, out = np.eye(4), []
+        X = np.eye(4)
+        out = []
         for step in self.X_parent_child:
             X = X @ step
             out.append(X)
@@ -143,7 +145,8 @@ class UrdfChain:
         from uuv.models.arms.serial_arm import SerialArm  # its kernels compile on import
 
         X = self.X_base_child
-        axes, limits = [], []
+        axes = []
+        limits = []
         for i in self.driven:
             joint = self.joints[i]
             element = joint.find("axis")
@@ -294,7 +297,8 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
     carriers: dict[str, tuple[str, Element]] = {}
 
     for joint in xml.findall("joint"):
-        said, kind = f"{name}: joint {joint.get('name', '')!r}", joint.get("type", "")
+        said = f"{name}: joint {joint.get('name', '')!r}"
+        kind = joint.get("type", "")
         if kind not in _JOINTS:
             raise ConfigurationError(f"{said}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
 
@@ -318,7 +322,8 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
 
     carried = {roots[0]}
     for link in links:
-        way, at = [], link
+        way = []
+        at = link
         while at not in carried and at not in way:
             way.append(at)
             at = carriers[at][0]
@@ -462,7 +467,8 @@ def _limits(joint: Element, name: str) -> tuple[float, float]:
     if limit is None or joint.get("type") == "continuous":
         return -np.inf, np.inf
     try:
-        lower, upper = float(limit.get("lower", "-inf")), float(limit.get("upper", "inf"))
+        lower = float(limit.get("lower", "-inf"))
+        upper = float(limit.get("upper", "inf"))
     except ValueError as error:
         raise ConfigurationError(
             f"{name}: joint {joint.get('name')!r}: limits must be numbers"

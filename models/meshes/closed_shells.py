@@ -30,7 +30,8 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
 
     # Rings of vertices between the two poles.
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    ring_x, ring_r = x[1:-1], radius[1:-1]
+    ring_x = x[1:-1]
+    ring_r = radius[1:-1]
     rings = np.stack(
         [
             np.repeat(ring_x[:, None], sides, axis=1),
@@ -47,7 +48,8 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
     last = 1 + (len(ring_x) - 1) * sides
     faces = [np.column_stack([np.zeros_like(i), 1 + j, 1 + i])]
     for ring in range(len(ring_x) - 1):
-        low, high = 1 + ring * sides, 1 + (ring + 1) * sides
+        low = 1 + ring * sides
+        high = 1 + (ring + 1) * sides
         faces.append(np.column_stack([low + i, low + j, high + i]))
         faces.append(np.column_stack([low + j, high + j, high + i]))
     faces.append(np.column_stack([last + i, last + j, np.full_like(i, len(vertices) - 1)]))
@@ -56,7 +58,8 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
 
 def prism(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, np.ndarray]:
     """Closed surface between two convex polygons (N, 3) [m], both counter-clockwise."""
-    low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+    low = np.asarray(lower, dtype=np.float64)
+    high = np.asarray(upper, dtype=np.float64)
     n = len(low)
     i = np.arange(n)
     j = (i + 1) % n
@@ -110,7 +113,9 @@ def sphere(level: int) -> tuple[Array, np.ndarray]:
 
 def joined(parts: Iterable[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray]:
     """Concatenate several meshes (vertices (V, 3), triangles (T, 3)) without welding."""
-    vertices, triangles, count = [], [], 0
+    vertices = []
+    triangles = []
+    count = 0
     for points, faces in parts:
         vertices.append(points)
         triangles.append(faces + count)
@@ -217,7 +222,8 @@ def split(
     ):
         rows = np.flatnonzero(count == n)
         turn = (first[rows, None] + np.arange(3)) % 3
-        (a, b, c), (x, y, z) = triangles[rows[:, None], turn].T, middle[rows[:, None], turn].T
+        a, b, c = triangles[rows[:, None], turn].T
+        x, y, z = middle[rows[:, None], turn].T
         if n == 1:
             pieces = [(a, x, c), (x, b, c)]
         elif n == 2:

@@ -78,7 +78,8 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
         ConfigurationError: for fewer than FEWEST distinct points, or points that form no surface.
     """
     middle = middle_if_far(points)  # about which all squares of lengths are exact
-    given, points = len(points), points - middle
+    given = len(points)
+    points = points - middle
     points, first = np.unique(points, axis=0, return_index=True)
     if len(points) < FEWEST:
         raise ConfigurationError(
@@ -114,7 +115,9 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
     is_open = _share_open(vertices, triangles, spacing) > _OPEN
     triangles = _met(vertices, triangles, 0.0 if is_open else spacing)
     if is_open and np.einsum("ni,ni->", axes, points - points.mean(axis=0)) < 0.0:
-        triangles, axes, how = triangles[:, ::-1], -axes, f"{how}, turned over: it bulged inward"
+        triangles = triangles[:, ::-1]
+        axes = -axes
+        how = f"{how}, turned over: it bulged inward"
 
     fewer = f", averaged to {len(points)}" if len(points) < len(first) else ""
     ends = (
@@ -152,7 +155,8 @@ def _normals(points: Array) -> tuple[Array, np.ndarray]:
     middle = points[near].mean(axis=1)
     around = points[near] - middle[:, None]
     values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around) / _NEIGHBOURS)
-    values, normals = np.sqrt(np.maximum(values, 0.0)), vectors[:, :, 0]
+    values = np.sqrt(np.maximum(values, 0.0))
+    normals = vectors[:, :, 0]
 
     # Of the planes of its neighbours a point takes the thinnest that it lies on.
     off = np.abs(np.einsum("nki,nki->nk", normals[near], points[:, None] - middle[near]))
@@ -254,7 +258,8 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
         mesh = Delaunay(moved)
     except QhullError as error:
         raise ConfigurationError("cloud: its points form no surface; a model needs one") from error
-    cells, beside = mesh.simplices, mesh.neighbors
+    cells = mesh.simplices
+    beside = mesh.neighbors
 
     # Each face once: of the cell with the lower number, or at the hull.
     rows, sides = np.nonzero((beside > np.arange(len(cells))[:, None]) | (beside < 0))
@@ -337,16 +342,19 @@ def _sharpened(
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
     keys, place = np.unique(ends[..., 0] * len(points) + ends[..., 1], return_inverse=True)
     place = place.reshape(-1, 3)
-    a, b = keys // len(points), keys % len(points)
+    a = keys // len(points)
+    b = keys % len(points)
     cosine = np.einsum("ni,ni->n", normals[a], normals[b])
-    middle, apart = 0.5 * (points[a] + points[b]), points[b] - points[a]
+    middle = 0.5 * (points[a] + points[b])
+    apart = points[b] - points[a]
 
     # The point of both planes nearest to the middle: middle + u n_a + v n_b.
     at_a, at_b = (
         0.5 * np.einsum("ni,ni->n", apart, sign * normals[k]) for k, sign in ((a, -1.0), (b, 1.0))
     )
     square = np.maximum(1.0 - cosine**2, 1e-9)
-    u, v = (at_a - cosine * at_b) / square, (at_b - cosine * at_a) / square
+    u = (at_a - cosine * at_b) / square
+    v = (at_b - cosine * at_a) / square
     to = u[:, None] * normals[a] + v[:, None] * normals[b]
 
     # A crease gets a vertex, if that lies near by.
@@ -367,7 +375,8 @@ def _sharpened(
     ):
         rows = np.flatnonzero(count == many)
         turn = (first[rows, None] + np.arange(3)) % 3
-        (p, q, r), (x, y, z) = triangles[rows[:, None], turn].T, cut[rows[:, None], turn].T
+        p, q, r = triangles[rows[:, None], turn].T
+        x, y, z = cut[rows[:, None], turn].T
         if many == 1:
             pieces = [(p, x, r), (x, q, r)]
         elif many == 2:
@@ -399,7 +408,8 @@ def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float
     double = np.linalg.norm(cross, axis=1)
 
     some = rng.choice(len(triangles), _SIDES, p=double / double.sum())
-    normal, at = cross[some] / double[some, None], corners[some].mean(axis=1)
+    normal = cross[some] / double[some, None]
+    at = corners[some].mean(axis=1)
 
     scene = RayScene(vertices, triangles)
     free = np.ones(_SIDES, dtype=bool)
@@ -422,10 +432,8 @@ def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
 
-    scene, far = (
-        RayScene(vertices, triangles),
-        3.0 * float(np.linalg.norm(np.ptp(vertices, axis=0))),
-    )
+    scene = RayScene(vertices, triangles)
+    far = 3.0 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
     seen = np.zeros((2, len(triangles)), dtype=np.int64)  # from ahead and from behind
     for way in sphere(1)[0]:

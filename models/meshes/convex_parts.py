@@ -105,7 +105,8 @@ class _Judged:
         double_area = np.linalg.norm(cross, axis=1)
         normals = cross / double_area[:, None]
         step = max(_SAMPLE, float(np.sqrt(0.5 * double_area.sum() / _MANY)))
-        samples, owners = [points], [vertex_normals(points, faces)]
+        samples = [points]
+        owners = [vertex_normals(points, faces)]
 
         # Even barycentric grids, finer for larger triangles.
         longest = np.sqrt(
@@ -115,7 +116,8 @@ class _Judged:
         for n in np.unique(level):
             rows = np.flatnonzero(level == n)
             i, j = np.nonzero(np.add.outer(np.arange(n), np.arange(n)) < n)
-            u, v = (i + 1.0 / 3.0) / n, (j + 1.0 / 3.0) / n
+            u = (i + 1.0 / 3.0) / n
+            v = (j + 1.0 / 3.0) / n
             grid = (
                 a[rows, None]
                 + u[None, :, None] * (b - a)[rows, None]
@@ -124,9 +126,11 @@ class _Judged:
             samples.append(grid.reshape(-1, 3))
             owners.append(np.repeat(normals[rows], len(u), axis=0))
 
-        spread, facing = np.vstack(samples), np.vstack(owners)
+        spread = np.vstack(samples)
+        facing = np.vstack(owners)
         known = np.linalg.norm(facing, axis=1) > 0.5
-        spread, facing = spread[known], facing[known]
+        spread = spread[known]
+        facing = facing[known]
         order = np.argsort(spread[:, 0], kind="stable")
         return cls(points, faces, normals, spread[order], facing[order])
 
@@ -168,7 +172,8 @@ class _Judged:
 
         The search ends once it exceeds `enough` [m].
         """
-        low, high = solid.min(axis=0), solid.max(axis=0)
+        low = solid.min(axis=0)
+        high = solid.max(axis=0)
         start, end = np.searchsorted(self.samples[:, 0], [low[0], high[0]], side="left")
         inside = (
             (self.samples[start:end, 1:] > low[1:]) & (self.samples[start:end, 1:] < high[1:])

@@ -20,7 +20,8 @@ def middle_if_far(points: ArrayLike) -> Array:
     if not len(finite):
         return np.zeros(3)
 
-    low, high = finite.min(axis=0), finite.max(axis=0)
+    low = finite.min(axis=0)
+    high = finite.max(axis=0)
     middle = 0.5 * low + 0.5 * high
     far = float(np.abs(middle).max()) > _FAR * float(np.linalg.norm(high - low))
     return middle if far else np.zeros(3)

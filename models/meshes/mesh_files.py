@@ -105,7 +105,8 @@ def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
 
     head = (lines[0][1:] or [*lines, []][1]) + ["-1", "-1"]
     body = lines[1:] if len(lines[0]) > 1 else lines[2:]
-    points, faces = int(head[0]), int(head[1])
+    points = int(head[0])
+    faces = int(head[1])
     if min(points, faces) < 0:
         raise ValueError("its header tells of no vertices and faces")
     if len(body) < points + faces:

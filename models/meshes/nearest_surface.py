@@ -40,7 +40,8 @@ class NearestSurface:
     def query(self, points: ArrayLike) -> Nearest:
         """Nearest point on the mesh to each of `points` (N, 3) [m], finite with finite squares."""
         asked = np.ascontiguousarray(points, dtype=np.float64)
-        at, weights = np.zeros(len(asked), dtype=np.int64), np.zeros((len(asked), 3))
+        at = np.zeros(len(asked), dtype=np.int64)
+        weights = np.zeros((len(asked), 3))
         _search(asked, self.corners, self.boxes, self.spans, at, weights)
         point = np.einsum("nk,nkj->nj", weights, self.corners[at])
         distance = np.linalg.norm(asked - point, axis=1)
@@ -57,24 +58,30 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
         for a in range(3):
             middles[n, a] = (corners[n, 0, a] + corners[n, 1, a] + corners[n, 2, a]) / 3.0
 
-    boxes, spans = np.empty((2 * count, 6)), np.zeros((2 * count, 3), dtype=np.int64)
+    boxes = np.empty((2 * count, 6))
+    spans = np.zeros((2 * count, 3), dtype=np.int64)
     made = 1
     waiting = [(0, 0, count)]
     while len(waiting) > 0:
         box, first, end = waiting.pop()
-        widest, side = -1.0, 0
+        widest = -1.0
+        side = 0
 
         # Box of the triangles, and the axis along which their middles spread most.
         for a in range(3):
-            boxes[box, a], boxes[box, a + 3] = np.inf, -np.inf
-            low, high = np.inf, -np.inf
+            boxes[box, a] = np.inf
+            boxes[box, a + 3] = -np.inf
+            low = np.inf
+            high = -np.inf
             for n in order[first:end]:
-                low, high = min(low, middles[n, a]), max(high, middles[n, a])
+                low = min(low, middles[n, a])
+                high = max(high, middles[n, a])
                 for k in range(3):
                     boxes[box, a] = min(boxes[box, a], corners[n, k, a])
                     boxes[box, a + 3] = max(boxes[box, a + 3], corners[n, k, a])
             if high - low > widest:
-                widest, side = high - low, a
+                widest = high - low
+                side = a
 
         if end - first <= _LEAF:
             spans[box] = np.array([first, end, -1])
@@ -84,7 +91,8 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
         part = order[first:end].copy()
         order[first:end] = part[np.argsort(middles[part, side], kind="mergesort")]
         half = (first + end) // 2
-        spans[box, 0], spans[box, 1] = made, made + 1
+        spans[box, 0] = made
+        spans[box, 1] = made + 1
         waiting.append((made, first, half))
         waiting.append((made + 1, half, end))
         made += 2
@@ -97,32 +105,42 @@ def _search(
     asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array
 ) -> None:
     """Write the index `at` (N,) of each point's nearest triangle, and weights (N, 3) there."""
-    waiting, away = np.empty(128, dtype=np.int64), np.empty(128)
+    waiting = np.empty(128, dtype=np.int64)
+    away = np.empty(128)
 
     # Depth first, the nearer child first; a box farther than the best is passed over.
     for n in range(len(asked)):
         x, y, z = asked[n, 0], asked[n, 1], asked[n, 2]
         best = np.inf
-        waiting[0], away[0], depth = 0, 0.0, 1
+        waiting[0] = 0
+        away[0] = 0.0
+        depth = 1
         while depth > 0:
             depth -= 1
             if away[depth] >= best:
                 continue
             box = waiting[depth]
-            first, second = spans[box, 0], spans[box, 1]
+            first = spans[box, 0]
+            second = spans[box, 1]
             if spans[box, 2] < 0:
                 for t in range(first, second):
                     u, v, w, square = _on_triangle(x, y, z, corners[t])
                     if square < best:
-                        best, at[n] = square, t
-                        weights[n, 0], weights[n, 1], weights[n, 2] = u, v, w
+                        best = square
+                        at[n] = t
+                        weights[n, 0] = u
+                        weights[n, 1] = v
+                        weights[n, 2] = w
                 continue
 
-            near, far = _from_box(x, y, z, boxes[first]), _from_box(x, y, z, boxes[second])
+            near = _from_box(x, y, z, boxes[first])
+            far = _from_box(x, y, z, boxes[second])
             if near > far:
                 first, second, near, far = second, first, far, near
-            waiting[depth], away[depth] = second, far
-            waiting[depth + 1], away[depth + 1] = first, near
+            waiting[depth] = second
+            away[depth] = far
+            waiting[depth + 1] = first
+            away[depth + 1] = near
             depth += 2
 
 
@@ -152,23 +170,27 @@ def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, fl
     px, py, pz = x - corner[0, 0], y - corner[0, 1], z - corner[0, 2]
 
     # Normal equations of the projection onto the plane.
-    aa, ab, bb = (
-        ax * ax + ay * ay + az * az,
-        ax * bx + ay * by + az * bz,
-        bx * bx + by * by + bz * bz,
-    )
-    pa, pb = px * ax + py * ay + pz * az, px * bx + py * by + pz * bz
+    aa = ax * ax + ay * ay + az * az
+    ab = ax * bx + ay * by + az * bz
+    bb = bx * bx + by * by + bz * bz
+    pa = px * ax + py * ay + pz * az
+    pb = px * bx + py * by + pz * bz
     area = aa * bb - ab * ab
     if area > 1e-14 * aa * bb:
-        v, w = (bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area
+        v = (bb * pa - ab * pb) / area
+        w = (aa * pb - ab * pa) / area
         if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
             ex, ey, ez = px - v * ax - w * bx, py - v * ay - w * by, pz - v * az - w * bz
             return 1.0 - v - w, v, w, ex * ex + ey * ey + ez * ez
 
     # Projection outside the triangle, or no area: the nearest point is on an edge.
-    u, v, w, best = 1.0, 0.0, 0.0, np.inf
+    u = 1.0
+    v = 0.0
+    w = 0.0
+    best = np.inf
     for side in range(3):
-        i, j = side, (side + 1) % 3
+        i = side
+        j = (side + 1) % 3
         sx, sy, sz = (
             corner[j, 0] - corner[i, 0],
             corner[j, 1] - corner[i, 1],

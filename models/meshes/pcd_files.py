@@ -150,7 +150,8 @@ def _cut_short(file: Path, count: int) -> ConfigurationError:
 @kernel
 def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
     """Decompress LZF [Lehmann 2000] into `whole`; the number of bytes written, -1 if malformed."""
-    i, o = 0, 0
+    i = 0  # next byte of `packed`
+    o = 0  # next byte of `whole`
     while i < len(packed):
         head = np.int64(packed[i])
         i += 1

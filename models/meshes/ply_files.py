@@ -67,7 +67,9 @@ def need_corners(points: Array, triangles: np.ndarray) -> None:
 def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
     order, elements, at = _header(content)
     source = _Text(content[at:].split()) if not order else _Binary(content, at, order)
-    points, normals, triangles = np.zeros((0, 3)), None, np.zeros((0, 3), dtype=np.int64)
+    points = np.zeros((0, 3))
+    normals = None
+    triangles = np.zeros((0, 3), dtype=np.int64)
 
     for element in elements:
         columns = source.read(element)
@@ -124,7 +126,8 @@ def write_ply(
     if triangles is not None:
         index = np.asarray(triangles).reshape(-1, 3)
         faces = np.zeros(len(index), dtype=faces.dtype)
-        faces["corners"], faces["index"] = 3, index
+        faces["corners"] = 3
+        faces["index"] = index
         header += [f"element face {len(index)}", "property list uchar int vertex_indices"]
 
     file.write_bytes(
@@ -185,7 +188,8 @@ class _Text:
     """Sequential reader of the numbers of a text PLY."""
 
     def __init__(self, words: list[bytes]) -> None:
-        self._words, self._at = words, 0
+        self._words = words
+        self._at = 0
 
     def read(self, element: _Element) -> dict[str, Any]:
         """Columns (count,) of `element`; a list of arrays for a property that is a list."""
@@ -213,7 +217,9 @@ class _Binary:
     """Sequential reader of a binary PLY."""
 
     def __init__(self, content: bytes, at: int, order: str) -> None:
-        self._content, self._at, self._order = content, at, order
+        self._content = content
+        self._at = at
+        self._order = order
 
     def read(self, element: _Element) -> dict[str, Any]:
         """Columns as `_Text.read`; an array (count, length) where all lists are equally long."""
@@ -230,7 +236,8 @@ class _Binary:
 
     def _lengths(self, element: _Element) -> list[int]:
         """Lengths of the lists in the first row; 1 for properties that are no list."""
-        lengths, start = [], self._at
+        lengths = []
+        start = self._at
         for _, kind, length in element.properties if element.count else ():
             lengths.append(1 if length is None else int(self._take(length, 1, element)[0]))
             self._take(kind, lengths[-1], element)

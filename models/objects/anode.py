@@ -13,7 +13,9 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose, rotation_from_z
 
 LENGTH = 0.8  # [m] of the bar, along x_T
-TOP, BOTTOM, HEIGHT = 0.12, 0.16, 0.12  # [m] widths (y_T) and height (z_T) of its section
+TOP = 0.12  # [m] width (y_T) of the section's upper side
+BOTTOM = 0.16  # [m] width of the lower one
+HEIGHT = 0.12  # [m] (z_T) of the section
 PIPE = (0.024, 1.06)  # [m] radius and length of the core
 LEG = 0.26  # [m] that the legs reach below the bar's middle
 LEG_X = 0.48  # [m] from the middle to a leg's axis
@@ -60,10 +62,12 @@ def anode() -> TargetModel:
             [[-x, -0.5 * width, z], [x, -0.5 * width, z], [x, 0.5 * width, z], [-x, 0.5 * width, z]]
         )
 
-    low, high = face(BOTTOM, -0.5 * HEIGHT), face(TOP, 0.5 * HEIGHT)
+    low = face(BOTTOM, -0.5 * HEIGHT)
+    high = face(TOP, 0.5 * HEIGHT)
 
     # Pipe and legs are revolved about x; a leg's axis is turned to z.
-    r, half = PIPE[0], 0.5 * PIPE[1]
+    r = PIPE[0]
+    half = 0.5 * PIPE[1]
     pipe = revolve(np.array([(-half, 0.0), (-half, r), (half, r), (half, 0.0)]), _SIDES)
     upright, faces = revolve(np.array([(-LEG, 0.0), (-LEG, r), (0.0, r), (0.0, 0.0)]), _SIDES)
     legs = [(upright[:, [1, 2, 0]] + [s * LEG_X, 0.0, 0.0], faces) for s in (-1.0, 1.0)]

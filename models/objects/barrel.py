@@ -110,12 +110,11 @@ def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath
 
     # Way along the axis and around the shell, on the unrolled shell.
     s = np.linspace(-length, length, 2 * max(4, round(length / PATH_STEP)) + 1)
-    ahead, around = (
-        np.minimum(s, 0.0) + np.maximum(s, 0.0) * np.cos(corner),
-        np.maximum(s, 0.0) * np.sin(corner),
-    )
+    ahead = np.minimum(s, 0.0) + np.maximum(s, 0.0) * np.cos(corner)
+    around = np.maximum(s, 0.0) * np.sin(corner)
 
-    radius, zero = 0.5 * BARREL_DIAMETER, np.zeros_like(s)
+    radius = 0.5 * BARREL_DIAMETER
+    zero = np.zeros_like(s)
     angle = -around / radius
     outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
     onward = np.column_stack([zero, np.cos(angle), np.sin(angle)])
@@ -157,7 +156,8 @@ def barrel(
     Raises:
         ConfigurationError: a path off the shell, or a stand inside it.
     """
-    r, h = 0.5 * BARREL_DIAMETER, 0.5 * BARREL_LENGTH
+    r = 0.5 * BARREL_DIAMETER
+    h = 0.5 * BARREL_LENGTH
     rim = r + RIM_HEIGHT
     profile = [(-h, 0.0), (-h, rim), (RIM_WIDTH - h, rim), (RIM_WIDTH - h, r)]
     profile += [(-x, radius) for x, radius in reversed(profile)]

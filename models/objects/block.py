@@ -20,18 +20,19 @@ _ARCS = 24  # steps of a quarter circle; the facets deviate from it by r / 900
 
 def over_edge(radius: float, length: float = 0.2) -> ModelPath:
     """Path along y_T over the top, around its edge, down the side; `length` [m] on each face."""
-    flat, down = 0.5 * SIZE[1] - radius, 0.5 * SIZE[2] - radius
-    arc, total = 0.5 * np.pi * radius, 2.0 * length + 0.5 * np.pi * radius
+    flat = 0.5 * SIZE[1] - radius
+    down = 0.5 * SIZE[2] - radius
+    arc = 0.5 * np.pi * radius
+    total = 2.0 * length + 0.5 * np.pi * radius
 
     s = np.linspace(0.0, total, max(4, 1 + round(total / PATH_STEP)))
     angle = np.clip((s - length) / radius, 0.0, 0.5 * np.pi)
-    along, outward = (
-        _in_plane(np.cos(angle), -np.sin(angle)),
-        _in_plane(np.sin(angle), np.cos(angle)),
-    )
+    along = _in_plane(np.cos(angle), -np.sin(angle))
+    outward = _in_plane(np.sin(angle), np.cos(angle))
 
     # Ways on the two faces, before and after the arc.
-    before, after = np.minimum(s - length, 0.0), np.maximum(s - length - arc, 0.0)
+    before = np.minimum(s - length, 0.0)
+    after = np.maximum(s - length - arc, 0.0)
     p = _in_plane(np.full_like(s, flat) + before, np.full_like(s, down) - after) + radius * outward
     return ModelPath(p=p, a=-outward, b=along)
 
@@ -106,7 +107,8 @@ def _rounded_box(radius: float) -> tuple[Array, np.ndarray]:
     outward = np.einsum("ij,ij->i", _cross(points, hull.simplices), hull.equations[:, :3]) > 0.0
     triangles = np.where(outward[:, None], hull.simplices, hull.simplices[:, ::-1])
     used, index = np.unique(triangles, return_inverse=True)
-    vertices, triangles = points[used], index.reshape(-1, 3)
+    vertices = points[used]
+    triangles = index.reshape(-1, 3)
     return vertices, triangles
 
 

@@ -182,7 +182,8 @@ def deformed(target: TargetModel, patches: Sequence[Patch]) -> Deformed:
         edge = float(np.clip(patch.radius / 9.0, *_EDGE))
         reach = (1.0 + 1.5 * _LOBES) * patch.radius
         for _ in range(30):
-            low, high = points[faces].min(axis=1), points[faces].max(axis=1)
+            low = points[faces].min(axis=1)
+            high = points[faces].max(axis=1)
             away = np.linalg.norm(
                 np.maximum(np.maximum(low - patch.p_T, patch.p_T - high), 0.0), axis=1
             )

@@ -166,7 +166,8 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])
         shells.append((vertices @ R_pipe.T + middle, triangles))
 
-    x, ones = np.linspace(-0.02, 0.02, 9), np.ones((9, 1))
+    x = np.linspace(-0.02, 0.02, 9)
+    ones = np.ones((9, 1))
     line = np.column_stack([x, np.full(9, radius + chamfer + 0.015), np.zeros(9)])
     beside = {
         name: ModelPath(p=hole.p_T + line, a=-ones * _Z, b=ones * [1.0, 0.0, 0.0])
@@ -191,7 +192,9 @@ def _box(name: str, middle: ArrayLike, size: ArrayLike, R: Array | None = None) 
 
 def _ring(name: str, hole: Hole) -> list[Solid]:
     """Boxes around the bore, out to its cell's corners: wall, lip and chamfer for each side."""
-    r, c, out = hole.radius, hole.chamfer, np.sqrt(2.0) * _CELL
+    r = hole.radius
+    c = hole.chamfer
+    out = np.sqrt(2.0) * _CELL
     wide = 2.0 * out * np.tan(np.pi / SIDES)
     found = []
     for k in range(SIDES):
@@ -250,7 +253,8 @@ class _Mesh:
         n = _FACETS
         angle = 2.0 * np.pi * np.arange(n) / n
         circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
-        r, c = hole.radius, hole.chamfer
+        r = hole.radius
+        c = hole.chamfer
         i = np.arange(n)
         j = (i + 1) % n
 
@@ -267,7 +271,8 @@ class _Mesh:
             [(r + c, 0.0), (r, -c), (r, -hole.depth)] if c > 0.0 else [(r, 0.0), (r, -hole.depth)]
         )
         for (r0, z0), (r1, z1) in pairwise(rings):
-            upper, lower = hole.p_T + r0 * circle + [0, 0, z0], hole.p_T + r1 * circle + [0, 0, z1]
+            upper = hole.p_T + r0 * circle + [0, 0, z0]
+            lower = hole.p_T + r1 * circle + [0, 0, z1]
             self.add(
                 np.vstack([upper, lower]),
                 np.vstack([np.column_stack([i, j, n + j]), np.column_stack([i, n + j, n + i])]),
@@ -281,7 +286,8 @@ class _Mesh:
 
     def sides(self, columns: list[float], rows: list[float], height: float) -> None:
         """Add the block without its face, whose edge has corners at `columns` (x), `rows` (y)."""
-        x, y = np.array(columns), np.array(rows)
+        x = np.array(columns)
+        y = np.array(rows)
         rim = np.concatenate(
             [
                 np.column_stack([x[:-1], np.full(len(x) - 1, y[0])]),

@@ -78,7 +78,8 @@ def mesh_symmetry(
             [*found, *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1)]
         )
     elif equal.any():
-        main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
+        main = axes[:, 0] if equal[1] else axes[:, 2]
+        side = axes[:, 1]
         candidates = [main, *shape.half_turns_across(main, side)]
     else:
         candidates = list(axes.T)
@@ -106,7 +107,8 @@ def has_mirror_plane(
     if not equal.any():
         return False
 
-    main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
+    main = axes[:, 0] if equal[1] else axes[:, 2]
+    side = axes[:, 1]
     normals = _hemisphere(_SPHERE)
     if not equal.all():
         normals = np.array(
@@ -200,7 +202,8 @@ class _Shape:
                 np.mean(self.surface.query(points @ exp_so3(np.pi * axis(angle)).T).distance ** 2)
             )
 
-        few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
+        few = self.points[:_FIRST]
+        more = self.points[: 5 * _FIRST]
         around = np.array([off(angle, few) for angle in angles])
         lowest = np.nonzero((around <= np.roll(around, 1)) & (around <= np.roll(around, -1)))[0]
         found: list[Array] = []
@@ -220,7 +223,8 @@ class _Shape:
 
         The step of ICP is that of [Arun 1987].
         """
-        few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
+        few = self.points[:_FIRST]
+        more = self.points[: 5 * _FIRST]
         off = [np.mean(self.surface.query(few @ R.T).distance ** 2) for R in maps]
         found: list[Array] = []
 
@@ -301,7 +305,8 @@ def _distinct(axes: list[Array]) -> list[Array]:
 def _hemisphere(count: int) -> Array:
     """Unit vectors (count, 3), evenly spread over half a sphere: a Fibonacci spiral."""
     k = np.arange(count) + 0.5
-    z, angle = k / count, k * np.pi * (3.0 - np.sqrt(5.0))
+    z = k / count
+    angle = k * np.pi * (3.0 - np.sqrt(5.0))
     return np.column_stack(
         [np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z]
     )

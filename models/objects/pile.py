@@ -96,9 +96,11 @@ def helix(
 
 def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPath:
     """Path through `height` (N,) [m] and `azimuth` (N,) [rad]; `climb` is the sine of its slope."""
-    low, high = float(np.min(height)), float(np.max(height))
+    low = float(np.min(height))
+    high = float(np.max(height))
     end = 0.5 * PILE_LENGTH - FLANGE_MARGIN
-    under, over = FLANGE[0] - FLANGE_MARGIN, FLANGE[1] + FLANGE_MARGIN
+    under = FLANGE[0] - FLANGE_MARGIN
+    over = FLANGE[1] + FLANGE_MARGIN
     if not ((-end <= low and high <= under) or (over <= low and high <= end)):
         raise ConfigurationError(
             f"{name} path: heights must lie in [{-end:.2f}, {under:.2f}] or [{over:.2f}, "
@@ -126,7 +128,9 @@ def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> T
     Returns:
         The target.
     """
-    r, h, R = 0.5 * PILE_DIAMETER, 0.5 * PILE_LENGTH, 0.5 * FLANGE_DIAMETER
+    r = 0.5 * PILE_DIAMETER
+    h = 0.5 * PILE_LENGTH
+    R = 0.5 * FLANGE_DIAMETER
     collar = [(FLANGE[0], r), (FLANGE[0], R), (FLANGE[1], R), (FLANGE[1], r)] if flange else []
     vertices, triangles = revolve(np.array([(-h, 0.0), (-h, r), *collar, (h, r), (h, 0.0)]), SIDES)
 

@@ -59,7 +59,8 @@ class _Form:
     """Seeded star-shaped surface: distance from the middle in every direction."""
 
     def __init__(self, rng: np.random.Generator, roughness: float) -> None:
-        normals, swells = rng.normal(size=(_PLANES, 3)), rng.normal(size=(_SWELLS, 3))
+        normals = rng.normal(size=(_PLANES, 3))
+        swells = rng.normal(size=(_SWELLS, 3))
 
         # Six planes along the axes bound the rock, the others are random.
         self._normals = np.vstack(

@@ -14,7 +14,8 @@ ARMS = 5  # equal arms, so the symmetry is a turn of 72 deg
 REACH = 0.2  # [m] from the middle to an arm's tip
 WAIST = 0.07  # [m] from the middle to the outline between two arms
 RIM = 0.3  # thickness of the rim, as a share of the middle's
-_AROUND, _RINGS = 36 * ARMS, 16
+_AROUND = 36 * ARMS
+_RINGS = 16
 
 
 def outline(angle: Array) -> Array:
@@ -48,7 +49,8 @@ def _on_top(xy: Array) -> ModelPath:
         share = np.hypot(*at.T) / outline(np.arctan2(at[:, 1], at[:, 0]))
         return np.column_stack([at, _height(share) - 0.5 * THICKNESS])
 
-    p, h = surface(xy), 1e-5
+    p = surface(xy)
+    h = 1e-5
 
     along_x = surface(xy + np.array([h, 0.0])) - surface(xy - np.array([h, 0.0]))
     along_y = surface(xy + np.array([0.0, h])) - surface(xy - np.array([0.0, h]))
@@ -95,7 +97,8 @@ def starfish() -> TargetModel:
     j = (i + 1) % _AROUND
     top = [np.column_stack([np.full_like(i, 2 * n), i, j])]
     for k in range(_RINGS - 1):
-        inner, outer = k * _AROUND, (k + 1) * _AROUND
+        inner = k * _AROUND
+        outer = (k + 1) * _AROUND
         top += [
             np.column_stack([inner + i, outer + i, outer + j]),
             np.column_stack([inner + i, outer + j, inner + j]),

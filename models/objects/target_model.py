@@ -98,7 +98,8 @@ class Symmetry:
 
     def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
         """Of all rotations equivalent to `R_AT`, the nearest to `R_AT_prior` (both (3, 3))."""
-        best, best_trace = R_AT, -np.inf
+        best = R_AT
+        best_trace = -np.inf
 
         for G in self.rotations:
             R = R_AT @ G
@@ -112,7 +113,8 @@ class Symmetry:
 
             trace = float(np.trace(R_AT_prior.T @ R))
             if trace > best_trace:
-                best, best_trace = R, trace
+                best = R
+                best_trace = trace
 
         return best
 
@@ -382,7 +384,8 @@ class TargetModel:
         )
 
         middle = middle_if_far(self.vertices)  # MuJoCo keeps meshes in single precision
-        hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
+        hulls = self.hulls
+        cut = felt and not (self.solids or self.hulls)
         if cut:
             from uuv.models.meshes import convex_parts
 
@@ -461,12 +464,15 @@ class TargetModel:
         if scale is not None:
             scale = finite_number(scale, "target mesh: scale", least=1e-9, most=1e9)
 
-        normals, triangles, notes = None, np.zeros((0, 3), dtype=np.int64), ()
+        normals = None
+        triangles = np.zeros((0, 3), dtype=np.int64)
+        notes = ()
         is_cloud = is_cloud_file(path)
         if is_cloud:
             surfels = read_surfels(path, "target cloud")
             finite = np.isfinite(surfels.points).all(axis=1)
-            vertices, normals = surfels.points[finite], surfels.normals
+            vertices = surfels.points[finite]
+            normals = surfels.normals
             normals = None if normals is None else normals[finite]
             notes = surfels.notes
         else:
@@ -531,7 +537,8 @@ class TargetModel:
             )
 
         finite = np.isfinite(values).all(axis=1)
-        outward, notes = None, list[str]()
+        outward = None
+        notes = list[str]()
         if normals is not None:
             outward = real_array(normals, f"{what}: normals", "(n, 3) numbers")
             if outward.shape != values.shape:

@@ -73,7 +73,9 @@ def valve() -> TargetModel:
     The origin is in the middle of the pipe. The closed shells (body, bonnet with stem, lever)
     intersect. Paths "handle" and "collar".
     """
-    r, half, (wide, thick) = PIPE[0], 0.5 * PIPE[1], FLANGE
+    r = PIPE[0]
+    half = 0.5 * PIPE[1]
+    wide, thick = FLANGE
     profile = [(-half, 0.0), (-half, wide), (thick - half, wide), (thick - half, r)]
     profile += [(-x, radius) for x, radius in reversed(profile)]
 

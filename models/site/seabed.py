@@ -65,12 +65,17 @@ class Seabed:
             inside = (u >= 0.0) & (u <= last) & (v >= 0.0) & (v <= last)
 
         # Cell of each point, and position in it.
-        u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
-        i, j = np.minimum(u.astype(int), last - 1), np.minimum(v.astype(int), last - 1)
-        u, v = u - i, v - j
+        u = np.where(inside, u, 0.0)
+        v = np.where(inside, v, 0.0)
+        i = np.minimum(u.astype(int), last - 1)
+        j = np.minimum(v.astype(int), last - 1)
+        u = u - i
+        v = v - j
 
-        a, b = self.heights[j, i], self.heights[j, i + 1]
-        c, d = self.heights[j + 1, i + 1], self.heights[j + 1, i]
+        a = self.heights[j, i]
+        b = self.heights[j, i + 1]
+        c = self.heights[j + 1, i + 1]
+        d = self.heights[j + 1, i]
 
         # Each cell is divided along the diagonal from corner a to corner c.
         z = np.where(v <= u, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d))
@@ -82,12 +87,10 @@ class Seabed:
         x, y = np.meshgrid(*(np.linspace(-self.half, self.half, n) + c for c in self.center_W[:2]))
 
         index = np.arange(n * n).reshape(n, n)
-        a, b, c, d = (
-            index[:-1, :-1].ravel(),
-            index[:-1, 1:].ravel(),
-            index[1:, 1:].ravel(),
-            index[1:, :-1].ravel(),
-        )
+        a = index[:-1, :-1].ravel()
+        b = index[:-1, 1:].ravel()
+        c = index[1:, 1:].ravel()
+        d = index[1:, :-1].ravel()
 
         vertices = np.column_stack(
             [x.ravel(), y.ravel(), (self.heights + self.center_W[2]).ravel()]
@@ -106,16 +109,16 @@ class Seabed:
             mesh = spec.add_mesh(
                 name=SEABED_GEOM, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
             )
-            mesh.uservert, mesh.userface = (vertices - self.center_W).ravel(), triangles.ravel()
-            geom.type, geom.meshname, geom.pos = (
-                mujoco.mjtGeom.mjGEOM_MESH,
-                SEABED_GEOM,
-                self.center_W,
-            )
+            mesh.uservert = (vertices - self.center_W).ravel()
+            mesh.userface = triangles.ravel()
+            geom.type = mujoco.mjtGeom.mjGEOM_MESH
+            geom.meshname = SEABED_GEOM
+            geom.pos = self.center_W
             geom.contype = geom.conaffinity = 0
             return
 
-        low, high = float(self.heights.min()), float(self.heights.max())
+        low = float(self.heights.min())
+        high = float(self.heights.max())
         n = len(self.heights)
         top = max(high - low, 1e-3)  # MuJoCo requires a positive height
         spec.add_hfield(
@@ -126,7 +129,8 @@ class Seabed:
             userdata=((self.heights - low) / top).ravel(),
         )
 
-        geom.type, geom.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, SEABED_GEOM
+        geom.type = mujoco.mjtGeom.mjGEOM_HFIELD
+        geom.hfieldname = SEABED_GEOM
         geom.pos = [*self.center_W[:2], self.center_W[2] + low]
 
 
@@ -181,19 +185,15 @@ def seabed(
     if kind == "ripples":
         z += _ripples(x, y, rng)
     elif kind == "slope":
-        heading, tangent = (
-            rng.uniform(-np.pi, np.pi),
-            np.tan(np.radians(rng.uniform(5.0, steepest))),
-        )
+        heading = rng.uniform(-np.pi, np.pi)
+        tangent = np.tan(np.radians(rng.uniform(5.0, steepest)))
         z += tangent * (np.cos(heading) * x + np.sin(heading) * y)
     elif kind == "rocks":
         stones = []
         for _ in range(rng.integers(6, 15)):
-            place, radius, squash = (
-                rng.uniform(-0.8 * half, 0.8 * half, 2),
-                rng.uniform(0.08, 0.3),
-                rng.uniform(0.5, 1),
-            )
+            place = rng.uniform(-0.8 * half, 0.8 * half, 2)
+            radius = rng.uniform(0.08, 0.3)
+            squash = rng.uniform(0.5, 1)
             stones.append([*(place + center[:2]), radius])
             inside = 1.0 - ((x - place[0]) ** 2 + (y - place[1]) ** 2) / radius**2
 
@@ -218,25 +218,22 @@ def _waves(
     """Sum of `count` sine waves of random heading; its standard deviation is `height` [m]."""
     z = np.zeros_like(x)
     for _ in range(count):
-        k, heading, phase = (
-            2.0 * np.pi / rng.uniform(*lengths),
-            rng.uniform(-np.pi, np.pi),
-            rng.uniform(0.0, 2 * np.pi),
-        )
+        k = 2.0 * np.pi / rng.uniform(*lengths)
+        heading = rng.uniform(-np.pi, np.pi)
+        phase = rng.uniform(0.0, 2 * np.pi)
         z += np.sin(k * (np.cos(heading) * x + np.sin(heading) * y) + phase)
     return z * height / np.sqrt(0.5 * count)
 
 
 def _ripples(x: Array, y: Array, rng: np.random.Generator) -> Array:
     """Ripples with a steep lee side and meandering crests."""
-    length, heading = rng.uniform(0.15, 0.6), rng.uniform(-np.pi, np.pi)
+    length = rng.uniform(0.15, 0.6)
+    heading = rng.uniform(-np.pi, np.pi)
     height = length / rng.uniform(10.0, 15.0)  # [m] trough to crest
 
     # Crests meander, and are steeper on one side.
-    along, across = (
-        np.cos(heading) * x + np.sin(heading) * y,
-        np.cos(heading) * y - np.sin(heading) * x,
-    )
+    along = np.cos(heading) * x + np.sin(heading) * y
+    across = np.cos(heading) * y - np.sin(heading) * x
     along = along + 0.15 * length * np.sin(
         2.0 * np.pi * across / rng.uniform(1.0, 2.0) + rng.uniform(0.0, 2 * np.pi)
     )

@@ -35,7 +35,8 @@ def let_tool_slide(scene: "mujoco.MjSpec", *, speed: float = 0.0, force: float =
     """
     import mujoco
 
-    pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
+    pad = scene.geom(TOOL_GEOM)
+    target = scene.body(TARGET_BODY)
     light = speed > 0.0 and math.isfinite(force)
     time = (
         friction_time(scene.copy().compile(), speed=speed, force=force) if light else FRICTION_TIME
@@ -51,7 +52,9 @@ def let_tool_slide(scene: "mujoco.MjSpec", *, speed: float = 0.0, force: float =
         pair = scene.add_pair(geomname1=TOOL_GEOM, geomname2=geom.name)
         sliding, spinning, rolling = np.array(pad.friction)
         pair.friction = [sliding, sliding, spinning, rolling, rolling]
-        pair.condim, pair.solref, pair.solimp = pad.condim, pad.solref, pad.solimp
+        pair.condim = pad.condim
+        pair.solref = pad.solref
+        pair.solimp = pad.solimp
         pair.solreffriction = [time, 1.0]
 
 

@@ -157,7 +157,8 @@ def box(width: float, length: float, wall: float, rake: float) -> SoilTool:
             f"box: 0 < 2 wall < width, length; got {wall}, {width}, {length} m"
         )
 
-    outer, inner = 2.0 * (width + length), 2.0 * (width + length - 4.0 * wall)
+    outer = 2.0 * (width + length)
+    inner = 2.0 * (width + length - 4.0 * wall)
     edge = width * length - (width - 2.0 * wall) * (length - 2.0 * wall)
 
     return SoilTool(edge=edge, skin=outer + inner, breadth=width, rake=rake)
@@ -218,15 +219,18 @@ def cutting_factor(soil: Soil, rake: float) -> float:
     the slip angle of the least force. Soil with internal friction is taken without cohesion, other
     soil without weight.
     """
-    phi, out = soil.friction, rake + soil.wall_friction
+    phi = soil.friction
+    out = rake + soil.wall_friction
 
     b = np.linspace(0.0, 0.5 * np.pi, _SLIP_ANGLES)[1:-1]
     least = np.cos(out) + np.sin(out) / np.tan(b + phi)
 
     if phi > 0.0:
-        force, smooth = 0.5 * (1.0 / np.tan(rake) + 1.0 / np.tan(b)), 0.5 * rankine(phi)
+        force = 0.5 * (1.0 / np.tan(rake) + 1.0 / np.tan(b))
+        smooth = 0.5 * rankine(phi)
     else:
-        force, smooth = 1.0 + 1.0 / (np.tan(b) * np.tan(b + phi)), 2.0
+        force = 1.0 + 1.0 / (np.tan(b) * np.tan(b + phi))
+        smooth = 2.0
 
     return float(np.min(force[least > 0.0] / least[least > 0.0]) * np.sin(out) / smooth)
 

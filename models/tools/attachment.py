@@ -44,7 +44,9 @@ def attach(spec: mujoco.MjSpec, tool: Tool) -> None:
 def _put_on(spec: mujoco.MjSpec, tip: mujoco.MjsSite, tool: Tool) -> dict[str, BodyHydrodynamics]:
     model = spec.copy().compile()
     at = model.site(TIP_SITE)
-    link, place, turn = tip.parent, np.array(at.pos), np.array(at.quat)
+    link = tip.parent
+    place = np.array(at.pos)
+    turn = np.array(at.quat)
 
     # A tool on springs is taken off, with its mount.
     old = next((body for body in spec.bodies if body.name == PAD_BODY), None)
@@ -60,7 +62,8 @@ def _put_on(spec: mujoco.MjSpec, tip: mujoco.MjsSite, tool: Tool) -> dict[str, B
         if site.name == TOOL_FACE_SITE:
             spec.delete(site)
 
-    tip.quat, tip.alt.type = turn, mujoco.mjtOrientation.mjORIENTATION_QUAT
+    tip.quat = turn
+    tip.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
     if isinstance(tool, heads.Head):
         return heads.add_head(link, place, turn, tip, tool)
@@ -86,7 +89,8 @@ def _foot(
     """Position (3,) [m] in the link, on the tool's axis, at which the old tool began."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    here, there = data.body(link.name), data.body(old.name)
+    here = data.body(link.name)
+    there = data.body(old.name)
     p = here.xmat.reshape(3, 3).T @ (there.xpos - here.xpos)
 
     R = np.empty(9)
@@ -105,10 +109,13 @@ def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
 
-    hull, density = model.body(HULL_BODY).id, density_of(spec)
-    R_WB, p_WB = data.xmat[hull].reshape(3, 3), data.xpos[hull]
+    hull = model.body(HULL_BODY).id
+    density = density_of(spec)
+    R_WB = data.xmat[hull].reshape(3, 3)
+    p_WB = data.xpos[hull]
 
-    mass, moment = 0.0, np.zeros(3)
+    mass = 0.0
+    moment = np.zeros(3)
     for i in np.flatnonzero(model.body_rootid == model.body_rootid[hull]):
         mass += float(model.body_mass[i])
         moment += float(model.body_mass[i]) * (data.xipos[i] - p_WB)
@@ -123,7 +130,8 @@ def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
 
 def _keep(spec: mujoco.MjSpec, before: tuple[float, Array]) -> None:
     """Give the hull the volume and centre of buoyancy that keep weight and moment as `before`."""
-    after, density = _at_home(spec), density_of(spec)
+    after = _at_home(spec)
+    density = density_of(spec)
     hull = hydrodynamics.attached(spec)[HULL_BODY]
     displaced = density * hull.volume + after[0] - before[0]  # [kg]
     if not displaced > 0.0:

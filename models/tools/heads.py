@@ -117,7 +117,8 @@ def add_jaws(
     )
 
     # Fingers, on slides across the tool.
-    long, thin = jaws.length - palm, 0.25 * jaws.breadth
+    long = jaws.length - palm
+    thin = 0.25 * jaws.breadth
     bodies = {
         PAD_BODY: cylinder(0.5 * jaws.breadth + 0.5 * jaws.opening, np.zeros(3), [0.0, 0.0, palm])
     }
@@ -152,7 +153,8 @@ def add_jaws(
     for name in _FINGERS:
         both.wrap_joint(name, 1.0)
     motor = spec.add_actuator(name="jaws", trntype=mujoco.mjtTrn.mjTRN_TENDON, target="jaws")
-    motor.ctrlrange, motor.ctrllimited = [-jaws.force, jaws.force], mujoco.mjtLimited.mjLIMITED_TRUE
+    motor.ctrlrange = [-jaws.force, jaws.force]
+    motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
     return bodies
 
 

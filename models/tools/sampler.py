@@ -102,7 +102,9 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
         )
 
     with keyframes_kept(spec):
-        link, place, turn = pad.parent, np.array(pad.pos), np.array(pad.quat)
+        link = pad.parent
+        place = np.array(pad.pos)
+        turn = np.array(pad.quat)
         along = np.array(pad.joints[0].axis)
         spec.delete(pad)
         return add(link, place, turn, along, tip, tool)
@@ -147,7 +149,8 @@ def add(
             name=name, mass=_MOUNT, ipos=[0.0] * 3, inertia=[1e-5] * 3, explicitinertial=True
         )
         if name == "mount_x":
-            parent.pos, parent.quat = place, turn
+            parent.pos = place
+            parent.quat = turn
         add_slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
 
     held = parent.add_body(
@@ -161,11 +164,10 @@ def add(
 
     geom = held.add_geom(name=TOOL_GEOM, **touching(FRICTION), rgba=[0.75, 0.78, 0.82, 1.0])
     if isinstance(tool, Box):
-        geom.type, geom.size = (
-            mujoco.mjtGeom.mjGEOM_BOX,
-            [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length],
-        )
-        geom.pos, geom.quat = 0.5 * tool.length * along, face
+        geom.type = mujoco.mjtGeom.mjGEOM_BOX
+        geom.size = [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length]
+        geom.pos = 0.5 * tool.length * along
+        geom.quat = face
         water = cylinder(
             float(np.sqrt(tool.width * tool.breadth / np.pi)), np.zeros(3), tool.length * along
         )

@@ -82,7 +82,8 @@ def clamp(spec: mujoco.MjSpec, X_WB: Array) -> None:
     weld = spec.add_equality(
         name="clamp", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY
     )
-    weld.name1, weld.name2 = "world", HULL_BODY
+    weld.name1 = "world"
+    weld.name2 = HULL_BODY
 
     weld.solref = [2.0 * spec.option.timestep, 1.0]
     weld.data[:] = 0.0

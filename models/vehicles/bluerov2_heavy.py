@@ -27,7 +27,9 @@ from uuv.models.vehicles import published_hulls, reach_alpha_5
 from uuv.models.vehicles.published_hulls import PublishedHull
 from uuv.models.water import thrusters
 
-LENGTH, WIDTH, HEIGHT = 0.457, 0.575, 0.254  # [m] [BlueRobotics Heavy]
+LENGTH = 0.457  # [m] [BlueRobotics Heavy]
+WIDTH = 0.575  # [m]
+HEIGHT = 0.254  # [m]
 _FRESH_WATER = 1000.0  # [kg/m^3] density for Wu's set
 _GRAVITY = 9.81  # [m/s^2] for Wu's buoyancy, which is printed in N
 
@@ -63,7 +65,8 @@ _LEVEL = (
     ((-0.156, -0.111, 0.085), (-_D, _D, 0.0)),
 )
 _UPRIGHT = ((0.120, 0.218, 0.0), (0.120, -0.218, 0.0), (-0.120, 0.218, 0.0), (-0.120, -0.218, 0.0))
-_UP, _DOWN = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
+_UP = (0.0, 0.0, -1.0)
+_DOWN = (0.0, 0.0, 1.0)
 BENZON_THRUSTERS = (*_LEVEL, *((p, _UP) for p in _UPRIGHT))
 WU_THRUSTERS = (*_LEVEL, *zip(_UPRIGHT, (_UP, _DOWN, _DOWN, _UP), strict=True))
 
@@ -104,7 +107,8 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
     hull = published_hulls.add_hull(spec, figures)
 
     # For rendering and contact only: the frame as a box, the foam above it.
-    frame, foam = mujoco.mjtGeom.mjGEOM_BOX, [0.11, 0.38, 0.85, 1.0]
+    frame = mujoco.mjtGeom.mjGEOM_BOX
+    foam = [0.11, 0.38, 0.85, 1.0]
     hull.add_geom(
         name="frame",
         type=frame,

@@ -39,17 +39,24 @@ _R2, _R3, _R4, _R5 = (0.5 * DENSITY * LENGTH**n for n in (2, 3, 4, 5))  # units 
 def _added_mass() -> Array:
     """Added mass (6, 6) of the hull, forward-starboard-down, by non-dimensional derivatives."""
     A = np.zeros((6, 6))
-    A[0, 0], A[1, 1], A[2, 2] = 7.6e-3 * _R3, 5.5e-2 * _R3, 2.4e-1 * _R3  # -Xudot, -Yvdot, -Zwdot
-    A[1, 3], A[1, 5], A[2, 4] = -1.2e-4 * _R4, -1.2e-3 * _R4, 6.8e-3 * _R4  # -Ypdot, -Yrdot, -Zqdot
-    # -Kpdot, -Krdot, ...
-    A[3, 3], A[3, 5], A[4, 4], A[5, 5] = 1.0e-3 * _R5, 3.4e-5 * _R5, 1.7e-2 * _R5, 3.4e-3 * _R5
+    A[0, 0] = 7.6e-3 * _R3  # -Xudot
+    A[1, 1] = 5.5e-2 * _R3  # -Yvdot
+    A[2, 2] = 2.4e-1 * _R3  # -Zwdot
+    A[1, 3] = -1.2e-4 * _R4  # -Ypdot
+    A[1, 5] = -1.2e-3 * _R4  # -Yrdot
+    A[2, 4] = 6.8e-3 * _R4  # -Zqdot
+    A[3, 3] = 1.0e-3 * _R5  # -Kpdot
+    A[3, 5] = 3.4e-5 * _R5  # -Krdot
+    A[4, 4] = 1.7e-2 * _R5  # -Mqdot
+    A[5, 5] = 3.4e-3 * _R5  # -Nrdot
     return A + np.triu(A, 1).T
 
 
 def _drag() -> Array:
     """Quadratic damping (6,) of the hull for motion along one axis."""
     # [kg/m^2] drag per length: 0.5 rho C_d h
-    sway, heave = 0.5 * DENSITY * 0.5 * 0.6, 0.5 * DENSITY * 0.6 * 1.0
+    sway = 0.5 * DENSITY * 0.5 * 0.6
+    heave = 0.5 * DENSITY * 0.6 * 1.0
     third = 2.0 * (LENGTH / 2.0) ** 4 / 4.0  # [m^4] integral of |x|^3 over the length
     surge = 0.00385 * _R2  # Cd0 of [Healey 1993]
     return np.array([surge, sway * LENGTH, heave * LENGTH, 0.0, heave * third, sway * third])
@@ -186,7 +193,9 @@ def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, i: int) -> mujoco.Mjs
 
 
 def _water(i: int) -> BodyHydrodynamics:
-    (radius, length), along, center = SIZE[i], np.eye(3)[AXIS[i]], _center(i)
+    radius, length = SIZE[i]
+    along = np.eye(3)[AXIS[i]]
+    center = _center(i)
     volume = np.pi * radius**2 * length
 
     translation = np.where(along > 0.0, 0.1 * MASS[i], DENSITY * volume)

@@ -129,7 +129,9 @@ LINKS = (
         end=(0.0, 0.0, -0.14),
     ),
 )
-BASE_MASS, BASE_CENTER, BASE_VOLUME = 0.341, (-0.075, -0.006, -0.003), 0.202e-3  # [kg], [m], [m^3]
+BASE_MASS = 0.341  # [kg]
+BASE_CENTER = (-0.075, -0.006, -0.003)  # [m]
+BASE_VOLUME = 0.202e-3  # [m^3]
 # [1e-6 kg m^2] in the order of `_Link.inertia`
 BASE_INERTIA = (83.66, 998.81, 1003.60, 14.45, -38.27, 3.14)
 _TIP = (0.0, 0.0, -0.190)  # [m] tip between the jaws, in the wrist frame

@@ -31,21 +31,27 @@ from uuv.models.water import thrusters
 from uuv.models.water.forms import FadingDamping, LiftDrag, MunkFactor, PlanarStrip
 from uuv.sim.interfaces.spatial import GRAVITY, Array, checked, skew
 
-LENGTH, DIAMETER = 1.6, 0.19  # [m]
+LENGTH = 1.6  # [m]
+DIAMETER = 0.19  # [m]
 DENSITY = 1026.0  # [kg/m^3] of the source; the vehicle is ballasted for any
 LOW = 0.02  # [m] of the centre of mass below the centre of buoyancy, which is the origin
 MOST_RPM = 1525.0  # largest propeller speed [1/min]
 FIN_TIME = 0.1  # [s] time constant of rudder and stern plane
 MOST_FIN = math.radians(15.0)  # [rad]
-_A, _B = LENGTH / 2.0, DIAMETER / 2.0  # [m] semi-axes
-_FIN_AREA, _RUDDER_LIFT, _STERN_LIFT = 2.0 * 0.00665, 0.5, 0.7  # [m^2], [1/rad]
+_A = LENGTH / 2.0  # [m] semi-axes
+_B = DIAMETER / 2.0
+_FIN_AREA = 2.0 * 0.00665  # [m^2]
+_RUDDER_LIFT = 0.5  # [1/rad]
+_STERN_LIFT = 0.7  # [1/rad]
 _DRAG = 0.42  # of the hull on its frontal area [Allen 2000]
 _CROSS_FLOW = 1.19773  # of a circle, by the curve of [Hoerner 1965] that the source interpolates
 _SUMMED = 21.0 / 20.0  # length of the source's strips over that of the hull
-# propeller: diameter [m], thrust deduction, advance speed over speed
-_D, _DEDUCTION, _WAKE = 0.14, 0.1, 0.944
-# at rest and at the largest advance number
-_KT, _KQ, _MOST_ADVANCE = (0.4566, 0.1798), (0.0700, 0.0312), 0.6632
+_D = 0.14  # [m] diameter of the propeller
+_DEDUCTION = 0.1  # thrust deduction
+_WAKE = 0.944  # advance speed over speed
+_KT = (0.4566, 0.1798)  # thrust coefficient at rest, and at the largest advance number
+_KQ = (0.0700, 0.0312)  # torque coefficient
+_MOST_ADVANCE = 0.6632
 _SHARE = 0.1  # of the propeller's torque that the source applies
 PROPELLER_TIME = 1.0  # [s]
 
@@ -164,7 +170,8 @@ def fin_wrench(v_B: ArrayLike, rudder: float, stern_plane: float) -> Array:
     ahead = -level * _RUDDER_LIFT * rudder**2 - upright * _STERN_LIFT * stern_plane**2
 
     # to port, and up
-    side, heave = level * _RUDDER_LIFT * rudder, upright * _STERN_LIFT * stern_plane
+    side = level * _RUDDER_LIFT * rudder
+    heave = upright * _STERN_LIFT * stern_plane
 
     force = np.array([ahead, side, heave])
     return np.concatenate([force, np.cross([-_A, 0.0, 0.0], force)])

@@ -67,11 +67,13 @@ _PLATES = {
     "starboard": ((-0.2, -0.7, -0.15), (1.1, 0.05, 0.55)),
 }
 _BASE = (1.1, 0.0, -0.82)  # [m] of the arm, its first axis down
-_CAMERA, _DOWN = (1.3, 0.0, -0.6), math.radians(35.0)  # [m], [rad] of the camera
+_CAMERA = (1.3, 0.0, -0.6)  # [m]
+_DOWN = math.radians(35.0)  # [rad] of the camera
 _TORQUES = (176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0)  # [N m]
 _MASSES = (4.0, 4.0, 3.5, 3.5, 3.5, 3.5, 1.0)  # [kg] with the water that they displace they sink
 _RADII = (0.07, 0.065, 0.06, 0.055, 0.05, 0.05, 0.03)  # [m]
-_ROTOR, _FRICTION = 0.3, 2.0  # [kg m^2], [N m s/rad] of every joint
+_ROTOR = 0.3  # [kg m^2] of every joint
+_FRICTION = 2.0  # [N m s/rad]
 HOME = (0.0, -1.5, 0.0, -2.0, 0.0, 1.0, 0.0)  # [rad] folded under the hull
 READY = (0.0, 0.3, 0.0, -1.6, 0.0, -1.4, 0.0)  # [rad] tool ahead of the bow, pointing down
 
@@ -105,7 +107,8 @@ def with_arm_7() -> mujoco.MjSpec:
     )
     thrusters.attach(spec, dict.fromkeys(names, one))
 
-    s, c = math.sin(_DOWN), math.cos(_DOWN)
+    s = math.sin(_DOWN)
+    c = math.cos(_DOWN)
     look = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
     hull.add_site(
         name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(look), group=4, size=[0.01] * 3
@@ -126,9 +129,12 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         ARM_BASE_BODY: cylinder(0.08, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
     }
 
-    arm, body, X = published_arms.load("iiwa7"), base, np.eye(4)
+    arm = published_arms.load("iiwa7")
+    body = base
+    X = np.eye(4)
     for i, (theta, d, a, alpha, _) in enumerate(arm.table):
-        name, joint = f"link{i + 1}", f"joint{i + 1}"
+        name = f"link{i + 1}"
+        joint = f"joint{i + 1}"
         body = body.add_body(name=name, pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         body.add_joint(
             name=joint,
@@ -141,8 +147,10 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         motor.ctrlrange = [-_TORQUES[i], _TORQUES[i]]
 
         # A cylinder along the link, or a short one about its joint.
-        r, mass = _RADII[i], _MASSES[i]
-        start, end = (0.0, 0.0, 0.0 if d else -r), (0.0, 0.0, d or r)
+        r = _RADII[i]
+        mass = _MASSES[i]
+        start = (0.0, 0.0, 0.0 if d else -r)
+        end = (0.0, 0.0, d or r)
         length = max(d, 2.0 * r)
         across = mass * (3.0 * r**2 + length**2) / 12.0
         published_hulls.set_inertial(

@@ -95,7 +95,8 @@ def build_two_sway() -> mujoco.MjSpec:
     """The vehicle with two sway thrusters, 0.6 m before and behind the middle, in place of one."""
     spec = build()
     spec.modelname = "uuv_puma_two_sway"
-    bow, name = spec.site("thruster_sway"), "thruster_sway_stern"
+    bow = spec.site("thruster_sway")
+    name = "thruster_sway_stern"
     bow.pos = [0.6, 0.0, 0.0]
     turn = quat_wxyz_from_rotation(rotation_from_z([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]))  # x to port
     spec.body(HULL_BODY).add_site(
@@ -158,6 +159,7 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
 
 
 def _move(item: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite, X: Array) -> None:
-    item.pos, item.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
+    item.pos = X[:3, 3]
+    item.quat = quat_wxyz_from_rotation(X[:3, :3])
     # overrides Euler angles or axes of the file
     item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

@@ -58,10 +58,8 @@ def positive(value: float, name: str) -> float:
 
 def segment(start: ArrayLike, end: ArrayLike, name: str) -> tuple[Array, Array]:
     """Ends (3,) [m] of a segment; ConfigurationError if they coincide."""
-    first, last = (
-        bounded(start, (3,), f"{name} start", LONGEST),
-        bounded(end, (3,), f"{name} end", LONGEST),
-    )
+    first = bounded(start, (3,), f"{name} start", LONGEST)
+    last = bounded(end, (3,), f"{name} end", LONGEST)
 
     if not float(np.linalg.norm(last - first)) > 1e-9:
         raise ConfigurationError(f"{name}: start {first.tolist()} and end {last.tolist()} coincide")

@@ -39,7 +39,8 @@ _SQUARE: Final = 1e-3  # largest cosine of an angle that should be right
 # [rad] in the plane of forward and upward
 _ANGLES: Final = np.linspace(-math.pi, math.pi, 361) + 1e-3
 _SWEPT: Final = np.radians([0.0, 25.0, 50.0, 65.0, 80.0, -50.0])  # out of it
-_STEP, _BETWEEN = 1e-5, 1.05
+_STEP = 1e-5
+_BETWEEN = 1.05
 
 
 class Form(ABC):
@@ -405,7 +406,8 @@ class LiftDrag(Form):
         assert self.stalled_drag_slope is not None
         size = np.abs(alpha)
 
-        near, beyond = np.minimum(size, self.stall), np.maximum(size - self.stall, 0.0)
+        near = np.minimum(size, self.stall)
+        beyond = np.maximum(size - self.stall, 0.0)
         lift = np.maximum(self.lift_slope * near + self.stalled_slope * beyond, 0.0) * np.sign(
             alpha
         )
@@ -426,7 +428,8 @@ class LiftDrag(Form):
     def slope(self, speed: float) -> Array:
         """Largest slope of the force over directions of flow, for every direction at `point`."""
         angle, sweep = np.meshgrid(_ANGLES, _SWEPT if self.sweep else _SWEPT[:1])
-        angle, sweep = angle.ravel()[:, None], sweep.ravel()[:, None]
+        angle = angle.ravel()[:, None]
+        sweep = sweep.ravel()[:, None]
         plane = np.cos(angle) * self.forward + np.sin(angle) * self.upward
         flow = np.cos(sweep) * plane + np.sin(sweep) * np.cross(self.forward, self.upward)
 
@@ -451,8 +454,10 @@ class LiftDrag(Form):
 
     def _force(self, u: Array) -> Array:
         """Force (n, 3) for velocities `u` (n, 3) of the point."""
-        a, b = u @ self.forward, u @ self.upward
-        square, whole = a * a + b * b, np.sum(u * u, axis=1)
+        a = u @ self.forward
+        b = u @ self.upward
+        square = a * a + b * b
+        whole = np.sum(u * u, axis=1)
         V = np.sqrt(square)
 
         # Angle of attack, within 90 degrees.
@@ -490,7 +495,8 @@ class CrossTerms(Form):
     def __post_init__(self) -> None:
         terms = checked_rows(self.terms, 5, "cross terms (i, j, k, absolute, coefficient)")
         bounded(terms, terms.shape, "cross terms")
-        indices, absolute = terms[:, :3], terms[:, 3]
+        indices = terms[:, :3]
+        absolute = terms[:, 3]
 
         if len(terms) > MAX_TERMS:
             raise ConfigurationError(f"cross terms: expected at most {MAX_TERMS}, got {len(terms)}")
@@ -545,7 +551,8 @@ class CrossTerms(Form):
 
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
         """Sum of the terms."""
-        nu, total = np.hstack([v, w]), np.zeros((len(v), 6))
+        nu = np.hstack([v, w])
+        total = np.zeros((len(v), 6))
         for i, j, k, absolute, coefficient in self.terms:
             times = nu[:, int(k)]
             total[:, int(i)] -= coefficient * (np.abs(times) if absolute else times) * nu[:, int(j)]
@@ -624,7 +631,8 @@ class PlanarStrip(Form):
 
     def slope(self, speed: float) -> Array:
         """Its derivative with `speed` at every station."""
-        along, total = self.end - self.start, np.zeros((6, 6))
+        along = self.end - self.start
+        total = np.zeros((6, 6))
         for node in (-1.0, 1.0):
             p = self.start + 0.5 * (1.0 + node / math.sqrt(3.0)) * along
             row = np.concatenate([self.direction, np.cross(p, self.direction)])
@@ -647,7 +655,9 @@ def gz_term(name: str) -> tuple[int, int, int, int] | None:
     """Indices i, j, k and 1 if absolute, of a name as xUabsV or xUV; of xU k is -1; else None."""
     if not (isinstance(name, str) and name[:1] in tuple("xyzkmn") and name[1:2] in tuple("UVWPQR")):
         return None
-    rest, i, j = name[2:], "xyzkmn".index(name[0]), "UVWPQR".index(name[1])
+    rest = name[2:]
+    i = "xyzkmn".index(name[0])
+    j = "UVWPQR".index(name[1])
     if not rest:
         return i, j, -1, 0
     last = rest.removeprefix("abs")

@@ -41,7 +41,8 @@ def pack_polynomial(
     """
     count = max(len(ahead), len(astern))
     coefficients = np.zeros((2, count))
-    coefficients[0, : len(ahead)], coefficients[1, : len(astern)] = ahead, astern
+    coefficients[0, : len(ahead)] = ahead
+    coefficients[1, : len(astern)] = astern
     return np.array([kind, count, -band, band, least, *coefficients.ravel()])
 
 
@@ -56,7 +57,8 @@ def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) 
     Returns:
         The row, for the kernels of this module.
     """
-    x, y = np.array(command), np.array(thrust)
+    x = np.array(command)
+    y = np.array(thrust)
     still = x[y == 0.0]
     return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes(x, y)])
 
@@ -140,7 +142,8 @@ def command_for(curve, thrust):
 
     count = int(curve[_COUNT])
     if curve[_KIND] == TABLE:
-        x, y = curve[_FIRST : _FIRST + count], curve[_FIRST + count : _FIRST + 2 * count]
+        x = curve[_FIRST : _FIRST + count]
+        y = curve[_FIRST + count : _FIRST + 2 * count]
         if thrust >= y[count - 1]:
             return x[count - 1]
         if thrust <= y[0]:
@@ -151,7 +154,8 @@ def command_for(curve, thrust):
             at += 1
 
         # Newton's method in the segment, from its chord.
-        low, high = x[at], x[at + 1]
+        low = x[at]
+        high = x[at + 1]
         command = low + (high - low) * (thrust - y[at]) / (y[at + 1] - y[at])
         for _ in range(100):
             value, slope = _cubic(curve[_FIRST:], count, at, command)
@@ -166,7 +170,8 @@ def command_for(curve, thrust):
     if curve[_KIND] == QUADRATIC:
         reach = np.sqrt(min(wanted / curve[start + 1], 1.0))
     else:
-        low, high = 0.0, 1.0
+        low = 0.0
+        high = 1.0
         reach = 1.0
         for step in range(100):
             value, slope = _horner(curve[start:], count, reach)
@@ -245,7 +250,8 @@ def _closer(low, high, x, error, slope):
 @kernel
 def _horner(coefficients, count, r):
     """Value and derivative of `c[0] r + c[1] r^2 + ...`."""
-    value, slope = 0.0, 0.0
+    value = 0.0
+    slope = 0.0
     for k in range(count - 1, -1, -1):
         slope = slope * r + value
         value = value * r + coefficients[k]
@@ -266,23 +272,27 @@ def _cubic(blocks, count, at, command):
     x0, x1 = blocks[at], blocks[at + 1]
     y0, y1 = blocks[count + at], blocks[count + at + 1]
     h = x1 - x0
-    s0, s1 = h * blocks[2 * count + at], h * blocks[2 * count + at + 1]
+    s0 = h * blocks[2 * count + at]
+    s1 = h * blocks[2 * count + at + 1]
 
     # t in [0, 1] from one point to the other.
     t = min(max((command - x0) / h, 0.0), 1.0)
     rise = y1 - y0
-    a, b = 3.0 * rise - 2.0 * s0 - s1, s0 + s1 - 2.0 * rise
+    a = 3.0 * rise - 2.0 * s0 - s1
+    b = s0 + s1 - 2.0 * rise
     return y0 + t * (s0 + t * (a + t * b)), (s0 + t * (2.0 * a + 3.0 * t * b)) / h
 
 
 def _slopes(x: Array, y: Array) -> Array:
     """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, bounded ends."""
-    h, secant = np.diff(x), np.diff(y) / np.diff(x)
+    h = np.diff(x)
+    secant = np.diff(y) / np.diff(x)
     slopes = np.zeros_like(y)
 
     for i in range(1, len(x) - 1):
         if secant[i - 1] * secant[i] > 0.0:
-            before, after = h[i - 1] + 2.0 * h[i], 2.0 * h[i - 1] + h[i]
+            before = h[i - 1] + 2.0 * h[i]
+            after = 2.0 * h[i - 1] + h[i]
             slopes[i] = (before + after) / (before / secant[i - 1] + after / secant[i])
 
     # Ends, from three points.
@@ -335,7 +345,8 @@ def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[floa
     Raises:
         ConfigurationError: commands or thrusts that do not rise, or no zero thrust.
     """
-    x, y = np.asarray(command, dtype=np.float64), np.asarray(thrust, dtype=np.float64)
+    x = np.asarray(command, dtype=np.float64)
+    y = np.asarray(thrust, dtype=np.float64)
     if x.shape != y.shape or len(x) < 3 or not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ConfigurationError(
             f"thruster table: expected three or more finite pairs, got {command} and {thrust}"

@@ -36,7 +36,8 @@ HEADER = 10  # columns before the curve
 STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
 
 # Activations of a thruster: command after the slew limit, propeller speed
-PASSED, SPEED = 0, 1
+PASSED = 0
+SPEED = 1
 ACTIVATIONS = 2  # of a thruster
 
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
@@ -214,10 +215,8 @@ class Thruster:
 
         _refuse_curve(figures)
 
-        neutral, full = (
-            number(neutral, "thruster neutral"),
-            None if full is None else number(full, "thruster full"),
-        )
+        neutral = number(neutral, "thruster neutral")
+        full = None if full is None else number(full, "thruster full")
 
         given = _pair((command, thrust), "table")
         assert given is not None
@@ -310,7 +309,8 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
                 f"thruster {name!r}: no such actuator; there are {sorted(actuators)}"
             )
 
-        actuator, row = actuators[name], pack(thruster)
+        actuator = actuators[name]
+        row = pack(thruster)
         replaced = carries(actuator.userdata)
         if np.any(actuator.userdata) and not replaced:
             raise ConfigurationError(
@@ -489,7 +489,8 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
     rows = np.asarray(model.actuator_user)
     index = np.array([i for i in range(model.nu) if carries(rows[i])], dtype=np.int64)
     for i in index.tolist():
-        name, gear = model.actuator(i).name, model.actuator_gear[i]
+        name = model.actuator(i).name
+        gear = model.actuator_gear[i]
 
         try:
             unpack(rows[i])

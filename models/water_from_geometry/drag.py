@@ -18,7 +18,9 @@ SLENDER = 3.0  # length over width from which a body is a strip
 ASIDE = 0.25  # of its longest extent: a body whose middle is farther from its origin is a strip
 _LINES = 240  # across the longer side of the silhouettes
 _ASKEW = 0.4  # [rad] of the lines' grid about the flow: no edge of a usual body is parallel to it
-_SPHERE, _CYLINDER, _FLAT = 0.5, 2.0 / 3.0, 1.0  # bluntness
+_SPHERE = 0.5  # bluntness
+_CYLINDER = 2.0 / 3.0
+_FLAT = 1.0
 # Length along the flow over width: drag coefficient. Beyond 8, skin friction of 0.005 on the
 # surface is added.
 # ellipsoid of revolution
@@ -50,7 +52,8 @@ class Silhouettes:
     def _coefficient(self, k: int) -> float:
         across = np.delete(self.extent, k)
         width = float(np.sqrt(self.area[k]))
-        depth, slenderness = float(self.extent[k]) / width, float(across.max() / across.min())
+        depth = float(self.extent[k]) / width
+        slenderness = float(across.max() / across.min())
 
         flat = np.interp(depth, *_BLUNT) * np.interp(slenderness, *_PLATE) / _PLATE[1][0]
         cylinder = np.interp(slenderness, *_ACROSS)
@@ -69,7 +72,8 @@ def silhouettes(corners: Array) -> Silhouettes:
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
-    area, blunt = np.zeros(3), np.zeros(3)
+    area = np.zeros(3)
+    blunt = np.zeros(3)
     for k in range(3):
         scan = scanned(corners @ exp_so3(_ASKEW * np.eye(3)[k]), _LINES, k)
         area[k] = scan.area

@@ -137,13 +137,16 @@ def _rebase(spec: mujoco.MjSpec, folder: Path) -> None:
         if asset.file:
             asset.file = os.path.relpath((home / place / asset.file).resolve(), folder.resolve())
 
-    spec.meshdir, spec.texturedir, spec.modelfiledir = "", "", str(folder.resolve())
+    spec.meshdir = ""
+    spec.texturedir = ""
+    spec.modelfiledir = str(folder.resolve())
 
 
 def _of_mesh(path: Path, scale: float) -> mujoco.MjSpec:
     """One floating body of a mesh file."""
     spec = mujoco.MjSpec()
-    spec.modelname, spec.modelfiledir = path.stem, str(path.parent.resolve())
+    spec.modelname = path.stem
+    spec.modelfiledir = str(path.parent.resolve())
     spec.add_mesh(
         name=path.stem,
         file=path.name,
@@ -165,7 +168,8 @@ def make_neutral(spec: mujoco.MjSpec) -> None:
 
 def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[str]]:
     """Spec of a URDF, its welded links kept."""
-    robot, notes = parse(path, f"model {shown(str(path))}"), []
+    robot = parse(path, f"model {shown(str(path))}")
+    notes = []
     if free:
         robot, notes = with_floating_root(robot)
     notes += _found_meshes(robot, path, visual)

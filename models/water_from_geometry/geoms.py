@@ -18,7 +18,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, rotation_from_quat_wxyz
 
 LARGEST = 20.0  # [m] extent of a geom from which millimetres are supposed
-_SIDES, _RINGS = 64, 33  # of round shapes
+_SIDES = 64  # of round shapes
+_RINGS = 33
 _KINDS = mujoco.mjtGeom
 _SHAPES = {
     int(_KINDS.mjGEOM_SPHERE): "sphere",
@@ -120,11 +121,13 @@ def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]
     """Rotation (3, 3) and position (3,) [m] of a geom in the body that carries it, to the bit
     wherever that body is.
     """
-    R, p = rotation_from_quat_wxyz(model.geom_quat[geom]), np.array(model.geom_pos[geom])
+    R = rotation_from_quat_wxyz(model.geom_quat[geom])
+    p = np.array(model.geom_pos[geom])
     at = int(model.geom_bodyid[geom])
     while at != body:
         outer = rotation_from_quat_wxyz(model.body_quat[at])
-        R, p = outer @ R, outer @ p + model.body_pos[at]
+        R = outer @ R
+        p = outer @ p + model.body_pos[at]
         at = int(model.body_parentid[at])
     return R, p
 
@@ -185,7 +188,8 @@ def exact_volume(geom: GeomShells) -> float:
 
 def _mesh(model: mujoco.MjModel, at: int) -> tuple[Array, np.ndarray]:
     """Vertices (V, 3) [m] and triangles (T, 3) of a mesh, in the frame of its geom."""
-    v, f = int(model.mesh_vertadr[at]), int(model.mesh_faceadr[at])
+    v = int(model.mesh_vertadr[at])
+    f = int(model.mesh_faceadr[at])
     vertices = model.mesh_vert[v : v + model.mesh_vertnum[at]].astype(np.float64)
     return vertices, model.mesh_face[f : f + model.mesh_facenum[at]].astype(np.int64)
 

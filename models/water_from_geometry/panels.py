@@ -67,12 +67,15 @@ def added_mass(
     keep = double > 1e-14 * double.max(initial=0.0)
     if not keep.any():
         raise ConfigurationError(f"panels: none of the {len(corners)} triangles has an area")
-    corners, area, normals = corners[keep], 0.5 * double[keep], cross[keep] / double[keep, None]
+    corners = corners[keep]
+    area = 0.5 * double[keep]
+    normals = cross[keep] / double[keep, None]
     if len(corners) > MOST:
         raise ConfigurationError(f"panels: at most {MOST}, got {len(corners)}")
 
     # About the middle and in units of the size, so that neither place nor scale costs digits.
-    middle, size = points.mean(axis=0), float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    middle = points.mean(axis=0)
+    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     local = np.ascontiguousarray((corners - middle) / size)
     centers = local.mean(axis=1)
     # (N, 6) of the unit motions through each panel
@@ -156,14 +159,17 @@ def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tupl
         for k in range(3):
             along = corners[j, (k + 1) % 3] - corners[j, k]
             lengths[j, k] = np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
-            t, m = along / lengths[j, k], normals[j]
+            t = along / lengths[j, k]
+            m = normals[j]
             edges[j, k, 0] = t[1] * m[2] - t[2] * m[1]
             edges[j, k, 1] = t[2] * m[0] - t[0] * m[2]
             edges[j, k, 2] = t[0] * m[1] - t[1] * m[0]
 
-    matrix, right = np.empty((n, n)), np.zeros((n, 6))
+    matrix = np.empty((n, n))
+    right = np.zeros((n, 6))
     scale = 0.25 / np.pi
-    r, d = np.empty((3, 3)), np.empty(3)
+    r = np.empty((3, 3))
+    d = np.empty(3)
 
     for i in range(n):
         for j in range(n):

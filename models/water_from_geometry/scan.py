@@ -37,7 +37,8 @@ class LineScan:
     @property
     def moment(self) -> Array:
         """Volume times centre (3,) [m^4] of the union."""
-        start, end = self.at[::2], self.at[1::2]
+        start = self.at[::2]
+        end = self.at[1::2]
         i, j = np.divmod(self.line[::2], len(self.v))
 
         out = np.zeros(3)
@@ -70,8 +71,10 @@ def scanned(corners: Array, lines: int, axis: int) -> LineScan:
         lines: number over the longer side of the bounding box.
         axis: 0 to 2.
     """
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    a, b = (axis + 1) % 3, (axis + 2) % 3
+    low = corners.min(axis=(0, 1))
+    high = corners.max(axis=(0, 1))
+    a = (axis + 1) % 3
+    b = (axis + 2) % 3
 
     # Lines in the middles of equal cells.
     step = max(high[a] - low[a], high[b] - low[b]) / lines
@@ -88,7 +91,10 @@ def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0
     line, at, step, triangle = _crossings(turned, u, v)
 
     first = np.lexsort((at, line))
-    line, at, step, triangle = line[first], at[first], step[first], triangle[first]
+    line = line[first]
+    at = at[first]
+    step = step[first]
+    triangle = triangle[first]
 
     keep = _boundary(line, step)
     return LineScan(
@@ -109,7 +115,9 @@ def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
     keep = np.zeros(len(line), dtype=np.bool_)
     k = 0
     while k < len(line):
-        end, inside, entry = k, 0, -1
+        end = k
+        inside = 0
+        entry = -1
 
         while end < len(line) and line[end] == line[k]:
             before = inside
@@ -117,7 +125,8 @@ def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
             if before <= 0 < inside:
                 entry = end
             elif inside <= 0 < before:
-                keep[entry], keep[end] = True, True
+                keep[entry] = True
+                keep[end] = True
             end += 1
 
         k = end
@@ -129,8 +138,10 @@ def _crossings(
     corners: Array, u: Array, v: Array
 ) -> tuple[np.ndarray, Array, np.ndarray, np.ndarray]:
     """All crossings: line, position on the first axis, +1 for entry or -1 for exit, triangle."""
-    line, at = np.empty(0, dtype=np.int64), np.empty(0)
-    step, triangle = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    line = np.empty(0, dtype=np.int64)
+    at = np.empty(0)
+    step = np.empty(0, dtype=np.int64)
+    triangle = np.empty(0, dtype=np.int64)
 
     for fill in range(2):  # counted first
         n = 0
@@ -160,8 +171,10 @@ def _crossings(
                     n += 1
 
         if not fill:
-            line, at = np.empty(n, dtype=np.int64), np.empty(n)
-            step, triangle = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+            line = np.empty(n, dtype=np.int64)
+            at = np.empty(n)
+            step = np.empty(n, dtype=np.int64)
+            triangle = np.empty(n, dtype=np.int64)
     return line, at, step, triangle
 
 

@@ -23,8 +23,8 @@ _WELD = 1e-6  # of the mesh's size
 _CELLS = 36  # along the longest side, of the winding number
 _FEW = 2500  # triangles for which it is summed; more are clustered
 _LITTLE = 0.05  # of the hull's volume: less is no inside
-# level of the winding number; levels so far off it tell the uncertainty of the volume
-_HALF, _SPREAD = 0.5, 0.2
+_HALF = 0.5  # level of the winding number
+_SPREAD = 0.2  # levels so far off it show the uncertainty of the volume
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,7 +52,9 @@ def shells_of(vertices: Array, triangles: np.ndarray) -> Shells:
     faces = faces[np.sort(first)]
     faces, labels = _oriented(faces)
 
-    closed, open_faces, inward = [], [], 0
+    closed = []
+    open_faces = []
+    inward = 0
     for label in range(labels.max(initial=-1) + 1):
         shell = faces[labels == label]
         if open_edges(shell):
@@ -95,7 +97,10 @@ def _closed_all(
         yield f"{_count(len(shells), 'open surface')} closed by the winding number", [whole], doubt
         return
 
-    wound, hulls, flat, doubts = [], [], 0, [0.0, 0.0]
+    wound = []
+    hulls = []
+    flat = 0
+    doubts = [0.0, 0.0]
     for shell in shells:
         one, doubt = _by_winding(points, shell) if len(shells) > 1 else (None, 0.0)
         if one is not None:
@@ -134,17 +139,20 @@ def _oriented(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     order = np.argsort(key, kind="stable")
     _, start, times = np.unique(key[order], return_index=True, return_counts=True)
     pair = start[times == 2]
-    one, two = order[pair], order[pair + 1]
+    one = order[pair]
+    two = order[pair + 1]
     alike = ahead[one] != ahead[two]
 
     # Each face twice, as it is and turned: what agrees is joined.
-    f, g = owner[one], owner[two]
+    f = owner[one]
+    g = owner[two]
     rows = np.concatenate([f, f + count])
     columns = np.concatenate([np.where(alike, g, g + count), np.where(alike, g + count, g)])
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
     _, label = connected_components(graph, directed=False)
 
-    as_is, turned = label[:count], label[count:]
+    as_is = label[:count]
+    turned = label[count:]
     base = np.minimum(as_is, turned)
     flip = as_is != base
     _, joined = np.unique(base, return_inverse=True)
@@ -178,11 +186,14 @@ def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
     if not hull_volume > 0.0:
         return None, 0.0
 
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    low = corners.min(axis=(0, 1))
+    high = corners.max(axis=(0, 1))
     size = float((high - low).max())
 
     # Large meshes are clustered.
-    some_points, some, merge = points, faces, size / 200.0
+    some_points = points
+    some = faces
+    merge = size / 200.0
     while len(some) > _FEW:
         some_points, some = welded(points, faces, merge)
         merge *= 1.3
@@ -210,7 +221,8 @@ def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
 def _winding(points: Array, corners: Array) -> Array:
     """Winding number (N,) of triangles (T, 3, 3) around points (N, 3)."""
     out = np.zeros(len(points))
-    r, d = np.empty((3, 3)), np.empty(3)
+    r = np.empty((3, 3))
+    d = np.empty(3)
 
     for i in range(len(points)):
         total = 0.0

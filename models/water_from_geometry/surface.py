@@ -52,7 +52,8 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
     """
     R = box_axes(corners)
     turned = corners @ R
-    low, high = turned.min(axis=(0, 1)), turned.max(axis=(0, 1))
+    low = turned.min(axis=(0, 1))
+    high = turned.max(axis=(0, 1))
     extent = high - low
     x, y, z = extent
     cell = float(np.sqrt(4.0 * (x * y + y * z + z * x) / panels))
@@ -109,7 +110,8 @@ def box_axes(corners: Array) -> Array:
     R[:, 2] *= np.sign(np.linalg.det(R))
 
     points = corners.reshape(-1, 3)
-    own, principal = np.prod(np.ptp(points, axis=0)), np.prod(np.ptp(points @ R, axis=0))
+    own = np.prod(np.ptp(points, axis=0))
+    principal = np.prod(np.ptp(points @ R, axis=0))
     return R if principal < 0.8 * own else np.eye(3)
 
 
@@ -147,7 +149,8 @@ def _through_plates(places: Array, step: float, scan: LineScan, facing: Array) -
     Returns:
         The places, in order; one more for each plate that has no plane of its own to move.
     """
-    start, end = scan.at[::2], scan.at[1::2]
+    start = scan.at[::2]
+    end = scan.at[1::2]
     flat = facing[scan.triangle] > _FACING  # the rims of round parts are thin as well
     thin = (end - start < step) & flat[::2] & flat[1::2]
     if not thin.any():
@@ -155,7 +158,8 @@ def _through_plates(places: Array, step: float, scan: LineScan, facing: Array) -
 
     # Plates in order: lines that meet one lie close together.
     order = np.argsort(0.5 * (start + end)[thin])
-    start, end = start[thin][order], end[thin][order]
+    start = start[thin][order]
+    end = end[thin][order]
     middle = 0.5 * (start + end)
     first = np.flatnonzero(np.diff(middle, prepend=-np.inf) > 0.1 * step)
     lines = len(np.unique(scan.line))
@@ -173,9 +177,11 @@ def _through_plates(places: Array, step: float, scan: LineScan, facing: Array) -
         near = int(np.argmin(np.where(taken, np.inf, np.abs(places - at))))
         if taken[near] or abs(places[near] - at) > 0.6 * step:
             k = int(np.searchsorted(places, at))
-            places, taken = np.insert(places, k, at), np.insert(taken, k, True)
+            places = np.insert(places, k, at)
+            taken = np.insert(taken, k, True)
         else:
-            places[near], taken[near] = at, True
+            places[near] = at
+            taken[near] = True
 
     return np.sort(places)
 
@@ -195,7 +201,8 @@ def level_surface(field: Array, grid: list[Array], level: float) -> tuple[Array,
 
     def crossing(k: int, index: np.ndarray) -> tuple[Array, Array]:
         end = index + np.eye(3, dtype=np.int64)[k]
-        low, high = field[tuple(index.T)], field[tuple(end.T)]
+        low = field[tuple(index.T)]
+        high = field[tuple(end.T)]
         share = ((level - low) / (high - low))[:, None]
         points = np.column_stack([grid[m][index[:, m]] for m in range(3)])
         points[:, k] += share[:, 0] * (grid[k][end[:, k]] - grid[k][index[:, k]])
@@ -212,14 +219,19 @@ def _joined(
 ) -> tuple[Array, np.ndarray]:
     """Corners in the cells that the surface passes; triangles around the grid's crossed edges."""
     cells = tuple(n - 1 for n in inside.shape)
-    matrix, target = np.zeros((*cells, 3, 3)), np.zeros((*cells, 3))
-    mean, weight = np.zeros((*cells, 3)), np.zeros(cells)
+    matrix = np.zeros((*cells, 3, 3))
+    target = np.zeros((*cells, 3))
+    mean = np.zeros((*cells, 3))
+    weight = np.zeros(cells)
     quads = []
 
     for k in range(3):
-        p, q = (k + 1) % 3, (k + 2) % 3
-        first, second = [slice(None)] * 3, [slice(None)] * 3
-        first[k], second[k] = slice(None, -1), slice(1, None)
+        p = (k + 1) % 3
+        q = (k + 2) % 3
+        first = [slice(None)] * 3
+        second = [slice(None)] * 3
+        first[k] = slice(None, -1)
+        second[k] = slice(1, None)
         index = np.argwhere(inside[tuple(first)] != inside[tuple(second)])
         if not len(index):
             continue
@@ -270,7 +282,9 @@ def _hermite(
     scan: LineScan, grid: list[Array], index: np.ndarray, normals: Array
 ) -> tuple[Array, Array]:
     """Crossings, normals (n, 3) of edges that begin at grid points `index` (n, 3), on the axis."""
-    k, p, q = scan.axis, (scan.axis + 1) % 3, (scan.axis + 2) % 3
+    k = scan.axis
+    p = (scan.axis + 1) % 3
+    q = (scan.axis + 2) % 3
 
     line = index[:, p] * len(grid[q]) + index[:, q]
     span = len(grid[k]) + 1

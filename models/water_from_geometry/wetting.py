@@ -169,10 +169,8 @@ def wet(
         if first == name:
             bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
         else:  # stones of a pile, links of a chain
-            bodies[name], rows = (
-                bodies[first],
-                [replace(o, body=name) for o in origins if o.body == first],
-            )
+            bodies[name] = bodies[first]
+            rows = [replace(o, body=name) for o in origins if o.body == first]
 
         origins += rows
         dry += [
@@ -249,7 +247,10 @@ def _body(
 
     plain = len(parts) == 1 and parts[0].kind != "mesh"
     if plain:
-        volume, center, spread, wander = exact_volume(parts[0]), parts[0].p, 0.0, 0.0
+        volume = exact_volume(parts[0])
+        center = parts[0].p
+        spread = 0.0
+        wander = 0.0
         said = f"closed form of a {parts[0].kind}, {which}"
 
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
@@ -257,7 +258,8 @@ def _body(
     spread = max(spread, closing)
 
     if plain and parts[0].kind in _CLOSED_FORMS:
-        surface, solution = union_surface(corners, volume, panels), None
+        surface = union_surface(corners, volume, panels)
+        solution = None
     else:
         surface, solution = _panelled(corners, volume, density, panels)
     matrix, from_where, doubt = _added_mass(
@@ -356,7 +358,8 @@ def _panelled(
 
         if 2 * panels > finest:
             return surface, best
-        coarse, panels = fine, 2 * panels
+        coarse = fine
+        panels = 2 * panels
 
 
 def _added_mass(
@@ -441,7 +444,8 @@ def _drag(
         return strip, np.zeros(6), f"a strip, {why}; {_coefficients(seen)}", value
 
     seen = silhouettes(corners)
-    C, area = seen.coefficients, seen.area
+    C = seen.coefficients
+    area = seen.area
     turning = np.array([np.average(np.delete(C, k), weights=np.delete(area, k)) for k in range(3)])
     quadratic = 0.5 * density * np.concatenate([C * area, turning * _spin(corners, surface)])
 

@@ -100,10 +100,10 @@ class StripDrag:
     stations: int = field(default=4, metadata={"schema": {"minimum": 1, "maximum": MAX_STATIONS}})
 
     def __post_init__(self) -> None:
-        for name, place in zip(
+        for name, point in zip(
             ("start", "end"), segment(self.start, self.end, "strip"), strict=True
         ):
-            object.__setattr__(self, name, place)
+            object.__setattr__(self, name, point)
         object.__setattr__(self, "normal", not_negative(self.normal, "strip normal drag [kg/m^2]"))
         object.__setattr__(
             self, "tangential", not_negative(self.tangential, "strip tangential drag [kg/m^2]")
@@ -479,14 +479,14 @@ def trim(
         raise ConfigurationError("trim: gravity is zero")
     up = -gravity / np.linalg.norm(gravity)
 
-    this = model.body(body).id
-    root = int(model.body_rootid[this])
+    ballasted = model.body(body).id
+    root = int(model.body_rootid[ballasted])
     density = density_of(spec)
     mass = float(model.body_subtreemass[root])
     displaced = 0.0  # [kg] by the other bodies
     moment = np.zeros(3)  # [kg m]
     for i in np.flatnonzero(model.body_rootid == root):
-        if i != this and carries(model.body_user[i]):
+        if i != ballasted and carries(model.body_user[i]):
             other = unpack(model.body_user[i])
             p_W = data.xpos[i] + data.xmat[i].reshape(3, 3) @ other.center_of_buoyancy
             displaced += density * other.volume
@@ -502,7 +502,7 @@ def trim(
     trimmed = replace(
         here[body],
         volume=needed / density,
-        center_of_buoyancy=data.xmat[this].reshape(3, 3).T @ (p_W - data.xpos[this]),
+        center_of_buoyancy=data.xmat[ballasted].reshape(3, 3).T @ (p_W - data.xpos[ballasted]),
     )
     attach(spec, {body: trimmed})
     return trimmed
@@ -801,12 +801,12 @@ def _added_mass(values: ArrayLike) -> Array:
     uneven = np.abs(matrix - matrix.T)
     i, j = np.unravel_index(np.argmax(uneven), (6, 6))
     if uneven[i, j] > 1e-9 * largest:
-        said = (
+        fault = (
             f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}"
         )
         if uneven[i, j] > UNEVEN * largest:
-            raise ConfigurationError(said)
-        warnings.warn(f"{said}; their mean is taken", PhysicsWarning, 4)
+            raise ConfigurationError(fault)
+        warnings.warn(f"{fault}; their mean is taken", PhysicsWarning, 4)
     return _semidefinite(readonly(0.5 * (matrix + matrix.T)), "added_mass")
 
 

@@ -110,8 +110,8 @@ def lacks(model: "mujoco.MjModel", but: Collection[str] = ()) -> list[str]:
     """Parts that a job of the arm needs and `model` lacks, with their use, but for `but`."""
     return [
         name if name == "thrusters" else f"{word} {name!r} ({use})"
-        for word, name, use, there in parts(model)
-        if not there and name not in but
+        for word, name, use, present in parts(model)
+        if not present and name not in but
     ]
 
 

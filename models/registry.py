@@ -107,7 +107,7 @@ class Registry(Generic[T]):
                 whatever another package's maker raises while it is imported or called.
         """
         name = self.resolve(name)
-        own = name in self._built_in
+        is_built_in = name in self._built_in
         make = self.maker(name)
 
         if options:
@@ -121,10 +121,10 @@ class Registry(Generic[T]):
                     f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}"
                 )
 
-        if own:
+        if is_built_in:
             return make(*given, **options)
         try:
-            thing = make(*given, **options)
+            instance = make(*given, **options)
         except UuvError:
             raise
         except Exception as error:
@@ -133,12 +133,12 @@ class Registry(Generic[T]):
             ) from error
 
         # A user's maker may return anything.
-        if self._form is not None and not self._form.fits(thing):
-            got = type(thing).__name__
+        if self._form is not None and not self._form.fits(instance):
+            got = type(instance).__name__
             raise ConfigurationError(
                 f"{self.kind} {name!r}: must return {self._form.words}, got {got}"
             )
-        return thing
+        return instance
 
     def maker(self, name: str) -> Callable[..., T]:
         """The callable that makes the thing of that name.
@@ -173,9 +173,9 @@ class Registry(Generic[T]):
 
     def name_of(self, make: Callable[..., T]) -> str | None:
         """The name under which `make` is built in, or another package's; None: under none."""
-        place = f"{make.__module__}:{make.__qualname__}"
+        path = f"{make.__module__}:{make.__qualname__}"
         for name, known in self._built_in.items():
-            if known is make or known == place:
+            if known is make or known == path:
                 return name
         return next((name for name in self._of_packages() if self.maker(name) is make), None)
 

@@ -252,8 +252,8 @@ def _actuator_of(model: mujoco.MjModel, joint: int) -> int:
     drives = (np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT) & (
         np.asarray(model.actuator_trnid)[:, 0] == joint
     )
-    found = np.flatnonzero(drives)
-    return int(found[0]) if found.size else -1
+    drivers = np.flatnonzero(drives)
+    return int(drivers[0]) if drivers.size else -1
 
 
 def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:

@@ -47,13 +47,13 @@ class GearFriction:
     stribeck_speed: float  # [rad/s] scale of the transition from stiction to coulomb
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = number(getattr(self, item.name), f"gear friction {item.name}")
-            if not (np.isfinite(value) and value >= 0.0):
+        for field in fields(self):
+            figure = number(getattr(self, field.name), f"gear friction {field.name}")
+            if not (np.isfinite(figure) and figure >= 0.0):
                 raise ConfigurationError(
-                    f"gear friction {item.name}: must be finite and >= 0, got {value}"
+                    f"gear friction {field.name}: must be finite and >= 0, got {figure}"
                 )
-            object.__setattr__(self, item.name, value)
+            object.__setattr__(self, field.name, figure)
 
         if self.stiction < self.coulomb:
             raise ConfigurationError(

@@ -265,13 +265,13 @@ class SerialArm:
 
         The first n are of the joints' frames, z the axis; the last is of the flange.
         """
-        found = [self.X_base_0]
+        poses = [self.X_base_0]
         for row in self.table:
             turn = exp_so3([0.0, 0.0, row[THETA]])
-            found.append(pose(turn @ tilt_of(row), turn @ [row[A], 0.0, row[D]]))
+            poses.append(pose(turn @ tilt_of(row), turn @ [row[A], 0.0, row[D]]))
 
-        found[-1] = found[-1] @ self.X_n_flange
-        return found
+        poses[-1] = poses[-1] @ self.X_n_flange
+        return poses
 
     def joint_frames(self, q: ArrayLike) -> Array:
         """Poses (n + 1, 4, 4) in the base: the joints' frames of `origins`, moved, and the flange.
@@ -285,19 +285,23 @@ class SerialArm:
         Raises:
             ConfigurationError: `q` is not n finite numbers within 1e9.
         """
-        values = checked_place(q, (self.n,), "q")
+        joint_values = checked_place(q, (self.n,), "q")
         *joints, flange = self.origins()
 
         X = np.eye(4)
-        found = []
-        for origin, kind, value in zip(joints, self.joint_types, values, strict=True):
+        frames = []
+        for origin, kind, joint_value in zip(joints, self.joint_types, joint_values, strict=True):
             X = (
                 X
                 @ origin
-                @ (pose(p=[0.0, 0.0, value]) if kind == "p" else pose(exp_so3([0.0, 0.0, value])))
+                @ (
+                    pose(p=[0.0, 0.0, joint_value])
+                    if kind == "p"
+                    else pose(exp_so3([0.0, 0.0, joint_value]))
+                )
             )
-            found.append(X)
-        return np.array([*found, X @ flange])
+            frames.append(X)
+        return np.array([*frames, X @ flange])
 
     def flange(self, q: ArrayLike) -> Array:
         """Flange poses (M, 4, 4) in the base for joint values `q` (M, n) [rad], slides [m].
@@ -305,9 +309,9 @@ class SerialArm:
         Raises:
             ConfigurationError: `q` is not (M, n) finite numbers.
         """
-        values = np.ascontiguousarray(checked_rows(q, self.n, "q"))
+        q_rows = np.ascontiguousarray(checked_rows(q, self.n, "q"))
         return (
-            kinematics.frames(self.table, self.slides, self.X_base_0, values)[:, -1]
+            kinematics.frames(self.table, self.slides, self.X_base_0, q_rows)[:, -1]
             @ self.X_n_flange
         )
 
@@ -315,10 +319,10 @@ class SerialArm:
         """Tips (M, 3) [m] in the base at `q` (M, n), of the point `tcp` (3,) [m] in the flange."""
         from uuv.models.arms.tip_places import NO_JACOBIAN, tips
 
-        values = np.ascontiguousarray(q, dtype=np.float64)
+        q_rows = np.ascontiguousarray(q, dtype=np.float64)
         point = np.ascontiguousarray(tcp, dtype=np.float64)
         return tips(
-            self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, NO_JACOBIAN
+            self.table, self.slides, self.X_base_0, self.X_n_flange, point, q_rows, NO_JACOBIAN
         )
 
     def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:

@@ -230,9 +230,9 @@ def _add_site(
                 )
             raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
 
-        own = sites[where]
-        added = own.parent.add_site(name=usual, pos=own.pos, quat=own.quat, group=4)
-        added.alt = own.alt
+        original = sites[where]
+        added = original.parent.add_site(name=usual, pos=original.pos, quat=original.quat, group=4)
+        added.alt = original.alt
         return
 
     # On a body, with the axes that are usual for the site.
@@ -253,10 +253,10 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
     The others are all joints that the hull carries but those on springs: of a second arm, a
     gripper, a camera's pan.
     """
-    there = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
-    for wanted in joints:
-        if wanted not in there:
-            raise _missing(name, "joint", wanted, list(there))
+    movable = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
+    for joint_name in joints:
+        if joint_name not in movable:
+            raise _missing(name, "joint", joint_name, list(movable))
 
     # The mapping lists the arm's joints, all of them and in order.
     chain = joints_between(spec)
@@ -278,9 +278,9 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
         [],
     )
     locked = [
-        each
-        for each in carried
-        if each.type in _TURNING and each.name not in joints and not each.stiffness[0]
+        other
+        for other in carried
+        if other.type in _TURNING and other.name not in joints and not other.stiffness[0]
     ]
     if locked:
         # A keyframe keeps the values of the joints that stay.
@@ -290,8 +290,8 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
                 _lock(spec, joint)
         note(spec, [f"joints held at 0, which the mapping does not list: {names}"])
 
-    for wanted, limit in joints.items():
-        _add_motor(spec, there[wanted], limit, name)
+    for joint_name, limit in joints.items():
+        _add_motor(spec, movable[joint_name], limit, name)
 
 
 def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
@@ -330,15 +330,17 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
     Raises:
         ConfigurationError: no limit is known.
     """
-    own = [
+    actuators = [
         a
         for a in spec.actuators
         if a.target == joint.name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT
     ]
 
     # Limits that the model states.
-    known = [np.abs(a.ctrlrange).min() for a in own if _is_motor(a) and np.ptp(a.ctrlrange) > 0.0]
-    known += [np.abs(a.forcerange).min() for a in own if np.ptp(a.forcerange) > 0.0]
+    known = [
+        np.abs(a.ctrlrange).min() for a in actuators if _is_motor(a) and np.ptp(a.ctrlrange) > 0.0
+    ]
+    known += [np.abs(a.forcerange).min() for a in actuators if np.ptp(a.forcerange) > 0.0]
     known += [np.abs(joint.actfrcrange).min()] if np.ptp(joint.actfrcrange) > 0.0 else []
 
     if limit is None:
@@ -351,7 +353,7 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
         limit = float(known[0])
 
     # One motor in place of what drove the joint.
-    for actuator in own:
+    for actuator in actuators:
         spec.delete(actuator)
     joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the motor's own range limits it
     motor = spec.add_actuator(name=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
@@ -416,8 +418,8 @@ def _thruster(
         site = f"thruster_{mapped.name}"
         body = _body(spec, renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY, name)
         body.add_site(name=site, pos=mapped.place.pos, quat=_along_x(mapped.place.z), group=4)
-    elif site not in {each.name for each in spec.sites}:
-        raise _missing(name, "site", str(site), [each.name for each in spec.sites])
+    elif site not in {present.name for present in spec.sites}:
+        raise _missing(name, "site", str(site), [present.name for present in spec.sites])
 
     actuator = spec.add_actuator(
         name=f"thruster_{mapped.name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site

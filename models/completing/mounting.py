@@ -82,8 +82,8 @@ def mount_arm(
     for key in [key for key in spec.keys if key.name in (HOME_KEY, READY_KEY)]:
         spec.delete(key)
 
-    place = bodies[HULL_BODY].add_frame(pos=checked(p, (3,), "p"), quat=quat)
-    place.attach_body(links[root], _PREFIX, "")
+    mount = bodies[HULL_BODY].add_frame(pos=checked(p, (3,), "p"), quat=quat)
+    mount.attach_body(links[root], _PREFIX, "")
     names = {link: ARM_BASE_BODY if link == root else _PREFIX + link for link in links}
     spec.body(names[tip]).add_site(
         name=TIP_SITE, pos=checked(tip_p, (3,), "tip_p"), quat=quat_wxyz_from_rotation(R), group=4

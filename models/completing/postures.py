@@ -81,9 +81,9 @@ class PostureSearch:
         )
 
         # Box of the hull, in its own axes.
-        own = [g for g in range(model.ngeom) if model.geom_bodyid[g] == vehicle.hull]
+        hull_geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == vehicle.hull]
         self._at(np.clip(np.zeros(len(self._low)), self._low, self._high))
-        self._box = _box(model, self.data, own, vehicle.hull)
+        self._box = _box(model, self.data, hull_geoms, vehicle.hull)
 
     @cached_property
     def _drawn(self) -> Array:
@@ -175,9 +175,9 @@ class PostureSearch:
 
         # Small changes of it.
         for q in self._around(best, np.zeros(len(self._low))):
-            if (now := self._readiness(q)) > score and self.is_clear(q):
+            if (trial_score := self._readiness(q)) > score and self.is_clear(q):
                 best = q
-                score = now
+                score = trial_score
 
         far = float(np.linalg.norm(self._tip(best)))
         return FoundPosture(
@@ -268,8 +268,8 @@ class PostureSearch:
         J[:3] /= self.reach
         J[3:] *= _LEVER
 
-        values = np.linalg.svd(J, compute_uv=False)
-        return float(values[min(6, len(dof)) - 1])
+        singular_values = np.linalg.svd(J, compute_uv=False)
+        return float(singular_values[min(6, len(dof)) - 1])
 
     def tip_axis(self, q: Array) -> tuple[Array, Array]:
         """Position (3,) [m] of the tip in hull axes, direction (3,) of the tool at `q` (n,)."""
@@ -317,9 +317,9 @@ class PostureSearch:
             R_WB = data.xmat[self.vehicle.hull].reshape(3, 3)
             p_BC = R_WB.T @ (data.site_xpos[self._camera] - data.xpos[self.vehicle.hull])
             z_BC = R_WB.T @ data.site_xmat[self._camera].reshape(3, 3)[:, 2]
-            seen = (p_BG - p_BC) / max(float(np.linalg.norm(p_BG - p_BC)), 1e-9)
+            view_B = (p_BG - p_BC) / max(float(np.linalg.norm(p_BG - p_BC)), 1e-9)
             score *= (0.5 + 0.5 * max(0.0, float(z_BG @ z_BC))) * (
-                0.5 + 0.5 * max(0.0, float(seen @ z_BC))
+                0.5 + 0.5 * max(0.0, float(view_B @ z_BC))
             )
 
         return score
@@ -350,8 +350,8 @@ class PostureSearch:
         model = self.model
         data = self.data
         hull = self.vehicle.hull
-        places = [data.geom_xpos[self._arm_geoms], data.site_xpos[[self.vehicle.tip]]]
-        p_B = (np.vstack(places) - data.xpos[hull]) @ data.xmat[hull].reshape(3, 3)
+        positions = [data.geom_xpos[self._arm_geoms], data.site_xpos[[self.vehicle.tip]]]
+        p_B = (np.vstack(positions) - data.xpos[hull]) @ data.xmat[hull].reshape(3, 3)
         radius = np.append(model.geom_rbound[self._arm_geoms], 0.0)
 
         out = np.maximum(np.maximum(self._box[0] - p_B, p_B - self._box[1]), 0.0)
@@ -375,14 +375,14 @@ class PostureSearch:
 
     def _pairs(self) -> set[tuple[int, int]]:
         contact = self.data.contact
-        found = set()
+        pairs = set()
         for i in range(self.data.ncon):
             if contact.dist[i] > 0.0:
                 continue
             a, b = (int(self.model.geom_bodyid[g]) for g in contact.geom[i])
-            found.add((min(a, b), max(a, b)))
+            pairs.add((min(a, b), max(a, b)))
 
-        return found
+        return pairs
 
     def _always_touching(self, postures: Array) -> set[tuple[int, int]]:
         counts: dict[tuple[int, int], int] = {}

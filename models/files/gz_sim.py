@@ -51,27 +51,27 @@ def body_hydrodynamics(
     quadratic = np.zeros(6)
     others: dict[str, float] = {}
 
-    for name, value in parameters.items():
+    for name, coefficient in parameters.items():
         if name not in _KNOWN:
             raise ConfigurationError(
                 "gz-sim Hydrodynamics: unknown parameter "
                 f"{shown(name)}{did_you_mean(name, _KNOWN)}; it has xDotU, xU, "
                 "xUU, xUabsU and the like"
             )
-        value = finite_number(value, f"gz-sim Hydrodynamics {name}")
+        coefficient = finite_number(coefficient, f"gz-sim Hydrodynamics {name}")
 
         # Stability derivatives: what damps is negative there, and positive here.
-        place = gz_term(name)
-        if place is None:  # xDotU
-            added[_FORCES.index(name[0]), _SPEEDS.index(name[-1])] = -value
+        term = gz_term(name)
+        if term is None:  # xDotU
+            added[_FORCES.index(name[0]), _SPEEDS.index(name[-1])] = -coefficient
             continue
-        i, j, k, absolute = place
+        i, j, k, absolute = term
         if k < 0:
-            linear[i, j] = -value
-        elif i == j == k and absolute and value <= 0.0:
-            quadratic[i] = -value
-        elif value != 0.0:
-            others[name] = value
+            linear[i, j] = -coefficient
+        elif i == j == k and absolute and coefficient <= 0.0:
+            quadratic[i] = -coefficient
+        elif coefficient != 0.0:
+            others[name] = coefficient
 
     return BodyHydrodynamics(
         volume=volume,

@@ -25,7 +25,7 @@ def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
         return
 
     before = spec.copy().compile()
-    kept = {
+    positions = {
         key.name: dict(_positions(before, before.key_qpos[i])) for i, key in enumerate(spec.keys)
     }
 
@@ -36,8 +36,8 @@ def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
     after = spec.copy().compile()
     for key in spec.keys:
         qpos = np.array(after.qpos0)
-        for name, value in _positions(after, qpos):
-            value[:] = kept[key.name].get(name, value)
+        for name, part in _positions(after, qpos):
+            part[:] = positions[key.name].get(name, part)
         key.qpos = qpos
 
 

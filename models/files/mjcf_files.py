@@ -44,9 +44,9 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
         rb"<([A-Za-z][\w.-]*)", re.sub(rb"<!--.*?-->", b"", bytes_of(path, what), flags=re.DOTALL)
     )
     if root is None or not root[1].startswith(b"mujoco"):
-        found = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
+        content = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
         raise ConfigurationError(
-            f"{name}: {found}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>"
+            f"{name}: {content}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>"
         )
 
     try:
@@ -77,10 +77,10 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
         raise ConfigurationError(f"{name}: MuJoCo cannot compile it: {error}") from error
 
     for field in _JUDGED:
-        values = np.asarray(getattr(model, field))
-        if not np.all(np.abs(values) <= _LARGEST):  # this form also catches NaN
-            worst = values.flat[
-                int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf)))
+        numbers = np.asarray(getattr(model, field))
+        if not np.all(np.abs(numbers) <= _LARGEST):  # this form also catches NaN
+            worst = numbers.flat[
+                int(np.argmax(np.where(np.isfinite(numbers), np.abs(numbers), np.inf)))
             ]
             raise ConfigurationError(
                 f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}"

@@ -123,7 +123,9 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
     else:
         attach_tree(spec, in_file, "MJCF", _ELEMENT_NAMES)
 
-    for element in [each for each in spec.numerics if each.name.startswith(hydrodynamics.ELEMENTS)]:
+    for element in [
+        numeric for numeric in spec.numerics if numeric.name.startswith(hydrodynamics.ELEMENTS)
+    ]:
         spec.delete(element)
 
 
@@ -161,16 +163,21 @@ def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
     for element in spec.numerics:
         name = str(element.name)
         numbers = [float(x) for x in element.data]
-        value: Any = checked(
+        number_or_row: Any = checked(
             numbers[0] if len(numbers) == 1 else numbers, f"custom element {name!r}"
         )
 
         if name == _WATER + _DENSITY:
-            tree[_DENSITY] = value
+            tree[_DENSITY] = number_or_row
         elif name.startswith(_WATER):
-            _put(tree, ["bodies", *_path(name, _WATER, bodies, "body")], value, name)
+            _put(tree, ["bodies", *_path(name, _WATER, bodies, "body")], number_or_row, name)
         elif name.startswith(_THRUSTER):
-            _put(tree, ["thrusters", *_path(name, _THRUSTER, actuators, "actuator")], value, name)
+            _put(
+                tree,
+                ["thrusters", *_path(name, _THRUSTER, actuators, "actuator")],
+                number_or_row,
+                name,
+            )
 
     return {
         section: _of_owners(branch) if isinstance(branch, dict) else branch
@@ -326,7 +333,7 @@ def _with_density_of(other: Mapping[str, Any], tree: Mapping[str, Any]) -> dict[
 def _path(name: str, prefix: str, known: list[str], what: str) -> list[str]:
     """Body or actuator, and the names behind it, of an element; a body's name may have slashes."""
     rest = name.removeprefix(prefix)
-    owners = [each for each in known if each and rest.startswith(each + "/")]
+    owners = [candidate for candidate in known if candidate and rest.startswith(candidate + "/")]
     if not owners:
         first = rest.partition("/")[0]
         raise ConfigurationError(
@@ -402,7 +409,7 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes and "volume" not in entry:
         raise ConfigurationError(f"{where}: volume or a shape ({', '.join(SHAPES)}) is missing")
 
-    stated = {name: value for name, value in entry.items() if name not in SHAPES}
+    stated = {name: figure for name, figure in entry.items() if name not in SHAPES}
     for name in ("added_mass", "linear_damping"):
         if name in stated:
             alone = {name: stated[name]}
@@ -412,9 +419,11 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
         return _READER.made(BodyHydrodynamics, stated, where)
 
     shape = shapes[0]
-    place = inside(where, shape)
+    shape_path = inside(where, shape)
     density = {} if water_density is None else {_DENSITY: water_density}
-    body = _READER.made(SHAPES[shape], {**density, **_READER.table(entry[shape], place)}, place)
+    body = _READER.made(
+        SHAPES[shape], {**density, **_READER.table(entry[shape], shape_path)}, shape_path
+    )
     try:
         return replace(body, **_READER.values(BodyHydrodynamics, stated, where, complete=False))
     except ConfigurationError as error:
@@ -450,8 +459,8 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
         entry = {} if table[makers[0]] is None else table[makers[0]]  # `t200:` alone
         return _THRUSTER_MAKERS[makers[0]], _spelt_out(entry, where), inside(where, makers[0])
 
-    own = [entry.name for entry in fields(Thruster)]
-    _READER.check_keys(table, (*own, *_THRUSTER_MAKERS), where)
+    field_names = [entry.name for entry in fields(Thruster)]
+    _READER.check_keys(table, (*field_names, *_THRUSTER_MAKERS), where)
     return Thruster, _spelt_out(table, where), where
 
 
@@ -506,13 +515,13 @@ def _written(thing: Any) -> dict[str, Any]:
     """Fields of a dataclass that differ from their defaults: plain numbers, rows and mappings."""
     tree = {}
     for entry in fields(thing):
-        value = getattr(thing, entry.name)
-        if entry.name == "linear_damping" and _same(value, np.diag(np.diag(value))):
-            value = np.diag(value)
+        content = getattr(thing, entry.name)
+        if entry.name == "linear_damping" and _same(content, np.diag(np.diag(content))):
+            content = np.diag(content)
 
         default = entry.default_factory() if entry.default_factory is not MISSING else entry.default
-        if default is MISSING or not _same(value, default):
-            tree[entry.name] = _tree(value)
+        if default is MISSING or not _same(content, default):
+            tree[entry.name] = _tree(content)
     return tree
 
 
@@ -531,18 +540,18 @@ def _tree(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, tuple):
-        return [_tree(each) for each in value]
+        return [_tree(entry) for entry in value]
     return value
 
 
 def _leaves(branch: Any, name: str = "") -> Iterator[tuple[str, list[float]]]:
     """Paths and rows of numbers of a tree."""
     if isinstance(branch, dict):
-        for key, value in branch.items():
-            yield from _leaves(value, f"{name}/{key}" if name else key)
-    elif isinstance(branch, list) and not all(isinstance(each, int | float) for each in branch):
-        for k, value in enumerate(branch):
-            yield from _leaves(value, f"{name}/{k}")
+        for key, child in branch.items():
+            yield from _leaves(child, f"{name}/{key}" if name else key)
+    elif isinstance(branch, list) and not all(isinstance(entry, int | float) for entry in branch):
+        for k, child in enumerate(branch):
+            yield from _leaves(child, f"{name}/{k}")
     else:
         yield name, branch if isinstance(branch, list) else [branch]
 

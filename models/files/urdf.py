@@ -297,10 +297,10 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
     carriers: dict[str, tuple[str, Element]] = {}
 
     for joint in xml.findall("joint"):
-        said = f"{name}: joint {joint.get('name', '')!r}"
+        subject = f"{name}: joint {joint.get('name', '')!r}"
         kind = joint.get("type", "")
         if kind not in _JOINTS:
-            raise ConfigurationError(f"{said}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
+            raise ConfigurationError(f"{subject}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
 
         ends = [
             end.get("link", "")
@@ -309,7 +309,7 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
         ]
         if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
             raise ConfigurationError(
-                f"{said}: must join a parent link to a child of no other, got {ends}"
+                f"{subject}: must join a parent link to a child of no other, got {ends}"
             )
         carriers[ends[1]] = ends[0], joint
 
@@ -482,12 +482,12 @@ def _numbers(
     """Three numbers of an attribute, or `default` where it is missing."""
     if text is None:
         return np.array(default)
-    said = f"{name}: joint {joint.get('name')!r}"
+    subject = f"{name}: joint {joint.get('name')!r}"
     try:
-        values = [float(word) for word in text.split()]
+        numbers = [float(word) for word in text.split()]
     except ValueError as error:
-        raise ConfigurationError(f"{said}: expected three numbers, got {shown(text)}") from error
-    return checked_place(values, (3,), said, LONGEST)
+        raise ConfigurationError(f"{subject}: expected three numbers, got {shown(text)}") from error
+    return checked_place(numbers, (3,), subject, LONGEST)
 
 
 def _figure(text: str, name: str) -> float:

@@ -142,9 +142,9 @@ def welded(
     )
 
     order = np.argsort(first)  # keeps the order of the vertices
-    place = np.empty_like(order)
-    place[order] = np.arange(len(order))
-    faces = place[index.ravel()][triangles]
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    faces = rank[index.ravel()][triangles]
 
     keep = (
         (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
@@ -206,10 +206,10 @@ def split(
 
     # A new vertex in the middle of each edge that is cut.
     middles = 0.5 * (vertices[cut_keys // len(vertices)] + vertices[cut_keys % len(vertices)])
-    place = np.searchsorted(cut_keys, key)
-    cut = cut_keys[np.minimum(place, len(cut_keys) - 1)] == key
+    position = np.searchsorted(cut_keys, key)
+    cut = cut_keys[np.minimum(position, len(cut_keys) - 1)] == key
     # (T, 3): the vertex on the edge from corner i to i + 1
-    middle = np.where(cut, len(vertices) + place, -1)
+    middle = np.where(cut, len(vertices) + position, -1)
 
     count = cut.sum(axis=1)
     parts = [triangles[count == 0]]

@@ -78,7 +78,7 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
         ConfigurationError: for fewer than FEWEST distinct points, or points that form no surface.
     """
     middle = middle_if_far(points)  # about which all squares of lengths are exact
-    given = len(points)
+    count = len(points)
     points = points - middle
     points, first = np.unique(points, axis=0, return_index=True)
     if len(points) < FEWEST:
@@ -132,7 +132,7 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
         spacing=spacing,
         is_open=is_open,
         border=_ends(points, axes, spacing) + middle if is_open else np.zeros((0, 3)),
-        note=f"meshed from a cloud of {given} points{fewer}, {1e3 * spacing:.1f} mm apart, "
+        note=f"meshed from a cloud of {count} points{fewer}, {1e3 * spacing:.1f} mm apart, "
         f"normals {how}; {ends}",
     )
 
@@ -154,14 +154,14 @@ def _normals(points: Array) -> tuple[Array, np.ndarray]:
     near = cKDTree(points).query(points, k=_NEIGHBOURS)[1]
     middle = points[near].mean(axis=1)
     around = points[near] - middle[:, None]
-    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around) / _NEIGHBOURS)
-    values = np.sqrt(np.maximum(values, 0.0))
+    spread, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around) / _NEIGHBOURS)
+    spread = np.sqrt(np.maximum(spread, 0.0))
     normals = vectors[:, :, 0]
 
     # Of the planes of its neighbours a point takes the thinnest that it lies on.
     off = np.abs(np.einsum("nki,nki->nk", normals[near], points[:, None] - middle[near]))
-    best = near[np.arange(len(points)), (values[near, 0] + off).argmin(axis=1)]
-    return _turned(points, normals[best], near), values[best, 0] < _FLAT * values[best, 1]
+    best = near[np.arange(len(points)), (spread[near, 0] + off).argmin(axis=1)]
+    return _turned(points, normals[best], near), spread[best, 0] < _FLAT * spread[best, 1]
 
 
 def _one_sided(points: Array, normals: Array) -> bool:
@@ -176,11 +176,11 @@ def _one_sided(points: Array, normals: Array) -> bool:
 
 def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
     """The normals (n, 3), each turned as its most parallel neighbour's, then all outward."""
-    one = np.repeat(np.arange(len(points)), near.shape[1] - 1)
-    two = near[:, 1:].ravel()
-    along = np.einsum("ni,ni->n", normals[one], normals[two])
+    first = np.repeat(np.arange(len(points)), near.shape[1] - 1)
+    second = near[:, 1:].ravel()
+    along = np.einsum("ni,ni->n", normals[first], normals[second])
     tree = minimum_spanning_tree(
-        coo_matrix((1.0001 - np.abs(along), (one, two)), shape=(len(points),) * 2).tocsr()
+        coo_matrix((1.0001 - np.abs(along), (first, second)), shape=(len(points),) * 2).tocsr()
     )
 
     # From one member of each part along the tree, then all of the part outward.
@@ -296,19 +296,22 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
 
     # A face across the surface, from one wall to another, must be smaller than one that lies in it.
     agreement = np.where(trusted[faces].all(axis=1), along.max(axis=1), np.sqrt(0.5))
-    kept = (ball < _HOLE * agreement**2 * local[faces].max(axis=1)) & (double > 0.0)
+    in_surface = (ball < _HOLE * agreement**2 * local[faces].max(axis=1)) & (double > 0.0)
 
     # Cells that are reached from outside without crossing a face that is kept.
     count = len(cells)
     far = np.where(other < 0, count, other)
     graph = coo_matrix(
-        (np.ones(int((~kept).sum())), (rows[~kept], far[~kept])), shape=(count + 1, count + 1)
+        (np.ones(int((~in_surface).sum())), (rows[~in_surface], far[~in_surface])),
+        shape=(count + 1, count + 1),
     )
     label = connected_components(graph, directed=False)[1]
     outside = label == label[count]
 
     inward = np.einsum("fi,fci->f", cross, normals[faces]) < 0.0
-    return np.where(inward[:, None], faces[:, ::-1], faces)[kept & (outside[rows] | outside[far])]
+    return np.where(inward[:, None], faces[:, ::-1], faces)[
+        in_surface & (outside[rows] | outside[far])
+    ]
 
 
 def _circumradius(corners: Array) -> Array:
@@ -331,7 +334,7 @@ def _circumradius(corners: Array) -> Array:
 
 def _to_circumcenter(u: Array, v: Array, cross: Array, double: Array) -> Array:
     """Vectors (n, 3) from a corner of triangles, sides `u`, `v` (n, 3), to their circumcentres."""
-    uu, vv = (np.einsum("ni,ni->n", each, each)[:, None] for each in (u, v))
+    uu, vv = (np.einsum("ni,ni->n", side, side)[:, None] for side in (u, v))
     return (uu * np.cross(v, cross) + vv * np.cross(cross, u)) / (2.0 * double[:, None] ** 2)
 
 
@@ -340,8 +343,8 @@ def _sharpened(
 ) -> tuple[Array, np.ndarray]:
     """Insert vertices on edges cut off: where the planes of two corners meet [Attene 2005]."""
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
-    keys, place = np.unique(ends[..., 0] * len(points) + ends[..., 1], return_inverse=True)
-    place = place.reshape(-1, 3)
+    keys, edge_of_side = np.unique(ends[..., 0] * len(points) + ends[..., 1], return_inverse=True)
+    edge_of_side = edge_of_side.reshape(-1, 3)
     a = keys // len(points)
     b = keys % len(points)
     cosine = np.einsum("ni,ni->n", normals[a], normals[b])
@@ -361,13 +364,13 @@ def _sharpened(
     creased = flat[a] & flat[b] & (np.abs(cosine) < _CREASE)
     creased &= np.linalg.norm(to, axis=1) < _BEYOND * np.linalg.norm(apart, axis=1)
     number = np.where(creased, len(points) + np.cumsum(creased) - 1, -1)
-    cut = number[place]
+    cut = number[edge_of_side]
     count = (cut >= 0).sum(axis=1)
 
     # Triangles by the number of their sides that get one.
     parts = [triangles[count == 0]]
     inner = np.zeros((0, 3))
-    made = len(points) + int(creased.sum())
+    next_vertex = len(points) + int(creased.sum())
     for many, first in (
         (1, cut.argmax(axis=1)),
         (2, (cut < 0).argmax(axis=1) + 1),
@@ -393,7 +396,7 @@ def _sharpened(
                 + step
                 * np.minimum(1.0, size / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
             )
-            c = made + np.arange(len(rows))
+            c = next_vertex + np.arange(len(rows))
             pieces = [(p, x, c), (x, q, c), (q, y, c), (y, r, c), (r, z, c), (z, p, c)]
         parts += [np.column_stack(piece) for piece in pieces]
 
@@ -435,16 +438,16 @@ def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
     scene = RayScene(vertices, triangles)
     far = 3.0 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
-    seen = np.zeros((2, len(triangles)), dtype=np.int64)  # from ahead and from behind
+    hits = np.zeros((2, len(triangles)), dtype=np.int64)  # from ahead and from behind
     for way in sphere(1)[0]:
         cosine = normal @ way
-        asked = np.flatnonzero(np.abs(cosine) > _GRAZING)
-        t = scene.distance(middle[asked] + far * way, np.broadcast_to(-way, (len(asked), 3)))
-        first = asked[t > far - _SKIN * spacing - 1e-5 * far]
-        np.add.at(seen, ((cosine[first] < 0.0).astype(int), first), 1)
+        facing = np.flatnonzero(np.abs(cosine) > _GRAZING)
+        t = scene.distance(middle[facing] + far * way, np.broadcast_to(-way, (len(facing), 3)))
+        first = facing[t > far - _SKIN * spacing - 1e-5 * far]
+        np.add.at(hits, ((cosine[first] < 0.0).astype(int), first), 1)
 
-    turned = (seen[1] > seen[0]) & (spacing > 0.0)
-    return np.where(turned[:, None], triangles[:, ::-1], triangles)[seen.any(axis=0)]
+    turned = (hits[1] > hits[0]) & (spacing > 0.0)
+    return np.where(turned[:, None], triangles[:, ::-1], triangles)[hits.any(axis=0)]
 
 
 def _ends(points: Array, normals: Array, spacing: float) -> Array:

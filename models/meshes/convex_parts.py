@@ -58,14 +58,14 @@ def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, 
     faces = _with_area(points, faces)
     judged = _Judged.of(points, faces)
     middles = points[faces].mean(axis=1)
-    found: list[Array] = []
+    hulls: list[Array] = []
 
     waiting = [np.arange(len(faces))]
     while waiting:
         patch = waiting.pop()
         hull = judged.hull(patch, tolerance)
         if hull is not None:
-            found.append(readonly(hull))
+            hulls.append(readonly(hull))
             continue
 
         # Halve the patch across its principal axis, with equally many triangles on each side.
@@ -74,7 +74,7 @@ def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, 
         order = np.argsort(along, kind="stable")
         waiting += [patch[order[: len(order) // 2]], patch[order[len(order) // 2 :]]]
 
-    return tuple(found)
+    return tuple(hulls)
 
 
 def _with_area(points: Array, faces: np.ndarray) -> np.ndarray:

@@ -15,8 +15,12 @@ def middle_if_far(points: ArrayLike) -> Array:
     middle. Points near the origin stay as they are, to the last bit. Those that are not finite do
     not count.
     """
-    given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    finite = given if np.isfinite(given).all() else given[np.isfinite(given).all(axis=1)]
+    coordinates = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    finite = (
+        coordinates
+        if np.isfinite(coordinates).all()
+        else coordinates[np.isfinite(coordinates).all(axis=1)]
+    )
     if not len(finite):
         return np.zeros(3)
 

@@ -42,10 +42,12 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
             "clouds PCD and "
             f"{', '.join(TEXT)}"
         )
-    own = {"ply": read_ply, "off": _read_off}.get(kind)
+    reader = {"ply": read_ply, "off": _read_off}.get(kind)
 
     try:
-        vertices, triangles = own(bytes_of(file, "target mesh")) if own else _read_by_trimesh(file)
+        vertices, triangles = (
+            reader(bytes_of(file, "target mesh")) if reader else _read_by_trimesh(file)
+        )
         need_corners(vertices, triangles)
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")
@@ -53,11 +55,11 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
         # these do not mean a malformed file
         raise
     except Exception as error:  # a malformed file can raise anything in trimesh
-        said = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
         if kind == "obj" and isinstance(error, IndexError):
-            said = NO_SUCH_VERTEX
+            reason = NO_SUCH_VERTEX
         raise ConfigurationError(
-            f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {said}"
+            f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {reason}"
         ) from error
 
     vertices, triangles = _tidied(vertices, triangles)

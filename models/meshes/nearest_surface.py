@@ -39,12 +39,12 @@ class NearestSurface:
 
     def query(self, points: ArrayLike) -> Nearest:
         """Nearest point on the mesh to each of `points` (N, 3) [m], finite with finite squares."""
-        asked = np.ascontiguousarray(points, dtype=np.float64)
-        at = np.zeros(len(asked), dtype=np.int64)
-        weights = np.zeros((len(asked), 3))
-        _search(asked, self.corners, self.boxes, self.spans, at, weights)
+        queries = np.ascontiguousarray(points, dtype=np.float64)
+        at = np.zeros(len(queries), dtype=np.int64)
+        weights = np.zeros((len(queries), 3))
+        _search(queries, self.corners, self.boxes, self.spans, at, weights)
         point = np.einsum("nk,nkj->nj", weights, self.corners[at])
-        distance = np.linalg.norm(asked - point, axis=1)
+        distance = np.linalg.norm(queries - point, axis=1)
         return Nearest(distance=distance, point=point, triangle=self.order[at], weights=weights)
 
 
@@ -60,7 +60,7 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
 
     boxes = np.empty((2 * count, 6))
     spans = np.zeros((2 * count, 3), dtype=np.int64)
-    made = 1
+    allocated = 1
     waiting = [(0, 0, count)]
     while len(waiting) > 0:
         box, first, end = waiting.pop()
@@ -91,13 +91,13 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
         part = order[first:end].copy()
         order[first:end] = part[np.argsort(middles[part, side], kind="mergesort")]
         half = (first + end) // 2
-        spans[box, 0] = made
-        spans[box, 1] = made + 1
-        waiting.append((made, first, half))
-        waiting.append((made + 1, half, end))
-        made += 2
+        spans[box, 0] = allocated
+        spans[box, 1] = allocated + 1
+        waiting.append((allocated, first, half))
+        waiting.append((allocated + 1, half, end))
+        allocated += 2
 
-    return order, boxes[:made].copy(), spans[:made].copy()
+    return order, boxes[:allocated].copy(), spans[:allocated].copy()
 
 
 @kernel

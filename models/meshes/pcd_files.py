@@ -29,7 +29,7 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         ConfigurationError: For a file that cannot be read, is not PCD, has no x, y, z, or is cut
             short.
     """
-    header, data = _header(bytes_of(file, "cloud"), file)
+    header, body = _header(bytes_of(file, "cloud"), file)
     try:
         names = header["FIELDS"]
         sizes, counts = (
@@ -68,20 +68,20 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
     widths = [np.dtype(type_).itemsize * many for type_, many in zip(types, counts, strict=True)]
     if kind == "ascii":
         return *_parted(
-            _from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file)
+            _from_text(body, count, [sum(counts[:k]) for k in columns], sum(counts), file)
         ), shape
 
     if kind == "binary":
-        if len(data) < count * sum(widths):
+        if len(body) < count * sum(widths):
             raise _cut_short(file, count)
-        rows = np.frombuffer(data, np.uint8, count * sum(widths)).reshape(count, -1)
+        rows = np.frombuffer(body, np.uint8, count * sum(widths)).reshape(count, -1)
         parts = [rows[:, sum(widths[:k]) : sum(widths[: k + 1])] for k in range(len(names))]
     elif kind == "binary_compressed":
-        packed, whole = np.frombuffer(data[:8].ljust(8, b"\0"), "<u4").astype(np.int64)
-        if len(data) < 8 + packed or whole != count * sum(widths):
+        packed, whole = np.frombuffer(body[:8].ljust(8, b"\0"), "<u4").astype(np.int64)
+        if len(body) < 8 + packed or whole != count * sum(widths):
             raise _cut_short(file, count)
         flat = np.zeros(whole, dtype=np.uint8)
-        if _unpack(np.frombuffer(data, np.uint8, packed, 8), flat) != whole:
+        if _unpack(np.frombuffer(body, np.uint8, packed, 8), flat) != whole:
             raise _cut_short(file, count)
         # The compressed data is stored field by field, not point by point.
         ends = count * np.cumsum([0, *widths])
@@ -92,10 +92,10 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         )
 
     with np.errstate(invalid="ignore"):  # for a signalling NaN
-        values = [
+        numbers = [
             np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns
         ]
-    return *_parted(np.column_stack(values)), shape
+    return *_parted(np.column_stack(numbers)), shape
 
 
 def _parted(values: Array) -> tuple[Array, Array | None]:

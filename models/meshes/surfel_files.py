@@ -79,9 +79,9 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
                 raise ConfigurationError(f"{what} {path}: there are no points in this PLY file")
             return Surfels(points=points, normals=normals, shape=None, notes=())
         case _:
-            found = read_text_cloud(_text(path, what), f"{what} {path}")
+            cloud = read_text_cloud(_text(path, what), f"{what} {path}")
             return Surfels(
-                points=found.points, normals=found.normals, shape=None, notes=found.notes
+                points=cloud.points, normals=cloud.normals, shape=None, notes=cloud.notes
             )
 
 

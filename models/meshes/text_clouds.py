@@ -65,8 +65,8 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
         lines = [line.replace(",", ".") for line in lines]
         notes.append("commas are taken for decimal signs")
 
-    values = _values(lines, first, where)
-    width = values.shape[1]
+    numbers = _values(lines, first, where)
+    width = numbers.shape[1]
     if names and len(names) != width:
         raise ConfigurationError(
             f"{where}: {len(names)} columns are named ({' '.join(names)[:_SHOWN]}), line "
@@ -78,7 +78,7 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
             f"{lines[first][:_SHOWN].strip()!r}"
         )
 
-    point, normal = _named(names) if names else ([0, 1, 2], _normal_columns(values))
+    point, normal = _named(names) if names else ([0, 1, 2], _normal_columns(numbers))
     others = [k for k in range(width) if k not in (*point, *(normal or ()))]
     if others:
         what = (
@@ -89,8 +89,8 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
         )
 
     return TextCloud(
-        points=values[:, point],
-        normals=None if normal is None else values[:, normal],
+        points=numbers[:, point],
+        normals=None if normal is None else numbers[:, normal],
         notes=tuple(notes),
     )
 
@@ -167,9 +167,9 @@ def _values(lines: list[str], first: int, where: str) -> Array:
     """Numbers (n, columns) of the lines from `first` on."""
     rows = [_numbers_only(line) for line in lines[first:]]
     try:
-        values = np.loadtxt(rows, dtype=np.float64, ndmin=2)
-        if len(values):
-            return values
+        numbers = np.loadtxt(rows, dtype=np.float64, ndmin=2)
+        if len(numbers):
+            return numbers
     except ValueError:
         pass
 

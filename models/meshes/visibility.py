@@ -41,20 +41,20 @@ class SurfaceSamples:
 
     def seen(self, X_TC: Array, view: View) -> np.ndarray:
         """Samples (N,) that at least one of the cameras at `X_TC` (n, 4, 4), mesh's frame, sees."""
-        seen = np.zeros(len(self.points), dtype=bool)
+        visible = np.zeros(len(self.points), dtype=bool)
         for X in X_TC:
-            left = np.flatnonzero(~seen)
+            left = np.flatnonzero(~visible)
             p_C = transform_points(inverse(X), self.points[left])
             away = self.points[left] - X[:3, 3]
             distance = np.linalg.norm(away, axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 inside = np.all(np.abs(p_C[:, :2] / p_C[:, 2:]) < view.half_view, axis=1)
             facing = -np.einsum("ni,ni->n", away, self.normals[left]) > _TURNED * distance
-            asked = np.flatnonzero(inside & (p_C[:, 2] > 0.0) & (distance < view.far) & facing)
+            candidates = np.flatnonzero(inside & (p_C[:, 2] > 0.0) & (distance < view.far) & facing)
 
-            if len(asked):
-                starts = np.broadcast_to(X[:3, 3], (len(asked), 3))
-                hit = self._scene.cast(starts, away[asked] / distance[asked, None])["t"]
-                seen[left[asked]] = hit > distance[asked] - _SKIN
+            if len(candidates):
+                starts = np.broadcast_to(X[:3, 3], (len(candidates), 3))
+                hit = self._scene.cast(starts, away[candidates] / distance[candidates, None])["t"]
+                visible[left[candidates]] = hit > distance[candidates] - _SKIN
 
-        return seen
+        return visible

@@ -91,7 +91,7 @@ def _rounded_box(radius: float) -> tuple[Array, np.ndarray]:
     from scipy.spatial import ConvexHull
 
     angle = np.linspace(0.0, 0.5 * np.pi, _ARCS + 1)
-    polar, around = (each.ravel() for each in np.meshgrid(angle, angle, indexing="ij"))
+    polar, around = (grid.ravel() for grid in np.meshgrid(angle, angle, indexing="ij"))
     eighth = np.column_stack(
         [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
     )

@@ -229,12 +229,12 @@ def _drawn(
             f"at most {widest / _STEEPEST:.3g} m"
         )
 
-    places = None if near is None else np.asarray(near, dtype=np.float64)
-    if places is not None and (places.ndim != 2 or places.shape[1:] != (3,) or not len(places)):
+    near_T = None if near is None else np.asarray(near, dtype=np.float64)
+    if near_T is not None and (near_T.ndim != 2 or near_T.shape[1:] != (3,) or not len(near_T)):
         raise ConfigurationError(
-            f"{kind}: near must be points (N, 3), N > 0, got shape {places.shape}"
+            f"{kind}: near must be points (N, 3), N > 0, got shape {near_T.shape}"
         )
-    if places is not None and not np.isfinite(places).all():
+    if near_T is not None and not np.isfinite(near_T).all():
         raise ConfigurationError(f"{kind}: every point of near must be finite")
 
     # Surface, from which middles are drawn by area.
@@ -242,9 +242,9 @@ def _drawn(
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)
 
-    if places is not None:
+    if near_T is not None:
         away = float(
-            NearestSurface.of(target.vertices, target.triangles).query(places).distance.min()
+            NearestSurface.of(target.vertices, target.triangles).query(near_T).distance.min()
         )
         close = 0.5 * min(4.5 * most, widest)
         if away >= close:
@@ -263,7 +263,7 @@ def _drawn(
         p = u * a[face] + (v - u) * b[face] + (1.0 - v) * c[face]
         lobes = rng.uniform(-np.pi, np.pi, 2)
 
-        if places is not None and np.linalg.norm(places - p, axis=1).min() > 0.5 * radius:
+        if near_T is not None and np.linalg.norm(near_T - p, axis=1).min() > 0.5 * radius:
             continue
         if crowded < _CROWDED and any(
             np.linalg.norm(p - q.p_T) < 0.7 * (radius + q.radius) for q in drawn

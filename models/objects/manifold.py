@@ -196,7 +196,7 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
     c = hole.chamfer
     out = np.sqrt(2.0) * _CELL
     wide = 2.0 * out * np.tan(np.pi / SIDES)
-    found = []
+    boxes = []
     for k in range(SIDES):
         R = exp_so3([0.0, 0.0, 2.0 * np.pi * k / SIDES])
 
@@ -209,19 +209,19 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
             k: int = k,
             R: Array = R,
         ) -> Solid:
-            place = hole.p_T + R @ [x, 0.0, z]
-            return _box(f"target_{name}_{kind}_{k}", place, size, R @ exp_so3([0.0, tilt, 0.0]))
+            middle = hole.p_T + R @ [x, 0.0, z]
+            return _box(f"target_{name}_{kind}_{k}", middle, size, R @ exp_so3([0.0, tilt, 0.0]))
 
-        found.append(
+        boxes.append(
             part("wall", 0.5 * (r + out), -0.5 * (hole.depth + c), [out - r, wide, hole.depth - c])
         )
         if c > 0.0:
-            found.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
+            boxes.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
 
             # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the box lies behind
             # it.
             s = 0.25 * c
-            found.append(
+            boxes.append(
                 part(
                     "chamfer",
                     r + 0.5 * c + s,
@@ -231,7 +231,7 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
                 )
             )
 
-    return found
+    return boxes
 
 
 class _Mesh:

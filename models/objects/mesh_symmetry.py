@@ -71,11 +71,16 @@ def mesh_symmetry(
 
     equal = np.diff(moments) < _EQUAL * moments[-1]
     if equal.all():
-        found = shape.half_turns(_hemisphere(_SPHERE))
+        half_turns = shape.half_turns(_hemisphere(_SPHERE))
         # Axes of third and fourth order pass midway between those of second order.
-        sums = [signs @ np.array(trio) for trio in combinations(found[:9], 3) for signs in _SIGNS]
+        sums = [
+            signs @ np.array(trio) for trio in combinations(half_turns[:9], 3) for signs in _SIGNS
+        ]
         candidates = _distinct(
-            [*found, *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1)]
+            [
+                *half_turns,
+                *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1),
+            ]
         )
     elif equal.any():
         main = axes[:, 0] if equal[1] else axes[:, 2]
@@ -206,7 +211,7 @@ class _Shape:
         more = self.points[: 5 * _FIRST]
         around = np.array([off(angle, few) for angle in angles])
         lowest = np.nonzero((around <= np.roll(around, 1)) & (around <= np.roll(around, -1)))[0]
-        found: list[Array] = []
+        turns: list[Array] = []
 
         for k in lowest[np.argsort(around[lowest], kind="stable")[:_REFINED]]:
             bounds = angles[k] - _SCANNED, angles[k] + _SCANNED
@@ -214,9 +219,9 @@ class _Shape:
                 off, bounds=bounds, args=(more,), method="bounded", options={"xatol": _EXACTLY}
             )
             if self.is_like(exp_so3(np.pi * axis(float(best.x)))):
-                found.append(axis(float(best.x)))
+                turns.append(axis(float(best.x)))
 
-        return _distinct(found)
+        return _distinct(turns)
 
     def settled(self, maps: Sequence[Array]) -> list[Array]:
         """Orthogonal maps (3, 3) of the shape onto itself, by ICP from the best of `maps`.
@@ -226,7 +231,7 @@ class _Shape:
         few = self.points[:_FIRST]
         more = self.points[: 5 * _FIRST]
         off = [np.mean(self.surface.query(few @ R.T).distance ** 2) for R in maps]
-        found: list[Array] = []
+        fixed: list[Array] = []
 
         for k in np.argsort(off, kind="stable")[:_REFINED]:
             R = maps[k]
@@ -235,9 +240,9 @@ class _Shape:
                 U, _, Vt = np.linalg.svd(self.surface.query(turned).point.T @ turned)
                 R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt @ R
             if self.is_like(R):
-                found.append(R)
+                fixed.append(R)
 
-        return found
+        return fixed
 
 
 def _evenly(
@@ -277,15 +282,15 @@ def _group(shape: _Shape, axes: list[Array]) -> Array:
 
 def _closed(rotations: list[Array]) -> list[Array]:
     """The group that some rotations generate, to rounding."""
-    found: list[Array] = []
+    group: list[Array] = []
     waiting = list(rotations)
-    while waiting and len(found) < _LARGEST:
+    while waiting and len(group) < _LARGEST:
         R = waiting.pop(0)
-        if _is_new(R, found):
-            found.append(R)
+        if _is_new(R, group):
+            group.append(R)
             waiting += [R @ B for B in rotations]
 
-    return found
+    return group
 
 
 def _is_new(R: Array, group: list[Array]) -> bool:
@@ -294,12 +299,12 @@ def _is_new(R: Array, group: list[Array]) -> bool:
 
 def _distinct(axes: list[Array]) -> list[Array]:
     """Axes of which none is another one or its opposite."""
-    kept: list[Array] = []
+    distinct: list[Array] = []
     for axis in axes:
-        if all(np.linalg.norm(np.cross(axis, other)) > np.sin(_SAME) for other in kept):
-            kept.append(axis)
+        if all(np.linalg.norm(np.cross(axis, other)) > np.sin(_SAME) for other in distinct):
+            distinct.append(axis)
 
-    return kept
+    return distinct
 
 
 def _hemisphere(count: int) -> Array:

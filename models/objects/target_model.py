@@ -176,14 +176,14 @@ class ModelPath:
         if n < 4:
             raise ConfigurationError(f"model path: a cubic spline needs at least 4 points, got {n}")
         for name in ("p", "a", "b"):
-            values = checked(getattr(self, name), (n, 3), f"model path {name}")
-            if np.abs(values).max() > FARTHEST_VERTEX:
+            rows = checked(getattr(self, name), (n, 3), f"model path {name}")
+            if np.abs(rows).max() > FARTHEST_VERTEX:
                 raise ConfigurationError(
                     f"model path {name}: numbers must lie within {FARTHEST_VERTEX:g}"
                 )
-            if name != "p" and np.abs(np.linalg.norm(values, axis=1) - 1.0).max() > 1e-6:
+            if name != "p" and np.abs(np.linalg.norm(rows, axis=1) - 1.0).max() > 1e-6:
                 raise ConfigurationError(f"model path {name}: every row must be a unit vector")
-            object.__setattr__(self, name, values)
+            object.__setattr__(self, name, rows)
 
         if (
             self.keeps_b
@@ -530,20 +530,20 @@ class TargetModel:
                 surface.
         """
         what = f"target cloud {name!r}"
-        values = real_array(points, f"{what}: points", "(n, 3) numbers [m]")
-        if values.ndim != 2 or values.shape[1] != 3:
+        positions = real_array(points, f"{what}: points", "(n, 3) numbers [m]")
+        if positions.ndim != 2 or positions.shape[1] != 3:
             raise ConfigurationError(
-                f"{what}: points must be (n, 3) numbers [m], got shape {values.shape}"
+                f"{what}: points must be (n, 3) numbers [m], got shape {positions.shape}"
             )
 
-        finite = np.isfinite(values).all(axis=1)
+        finite = np.isfinite(positions).all(axis=1)
         outward = None
         notes = list[str]()
         if normals is not None:
             outward = real_array(normals, f"{what}: normals", "(n, 3) numbers")
-            if outward.shape != values.shape:
+            if outward.shape != positions.shape:
                 raise ConfigurationError(
-                    f"{what}: normals must be {values.shape}, one for each point, got "
+                    f"{what}: normals must be {positions.shape}, one for each point, got "
                     f"{outward.shape}"
                 )
             largest = np.abs(outward).max(axis=1, initial=0.0, where=np.isfinite(outward))
@@ -562,24 +562,24 @@ class TargetModel:
                 # the square of a very long one overflows
                 outward = outward[finite] / largest[finite, None]
 
-        if finite.any() and not np.abs(values[finite]).max() <= FARTHEST_VERTEX:
-            farthest = float(np.abs(values[finite]).max())
+        if finite.any() and not np.abs(positions[finite]).max() <= FARTHEST_VERTEX:
+            farthest = float(np.abs(positions[finite]).max())
             raise ConfigurationError(
                 f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got "
-                f"{farthest:g}; subtract their "
-                f"middle, about {' '.join(f'{v:.0f}' for v in np.median(values[finite], axis=0))}"
+                f"{farthest:g}; subtract their middle, about "
+                f"{' '.join(f'{v:.0f}' for v in np.median(positions[finite], axis=0))}"
             )
 
         from uuv.models.meshes.cloud_mesh import mesh_of_cloud
 
-        made = mesh_of_cloud(values[finite], outward)
+        mesh = mesh_of_cloud(positions[finite], outward)
         target = cls(
             name=name,
-            vertices=made.vertices,
-            triangles=made.triangles,
+            vertices=mesh.vertices,
+            triangles=mesh.triangles,
             symmetry=symmetry or Symmetry(),
             paths=paths or {},
-            cloud=made,
+            cloud=mesh,
         )
         return _noted(target, notes)
 

@@ -81,11 +81,11 @@ def named(name: str, **options: Any) -> TargetModel:
     Raises:
         ConfigurationError: Unknown name or option; the message lists the known ones.
     """
-    made = OBJECTS.load(name, **options)
-    made = made if isinstance(made, TargetModel) else getattr(made, "target", None)
-    if not isinstance(made, TargetModel):
+    target = OBJECTS.load(name, **options)
+    target = target if isinstance(target, TargetModel) else getattr(target, "target", None)
+    if not isinstance(target, TargetModel):
         raise ConfigurationError(f"object {name!r}: its maker gave no TargetModel")
-    return made
+    return target
 
 
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:

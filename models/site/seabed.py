@@ -191,11 +191,11 @@ def seabed(
     elif kind == "rocks":
         stones = []
         for _ in range(rng.integers(6, 15)):
-            place = rng.uniform(-0.8 * half, 0.8 * half, 2)
+            middle = rng.uniform(-0.8 * half, 0.8 * half, 2)
             radius = rng.uniform(0.08, 0.3)
             squash = rng.uniform(0.5, 1)
-            stones.append([*(place + center[:2]), radius])
-            inside = 1.0 - ((x - place[0]) ** 2 + (y - place[1]) ** 2) / radius**2
+            stones.append([*(middle + center[:2]), radius])
+            inside = 1.0 - ((x - middle[0]) ** 2 + (y - middle[1]) ** 2) / radius**2
 
             # More than half of the stone is buried, since a height field has no overhangs.
             z = np.maximum(

@@ -56,10 +56,12 @@ class Soil:
     quake: float = 1e-3  # [m] elastic displacement before the soil yields
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ConfigurationError(f"soil {item.name}: must be finite and >= 0, got {value}")
+        for field in fields(self):
+            figure = getattr(self, field.name)
+            if not (np.isfinite(figure) and figure >= 0.0):
+                raise ConfigurationError(
+                    f"soil {field.name}: must be finite and >= 0, got {figure}"
+                )
 
         if not (self.quake > 0.0 and self.cone + self.cone_growth > 0.0):
             raise ConfigurationError(f"soil: quake and the cone resistance must be > 0, got {self}")

@@ -45,13 +45,13 @@ def _put_on(spec: mujoco.MjSpec, tip: mujoco.MjsSite, tool: Tool) -> dict[str, B
     model = spec.copy().compile()
     at = model.site(TIP_SITE)
     link = tip.parent
-    place = np.array(at.pos)
+    mount = np.array(at.pos)
     turn = np.array(at.quat)
 
     # A tool on springs is taken off, with its mount.
     old = next((body for body in spec.bodies if body.name == PAD_BODY), None)
     if old is not None and old.joints and all(joint.stiffness[0] for joint in old.joints):
-        place = _foot(model, old, link, place, turn)
+        mount = _foot(model, old, link, mount, turn)
         spec.delete(_first_of(old, link))
 
     # The new tool gets its names.
@@ -66,10 +66,10 @@ def _put_on(spec: mujoco.MjSpec, tip: mujoco.MjsSite, tool: Tool) -> dict[str, B
     tip.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
     if isinstance(tool, heads.Head):
-        return heads.add_head(link, place, turn, tip, tool)
+        return heads.add_head(link, mount, turn, tip, tool)
     if isinstance(tool, heads.Jaws):
-        return heads.add_jaws(spec, link, place, turn, tip, tool)
-    return sampler.add(link, place, turn, np.array([0.0, 0.0, 1.0]), tip, tool, _IDENTITY)
+        return heads.add_jaws(spec, link, mount, turn, tip, tool)
+    return sampler.add(link, mount, turn, np.array([0.0, 0.0, 1.0]), tip, tool, _IDENTITY)
 
 
 def _first_of(body: mujoco.MjsBody, link: mujoco.MjsBody) -> mujoco.MjsBody:
@@ -89,9 +89,9 @@ def _foot(
     """Position (3,) [m] in the link, on the tool's axis, at which the old tool began."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    here = data.body(link.name)
-    there = data.body(old.name)
-    p = here.xmat.reshape(3, 3).T @ (there.xpos - here.xpos)
+    carrier = data.body(link.name)
+    mounted = data.body(old.name)
+    p = carrier.xmat.reshape(3, 3).T @ (mounted.xpos - carrier.xpos)
 
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)

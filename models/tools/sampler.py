@@ -103,11 +103,11 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
 
     with keyframes_kept(spec):
         link = pad.parent
-        place = np.array(pad.pos)
+        mount = np.array(pad.pos)
         turn = np.array(pad.quat)
         along = np.array(pad.joints[0].axis)
         spec.delete(pad)
-        return add(link, place, turn, along, tip, tool)
+        return add(link, mount, turn, along, tip, tool)
 
 
 def add(

@@ -102,10 +102,10 @@ def with_arm_7() -> mujoco.MjSpec:
         published_hulls.add_thruster(spec, hull, str(i), p, R[:, 0])
         for i, ((p, _), R) in enumerate(zip(_THRUSTERS, turned, strict=True))
     ]
-    one = thrusters.Thruster(
+    thruster = thrusters.Thruster(
         forward=_THRUST, reverse=_THRUST, dead_band=0.0, time_constant=_LAG, inflow_loss=0.0
     )
-    thrusters.attach(spec, dict.fromkeys(names, one))
+    thrusters.attach(spec, dict.fromkeys(names, thruster))
 
     s = math.sin(_DOWN)
     c = math.cos(_DOWN)

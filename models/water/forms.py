@@ -289,9 +289,9 @@ class LiftDrag(Form):
         Raises:
             ConfigurationError: a number out of bounds, or one of those computed here given too.
         """
-        if given := [name for name in ("lift_slope", "induced") if name in figures]:
+        if computed := [name for name in ("lift_slope", "induced") if name in figures]:
             raise ConfigurationError(
-                f"wing {', '.join(given)}: follows from area, span and oswald; leave it out"
+                f"wing {', '.join(computed)}: follows from area, span and oswald; leave it out"
             )
 
         ratio = positive(span, "wing span [m]") ** 2 / positive(area, "wing area [m^2]")
@@ -527,13 +527,13 @@ class CrossTerms(Form):
             ConfigurationError: an unknown name, or a coefficient that is no finite number.
         """
         rows = []
-        for name, value in parameters.items():
-            place = gz_term(name)
-            if place is None or place[2] < 0:
+        for name, coefficient in parameters.items():
+            term = gz_term(name)
+            if term is None or term[2] < 0:
                 raise ConfigurationError(
                     f"gz-sim Hydrodynamics: expected names like xUabsV or xUV, got {shown(name)}"
                 )
-            rows.append([*place, -finite_number(value, f"gz-sim Hydrodynamics {name}")])
+            rows.append([*term, -finite_number(coefficient, f"gz-sim Hydrodynamics {name}")])
         return cls(terms=np.array(rows))
 
     def numbers(self) -> list[float]:
@@ -590,10 +590,10 @@ class PlanarStrip(Form):
     drag: float  # [kg/m^2] = 0.5 rho C_d d
 
     def __post_init__(self) -> None:
-        for name, place in zip(
+        for name, point in zip(
             ("start", "end"), segment(self.start, self.end, "planar strip"), strict=True
         ):
-            object.__setattr__(self, name, place)
+            object.__setattr__(self, name, point)
         object.__setattr__(self, "direction", _unit(self.direction, "planar strip direction"))
         object.__setattr__(self, "drag", not_negative(self.drag, "planar strip drag [kg/m^2]"))
 

@@ -158,26 +158,26 @@ def command_for(curve, thrust):
         high = x[at + 1]
         command = low + (high - low) * (thrust - y[at]) / (y[at + 1] - y[at])
         for _ in range(100):
-            value, slope = _cubic(curve[_FIRST:], count, at, command)
-            low, high, command, done = _closer(low, high, command, value - thrust, slope)
+            reached, slope = _cubic(curve[_FIRST:], count, at, command)
+            low, high, command, done = _closer(low, high, command, reached - thrust, slope)
             if done:
                 break
         return command
 
     # Polynomial in the reach beyond the dead band.
     start, band = (_FIRST, curve[_HIGH]) if thrust > 0.0 else (_FIRST + count, -curve[_LOW])
-    wanted = abs(thrust)
+    magnitude = abs(thrust)
     if curve[_KIND] == QUADRATIC:
-        reach = np.sqrt(min(wanted / curve[start + 1], 1.0))
+        reach = np.sqrt(min(magnitude / curve[start + 1], 1.0))
     else:
         low = 0.0
         high = 1.0
         reach = 1.0
         for step in range(100):
-            value, slope = _horner(curve[start:], count, reach)
-            if step == 0 and value <= wanted:
+            reached, slope = _horner(curve[start:], count, reach)
+            if step == 0 and reached <= magnitude:
                 break
-            low, high, reach, done = _closer(low, high, reach, value - wanted, slope)
+            low, high, reach, done = _closer(low, high, reach, reached - magnitude, slope)
             if done:
                 break
 
@@ -250,12 +250,12 @@ def _closer(low, high, x, error, slope):
 @kernel
 def _horner(coefficients, count, r):
     """Value and derivative of `c[0] r + c[1] r^2 + ...`."""
-    value = 0.0
+    polynomial = 0.0
     slope = 0.0
     for k in range(count - 1, -1, -1):
-        slope = slope * r + value
-        value = value * r + coefficients[k]
-    return value * r, value + slope * r
+        slope = slope * r + polynomial
+        polynomial = polynomial * r + coefficients[k]
+    return polynomial * r, polynomial + slope * r
 
 
 @kernel

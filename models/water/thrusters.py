@@ -105,9 +105,9 @@ class Thruster:
             "torque_per_thrust",
             "least_thrust",
         ):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ConfigurationError(f"thruster {name}: must be finite and >= 0, got {value}")
+            figure = getattr(self, name)
+            if not (np.isfinite(figure) and figure >= 0.0):
+                raise ConfigurationError(f"thruster {name}: must be finite and >= 0, got {figure}")
 
         if not self.dead_band < 1.0:
             raise ConfigurationError(f"thruster dead_band: must be in [0, 1), got {self.dead_band}")
@@ -218,9 +218,9 @@ class Thruster:
         neutral = number(neutral, "thruster neutral")
         full = None if full is None else number(full, "thruster full")
 
-        given = _pair((command, thrust), "table")
-        assert given is not None
-        x, y = (np.array(row) for row in given)
+        rows = _pair((command, thrust), "table")
+        assert rows is not None
+        x, y = (np.array(row) for row in rows)
         reach = float(np.max(np.abs(x - neutral), initial=0.0)) if full is None else full
         if not (np.isfinite(neutral) and np.isfinite(reach) and reach > 0.0):
             raise ConfigurationError(

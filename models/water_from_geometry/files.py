@@ -56,8 +56,8 @@ def read_model(
     is_mesh = path.suffix.lower() in MESHES
     of_urdf = not is_mesh and is_urdf(path, "model")
     if free and not of_urdf:
-        said = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
-        raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {said}")
+        reason = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
+        raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {reason}")
 
     if is_mesh:
         return _of_mesh(
@@ -101,7 +101,7 @@ def write_model(
         f"{o.body}: {o.quantity} {o.value}; {o.origin}; uncertainty {o.uncertainty}"
         for o in wetted.origins
     ]
-    lines += [f"no water: {said}" for said in wetted.dry]
+    lines += [f"no water: {reason}" for reason in wetted.dry]
 
     try:
         if not with_sidecar:
@@ -121,21 +121,23 @@ def write_model(
 def _commented(xml: str, lines: list[str]) -> str:
     """MJCF with a comment after its first line."""
     first, _, rest = xml.partition("\n")
-    told = "\n".join(line.replace("--", "- -") for line in lines)
-    return f"{first}\n  <!--\n{told}\n  -->\n{rest}"
+    comment = "\n".join(line.replace("--", "- -") for line in lines)
+    return f"{first}\n  <!--\n{comment}\n  -->\n{rest}"
 
 
 def _rebase(spec: mujoco.MjSpec, folder: Path) -> None:
     """Name the files of meshes, textures and height fields relative to another folder."""
     home = Path(spec.modelfiledir or ".")
     texture_folder = spec.texturedir or spec.meshdir
-    for asset, place in (
+    for asset, folder_of_asset in (
         *((mesh, spec.meshdir) for mesh in spec.meshes),
         *((field, spec.meshdir) for field in spec.hfields),
         *((texture, texture_folder) for texture in spec.textures),
     ):
         if asset.file:
-            asset.file = os.path.relpath((home / place / asset.file).resolve(), folder.resolve())
+            asset.file = os.path.relpath(
+                (home / folder_of_asset / asset.file).resolve(), folder.resolve()
+            )
 
     spec.meshdir = ""
     spec.texturedir = ""
@@ -208,31 +210,32 @@ def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
             mesh = part.find("geometry/mesh")
             if mesh is None:
                 continue
-            said = f"{robot.name}: link {link.get('name')!r}: mesh"
+            subject = f"{robot.name}: link {link.get('name')!r}: mesh"
             name = mesh.get("filename", "")
             if not name:
-                raise ConfigurationError(f"{said}: it has no filename")
+                raise ConfigurationError(f"{subject}: it has no filename")
 
             spared = part.tag == "visual" and not visual
             if Path(name).suffix.lower() not in MESHES:
                 if not spared and (part.tag == "collision" or link.find("collision") is None):
                     raise ConfigurationError(
-                        f"{said} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it"
+                        f"{subject} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it"
                     )
                 link.remove(part)
                 left_out.append(name)
                 continue
 
-            found = mesh_file(name, folder)
-            if found is None and spared:
+            mesh_path = mesh_file(name, folder)
+            if mesh_path is None and spared:
                 link.remove(part)
                 left_out.append(name)
                 continue
-            if found is None:
+            if mesh_path is None:
                 raise ConfigurationError(
-                    f"{said} {shown(name)}: there is no such file (looked in {shown(str(folder))})"
+                    f"{subject} {shown(name)}: there is no such file "
+                    f"(looked in {shown(str(folder))})"
                 )
-            mesh.set("filename", str(found))
+            mesh.set("filename", str(mesh_path))
 
     if not left_out:
         return []

@@ -142,7 +142,7 @@ def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
     Returns:
         Vertices (V, 3) [m] in the geom's frame, and triangles (T, 3).
     """
-    x, y, z = (float(value) for value in size)
+    x, y, z = (float(length) for length in size)
     angle = np.linspace(0.0, np.pi, _RINGS)
     arc = np.column_stack([-np.cos(angle), np.sin(angle)])
     arc[[0, -1], 1] = 0.0
@@ -199,7 +199,7 @@ def _name(model: mujoco.MjModel, g: int) -> str:
     body = model.body(int(model.geom_bodyid[g])).name
     name = model.geom(g).name
     mesh = int(model.geom_dataid[g]) if int(model.geom_type[g]) == int(_KINDS.mjGEOM_MESH) else -1
-    said = (
+    label = (
         repr(name) if name else f"of mesh {model.mesh(mesh).name!r}" if mesh >= 0 else f"number {g}"
     )
-    return f"body {body!r}: geom {said}"
+    return f"body {body!r}: geom {label}"

@@ -135,9 +135,9 @@ def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
 
 def _nearest_positive(matrix: Array) -> tuple[Array, float]:
     """Symmetric part without negative eigenvalues, and the most negative one over the largest."""
-    values, axes = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    lifted = max(0.0, -float(values[0])) / float(values[-1])
-    positive = (axes * np.maximum(values, 0.0)) @ axes.T
+    eigenvalues, axes = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    lifted = max(0.0, -float(eigenvalues[0])) / float(eigenvalues[-1])
+    positive = (axes * np.maximum(eigenvalues, 0.0)) @ axes.T
     return 0.5 * (positive + positive.T), lifted
 
 

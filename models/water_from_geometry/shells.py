@@ -67,18 +67,18 @@ def shells_of(vertices: Array, triangles: np.ndarray) -> Shells:
         closed.append(shell[:, ::-1] if enclosed < 0.0 else shell)
 
     parts = [points[shell] for shell in closed]
-    said = [_count(len(closed), "closed shell")] if closed else []
+    notes = [_count(len(closed), "closed shell")] if closed else []
     if inward:
-        said.append(f"{inward} turned outward")
+        notes.append(f"{inward} turned outward")
 
     doubt = 0.0
-    for sort, found, doubts in _closed_all(points, open_faces):
-        parts += found
+    for sort, closed_parts, doubts in _closed_all(points, open_faces):
+        parts += closed_parts
         doubt += doubts
-        said.append(sort)
+        notes.append(sort)
 
     corners = np.vstack(parts) if parts else np.zeros((0, 3, 3))
-    return Shells(corners=corners, said=", ".join(said) or "no inside", doubt=doubt)
+    return Shells(corners=corners, said=", ".join(notes) or "no inside", doubt=doubt)
 
 
 def _count(number: int, what: str) -> str:
@@ -102,9 +102,9 @@ def _closed_all(
     flat = 0
     doubts = [0.0, 0.0]
     for shell in shells:
-        one, doubt = _by_winding(points, shell) if len(shells) > 1 else (None, 0.0)
-        if one is not None:
-            wound.append(one)
+        surface, doubt = _by_winding(points, shell) if len(shells) > 1 else (None, 0.0)
+        if surface is not None:
+            wound.append(surface)
             doubts[0] += doubt
             continue
 
@@ -139,13 +139,13 @@ def _oriented(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     order = np.argsort(key, kind="stable")
     _, start, times = np.unique(key[order], return_index=True, return_counts=True)
     pair = start[times == 2]
-    one = order[pair]
-    two = order[pair + 1]
-    alike = ahead[one] != ahead[two]
+    first = order[pair]
+    second = order[pair + 1]
+    alike = ahead[first] != ahead[second]
 
     # Each face twice, as it is and turned: what agrees is joined.
-    f = owner[one]
-    g = owner[two]
+    f = owner[first]
+    g = owner[second]
     rows = np.concatenate([f, f + count])
     columns = np.concatenate([np.where(alike, g, g + count), np.where(alike, g + count, g)])
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))

@@ -110,9 +110,9 @@ def box_axes(corners: Array) -> Array:
     R[:, 2] *= np.sign(np.linalg.det(R))
 
     points = corners.reshape(-1, 3)
-    own = np.prod(np.ptp(points, axis=0))
+    own_box = np.prod(np.ptp(points, axis=0))
     principal = np.prod(np.ptp(points @ R, axis=0))
-    return R if principal < 0.8 * own else np.eye(3)
+    return R if principal < 0.8 * own_box else np.eye(3)
 
 
 def _contour(
@@ -127,9 +127,9 @@ def _contour(
     grid = []
     for k in range(3):
         step = extent[k] / (counts[k] - 1 + 2.0 * _PAD)
-        places = low[k] + (np.arange(counts[k] + 3) - 2.0 + _PAD + 0.013 * (k + 1)) * step
+        positions = low[k] + (np.arange(counts[k] + 3) - 2.0 + _PAD + 0.013 * (k + 1)) * step
         grid.append(
-            _through_plates(places, step, scanned(corners, _LINES, k), np.abs(normals[:, k]))
+            _through_plates(positions, step, scanned(corners, _LINES, k), np.abs(normals[:, k]))
         )
 
     scans = [along_lines(corners, k, grid[(k + 1) % 3], grid[(k + 2) % 3]) for k in range(3)]
@@ -168,7 +168,7 @@ def _through_plates(places: Array, step: float, scan: LineScan, facing: Array) -
     for i, j in zip(first, [*first[1:], len(middle)], strict=True):
         if j - i < _PLATE * lines:
             continue
-        low, high, at = (float(np.median(values[i:j])) for values in (start, end, middle))
+        low, high, at = (float(np.median(ends[i:j])) for ends in (start, end, middle))
         inside = np.flatnonzero((places > low) & (places < high))
         if len(inside):
             taken[inside] = True
@@ -265,9 +265,9 @@ def _joined(
     for k in range(3):
         vertices[:, k] = np.clip(vertices[:, k], grid[k][used[:, k]], grid[k][used[:, k] + 1])
 
-    place = np.zeros(int(np.prod(cells)), dtype=np.int64)
-    place[np.ravel_multi_index(here, cells)] = np.arange(len(used))
-    return vertices, _halved(vertices, place[np.vstack(quads)])
+    vertex_of_cell = np.zeros(int(np.prod(cells)), dtype=np.int64)
+    vertex_of_cell[np.ravel_multi_index(here, cells)] = np.arange(len(used))
+    return vertices, _halved(vertices, vertex_of_cell[np.vstack(quads)])
 
 
 def _inside(scan: LineScan, grid: list[Array]) -> np.ndarray:
@@ -289,19 +289,19 @@ def _hermite(
     line = index[:, p] * len(grid[q]) + index[:, q]
     span = len(grid[k]) + 1
     key = scan.line * span + np.searchsorted(grid[k], scan.at)
-    wanted = line * span + index[:, k] + 1
-    found = np.minimum(np.searchsorted(key, wanted), max(len(key) - 1, 0))
-    hit = key[found] == wanted if len(key) else np.zeros(len(wanted), dtype=bool)
+    edge_key = line * span + index[:, k] + 1
+    nearest = np.minimum(np.searchsorted(key, edge_key), max(len(key) - 1, 0))
+    hit = key[nearest] == edge_key if len(key) else np.zeros(len(edge_key), dtype=bool)
 
     points = np.column_stack([grid[m][index[:, m]] for m in range(3)])
     # where rounding let the lines disagree
     middle = 0.5 * (grid[k][index[:, k]] + grid[k][index[:, k] + 1])
-    points[:, k] = np.where(hit, scan.at[found] if len(key) else middle, middle)
+    points[:, k] = np.where(hit, scan.at[nearest] if len(key) else middle, middle)
 
     planes = np.zeros((len(index), 3))
     planes[:, k] = 1.0
     if len(key):
-        planes[hit] = normals[scan.triangle[found[hit]]]
+        planes[hit] = normals[scan.triangle[nearest[hit]]]
     return points, planes
 
 
@@ -313,6 +313,6 @@ def _halved(vertices: Array, quads: np.ndarray) -> np.ndarray:
     )
 
     short = one_way <= other_way * _ALIKE
-    one = np.where(short[:, None], np.column_stack([a, b, c]), np.column_stack([a, b, d]))
-    two = np.where(short[:, None], np.column_stack([a, c, d]), np.column_stack([b, c, d]))
-    return np.vstack([one, two])
+    first = np.where(short[:, None], np.column_stack([a, b, c]), np.column_stack([a, b, d]))
+    second = np.where(short[:, None], np.column_stack([a, c, d]), np.column_stack([b, c, d]))
+    return np.vstack([first, second])

@@ -148,13 +148,13 @@ def wet(
         name = model.body(i).name
         chosen, which = geoms_of(model, i, geoms)
         if not chosen:
-            kept = (
+            remark = (
                 "; it keeps the water that it has"
                 if hydrodynamics.carries(spec.body(name).userdata)
                 else ""
             )
             dry.append(
-                f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{kept}"
+                f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{remark}"
             )
             continue
 
@@ -243,7 +243,7 @@ def _body(
     volume, center, spread, wander = _volume(corners)
     how = "; ".join(dict.fromkeys(part.shells.said for part in parts if part.kind == "mesh"))
     method = "lines through the union" if spread else "tetrahedra of its triangles"
-    said = f"{method}, {which}" + (f" ({how})" if how else "")
+    source = f"{method}, {which}" + (f" ({how})" if how else "")
 
     plain = len(parts) == 1 and parts[0].kind != "mesh"
     if plain:
@@ -251,7 +251,7 @@ def _body(
         center = parts[0].p
         spread = 0.0
         wander = 0.0
-        said = f"closed form of a {parts[0].kind}, {which}"
+        source = f"closed form of a {parts[0].kind}, {which}"
 
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     closing = sum(part.shells.doubt for part in parts) / volume
@@ -267,7 +267,7 @@ def _body(
     )
 
     sort = "plain" if plain else "solid" if volume > _SOLID * convex_hull(corners)[1] else "frame"
-    strip, quadratic, drag_said, drag_value = _drag(corners, center, surface, density)
+    strip, quadratic, drag_source, drag_figure = _drag(corners, center, surface, density)
 
     water = BodyHydrodynamics(
         volume=volume,
@@ -282,23 +282,23 @@ def _body(
         (
             "volume",
             f"{1e3 * volume:.4g} l",
-            said,
+            source,
             _percent(max(spread, 1e-4)) if spread else "exact",
         ),
         (
             "centre of buoyancy",
             f"{_row(1e3 * center)} mm",
-            said,
+            source,
             f"{1e3 * max(wander, 0.25 * min(closing, 1.0) * extent):.2g} mm" if spread else "exact",
         ),
         ("added mass", _row(np.diag(matrix)) + " kg, kg m^2", from_where, doubt),
-        ("drag", drag_value, drag_said, factor),
+        ("drag", drag_figure, drag_source, factor),
         ("linear damping", "0", "not known from geometry", "unknown"),
     )
 
     return water, [
-        Origin(body=name, quantity=quantity, value=value, origin=origin, uncertainty=uncertainty)
-        for quantity, value, origin, uncertainty in rows
+        Origin(body=name, quantity=quantity, value=figure, origin=origin, uncertainty=uncertainty)
+        for quantity, figure, origin, uncertainty in rows
     ]
 
 
@@ -382,20 +382,20 @@ def _added_mass(
         return moved_added_mass(local, part.R, part.p), f"closed form of a {part.kind}", "exact"
 
     if solution is not None:
-        said = (
+        source = (
             f"{solution.panels} panels, volume {100 * (surface.held - 1.0):+.1f} % before its "
             "offset"
         )
         if surface.missed > _MISSED:
-            said += f", projected areas within {100 * surface.missed:.0f} %"
+            source += f", projected areas within {100 * surface.missed:.0f} %"
         if solution.changed is None:
-            return solution.added_mass, f"{said}; no coarser surface to compare with", "unknown"
+            return solution.added_mass, f"{source}; no coarser surface to compare with", "unknown"
         if solution.changed <= panel_method.TRUSTED:
-            said += ", extrapolated"
+            source += ", extrapolated"
 
         return (
             solution.added_mass,
-            said,
+            source,
             _percent(
                 max(
                     _LEAST,
@@ -409,12 +409,12 @@ def _added_mass(
     # The hull stands for a body that is too thin.
     solid, hull_volume = convex_hull(corners)
     whole = union_surface(solid, hull_volume, panels)
-    found = panel_method.added_mass(whole.vertices, whole.triangles, density)
-    said = (
-        f"{found.panels} panels on the convex hull: the body is too thin, {surface.held:.0%} "
-        "of it held"
+    hull_solution = panel_method.added_mass(whole.vertices, whole.triangles, density)
+    source = (
+        f"{hull_solution.panels} panels on the convex hull: the body is too thin, "
+        f"{surface.held:.0%} of it held"
     )
-    return found.added_mass, said, f"factor {_HULL_FACTOR:g}"
+    return hull_solution.added_mass, source, f"factor {_HULL_FACTOR:g}"
 
 
 def _drag(
@@ -432,27 +432,27 @@ def _drag(
     aside = float(np.linalg.norm(center))
 
     if slenderness >= SLENDER or aside > ASIDE * length:
-        seen = silhouettes(turned)
+        outlines = silhouettes(turned)
         along = turned[..., 0] - center @ R[:, 0]
-        strip = strip_of(R, np.array([along.min(), along.max(), length]), center, seen, density)
+        strip = strip_of(R, np.array([along.min(), along.max(), length]), center, outlines, density)
         why = (
             f"{slenderness:.1f} times as long as wide"
             if slenderness >= SLENDER
             else "its middle is off its origin"
         )
-        value = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
-        return strip, np.zeros(6), f"a strip, {why}; {_coefficients(seen)}", value
+        figure = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
+        return strip, np.zeros(6), f"a strip, {why}; {_coefficients(outlines)}", figure
 
-    seen = silhouettes(corners)
-    C = seen.coefficients
-    area = seen.area
+    outlines = silhouettes(corners)
+    C = outlines.coefficients
+    area = outlines.area
     turning = np.array([np.average(np.delete(C, k), weights=np.delete(area, k)) for k in range(3)])
     quadratic = 0.5 * density * np.concatenate([C * area, turning * _spin(corners, surface)])
 
     return (
         None,
         quadratic,
-        f"projected areas; {_coefficients(seen)}",
+        f"projected areas; {_coefficients(outlines)}",
         _row(quadratic) + " N s^2/m^2, N m s^2",
     )
 
@@ -477,8 +477,8 @@ def _trimmed(
     ]
     names = [model.body(b).name for b in floating]
     if len(names) != 1 or names[0] not in bodies:
-        said = ", ".join(names) or "none"
-        raise ConfigurationError(f"neutral: expected one floating body with water, found {said}")
+        listed = ", ".join(names) or "none"
+        raise ConfigurationError(f"neutral: expected one floating body with water, found {listed}")
 
     before = bodies[names[0]]
     after = hydrodynamics.trim(spec, names[0], metacentric_height=height)
@@ -513,4 +513,4 @@ def _percent(share: float) -> str:
 
 
 def _row(values: Array) -> str:
-    return " ".join(f"{value:.3g}" for value in np.where(np.abs(values) < 1e-9, 0.0, values))
+    return " ".join(f"{number:.3g}" for number in np.where(np.abs(values) < 1e-9, 0.0, values))

@@ -140,9 +140,12 @@ def describe(name: str) -> Description:
     spec = load(name)
     water = hydrodynamics.attached(spec)
     model = spec.compile()
+
+    # What moves it: thrusters, and drives of joints.
     count = len(thrusters.read(model)[0])
     floating = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY) >= 0
     driven = np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
+
     return Description(
         name=VEHICLES.resolve(name),
         source=_source(VEHICLES.resolve(name)),
@@ -163,9 +166,7 @@ def _source(name: str) -> str:
 if not TYPE_CHECKING:  # which sees modules that are imported, and no others
 
     def __getattr__(name: str) -> Any:
-        """A module of this package, such as `uuv.models.hydrodynamics`, imported when it is first
-        asked for.
-        """
+        """Import a module of this package, such as `uuv.models.hydrodynamics`, on its first use."""
         if not name.startswith("_"):
             try:
                 return import_module(f"{__name__}.{name}")

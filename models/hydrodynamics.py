@@ -86,9 +86,8 @@ class StripDrag:
     """Drag of a slender part, integrated along a segment by Gauss-Legendre stations.
 
     Each station has its own velocity, so that a swinging link is damped correctly, which a single
-    6x6 matrix cannot do.
-    Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`, the cross-flow principle
-    [Faltinsen 1990, section 7].
+    6x6 matrix cannot do. Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`, the
+    cross-flow principle [Faltinsen 1990, section 7].
 
     Raises:
         ConfigurationError: a number that is not finite or is negative, or a segment without length.
@@ -101,10 +100,10 @@ class StripDrag:
     stations: int = field(default=4, metadata={"schema": {"minimum": 1, "maximum": MAX_STATIONS}})
 
     def __post_init__(self) -> None:
-        for name, place in zip(
+        for name, point in zip(
             ("start", "end"), segment(self.start, self.end, "strip"), strict=True
         ):
-            object.__setattr__(self, name, place)
+            object.__setattr__(self, name, point)
         object.__setattr__(self, "normal", not_negative(self.normal, "strip normal drag [kg/m^2]"))
         object.__setattr__(
             self, "tangential", not_negative(self.tangential, "strip tangential drag [kg/m^2]")
@@ -144,12 +143,14 @@ class BodyHydrodynamics:
         object.__setattr__(self, "center_of_buoyancy", center)
         object.__setattr__(self, "added_mass", _added_mass(self.added_mass))
         object.__setattr__(self, "linear_damping", _linear_damping(self.linear_damping))
+
         quadratic = bounded(self.quadratic_damping, (6,), "quadratic_damping")
         if np.any(quadratic < 0.0):
             raise ConfigurationError(
                 f"quadratic_damping: must not be negative, got {quadratic.tolist()}"
             )
         object.__setattr__(self, "quadratic_damping", quadratic)
+
         object.__setattr__(self, "strips", _strips(self.strips))
         object.__setattr__(self, "forms", _forms(self.forms))
 
@@ -193,6 +194,7 @@ def attach(
     )
     if not density > 0.0:
         raise ConfigurationError(f"water_density [kg/m^3]: must be positive, got {density}")
+
     targets = {name: _body_named(spec, name) for name in bodies}
     if unknown := sorted((name for name, body in targets.items() if body is None), key=str):
         have = (
@@ -202,6 +204,7 @@ def attach(
         raise ConfigurationError(
             f"no such body: {', '.join(map(repr, unknown))}; the spec has {have}"
         )
+
     for name, coefficients in bodies.items():
         if not isinstance(coefficients, BodyHydrodynamics):
             raise ConfigurationError(
@@ -216,15 +219,19 @@ def attach(
     # if negative, MuJoCo takes the longest row, and attached specs do not conflict
     if spec.nuser_body >= 0:
         spec.nuser_body = max(spec.nuser_body, LAYOUT.size, *map(len, rows.values()))
+
     world = _row_of(spec.worldbody)
     world[LAYOUT.density] = density
     world[LAYOUT.ceiling] = world[LAYOUT.ceiling] or CEILING
     spec.worldbody.userdata = world
+
     for name, row in rows.items():
         targets[name].userdata = row
         # MuJoCo stores only the diagonal of a "simple" body's inertia; added mass needs the whole
         # block.
         targets[name].simple = 0
+
+    # The density holds for bodies of earlier calls too.
     for body in spec.bodies[1:]:
         row = body.userdata
         if carries(row) and row[LAYOUT.body_density] != density:
@@ -283,7 +290,8 @@ def world_row(model: mujoco.MjModel) -> Array:
     """
     row = model.body_user[0]
     if not carries(row):
-        row[LAYOUT.density], row[LAYOUT.ceiling] = water_density(model), CEILING
+        row[LAYOUT.density] = water_density(model)
+        row[LAYOUT.ceiling] = CEILING
         row[LAYOUT.stamp] = LAYOUT.stamp_value
     return row
 
@@ -312,6 +320,7 @@ def set_current(
     _check_spec(spec)
     if not any(carries(body.userdata) for body in spec.bodies):
         raise ConfigurationError("set_current: this spec has no hydrodynamics; call attach first")
+
     attach(spec, {})
     world = _row_of(spec.worldbody)
     world[LAYOUT.current_acceleration :][:3] = checked(
@@ -337,9 +346,7 @@ def carries(row: Sequence[float] | Array) -> bool:
 
 
 def pack(body: BodyHydrodynamics) -> Array:
-    """Encode `body` as a row (LAYOUT.size,) of user data; a body with forms has a longer one (see
-    `LAYOUT`).
-    """
+    """Encode `body` as a row of user data, (LAYOUT.size,), or longer with forms (see `LAYOUT`)."""
     row = np.zeros(LAYOUT.size)
     row[LAYOUT.stamp] = LAYOUT.stamp_value
     row[LAYOUT.volume] = body.volume
@@ -348,6 +355,7 @@ def pack(body: BodyHydrodynamics) -> Array:
     row[LAYOUT.linear_damping :][:36] = body.linear_damping.ravel()
     row[LAYOUT.quadratic_damping :][:6] = body.quadratic_damping
     row[LAYOUT.strip_count] = len(body.segments)
+
     for k, strip in enumerate(body.segments):
         row[LAYOUT.strips + k * _STRIP_SIZE :][:_STRIP_SIZE] = [
             *strip.start,
@@ -356,6 +364,7 @@ def pack(body: BodyHydrodynamics) -> Array:
             strip.tangential,
             strip.stations,
         ]
+
     records = [
         (form.kind, len(numbers), *numbers) for form in body.terms for numbers in [form.numbers()]
     ]
@@ -378,12 +387,15 @@ def unpack(row: ArrayLike) -> BodyHydrodynamics:
 def _unpacked(content: bytes) -> BodyHydrodynamics:
     """The body of a row, which is frozen: an assembly asks for the same ones dozens of times."""
     row = np.frombuffer(content)
+
+    # Rounding to MJCF's six digits may cost a matrix its definiteness.
     added_mass = np.zeros((6, 6))
     added_mass[_UPPER] = row[LAYOUT.added_mass :][:21]
     added_mass = _restored(added_mass + np.triu(added_mass, 1).T)
     linear_damping = row[LAYOUT.linear_damping :][:36].reshape(6, 6)
     symmetric = 0.5 * (linear_damping + linear_damping.T)
     linear_damping = linear_damping + (_restored(symmetric) - symmetric)
+
     strips = []
     for k in range(min(int(row[LAYOUT.strip_count]), MAX_STRIPS)):
         numbers = row[LAYOUT.strips + k * _STRIP_SIZE :][:_STRIP_SIZE]
@@ -396,6 +408,7 @@ def _unpacked(content: bytes) -> BodyHydrodynamics:
                 stations=int(numbers[8]),
             )
         )
+
     return BodyHydrodynamics(
         volume=float(row[LAYOUT.volume]),
         center_of_buoyancy=row[LAYOUT.center_of_buoyancy :][:3],
@@ -408,8 +421,9 @@ def _unpacked(content: bytes) -> BodyHydrodynamics:
 
 
 def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
-    """Decode a row for a model that knows no forms; a PhysicsWarning that begins with `whose` names
-    those left out.
+    """Decode a row for a model that knows no forms; a PhysicsWarning names those left out.
+
+    The warning begins with `whose`.
 
     Raises:
         ConfigurationError: as `unpack` does.
@@ -451,6 +465,7 @@ def trim(
         raise ConfigurationError(
             f"{body}: no hydrodynamics attached; attached are {', '.join(sorted(here))}"
         )
+
     metacentric_height = float(checked([metacentric_height], (1,), "metacentric_height [m]")[0])
     model = spec.copy().compile()
     data = mujoco.MjData(model)
@@ -458,23 +473,25 @@ def trim(
         data.qpos = checked(qpos, (model.nq,), "qpos")
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
+
     gravity = np.array(model.opt.gravity)
     if not np.any(gravity):
         raise ConfigurationError("trim: gravity is zero")
     up = -gravity / np.linalg.norm(gravity)
 
-    this = model.body(body).id
-    root = int(model.body_rootid[this])
+    ballasted = model.body(body).id
+    root = int(model.body_rootid[ballasted])
     density = density_of(spec)
     mass = float(model.body_subtreemass[root])
     displaced = 0.0  # [kg] by the other bodies
     moment = np.zeros(3)  # [kg m]
     for i in np.flatnonzero(model.body_rootid == root):
-        if i != this and carries(model.body_user[i]):
+        if i != ballasted and carries(model.body_user[i]):
             other = unpack(model.body_user[i])
             p_W = data.xpos[i] + data.xmat[i].reshape(3, 3) @ other.center_of_buoyancy
             displaced += density * other.volume
             moment += density * other.volume * p_W
+
     needed = mass - displaced
     if needed <= 0.0:
         raise ConfigurationError(
@@ -485,7 +502,7 @@ def trim(
     trimmed = replace(
         here[body],
         volume=needed / density,
-        center_of_buoyancy=data.xmat[this].reshape(3, 3).T @ (p_W - data.xpos[this]),
+        center_of_buoyancy=data.xmat[ballasted].reshape(3, 3).T @ (p_W - data.xpos[ballasted]),
     )
     attach(spec, {body: trimmed})
     return trimmed
@@ -516,15 +533,15 @@ def sphere(
     Returns:
         Coefficients at the body origin.
     """
-    radius, center = (
-        float(lengths([radius], (1,), "radius [m]")[0]),
-        bounded(center, (3,), "center [m]", LONGEST),
-    )
+    radius = float(lengths([radius], (1,), "radius [m]")[0])
+    center = bounded(center, (3,), "center [m]", LONGEST)
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
+
     volume = 4.0 / 3.0 * np.pi * radius**3
     local = np.diag([0.5 * water_density * volume] * 3 + [0.0] * 3)
     drag = 0.5 * water_density * drag_coefficient * np.pi * radius**2
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -558,6 +575,7 @@ def ellipsoid(
     center = bounded(center, (3,), "center [m]", LONGEST)
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
+
     volume = 4.0 / 3.0 * np.pi * a * b * c
     area = np.pi * np.array([b * c, a * c, a * b])
     return BodyHydrodynamics(
@@ -596,21 +614,26 @@ def box(
     Returns:
         Coefficients at the body origin.
     """
-    edges, center = lengths(size, (3,), "size [m]"), bounded(center, (3,), "center [m]", LONGEST)
+    edges = lengths(size, (3,), "size [m]")
+    center = bounded(center, (3,), "center [m]", LONGEST)
     water_density = positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = not_negative(drag_coefficient, "drag_coefficient")
+
     volume = float(np.prod(edges))
     area = volume / edges
     side = np.sqrt(area)  # [m] side of the square of equal frontal area
+
     # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant if
     # long.
     slenderness = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0]
     reduced = [0.579 * np.pi / 4.0, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80]
     translation = water_density * side**3 * np.interp(edges / side, slenderness, reduced)
+
     rotation = water_density * volume * _ellipsoid_factors(edges / 2.0)[3:]
     x, y, z = edges
     # integral of |r|^3 over faces
     spin = np.array([x * (y**4 + z**4), y * (x**4 + z**4), z * (x**4 + y**4)]) / 32.0
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -663,6 +686,8 @@ def cylinder(
         tangential=0.5 * water_density * friction_coefficient * 2.0 * np.pi * radius,
         stations=stations,
     )
+
+    # Strip theory: the displaced mass across, none along the axis.
     axis = strip.end - strip.start
     length = float(np.linalg.norm(axis))
     volume = np.pi * radius**2 * length
@@ -670,6 +695,7 @@ def cylinder(
     local = np.diag([mass, mass, 0.0, mass * length**2 / 12.0, mass * length**2 / 12.0, 0.0])
     R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     center = 0.5 * (strip.start + strip.end)
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -697,14 +723,14 @@ def moved_added_mass(added_mass: ArrayLike, R: ArrayLike, p: ArrayLike) -> Array
 
 
 def _ellipsoid_factors(axes: Array) -> Array:
-    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid [Lamb 1932, art.
-    114, 115].
+    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid.
 
-    Equations (8) of article 114 and (5) of article 115.
+    Equations (8) of article 114 and (5) of article 115 [Lamb 1932].
     """
     from scipy.special import elliprd
 
     squares = axes**2
+
     # Lamb's alpha_0 = abc int_0^inf dl / ((a^2 + l) Delta), which is 2/3 abc R_D.
     alpha = np.array(
         [
@@ -712,15 +738,18 @@ def _ellipsoid_factors(axes: Array) -> Array:
             for i in range(3)
         ]
     )
+
     factors = np.zeros(6)
     factors[:3] = alpha / (2.0 - alpha)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        difference, total = squares[j] - squares[k], squares[j] + squares[k]
+        difference = squares[j] - squares[k]
+        total = squares[j] + squares[k]
         slip = alpha[k] - alpha[j]
         # a body of revolution has no added inertia about its axis
         if abs(difference) > 1e-9 * total:
             factors[3 + i] = difference**2 * slip / (5.0 * (2.0 * difference - total * slip))
+
     return factors
 
 
@@ -770,12 +799,12 @@ def _added_mass(values: ArrayLike) -> Array:
     uneven = np.abs(matrix - matrix.T)
     i, j = np.unravel_index(np.argmax(uneven), (6, 6))
     if uneven[i, j] > 1e-9 * largest:
-        said = (
+        fault = (
             f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}"
         )
         if uneven[i, j] > UNEVEN * largest:
-            raise ConfigurationError(said)
-        warnings.warn(f"{said}; their mean is taken", PhysicsWarning, 4)
+            raise ConfigurationError(fault)
+        warnings.warn(f"{fault}; their mean is taken", PhysicsWarning, 4)
     return _semidefinite(readonly(0.5 * (matrix + matrix.T)), "added_mass")
 
 
@@ -788,6 +817,7 @@ def _linear_damping(values: ArrayLike) -> Array:
         ) from error
     if shape not in ((6,), (6, 6)):
         raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {shape}")
+
     matrix = bounded(values, shape, "linear_damping")
     if shape == (6,):
         if np.any(matrix < 0.0):
@@ -806,9 +836,7 @@ def _semidefinite(matrix: Array, name: str) -> Array:
 
 
 def _restored(symmetric: Array) -> Array:
-    """`symmetric` (6, 6), or the nearest semidefinite matrix where rounding to six digits made it
-    indefinite.
-    """
+    """`symmetric` (6, 6), or the nearest semidefinite one where six digits made it indefinite."""
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     if not -1e-5 * eigenvalues[-1] < eigenvalues[0] < -1e-9 * eigenvalues[-1]:
         return symmetric
@@ -835,9 +863,11 @@ def _forms(values: Form | tuple[Form, ...]) -> tuple[Form, ...]:
 
 
 def _unpacked_forms(tail: Array) -> tuple[Form, ...]:
-    forms, at = [], 0
+    forms = []
+    at = 0
     while at + 1 < len(tail) and tail[at]:
-        kind, count = tail[at], tail[at + 1]
+        kind = tail[at]
+        count = tail[at + 1]
         end = at + 2 + int(count)
         if kind not in KINDS or not (count >= 0 and count == int(count)) or end > len(tail):
             raise ConfigurationError(

@@ -1,11 +1,10 @@
-"""The contract with a vehicle's MJCF: names of its bodies, sites, geoms, joints and keyframes, and
-their look-up.
+"""The contract with a vehicle's MJCF: names of bodies, sites, geoms, joints, keyframes; look-up.
 
 A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of
-`uuv.models.water.thrusters`. If it
-has an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints each have an
-actuator (found by its transmission), and a site `tip` (z out of the tool). Jobs also want a site
-`camera` (OpenCV axes), and optionally a sliding joint `pad` behind the face of the pad.
+`uuv.models.water.thrusters`. If it has an arm: a body `arm_base` fixed to the hull, a serial arm
+whose driven joints each have an actuator (found by its transmission), and a site `tip` (z out of
+the tool). Jobs also want a site `camera` (OpenCV axes), and optionally a sliding joint `pad` behind
+the face of the pad.
 """
 
 from collections.abc import Collection
@@ -42,9 +41,7 @@ _PARTS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartNames:
-    """What the parts of a vehicle are called in a model; a scene that attaches vehicles puts
-    prefixes before them.
-    """
+    """What the parts of a vehicle are called in a model; scenes that attach some add prefixes."""
 
     hull: str = HULL_BODY
     arm_base: str = ARM_BASE_BODY
@@ -79,13 +76,15 @@ def find(model: "mujoco.MjModel", kind: "mujoco.mjtObj", name: str) -> int:
 
 def of_geom(model: "mujoco.MjModel", geom: int) -> str:
     """A geom in a message: by its name, if it has one, and by its body."""
-    name, body = model.geom(geom).name, model.body(int(model.geom_bodyid[geom])).name
+    name = model.geom(geom).name
+    body = model.body(int(model.geom_bodyid[geom])).name
     return repr(name or body) if name in ("", body) or body == "world" else f"{name!r} of {body!r}"
 
 
 def parts(model: "mujoco.MjModel") -> list[tuple[str, str, str, bool]]:
-    """Kind, name and use of each part that a job of the arm needs, thrusters first, and whether
-    `model` has it.
+    """Kind, name and use of each part that a job of the arm needs; whether `model` has it.
+
+    Thrusters come first.
     """
     import mujoco
 
@@ -99,6 +98,7 @@ def parts(model: "mujoco.MjModel") -> list[tuple[str, str, str, bool]]:
         "geom": kinds.mjOBJ_GEOM,
         "keyframe": kinds.mjOBJ_KEY,
     }
+
     named = [
         (word, name, use, mujoco.mj_name2id(model, enums[word], name) >= 0)
         for word, name, use in _PARTS
@@ -107,19 +107,16 @@ def parts(model: "mujoco.MjModel") -> list[tuple[str, str, str, bool]]:
 
 
 def lacks(model: "mujoco.MjModel", but: Collection[str] = ()) -> list[str]:
-    """Parts that a job of the arm needs and `model` lacks, each with its use; `but` names some that
-    it does without.
-    """
+    """Parts that a job of the arm needs and `model` lacks, with their use, but for `but`."""
     return [
         name if name == "thrusters" else f"{word} {name!r} ({use})"
-        for word, name, use, there in parts(model)
-        if not there and name not in but
+        for word, name, use, present in parts(model)
+        if not present and name not in but
     ]
 
 
 def check_parts(model: "mujoco.MjModel", but: Collection[str] = ()) -> None:
-    """Raise ConfigurationError that names every part which a job of the arm needs and `model`
-    lacks, with its use.
+    """Raise ConfigurationError that names, with their use, the parts that `model` lacks for a job.
 
     `but` names parts that this job does without.
     """

@@ -41,9 +41,7 @@ class MadeForm:
 
 
 class Registry(Generic[T]):
-    """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", "sensor",
-    "controller".
-    """
+    """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", ..."""
 
     def __init__(
         self,
@@ -108,8 +106,10 @@ class Registry(Generic[T]):
             ConfigurationError: for an unknown name or option, with those there are, and for
                 whatever another package's maker raises while it is imported or called.
         """
-        name, own = self.resolve(name), self.resolve(name) in self._built_in
+        name = self.resolve(name)
+        is_built_in = name in self._built_in
         make = self.maker(name)
+
         if options:
             allowed = inspect.signature(make).parameters
             anything = any(
@@ -120,10 +120,11 @@ class Registry(Generic[T]):
                 raise ConfigurationError(
                     f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}"
                 )
-        if own:
+
+        if is_built_in:
             return make(*given, **options)
         try:
-            thing = make(*given, **options)
+            instance = make(*given, **options)
         except UuvError:
             raise
         except Exception as error:
@@ -132,12 +133,12 @@ class Registry(Generic[T]):
             ) from error
 
         # A user's maker may return anything.
-        if self._form is not None and not self._form.fits(thing):
-            got = type(thing).__name__
+        if self._form is not None and not self._form.fits(instance):
+            got = type(instance).__name__
             raise ConfigurationError(
                 f"{self.kind} {name!r}: must return {self._form.words}, got {got}"
             )
-        return thing
+        return instance
 
     def maker(self, name: str) -> Callable[..., T]:
         """The callable that makes the thing of that name.
@@ -165,15 +166,16 @@ class Registry(Generic[T]):
         chosen: Any = self.maker(name)
         if isinstance(chosen, type) and issubclass(chosen, base) and is_dataclass(chosen):
             return cast(type[T], chosen)
+
         needs = getattr(base, "needs", f"inherits {base.__name__}")
         which = f"{self.kind} {shown(name)}"
         raise ConfigurationError(f"{place}: {which} must be a dataclass that {needs}")
 
     def name_of(self, make: Callable[..., T]) -> str | None:
         """The name under which `make` is built in, or another package's; None: under none."""
-        place = f"{make.__module__}:{make.__qualname__}"
+        path = f"{make.__module__}:{make.__qualname__}"
         for name, known in self._built_in.items():
-            if known is make or known == place:
+            if known is make or known == path:
                 return name
         return next((name for name in self._of_packages() if self.maker(name) is make), None)
 

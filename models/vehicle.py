@@ -59,16 +59,20 @@ class Vehicle:
         """
         hull = find(model, mujoco.mjtObj.mjOBJ_BODY, names.hull)
         free = _free_joint(model, hull)
-        arm_base, tip = hull, -1
+
+        arm_base = hull
+        tip = -1
         joints: list[int] = []
         if _has_arm(model, names):
             arm_base = find(model, mujoco.mjtObj.mjOBJ_BODY, names.arm_base)
             tip = find(model, mujoco.mjtObj.mjOBJ_SITE, names.tip)
             joints = _driven_joints(model, arm_base, tip)
+
         actuators = np.array([_actuator_of(model, j) for j in joints], dtype=np.int64)
         joint_names = tuple(
             mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(j)) for j in joints
         )
+
         for joint, actuator, name in zip(joints, actuators, joint_names, strict=True):
             if not model.jnt_limited[joint]:
                 raise ConfigurationError(f"joint {name!r} of the arm must have a range")
@@ -76,10 +80,12 @@ class Vehicle:
                 raise ConfigurationError(
                     f"the actuator of joint {name!r} must have a ctrlrange [N m]"
                 )
+
         qpos = np.asarray(model.jnt_qposadr)[joints]
         dof = np.asarray(model.jnt_dofadr)[joints]
         limits = model.jnt_range[joints]
         thruster_actuators, table = thrusters.read(model)
+
         return cls(
             hull=hull,
             hull_qpos=int(model.jnt_qposadr[free]),
@@ -87,6 +93,7 @@ class Vehicle:
             arm_base=arm_base,
             X_BA=readonly(body_in_body(model, arm_base, hull)),
             tip=tip,
+            # Joints of the arm, base to tip.
             joint_names=joint_names,
             joints=np.array(joints, dtype=np.int64),
             qpos=qpos,
@@ -101,6 +108,7 @@ class Vehicle:
             q_ready=readonly(
                 np.clip(_keyframe(model, READY_KEY, model.qpos0)[qpos], limits[:, 0], limits[:, 1])
             ),
+            # Thrusters.
             thruster_actuators=thruster_actuators,
             thruster_table=readonly(table),
             thruster_wrench=readonly(_thruster_wrench(model, hull, thruster_actuators)),
@@ -122,9 +130,7 @@ class Vehicle:
 
 
 def thruster_names(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of a vehicle's thrusters: those of their actuators without "thruster_", such as
-    "heave_front".
-    """
+    """Names of a vehicle's thrusters, such as "heave_front": their actuators' less "thruster_"."""
     return _names_of(model, thrusters.read(model)[0])
 
 
@@ -165,14 +171,16 @@ def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
     Raises:
         ConfigurationError: `ancestor` does not carry the body, or there is a joint between them.
     """
-    X, at = np.eye(4), body
+    X = np.eye(4)
+    at = body
     while at != ancestor:
         if at == 0 or model.body_jntnum[at]:
             raise ConfigurationError(
                 f"body {model.body(body).name!r} must be fixed to body "
                 f"{model.body(ancestor).name!r}"
             )
-        X, at = _pose(model.body_pos[at], model.body_quat[at]) @ X, int(model.body_parentid[at])
+        X = _pose(model.body_pos[at], model.body_quat[at]) @ X
+        at = int(model.body_parentid[at])
     return X
 
 
@@ -183,9 +191,7 @@ def _pose(p: Array, quat_wxyz: Array) -> Array:
 
 
 def _keyframe(model: mujoco.MjModel, name: str, default: Array) -> Array:
-    """Joint positions `qpos` (nq,) of the named keyframe, or `default` where the model has none of
-    that name.
-    """
+    """Joint positions `qpos` (nq,) of the named keyframe; `default` where the model has none."""
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
     return model.key_qpos[key] if key >= 0 else default
 
@@ -195,6 +201,7 @@ def _free_joint(model: mujoco.MjModel, hull: int) -> int:
     at = hull
     while at and not model.body_jntnum[at]:
         at = int(model.body_parentid[at])
+
     joint = int(model.body_jntadr[at])
     if (
         at == 0
@@ -220,14 +227,18 @@ def _has_arm(model: mujoco.MjModel, names: PartNames) -> bool:
 def _driven_joints(model: mujoco.MjModel, base: int, tip: int) -> list[int]:
     """Joints between the body `base` and the site `tip` that have an actuator, base to tip."""
     joints: list[int] = []
-    carrier, end = model.body(base).name, model.site(tip).name
+    carrier = model.body(base).name
+    end = model.site(tip).name
+
     body = int(model.site_bodyid[tip])
     while body != base:
         if body == 0:
             raise ConfigurationError(f"site {end!r} is not carried by body {carrier!r}")
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        first = int(model.body_jntadr[body])
+        count = int(model.body_jntnum[body])
         joints[:0] = [j for j in range(first, first + count) if _actuator_of(model, j) >= 0]
         body = int(model.body_parentid[body])
+
     if not joints:
         raise ConfigurationError(f"no driven joint between body {carrier!r} and site {end!r}")
     return joints
@@ -238,14 +249,12 @@ def _actuator_of(model: mujoco.MjModel, joint: int) -> int:
     drives = (np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT) & (
         np.asarray(model.actuator_trnid)[:, 0] == joint
     )
-    found = np.flatnonzero(drives)
-    return int(found[0]) if found.size else -1
+    drivers = np.flatnonzero(drives)
+    return int(drivers[0]) if drivers.size else -1
 
 
 def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:
-    """Columns (6, m): unit thrust, with its propeller's torque, of each thruster's site, moved to
-    the hull's origin.
-    """
+    """Columns (6, m) at the hull's origin: a unit thrust at each site, with its torque."""
     B = np.zeros((6, len(actuators)))
     for column, actuator in enumerate(actuators):
         X = pose_in_body(model, int(model.actuator_trnid[actuator, 0]), hull)

@@ -1,5 +1,4 @@
-"""Denavit-Hartenberg rows of an arm in an MJCF: read from it, disturbed as by a workshop, and
-written back.
+"""Denavit-Hartenberg rows of an arm in an MJCF: reading, errors of manufacture, writing back.
 
 Rows are those of `uuv.models.arms.serial_arm`: standard ones, and Hayati's where the next axis is
 nearly parallel. There d is 0 and beta tilts the axis [Hayati 1985]. The last frame is that of the
@@ -53,24 +52,32 @@ def read(
     base = find(model, mujoco.mjtObj.mjOBJ_BODY, base_body)
     site = find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site)
     joints = _hinges(model, base, site, exclude)
+
+    # Zero of the joints; excluded ones stay at rest.
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
     data.qpos[model.jnt_qposadr[joints]] = 0.0
     mujoco.mj_kinematics(model, data)
+
+    # Axes, a point on each, and the flange, in the base A.
     X_AW = inverse(pose(data.xmat[base].reshape(3, 3), data.xpos[base]))
     axes = data.xaxis[joints] @ X_AW[:3, :3].T
     points = data.xanchor[joints] @ X_AW[:3, :3].T + X_AW[:3, 3]
     X_AG = X_AW @ pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
+
+    # Along the chain: a row leads from the frame of one joint to the next.
     X = X_A0 = _first_frame(axes[0], points[0])
     table = np.zeros((len(joints), ROW))
     for k, (axis, point) in enumerate(zip(axes[1:], points[1:], strict=True)):
         table[k] = _row(X, axis, point)
         X = X @ _step(table[k])
+
     arm = SerialArm.from_dh(
         table[:, :BETA],
         beta=table[:, BETA],
         name=f"arm between body {base_body!r} and site {tip_site!r}",
     )
+
     limited = model.jnt_limited[joints].astype(bool)[:, None]
     return replace(
         arm,
@@ -82,8 +89,7 @@ def read(
 
 
 def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) -> None:
-    """Move the links of a spec so that its arm becomes another; zeros and local axes of the joints
-    stay.
+    """Move the links of a spec so that its arm becomes another; joint zeros and local axes stay.
 
     Each link is moved with the axis of its own joint, and inertia, shapes and hydrodynamics with
     the link. Bodies and sites that the last link carries are moved by the change of the tip in
@@ -102,6 +108,7 @@ def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) ->
         raise ConfigurationError(
             f"an arm of joints {old.joint_names} cannot be moved to one of {new.joint_names}"
         )
+
     model = spec.compile()
     joints = [find(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in old.joint_names]
     links = [int(model.jnt_bodyid[j]) for j in joints]
@@ -109,19 +116,26 @@ def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) ->
         raise ConfigurationError(
             f"to move an arm, each of the joints {old.joint_names} needs a body of its own"
         )
+
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)  # at qpos0, where pos and quat of the bodies apply
     rest = model.qpos0[model.jnt_qposadr[joints]]
     X_AW = inverse(_world(data, find(model, mujoco.mjtObj.mjOBJ_BODY, base_body)))
+
     # Displacement of everything that link i carries, in base axes; the base stays.
     carried = [
         np.eye(4),
         *(b @ inverse(a) for a, b in zip(_links(old, rest), _links(new, rest), strict=True)),
     ]
+
+    # Each link follows the axis of its own joint.
     bodies = {body.id: body for body in spec.bodies}
     for i, link in enumerate(links):
-        X_AP, X_AL = X_AW @ _world(data, int(model.body_parentid[link])), X_AW @ _world(data, link)
+        X_AP = X_AW @ _world(data, int(model.body_parentid[link]))
+        X_AL = X_AW @ _world(data, link)
         _set_pose(bodies[link], inverse(carried[i] @ X_AP) @ carried[i + 1] @ X_AL)
+
+    # What the last link carries follows the tip.
     tip = _tip(new, rest) @ inverse(_tip(old, rest))
     X_AL = X_AW @ _world(data, links[-1])
     X_LA = inverse(carried[-1] @ X_AL)
@@ -140,8 +154,7 @@ def with_errors(
     length: float = 2e-3,
     angle: float = np.deg2rad(0.3),
 ) -> SerialArm:
-    """Draw an arm as a workshop might have built it: every number of every joint has a normally
-    distributed error.
+    """Draw an arm as manufactured: every number of every joint has a normally distributed error.
 
     What touching with the tip cannot observe is kept: how the arm stands on its base along and
     about the first axis, and the row of the last joint, since the tip itself is drawn. Rows with a
@@ -156,14 +169,20 @@ def with_errors(
     Returns:
         The arm with errors.
     """
-    dh, beta = arm.table[:, :BETA].copy(), arm.table[:, BETA].copy()
+    dh = arm.table[:, :BETA].copy()
+    beta = arm.table[:, BETA].copy()
+
     parallel = np.isin(np.arange(arm.n), arm.near_parallel)
+
+    # Standard deviations; zero for what touches cannot observe, and for d where beta stands for it.
     scale = np.tile([angle, length, length, angle], (arm.n, 1))
     scale[0, :2] = 0.0
     scale[-1] = 0.0
     scale[parallel, D] = 0.0
+
     dh += scale * rng.standard_normal((arm.n, BETA))
     beta += np.where(parallel, angle, 0.0) * rng.standard_normal(arm.n)
+
     X_n_flange = arm.X_n_flange.copy()
     X_n_flange[:3, 3] += length * rng.standard_normal(3)
     return replace(arm.with_table(np.column_stack([dh, beta])), X_n_flange=readonly(X_n_flange))
@@ -171,12 +190,15 @@ def with_errors(
 
 def _hinges(model: mujoco.MjModel, base: int, site: int, exclude: Sequence[str]) -> list[int]:
     excluded = {find(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in exclude}
+
     joints: list[int] = []
     body = int(model.site_bodyid[site])
     while body not in (base, 0):
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        first = int(model.body_jntadr[body])
+        count = int(model.body_jntnum[body])
         joints[:0] = [j for j in range(first, first + count) if j not in excluded]
         body = int(model.body_parentid[body])
+
     if body != base:
         raise ConfigurationError(
             f"site {model.site(site).name!r} must be carried beyond body {model.body(base).name!r}"
@@ -203,10 +225,9 @@ def _first_frame(axis: Array, point: Array) -> Array:
 
 
 def _row(X: Array, axis_A: Array, point_A: Array) -> Array:
-    """Table row (5,) that takes frame `X` (4, 4) to one whose z is the line through `point_A` along
-    `axis_A`.
-    """
-    z, p = X[:3, :3].T @ axis_A, X[:3, :3].T @ (point_A - X[:3, 3])
+    """Table row (5,) that leads from frame `X` (4, 4) to the axis `axis_A` through `point_A`."""
+    z = X[:3, :3].T @ axis_A
+    p = X[:3, :3].T @ (point_A - X[:3, 3])
     across = float(np.hypot(z[0], z[1]))
     if across < np.sin(NEAR_PARALLEL):
         # Hayati: the origin is where the line meets the plane of x and y.
@@ -216,13 +237,16 @@ def _row(X: Array, axis_A: Array, point_A: Array) -> Array:
         turned = exp_so3([0.0, 0.0, -theta]) @ z
         beta = float(np.arcsin(turned[0]))
         return np.array([theta, 0.0, a, float(np.arctan2(-turned[1], turned[2])), beta])
+
     # x along the common normal of the two lines, from this z to that one.
     along = -(p[0] * z[0] + p[1] * z[1]) / across**2
     foot = p + along * z
     normal = np.array([-z[1], z[0], 0.0]) / across
     a = float(foot @ normal)
     if a < -_INTERSECTING:
-        normal, a = -normal, -a
+        normal = -normal
+        a = -a
+
     theta = float(np.arctan2(normal[1], normal[0]))
     turned = exp_so3([0.0, 0.0, -theta]) @ z
     return np.array([theta, foot[2], max(a, 0.0), float(np.arctan2(-turned[1], turned[2])), 0.0])
@@ -249,9 +273,7 @@ def _tip(arm: SerialArm, q: Array) -> Array:
 
 
 def _links(arm: SerialArm, q: Array) -> Array:
-    """Frames (n, 4, 4) in the base that are fixed to the links: each on its joint's axis, turned
-    with it.
-    """
+    """Frames (n, 4, 4) in the base, fixed to the links: on the joints' axes, turned with them."""
     shift = np.array(
         [
             pose(exp_so3([0.0, 0.0, row[THETA] + angle]), [0.0, 0.0, row[D]])
@@ -267,4 +289,5 @@ def _world(data: mujoco.MjData, body: int) -> Array:
 
 def _set_pose(thing: mujoco.MjsBody | mujoco.MjsSite, X: Array) -> None:
     thing.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    thing.pos, thing.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
+    thing.pos = X[:3, 3]
+    thing.quat = quat_wxyz_from_rotation(X[:3, :3])

@@ -33,8 +33,9 @@ _HARD = 0.9999  # impedance of the constraint
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GearFriction:
-    """Dry friction of one gear, at the joint; of a slide in N and m/s. The viscous part is the
-    joint's `damping`.
+    """Dry friction of one gear, at its joint; the viscous part is the joint's `damping`.
+
+    Figures of a slide are in N and m/s.
 
     Raises:
         ConfigurationError: a figure is not finite or negative, stiction is below `coulomb`, or
@@ -46,13 +47,14 @@ class GearFriction:
     stribeck_speed: float  # [rad/s] scale of the transition from stiction to coulomb
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = number(getattr(self, item.name), f"gear friction {item.name}")
-            if not (np.isfinite(value) and value >= 0.0):
+        for field in fields(self):
+            figure = number(getattr(self, field.name), f"gear friction {field.name}")
+            if not (np.isfinite(figure) and figure >= 0.0):
                 raise ConfigurationError(
-                    f"gear friction {item.name}: must be finite and >= 0, got {value}"
+                    f"gear friction {field.name}: must be finite and >= 0, got {figure}"
                 )
-            object.__setattr__(self, item.name, value)
+            object.__setattr__(self, field.name, figure)
+
         if self.stiction < self.coulomb:
             raise ConfigurationError(
                 f"gear friction stiction: must be at least coulomb, {self.coulomb} N m, got "
@@ -125,13 +127,19 @@ def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
         The friction of the n joints.
     """
     coulomb = np.array(model.dof_frictionloss)[np.asarray(model.jnt_dofadr, dtype=np.int64)[joints]]
-    stiction, speed = coulomb.copy(), np.ones(len(joints))
+    stiction = coulomb.copy()
+    speed = np.ones(len(joints))
+
+    # Curves of `attach`, where the bound in the model is still theirs.
     for row, joint in enumerate(joints):
         if not _carries(model.jnt_user[joint]):
             continue
         _, sliding, breakaway, over = model.jnt_user[joint, :ROW]
         if breakaway > sliding and abs(coulomb[row] - sliding) <= ROUNDED * sliding:
-            coulomb[row], stiction[row], speed[row] = sliding, breakaway, over
+            coulomb[row] = sliding
+            stiction[row] = breakaway
+            speed[row] = over
+
     return DryFriction(
         coulomb=readonly(coulomb), stiction=readonly(stiction), stribeck_speed=readonly(speed)
     )

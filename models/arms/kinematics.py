@@ -1,8 +1,8 @@
-"""Compiled forward kinematics of serial arms: link frames; `uuv.models.arms.tip_places` has the
-tips and derivatives.
+"""Compiled forward kinematics of serial arms: link frames.
 
-A joint's row in `table` is (theta0, d, a, alpha, beta). Its frame moves by Rz(theta0 + q) Tz(d)
-Tx(a) Rx(alpha) Ry(beta); for a slide by Rz(theta0) Tz(d + q) instead of the first two. beta is the
+Tips and their derivatives are in `uuv.models.arms.tip_places`. A joint's row in `table` is (theta0,
+d, a, alpha, beta). Its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); for a slide by
+Rz(theta0) Tz(d + q) instead of the first two. beta is the
 angle of [Hayati 1985], zero except between near-parallel axes. Angles in rad, lengths in m, all
 vectors in base axes.
 """
@@ -23,28 +23,34 @@ _FLAGS = types.Array(boolean, 1, "C", readonly=True)
 
 @kernel
 def frame_step(R, o, row, q, slide, axes):
-    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) receives z and o before it, x
-    and y after.
-    """
+    """Advance frame (R, o) in place over a joint; `axes` (4, 3): z, o before, and x, y after it."""
     theta = row[THETA] + (0.0 if slide else q)
     d = row[D] + (q if slide else 0.0)
     c, s = math.cos(theta), math.sin(theta)
     ca, sa = math.cos(row[ALPHA]), math.sin(row[ALPHA])
     cb, sb = math.cos(row[BETA]), math.sin(row[BETA])
+
     for i in range(3):
         x, y, z = R[i, 0], R[i, 1], R[i, 2]
-        axes[0, i], axes[1, i] = z, o[i]
+        axes[0, i] = z
+        axes[1, i] = o[i]
+
+        # Rz(theta), then Tz(d) and Tx(a).
         x, y = c * x + s * y, c * y - s * x
         o[i] += d * z + row[A] * x
+
+        # Rx(alpha), then Ry(beta) on the way back into R.
         y, z = ca * y + sa * z, ca * z - sa * y
-        axes[2, i], axes[3, i] = x, y
-        R[i, 0], R[i, 1], R[i, 2] = cb * x - sb * z, y, cb * z + sb * x
+        axes[2, i] = x
+        axes[3, i] = y
+        R[i, 0] = cb * x - sb * z
+        R[i, 1] = y
+        R[i, 2] = cb * z + sb * x
 
 
 @kernel(signature=float64[:, :, :, ::1](_M, _FLAGS, _M, _M))
 def frames(table, slides, X_base, q):
-    """Link frames 0..n in the base at each pose, X (M, n + 1, 4, 4); frame k has the axis of joint
-    k + 1 as its z.
+    """Link frames X (M, n + 1, 4, 4) in the base at each pose; z of frame k is joint k + 1's axis.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).
@@ -57,9 +63,11 @@ def frames(table, slides, X_base, q):
     """
     touches, n = q.shape
     X = np.zeros((touches, n + 1, 4, 4))
+
     R = np.empty((3, 3))
     o = np.empty(3)
     axes = np.empty((4, 3))
+
     for m in range(touches):
         R[:, :] = X_base[:3, :3]
         o[:] = X_base[:3, 3]
@@ -69,4 +77,5 @@ def frames(table, slides, X_base, q):
             X[m, k, 3, 3] = 1.0
             if k < n:
                 frame_step(R, o, table[k], q[m, k], slides[k], axes)
+
     return X

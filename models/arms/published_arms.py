@@ -1,5 +1,4 @@
-"""Published arms as Denavit-Hartenberg tables, for benchmarks and tests of inverse kinematics and
-calibration.
+"""Published arms as Denavit-Hartenberg tables, for tests of inverse kinematics and calibration.
 
     arm = published_arms.load("panda")
     chain = Chain.from_arm(arm)
@@ -34,9 +33,7 @@ class PublishedArm(SerialArm):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorArm:
-    """A serial arm as the vector model of [Danilov 2021, chapter 2, fig. 1], in its initial
-    position; read-only.
-    """
+    """Serial arm as the vector model of [Danilov 2021, chapter 2, fig. 1], initially; read-only."""
 
     title: str
     M: Array  # (n, 3) [m] link vectors
@@ -69,9 +66,7 @@ def _arm(
     joint_types: str | None = None,
     p_tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> PublishedArm:
-    """Arm of DH rows; `limits` of hinges in degrees, of slides in m; `p_tool` [m] is the tip in the
-    last frame.
-    """
+    """Arm of DH rows; `limits` in degrees (slides: m), `p_tool` [m] the tip in the last frame."""
     arm = PublishedArm.from_dh(rows, joint_types)
     return replace(
         arm,
@@ -325,7 +320,9 @@ _ARMS["jaco"] = _arm(
     " far from even about zero",
 )
 
-_TURN, _TILT_X, _TILT_Z = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+_TURN = (0.0, 1.0, 0.0)
+_TILT_X = (1.0, 0.0, 0.0)
+_TILT_Z = (0.0, 0.0, 1.0)
 SERVO_ARM = VectorArm(
     title="eight-joint servo arm",
     M=readonly(np.outer([0.06, 0.07, 0.07, 0.07, 0.07, 0.07, 0.06, 0.06], (0.0, -1.0, 0.0))),

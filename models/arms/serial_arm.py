@@ -5,9 +5,8 @@
 
 Row k takes frame k - 1, whose z is the axis of joint k, to frame k by Rz(theta0 + q) Tz(d) Tx(a)
 Rx(alpha) Ry(beta). A slide has Rz(theta0) Tz(d + q) instead of the first two. Four numbers a joint
-describe every serial chain, but not every
-small change: to tilt one of two parallel axes about y, standard rows need links of hundreds of
-metres. beta takes that tilt [Hayati 1985].
+describe every serial chain, but not every small change: to tilt one of two parallel axes about y,
+standard rows need links of hundreds of metres. beta takes that tilt [Hayati 1985].
 """
 
 from collections.abc import Sequence
@@ -45,8 +44,7 @@ def _identity() -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SerialArm:
-    """Kinematics of a serial arm of n joints, from its base frame to its flange frame. Arrays are
-    read-only.
+    """Kinematics of a serial arm of n joints, from base frame to flange frame; arrays read-only.
 
     Raises:
         ConfigurationError: joint types, limits or names for another number of joints than the table
@@ -69,6 +67,7 @@ class SerialArm:
             object.__setattr__(self, "limits", readonly(np.tile([-np.inf, np.inf], (n, 1))))
         if not self.joint_names:
             object.__setattr__(self, "joint_names", tuple(f"joint{k + 1}" for k in range(n)))
+
         _checked_letters(self.joint_types, n)
         if self.limits.shape != (n, 2):
             raise ConfigurationError(f"limits: expected shape {(n, 2)}, got {self.limits.shape}")
@@ -102,6 +101,8 @@ class SerialArm:
                 and tables that are in degrees or millimetres by their size.
         """
         rows = checked_rows(dh, 4, name)
+
+        # More than two turns, or a link of more than 50 m, shows a table in other units.
         for columns, most, unit, looks, needed in (
             ((THETA, ALPHA), 4.0 * np.pi, "rad", "degrees", "radians"),
             ((D, A), _LARGEST, "m", "millimetres", "metres"),
@@ -116,6 +117,7 @@ class SerialArm:
                     f"the table looks like {looks}, {needed} are needed (columns theta0, d, a, "
                     "alpha)"
                 )
+
         tilt = np.zeros(len(rows)) if beta is None else checked(beta, (len(rows),), "beta")
         return cls(
             table=readonly(np.column_stack([rows, tilt])),
@@ -159,23 +161,30 @@ class SerialArm:
             raise ConfigurationError(
                 f"axes: every joint axis needs a length, row {int(np.argmin(norms))} has none"
             )
+
         farthest = float(max(np.abs(o).max(), np.abs(X_flange[:3, 3]).max()))
         if farthest > n * _LARGEST:
             raise ConfigurationError(
                 f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got "
                 f"{farthest:g} m; millimetres?"
             )
+
+        # Frame 0 stands on the first axis.
         z = z / norms[:, None]
         X_base_0 = np.eye(4)
         X_base_0[:3, :3] = _rotation_with_z(z[0], np.eye(3)[int(np.argmin(np.abs(z[0])))])
         X_base_0[:3, 3] = o[0]
+
+        # A row from each axis to the next; the last is zero.
         table = np.zeros((n, ROW))
         X = X_base_0
         for k in range(n - 1):
-            z_next, o_next = X[:3, :3].T @ z[k + 1], X[:3, :3].T @ (o[k + 1] - X[:3, 3])
+            z_next = X[:3, :3].T @ z[k + 1]
+            o_next = X[:3, :3].T @ (o[k + 1] - X[:3, 3])
             table[k] = _row_between(z_next, o_next)
             X = X @ _step(table[k])
         X = X @ _step(table[-1])
+
         return cls(
             table=readonly(table),
             joint_types=types,
@@ -204,7 +213,8 @@ class SerialArm:
     @property
     def near_parallel(self) -> tuple[int, ...]:
         """Joints (from 0) whose axis is near-parallel to the next joint's: those that need beta."""
-        alpha, beta = self.table[:, ALPHA], self.table[:, BETA]
+        alpha = self.table[:, ALPHA]
+        beta = self.table[:, BETA]
         tilt = np.hypot(np.sin(alpha), np.sin(beta))
         hinges = ~self.slides
         return tuple(
@@ -218,30 +228,34 @@ class SerialArm:
         """Standard DH rows (n, 4) of exactly this arm, beta worked in.
 
         Rows without beta stay as they are. Where beta is not zero, the common normal of two almost
-        parallel axes is far
-        away, so d of that joint and the next may be many metres: right, but fit for machines only.
+        parallel axes is far away, so d of that joint and the next may be many metres: right, but
+        fit for machines only.
         """
         table = np.array(self.table)
-        turn, shift = 0.0, 0.0  # of the new frame k - 1 about and along its z, against the old one
+        turn = 0.0  # [rad] of the new frame k - 1 about its z, against the old one
+        shift = 0.0  # [m] along it
         for k in range(self.n):
             row = table[k].copy()
             row[THETA] -= turn
             row[D] -= shift
             if row[BETA] == 0.0:
-                turn, shift = 0.0, 0.0
+                turn = 0.0
+                shift = 0.0
                 table[k] = row
                 continue
+
+            # Row of the common normal; what it leaves of the frame passes on to the next row.
             X = _step(row)
             new = _row_between(X[:3, 2], X[:3, 3], parallel=_EXACTLY_PARALLEL, hint=row)
             rest = inverse(_step(new)) @ X  # Rz(-turn) Tz(-shift)
-            turn, shift = float(np.arctan2(rest[0, 1], rest[0, 0])), -float(rest[2, 3])
+            turn = float(np.arctan2(rest[0, 1], rest[0, 0]))
+            shift = -float(rest[2, 3])
             table[k] = new
+
         return readonly(table[:, :4])
 
     def axes(self) -> tuple[Array, Array, Array]:
-        """Joint axes (n, 3), points on them (n, 3) [m] and the flange (4, 4) where all joints are
-        zero, base frame.
-        """
+        """Joint axes (n, 3), points on them (n, 3) [m] and flange (4, 4) at zero, base frame."""
         X = kinematics.frames(self.table, self.slides, self.X_base_0, np.zeros((1, self.n)))[0]
         return readonly(X[:-1, :3, 2]), readonly(X[:-1, :3, 3]), readonly(X[-1] @ self.X_n_flange)
 
@@ -250,16 +264,16 @@ class SerialArm:
 
         The first n are of the joints' frames, z the axis; the last is of the flange.
         """
-        found = [self.X_base_0]
+        poses = [self.X_base_0]
         for row in self.table:
             turn = exp_so3([0.0, 0.0, row[THETA]])
-            found.append(pose(turn @ tilt_of(row), turn @ [row[A], 0.0, row[D]]))
-        found[-1] = found[-1] @ self.X_n_flange
-        return found
+            poses.append(pose(turn @ tilt_of(row), turn @ [row[A], 0.0, row[D]]))
+
+        poses[-1] = poses[-1] @ self.X_n_flange
+        return poses
 
     def joint_frames(self, q: ArrayLike) -> Array:
-        """Poses (n + 1, 4, 4) in the base of each joint's frame of `origins`, moved by that joint,
-        and of the flange.
+        """Poses (n + 1, 4, 4) in the base: the joints' frames of `origins`, moved, and the flange.
 
         Args:
             q: (n,) joint values [rad], slides [m].
@@ -270,17 +284,23 @@ class SerialArm:
         Raises:
             ConfigurationError: `q` is not n finite numbers within 1e9.
         """
-        values = checked_place(q, (self.n,), "q")
+        joint_values = checked_place(q, (self.n,), "q")
         *joints, flange = self.origins()
-        X, found = np.eye(4), []
-        for origin, kind, value in zip(joints, self.joint_types, values, strict=True):
+
+        X = np.eye(4)
+        frames = []
+        for origin, kind, joint_value in zip(joints, self.joint_types, joint_values, strict=True):
             X = (
                 X
                 @ origin
-                @ (pose(p=[0.0, 0.0, value]) if kind == "p" else pose(exp_so3([0.0, 0.0, value])))
+                @ (
+                    pose(p=[0.0, 0.0, joint_value])
+                    if kind == "p"
+                    else pose(exp_so3([0.0, 0.0, joint_value]))
+                )
             )
-            found.append(X)
-        return np.array([*found, X @ flange])
+            frames.append(X)
+        return np.array([*frames, X @ flange])
 
     def flange(self, q: ArrayLike) -> Array:
         """Flange poses (M, 4, 4) in the base for joint values `q` (M, n) [rad], slides [m].
@@ -288,28 +308,24 @@ class SerialArm:
         Raises:
             ConfigurationError: `q` is not (M, n) finite numbers.
         """
-        values = np.ascontiguousarray(checked_rows(q, self.n, "q"))
+        q_rows = np.ascontiguousarray(checked_rows(q, self.n, "q"))
         return (
-            kinematics.frames(self.table, self.slides, self.X_base_0, values)[:, -1]
+            kinematics.frames(self.table, self.slides, self.X_base_0, q_rows)[:, -1]
             @ self.X_n_flange
         )
 
     def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:
-        """Tips (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m]
-        in the flange.
-        """
+        """Tips (M, 3) [m] in the base at `q` (M, n), of the point `tcp` (3,) [m] in the flange."""
         from uuv.models.arms.tip_places import NO_JACOBIAN, tips
 
-        values = np.ascontiguousarray(q, dtype=np.float64)
+        q_rows = np.ascontiguousarray(q, dtype=np.float64)
         point = np.ascontiguousarray(tcp, dtype=np.float64)
         return tips(
-            self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, NO_JACOBIAN
+            self.table, self.slides, self.X_base_0, self.X_n_flange, point, q_rows, NO_JACOBIAN
         )
 
     def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:
-        """Tips (M, 3) [m] and their derivatives (M, 5 n + 3, 3) by the table, row by row, then by
-        the tool point.
-        """
+        """Tips (M, 3) [m], and derivatives (M, 5 n + 3, 3) by the table's rows, then by `tcp`."""
         from uuv.models.arms.tip_places import tips
 
         J = np.empty((len(q), ROW * self.n + 3, 3))
@@ -320,9 +336,7 @@ class SerialArm:
         return replace(self, table=readonly(table))
 
     def with_tip(self, tcp: Array) -> Self:
-        """Copy of the arm whose flange has its origin at the tool point `tcp` (3,) [m] of this
-        one's flange.
-        """
+        """Copy whose flange has its origin at the point `tcp` (3,) [m] of this one's flange."""
         X = np.array(self.X_n_flange)
         X[:3, 3] += X[:3, :3] @ tcp
         return replace(self, X_n_flange=readonly(X))
@@ -360,8 +374,7 @@ def _rotation_with_z(z: Array, hint: Array) -> Array:
 def _row_between(
     z: Array, o: Array, parallel: float = NEAR_PARALLEL, hint: Array | None = None
 ) -> Array:
-    """The row whose next frame has its z along `z` on the line through `o` (3,), given in the frame
-    before.
+    """Row to the frame with z along `z` on the line through `o` (3,), both in the frame before.
 
     Below a tilt of `parallel` [rad] the next origin is `o` itself and beta takes part of the tilt;
     above, it is the foot of the common normal. `hint` is a row that the sense of the common normal
@@ -371,19 +384,25 @@ def _row_between(
     if sine < np.sin(parallel):
         theta = float(np.arctan2(o[1], o[0])) if np.hypot(o[0], o[1]) > 1e-9 else 0.0
         c, s = np.cos(theta), np.sin(theta)
+
         # z seen along x and y of the turned frame
         across = np.array([c * z[0] + s * z[1], c * z[1] - s * z[0]])
         # Rx(alpha) Ry(beta) e_z = (sin beta, -sin alpha cos beta, cos alpha cos beta)
         beta = float(np.arcsin(across[0]))
         alpha = float(np.arctan2(-across[1], z[2]))
         return np.array([theta, o[2], np.hypot(o[0], o[1]), alpha, beta])
+
+    # x along the common normal of the two axes.
     x = np.array([-z[1], z[0]]) / sine  # e_z x z
     a = float(x @ o[:2])
     along = a + 1e-12 if hint is None else float(x @ [np.cos(hint[THETA]), np.sin(hint[THETA])])
     if along < 0.0:
-        x, a = -x, -a
+        x = -x
+        a = -a
+
     theta = float(np.arctan2(x[1], x[0]))
     alpha = float(np.arctan2(x[1] * z[0] - x[0] * z[1], z[2]))
+
     # The line o + t z meets the plane through e_z and x where its part across vanishes.
     across = np.array([-x[1], x[0]])
     t = -float(across @ o[:2]) / float(across @ z[:2])

@@ -1,5 +1,4 @@
-"""MuJoCo model of a serial arm in air whose joints are held by proportional drives, as small servos
-are.
+"""MuJoCo model of a serial arm in air whose joints have proportional drives, as small servos do.
 
 A proportional drive holds a load only with an error: torque = stiffness (wanted - actual). Under
 its own weight the arm therefore rests beside the joint values that were asked for.
@@ -31,8 +30,7 @@ class Servo:
 
 
 def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) -> mujoco.MjModel:
-    """The arm with a position actuator for each hinge and a site "tip" whose frame is that of the
-    base at zero.
+    """Arm with a position actuator a hinge, and a site "tip" whose frame at zero is the base's.
 
     Args:
         arm: Links and hinge axes.
@@ -46,10 +44,14 @@ def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) ->
         raise ConfigurationError(
             f"{arm.title}: proportional drives need hinges, got the kinds {arm.p.tolist()}"
         )
+
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.option.gravity = -9.81 * np.asarray(up) / np.linalg.norm(up)
-    body, at = spec.worldbody, np.zeros(3)
+
+    # Links, each with its joint at the end of the one before.
+    body = spec.worldbody
+    at = np.zeros(3)
     for i, (link, axis) in enumerate(zip(arm.M, arm.e, strict=True)):
         body = body.add_body(name=f"link{i + 1}", pos=at)
         body.add_joint(
@@ -63,24 +65,27 @@ def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) ->
             contype=0,
             conaffinity=0,
         )
+
         actuator = spec.add_actuator(
             name=f"servo{i + 1}", target=f"joint{i + 1}", trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
         actuator.set_to_position(kp=servo.stiffness)
         at = np.asarray(link)
+
     body.add_site(name="tip", pos=at)
     return spec.compile()
 
 
 def rest(model: mujoco.MjModel, q_wanted: Array) -> Array:
-    """Joint angles (n,) [rad] at which the arm comes to rest with its drives set to `q_wanted` (n,)
-    [rad].
+    """Joint angles (n,) [rad] at which the arm rests with its drives set to `q_wanted` (n,) [rad].
 
     Raises:
         ConfigurationError: If it does not come to rest.
     """
     data = mujoco.MjData(model)
-    data.qpos[:], data.ctrl[:] = q_wanted, q_wanted
+    data.qpos[:] = q_wanted
+    data.ctrl[:] = q_wanted
+
     while data.time < _LONGEST:
         mujoco.mj_step(model, data, nstep=50)
         if np.abs(data.qvel).max() < _REST:

@@ -1,9 +1,8 @@
 """Compiled tip positions of serial arms, with first derivatives by the numbers of their table.
 
 Apart from `uuv.models.arms.kinematics`, because its signature lets it compile on import: only
-calibration needs it.
-Derivatives are analytic: a turn about an axis through o moves the tip p by axis x (p - o), a shift
-by its direction.
+calibration needs it. Derivatives are analytic: a turn about an axis through o moves the tip p by
+axis x (p - o), a shift by its direction.
 """
 
 import numpy as np
@@ -51,31 +50,40 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
     o = np.empty(3)
     axes = np.empty((n, 4, 3))
     after = np.empty((n, 3))
+
+    # Tool point in the last frame.
     offset = (
         X_flange[:3, 3]
         + tcp[0] * X_flange[:3, 0]
         + tcp[1] * X_flange[:3, 1]
         + tcp[2] * X_flange[:3, 2]
     )
+
     for m in range(touches):
         R[:, :] = X_base[:3, :3]
         o[:] = X_base[:3, 3]
         for k in range(n):
             frame_step(R, o, table[k], q[m, k], slides[k], axes[k])
             after[k] = o
+
         for i in range(3):
             p[m, i] = o[i] + R[i, 0] * offset[0] + R[i, 1] * offset[1] + R[i, 2] * offset[2]
         if J.shape[0] == 0:
             continue
+
+        # By the table: a turn moves the tip by axis x (p - o), a shift along its axis.
         for k in range(n):
             cross_into(J[m, ROW * k + THETA], axes[k, 0], p[m], axes[k, 1])
             J[m, ROW * k + D] = axes[k, 0]
             J[m, ROW * k + A] = axes[k, 2]
             cross_into(J[m, ROW * k + ALPHA], axes[k, 2], p[m], after[k])
             cross_into(J[m, ROW * k + BETA], axes[k, 3], p[m], after[k])
+
+        # By the tool point: along the axes of the flange.
         for j in range(3):
             for i in range(3):
                 J[m, ROW * n + j, i] = (
                     R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
                 )
+
     return p

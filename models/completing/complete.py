@@ -79,14 +79,13 @@ def _add_missing(spec: mujoco.MjSpec) -> dict[str, str]:
 
 def is_armed(spec: mujoco.MjSpec) -> bool:
     """True if a vehicle has an arm by the contract, so that what else it lacks can be computed."""
-    bodies, sites = {body.name for body in spec.bodies}, {site.name for site in spec.sites}
+    bodies = {body.name for body in spec.bodies}
+    sites = {site.name for site in spec.sites}
     return {ARM_BASE_BODY, HULL_BODY} <= bodies and TIP_SITE in sites
 
 
 def _search(spec: mujoco.MjSpec) -> PostureSearch | None:
-    """Search of postures; None for an arm that cannot be read, for instance because a joint has no
-    range.
-    """
+    """Search of postures; None for an arm that cannot be read, as where a joint has no range."""
     try:
         return PostureSearch(spec.compile())
     except ConfigurationError:
@@ -118,15 +117,18 @@ def _ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
         raise ConfigurationError(
             f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed"
         )
+
     home = next((key.qpos for key in spec.keys if key.name == HOME_KEY), None)
     before = hydrodynamics.attached(spec)[HULL_BODY].volume
     after = hydrodynamics.trim(
         spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home
     ).volume
+
     if before > 0.0 and not 1.0 / _TRIMMED < after / before < _TRIMMED:
         raise ConfigurationError(
             f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make "
             "the vehicle "
             f"weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes are in m^3"
         )
+
     return f"trim: the hull's volume from {1e3 * before:.4g} to {1e3 * after:.4g} litres"

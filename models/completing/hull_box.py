@@ -8,8 +8,7 @@ from uuv.sim.interfaces.spatial import Array, pose
 
 
 def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
-    """Corners (2, 3) [m] in B of the box around the shapes of the hull, and of what is fixed to it
-    but the arm's base.
+    """Corners (2, 3) [m] in B of the box around the hull and what is fixed to it, but for the arm.
 
     Args:
         model: Compiled model.
@@ -26,12 +25,15 @@ def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
             arm_base != hull and _carries(model, arm_base, body)
         ):
             continue
+
         R = np.empty(9)
         mujoco.mju_quat2Mat(R, model.geom_quat[g])
         X_BG = body_in_body(model, body, hull) @ pose(R.reshape(3, 3), model.geom_pos[g])
         box = model.geom_aabb[g]
-        centre, reach = X_BG[:3, 3] + X_BG[:3, :3] @ box[:3], np.abs(X_BG[:3, :3]) @ box[3:]
+        centre = X_BG[:3, 3] + X_BG[:3, :3] @ box[:3]
+        reach = np.abs(X_BG[:3, :3]) @ box[3:]
         corners += [centre - reach, centre + reach]
+
     return (
         np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
         if corners

@@ -1,5 +1,4 @@
-"""Gives a user's model the names of `uuv.models.naming`: renames its parts, adds sites, motors and
-thrusters.
+"""Names of `uuv.models.naming` for a user's model: renames its parts, adds sites and actuators.
 
     spec = mapped(read("rov.urdf"))  # a VehicleFile's own names become those of the contract
 """
@@ -19,7 +18,9 @@ from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
-_UP, _AHEAD, _STARBOARD = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
+_UP = (0.0, 0.0, 1.0)
+_AHEAD = (1.0, 0.0, 0.0)
+_STARBOARD = (0.0, -1.0, 0.0)
 
 
 def mapped(file: VehicleFile) -> mujoco.MjSpec:
@@ -100,15 +101,14 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> None:
 
 
 def _name_hull(spec: mujoco.MjSpec) -> str:
-    """Take the only body on the world for the hull, if it floats and no other is called so; returns
-    a line about it.
-    """
+    """Call the only body on the world the hull, if it floats and no other is; a line about it."""
     roots = list(spec.worldbody.bodies)
     free = len(roots) == 1 and any(
         joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints
     )
     if not free or any(body.name == HULL_BODY for body in spec.bodies):
         return ""
+
     before = roots[0].name
     _rename_body(spec, roots[0], HULL_BODY)
     return f"body hull: {before!r}, the only body on the world"
@@ -159,9 +159,12 @@ def _body(spec: mujoco.MjSpec, wanted: str, name: str, hull: str | None = None) 
 
 def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
     """Rename a body, and what refers to it by name."""
-    before, body.name = body.name, to
+    before = body.name
+    body.name = to
     if before == to:
         return
+
+    # Of all that refer to a body, MuJoCo renames none.
     for exclude in spec.excludes:
         exclude.bodyname1 = to if exclude.bodyname1 == before else exclude.bodyname1
         exclude.bodyname2 = to if exclude.bodyname2 == before else exclude.bodyname2
@@ -169,6 +172,7 @@ def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
         if equality.objtype == mujoco.mjtObj.mjOBJ_BODY:
             equality.name1 = to if equality.name1 == before else equality.name1
             equality.name2 = to if equality.name2 == before else equality.name2
+
     bodies = (mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_XBODY)
     for sensor in spec.sensors:
         sensor.objname = (
@@ -177,6 +181,7 @@ def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
         sensor.refname = (
             to if sensor.reftype in bodies and sensor.refname == before else sensor.refname
         )
+
     for camera in [*spec.cameras, *spec.lights]:
         camera.targetbody = to if camera.targetbody == before else camera.targetbody
     for actuator in spec.actuators:
@@ -189,6 +194,7 @@ def _rename_geom(spec: mujoco.MjSpec, wanted: str, name: str) -> None:
     if geom is None:
         raise _missing(name, "geom", wanted, [geom.name for geom in spec.geoms])
     geom.name = TOOL_GEOM
+
     for pair in spec.pairs:
         pair.geomname1 = TOOL_GEOM if pair.geomname1 == wanted else pair.geomname1
         pair.geomname2 = TOOL_GEOM if pair.geomname2 == wanted else pair.geomname2
@@ -201,14 +207,15 @@ def _add_site(
     renamed: dict[str | None, str],
     name: str,
 ) -> None:
-    """A site of the contract's name, at the place of another or on a body; the model's own of that
-    name gives way.
-    """
+    """Site of the contract's name, at another site or on a body; the model's own gives way."""
     if where is None or where == usual:
         return
+
     sites = {site.name: site for site in spec.sites}
     if usual in sites:
         sites[usual].name = f"{usual}_of_the_model"
+
+    # At a site of the model.
     if isinstance(where, str):
         if where not in sites:
             hint = ""
@@ -220,31 +227,36 @@ def _add_site(
                     f"[x, y, z]}}"
                 )
             raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
-        own = sites[where]
-        added = own.parent.add_site(name=usual, pos=own.pos, quat=own.quat, group=4)
-        added.alt = own.alt
+
+        original = sites[where]
+        added = original.parent.add_site(name=usual, pos=original.pos, quat=original.quat, group=4)
+        added.alt = original.alt
         return
+
+    # On a body, with the axes that are usual for the site.
     body = _body(spec, renamed.get(where.body, where.body), name)
     upright = abs(where.z[2]) > 0.999
     if usual == CAMERA_SITE:  # OpenCV axes: x to the right of the view, y down
         x = np.array(_STARBOARD) if upright else np.cross(where.z, _UP)
     else:
         x = np.array(_AHEAD) if upright else np.array(_UP)
+
     R = rotation_from_z(where.z, x)
     body.add_site(name=usual, pos=where.pos, quat=quat_wxyz_from_rotation(R), group=4)
 
 
 def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -> None:
-    """Give each joint of the arm one motor, gear 1, with its torque limit; those not named are
-    locked at zero.
+    """Give each joint of the arm one motor, gear 1, with its torque limit; lock others at zero.
 
-    That holds for all joints that the hull carries but those on springs: of a second arm, a
+    The others are all joints that the hull carries but those on springs: of a second arm, a
     gripper, a camera's pan.
     """
-    there = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
-    for wanted in joints:
-        if wanted not in there:
-            raise _missing(name, "joint", wanted, list(there))
+    movable = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
+    for joint_name in joints:
+        if joint_name not in movable:
+            raise _missing(name, "joint", joint_name, list(movable))
+
+    # The mapping lists the arm's joints, all of them and in order.
     chain = joints_between(spec)
     listed = [joint for joint in chain if joint in joints]
     if listed != list(joints):
@@ -253,6 +265,8 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
             f"{', '.join(chain)}; got "
             f"{', '.join(joints)}"
         )
+
+    # Other joints of the hull are locked.
     carried = next(
         (
             body.find_all(mujoco.mjtObj.mjOBJ_JOINT)
@@ -262,9 +276,9 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
         [],
     )
     locked = [
-        each
-        for each in carried
-        if each.type in _TURNING and each.name not in joints and not each.stiffness[0]
+        other
+        for other in carried
+        if other.type in _TURNING and other.name not in joints and not other.stiffness[0]
     ]
     if locked:
         # A keyframe keeps the values of the joints that stay.
@@ -274,8 +288,8 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
                 _lock(spec, joint)
         note(spec, [f"joints held at 0, which the mapping does not list: {names}"])
 
-    for wanted, limit in joints.items():
-        _add_motor(spec, there[wanted], limit, name)
+    for joint_name, limit in joints.items():
+        _add_motor(spec, movable[joint_name], limit, name)
 
 
 def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
@@ -283,15 +297,18 @@ def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
     for actuator in list(spec.actuators):
         if actuator.target == joint.name and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
             spec.delete(actuator)
+
     for equality in list(spec.equalities):
         if equality.type == mujoco.mjtEq.mjEQ_JOINT and joint.name in (
             equality.name1,
             equality.name2,
         ):
             spec.delete(equality)
+
     for sensor in list(spec.sensors):
         if sensor.objtype == mujoco.mjtObj.mjOBJ_JOINT and sensor.objname == joint.name:
             spec.delete(sensor)
+
     spec.delete(joint)
 
 
@@ -311,14 +328,19 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
     Raises:
         ConfigurationError: no limit is known.
     """
-    own = [
+    actuators = [
         a
         for a in spec.actuators
         if a.target == joint.name and a.trntype == mujoco.mjtTrn.mjTRN_JOINT
     ]
-    known = [np.abs(a.ctrlrange).min() for a in own if _is_motor(a) and np.ptp(a.ctrlrange) > 0.0]
-    known += [np.abs(a.forcerange).min() for a in own if np.ptp(a.forcerange) > 0.0]
+
+    # Limits that the model states.
+    known = [
+        np.abs(a.ctrlrange).min() for a in actuators if _is_motor(a) and np.ptp(a.ctrlrange) > 0.0
+    ]
+    known += [np.abs(a.forcerange).min() for a in actuators if np.ptp(a.forcerange) > 0.0]
     known += [np.abs(joint.actfrcrange).min()] if np.ptp(joint.actfrcrange) > 0.0 else []
+
     if limit is None:
         if not known or not known[0] > 0.0:
             raise ConfigurationError(
@@ -327,11 +349,14 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
                 f"joints: {{{joint.name}: 10}} [N m]"
             )
         limit = float(known[0])
-    for actuator in own:
+
+    # One motor in place of what drove the joint.
+    for actuator in actuators:
         spec.delete(actuator)
     joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the motor's own range limits it
     motor = spec.add_actuator(name=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
-    motor.ctrlrange, motor.ctrllimited = [-limit, limit], mujoco.mjtLimited.mjLIMITED_TRUE
+    motor.ctrlrange = [-limit, limit]
+    motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def add_motors(spec: mujoco.MjSpec, joints: Iterable[str], name: str) -> None:
@@ -376,21 +401,24 @@ def _thruster(
 ) -> None:
     """Add a thruster, or give an actuator of the model its table."""
     actuators = {actuator.name: actuator for actuator in spec.actuators}
+
+    # An actuator of the model.
     if mapped.actuator is not None:
         if mapped.actuator not in actuators:
             raise _missing(name, "actuator", mapped.actuator, list(actuators))
         _make_plain(actuators[mapped.actuator])
         thrusters.attach(spec, {mapped.actuator: mapped.thruster})
         return
+
+    # A site, of the model or added.
     site = mapped.site
     if mapped.place is not None:
-        site, body = (
-            f"thruster_{mapped.name}",
-            _body(spec, renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY, name),
-        )
+        site = f"thruster_{mapped.name}"
+        body = _body(spec, renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY, name)
         body.add_site(name=site, pos=mapped.place.pos, quat=_along_x(mapped.place.z), group=4)
-    elif site not in {each.name for each in spec.sites}:
-        raise _missing(name, "site", str(site), [each.name for each in spec.sites])
+    elif site not in {present.name for present in spec.sites}:
+        raise _missing(name, "site", str(site), [present.name for present in spec.sites])
+
     actuator = spec.add_actuator(
         name=f"thruster_{mapped.name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site
     )
@@ -403,9 +431,7 @@ def _thruster(
 
 
 def _make_plain(actuator: mujoco.MjsActuator) -> None:
-    """Make an actuator on a site one whose control is its thrust [N]: its kind in the mapping has
-    limits and curve.
-    """
+    """Make an actuator on a site a motor of thrust [N]: limits and curve are the mapping's."""
     length = float(np.linalg.norm(actuator.gear[:3]))
     if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.refsite or not length > 0.0:
         return  # refused, with the reason, where its table is attached

@@ -33,8 +33,7 @@ def mount_arm(
     tip_p: ArrayLike = (0.0, 0.0, 0.0),
     tip_z: ArrayLike = (0.0, 0.0, 1.0),
 ) -> list[str]:
-    """Mount the arm of a URDF on the hull of `spec`, in place; its root link becomes the body
-    `arm_base`.
+    """Mount the arm of a URDF on the hull of `spec`, in place; its root becomes body `arm_base`.
 
     Names of its other links, and of its joints, get the prefix `arm_`.
 
@@ -62,6 +61,7 @@ def mount_arm(
         raise ConfigurationError(
             f"an arm is mounted on a vehicle with a body {HULL_BODY!r} and no {ARM_BASE_BODY!r}"
         )
+
     name = f"arm {shown(str(file))}"
     arm, _ = spec_of_urdf(urdf.parse(file, name), Path(file).resolve().parent)
     root = arm.worldbody.bodies[0].name
@@ -70,17 +70,24 @@ def mount_arm(
         raise ConfigurationError(
             f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}"
         )
+
+    # Axes of the tip, z out of the tool.
     z: Array = checked(tip_z, (3,), "tip_z")
     R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+
     links[root].name = ARM_BASE_BODY.removeprefix(_PREFIX)
     quat = quat_wxyz_from_rotation(rotation_from_rpy(checked(rpy, (3,), "rpy")))
+
+    # Keyframes of the hull alone lack the arm's joints.
     for key in [key for key in spec.keys if key.name in (HOME_KEY, READY_KEY)]:
         spec.delete(key)
-    place = bodies[HULL_BODY].add_frame(pos=checked(p, (3,), "p"), quat=quat)
-    place.attach_body(links[root], _PREFIX, "")
+
+    mount = bodies[HULL_BODY].add_frame(pos=checked(p, (3,), "p"), quat=quat)
+    mount.attach_body(links[root], _PREFIX, "")
     names = {link: ARM_BASE_BODY if link == root else _PREFIX + link for link in links}
     spec.body(names[tip]).add_site(
         name=TIP_SITE, pos=checked(tip_p, (3,), "tip_p"), quat=quat_wxyz_from_rotation(R), group=4
     )
+
     add_motors(spec, joints_between(spec), name)
     return list(names.values())

@@ -1,5 +1,4 @@
-"""Folded and ready postures of an arm, found by search where a model has no keyframes `home` and
-`ready`.
+"""Folded and ready postures of an arm by search, where a model has no keyframes for them.
 
 Joint angles are drawn from a fixed seed within the limits, so that a model has the same postures
 every time. Parts that touch in nearly every posture are neighbours whose shapes overlap, and do not
@@ -26,12 +25,13 @@ from uuv.sim.interfaces.spatial import Array
 
 DRAWN = 3000  # postures
 VIEW = float(np.radians(25.0))  # half angle of the camera's view that the folded arm keeps clear of
-_RINGS, _SPOKES = 3, 8  # of the rays within that angle
+_RINGS = 3  # of the rays within that angle
+_SPOKES = 8
 _FARTHEST = 3.0  # [m] to which the view is to be clear
 _ALWAYS = 0.9  # share of postures from which on two touching parts are taken for neighbours
-_TRIED = 400  # postures from which neighbours are told
-# changes that are tried around the best posture, and rounds of them, each half as wide
-_LOCAL, _ROUNDS = 60, 6
+_TRIED = 400  # postures from which neighbours are recognised
+_LOCAL = 60  # changes that are tried around the best posture in a round
+_ROUNDS = 6  # each half as wide as the one before
 _LEVER = 0.4  # of the reach [m/rad]: weighs rotation against translation
 _INSIDE = 0.4, 0.75  # share of the reach at which a ready tool is
 _ROOMY = 0.5  # [rad] or [m] distance from a joint limit that counts as free
@@ -41,7 +41,7 @@ _SPARE = 0.03  # share of a joint's range that a folded arm keeps from its ends
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundPosture:
-    """A posture that was found, with what it was chosen by."""
+    """A posture, with the figures that it was chosen by."""
 
     q: Array  # (n,) [rad]
     said: str  # its figures, in words
@@ -66,18 +66,24 @@ class PostureSearch:
         bits = (solid if solid.any() else np.ones_like(solid)).astype(np.int32)
         model.geom_contype[:] = model.geom_conaffinity[:] = bits
         model.body_contype[:] = model.body_conaffinity[:] = 1
+
         self.data = mujoco.MjData(self.model)
         vehicle = self.vehicle
-        self._low, self._high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+        self._low = vehicle.q_limits[:, 0]
+        self._high = vehicle.q_limits[:, 1]
         self._camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE)
+
+        # Shapes that the arm moves.
         first = int(model.jnt_bodyid[vehicle.joints[0]])
         moved = [b for b in range(model.nbody) if _carried(model, b, first)]
         self._arm_geoms = np.array(
             [g for g in range(model.ngeom) if model.geom_bodyid[g] in moved], dtype=np.int64
         )
-        own = [g for g in range(model.ngeom) if model.geom_bodyid[g] == vehicle.hull]
+
+        # Box of the hull, in its own axes.
+        hull_geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == vehicle.hull]
         self._at(np.clip(np.zeros(len(self._low)), self._low, self._high))
-        self._box = _box(model, self.data, own, vehicle.hull)
+        self._box = _box(model, self.data, hull_geoms, vehicle.hull)
 
     @cached_property
     def _drawn(self) -> Array:
@@ -100,25 +106,24 @@ class PostureSearch:
 
     @cached_property
     def _masses(self) -> tuple[np.ndarray, Array, Array]:
-        """Bodies (b,), their masses less those of their water (b,) [kg], and moments of both in the
-        body (b, 3) [kg m].
+        """Bodies (b,), masses less water (b,) [kg] and moments of both in the body (b, 3) [kg m].
 
         Empty arrays where the hull has no water.
         """
         model = self.model
         if not hydrodynamics.carries(model.body_user[self.vehicle.hull]):
             return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 3))
+
         density = hydrodynamics.water_density(model)
         bodies = np.flatnonzero(model.body_rootid == model.body_rootid[self.vehicle.hull])
-        net, local = (
-            np.array(model.body_mass[bodies]),
-            model.body_mass[bodies, None] * model.body_ipos[bodies],
-        )
+        net = np.array(model.body_mass[bodies])
+        local = model.body_mass[bodies, None] * model.body_ipos[bodies]
         for i, body in enumerate(bodies):
             if hydrodynamics.carries(model.body_user[body]):
                 water = hydrodynamics.unpack(model.body_user[body])
                 net[i] -= density * water.volume
                 local[i] -= density * water.volume * water.center_of_buoyancy
+
         return bodies, net, local
 
     def home(self) -> FoundPosture:
@@ -126,37 +131,54 @@ class PostureSearch:
         spare = _SPARE * (self._high - self._low)
         inside = np.clip(self._drawn, self._low + spare, self._high - spare)
         costs = np.array([self._spread(q) for q in inside])
-        best, cost = None, np.inf
+
+        # The most compact one that is clear of all.
+        best = None
+        cost = np.inf
         for i in np.argsort(costs, kind="stable"):
             if self.is_clear(inside[i]) and self.view_blocked(inside[i]) == 0.0:
-                best, cost = inside[i], costs[i]
+                best = inside[i]
+                cost = costs[i]
                 break
+
         if best is None:  # no posture leaves the view free: the least in the way
             clear = [q for q in inside if self.is_clear(q)] or [inside[int(np.argmin(costs))]]
             best = min(clear[:200], key=lambda q: (self.view_blocked(q), self._spread(q)))
             return FoundPosture(
                 q=best, said=f"{self.view_blocked(best):.0%} of the camera's view is behind the arm"
             )
+
+        # Small changes of it, as long as they are more compact.
         for q in self._around(best, spare):
             if (
                 (spread := self._spread(q)) < cost
                 and self.is_clear(q)
                 and self.view_blocked(q) == 0.0
             ):
-                best, cost = q, spread
+                best = q
+                cost = spread
+
         return FoundPosture(q=best, said="clear of the hull, of itself and of the camera's view")
 
     def ready(self) -> FoundPosture:
         """The posture to start inverse kinematics from."""
         scores = np.array([self._readiness(q) for q in self._drawn])
-        best, score = self._drawn[int(np.argmax(scores))], -np.inf
+
+        # The best drawn one that is clear.
+        best = self._drawn[int(np.argmax(scores))]
+        score = -np.inf
         for i in np.argsort(-scores, kind="stable"):
             if self.is_clear(self._drawn[i]):
-                best, score = self._drawn[i], scores[i]
+                best = self._drawn[i]
+                score = scores[i]
                 break
+
+        # Small changes of it.
         for q in self._around(best, np.zeros(len(self._low))):
-            if (now := self._readiness(q)) > score and self.is_clear(q):
-                best, score = q, now
+            if (trial_score := self._readiness(q)) > score and self.is_clear(q):
+                best = q
+                score = trial_score
+
         far = float(np.linalg.norm(self._tip(best)))
         return FoundPosture(
             q=best,
@@ -165,7 +187,7 @@ class PostureSearch:
         )
 
     def drawn_tips(self) -> Array:
-        """Places (DRAWN, 3) [m] of the tip in the drawn postures, hull axes."""
+        """Positions (DRAWN, 3) [m] of the tip in the drawn postures, hull axes."""
         return (
             self._tips @ self.data.xmat[self.vehicle.hull].reshape(3, 3) + self.vehicle.X_BA[:3, 3]
         )
@@ -193,14 +215,11 @@ class PostureSearch:
         return self._pairs() - self._neighbours
 
     def view_blocked(self, q: Array) -> float:
-        """Share of the rays within VIEW of the camera's axis that hit the arm or the hull at `q`
-        (n,).
-        """
+        """Share of the rays within VIEW of the camera's axis that hit arm or hull at `q` (n,)."""
         return self.view_hits(q)[0]
 
     def view_hits(self, q: Array, half_angle: float = VIEW) -> tuple[float, str]:
-        """Share of the camera's rays that hit the vehicle itself, and the body that they hit most;
-        "" without a camera.
+        """Share of the camera's rays that hit the vehicle, and the body hit most ("": no camera).
 
         Args:
             q: (n,) joint angles.
@@ -208,12 +227,16 @@ class PostureSearch:
         """
         if self._camera < 0:
             return 0.0, ""
+
         self._at(q)
-        model, data = self.model, self.data
-        R, p = data.site_xmat[self._camera].reshape(3, 3), data.site_xpos[self._camera]
-        hit, distance = np.full(1, -1, dtype=np.int32), 0.0
+        model = self.model
+        data = self.data
+        R = data.site_xmat[self._camera].reshape(3, 3)
+        p = data.site_xpos[self._camera]
+        hit = np.full(1, -1, dtype=np.int32)
         hits: list[int] = []
         rays = list(_fan(half_angle))
+
         for ray in rays:
             distance = mujoco.mj_ray(model, data, p, R @ ray, None, 1, -1, hit)
             if (
@@ -222,54 +245,57 @@ class PostureSearch:
                 and not self._behind_lens(int(hit[0]), distance)
             ):
                 hits.append(int(model.geom_bodyid[hit[0]]))
+
         most = max(set(hits), key=hits.count) if hits else -1
         return len(hits) / len(rays), model.body(most).name if most >= 0 else ""
 
     def singular_value(self, q: Array) -> float:
-        """Smallest singular value [-] of the tip's Jacobian, lengths in shares of the reach,
-        rotation weighted.
-        """
+        """Smallest singular value [-] of the tip's Jacobian: lengths over reach, turns weighted."""
         self._at(q)
         return self._singular_value()
 
     def _singular_value(self) -> float:
         """`singular_value` at the present posture."""
-        model, data, dof = self.model, self.data, self.vehicle.dof
+        model = self.model
+        data = self.data
+        dof = self.vehicle.dof
         jac = np.zeros((6, model.nv))
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, jac[:3], jac[3:], self.vehicle.tip)
+
+        # Lengths in shares of the reach, against rotation.
         J = jac[:, dof]
         J[:3] /= self.reach
         J[3:] *= _LEVER
-        values = np.linalg.svd(J, compute_uv=False)
-        return float(values[min(6, len(dof)) - 1])
+
+        singular_values = np.linalg.svd(J, compute_uv=False)
+        return float(singular_values[min(6, len(dof)) - 1])
 
     def tip_axis(self, q: Array) -> tuple[Array, Array]:
-        """Place (3,) [m] of the tip in hull axes and direction (3,) of the tool at `q` (n,)."""
+        """Position (3,) [m] of the tip in hull axes, direction (3,) of the tool at `q` (n,)."""
         self._at(q)
         return self._tip_axis()
 
     def _tip_axis(self) -> tuple[Array, Array]:
         """`tip_axis` at the present posture."""
-        vehicle, data = self.vehicle, self.data
-        R_WB, p = data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]
+        vehicle = self.vehicle
+        data = self.data
+        R_WB = data.xmat[vehicle.hull].reshape(3, 3)
+        p = data.xpos[vehicle.hull]
         return R_WB.T @ (data.site_xpos[vehicle.tip] - p), R_WB.T @ data.site_xmat[
             vehicle.tip
         ].reshape(3, 3)[:, 2]
 
     def _behind_lens(self, geom: int, distance: float) -> bool:
-        """A housing of the hull around the camera's own place does not count: its window is not
-        modelled.
-        """
+        """True of a housing of the hull around the camera: its window is not modelled."""
         return distance < 1e-3 or (
             self._within(geom) and int(self.model.geom_bodyid[geom]) == self.vehicle.hull
         )
 
     def _within(self, geom: int) -> bool:
-        """Whether the camera's place is inside the bounding sphere of a small geom, such as its
-        housing.
-        """
-        model, data = self.model, self.data
+        """Whether the camera is inside the bounding sphere of a small geom, such as its housing."""
+        model = self.model
+        data = self.data
         away = float(np.linalg.norm(data.geom_xpos[geom] - data.site_xpos[self._camera]))
         return away < float(model.geom_rbound[geom]) < 0.15
 
@@ -277,19 +303,25 @@ class PostureSearch:
         room = float(np.minimum(q - self._low, self._high - q).min())
         reach = self.reach  # may search, so before the posture is set
         self._at(q)
-        sigma, (p_BG, z_BG) = self._singular_value(), self._tip_axis()
+        sigma = self._singular_value()
+        p_BG, z_BG = self._tip_axis()
         far = float(np.linalg.norm(p_BG - self.vehicle.X_BA[:3, 3])) / reach
+
+        # Far from singular postures and joint limits, at a fair share of the reach.
         score = sigma * min(1.0, max(room, 0.0) / _ROOMY)
         score *= max(0.1, 1.0 - 4.0 * max(0.0, _INSIDE[0] - far, far - _INSIDE[1]))
+
+        # The tool along the camera's view, and before it.
         if self._camera >= 0:
             data = self.data
             R_WB = data.xmat[self.vehicle.hull].reshape(3, 3)
             p_BC = R_WB.T @ (data.site_xpos[self._camera] - data.xpos[self.vehicle.hull])
             z_BC = R_WB.T @ data.site_xmat[self._camera].reshape(3, 3)[:, 2]
-            seen = (p_BG - p_BC) / max(float(np.linalg.norm(p_BG - p_BC)), 1e-9)
+            view_B = (p_BG - p_BC) / max(float(np.linalg.norm(p_BG - p_BC)), 1e-9)
             score *= (0.5 + 0.5 * max(0.0, float(z_BG @ z_BC))) * (
-                0.5 + 0.5 * max(0.0, float(seen @ z_BC))
+                0.5 + 0.5 * max(0.0, float(view_B @ z_BC))
             )
+
         return score
 
     def _around(self, q: Array, spare: Array) -> Iterator[Array]:
@@ -313,27 +345,28 @@ class PostureSearch:
         return self.data.site_xpos[self.vehicle.tip] - self.data.xpos[self.vehicle.arm_base]
 
     def _spread(self, q: Array) -> float:
-        """How far [m] the arm reaches out of the hull's box at `q` (n,), and the list that it
-        causes, weighted.
-        """
+        """How far [m] the arm reaches out of the hull's box at `q` (n,), and its list, weighted."""
         self._at(q)
-        model, data, hull = self.model, self.data, self.vehicle.hull
-        places = [data.geom_xpos[self._arm_geoms], data.site_xpos[[self.vehicle.tip]]]
-        p_B = (np.vstack(places) - data.xpos[hull]) @ data.xmat[hull].reshape(3, 3)
+        model = self.model
+        data = self.data
+        hull = self.vehicle.hull
+        positions = [data.geom_xpos[self._arm_geoms], data.site_xpos[[self.vehicle.tip]]]
+        p_B = (np.vstack(positions) - data.xpos[hull]) @ data.xmat[hull].reshape(3, 3)
         radius = np.append(model.geom_rbound[self._arm_geoms], 0.0)
+
         out = np.maximum(np.maximum(self._box[0] - p_B, p_B - self._box[1]), 0.0)
         return float((np.linalg.norm(out, axis=1) + radius).max()) + _LISTS * min(
             self._lists(), 1.0
         )
 
     def _lists(self) -> float:
-        """Angle [rad] by which the vehicle lists at the present posture; 0 for one without water,
-        or unstable.
-        """
-        data, hull = self.data, self.vehicle.hull
+        """List [rad] of the vehicle at the present posture; 0 without water, or if unstable."""
+        data = self.data
+        hull = self.vehicle.hull
         bodies, net, local = self._masses
         if not bodies.size:
             return 0.0
+
         # [kg m] of masses less their water, world axes
         moment = net @ (data.xpos[bodies] - data.xpos[hull])
         moment += np.einsum("bij,bj->i", data.xmat[bodies].reshape(-1, 3, 3), local)
@@ -342,13 +375,14 @@ class PostureSearch:
 
     def _pairs(self) -> set[tuple[int, int]]:
         contact = self.data.contact
-        found = set()
+        pairs = set()
         for i in range(self.data.ncon):
             if contact.dist[i] > 0.0:
                 continue
             a, b = (int(self.model.geom_bodyid[g]) for g in contact.geom[i])
-            found.add((min(a, b), max(a, b)))
-        return found
+            pairs.add((min(a, b), max(a, b)))
+
+        return pairs
 
     def _always_touching(self, postures: Array) -> set[tuple[int, int]]:
         counts: dict[tuple[int, int], int] = {}
@@ -377,16 +411,19 @@ def _carried(model: mujoco.MjModel, body: int, by: int) -> bool:
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], hull: int) -> Array:
-    """Corners (2, 3) [m], in hull axes, of the box around spheres about `geoms`' boxes; a point
-    without any.
-    """
+    """Corners (2, 3) [m] in hull axes of the box around `geoms`' boxes; a point without any."""
     if not geoms:
         return np.zeros((2, 3))
-    R, p = data.xmat[hull].reshape(3, 3), data.xpos[hull]
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    R = data.xmat[hull].reshape(3, 3)
+    p = data.xpos[hull]
+
+    low = np.full(3, np.inf)
+    high = np.full(3, -np.inf)
     for g in geoms:
         R_BG = R.T @ data.geom_xmat[g].reshape(3, 3)
         centre = R.T @ (data.geom_xpos[g] - p) + R_BG @ model.geom_aabb[g, :3]
         half = np.abs(R_BG) @ model.geom_aabb[g, 3:]
-        low, high = np.minimum(low, centre - half), np.maximum(high, centre + half)
+        low = np.minimum(low, centre - half)
+        high = np.maximum(high, centre + half)
+
     return np.array([low, high])

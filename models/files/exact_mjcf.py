@@ -13,10 +13,14 @@ def exact_xml(spec: mujoco.MjSpec) -> str:
     """MJCF of a spec; numbers keep all their digits where this MuJoCo can write them, else six."""
     native = library()
     try:
-        get, put = native._mjPRIVATE__get_xml_precision, native._mjPRIVATE__set_xml_precision
+        get = native._mjPRIVATE__get_xml_precision
+        put = native._mjPRIVATE__set_xml_precision
     except AttributeError:
         return spec.to_xml()
-    get.restype, put.argtypes = ctypes.c_int, [ctypes.c_int]
+
+    get.restype = ctypes.c_int
+    put.argtypes = [ctypes.c_int]
+
     before = get()
     put(_DIGITS)
     try:

@@ -10,7 +10,8 @@ from uuv.models.water.forms import CrossTerms, gz_term
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import finite_number, shown
 
-_FORCES, _SPEEDS = "xyzkmn", "UVWPQR"
+_FORCES = "xyzkmn"
+_SPEEDS = "UVWPQR"
 _NAMES = [f"{i}{j}" for i in _FORCES for j in _SPEEDS]
 _KNOWN = (
     *(f"{i}Dot{j}" for i in _FORCES for j in _SPEEDS),
@@ -45,27 +46,33 @@ def body_hydrodynamics(
         ConfigurationError: an unknown name, or numbers that `BodyHydrodynamics` refuses, such as a
             linear damping that feeds energy in.
     """
-    added, linear, quadratic = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(6)
+    added = np.zeros((6, 6))
+    linear = np.zeros((6, 6))
+    quadratic = np.zeros(6)
     others: dict[str, float] = {}
-    for name, value in parameters.items():
+
+    for name, coefficient in parameters.items():
         if name not in _KNOWN:
             raise ConfigurationError(
                 "gz-sim Hydrodynamics: unknown parameter "
                 f"{shown(name)}{did_you_mean(name, _KNOWN)}; it has xDotU, xU, "
                 "xUU, xUabsU and the like"
             )
-        value = finite_number(value, f"gz-sim Hydrodynamics {name}")
-        place = gz_term(name)
-        if place is None:  # xDotU
-            added[_FORCES.index(name[0]), _SPEEDS.index(name[-1])] = -value
+        coefficient = finite_number(coefficient, f"gz-sim Hydrodynamics {name}")
+
+        # Stability derivatives: what damps is negative there, and positive here.
+        term = gz_term(name)
+        if term is None:  # xDotU
+            added[_FORCES.index(name[0]), _SPEEDS.index(name[-1])] = -coefficient
             continue
-        i, j, k, absolute = place
+        i, j, k, absolute = term
         if k < 0:
-            linear[i, j] = -value
-        elif i == j == k and absolute and value <= 0.0:
-            quadratic[i] = -value
-        elif value != 0.0:
-            others[name] = value
+            linear[i, j] = -coefficient
+        elif i == j == k and absolute and coefficient <= 0.0:
+            quadratic[i] = -coefficient
+        elif coefficient != 0.0:
+            others[name] = coefficient
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=np.asarray(center_of_buoyancy, dtype=np.float64),

@@ -14,11 +14,10 @@ _WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 @contextmanager
 def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
-    """Context in which joints of `spec` may be added and deleted: at its end keyframes have their
-    size again.
+    """Context in which joints of `spec` may be added and deleted: then its keyframes fit again.
 
     Each joint that was there before keeps its position in every keyframe. A new joint gets that of
-    the model's reference configuration. Joints are told apart by their names, those without a name
+    the model's reference configuration. Joints are identified by their names, those without a name
     by their bodies'.
     """
     if not spec.keys:
@@ -26,17 +25,19 @@ def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
         return
 
     before = spec.copy().compile()
-    kept = {
+    positions = {
         key.name: dict(_positions(before, before.key_qpos[i])) for i, key in enumerate(spec.keys)
     }
+
     yield
+
     for key in spec.keys:
         key.qpos = np.zeros(0)
     after = spec.copy().compile()
     for key in spec.keys:
         qpos = np.array(after.qpos0)
-        for name, value in _positions(after, qpos):
-            value[:] = kept[key.name].get(name, value)
+        for name, part in _positions(after, qpos):
+            part[:] = positions[key.name].get(name, part)
         key.qpos = qpos
 
 

@@ -1,6 +1,4 @@
-"""Reader of users' MJCF files: each is read, compiled and validated once, with one clear error
-where it is wrong.
-"""
+"""Reader of users' MJCF files: read, compiled and validated once, each fault in one clear line."""
 
 import re
 from pathlib import Path
@@ -41,14 +39,16 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
     """
     path = existing_file(file, what)
     name = f"{what} {shown(str(path))}"
+
     root = re.search(
         rb"<([A-Za-z][\w.-]*)", re.sub(rb"<!--.*?-->", b"", bytes_of(path, what), flags=re.DOTALL)
     )
     if root is None or not root[1].startswith(b"mujoco"):
-        found = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
+        content = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
         raise ConfigurationError(
-            f"{name}: {found}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>"
+            f"{name}: {content}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>"
         )
+
     try:
         if path.suffix.lower() == ".xml":
             spec = mujoco.MjSpec.from_file(str(path))
@@ -57,6 +57,7 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
             spec.modelfiledir = str(path.parent)
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigurationError(f"{name} is not an MJCF that MuJoCo reads: {error}") from error
+
     return spec, compiled(spec, name)
 
 
@@ -74,13 +75,15 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ConfigurationError(f"{name}: MuJoCo cannot compile it: {error}") from error
+
     for field in _JUDGED:
-        values = np.asarray(getattr(model, field))
-        if not np.all(np.abs(values) <= _LARGEST):  # this form also catches NaN
-            worst = values.flat[
-                int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf)))
+        numbers = np.asarray(getattr(model, field))
+        if not np.all(np.abs(numbers) <= _LARGEST):  # this form also catches NaN
+            worst = numbers.flat[
+                int(np.argmax(np.where(np.isfinite(numbers), np.abs(numbers), np.inf)))
             ]
             raise ConfigurationError(
                 f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}"
             )
+
     return model

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import mujoco
 
-COMPUTED = "computed_"  # begins the name of a text element that tells a computed part
+COMPUTED = "computed_"  # begins the name of a text element about a computed part
 _NOTE = "note_"  # follows it in that of a line about the file
 
 
@@ -16,15 +16,15 @@ def note(spec: mujoco.MjSpec, lines: Iterable[str]) -> None:
 
 
 def computed(spec: mujoco.MjSpec) -> dict[str, str]:
-    """What a spec tells of itself: a line by the name of each computed part, and the notes."""
+    """What a spec states of itself: a line by the name of each computed part, and the notes."""
     texts = [text for text in spec.texts if text.name.startswith(COMPUTED)]
     return {text.name.removeprefix(COMPUTED): text.data for text in texts}
 
 
 def forget(spec: mujoco.MjSpec, name: str = "") -> None:
-    """Delete what a spec tells of a computed part, or of all.
+    """Delete what a spec states of a computed part, or of all.
 
-    A saved MJCF may tell of another state.
+    A saved MJCF may describe another state.
     """
     for text in list(spec.texts):
         part = text.name.removeprefix(COMPUTED)

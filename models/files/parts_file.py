@@ -1,5 +1,4 @@
-"""Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside the
-model.
+"""Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside it.
 
     hull: base_link                    # body, or link of a URDF; default: the one on the world
     arm_base: arm_mount                # body fixed to the hull that carries the arm
@@ -90,6 +89,7 @@ class MappedThruster:
             raise ConfigurationError(
                 f"needs one of actuator, site, and pos with direction, got {stated or 'none'}"
             )
+
         lacking = [name for name in ("pos", "direction") if placed and getattr(self, name) is None]
         if lacking:
             raise ConfigurationError(f"{' and '.join(lacking)}: three numbers are missing")
@@ -102,6 +102,7 @@ class MappedThruster:
                 f"kind: {_T200} is the only one by name, got {shown(self.kind)}; others by "
                 "figures: {forward: N, reverse: N}, {of_table: ...} or {of_polynomial: ...}"
             )
+
         object.__setattr__(self, "name", self.name or self.actuator or self.site or "")
 
     @property
@@ -111,9 +112,7 @@ class MappedThruster:
 
     @property
     def place(self) -> PartPlace | None:
-        """Place of a site to be added, z along the positive thrust; None: it is at one of the
-        model's.
-        """
+        """Place of a site to be added, z along the positive thrust; None: at one of the model's."""
         if self.pos is None or self.direction is None:
             return None
         return PartPlace(body=self.body or "", pos=self.pos, z=self.direction)

@@ -95,8 +95,7 @@ def beside(mjcf: str | Path) -> Path:
 
 
 def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | None = None) -> None:
-    """Attach what custom elements of `spec` and its sidecar say; the elements are removed from the
-    spec.
+    """Attach the custom elements of `spec` and its sidecar; the elements are removed from the spec.
 
     Args:
         spec: as read from `mjcf`, changed in place.
@@ -109,6 +108,8 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
     """
     in_file = elements_of(spec)
     file = beside(mjcf) if sidecar is None else Path(sidecar)
+
+    # Two sources may complete each other, but not state the same part.
     if sidecar is not None or file.is_file():
         in_sidecar = read_sidecar(file)
         what = named(file, "water file")
@@ -123,7 +124,10 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
         attach_tree(spec, _with_density_of(in_file, in_sidecar), what)
     else:
         attach_tree(spec, in_file, "MJCF", _ELEMENT_NAMES)
-    for element in [each for each in spec.numerics if each.name.startswith(hydrodynamics.ELEMENTS)]:
+
+    for element in [
+        numeric for numeric in spec.numerics if numeric.name.startswith(hydrodynamics.ELEMENTS)
+    ]:
         spec.delete(element)
 
 
@@ -150,8 +154,7 @@ def checked_tree(document: Any, what: str) -> dict[str, Any]:
 
 
 def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
-    """Tree of a spec's custom numeric elements `water/...` and `thruster/...`, as that of a
-    sidecar.
+    """Tree of a spec's custom numeric elements `water/...` and `thruster/...`, as of a sidecar.
 
     Raises:
         ConfigurationError: a name that leads to no body or actuator, or contradicts another name.
@@ -162,15 +165,22 @@ def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
     for element in spec.numerics:
         name = str(element.name)
         numbers = [float(x) for x in element.data]
-        value: Any = checked(
+        number_or_row: Any = checked(
             numbers[0] if len(numbers) == 1 else numbers, f"custom element {name!r}"
         )
+
         if name == _WATER + _DENSITY:
-            tree[_DENSITY] = value
+            tree[_DENSITY] = number_or_row
         elif name.startswith(_WATER):
-            _put(tree, ["bodies", *_path(name, _WATER, bodies, "body")], value, name)
+            _put(tree, ["bodies", *_path(name, _WATER, bodies, "body")], number_or_row, name)
         elif name.startswith(_THRUSTER):
-            _put(tree, ["thrusters", *_path(name, _THRUSTER, actuators, "actuator")], value, name)
+            _put(
+                tree,
+                ["thrusters", *_path(name, _THRUSTER, actuators, "actuator")],
+                number_or_row,
+                name,
+            )
+
     return {
         section: _of_owners(branch) if isinstance(branch, dict) else branch
         for section, branch in tree.items()
@@ -202,7 +212,8 @@ def attach_tree(
         _check_names(sections.bodies, bodies, "body")
         _check_names(sections.thrusters, actuators, "actuator")
 
-        wet, driven = {}, {}
+        wet = {}
+        driven = {}
         for name, entry in sections.bodies.items():
             if hydrodynamics.carries(bodies[name].userdata):
                 raise ConfigurationError(f"body {name!r} has its water already, {_TWICE}")
@@ -221,8 +232,7 @@ def attach_tree(
 
 
 def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
-    """Tree of the water and thrusters that are attached to `spec`; reading it gives the same
-    numbers to the last bit.
+    """Tree of the water and thrusters of `spec`; reading it gives the same numbers to the last bit.
 
     Raises:
         ConfigurationError: the spec has no hydrodynamics, or a wet body or thruster has no name.
@@ -232,6 +242,7 @@ def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
         raise ConfigurationError(
             "this spec has no hydrodynamics; call uuv.models.hydrodynamics.attach first"
         )
+
     driven = {
         actuator.name: thrusters.unpack(np.array(actuator.userdata))
         for actuator in spec.actuators
@@ -239,18 +250,19 @@ def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
     }
     if "" in wet or "" in driven:
         raise ConfigurationError("water: a wet body or thruster without a name cannot be written")
+
     tree: dict[str, Any] = {
         _DENSITY: hydrodynamics.density_of(spec),
         "bodies": {name: _written(body) for name, body in wet.items()},
     }
     if driven:
         tree["thrusters"] = {name: _written(thruster) for name, thruster in driven.items()}
+
     return tree
 
 
 def write_sidecar(spec: mujoco.MjSpec, file: str | Path) -> Path:
-    """Write the water and thrusters of `spec` as YAML; `xml_without_water` is the MJCF that belongs
-    to it.
+    """Write the water and thrusters of `spec` as YAML, which goes with its `xml_without_water`.
 
     Returns:
         The file.
@@ -280,6 +292,7 @@ def xml_with_elements(spec: mujoco.MjSpec) -> str:
         lines += [
             _numeric(prefix + name, numbers) for name, numbers in _leaves(tree.get(section, {}))
         ]
+
     head, end, _ = _bare_xml(spec).rpartition("</mujoco>")
     return (
         f"{head}  <custom>\n" + "".join(f"    {line}\n" for line in lines) + f"  </custom>\n{end}\n"
@@ -287,8 +300,7 @@ def xml_with_elements(spec: mujoco.MjSpec) -> str:
 
 
 def xml_without_water(spec: mujoco.MjSpec) -> str:
-    """MJCF of `spec` without the user data of its water and thrusters, for a sidecar to stand
-    beside.
+    """MJCF of `spec` without the user data of its water and thrusters, to go with a sidecar.
 
     Their reaction torques are taken out of the gears, where reading the thrusters puts them again.
     MuJoCo alone reads it: it is the vehicle in air.
@@ -305,6 +317,7 @@ def _bare_xml(spec: mujoco.MjSpec) -> str:
         if thrusters.carries(np.array(actuator.userdata)):
             thrusters.detach(actuator)
             actuator.gear[3:] = 0.0
+
     bare.nuser_body = max([len(body.userdata) for body in bare.bodies] or [0])
     bare.nuser_actuator = max([len(actuator.userdata) for actuator in bare.actuators] or [0])
     return exact_xml(bare)
@@ -319,17 +332,16 @@ def _with_density_of(other: Mapping[str, Any], tree: Mapping[str, Any]) -> dict[
 
 
 def _path(name: str, prefix: str, known: list[str], what: str) -> list[str]:
-    """Body or actuator, and the names behind it, of an element; names of bodies may contain a slash
-    themselves.
-    """
+    """Body or actuator, and the names behind it, of an element; a body's name may have slashes."""
     rest = name.removeprefix(prefix)
-    owners = [each for each in known if each and rest.startswith(each + "/")]
+    owners = [candidate for candidate in known if candidate and rest.startswith(candidate + "/")]
     if not owners:
         first = rest.partition("/")[0]
         raise ConfigurationError(
             f"custom element {name!r}: no {what} {first!r} with a field behind "
             f"it{did_you_mean(first, known)}"
         )
+
     owner = max(owners, key=len)
     return [owner, *rest[len(owner) + 1 :].split("/")]
 
@@ -347,9 +359,7 @@ def _put(tree: dict[str, Any], path: list[str], value: Any, name: str) -> None:
 
 
 def _of_owners(branch: dict[str, Any]) -> dict[str, Any]:
-    """`_with_lists` of what stands below each body or actuator, which may itself be called 0 or
-    1.
-    """
+    """`_with_lists` of what stands below each body or actuator, which may be called 0 or 1."""
     return {owner: _with_lists(entry) for owner, entry in branch.items()}
 
 
@@ -367,9 +377,7 @@ _OF_DENSITY: Final = {"schema": {"unit": "kg/m^3", "exclusiveMinimum": 0, "maxim
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sections:
-    """A tree; the entries of bodies and actuators are read once the model is known to have
-    these.
-    """
+    """A tree; entries of bodies and actuators are read once the model is known to have these."""
 
     water_density: float | None = field(default=None, metadata=_OF_DENSITY)
     bodies: Mapping[str, Any] = field(default_factory=dict)
@@ -384,8 +392,7 @@ def _check_names(given: Mapping[str, Any], known: Mapping[str, Any], kind: str) 
 
 
 def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrodynamics:
-    """Coefficients of a body's entry: fields of BodyHydrodynamics, which may replace those of a
-    shape.
+    """Coefficients of a body's entry: fields of BodyHydrodynamics, which may replace a shape's.
 
     Args:
         entry: table of names with their numbers.
@@ -403,7 +410,7 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes and "volume" not in entry:
         raise ConfigurationError(f"{where}: volume or a shape ({', '.join(SHAPES)}) is missing")
 
-    stated = {name: value for name, value in entry.items() if name not in SHAPES}
+    stated = {name: figure for name, figure in entry.items() if name not in SHAPES}
     for name in ("added_mass", "linear_damping"):
         if name in stated:
             alone = {name: stated[name]}
@@ -412,9 +419,12 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes:
         return _READER.made(BodyHydrodynamics, stated, where)
 
-    shape, place = shapes[0], inside(where, shapes[0])
+    shape = shapes[0]
+    shape_path = inside(where, shape)
     density = {} if water_density is None else {_DENSITY: water_density}
-    body = _READER.made(SHAPES[shape], {**density, **_READER.table(entry[shape], place)}, place)
+    body = _READER.made(
+        SHAPES[shape], {**density, **_READER.table(entry[shape], shape_path)}, shape_path
+    )
     try:
         return replace(body, **_READER.values(BodyHydrodynamics, stated, where, complete=False))
     except ConfigurationError as error:
@@ -449,8 +459,9 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
     if makers:
         entry = {} if table[makers[0]] is None else table[makers[0]]  # `t200:` alone
         return _THRUSTER_MAKERS[makers[0]], _spelt_out(entry, where), inside(where, makers[0])
-    own = [entry.name for entry in fields(Thruster)]
-    _READER.check_keys(table, (*own, *_THRUSTER_MAKERS), where)
+
+    field_names = [entry.name for entry in fields(Thruster)]
+    _READER.check_keys(table, (*field_names, *_THRUSTER_MAKERS), where)
     return Thruster, _spelt_out(table, where), where
 
 
@@ -468,10 +479,12 @@ def _spelt_out(value: Any, where: str) -> Any:
         tree |= {key: _row(tree[key]) for key in _ROWS if key in tree}
         pairs = {key: _row(tree[key]) for key in _PAIRS if key in tree}
         return tree | {key: [_row(row) for row in rows] for key, rows in pairs.items()}
+
     if isinstance(value, list):
         if len(value) > _MOST:
             raise ConfigurationError(f"{where}: must be at most {_MOST} entries, got {len(value)}")
         return [_spelt_out(entry, inside(where, i)) for i, entry in enumerate(value)]
+
     exact = isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_EXACT
     return int(value) if exact and not (value == 0.0 and math.copysign(1.0, value) < 0.0) else value
 
@@ -481,9 +494,7 @@ def _row(value: Any) -> Any:
 
 
 def _square(numbers: Array, triangle: bool, where: str) -> Array:
-    """Matrix (6, 6) of its diagonal, all its numbers or, if `triangle`, its upper triangle by
-    rows.
-    """
+    """Matrix (6, 6) of its diagonal, of all numbers or, if `triangle`, of its upper triangle."""
     if numbers.shape == (6,):
         return np.diag(numbers) if triangle else numbers
     if triangle and numbers.shape == (21,):
@@ -492,6 +503,7 @@ def _square(numbers: Array, triangle: bool, where: str) -> Array:
         return matrix
     if numbers.shape in ((36,), (6, 6)):
         return numbers.reshape(6, 6)
+
     count = "6, 21 (upper triangle by rows) or 6 x 6" if triangle else "6 or 6 x 6"
     raise ConfigurationError(f"{where}: must be {count} numbers, got {shown(numbers)}")
 
@@ -500,17 +512,16 @@ def _square(numbers: Array, triangle: bool, where: str) -> Array:
 
 
 def _written(thing: Any) -> dict[str, Any]:
-    """Fields of a dataclass that differ from their defaults, as plain numbers, rows and
-    mappings.
-    """
+    """Fields of a dataclass that differ from their defaults: plain numbers, rows and mappings."""
     tree = {}
     for entry in fields(thing):
-        value = getattr(thing, entry.name)
-        if entry.name == "linear_damping" and _same(value, np.diag(np.diag(value))):
-            value = np.diag(value)
+        content = getattr(thing, entry.name)
+        if entry.name == "linear_damping" and _same(content, np.diag(np.diag(content))):
+            content = np.diag(content)
+
         default = entry.default_factory() if entry.default_factory is not MISSING else entry.default
-        if default is MISSING or not _same(value, default):
-            tree[entry.name] = _tree(value)
+        if default is MISSING or not _same(content, default):
+            tree[entry.name] = _tree(content)
     return tree
 
 
@@ -529,18 +540,18 @@ def _tree(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, tuple):
-        return [_tree(each) for each in value]
+        return [_tree(entry) for entry in value]
     return value
 
 
 def _leaves(branch: Any, name: str = "") -> Iterator[tuple[str, list[float]]]:
     """Paths and rows of numbers of a tree."""
     if isinstance(branch, dict):
-        for key, value in branch.items():
-            yield from _leaves(value, f"{name}/{key}" if name else key)
-    elif isinstance(branch, list) and not all(isinstance(each, int | float) for each in branch):
-        for k, value in enumerate(branch):
-            yield from _leaves(value, f"{name}/{k}")
+        for key, child in branch.items():
+            yield from _leaves(child, f"{name}/{key}" if name else key)
+    elif isinstance(branch, list) and not all(isinstance(entry, int | float) for entry in branch):
+        for k, child in enumerate(branch):
+            yield from _leaves(child, f"{name}/{k}")
     else:
         yield name, branch if isinstance(branch, list) else [branch]
 

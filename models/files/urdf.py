@@ -1,5 +1,4 @@
-"""URDF files: the tree of links and joints, the serial arm between two links, and the robot as a
-MuJoCo model.
+"""URDF files: the tree of links and joints, the arm between two links, the robot in MuJoCo.
 
     robot = urdf.parse("arm.urdf")
     arm = robot.chain(tip="flange").arm()                       # SerialArm, from the root link
@@ -86,8 +85,12 @@ def mesh_file(name: str, folder: Path) -> Path | None:
         name: path, file:// or package://.
         folder: of the URDF.
     """
-    plain, folder = name.removeprefix("file://"), folder.resolve()
+    plain = name.removeprefix("file://")
+    folder = folder.resolve()
+
     tried = [folder / plain]
+
+    # A package, by the folders above that of the URDF.
     if "://" in plain:
         plain = plain.partition("://")[2]
         package, _, rest = plain.partition("/")
@@ -95,10 +98,13 @@ def mesh_file(name: str, folder: Path) -> Path | None:
         tried = [base / package / rest for base in above] + [
             base / rest for base in above if base.name == package
         ]
+
+    # The end of the path, below the URDF's folder or the one above.
     parts = Path(plain).parts
     tried += [
         base.joinpath(*parts[k:]) for k in range(len(parts)) for base in (folder, folder.parent)
     ]
+
     return next((path.resolve() for path in tried if path.is_file()), None)
 
 
@@ -120,7 +126,8 @@ class UrdfChain:
     @property
     def X_base_child(self) -> list[Array]:
         """Pose (4, 4) in the base link of the link after each joint, at zero."""
-        X, out = np.eye(4), []
+        X = np.eye(4)
+        out = []
         for step in self.X_parent_child:
             X = X @ step
             out.append(X)
@@ -138,7 +145,8 @@ class UrdfChain:
         from uuv.models.arms.serial_arm import SerialArm  # its kernels compile on import
 
         X = self.X_base_child
-        axes, limits = [], []
+        axes = []
+        limits = []
         for i in self.driven:
             joint = self.joints[i]
             element = joint.find("axis")
@@ -154,6 +162,7 @@ class UrdfChain:
                 )
             axes.append(X[i][:3, :3] @ axis)
             limits.append(_limits(joint, self.name))
+
         driven = [self.joints[i] for i in self.driven]
         types = "".join(_DRIVEN[str(joint.get("type"))] for joint in driven)
         return replace(
@@ -196,6 +205,7 @@ class UrdfRobot:
                 raise ConfigurationError(
                     f"{argument}: the robot has {', '.join(self.links)}, got {shown(link)}"
                 )
+
         joints: list[Element] = []
         link = tip
         while link != base and link in self.carriers:
@@ -205,6 +215,7 @@ class UrdfRobot:
             raise ConfigurationError(
                 f"{arguments[1]}: {tip!r} must be link {base!r} or a link beyond it"
             )
+
         for joint in joints:
             if joint.get("type") in _UNSOLVED:
                 raise ConfigurationError(
@@ -243,6 +254,7 @@ class UrdfRobot:
                     f"{', '.join(leaves)}"
                 )
             tip = leaves[0]
+
         start = self.root if base is None else base
         joints = self.path(start, tip, arguments)
         for joint in joints:
@@ -251,6 +263,7 @@ class UrdfRobot:
                     f"{self.name}: joint {joint.get('name')!r} between base and tip must not be a "
                     "mimic"
                 )
+
         chain = UrdfChain(
             name=self.name,
             base=start,
@@ -282,10 +295,13 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
     xml = _parsed(urdf, name)
     links = tuple(link.get("name", "") for link in xml.findall("link"))
     carriers: dict[str, tuple[str, Element]] = {}
+
     for joint in xml.findall("joint"):
-        said, kind = f"{name}: joint {joint.get('name', '')!r}", joint.get("type", "")
+        subject = f"{name}: joint {joint.get('name', '')!r}"
+        kind = joint.get("type", "")
         if kind not in _JOINTS:
-            raise ConfigurationError(f"{said}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
+            raise ConfigurationError(f"{subject}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
+
         ends = [
             end.get("link", "")
             for end in (joint.find("parent"), joint.find("child"))
@@ -293,7 +309,7 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
         ]
         if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
             raise ConfigurationError(
-                f"{said}: must join a parent link to a child of no other, got {ends}"
+                f"{subject}: must join a parent link to a child of no other, got {ends}"
             )
         carriers[ends[1]] = ends[0], joint
 
@@ -306,7 +322,8 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
 
     carried = {roots[0]}
     for link in links:
-        way, at = [], link
+        way = []
+        at = link
         while at not in carried and at not in way:
             way.append(at)
             at = carriers[at][0]
@@ -315,6 +332,7 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
                 f"{name}: the links of a URDF must form one tree, found the loop {way}"
             )
         carried.update(way)
+
     return UrdfRobot(name=name, xml=xml, links=links, root=roots[0], carriers=carriers)
 
 
@@ -340,9 +358,12 @@ def model_from_urdf(
     robot = parse(urdf)
     robot.path(base_link, tip_link)
     mimics = take_mimics(robot)
+
     for _, joint in robot.carriers.values():
         if joint.get("type") in _UNSOLVED:
             joint.set("type", "fixed")  # beside the chain, where MuJoCo would refuse it
+
+    # Bodies without shapes.
     for link in robot.xml.findall("link"):
         for part in list(link):
             link.remove(part)
@@ -352,8 +373,10 @@ def model_from_urdf(
         ElementTree.SubElement(
             inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0"
         )
+
     extension = ElementTree.SubElement(robot.xml, "mujoco")
     ElementTree.SubElement(extension, "compiler", fusestatic="false")
+
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
         carrier = spec.worldbody if tip_link == robot.root else spec.body(tip_link)
@@ -367,9 +390,7 @@ def model_from_urdf(
 
 
 def take_mimics(robot: UrdfRobot) -> list[tuple[str, Element]]:
-    """Remove the `mimic` elements, which MuJoCo does not know, from a robot's XML: joint and
-    element of each.
-    """
+    """Take the `mimic` elements, which MuJoCo lacks, out of a robot: joint and element of each."""
     mimics = []
     for _, joint in robot.carriers.values():
         mimic = joint.find("mimic")
@@ -415,11 +436,13 @@ def _parsed(urdf: Any, name: str) -> Element:
         content = bytes_of(urdf, name)  # as bytes: XML says its encoding itself
     else:
         raise ConfigurationError(f"{name}: expected a file or its text, got {shown(urdf)}")
+
     try:
         xml = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         # the latter two of encodings it does not know
         raise ConfigurationError(f"{name}: no XML ({error})") from error
+
     if xml.tag != "robot":
         raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
     if any(str(element.tag).startswith(_XACRO) for element in xml.iter()):
@@ -444,7 +467,8 @@ def _limits(joint: Element, name: str) -> tuple[float, float]:
     if limit is None or joint.get("type") == "continuous":
         return -np.inf, np.inf
     try:
-        lower, upper = float(limit.get("lower", "-inf")), float(limit.get("upper", "inf"))
+        lower = float(limit.get("lower", "-inf"))
+        upper = float(limit.get("upper", "inf"))
     except ValueError as error:
         raise ConfigurationError(
             f"{name}: joint {joint.get('name')!r}: limits must be numbers"
@@ -458,12 +482,12 @@ def _numbers(
     """Three numbers of an attribute, or `default` where it is missing."""
     if text is None:
         return np.array(default)
-    said = f"{name}: joint {joint.get('name')!r}"
+    subject = f"{name}: joint {joint.get('name')!r}"
     try:
-        values = [float(word) for word in text.split()]
+        numbers = [float(word) for word in text.split()]
     except ValueError as error:
-        raise ConfigurationError(f"{said}: expected three numbers, got {shown(text)}") from error
-    return checked_place(values, (3,), said, LONGEST)
+        raise ConfigurationError(f"{subject}: expected three numbers, got {shown(text)}") from error
+    return checked_place(numbers, (3,), subject, LONGEST)
 
 
 def _figure(text: str, name: str) -> float:

@@ -168,11 +168,11 @@ def _take_inertia(root: Element, child: Element, joint: Element, name: str) -> N
     inertial = child.find("inertial")
     assert inertial is not None
     X = origin_of(joint, name) @ origin_of(inertial, name)
-    place = inertial.find("origin")
-    place = ElementTree.SubElement(inertial, "origin") if place is None else place
-    place.set("xyz", " ".join(f"{value!r}" for value in X[:3, 3].tolist()))
+    origin = inertial.find("origin")
+    origin = ElementTree.SubElement(inertial, "origin") if origin is None else origin
+    origin.set("xyz", " ".join(f"{number!r}" for number in X[:3, 3].tolist()))
     yaw_pitch_roll = Rotation.from_matrix(X[:3, :3]).as_euler("ZYX").tolist()
-    place.set("rpy", " ".join(f"{value!r}" for value in reversed(yaw_pitch_roll)))
+    origin.set("rpy", " ".join(f"{number!r}" for number in reversed(yaw_pitch_roll)))
 
     child.remove(inertial)
     for old in root.findall("inertial"):

@@ -1,5 +1,4 @@
-"""Closed triangle meshes of simple shapes, and operations on meshes: welding, closedness, volume,
-normals, subdivision.
+"""Closed triangle meshes of simple shapes; welding, closedness, volume, normals, subdivision.
 
 Triangles wind counter-clockwise seen from outside.
 """
@@ -16,8 +15,7 @@ _WELD = 1e-7  # [m] distance below which two vertices are merged
 
 
 def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
-    """Closed surface of revolution of `profile` (P, 2) [m], rows (x, radius), about x in `sides`
-    steps.
+    """Closed surface of `profile` (P, 2) [m], rows (x, radius), revolved about x in `sides` steps.
 
     Returns:
         Vertices (V, 3) [m] and triangles (T, 3), counter-clockwise from outside for a profile from
@@ -29,8 +27,11 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
     x, radius = np.asarray(profile, dtype=np.float64).T
     if radius[0] != 0.0 or radius[-1] != 0.0:
         raise ConfigurationError("profile of revolution: the first and the last radius must be 0")
+
+    # Rings of vertices between the two poles.
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    ring_x, ring_r = x[1:-1], radius[1:-1]
+    ring_x = x[1:-1]
+    ring_r = radius[1:-1]
     rings = np.stack(
         [
             np.repeat(ring_x[:, None], sides, axis=1),
@@ -40,12 +41,15 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
         axis=-1,
     ).reshape(-1, 3)
     vertices = np.vstack([[x[0], 0.0, 0.0], rings, [x[-1], 0.0, 0.0]])
+
+    # Triangles: a cap at each end, and two for each side between two rings.
     i = np.arange(sides)
     j = (i + 1) % sides
     last = 1 + (len(ring_x) - 1) * sides
     faces = [np.column_stack([np.zeros_like(i), 1 + j, 1 + i])]
     for ring in range(len(ring_x) - 1):
-        low, high = 1 + ring * sides, 1 + (ring + 1) * sides
+        low = 1 + ring * sides
+        high = 1 + (ring + 1) * sides
         faces.append(np.column_stack([low + i, low + j, high + i]))
         faces.append(np.column_stack([low + j, high + j, high + i]))
     faces.append(np.column_stack([last + i, last + j, np.full_like(i, len(vertices) - 1)]))
@@ -53,13 +57,14 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
 
 
 def prism(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, np.ndarray]:
-    """Closed surface between two convex polygons (N, 3) [m] with equally many corners, both
-    counter-clockwise.
-    """
-    low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+    """Closed surface between two convex polygons (N, 3) [m], both counter-clockwise."""
+    low = np.asarray(lower, dtype=np.float64)
+    high = np.asarray(upper, dtype=np.float64)
     n = len(low)
     i = np.arange(n)
     j = (i + 1) % n
+
+    # Two polygons as fans, and their sides.
     fan = np.arange(1, n - 1)
     zero = np.zeros_like(fan)
     return np.vstack([low, high]), np.vstack(
@@ -96,9 +101,11 @@ def sphere(level: int) -> tuple[Array, np.ndarray]:
     vertices = np.array(
         [*corners, [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]], dtype=np.float64
     )
+
     faces = "0 11 5 0 5 1 0 1 7 0 7 10 0 10 11 1 5 9 5 11 4 11 10 2 10 7 6 7 1 8"
     faces += " 3 9 4 3 4 2 3 2 6 3 6 8 3 8 9 4 9 5 2 4 11 6 2 10 8 6 7 9 8 1"
     triangles = np.array(faces.split(), dtype=np.int64).reshape(-1, 3)
+
     for _ in range(level):
         vertices, triangles = split(vertices, triangles, np.ones(len(triangles), dtype=bool), 0.0)
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), triangles
@@ -106,7 +113,9 @@ def sphere(level: int) -> tuple[Array, np.ndarray]:
 
 def joined(parts: Iterable[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray]:
     """Concatenate several meshes (vertices (V, 3), triangles (T, 3)) without welding."""
-    vertices, triangles, count = [], [], 0
+    vertices = []
+    triangles = []
+    count = 0
     for points, faces in parts:
         vertices.append(points)
         triangles.append(faces + count)
@@ -131,10 +140,12 @@ def welded(
     _, first, index = np.unique(
         np.round(points / distance), axis=0, return_index=True, return_inverse=True
     )
+
     order = np.argsort(first)  # keeps the order of the vertices
-    place = np.empty_like(order)
-    place[order] = np.arange(len(order))
-    faces = place[index.ravel()][triangles]
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    faces = rank[index.ravel()][triangles]
+
     keep = (
         (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     )
@@ -142,9 +153,7 @@ def welded(
 
 
 def open_edges(triangles: np.ndarray) -> int:
-    """Number of directed edges of `triangles` (T, 3) without exactly one opposite: 0 for closed,
-    manifold shells.
-    """
+    """Number of directed edges of `triangles` (T, 3) without exactly one opposite; 0: closed."""
     edges = np.concatenate(
         [triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]
     ).astype(np.int64)
@@ -155,17 +164,13 @@ def open_edges(triangles: np.ndarray) -> int:
 
 
 def volume(vertices: Array, triangles: np.ndarray) -> float:
-    """Enclosed volume [m^3] of closed triangles; overlapping shells add up, inverted ones count
-    negative.
-    """
+    """Enclosed volume [m^3]; shells that overlap add up, inverted ones count negative."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
 def vertex_normals(vertices: Array, triangles: np.ndarray) -> Array:
-    """Unit normals (V, 3) at the vertices, area-weighted over their triangles; zero at vertices
-    without triangle.
-    """
+    """Unit normals (V, 3) at the vertices, weighted by the area of their triangles; else zero."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     normals = np.zeros_like(vertices)
@@ -198,13 +203,17 @@ def split(
     cut_keys = np.unique(key[chosen[:, None] & (length > longest)])
     if not len(cut_keys):
         return vertices, triangles
+
+    # A new vertex in the middle of each edge that is cut.
     middles = 0.5 * (vertices[cut_keys // len(vertices)] + vertices[cut_keys % len(vertices)])
-    place = np.searchsorted(cut_keys, key)
-    cut = cut_keys[np.minimum(place, len(cut_keys) - 1)] == key
+    position = np.searchsorted(cut_keys, key)
+    cut = cut_keys[np.minimum(position, len(cut_keys) - 1)] == key
     # (T, 3): the vertex on the edge from corner i to i + 1
-    middle = np.where(cut, len(vertices) + place, -1)
+    middle = np.where(cut, len(vertices) + position, -1)
+
     count = cut.sum(axis=1)
     parts = [triangles[count == 0]]
+
     # Turned so that one cut lies on edge 0, and of two cuts the uncut edge is edge 2.
     for n, first in (
         (1, cut.argmax(axis=1)),
@@ -213,7 +222,8 @@ def split(
     ):
         rows = np.flatnonzero(count == n)
         turn = (first[rows, None] + np.arange(3)) % 3
-        (a, b, c), (x, y, z) = triangles[rows[:, None], turn].T, middle[rows[:, None], turn].T
+        a, b, c = triangles[rows[:, None], turn].T
+        x, y, z = middle[rows[:, None], turn].T
         if n == 1:
             pieces = [(a, x, c), (x, b, c)]
         elif n == 2:
@@ -221,4 +231,5 @@ def split(
         else:
             pieces = [(a, x, z), (x, b, y), (z, y, c), (x, y, z)]
         parts += [np.column_stack(piece) for piece in pieces]
+
     return np.vstack([vertices, middles]), np.vstack(parts)

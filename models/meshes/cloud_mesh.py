@@ -1,5 +1,4 @@
-"""Triangle mesh of a point cloud: the faces of its Delaunay tetrahedra that are as small as the
-points are dense.
+"""Triangle mesh of a point cloud: faces of its Delaunay tetrahedra as small as points are dense.
 
 The tetrahedra are entered from outside through every face that is larger than the spacing of the
 points, or that runs across the surface from one wall to another. The faces where this ends are the
@@ -79,12 +78,15 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
         ConfigurationError: for fewer than FEWEST distinct points, or points that form no surface.
     """
     middle = middle_if_far(points)  # about which all squares of lengths are exact
-    given, points = len(points), points - middle
+    count = len(points)
+    points = points - middle
     points, first = np.unique(points, axis=0, return_index=True)
     if len(points) < FEWEST:
         raise ConfigurationError(
             f"cloud: a model needs at least {FEWEST} distinct points, got {len(points)}"
         )
+
+    # Normals of the cloud, where they tell the sides or can be turned.
     outward = (
         None
         if normals is None
@@ -94,42 +96,49 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
     if outward is not None and not _one_sided(points, outward):
         outward = _turned(points, outward, cKDTree(points).query(points, k=_NEIGHBOURS)[1])
         how = "given, but of either sign: turned to one side"
+
+    # Density, and normals where the cloud has none.
     points, outward = _averaged(points, outward)
     local, spacing = _spacing(points)
     axes, flat = (
         _normals(points) if outward is None else (outward, np.ones(len(points), dtype=bool))
     )
+
+    # The surface, its edges, and the side that it is seen from.
     triangles = _surface(points, local, axes, flat)
     if not len(triangles):
         raise ConfigurationError(
             f"cloud: its {len(points)} points form no surface; a model needs one"
         )
     vertices, triangles = _sharpened(points, triangles, axes, flat)
+
     is_open = _share_open(vertices, triangles, spacing) > _OPEN
     triangles = _met(vertices, triangles, 0.0 if is_open else spacing)
     if is_open and np.einsum("ni,ni->", axes, points - points.mean(axis=0)) < 0.0:
-        triangles, axes, how = triangles[:, ::-1], -axes, f"{how}, turned over: it bulged inward"
+        triangles = triangles[:, ::-1]
+        axes = -axes
+        how = f"{how}, turned over: it bulged inward"
+
     fewer = f", averaged to {len(points)}" if len(points) < len(first) else ""
     ends = (
         "open: what lies behind it, and beyond its borders, counts as unknown"
         if is_open
         else "all around"
     )
+
     return CloudMesh(
         vertices=vertices + middle,
         triangles=triangles,
         spacing=spacing,
         is_open=is_open,
         border=_ends(points, axes, spacing) + middle if is_open else np.zeros((0, 3)),
-        note=f"meshed from a cloud of {given} points{fewer}, {1e3 * spacing:.1f} mm apart, "
+        note=f"meshed from a cloud of {count} points{fewer}, {1e3 * spacing:.1f} mm apart, "
         f"normals {how}; {ends}",
     )
 
 
 def _spacing(points: Array) -> tuple[Array, float]:
-    """Spacing (n,) [m] around each point, and its median: as many points lie in a disc as on a
-    square lattice.
-    """
+    """Spacing (n,) [m] around each point, as of a square lattice of equal density; its median."""
     distance, near = cKDTree(points).query(points, k=_COUNTED + 1)
     spacing = distance[:, -1] * np.sqrt(np.pi / _COUNTED)
     local = np.maximum(spacing, np.median(spacing[near], axis=1))
@@ -145,17 +154,18 @@ def _normals(points: Array) -> tuple[Array, np.ndarray]:
     near = cKDTree(points).query(points, k=_NEIGHBOURS)[1]
     middle = points[near].mean(axis=1)
     around = points[near] - middle[:, None]
-    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around) / _NEIGHBOURS)
-    values, normals = np.sqrt(np.maximum(values, 0.0)), vectors[:, :, 0]
+    spread, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around) / _NEIGHBOURS)
+    spread = np.sqrt(np.maximum(spread, 0.0))
+    normals = vectors[:, :, 0]
+
+    # Of the planes of its neighbours a point takes the thinnest that it lies on.
     off = np.abs(np.einsum("nki,nki->nk", normals[near], points[:, None] - middle[near]))
-    best = near[np.arange(len(points)), (values[near, 0] + off).argmin(axis=1)]
-    return _turned(points, normals[best], near), values[best, 0] < _FLAT * values[best, 1]
+    best = near[np.arange(len(points)), (spread[near, 0] + off).argmin(axis=1)]
+    return _turned(points, normals[best], near), spread[best, 0] < _FLAT * spread[best, 1]
 
 
 def _one_sided(points: Array, normals: Array) -> bool:
-    """Whether the normals (n, 3) tell the sides: those of neighbours on one plane point the same
-    way.
-    """
+    """Whether normals (n, 3) tell the sides: neighbours on one plane point the same way."""
     near = cKDTree(points).query(points, k=_NEIGHBOURS)[1][:, 1:]
     away = points[near] - points[:, None]
     along = np.einsum("nki,ni->nk", normals[near], normals)
@@ -165,15 +175,15 @@ def _one_sided(points: Array, normals: Array) -> bool:
 
 
 def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
-    """The normals (n, 3) turned to one side: each as its most parallel neighbour's, all outward
-    where it bulges.
-    """
-    one = np.repeat(np.arange(len(points)), near.shape[1] - 1)
-    two = near[:, 1:].ravel()
-    along = np.einsum("ni,ni->n", normals[one], normals[two])
+    """The normals (n, 3), each turned as its most parallel neighbour's, then all outward."""
+    first = np.repeat(np.arange(len(points)), near.shape[1] - 1)
+    second = near[:, 1:].ravel()
+    along = np.einsum("ni,ni->n", normals[first], normals[second])
     tree = minimum_spanning_tree(
-        coo_matrix((1.0001 - np.abs(along), (one, two)), shape=(len(points),) * 2).tocsr()
+        coo_matrix((1.0001 - np.abs(along), (first, second)), shape=(len(points),) * 2).tocsr()
     )
+
+    # From one member of each part along the tree, then all of the part outward.
     label = connected_components(tree, directed=False)[1]
     sign = np.ones(len(points))
     for part in range(label.max() + 1):
@@ -181,12 +191,14 @@ def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
         order, parent = breadth_first_order(tree, members[0], directed=False)
         for k in order[1:]:
             sign[k] = sign[parent[k]] * (1.0 if normals[k] @ normals[parent[k]] >= 0.0 else -1.0)
+
         out = np.einsum(
             "ni,ni->n",
             sign[members, None] * normals[members],
             points[members] - points[members].mean(axis=0),
         )
         sign[members] *= 1.0 if out.sum() >= 0.0 else -1.0
+
     return sign[:, None] * normals
 
 
@@ -198,29 +210,32 @@ def _averaged(points: Array, normals: Array | None) -> tuple[Array, Array | None
         least = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", around, around))[:, 0]
         off = float(np.median(np.sqrt(np.maximum(least, 0.0) / (_NEIGHBOURS - 3))))
         spacing = _spacing(points)[1]
+
         many = len(points) / _MOST
         rough = off > _ROUGH * spacing
         if rough:  # seen in a neighbourhood as thin as the scatter, it is more than it seems
             many = max(many, off / (_SMOOTH * spacing))
         if many <= 1.0 or len(points) < many * FEWEST:
             return points, normals
+
+        # Points are moved onto the planes of wide neighbourhoods first.
         if rough:
             near = cKDTree(points).query(points, k=_SMOOTHED)[1]
             middle = points[near].mean(axis=1)
             away = points[near] - middle[:, None]
             axes = np.linalg.eigh(np.einsum("nki,nkj->nij", away, away))[1][:, :, 0]
             points = points - np.einsum("ni,ni->n", points - middle, axes)[:, None] * axes
+
         points, normals = _means(points, normals, spacing * np.sqrt(many))
 
 
 def _means(points: Array, normals: Array | None, edge: float) -> tuple[Array, Array | None]:
-    """Mean points (m, 3) and unit normals over cubes of an `edge` [m]; the two sides of a plate
-    stay apart.
-    """
+    """Mean points (m, 3), unit normals over cubes of an `edge` [m]; sides of a plate stay apart."""
     key = np.floor(points / edge).astype(np.int64)
     if normals is not None:
         main = np.abs(normals).argmax(axis=1)
         key = np.column_stack([key, 2 * main + (normals[np.arange(len(normals)), main] > 0.0)])
+
     _, index, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
 
     def mean(values: Array) -> Array:
@@ -243,13 +258,17 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
         mesh = Delaunay(moved)
     except QhullError as error:
         raise ConfigurationError("cloud: its points form no surface; a model needs one") from error
-    cells, beside = mesh.simplices, mesh.neighbors
+    cells = mesh.simplices
+    beside = mesh.neighbors
+
     # Each face once: of the cell with the lower number, or at the hull.
     rows, sides = np.nonzero((beside > np.arange(len(cells))[:, None]) | (beside < 0))
     corners = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
     faces = np.take_along_axis(cells[rows], corners[sides], axis=1)
     other = beside[rows, sides]
     radius_of_cell = _circumradius(moved[cells])
+
+    # Circumradius and circumcentre of each face.
     a, b, c = moved[faces].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     double = np.linalg.norm(cross, axis=1)
@@ -257,6 +276,7 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = np.where(double > 0.0, np.prod(sides_of, axis=0) / (2.0 * double), np.inf)
         middle = a + _to_circumcenter(b - a, c - a, cross, double)
+
     # The ball around the face is empty unless the fourth corner of a cell beside it lies within.
     empty = np.ones(len(faces), dtype=bool)
     least = radius_of_cell[rows].copy()
@@ -268,78 +288,89 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
         with np.errstate(invalid="ignore"):
             empty &= ~(known & (np.linalg.norm(moved[fourth] - middle, axis=1) < radius))
         least = np.where(known, np.minimum(least, radius_of_cell[cell]), least)
+
     ball = np.where(empty, radius, least)
     with np.errstate(divide="ignore", invalid="ignore"):
         unit = cross / double[:, None]
     along = np.abs(np.einsum("fi,fci->fc", unit, normals[faces]))
+
     # A face across the surface, from one wall to another, must be smaller than one that lies in it.
     agreement = np.where(trusted[faces].all(axis=1), along.max(axis=1), np.sqrt(0.5))
-    kept = (ball < _HOLE * agreement**2 * local[faces].max(axis=1)) & (double > 0.0)
+    in_surface = (ball < _HOLE * agreement**2 * local[faces].max(axis=1)) & (double > 0.0)
+
     # Cells that are reached from outside without crossing a face that is kept.
     count = len(cells)
     far = np.where(other < 0, count, other)
     graph = coo_matrix(
-        (np.ones(int((~kept).sum())), (rows[~kept], far[~kept])), shape=(count + 1, count + 1)
+        (np.ones(int((~in_surface).sum())), (rows[~in_surface], far[~in_surface])),
+        shape=(count + 1, count + 1),
     )
     label = connected_components(graph, directed=False)[1]
     outside = label == label[count]
+
     inward = np.einsum("fi,fci->f", cross, normals[faces]) < 0.0
-    return np.where(inward[:, None], faces[:, ::-1], faces)[kept & (outside[rows] | outside[far])]
+    return np.where(inward[:, None], faces[:, ::-1], faces)[
+        in_surface & (outside[rows] | outside[far])
+    ]
 
 
 def _circumradius(corners: Array) -> Array:
-    """Radius (n,) [m] of the sphere through four corners (n, 4, 3); inf where they lie on a
-    plane.
-    """
+    """Radius (n,) [m] of the sphere through four corners (n, 4, 3); inf where they are coplanar."""
     edges = corners[:, 1:] - corners[:, :1]
     squares = np.einsum("nij,nij->ni", edges, edges)
     u, v, w = edges.transpose(1, 0, 2)
     volume = np.einsum("ni,ni->n", u, np.cross(v, w))
+
     top = (
         squares[:, :1] * np.cross(v, w)
         + squares[:, 1:2] * np.cross(w, u)
         + squares[:, 2:] * np.cross(u, v)
     )
+
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = np.linalg.norm(top, axis=1) / (2.0 * np.abs(volume))
     return np.where(np.isfinite(radius), radius, np.inf)
 
 
 def _to_circumcenter(u: Array, v: Array, cross: Array, double: Array) -> Array:
-    """Vectors (n, 3) from the first corner of triangles with sides `u`, `v` (n, 3) to their
-    circumcentres.
-    """
-    uu, vv = (np.einsum("ni,ni->n", each, each)[:, None] for each in (u, v))
+    """Vectors (n, 3) from a corner of triangles, sides `u`, `v` (n, 3), to their circumcentres."""
+    uu, vv = (np.einsum("ni,ni->n", side, side)[:, None] for side in (u, v))
     return (uu * np.cross(v, cross) + vv * np.cross(cross, u)) / (2.0 * double[:, None] ** 2)
 
 
 def _sharpened(
     points: Array, triangles: np.ndarray, normals: Array, flat: np.ndarray
 ) -> tuple[Array, np.ndarray]:
-    """Insert vertices on the edges that the triangles cut off: where the planes of two corners meet
-    [Attene 2005].
-    """
+    """Insert vertices on edges cut off: where the planes of two corners meet [Attene 2005]."""
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
-    keys, place = np.unique(ends[..., 0] * len(points) + ends[..., 1], return_inverse=True)
-    place = place.reshape(-1, 3)
-    a, b = keys // len(points), keys % len(points)
+    keys, edge_of_side = np.unique(ends[..., 0] * len(points) + ends[..., 1], return_inverse=True)
+    edge_of_side = edge_of_side.reshape(-1, 3)
+    a = keys // len(points)
+    b = keys % len(points)
     cosine = np.einsum("ni,ni->n", normals[a], normals[b])
-    middle, apart = 0.5 * (points[a] + points[b]), points[b] - points[a]
+    middle = 0.5 * (points[a] + points[b])
+    apart = points[b] - points[a]
+
     # The point of both planes nearest to the middle: middle + u n_a + v n_b.
     at_a, at_b = (
         0.5 * np.einsum("ni,ni->n", apart, sign * normals[k]) for k, sign in ((a, -1.0), (b, 1.0))
     )
     square = np.maximum(1.0 - cosine**2, 1e-9)
-    u, v = (at_a - cosine * at_b) / square, (at_b - cosine * at_a) / square
+    u = (at_a - cosine * at_b) / square
+    v = (at_b - cosine * at_a) / square
     to = u[:, None] * normals[a] + v[:, None] * normals[b]
+
+    # A crease gets a vertex, if that lies near by.
     creased = flat[a] & flat[b] & (np.abs(cosine) < _CREASE)
     creased &= np.linalg.norm(to, axis=1) < _BEYOND * np.linalg.norm(apart, axis=1)
     number = np.where(creased, len(points) + np.cumsum(creased) - 1, -1)
-    cut = number[place]
+    cut = number[edge_of_side]
     count = (cut >= 0).sum(axis=1)
+
+    # Triangles by the number of their sides that get one.
     parts = [triangles[count == 0]]
     inner = np.zeros((0, 3))
-    made = len(points) + int(creased.sum())
+    next_vertex = len(points) + int(creased.sum())
     for many, first in (
         (1, cut.argmax(axis=1)),
         (2, (cut < 0).argmax(axis=1) + 1),
@@ -347,7 +378,8 @@ def _sharpened(
     ):
         rows = np.flatnonzero(count == many)
         turn = (first[rows, None] + np.arange(3)) % 3
-        (p, q, r), (x, y, z) = triangles[rows[:, None], turn].T, cut[rows[:, None], turn].T
+        p, q, r = triangles[rows[:, None], turn].T
+        x, y, z = cut[rows[:, None], turn].T
         if many == 1:
             pieces = [(p, x, r), (x, q, r)]
         elif many == 2:
@@ -364,22 +396,24 @@ def _sharpened(
                 + step
                 * np.minimum(1.0, size / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
             )
-            c = made + np.arange(len(rows))
+            c = next_vertex + np.arange(len(rows))
             pieces = [(p, x, c), (x, q, c), (q, y, c), (y, r, c), (r, z, c), (z, p, c)]
         parts += [np.column_stack(piece) for piece in pieces]
+
     return np.vstack([points, (middle + to)[creased], inner]), np.vstack(parts)
 
 
 def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float:
-    """Share (0..1) of the surface that has open sky on both sides: all of a sheet, nothing of a
-    closed mesh.
-    """
+    """Share of the surface that has open sky on both sides: 1 of a sheet, 0 of a closed mesh."""
     rng = np.random.default_rng(0)
     corners = vertices[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double = np.linalg.norm(cross, axis=1)
+
     some = rng.choice(len(triangles), _SIDES, p=double / double.sum())
-    normal, at = cross[some] / double[some, None], corners[some].mean(axis=1)
+    normal = cross[some] / double[some, None]
+    at = corners[some].mean(axis=1)
+
     scene = RayScene(vertices, triangles)
     free = np.ones(_SIDES, dtype=bool)
     for side in (normal, -normal):
@@ -391,8 +425,7 @@ def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float
 
 
 def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
-    """Triangles (t, 3) that are seen from afar, turned to where they are seen from if `spacing` [m]
-    is above 0.
+    """Triangles (t, 3) seen from afar, turned to where they are seen from if `spacing` [m] > 0.
 
     Where the points lie so far apart that a crack is left, both sides of the surface behind it were
     outside.
@@ -401,28 +434,28 @@ def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    scene, far = (
-        RayScene(vertices, triangles),
-        3.0 * float(np.linalg.norm(np.ptp(vertices, axis=0))),
-    )
-    seen = np.zeros((2, len(triangles)), dtype=np.int64)  # from ahead and from behind
+
+    scene = RayScene(vertices, triangles)
+    far = 3.0 * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+
+    hits = np.zeros((2, len(triangles)), dtype=np.int64)  # from ahead and from behind
     for way in sphere(1)[0]:
         cosine = normal @ way
-        asked = np.flatnonzero(np.abs(cosine) > _GRAZING)
-        t = scene.distance(middle[asked] + far * way, np.broadcast_to(-way, (len(asked), 3)))
-        first = asked[t > far - _SKIN * spacing - 1e-5 * far]
-        np.add.at(seen, ((cosine[first] < 0.0).astype(int), first), 1)
-    turned = (seen[1] > seen[0]) & (spacing > 0.0)
-    return np.where(turned[:, None], triangles[:, ::-1], triangles)[seen.any(axis=0)]
+        facing = np.flatnonzero(np.abs(cosine) > _GRAZING)
+        t = scene.distance(middle[facing] + far * way, np.broadcast_to(-way, (len(facing), 3)))
+        first = facing[t > far - _SKIN * spacing - 1e-5 * far]
+        np.add.at(hits, ((cosine[first] < 0.0).astype(int), first), 1)
+
+    turned = (hits[1] > hits[0]) & (spacing > 0.0)
+    return np.where(turned[:, None], triangles[:, ::-1], triangles)[hits.any(axis=0)]
 
 
 def _ends(points: Array, normals: Array, spacing: float) -> Array:
-    """Points (k, 3) around which, in their plane, a wide angle is empty, in rows: there the surface
-    ends.
-    """
+    """Points (k, 3), in rows, where the surface ends: a wide angle in their plane is empty."""
     near = cKDTree(points).query(points, k=min(_RING + 1, len(points)))[1][:, 1:]
     u = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     u /= np.linalg.norm(u, axis=1, keepdims=True)
+
     away = points[near] - points[:, None]
     angle = np.sort(
         np.arctan2(
@@ -430,6 +463,7 @@ def _ends(points: Array, normals: Array, spacing: float) -> Array:
         ),
         axis=1,
     )
+
     gap = np.diff(np.column_stack([angle, angle[:, 0] + 2.0 * np.pi]), axis=1).max(axis=1)
     ends = points[gap > _GAP]
     beside = (

@@ -2,9 +2,8 @@
 
 Each part is the hull of a patch of triangles and of the same patch shrunk and sunk into the solid.
 All triangles belong to some part, so the collision surface has no holes. A patch is halved until
-its hull nowhere protrudes from the surface
-by more than a tolerance. Parts follow the shape: long where it is flat or convex, small where it is
-concave.
+its hull nowhere protrudes from the surface by more than a tolerance. Parts follow the shape: long
+where it is flat or convex, small where it is concave.
 """
 
 from dataclasses import dataclass
@@ -59,20 +58,23 @@ def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, 
     faces = _with_area(points, faces)
     judged = _Judged.of(points, faces)
     middles = points[faces].mean(axis=1)
-    found: list[Array] = []
+    hulls: list[Array] = []
+
     waiting = [np.arange(len(faces))]
     while waiting:
         patch = waiting.pop()
         hull = judged.hull(patch, tolerance)
         if hull is not None:
-            found.append(readonly(hull))
+            hulls.append(readonly(hull))
             continue
+
         # Halve the patch across its principal axis, with equally many triangles on each side.
         spread = middles[patch] - middles[patch].mean(axis=0)
         along = spread @ np.linalg.eigh(spread.T @ spread)[1][:, -1]
         order = np.argsort(along, kind="stable")
         waiting += [patch[order[: len(order) // 2]], patch[order[len(order) // 2 :]]]
-    return tuple(found)
+
+    return tuple(hulls)
 
 
 def _with_area(points: Array, faces: np.ndarray) -> np.ndarray:
@@ -87,9 +89,7 @@ def _with_area(points: Array, faces: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judged:
-    """A mesh with sample points on its surface, at which the protrusion of convex parts is
-    measured.
-    """
+    """A mesh with samples of its surface, at which the protrusion of convex parts is measured."""
 
     points: Array  # (V, 3) [m]
     faces: np.ndarray  # (T, 3)
@@ -105,7 +105,9 @@ class _Judged:
         double_area = np.linalg.norm(cross, axis=1)
         normals = cross / double_area[:, None]
         step = max(_SAMPLE, float(np.sqrt(0.5 * double_area.sum() / _MANY)))
-        samples, owners = [points], [vertex_normals(points, faces)]
+        samples = [points]
+        owners = [vertex_normals(points, faces)]
+
         # Even barycentric grids, finer for larger triangles.
         longest = np.sqrt(
             np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0)
@@ -114,7 +116,8 @@ class _Judged:
         for n in np.unique(level):
             rows = np.flatnonzero(level == n)
             i, j = np.nonzero(np.add.outer(np.arange(n), np.arange(n)) < n)
-            u, v = (i + 1.0 / 3.0) / n, (j + 1.0 / 3.0) / n
+            u = (i + 1.0 / 3.0) / n
+            v = (j + 1.0 / 3.0) / n
             grid = (
                 a[rows, None]
                 + u[None, :, None] * (b - a)[rows, None]
@@ -122,20 +125,22 @@ class _Judged:
             )
             samples.append(grid.reshape(-1, 3))
             owners.append(np.repeat(normals[rows], len(u), axis=0))
-        spread, facing = np.vstack(samples), np.vstack(owners)
+
+        spread = np.vstack(samples)
+        facing = np.vstack(owners)
         known = np.linalg.norm(facing, axis=1) > 0.5
-        spread, facing = spread[known], facing[known]
+        spread = spread[known]
+        facing = facing[known]
         order = np.argsort(spread[:, 0], kind="stable")
         return cls(points, faces, normals, spread[order], facing[order])
 
     def hull(self, patch: np.ndarray, tolerance: float) -> Array | None:
-        """Corners of the sunk hull of triangles `patch` (K,), or None if it protrudes from the
-        surface.
-        """
+        """Corners of the sunk hull of triangles `patch` (K,), or None if it protrudes."""
         faces = self.faces[patch]
         corners = self.points[np.unique(faces)]
         normal = self.normals[patch].mean(axis=0)
         length = float(np.linalg.norm(normal))
+
         if len(patch) > 200:
             # Quick rejection: some corner lies far outside the plane of some triangle.
             some = patch[:: len(patch) // 100]
@@ -144,6 +149,7 @@ class _Judged:
             ]
             if float(over.max()) > 20.0 * tolerance:
                 return None
+
         normal = normal / length if length > 0.1 else np.zeros(3)
         middle = corners.mean(axis=0)
         for depth in SUNK * 0.5 ** np.arange(5):
@@ -157,16 +163,17 @@ class _Judged:
                 return solid[shape.vertices]
             if len(patch) > 4:
                 return None
+
         # One or a few triangles of a thin object: the part is as thin as possible.
         return None if len(patch) > 1 else _wedge(corners, self.normals[patch[0]], tolerance)
 
     def _stands_out(self, shape: ConvexHull, solid: Array, enough: float) -> float:
-        """Largest protrusion [m] of the hull from the surface, along the surface's normal at the
-        samples inside it.
+        """Largest protrusion [m] of the hull from the surface, along the normals of samples inside.
 
         The search ends once it exceeds `enough` [m].
         """
-        low, high = solid.min(axis=0), solid.max(axis=0)
+        low = solid.min(axis=0)
+        high = solid.max(axis=0)
         start, end = np.searchsorted(self.samples[:, 0], [low[0], high[0]], side="left")
         inside = (
             (self.samples[start:end, 1:] > low[1:]) & (self.samples[start:end, 1:] < high[1:])
@@ -174,12 +181,14 @@ class _Judged:
         rows = start + np.flatnonzero(inside)
         if not len(rows):
             return 0.0
+
         # Rays from just below each sample along its normal to the exit from the hull.
         faces = shape.simplices
         a, b, c = solid[faces].transpose(1, 0, 2)
         inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), shape.equations[:, :3]) < 0.0
         faces = np.where(inward[:, None], faces[:, ::-1], faces)
         scene = RayScene(solid - solid[0], faces)
+
         worst = 0.0
         for some in (rows[::40], rows):  # most hulls are rejected by a few samples
             facing = self.sample_normals[some]
@@ -189,6 +198,7 @@ class _Judged:
                 np.einsum("ij,ij->i", first["normal"], facing) > 1e-6
             )
             worst = float(first["t"][leaves].max(initial=_UNDER)) - _UNDER
+
             # Over a concavity the hull bridges the surface from outside: such a ray enters it
             # first.
             enters = np.flatnonzero(~leaves & (first["t"] < _UNDER + enough))
@@ -197,6 +207,7 @@ class _Judged:
                 onward = scene.cast(start[enters] + way[:, None] * facing[enters], facing[enters])
                 through = np.isfinite(onward["t"])
                 worst = max(worst, float((way + onward["t"])[through].max(initial=_UNDER)) - _UNDER)
+
             if worst > enough:
                 break
         return worst

@@ -1,6 +1,4 @@
-"""Meshes whose origin lies far off: where to move it, so that single precision and squared lengths
-stay exact.
-"""
+"""Origin of a far-off mesh, moved so that single precision and squared lengths stay exact."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,18 +9,23 @@ _FAR = 8.0  # [sizes] of the middle from the origin, from which on rounding is f
 
 
 def middle_if_far(points: ArrayLike) -> Array:
-    """Middle (3,) [m] of the bounding box of points (n, 3) that lie many times their size from the
-    origin; else zero.
+    """Middle (3,) [m] of the bounding box of points (n, 3) many sizes from the origin; else zero.
 
     Such coordinates lose digits in single precision: 0.5 mm at 10 km. Work on the points less this
     middle. Points near the origin stay as they are, to the last bit. Those that are not finite do
     not count.
     """
-    given = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    finite = given if np.isfinite(given).all() else given[np.isfinite(given).all(axis=1)]
+    coordinates = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    finite = (
+        coordinates
+        if np.isfinite(coordinates).all()
+        else coordinates[np.isfinite(coordinates).all(axis=1)]
+    )
     if not len(finite):
         return np.zeros(3)
-    low, high = finite.min(axis=0), finite.max(axis=0)
+
+    low = finite.min(axis=0)
+    high = finite.max(axis=0)
     middle = 0.5 * low + 0.5 * high
     far = float(np.abs(middle).max()) > _FAR * float(np.linalg.norm(high - low))
     return middle if far else np.zeros(3)

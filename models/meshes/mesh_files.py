@@ -1,7 +1,7 @@
-"""Reader of mesh files: PLY and OFF natively, STL, OBJ and glTF by trimesh, with one error for
-unreadable files.
+"""Reader of mesh files: PLY and OFF natively, STL, OBJ and glTF by trimesh.
 
-Trimesh is used for corners and faces only, without textures, merging or repair. It accepts PLY and
+A file that cannot be read gives one kind of error, whatever reads it. Trimesh is used for corners
+and faces only, without textures, merging or repair. It accepts PLY and
 OFF files that are cut short, and does not read binary PLY with triangles beside larger faces;
 therefore these two are read here.
 """
@@ -26,10 +26,10 @@ _SILENT = logging.NullHandler()
 
 
 def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
-    """Read vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file, in its own unit; all parts
-    are joined in place.
+    """Read vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file; parts are joined in place.
 
-    Faces with more corners are triangulated. Duplicate vertices are merged; degenerate faces and
+    Lengths are in the file's unit. Faces with more corners are triangulated. Duplicate vertices are
+    merged; degenerate faces and
     unused vertices are left out.
 
     Raises:
@@ -42,9 +42,12 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
             "clouds PCD and "
             f"{', '.join(TEXT)}"
         )
-    own = {"ply": read_ply, "off": _read_off}.get(kind)
+    reader = {"ply": read_ply, "off": _read_off}.get(kind)
+
     try:
-        vertices, triangles = own(bytes_of(file, "target mesh")) if own else _read_by_trimesh(file)
+        vertices, triangles = (
+            reader(bytes_of(file, "target mesh")) if reader else _read_by_trimesh(file)
+        )
         need_corners(vertices, triangles)
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")
@@ -52,12 +55,13 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
         # these do not mean a malformed file
         raise
     except Exception as error:  # a malformed file can raise anything in trimesh
-        said = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
         if kind == "obj" and isinstance(error, IndexError):
-            said = NO_SUCH_VERTEX
+            reason = NO_SUCH_VERTEX
         raise ConfigurationError(
-            f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {said}"
+            f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {reason}"
         ) from error
+
     vertices, triangles = _tidied(vertices, triangles)
     if not len(triangles):
         raise ConfigurationError(
@@ -81,6 +85,8 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
         parts = [
             part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)
         ]
+
+    # One mesh: indices of a part count from its first vertex.
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     vertices = [np.asarray(part.vertices, dtype=np.float64) for part in parts]
     triangles = [
@@ -93,22 +99,23 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
 
 
 def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
-    """Read OFF in text form; its variants have normals or colours after the coordinates, which are
-    ignored.
-    """
+    """Read text OFF; normals or colours after the coordinates, as in variants, are ignored."""
     lines = [line.partition("#")[0].split() for line in content.decode("ascii").splitlines()]
     lines = [words for words in lines if words]
     if not lines or not lines[0][0].upper().endswith("OFF"):
         raise ValueError("it does not begin with 'OFF'")
+
     head = (lines[0][1:] or [*lines, []][1]) + ["-1", "-1"]
     body = lines[1:] if len(lines[0]) > 1 else lines[2:]
-    points, faces = int(head[0]), int(head[1])
+    points = int(head[0])
+    faces = int(head[1])
     if min(points, faces) < 0:
         raise ValueError("its header tells of no vertices and faces")
     if len(body) < points + faces:
         raise ValueError(
             f"it is cut short, its header tells of {points} vertices and {faces} faces"
         )
+
     vertices = np.array([[float(word) for word in words[:3]] for words in body[:points]]).reshape(
         -1, 3
     )
@@ -118,6 +125,7 @@ def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
     ]
     if any(len(face) <= face[0] for face in corners):
         raise ValueError("a face has fewer corners than it says")
+
     fans = [(face[1], face[k], face[k + 1]) for face in corners for k in range(2, face[0])]
     return vertices, np.array(fans, dtype=np.int64).reshape(-1, 3)
 

@@ -32,95 +32,115 @@ class NearestSurface:
 
     @classmethod
     def of(cls, vertices: ArrayLike, triangles: ArrayLike) -> "NearestSurface":
-        """Build the tree from vertices (V, 3) [m], finite, and triangles (T, 3), T >= 1; some may
-        be without area.
-        """
+        """Build the tree of vertices (V, 3) [m], finite, and triangles (T, 3), T >= 1."""
         corners = np.asarray(vertices, dtype=np.float64)[np.asarray(triangles)]
         order, boxes, spans = _tree(corners)
         return cls(corners[order], order, boxes, spans)
 
     def query(self, points: ArrayLike) -> Nearest:
-        """Nearest point on the mesh to each of `points` (N, 3) [m], which are finite, as are their
-        squares.
-        """
-        asked = np.ascontiguousarray(points, dtype=np.float64)
-        at, weights = np.zeros(len(asked), dtype=np.int64), np.zeros((len(asked), 3))
-        _search(asked, self.corners, self.boxes, self.spans, at, weights)
+        """Nearest point on the mesh to each of `points` (N, 3) [m], finite with finite squares."""
+        queries = np.ascontiguousarray(points, dtype=np.float64)
+        at = np.zeros(len(queries), dtype=np.int64)
+        weights = np.zeros((len(queries), 3))
+        _search(queries, self.corners, self.boxes, self.spans, at, weights)
         point = np.einsum("nk,nkj->nj", weights, self.corners[at])
-        distance = np.linalg.norm(asked - point, axis=1)
+        distance = np.linalg.norm(queries - point, axis=1)
         return Nearest(distance=distance, point=point, triangle=self.order[at], weights=weights)
 
 
 @kernel
 def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
-    """Build the tree by halving each box across its longest side: order (T,), boxes (B, 6), spans
-    (B, 3).
-    """
+    """Order (T,), boxes (B, 6) and spans (B, 3) of a tree: boxes halved along the longest side."""
     count = len(corners)
     order = np.arange(count)
     middles = np.empty((count, 3))
     for n in range(count):
         for a in range(3):
             middles[n, a] = (corners[n, 0, a] + corners[n, 1, a] + corners[n, 2, a]) / 3.0
-    boxes, spans = np.empty((2 * count, 6)), np.zeros((2 * count, 3), dtype=np.int64)
-    made = 1
+
+    boxes = np.empty((2 * count, 6))
+    spans = np.zeros((2 * count, 3), dtype=np.int64)
+    allocated = 1
     waiting = [(0, 0, count)]
     while len(waiting) > 0:
         box, first, end = waiting.pop()
-        widest, side = -1.0, 0
+        widest = -1.0
+        side = 0
+
+        # Box of the triangles, and the axis along which their middles spread most.
         for a in range(3):
-            boxes[box, a], boxes[box, a + 3] = np.inf, -np.inf
-            low, high = np.inf, -np.inf
+            boxes[box, a] = np.inf
+            boxes[box, a + 3] = -np.inf
+            low = np.inf
+            high = -np.inf
             for n in order[first:end]:
-                low, high = min(low, middles[n, a]), max(high, middles[n, a])
+                low = min(low, middles[n, a])
+                high = max(high, middles[n, a])
                 for k in range(3):
                     boxes[box, a] = min(boxes[box, a], corners[n, k, a])
                     boxes[box, a + 3] = max(boxes[box, a + 3], corners[n, k, a])
             if high - low > widest:
-                widest, side = high - low, a
+                widest = high - low
+                side = a
+
         if end - first <= _LEAF:
             spans[box] = np.array([first, end, -1])
             continue
+
+        # Two halves, by the middles along that axis.
         part = order[first:end].copy()
         order[first:end] = part[np.argsort(middles[part, side], kind="mergesort")]
         half = (first + end) // 2
-        spans[box, 0], spans[box, 1] = made, made + 1
-        waiting.append((made, first, half))
-        waiting.append((made + 1, half, end))
-        made += 2
-    return order, boxes[:made].copy(), spans[:made].copy()
+        spans[box, 0] = allocated
+        spans[box, 1] = allocated + 1
+        waiting.append((allocated, first, half))
+        waiting.append((allocated + 1, half, end))
+        allocated += 2
+
+    return order, boxes[:allocated].copy(), spans[:allocated].copy()
 
 
 @kernel
 def _search(
     asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array
 ) -> None:
-    """Write the index `at` (N,) of the triangle nearest to each point, and the barycentric weights
-    (N, 3) there.
-    """
-    waiting, away = np.empty(128, dtype=np.int64), np.empty(128)
+    """Write the index `at` (N,) of each point's nearest triangle, and weights (N, 3) there."""
+    waiting = np.empty(128, dtype=np.int64)
+    away = np.empty(128)
+
+    # Depth first, the nearer child first; a box farther than the best is passed over.
     for n in range(len(asked)):
         x, y, z = asked[n, 0], asked[n, 1], asked[n, 2]
         best = np.inf
-        waiting[0], away[0], depth = 0, 0.0, 1
+        waiting[0] = 0
+        away[0] = 0.0
+        depth = 1
         while depth > 0:
             depth -= 1
             if away[depth] >= best:
                 continue
             box = waiting[depth]
-            first, second = spans[box, 0], spans[box, 1]
+            first = spans[box, 0]
+            second = spans[box, 1]
             if spans[box, 2] < 0:
                 for t in range(first, second):
                     u, v, w, square = _on_triangle(x, y, z, corners[t])
                     if square < best:
-                        best, at[n] = square, t
-                        weights[n, 0], weights[n, 1], weights[n, 2] = u, v, w
+                        best = square
+                        at[n] = t
+                        weights[n, 0] = u
+                        weights[n, 1] = v
+                        weights[n, 2] = w
                 continue
-            near, far = _from_box(x, y, z, boxes[first]), _from_box(x, y, z, boxes[second])
+
+            near = _from_box(x, y, z, boxes[first])
+            far = _from_box(x, y, z, boxes[second])
             if near > far:
                 first, second, near, far = second, first, far, near
-            waiting[depth], away[depth] = second, far
-            waiting[depth + 1], away[depth + 1] = first, near
+            waiting[depth] = second
+            away[depth] = far
+            waiting[depth + 1] = first
+            away[depth + 1] = near
             depth += 2
 
 
@@ -135,9 +155,8 @@ def _from_box(x: float, y: float, z: float, box: Array) -> float:
 
 @kernel
 def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, float, float, float]:
-    """Barycentric weights of the nearest point on a triangle with corners (3, 3), and its squared
-    distance.
-    """
+    """Barycentric weights of a triangle's (3, 3) nearest point to x, y, z; squared distance."""
+    # Two sides, and the point, from the first corner.
     ax, ay, az = (
         corner[1, 0] - corner[0, 0],
         corner[1, 1] - corner[0, 1],
@@ -149,22 +168,29 @@ def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, fl
         corner[2, 2] - corner[0, 2],
     )
     px, py, pz = x - corner[0, 0], y - corner[0, 1], z - corner[0, 2]
-    aa, ab, bb = (
-        ax * ax + ay * ay + az * az,
-        ax * bx + ay * by + az * bz,
-        bx * bx + by * by + bz * bz,
-    )
-    pa, pb = px * ax + py * ay + pz * az, px * bx + py * by + pz * bz
+
+    # Normal equations of the projection onto the plane.
+    aa = ax * ax + ay * ay + az * az
+    ab = ax * bx + ay * by + az * bz
+    bb = bx * bx + by * by + bz * bz
+    pa = px * ax + py * ay + pz * az
+    pb = px * bx + py * by + pz * bz
     area = aa * bb - ab * ab
     if area > 1e-14 * aa * bb:
-        v, w = (bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area
+        v = (bb * pa - ab * pb) / area
+        w = (aa * pb - ab * pa) / area
         if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
             ex, ey, ez = px - v * ax - w * bx, py - v * ay - w * by, pz - v * az - w * bz
             return 1.0 - v - w, v, w, ex * ex + ey * ey + ez * ez
+
     # Projection outside the triangle, or no area: the nearest point is on an edge.
-    u, v, w, best = 1.0, 0.0, 0.0, np.inf
+    u = 1.0
+    v = 0.0
+    w = 0.0
+    best = np.inf
     for side in range(3):
-        i, j = side, (side + 1) % 3
+        i = side
+        j = (side + 1) % 3
         sx, sy, sz = (
             corner[j, 0] - corner[i, 0],
             corner[j, 1] - corner[i, 1],
@@ -175,9 +201,11 @@ def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, fl
         along = 0.0 if length == 0.0 else min(max((qx * sx + qy * sy + qz * sz) / length, 0.0), 1.0)
         ex, ey, ez = qx - along * sx, qy - along * sy, qz - along * sz
         square = ex * ex + ey * ey + ez * ez
+
         if square < best:
             best = square
             u = (1.0 - along) * (i == 0) + along * (j == 0)
             v = (1.0 - along) * (i == 1) + along * (j == 1)
             w = (1.0 - along) * (i == 2) + along * (j == 2)
+
     return u, v, w, best

@@ -1,5 +1,4 @@
-"""Lazy import of Open3D, the only one in the project: preloads libusb, and reports missing
-libraries clearly.
+"""Lazy import of Open3D, the only one in the project, with clear errors for missing libraries.
 
 No job needs Open3D, except for rays on Linux on ARM. It serves as the reference that our own
 methods are compared with.
@@ -42,6 +41,7 @@ def load() -> Any:
             f"Open3D cannot be imported ({error}). On Debian or Ubuntu: apt install "
             f"{DEBIAN_PACKAGES}"
         ) from error
+
     # Its warnings go to stdout; relevant failures reach the callers as errors.
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
     return open3d

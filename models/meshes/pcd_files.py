@@ -1,6 +1,4 @@
-"""Reader of PCD files, the point clouds of PCL: text, binary and compressed, in the order of the
-file.
-"""
+"""Reader of PCD files, the point clouds of PCL: text, binary, compressed; in the file's order."""
 
 from pathlib import Path
 
@@ -31,7 +29,7 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         ConfigurationError: For a file that cannot be read, is not PCD, has no x, y, z, or is cut
             short.
     """
-    header, data = _header(bytes_of(file, "cloud"), file)
+    header, body = _header(bytes_of(file, "cloud"), file)
     try:
         names = header["FIELDS"]
         sizes, counts = (
@@ -46,10 +44,12 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
             else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
         )
         height, width = (int(header.get(key, ["1"])[0]) for key in ("HEIGHT", "WIDTH"))
+
         columns = [names.index(axis) for axis in "xyz"]
         if all(f"normal_{axis}" in names for axis in "xyz"):
             columns += [names.index(f"normal_{axis}") for axis in "xyz"]
         kind = header["DATA"][0].lower()
+
         if not len(names) == len(counts) == len(types) or count < 0 or min(counts) < 0:
             raise ValueError("fields")
         if not all(counts[k] for k in columns):
@@ -58,27 +58,30 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         raise ConfigurationError(
             f"cloud {file}: no points can be read from this PCD file: bad header ({error})"
         ) from error
+
     if not count:
         raise ConfigurationError(
             f"cloud {file}: no points can be read from this PCD file, it says that it has none"
         )
+
     shape = (height, width) if min(height, width) > 1 and height * width == count else None
     widths = [np.dtype(type_).itemsize * many for type_, many in zip(types, counts, strict=True)]
     if kind == "ascii":
         return *_parted(
-            _from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file)
+            _from_text(body, count, [sum(counts[:k]) for k in columns], sum(counts), file)
         ), shape
+
     if kind == "binary":
-        if len(data) < count * sum(widths):
+        if len(body) < count * sum(widths):
             raise _cut_short(file, count)
-        rows = np.frombuffer(data, np.uint8, count * sum(widths)).reshape(count, -1)
+        rows = np.frombuffer(body, np.uint8, count * sum(widths)).reshape(count, -1)
         parts = [rows[:, sum(widths[:k]) : sum(widths[: k + 1])] for k in range(len(names))]
     elif kind == "binary_compressed":
-        packed, whole = np.frombuffer(data[:8].ljust(8, b"\0"), "<u4").astype(np.int64)
-        if len(data) < 8 + packed or whole != count * sum(widths):
+        packed, whole = np.frombuffer(body[:8].ljust(8, b"\0"), "<u4").astype(np.int64)
+        if len(body) < 8 + packed or whole != count * sum(widths):
             raise _cut_short(file, count)
         flat = np.zeros(whole, dtype=np.uint8)
-        if _unpack(np.frombuffer(data, np.uint8, packed, 8), flat) != whole:
+        if _unpack(np.frombuffer(body, np.uint8, packed, 8), flat) != whole:
             raise _cut_short(file, count)
         # The compressed data is stored field by field, not point by point.
         ends = count * np.cumsum([0, *widths])
@@ -87,11 +90,12 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         raise ConfigurationError(
             f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}"
         )
+
     with np.errstate(invalid="ignore"):  # for a signalling NaN
-        values = [
+        numbers = [
             np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns
         ]
-    return *_parted(np.column_stack(values)), shape
+    return *_parted(np.column_stack(numbers)), shape
 
 
 def _parted(values: Array) -> tuple[Array, Array | None]:
@@ -122,6 +126,7 @@ def _from_text(data: bytes, count: int, columns: list[int], width: int, file: Pa
     lines = [line.split() for line in data.decode("ascii", "replace").splitlines() if line.strip()]
     if len(lines) < count:
         raise _cut_short(file, count)
+
     points = np.empty((count, len(columns)))
     for i, words in enumerate(lines[:count]):
         try:
@@ -144,10 +149,9 @@ def _cut_short(file: Path, count: int) -> ConfigurationError:
 
 @kernel
 def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
-    """Decompress LZF into `whole`; returns the number of bytes written, or -1 for malformed data
-    [Lehmann 2000].
-    """
-    i, o = 0, 0
+    """Decompress LZF [Lehmann 2000] into `whole`; the number of bytes written, -1 if malformed."""
+    i = 0  # next byte of `packed`
+    o = 0  # next byte of `whole`
     while i < len(packed):
         head = np.int64(packed[i])
         i += 1
@@ -159,6 +163,7 @@ def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
                 i += 1
                 o += 1
             continue
+
         length = head >> 5  # back reference
         if length == 7:
             if i >= len(packed):
@@ -167,12 +172,15 @@ def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
             i += 1
         if i >= len(packed):
             return -1
+
         back = o - ((head & 31) << 8) - np.int64(packed[i]) - 1
         i += 1
         if back < 0 or o + length + 2 > len(whole):
             return -1
+
         for _ in range(length + 2):
             whole[o] = whole[back]
             o += 1
             back += 1
+
     return o

@@ -35,10 +35,9 @@ NO_SUCH_VERTEX = "a face points at a vertex that is not there"
 
 
 def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
-    """Read points (N, 3) and triangles (T, 3) from PLY `content`, in its own unit and order; T is 0
-    for a cloud.
+    """Read points (N, 3) and triangles (T, 3) from PLY `content`, in its own unit and order.
 
-    Faces with more corners are triangulated around their first. NaN stays NaN.
+    T is 0 for a cloud. Faces with more corners are triangulated around their first. NaN stays NaN.
 
     Raises:
         ValueError: no PLY file, or one that is malformed or cut short, with the reason.
@@ -48,8 +47,7 @@ def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
 
 
 def read_ply_normals(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
-    """As `read_ply`, with the normals (N, 3) between points and triangles; None for a file without
-    nx, ny and nz.
+    """As `read_ply`, with normals (N, 3) between points and triangles; None without nx, ny and nz.
 
     Raises:
         ValueError: as `read_ply` does.
@@ -69,7 +67,10 @@ def need_corners(points: Array, triangles: np.ndarray) -> None:
 def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
     order, elements, at = _header(content)
     source = _Text(content[at:].split()) if not order else _Binary(content, at, order)
-    points, normals, triangles = np.zeros((0, 3)), None, np.zeros((0, 3), dtype=np.int64)
+    points = np.zeros((0, 3))
+    normals = None
+    triangles = np.zeros((0, 3), dtype=np.int64)
+
     for element in elements:
         columns = source.read(element)
         if element.name == "vertex":
@@ -89,6 +90,7 @@ def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
                 raise ValueError("its faces have no vertex_indices")
             triangles = _triangles(corners)
             break  # later elements are not needed
+
     need_corners(points, triangles)
     return points, normals, triangles
 
@@ -114,16 +116,20 @@ def write_ply(
     if colours is not None:
         fields.append(("colour", "u1", 3))
         header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+
     rows = np.zeros(len(corners), dtype=fields)
     rows["p"] = corners
     if colours is not None:
         rows["colour"] = np.rint(255.0 * np.clip(colours, 0.0, 1.0))
+
     faces = np.zeros(0, dtype=[("corners", "u1"), ("index", "<i4", 3)])
     if triangles is not None:
         index = np.asarray(triangles).reshape(-1, 3)
         faces = np.zeros(len(index), dtype=faces.dtype)
-        faces["corners"], faces["index"] = 3, index
+        faces["corners"] = 3
+        faces["index"] = index
         header += [f"element face {len(index)}", "property list uchar int vertex_indices"]
+
     file.write_bytes(
         "\n".join([*header, "end_header", ""]).encode() + rows.tobytes() + faces.tobytes()
     )
@@ -148,6 +154,7 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
     order: str | None = None
     elements: list[_Element] = []
     at = 0
+
     while (end := content.find(b"\n", at)) >= 0:
         words = content[at:end].decode("ascii", "replace").split()
         at = end + 1
@@ -181,7 +188,8 @@ class _Text:
     """Sequential reader of the numbers of a text PLY."""
 
     def __init__(self, words: list[bytes]) -> None:
-        self._words, self._at = words, 0
+        self._words = words
+        self._at = 0
 
     def read(self, element: _Element) -> dict[str, Any]:
         """Columns (count,) of `element`; a list of arrays for a property that is a list."""
@@ -189,6 +197,7 @@ class _Text:
             width = len(element.properties)
             numbers = self._take(element.count * width, element).reshape(element.count, width)
             return {name: numbers[:, k] for k, (name, _, _) in enumerate(element.properties)}
+
         columns: dict[str, Any] = {name: [] for name, _, _ in element.properties}
         for _ in range(element.count):
             for name, _, length in element.properties:
@@ -208,15 +217,16 @@ class _Binary:
     """Sequential reader of a binary PLY."""
 
     def __init__(self, content: bytes, at: int, order: str) -> None:
-        self._content, self._at, self._order = content, at, order
+        self._content = content
+        self._at = at
+        self._order = order
 
     def read(self, element: _Element) -> dict[str, Any]:
-        """Columns as `_Text.read`; an array (count, length) where all lists of a property have one
-        length.
-        """
+        """Columns as `_Text.read`; an array (count, length) where all lists are equally long."""
         rows = self._rows(element, self._lengths(element))
         if rows is not None:
             return {name: rows[name] for name, _, _ in element.properties}
+
         columns: dict[str, Any] = {name: [] for name, _, _ in element.properties}
         for _ in range(element.count):
             for name, kind, length in element.properties:
@@ -226,10 +236,12 @@ class _Binary:
 
     def _lengths(self, element: _Element) -> list[int]:
         """Lengths of the lists in the first row; 1 for properties that are no list."""
-        lengths, start = [], self._at
+        lengths = []
+        start = self._at
         for _, kind, length in element.properties if element.count else ():
             lengths.append(1 if length is None else int(self._take(length, 1, element)[0]))
             self._take(kind, lengths[-1], element)
+
         self._at = start
         return lengths or [0] * len(element.properties)
 
@@ -244,15 +256,19 @@ class _Binary:
                 if length is None
                 else (name, self._order + kind, (many,))
             )
+
         row = np.dtype(fields)
         if len(self._content) - self._at < element.count * row.itemsize:
             if element.has_lists:
                 return None
             raise _cut_short(element)
+
+        # As in the first row, if the lengths of the lists agree.
         rows = np.frombuffer(self._content, row, element.count, self._at)
         for (name, _, length), many in zip(element.properties, lengths, strict=True):
             if length is not None and (rows[f"length of {name}"] != many).any():
                 return None
+
         self._at += rows.nbytes
         return rows
 
@@ -276,5 +292,6 @@ def _triangles(faces: Any) -> np.ndarray:
         faces = faces.astype(np.int64)
         fans = [faces[:, [0, k, k + 1]] for k in range(1, faces.shape[1] - 1)]
         return np.stack(fans, axis=1).reshape(-1, 3) if fans else np.zeros((0, 3), dtype=np.int64)
+
     fans = [(face[0], face[k], face[k + 1]) for face in faces for k in range(1, len(face) - 1)]
     return np.array(fans, dtype=np.int64).reshape(-1, 3)

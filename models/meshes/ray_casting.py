@@ -29,8 +29,7 @@ class RayScene:
     def __init__(
         self, vertices: ArrayLike, triangles: ArrayLike, engine: Engine | None = None
     ) -> None:
-        """Build the scene; triangles without area, or with a vertex that is not finite, are never
-        hit.
+        """Build the scene; triangles without area, or with a vertex not finite, are never hit.
 
         Args:
             vertices: (V, 3) [m], stored in single precision about their middle if that lies far
@@ -42,12 +41,14 @@ class RayScene:
             MissingLibraryError: no engine is installed.
         """
         self._engine = engine or installed()
+
         vertices = np.asarray(vertices)
         middle = middle_if_far(vertices)
         self._middle = middle if middle.any() else None
         corners = np.ascontiguousarray(
             vertices if self._middle is None else vertices - middle, dtype=np.float32
         )
+
         if self._engine == "open3d":
             self._scene = open3d_loader.load().t.geometry.RaycastingScene()
             self._scene.add_triangles(corners, np.ascontiguousarray(triangles, dtype=np.uint32))
@@ -61,6 +62,7 @@ class RayScene:
             raise IndexError(
                 f"triangles point at vertices {faces.min()} to {faces.max()} of {len(corners)}"
             )
+
         # Without robust, 13 % of the rays aimed at an edge are lost.
         self._scene = EmbreeScene(_device(), robust=True)
         if len(faces):
@@ -87,6 +89,7 @@ class RayScene:
                 "triangle": hit["primitive_ids"].numpy(),
                 "normal": hit["primitive_normals"].numpy(),
             }
+
         hit = self._scene.run(starts.reshape(-1, 3), ways.reshape(-1, 3), output=1)
         missed = hit["primID"] < 0
         hit["tfar"][missed] = np.inf
@@ -94,6 +97,7 @@ class RayScene:
         normal[missed] = 0.0
         length = np.sqrt(np.einsum("ij,ij->i", normal, normal, dtype=np.float64))
         normal /= np.where(length > 0.0, length, 1.0)[:, None].astype(np.float32)
+
         shape = ways.shape[:-1]
         return {
             "t": hit["tfar"].reshape(shape),
@@ -127,9 +131,7 @@ class RayScene:
 
 
 class OneSidedScene(RayScene):
-    """A surface that is known from outside only: rays that meet it from behind count as having met
-    nothing.
-    """
+    """A surface known from outside only: rays that meet it from behind have met nothing."""
 
     __slots__ = ()
 

@@ -1,6 +1,4 @@
-"""The one reader of point cloud files, of models and of scans: points, and normals where the file
-has them.
-"""
+"""The one reader of point cloud files, of models and of scans: points, and normals if any."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +43,7 @@ def is_cloud_file(file: Path) -> bool:
     if kind != "ply":
         _refuse_foreign(file, "target cloud")
         return kind == "pcd" or kind in TEXT
+
     try:
         points, _, triangles = read_ply_normals(bytes_of(file, "target cloud"))
     except ValueError:
@@ -80,9 +79,9 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
                 raise ConfigurationError(f"{what} {path}: there are no points in this PLY file")
             return Surfels(points=points, normals=normals, shape=None, notes=())
         case _:
-            found = read_text_cloud(_text(path, what), f"{what} {path}")
+            cloud = read_text_cloud(_text(path, what), f"{what} {path}")
             return Surfels(
-                points=found.points, normals=found.normals, shape=None, notes=found.notes
+                points=cloud.points, normals=cloud.normals, shape=None, notes=cloud.notes
             )
 
 
@@ -117,9 +116,7 @@ def _text(path: Path, what: str) -> str:
 
 
 def _refuse_foreign(path: Path, what: str) -> None:
-    """Refuse a cloud of another program by its ending or its first bytes, and say how to convert
-    it.
-    """
+    """Refuse a cloud of another program by its ending or first bytes, and say how to convert it."""
     ending = path.suffix.lower().removeprefix(".")
     for name, (start, endings, way) in _FOREIGN.items():
         if ending in endings or bytes_of(path, what).startswith(start):

@@ -1,7 +1,7 @@
 """Reader of point clouds as text: one point a line, with or without a line that names the columns.
 
-Without names, the columns after x, y and z tell by their values what they are: three of unit length
-are a normal; colours, intensities and whatever else a scanner writes are left out.
+Without names, the columns after x, y and z are known by their values: three of unit length are a
+normal; colours, intensities and whatever else a scanner writes are left out.
 """
 
 import re
@@ -64,8 +64,9 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
     if _has_decimal_commas(lines[first]):
         lines = [line.replace(",", ".") for line in lines]
         notes.append("commas are taken for decimal signs")
-    values = _values(lines, first, where)
-    width = values.shape[1]
+
+    numbers = _values(lines, first, where)
+    width = numbers.shape[1]
     if names and len(names) != width:
         raise ConfigurationError(
             f"{where}: {len(names)} columns are named ({' '.join(names)[:_SHOWN]}), line "
@@ -77,7 +78,7 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
             f"{lines[first][:_SHOWN].strip()!r}"
         )
 
-    point, normal = _named(names) if names else ([0, 1, 2], _normal_columns(values))
+    point, normal = _named(names) if names else ([0, 1, 2], _normal_columns(numbers))
     others = [k for k in range(width) if k not in (*point, *(normal or ()))]
     if others:
         what = (
@@ -86,17 +87,16 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
         notes.append(
             f"columns left out: {what}" + ("" if names or normal else " (no unit normals)")
         )
+
     return TextCloud(
-        points=values[:, point],
-        normals=None if normal is None else values[:, normal],
+        points=numbers[:, point],
+        normals=None if normal is None else numbers[:, normal],
         notes=tuple(notes),
     )
 
 
 def _head(lines: list[str], where: str) -> tuple[list[str], int]:
-    """Names of the columns, none without a line of names, and the index of the first line with
-    numbers.
-    """
+    """Names of the columns, none without a line of names; index of the first line of numbers."""
     names: list[str] = []
     for i, line in enumerate(lines):
         content = line.strip()
@@ -115,6 +115,7 @@ def _head(lines: list[str], where: str) -> tuple[list[str], int]:
         elif len(words) > 1 or not words[0].isdigit():
             # one whole number: the count of points, as PTS files begin
             return names, i
+
     return names, len(lines)
 
 
@@ -152,9 +153,7 @@ def _are_numbers(words: list[str]) -> bool:
 
 
 def _has_decimal_commas(line: str) -> bool:
-    """Whether commas are decimal signs in a line: each column between blanks or semicolons has one
-    within.
-    """
+    """Whether commas are decimal signs: each column between blanks or semicolons has one within."""
     words = line.replace(";", " ").split()
     with_comma = [word for word in words if "," in word]
     return (
@@ -168,11 +167,13 @@ def _values(lines: list[str], first: int, where: str) -> Array:
     """Numbers (n, columns) of the lines from `first` on."""
     rows = [_numbers_only(line) for line in lines[first:]]
     try:
-        values = np.loadtxt(rows, dtype=np.float64, ndmin=2)
-        if len(values):
-            return values
+        numbers = np.loadtxt(rows, dtype=np.float64, ndmin=2)
+        if len(numbers):
+            return numbers
     except ValueError:
         pass
+
+    # The first line that is wrong is named.
     width = len(rows[0].split())
     for i, row in enumerate(rows, start=first + 1):
         words = row.split()
@@ -180,6 +181,7 @@ def _values(lines: list[str], first: int, where: str) -> Array:
             raise ConfigurationError(
                 f"{where}, line {i}: expected {width} numbers, got {row[:_SHOWN].strip()!r}"
             )
+
     return np.array([[float(word) for word in row.split()] for row in rows if row.split()])
 
 
@@ -203,10 +205,11 @@ def _normal_columns(values: Array) -> list[int] | None:
             length = np.linalg.norm(trio[usable], axis=1)
             if (np.abs(length - 1.0) < _UNIT).mean() >= _MOSTLY:
                 return [start, start + 1, start + 2]
+
     if values.shape[1] != 6:
         return None
     trio = values[:, 3:]
     finite = trio[np.isfinite(trio).all(axis=1)]
-    # that a normal is there, though unknown, is said where the model is made
+    # An unknown normal is reported where the model is made.
     zero = not finite.any()
     return [3, 4, 5] if zero or (finite < 0.0).any() else None

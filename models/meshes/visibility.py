@@ -1,6 +1,4 @@
-"""Which part of a mesh's surface cameras see: in the image, facing the camera, and not occluded by
-the mesh itself.
-"""
+"""Which part of a mesh's surface cameras see: in the image, facing, not occluded by the mesh."""
 
 from dataclasses import dataclass
 
@@ -24,7 +22,7 @@ class View:
 
 
 class SurfaceSamples:
-    """Samples of a mesh's surface, uniform over its area, that tell which cameras see them.
+    """Samples of a mesh's surface, uniform over its area, and which of them cameras see.
 
     `points` (N, 3) [m] and outward unit `normals` (N, 3) are in the mesh's frame.
     """
@@ -33,6 +31,7 @@ class SurfaceSamples:
         corner = vertices[triangles]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         area = 0.5 * np.linalg.norm(normal, axis=1)
+
         rng = np.random.default_rng(0)
         which = rng.choice(len(area), _PIECES, p=area / area.sum())
         weight = rng.dirichlet(np.ones(3), _PIECES)
@@ -41,21 +40,21 @@ class SurfaceSamples:
         self._scene = RayScene(vertices, triangles)
 
     def seen(self, X_TC: Array, view: View) -> np.ndarray:
-        """Samples (N,) that at least one of the cameras at `X_TC` (n, 4, 4) in the mesh's frame
-        sees.
-        """
-        seen = np.zeros(len(self.points), dtype=bool)
+        """Samples (N,) that at least one of the cameras at `X_TC` (n, 4, 4), mesh's frame, sees."""
+        visible = np.zeros(len(self.points), dtype=bool)
         for X in X_TC:
-            left = np.flatnonzero(~seen)
+            left = np.flatnonzero(~visible)
             p_C = transform_points(inverse(X), self.points[left])
             away = self.points[left] - X[:3, 3]
             distance = np.linalg.norm(away, axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 inside = np.all(np.abs(p_C[:, :2] / p_C[:, 2:]) < view.half_view, axis=1)
             facing = -np.einsum("ni,ni->n", away, self.normals[left]) > _TURNED * distance
-            asked = np.flatnonzero(inside & (p_C[:, 2] > 0.0) & (distance < view.far) & facing)
-            if len(asked):
-                starts = np.broadcast_to(X[:3, 3], (len(asked), 3))
-                hit = self._scene.cast(starts, away[asked] / distance[asked, None])["t"]
-                seen[left[asked]] = hit > distance[asked] - _SKIN
-        return seen
+            candidates = np.flatnonzero(inside & (p_C[:, 2] > 0.0) & (distance < view.far) & facing)
+
+            if len(candidates):
+                starts = np.broadcast_to(X[:3, 3], (len(candidates), 3))
+                hit = self._scene.cast(starts, away[candidates] / distance[candidates, None])["t"]
+                visible[left[candidates]] = hit > distance[candidates] - _SKIN
+
+        return visible

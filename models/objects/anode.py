@@ -1,7 +1,7 @@
-"""Stand-off anode as welded to jackets: a cast bar of trapezoidal section on a steel pipe with two
-legs.
+"""Stand-off anode as welded to jackets: a cast bar of trapezoidal section on a steel pipe.
 
-Sizes are ours, at the small end of those that are cast (0.8 m, about 40 kg of aluminium).
+The pipe has two legs. Sizes are ours, at the small end of those that are cast (0.8 m, about 40 kg
+of aluminium).
 """
 
 import numpy as np
@@ -13,7 +13,9 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose, rotation_from_z
 
 LENGTH = 0.8  # [m] of the bar, along x_T
-TOP, BOTTOM, HEIGHT = 0.12, 0.16, 0.12  # [m] widths (y_T) and height (z_T) of its section
+TOP = 0.12  # [m] width (y_T) of the section's upper side
+BOTTOM = 0.16  # [m] width of the lower one
+HEIGHT = 0.12  # [m] (z_T) of the section
 PIPE = (0.024, 1.06)  # [m] radius and length of the core
 LEG = 0.26  # [m] that the legs reach below the bar's middle
 LEG_X = 0.48  # [m] from the middle to a leg's axis
@@ -38,8 +40,10 @@ def _line(name: str, length: float, middle: Array, normal: Array) -> ModelPath:
         raise ConfigurationError(
             f"{name} path: length must lie between 0 and {LENGTH - 0.1:.2f} m, got {length}"
         )
+
     x = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
     ones = np.ones((len(x), 1))
+
     return ModelPath(
         p=middle + x[:, None] * [1.0, 0.0, 0.0], a=-ones * normal, b=ones * [1.0, 0.0, 0.0]
     )
@@ -58,13 +62,19 @@ def anode() -> TargetModel:
             [[-x, -0.5 * width, z], [x, -0.5 * width, z], [x, 0.5 * width, z], [-x, 0.5 * width, z]]
         )
 
-    low, high = face(BOTTOM, -0.5 * HEIGHT), face(TOP, 0.5 * HEIGHT)
-    r, half = PIPE[0], 0.5 * PIPE[1]
+    low = face(BOTTOM, -0.5 * HEIGHT)
+    high = face(TOP, 0.5 * HEIGHT)
+
+    # Pipe and legs are revolved about x; a leg's axis is turned to z.
+    r = PIPE[0]
+    half = 0.5 * PIPE[1]
     pipe = revolve(np.array([(-half, 0.0), (-half, r), (half, r), (half, 0.0)]), _SIDES)
     upright, faces = revolve(np.array([(-LEG, 0.0), (-LEG, r), (0.0, r), (0.0, 0.0)]), _SIDES)
     legs = [(upright[:, [1, 2, 0]] + [s * LEG_X, 0.0, 0.0], faces) for s in (-1.0, 1.0)]
+
     vertices, triangles = joined([prism(low, high), pipe, *legs])
     R_pipe = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+
     return TargetModel(
         name="anode",
         vertices=vertices,

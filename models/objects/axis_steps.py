@@ -1,7 +1,7 @@
 """Steps of the second axis along a path: corners in which a tool that is not round stops and turns.
 
 Between points such an axis cannot be interpolated, and splines swing beyond a step. So the axis is
-interpolated without its steps, and they are put back at their places.
+interpolated without its steps, and they are put back where they were.
 """
 
 from dataclasses import dataclass
@@ -23,14 +23,13 @@ class Steps:
 
     @classmethod
     def of(cls, z: Array, x: Array) -> "Steps":
-        """Steps between neighbours of `x` (n, 3), unit and across the unit axes `z` (n, 3), beyond
-        STEP.
-        """
+        """Steps beyond STEP between neighbours of `x` (n, 3), unit, across unit axes `z` (n, 3)."""
         # as it would be without a turn
         moved = x[:-1] - np.sum(x[:-1] * z[1:], axis=1, keepdims=True) * z[1:]
         angle = np.arctan2(
             np.sum(np.cross(moved, x[1:]) * z[1:], axis=1), np.sum(moved * x[1:], axis=1)
         )
+
         after = np.flatnonzero(np.abs(angle) > STEP)
         return cls(after, angle[after])
 
@@ -39,9 +38,7 @@ class Steps:
         return self._turned(z, x, -1.0, np.arange(len(x)))
 
     def put_back(self, z: Array, x: Array, at: np.ndarray) -> Array:
-        """`x` (m, 3) with the steps, `at` (m,) being the index of each of its points among those of
-        the path.
-        """
+        """`x` (m, 3) with the steps; `at` (m,) are its points' indices among those of the path."""
         return self._turned(z, x, 1.0, at)
 
     def _turned(self, z: Array, x: Array, sign: float, at: np.ndarray) -> Array:

@@ -44,9 +44,11 @@ def longitudinal(length: float = 0.6, azimuth: float = 0.0) -> ModelPath:
         raise ConfigurationError(
             f"longitudinal path: length must lie between 0 and {limit:.2f} m, got {length}"
         )
+
     x = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
     outward = np.array([0.0, -np.sin(azimuth), np.cos(azimuth)])
     ones = np.ones((len(x), 1))
+
     return ModelPath(
         p=np.column_stack([x, np.zeros_like(x), np.zeros_like(x)])
         + 0.5 * BARREL_DIAMETER * outward,
@@ -76,12 +78,14 @@ def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> Mode
         raise ConfigurationError(
             f"transverse path: |x| must be below {limit:.2f} m (the rims), got {x}"
         )
+
     radius = 0.5 * BARREL_DIAMETER
     angle = azimuth + np.linspace(
         -0.5 * arc, 0.5 * arc, max(4, 1 + round(radius * arc / PATH_STEP))
     )
     zero = np.zeros_like(angle)
     outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
+
     return ModelPath(
         p=radius * outward + [x, 0.0, 0.0],
         a=-outward,
@@ -90,8 +94,7 @@ def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> Mode
 
 
 def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath:
-    """Along the top generator for `length` [m], then on around the shell: the way turns by `corner`
-    [rad] on the top.
+    """Along the top generator for `length` [m], then on around the shell after a turn by `corner`.
 
     Both parts are straight on the unrolled shell, and as long.
 
@@ -104,16 +107,19 @@ def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath
         raise ConfigurationError(
             f"corner path: length must lie between 0 and {limit:.2f} m, got {length}"
         )
+
+    # Way along the axis and around the shell, on the unrolled shell.
     s = np.linspace(-length, length, 2 * max(4, round(length / PATH_STEP)) + 1)
-    ahead, around = (
-        np.minimum(s, 0.0) + np.maximum(s, 0.0) * np.cos(corner),
-        np.maximum(s, 0.0) * np.sin(corner),
-    )
-    radius, zero = 0.5 * BARREL_DIAMETER, np.zeros_like(s)
+    ahead = np.minimum(s, 0.0) + np.maximum(s, 0.0) * np.cos(corner)
+    around = np.maximum(s, 0.0) * np.sin(corner)
+
+    radius = 0.5 * BARREL_DIAMETER
+    zero = np.zeros_like(s)
     angle = -around / radius
     outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
     onward = np.column_stack([zero, np.cos(angle), np.sin(angle)])
     turned = np.where(s > 0.0, corner, 0.0)[:, None]
+
     return ModelPath(
         p=radius * outward + ahead[:, None] * [1.0, 0.0, 0.0],
         a=-outward,
@@ -130,8 +136,7 @@ def barrel(
     bung_azimuth: float | None = None,
     corner: float = 0.5 * np.pi,
 ) -> TargetModel:
-    """Barrel as a target, after [Konoplin 2022, fig. 3]: 0.6 m in diameter, 0.9 m long, with a rim
-    at each end.
+    """Barrel as a target, after [Konoplin 2022, fig. 3]: 0.6 m in diameter, 0.9 m long, with rims.
 
     The sizes are ours. x_T is the axis and the origin the centre. The paths are "longitudinal",
     "transverse" and "corner". The declared symmetry is that of the body, with or without a bung.
@@ -151,7 +156,8 @@ def barrel(
     Raises:
         ConfigurationError: a path off the shell, or a stand inside it.
     """
-    r, h = 0.5 * BARREL_DIAMETER, 0.5 * BARREL_LENGTH
+    r = 0.5 * BARREL_DIAMETER
+    h = 0.5 * BARREL_LENGTH
     rim = r + RIM_HEIGHT
     profile = [(-h, 0.0), (-h, rim), (RIM_WIDTH - h, rim), (RIM_WIDTH - h, r)]
     profile += [(-x, radius) for x, radius in reversed(profile)]
@@ -166,6 +172,7 @@ def barrel(
         Solid(name="target_rim_aft", kind="cylinder", size=size, X_TS=pose(R_axis, [-x_rim, 0, 0])),
         Solid(name="target_rim_fore", kind="cylinder", size=size, X_TS=pose(R_axis, [x_rim, 0, 0])),
     )
+
     if bung_azimuth is not None:
         radius, height, x = BUNG
         # z out of the shell, origin on it
@@ -179,12 +186,14 @@ def barrel(
         half = 0.5 * (height - inside)
         X_TS = X_bung @ pose(p=[0.0, 0.0, half + inside])
         solids += (Solid(name="target_bung", kind="cylinder", size=(radius, half), X_TS=X_TS),)
+
     half_width = 0.18
     top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
     if not stand_height > r + RIM_HEIGHT:
         raise ConfigurationError(
             f"barrel: stand_height must exceed {r + RIM_HEIGHT} m, got {stand_height}"
         )
+
     beam = (0.03, half_width, 0.5 * (stand_height - top))
     stand = tuple(
         Solid(
@@ -195,6 +204,7 @@ def barrel(
         )
         for end, x in (("aft", -0.28), ("fore", 0.28))
     )
+
     return TargetModel(
         name="barrel",
         vertices=vertices,

@@ -19,31 +19,33 @@ _ARCS = 24  # steps of a quarter circle; the facets deviate from it by r / 900
 
 
 def over_edge(radius: float, length: float = 0.2) -> ModelPath:
-    """Path along y_T over the top, around its edge towards +y_T, and down the side; `length` [m] on
-    each face.
-    """
-    flat, down = 0.5 * SIZE[1] - radius, 0.5 * SIZE[2] - radius
-    arc, total = 0.5 * np.pi * radius, 2.0 * length + 0.5 * np.pi * radius
+    """Path along y_T over the top, around its edge, down the side; `length` [m] on each face."""
+    flat = 0.5 * SIZE[1] - radius
+    down = 0.5 * SIZE[2] - radius
+    arc = 0.5 * np.pi * radius
+    total = 2.0 * length + 0.5 * np.pi * radius
+
     s = np.linspace(0.0, total, max(4, 1 + round(total / PATH_STEP)))
     angle = np.clip((s - length) / radius, 0.0, 0.5 * np.pi)
-    along, outward = (
-        _in_plane(np.cos(angle), -np.sin(angle)),
-        _in_plane(np.sin(angle), np.cos(angle)),
-    )
-    before, after = np.minimum(s - length, 0.0), np.maximum(s - length - arc, 0.0)
+    along = _in_plane(np.cos(angle), -np.sin(angle))
+    outward = _in_plane(np.sin(angle), np.cos(angle))
+
+    # Ways on the two faces, before and after the arc.
+    before = np.minimum(s - length, 0.0)
+    after = np.maximum(s - length - arc, 0.0)
     p = _in_plane(np.full_like(s, flat) + before, np.full_like(s, down) - after) + radius * outward
     return ModelPath(p=p, a=-outward, b=along)
 
 
 def around_corner(corner: float, length: float = 0.15) -> ModelPath:
-    """Two straight lines of `length` [m] on the top that meet in its middle; the way turns by
-    `corner` [rad].
-    """
+    """Two lines of `length` [m] that meet in the top's middle; the way turns by `corner` [rad]."""
     finite_number(corner, "block corner [rad]", least=0.0, most=SHARPEST_CORNER)
     n = max(4, 1 + round(length / PATH_STEP))
+
     before = np.linspace(-length, 0.0, n)[:, None] * [1.0, 0.0, 0.0]
     after = np.linspace(0.0, length, n)[1:, None] * [np.cos(corner), np.sin(corner), 0.0]
     p = np.vstack([before, after]) + np.array([0.0, 0.0, 0.5 * SIZE[2]])
+
     b = np.vstack(
         [
             np.tile([1.0, 0.0, 0.0], (n, 1)),
@@ -54,10 +56,10 @@ def around_corner(corner: float, length: float = 0.15) -> ModelPath:
 
 
 def block(radius: float = RADIUS, corner: float = 0.5 * np.pi) -> TargetModel:
-    """Block as a target: origin in its middle, z_T up. Paths "edge" (`over_edge`) and "corner"
-    (`around_corner`).
+    """Block as a target: origin in its middle, z_T up.
 
-    Symmetric under half a turn about each axis.
+    Paths "edge" (`over_edge`) and "corner" (`around_corner`). Symmetric under half a turn about
+    each axis.
 
     Args:
         radius: [m] of all edges.
@@ -67,6 +69,7 @@ def block(radius: float = RADIUS, corner: float = 0.5 * np.pi) -> TargetModel:
         ConfigurationError: a radius or corner out of range.
     """
     radius = finite_number(radius, "block edge radius [m]", least=1e-3, most=0.4 * min(SIZE))
+
     vertices, triangles = _rounded_box(radius)
     turns = [np.eye(3), *(exp_so3(np.pi * axis) for axis in np.eye(3))]
     return TargetModel(
@@ -84,26 +87,28 @@ def _in_plane(y: Array, z: Array) -> Array:
 
 
 def _rounded_box(radius: float) -> tuple[Array, np.ndarray]:
-    """Convex hull of an eighth of a sphere at each corner: vertices (V, 3) [m] and triangles (T,
-    3).
-    """
+    """Convex hull of eighths of spheres at all corners: vertices (V, 3) [m], triangles (T, 3)."""
     from scipy.spatial import ConvexHull
 
     angle = np.linspace(0.0, 0.5 * np.pi, _ARCS + 1)
-    polar, around = (each.ravel() for each in np.meshgrid(angle, angle, indexing="ij"))
+    polar, around = (grid.ravel() for grid in np.meshgrid(angle, angle, indexing="ij"))
     eighth = np.column_stack(
         [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
     )
+
     core = 0.5 * np.array(SIZE) - radius
     points = np.vstack(
         [np.array(signs) * (core + radius * eighth) for signs in product((-1.0, 1.0), repeat=3)]
     )
     points = np.unique(np.round(points, 9), axis=0)
+
+    # Facets, counter-clockwise from outside, and the points that they use.
     hull = ConvexHull(points)
     outward = np.einsum("ij,ij->i", _cross(points, hull.simplices), hull.equations[:, :3]) > 0.0
     triangles = np.where(outward[:, None], hull.simplices, hull.simplices[:, ::-1])
     used, index = np.unique(triangles, return_inverse=True)
-    vertices, triangles = points[used], index.reshape(-1, 3)
+    vertices = points[used]
+    triangles = index.reshape(-1, 3)
     return vertices, triangles
 
 

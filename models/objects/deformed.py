@@ -51,6 +51,7 @@ class Patch:
     def __post_init__(self) -> None:
         if self.kind not in ("growth", "dent"):
             raise ConfigurationError(f"patch: kind must be 'growth' or 'dent', got {self.kind!r}")
+
         normal = checked(self.n_T, (3,), "patch normal")
         length = float(np.linalg.norm(normal))
         if not length > 1e-9:
@@ -64,23 +65,24 @@ class Patch:
                 f"patch: radius must be at least {_STEEPEST} times the height, got {self.radius} "
                 f"and {self.height} m"
             )
+
         object.__setattr__(self, "p_T", readonly(checked(self.p_T, (3,), "patch middle")))
         object.__setattr__(self, "n_T", readonly(normal / length))
         object.__setattr__(self, "lobes", readonly(checked(self.lobes, (2,), "patch lobes")))
 
     def displacement(self, points_T: Array, normals_T: Array) -> Array:
-        """Displacement (N, 3) [m] of points (N, 3) of the clean surface with their outward normals
-        (N, 3).
-        """
+        """Displacement (N, 3) [m] of points (N, 3) of the clean surface, outward normals (N, 3)."""
         offset = points_T - self.p_T
         x = np.cross(self.n_T, [0.0, 0.0, 1.0] if abs(self.n_T[2]) < 0.9 else [1.0, 0.0, 0.0])
         x /= np.linalg.norm(x)
         angle = np.arctan2(offset @ np.cross(self.n_T, x), offset @ x)
         wander = np.cos(3.0 * angle + self.lobes[0]) + 0.5 * np.cos(5.0 * angle + self.lobes[1])
         share = np.linalg.norm(offset, axis=1) / self.radius
+
         # Lobes fade out towards the middle, where they would otherwise meet in a cusp.
         share = share / (1.0 + _LOBES * wander * np.clip(share, 0.0, 1.0) ** 2)
         amount = self.height * 0.5 * (1.0 + np.cos(np.pi * np.clip(share, 0.0, 1.0)))
+
         if self.kind == "dent":
             return -amount[:, None] * self.n_T
         # surface that faces aside or away stays
@@ -90,9 +92,7 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deformed:
-    """A deformed object with its ground truth: `target.vertices` equals `clean_T` plus the
-    displacement.
-    """
+    """A deformed object with its ground truth: `target.vertices` is `clean_T` plus displacement."""
 
     target: TargetModel  # the true shape; name, symmetry and paths are those of the clean one
     clean: TargetModel  # the believed shape
@@ -101,8 +101,7 @@ class Deformed:
     offset: Array  # (V,) [m] of each vertex along the clean surface's normal: growth positive
 
     def offset_at(self, points_T: ArrayLike) -> Array:
-        """Offset (N,) [m] from the clean surface at the points of the true surface nearest to (N,
-        3) [m].
+        """Offset (N,) [m] from the clean surface, of the true one's points nearest to (N, 3) [m].
 
         Growth is positive.
 
@@ -115,6 +114,7 @@ class Deformed:
                 f"offset_at: expected points (N, 3) [m], got shape {points.shape}"
             )
         points = checked_place(points, (len(points), 3), "offset_at: points [m]")
+
         nearest = NearestSurface.of(self.target.vertices, self.target.triangles).query(points)
         return np.einsum(
             "nk,nk->n", nearest.weights, self.offset[self.target.triangles[nearest.triangle]]
@@ -176,11 +176,14 @@ def dented(
 def deformed(target: TargetModel, patches: Sequence[Patch]) -> Deformed:
     """Copy of `target` with all of `patches` applied; overlapping patches add up."""
     points, faces = welded(target.vertices, target.triangles)
+
+    # Finer triangles where a patch reaches.
     for patch in patches:
         edge = float(np.clip(patch.radius / 9.0, *_EDGE))
         reach = (1.0 + 1.5 * _LOBES) * patch.radius
         for _ in range(30):
-            low, high = points[faces].min(axis=1), points[faces].max(axis=1)
+            low = points[faces].min(axis=1)
+            high = points[faces].max(axis=1)
             away = np.linalg.norm(
                 np.maximum(np.maximum(low - patch.p_T, patch.p_T - high), 0.0), axis=1
             )
@@ -188,10 +191,12 @@ def deformed(target: TargetModel, patches: Sequence[Patch]) -> Deformed:
             if len(finer[0]) == len(points):
                 break
             points, faces = finer
+
     normals = vertex_normals(points, faces)
     moved = points + sum(
         (patch.displacement(points, normals) for patch in patches), np.zeros_like(points)
     )
+
     return Deformed(
         target=replace(target, vertices=moved, triangles=faces, solids=(), hulls=()),
         clean=target,
@@ -214,6 +219,7 @@ def _drawn(
         raise ConfigurationError(
             f"{kind}: height must be 0 < least <= most [m], got {shown(height)}"
         )
+
     count = whole_number(count, f"{kind}: patches", least=1, most=_MOST_PATCHES)
     widest = _MOST_OF_SIZE * target.radius
     if least * _STEEPEST > widest:
@@ -222,19 +228,23 @@ def _drawn(
             f"of {least:.3g} m; "
             f"at most {widest / _STEEPEST:.3g} m"
         )
-    places = None if near is None else np.asarray(near, dtype=np.float64)
-    if places is not None and (places.ndim != 2 or places.shape[1:] != (3,) or not len(places)):
+
+    near_T = None if near is None else np.asarray(near, dtype=np.float64)
+    if near_T is not None and (near_T.ndim != 2 or near_T.shape[1:] != (3,) or not len(near_T)):
         raise ConfigurationError(
-            f"{kind}: near must be points (N, 3), N > 0, got shape {places.shape}"
+            f"{kind}: near must be points (N, 3), N > 0, got shape {near_T.shape}"
         )
-    if places is not None and not np.isfinite(places).all():
+    if near_T is not None and not np.isfinite(near_T).all():
         raise ConfigurationError(f"{kind}: every point of near must be finite")
+
+    # Surface, from which middles are drawn by area.
     a, b, c = target.vertices[target.triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)
-    if places is not None:
+
+    if near_T is not None:
         away = float(
-            NearestSurface.of(target.vertices, target.triangles).query(places).distance.min()
+            NearestSurface.of(target.vertices, target.triangles).query(near_T).distance.min()
         )
         close = 0.5 * min(4.5 * most, widest)
         if away >= close:
@@ -242,6 +252,7 @@ def _drawn(
                 f"{kind}: near lies {away:.3g} m from {target.name!r}, farther than its patches "
                 f"reach, {close:.3g} m"
             )
+
     drawn: list[Patch] = []
     crowded = 0
     while len(drawn) < count:
@@ -251,7 +262,8 @@ def _drawn(
         u, v = np.sort(rng.random(2))
         p = u * a[face] + (v - u) * b[face] + (1.0 - v) * c[face]
         lobes = rng.uniform(-np.pi, np.pi, 2)
-        if places is not None and np.linalg.norm(places - p, axis=1).min() > 0.5 * radius:
+
+        if near_T is not None and np.linalg.norm(near_T - p, axis=1).min() > 0.5 * radius:
             continue
         if crowded < _CROWDED and any(
             np.linalg.norm(p - q.p_T) < 0.7 * (radius + q.radius) for q in drawn
@@ -268,4 +280,5 @@ def _drawn(
                 lobes=lobes,
             )
         )
+
     return drawn

@@ -1,5 +1,4 @@
-"""Subsea manifold block with sampling holes: mesh for identification, and collision shapes with
-real holes.
+"""Subsea manifold block with sampling holes: mesh to identify, collision shapes with real holes.
 
 Frame T has its origin in the middle of the block's face and z out of it. A hole is a blind bore
 with a chamfered mouth. Each is walled by a ring of boxes whose inner faces touch the bore's circle
@@ -40,9 +39,7 @@ class Hole:
     chamfer: float  # [m] width and depth of the 45 deg chamfer at the mouth
 
     def pose(self, X_WT: Array) -> Array:
-        """Pose X_WH (4, 4) of the bore for a target at `X_WT`: origin in the mouth, z inwards, x
-        close to x_T.
-        """
+        """Pose X_WH (4, 4) for a target at `X_WT`: origin in the mouth, z inwards, x near x_T."""
         R_TH = rotation_from_z(-self.z_T, [1.0, 0.0, 0.0])
         return np.asarray(X_WT) @ pose(R_TH, self.p_T)
 
@@ -95,6 +92,7 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
             f"manifold: depth must lie between the chamfer's {chamfer} m and {height - 0.01:.2f} "
             f"m, got {depth}"
         )
+
     holes = {
         name: Hole(
             p_T=readonly([x, -0.07, 0.0]),
@@ -105,11 +103,14 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         )
         for name, x in (("a", 0.05), ("b", -0.1))
     }
+
     pipes = (  # radius, length, axis, middle
         ("header", 0.045, 0.5, [1.0, 0.0, 0.0], [-0.03, 0.14, 0.07]),
         ("branch", 0.03, 0.26, [0.0, 1.0, 0.0], [0.2, -0.03, 0.05]),
         ("valve", 0.04, 0.13, [0.0, 0.0, 1.0], [-0.22, -0.14, 0.06]),
     )
+
+    # The face in cells between these lines, whole or with a hole.
     columns = sorted(
         {
             -0.5 * length,
@@ -118,10 +119,12 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         }
     )
     rows = [-0.5 * width, -0.07 - _CELL, -0.07 + _CELL, 0.5 * width]
+
     mesh = _Mesh()
     solids: list[Solid] = [
         _box("target", [0, 0, -0.5 * (height + depth)], [length, width, height - depth])
     ]
+
     for x0, x1 in pairwise(columns):
         for y0, y1 in pairwise(rows):
             middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0])
@@ -140,8 +143,10 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
             else:
                 mesh.bore(hole)
                 solids += _ring(name, hole)
+
     mesh.sides(columns, rows, height)
     shells = [welded(*mesh.arrays())]
+
     for name, pipe_radius, pipe_length, axis, middle in pipes:
         R = rotation_from_z(axis, [0.3, 0.5, 0.7])
         half = 0.5 * pipe_length
@@ -153,18 +158,22 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
                 X_TS=pose(R, middle),
             )
         )
+
         vertices, triangles = revolve(
             [(-half, 0.0), (-half, pipe_radius), (half, pipe_radius), (half, 0.0)], _PIPE_SIDES
         )
         # the mesh is revolved about x, the solid has its axis along z
         R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])
         shells.append((vertices @ R_pipe.T + middle, triangles))
-    x, ones = np.linspace(-0.02, 0.02, 9), np.ones((9, 1))
+
+    x = np.linspace(-0.02, 0.02, 9)
+    ones = np.ones((9, 1))
     line = np.column_stack([x, np.full(9, radius + chamfer + 0.015), np.zeros(9)])
     beside = {
         name: ModelPath(p=hole.p_T + line, a=-ones * _Z, b=ones * [1.0, 0.0, 0.0])
         for name, hole in holes.items()
     }
+
     vertices, triangles = joined(shells)
     target = TargetModel(
         name="manifold",
@@ -182,12 +191,12 @@ def _box(name: str, middle: ArrayLike, size: ArrayLike, R: Array | None = None) 
 
 
 def _ring(name: str, hole: Hole) -> list[Solid]:
-    """Boxes (wall, lip and chamfer for each side) around the bore, out to the corners of its
-    cell.
-    """
-    r, c, out = hole.radius, hole.chamfer, np.sqrt(2.0) * _CELL
+    """Boxes around the bore, out to its cell's corners: wall, lip and chamfer for each side."""
+    r = hole.radius
+    c = hole.chamfer
+    out = np.sqrt(2.0) * _CELL
     wide = 2.0 * out * np.tan(np.pi / SIDES)
-    found = []
+    boxes = []
     for k in range(SIDES):
         R = exp_so3([0.0, 0.0, 2.0 * np.pi * k / SIDES])
 
@@ -200,18 +209,19 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
             k: int = k,
             R: Array = R,
         ) -> Solid:
-            place = hole.p_T + R @ [x, 0.0, z]
-            return _box(f"target_{name}_{kind}_{k}", place, size, R @ exp_so3([0.0, tilt, 0.0]))
+            middle = hole.p_T + R @ [x, 0.0, z]
+            return _box(f"target_{name}_{kind}_{k}", middle, size, R @ exp_so3([0.0, tilt, 0.0]))
 
-        found.append(
+        boxes.append(
             part("wall", 0.5 * (r + out), -0.5 * (hole.depth + c), [out - r, wide, hole.depth - c])
         )
         if c > 0.0:
-            found.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
+            boxes.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
+
             # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the box lies behind
             # it.
             s = 0.25 * c
-            found.append(
+            boxes.append(
                 part(
                     "chamfer",
                     r + 0.5 * c + s,
@@ -220,7 +230,8 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
                     0.25 * np.pi,
                 )
             )
-    return found
+
+    return boxes
 
 
 class _Mesh:
@@ -242,9 +253,11 @@ class _Mesh:
         n = _FACETS
         angle = 2.0 * np.pi * np.arange(n) / n
         circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
-        r, c = hole.radius, hole.chamfer
+        r = hole.radius
+        c = hole.chamfer
         i = np.arange(n)
         j = (i + 1) % n
+
         # Each corner of the square is joined to the nearest quarter of the mouth's circle.
         corners = hole.p_T + _CELL * np.array(
             [[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=np.float64
@@ -253,15 +266,18 @@ class _Mesh:
         fan = np.column_stack([n + corner, j, i])
         gaps = [[n + k, n + (k + 1) % 4, (n // 4) * (k + 1) % n] for k in range(4)]
         self.add(np.vstack([hole.p_T + (r + c) * circle, corners]), np.vstack([fan, gaps]))
+
         rings = (
             [(r + c, 0.0), (r, -c), (r, -hole.depth)] if c > 0.0 else [(r, 0.0), (r, -hole.depth)]
         )
         for (r0, z0), (r1, z1) in pairwise(rings):
-            upper, lower = hole.p_T + r0 * circle + [0, 0, z0], hole.p_T + r1 * circle + [0, 0, z1]
+            upper = hole.p_T + r0 * circle + [0, 0, z0]
+            lower = hole.p_T + r1 * circle + [0, 0, z1]
             self.add(
                 np.vstack([upper, lower]),
                 np.vstack([np.column_stack([i, j, n + j]), np.column_stack([i, n + j, n + i])]),
             )
+
         bottom = hole.p_T + r * circle - [0, 0, hole.depth]
         self.add(
             np.vstack([bottom, hole.p_T - [0, 0, hole.depth]]),
@@ -269,10 +285,9 @@ class _Mesh:
         )
 
     def sides(self, columns: list[float], rows: list[float], height: float) -> None:
-        """Add the block without its face, whose edge has corners at `columns` (x) and `rows`
-        (y).
-        """
-        x, y = np.array(columns), np.array(rows)
+        """Add the block without its face, whose edge has corners at `columns` (x), `rows` (y)."""
+        x = np.array(columns)
+        y = np.array(rows)
         rim = np.concatenate(
             [
                 np.column_stack([x[:-1], np.full(len(x) - 1, y[0])]),
@@ -281,11 +296,13 @@ class _Mesh:
                 np.column_stack([np.full(len(y) - 1, x[0]), y[:0:-1]]),
             ]
         )
+
         n = len(rim)
         top = np.column_stack([rim, np.zeros(n)])
         i = np.arange(n)
         j = (i + 1) % n
         wall = np.vstack([np.column_stack([i + n, j + n, j]), np.column_stack([i + n, j, i])])
+
         bottom = top - [0.0, 0.0, height]
         under = np.column_stack([j + n, i + n, np.full(n, 2 * n)])
         self.add(np.vstack([top, bottom, bottom.mean(axis=0)]), np.vstack([wall, under]))

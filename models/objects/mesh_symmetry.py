@@ -1,6 +1,4 @@
-"""Symmetry of a mesh, found by turning it: the rotations under which no sensor can tell it from
-itself.
-"""
+"""Symmetry of a mesh, by turning it: rotations under which no sensor can tell it from itself."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -48,12 +46,12 @@ _LARGEST = 60  # rotations in a group: those of an icosahedron
 def mesh_symmetry(
     vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0
 ) -> Symmetry:
-    """Rotations that map a mesh onto itself within 0.6 % of its radius, and one made of a cloud as
-    well as it tells.
+    """Rotations that map a mesh onto itself within 0.6 % of its radius.
 
-    They turn about the centroid of the surface. Axes are sought along the principal axes of
-    inertia, and where two moments are equal, all around the third. A sphere has no single axis; it
-    counts as without symmetry.
+    A mesh made of a cloud is compared as well as its points allow. The rotations are about the
+    centroid of the surface. Axes are sought along the principal axes of inertia, and where two
+    moments are equal, all around the third. A sphere has no single axis; it counts as without
+    symmetry.
 
     Args:
         vertices: (V, 3) [m].
@@ -70,27 +68,34 @@ def mesh_symmetry(
     for axis in axes.T:
         if all(shape.is_like(exp_so3(angle * axis)) for angle in _ROUND):
             return _of_revolution(shape, axis)
+
     equal = np.diff(moments) < _EQUAL * moments[-1]
     if equal.all():
-        found = shape.half_turns(_hemisphere(_SPHERE))
+        half_turns = shape.half_turns(_hemisphere(_SPHERE))
         # Axes of third and fourth order pass midway between those of second order.
-        sums = [signs @ np.array(trio) for trio in combinations(found[:9], 3) for signs in _SIGNS]
+        sums = [
+            signs @ np.array(trio) for trio in combinations(half_turns[:9], 3) for signs in _SIGNS
+        ]
         candidates = _distinct(
-            [*found, *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1)]
+            [
+                *half_turns,
+                *(axis / np.linalg.norm(axis) for axis in sums if np.linalg.norm(axis) > 0.1),
+            ]
         )
     elif equal.any():
-        main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
+        main = axes[:, 0] if equal[1] else axes[:, 2]
+        side = axes[:, 1]
         candidates = [main, *shape.half_turns_across(main, side)]
     else:
         candidates = list(axes.T)
+
     return Symmetry(rotations=_group(shape, candidates), center=shape.center)
 
 
 def has_mirror_plane(
     vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0
 ) -> bool:
-    """Whether a reflection maps a mesh onto itself within 0.6 % of its radius; such a mesh has no
-    other hand.
+    """Whether a reflection maps a mesh onto itself within 0.6 % of its radius: no other hand.
 
     Args:
         vertices: (V, 3) [m].
@@ -102,10 +107,13 @@ def has_mirror_plane(
     moments, axes = np.linalg.eigh(shape.inertia)
     if any(shape.is_like(_reflection(axis)) for axis in axes.T):
         return True
+
     equal = np.diff(moments) < _EQUAL * moments[-1]
     if not equal.any():
         return False
-    main, side = (axes[:, 0] if equal[1] else axes[:, 2]), axes[:, 1]
+
+    main = axes[:, 0] if equal[1] else axes[:, 2]
+    side = axes[:, 1]
     normals = _hemisphere(_SPHERE)
     if not equal.all():
         normals = np.array(
@@ -133,6 +141,7 @@ class _Shape:
         if spacing > 0.0:
             corners, shares = _evenly(corners, areas, spacing, rng)
         self.center = shares @ corners.mean(axis=1)
+
         # Of a triangle: its second moment about its centroid is the corners' mean square over 4.
         off = corners - self.center
         middle = off.mean(axis=1)
@@ -140,6 +149,8 @@ class _Shape:
             "t,ti,tj->ij", shares, middle, middle
         )
         self.inertia = np.trace(spread) * np.eye(3) - spread
+
+        # Points on the surface: even over its area, and corners, of which small parts have many.
         used = vertices[np.unique(triangles)]
         self.radius = float(np.linalg.norm(used - self.center, axis=1).max())
         u, v = rng.random((2, _SAMPLES))
@@ -147,6 +158,7 @@ class _Shape:
         a, b, c = corners[rng.choice(len(corners), size=_SAMPLES, p=shares)].transpose(1, 0, 2)
         inner = a + u[:, None] * (b - a) + v[:, None] * (c - a)
         outer = used[rng.permutation(len(used))[:_SAMPLES]]  # small parts have many corners
+
         self.points = (
             np.vstack([inner, outer])[rng.permutation(len(inner) + len(outer))] - self.center
         )
@@ -165,12 +177,11 @@ class _Shape:
                     share * len(points)
                 ):
                     return False
+
         return True
 
     def half_turns(self, axes: Array) -> list[Array]:
-        """Axes of half turns that map the shape onto itself, found by ICP from the best of `axes`
-        (n, 3).
-        """
+        """Axes of half turns that map the shape onto itself, by ICP from the best of `axes`."""
         return _distinct(
             [
                 np.linalg.eigh(R + R.T)[1][:, -1]
@@ -179,8 +190,7 @@ class _Shape:
         )
 
     def half_turns_across(self, main: Array, side: Array) -> list[Array]:
-        """Axes across `main` (3,) of half turns that map the shape onto itself; `side` (3,) is one
-        across it.
+        """Axes across `main` (3,) of half turns of the shape onto itself; `side` (3,) is across it.
 
         Only the angle about `main` is open, which ICP finds slowly on a prism: most of its surface
         slides.
@@ -197,26 +207,32 @@ class _Shape:
                 np.mean(self.surface.query(points @ exp_so3(np.pi * axis(angle)).T).distance ** 2)
             )
 
-        few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
+        few = self.points[:_FIRST]
+        more = self.points[: 5 * _FIRST]
         around = np.array([off(angle, few) for angle in angles])
         lowest = np.nonzero((around <= np.roll(around, 1)) & (around <= np.roll(around, -1)))[0]
-        found: list[Array] = []
+        turns: list[Array] = []
+
         for k in lowest[np.argsort(around[lowest], kind="stable")[:_REFINED]]:
             bounds = angles[k] - _SCANNED, angles[k] + _SCANNED
             best = minimize_scalar(
                 off, bounds=bounds, args=(more,), method="bounded", options={"xatol": _EXACTLY}
             )
             if self.is_like(exp_so3(np.pi * axis(float(best.x)))):
-                found.append(axis(float(best.x)))
-        return _distinct(found)
+                turns.append(axis(float(best.x)))
+
+        return _distinct(turns)
 
     def settled(self, maps: Sequence[Array]) -> list[Array]:
-        """Orthogonal maps (3, 3) of the shape onto itself, found by ICP from the best of `maps`
-        [Arun 1987].
+        """Orthogonal maps (3, 3) of the shape onto itself, by ICP from the best of `maps`.
+
+        The step of ICP is that of [Arun 1987].
         """
-        few, more = self.points[:_FIRST], self.points[: 5 * _FIRST]
+        few = self.points[:_FIRST]
+        more = self.points[: 5 * _FIRST]
         off = [np.mean(self.surface.query(few @ R.T).distance ** 2) for R in maps]
-        found: list[Array] = []
+        fixed: list[Array] = []
+
         for k in np.argsort(off, kind="stable")[:_REFINED]:
             R = maps[k]
             for _ in range(_ITERATIONS):
@@ -224,15 +240,15 @@ class _Shape:
                 U, _, Vt = np.linalg.svd(self.surface.query(turned).point.T @ turned)
                 R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt @ R
             if self.is_like(R):
-                found.append(R)
-        return found
+                fixed.append(R)
+
+        return fixed
 
 
 def _evenly(
     corners: Array, areas: Array, spacing: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Triangles (n, 3, 3) drawn from `corners` (t, 3, 3) by area, and shares (n,) that spread
-    evenly over the surface.
+    """Triangles (n, 3, 3) drawn from `corners` (t, 3, 3), shares (n,) even over the surface.
 
     The mesh of a cloud has several layers here and there, which must not count twice.
     """
@@ -251,15 +267,14 @@ def _of_revolution(shape: _Shape, axis: Array) -> Symmetry:
 
 
 def _group(shape: _Shape, axes: list[Array]) -> Array:
-    """Rotations (n, 3, 3) about the axes that map the shape onto itself, and their products;
-    identity first.
-    """
+    """Rotations (n, 3, 3) about axes that map the shape onto itself; products; identity first."""
     group = [np.eye(3)]
     for axis in axes:
         for fold in _FOLDS:
             R = exp_so3(2.0 * np.pi / fold * axis)
             if _is_new(R, group) and shape.is_like(R):
                 group = _closed([*group, R])
+
     if shape.spacing > 0.0 and len(group) == _LARGEST:
         return np.eye(3)[None]  # they do not close: each was only nearly one
     return np.stack(group)
@@ -267,14 +282,15 @@ def _group(shape: _Shape, axes: list[Array]) -> Array:
 
 def _closed(rotations: list[Array]) -> list[Array]:
     """The group that some rotations generate, to rounding."""
-    found: list[Array] = []
+    group: list[Array] = []
     waiting = list(rotations)
-    while waiting and len(found) < _LARGEST:
+    while waiting and len(group) < _LARGEST:
         R = waiting.pop(0)
-        if _is_new(R, found):
-            found.append(R)
+        if _is_new(R, group):
+            group.append(R)
             waiting += [R @ B for B in rotations]
-    return found
+
+    return group
 
 
 def _is_new(R: Array, group: list[Array]) -> bool:
@@ -283,17 +299,19 @@ def _is_new(R: Array, group: list[Array]) -> bool:
 
 def _distinct(axes: list[Array]) -> list[Array]:
     """Axes of which none is another one or its opposite."""
-    kept: list[Array] = []
+    distinct: list[Array] = []
     for axis in axes:
-        if all(np.linalg.norm(np.cross(axis, other)) > np.sin(_SAME) for other in kept):
-            kept.append(axis)
-    return kept
+        if all(np.linalg.norm(np.cross(axis, other)) > np.sin(_SAME) for other in distinct):
+            distinct.append(axis)
+
+    return distinct
 
 
 def _hemisphere(count: int) -> Array:
     """Unit vectors (count, 3), evenly spread over half a sphere: a Fibonacci spiral."""
     k = np.arange(count) + 0.5
-    z, angle = k / count, k * np.pi * (3.0 - np.sqrt(5.0))
+    z = k / count
+    angle = k * np.pi * (3.0 - np.sqrt(5.0))
     return np.column_stack(
         [np.sqrt(1.0 - z**2) * np.cos(angle), np.sqrt(1.0 - z**2) * np.sin(angle), z]
     )

@@ -39,6 +39,7 @@ def vertical(length: float = 0.5, azimuth: float = 0.0, height: float = -0.15) -
     """
     if not (np.isfinite(length) and length > 0.0):
         raise ConfigurationError(f"vertical path: length must be > 0 m, got {length}")
+
     rise = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
     return _on_shell("vertical", height + rise, np.full_like(rise, azimuth), climb=1.0)
 
@@ -59,6 +60,7 @@ def ring(arc: float = 2.0 * np.pi / 3.0, azimuth: float = 0.0, height: float = -
     """
     if not 0.0 < arc <= 2.0 * np.pi + 1e-9:
         raise ConfigurationError(f"ring path: arc must lie in (0, 2 pi] rad, got {arc}")
+
     turn = np.linspace(
         -0.5 * arc, 0.5 * arc, max(4, 1 + round(0.5 * PILE_DIAMETER * arc / PATH_STEP))
     )
@@ -85,6 +87,7 @@ def helix(
     """
     if not (np.isfinite(arc) and arc > 0.0):
         raise ConfigurationError(f"helix path: arc must be > 0 rad, got {arc}")
+
     around = 0.5 * PILE_DIAMETER * arc
     length = float(np.hypot(around, rise))
     share = np.linspace(-0.5, 0.5, max(4, 1 + round(length / PATH_STEP)))
@@ -93,15 +96,18 @@ def helix(
 
 def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPath:
     """Path through `height` (N,) [m] and `azimuth` (N,) [rad]; `climb` is the sine of its slope."""
-    low, high = float(np.min(height)), float(np.max(height))
+    low = float(np.min(height))
+    high = float(np.max(height))
     end = 0.5 * PILE_LENGTH - FLANGE_MARGIN
-    under, over = FLANGE[0] - FLANGE_MARGIN, FLANGE[1] + FLANGE_MARGIN
+    under = FLANGE[0] - FLANGE_MARGIN
+    over = FLANGE[1] + FLANGE_MARGIN
     if not ((-end <= low and high <= under) or (over <= low and high <= end)):
         raise ConfigurationError(
             f"{name} path: heights must lie in [{-end:.2f}, {under:.2f}] or [{over:.2f}, "
             f"{end:.2f}] m, clear of the "
             f"flange and the ends; got {low:.3g} to {high:.3g} m"
         )
+
     zero = np.zeros_like(azimuth)
     outward = np.column_stack([np.cos(azimuth), np.sin(azimuth), zero])
     around = np.column_stack([-np.sin(azimuth), np.cos(azimuth), zero])
@@ -113,8 +119,7 @@ def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPa
 
 
 def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> TargetModel:
-    """Pile as a target, 0.6 m in diameter and 3 m long; z_T is its axis, up, and the origin its
-    middle.
+    """Pile as a target, 0.6 m in diameter, 3 m long; z_T is its axis, up, the origin its middle.
 
     Args:
         paths: tool paths by name; by default "vertical", "ring" and "helix" with their defaults.
@@ -123,9 +128,12 @@ def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> T
     Returns:
         The target.
     """
-    r, h, R = 0.5 * PILE_DIAMETER, 0.5 * PILE_LENGTH, 0.5 * FLANGE_DIAMETER
+    r = 0.5 * PILE_DIAMETER
+    h = 0.5 * PILE_LENGTH
+    R = 0.5 * FLANGE_DIAMETER
     collar = [(FLANGE[0], r), (FLANGE[0], R), (FLANGE[1], R), (FLANGE[1], r)] if flange else []
     vertices, triangles = revolve(np.array([(-h, 0.0), (-h, r), *collar, (h, r), (h, 0.0)]), SIDES)
+
     solids = [Solid(name="target", kind="cylinder", size=(r, h), X_TS=pose())]
     if flange:
         half = 0.5 * (FLANGE[1] - FLANGE[0])
@@ -137,6 +145,7 @@ def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> T
                 X_TS=pose(p=[0.0, 0.0, FLANGE[0] + half]),
             )
         )
+
     return TargetModel(
         name="pile",
         vertices=vertices[:, [1, 2, 0]],  # axis along z instead of x

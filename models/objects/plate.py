@@ -1,5 +1,4 @@
-"""Panel of a steel hull as laid out for tests of cleaning: a flat plate with two stiffeners and a
-nozzle on one side.
+"""Panel of a steel hull for tests of cleaning: a flat plate with two stiffeners and a nozzle.
 
 Sizes are ours: the stiffeners are flat bars of 60 by 12 mm, the nozzle a short pipe that is blanked
 off.
@@ -45,6 +44,7 @@ def _line(name: str, length: float, longest: float, through: Array, along: Array
         raise ConfigurationError(
             f"{name} path: length must lie between 0 and {longest:g} m, got {length}"
         )
+
     s = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
     ones = np.ones((len(s), 1))
     p = np.column_stack([through + s[:, None] * along, np.zeros(len(s))])
@@ -52,21 +52,23 @@ def _line(name: str, length: float, longest: float, through: Array, along: Array
 
 
 def plate() -> TargetModel:
-    """Plate as a target: z_T out of its stiffened side, x_T along the long bar, origin in the
-    middle of that side.
+    """Plate as a target: z_T out of its stiffened side, x_T along the long bar.
 
-    Plate, bars and nozzle are closed shells that intersect. Paths "middle", "along_bar" and
-    "across". The short bar and the nozzle leave no symmetry.
+    The origin is in the middle of that side. Plate, bars and nozzle are closed shells that
+    intersect. Paths "middle", "along_bar" and "across". The short bar and the nozzle leave no
+    symmetry.
     """
     radius, height = NOZZLE
     tube, faces = revolve(
         np.array([(-0.01, 0.0), (-0.01, radius), (height, radius), (height, 0.0)]), _SIDES
     )
     nozzle = tube[:, [1, 2, 0]] + [*_NOZZLE_AT, 0.0]
+
     sheet = (list(SIZE), [0.0, 0.0, -0.5 * SIZE[2]])
     vertices, triangles = joined(
         [*(box(size, at) for size, at in (sheet, _LONG, _SHORT)), (nozzle, faces)]
     )
+
     return TargetModel(
         name="plate",
         vertices=vertices,

@@ -1,5 +1,4 @@
-"""Free-form rock: a random star-shaped boulder, one shape per seed, as a test object for
-identification.
+"""Free-form rock: a random star-shaped boulder, one shape per seed, to test identification.
 
 A boulder is a ball cut by planes with rounded edges: the smooth minimum, over planes at random
 distances, of the distance to each plane along a ray from the middle. Broad swells and hollows make
@@ -42,6 +41,7 @@ def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetMod
         raise ConfigurationError(f"rock: roughness must lie in [0, 0.15], got {roughness}")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ConfigurationError(f"rock: seed must be a whole number >= 0, got {seed!r}")
+
     form = _Form(np.random.default_rng([int(seed), 7]), roughness)
     ways, triangles = sphere(_LEVEL)
     scale = size / float(np.ptp(form.surface(ways), axis=0).max())
@@ -49,6 +49,7 @@ def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetMod
         name: form.path(along, scale)
         for name, along in (("over", [1, 0, 0]), ("across", [0, 1, 0]))
     }
+
     return TargetModel(
         name="rock", vertices=scale * form.surface(ways), triangles=triangles, paths=paths
     )
@@ -58,11 +59,14 @@ class _Form:
     """Seeded star-shaped surface: distance from the middle in every direction."""
 
     def __init__(self, rng: np.random.Generator, roughness: float) -> None:
-        normals, swells = rng.normal(size=(_PLANES, 3)), rng.normal(size=(_SWELLS, 3))
+        normals = rng.normal(size=(_PLANES, 3))
+        swells = rng.normal(size=(_SWELLS, 3))
+
         # Six planes along the axes bound the rock, the others are random.
         self._normals = np.vstack(
             [np.eye(3), -np.eye(3), normals / np.linalg.norm(normals, axis=1, keepdims=True)]
         )
+
         stretch = np.sort(rng.uniform(0.62, 1.0, 3))[::-1]  # x is the longest, z the shortest
         self._reach = rng.uniform(0.85, 1.1, len(self._normals)) * np.linalg.norm(
             self._normals * stretch, axis=1
@@ -79,14 +83,14 @@ class _Form:
         return (radius * (1.0 + swell))[:, None] * ways
 
     def path(self, along: list[int], scale: float) -> ModelPath:
-        """Path over the top in the plane of z and `along`, from -40 to 40 deg off z; the tool axis
-        points inwards.
-        """
+        """Path over the top in the plane of z and `along`, to 40 deg off z; tool axis inwards."""
         side = np.array(along, dtype=np.float64)
         fine = np.radians(np.linspace(-40.0, 40.0, 2001))
         p = scale * self.surface(
             np.sin(fine)[:, None] * side + np.cos(fine)[:, None] * [0.0, 0.0, 1.0]
         )
+
+        # Even steps along the arc.
         arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
         angle = np.interp(
             np.linspace(0.0, arc[-1], max(8, 1 + round(arc[-1] / PATH_STEP))), arc, fine
@@ -94,10 +98,13 @@ class _Form:
         way = np.sin(angle)[:, None] * side + np.cos(angle)[:, None] * [0.0, 0.0, 1.0]
         ahead = np.cos(angle)[:, None] * side - np.sin(angle)[:, None] * [0.0, 0.0, 1.0]
         aside = np.cross(way, ahead)
+
+        # Normals by central differences along and across the path.
         h = 1e-5
         along_path = self._moved(way, h * ahead) - self._moved(way, -h * ahead)
         normal = np.cross(along_path, self._moved(way, h * aside) - self._moved(way, -h * aside))
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+
         return ModelPath(
             p=scale * self.surface(way),
             a=-normal * np.sign(np.einsum("ij,ij->i", normal, way))[:, None],

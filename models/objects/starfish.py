@@ -1,5 +1,4 @@
-"""Starfish of [Konoplin 2022, fig. 2]: thin, with five equal arms, so that a yaw error of 72 deg
-fits almost as well.
+"""Starfish of [Konoplin 2022, fig. 2]: thin, five equal arms, 72 deg of yaw fit almost as well.
 
 The paper gives no sizes; ours are 0.4 m across and 35 mm thick. The underside is flat, the upper
 side domed.
@@ -15,13 +14,12 @@ ARMS = 5  # equal arms, so the symmetry is a turn of 72 deg
 REACH = 0.2  # [m] from the middle to an arm's tip
 WAIST = 0.07  # [m] from the middle to the outline between two arms
 RIM = 0.3  # thickness of the rim, as a share of the middle's
-_AROUND, _RINGS = 36 * ARMS, 16
+_AROUND = 36 * ARMS
+_RINGS = 16
 
 
 def outline(angle: Array) -> Array:
-    """Distance (N,) [m] of the outline from the middle at `angle` (N,) [rad] about z_T; an arm lies
-    along x_T.
-    """
+    """Distance (N,) [m] of the outline from the middle at `angle` (N,) [rad]; an arm is on x_T."""
     return WAIST + (REACH - WAIST) * (0.5 + 0.5 * np.cos(ARMS * angle)) ** 2
 
 
@@ -51,19 +49,22 @@ def _on_top(xy: Array) -> ModelPath:
         share = np.hypot(*at.T) / outline(np.arctan2(at[:, 1], at[:, 0]))
         return np.column_stack([at, _height(share) - 0.5 * THICKNESS])
 
-    p, h = surface(xy), 1e-5
+    p = surface(xy)
+    h = 1e-5
+
     along_x = surface(xy + np.array([h, 0.0])) - surface(xy - np.array([h, 0.0]))
     along_y = surface(xy + np.array([0.0, h])) - surface(xy - np.array([0.0, h]))
     normal = np.cross(along_x, along_y)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+
     along = np.gradient(p, axis=0)
     along -= np.einsum("ij,ij->i", along, normal)[:, None] * normal
+
     return ModelPath(p=p, a=-normal, b=along / np.linalg.norm(along, axis=1, keepdims=True))
 
 
 def starfish() -> TargetModel:
-    """Starfish as a target: z_T out of its domed side, x_T along an arm, origin at half its
-    thickness.
+    """Starfish as a target: z_T out of its domed side, x_T along an arm, origin at half thickness.
 
     Paths "arm" (a line along an arm) and "ring" (a circle in the middle). Symmetric under turns of
     72 deg about z_T.
@@ -71,6 +72,7 @@ def starfish() -> TargetModel:
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     share = (np.arange(1, _RINGS + 1) / _RINGS) ** 0.8  # denser where the dome is steep
     edge = outline(angle)
+
     rings = np.stack(
         [
             share[:, None] * edge * np.cos(angle),
@@ -80,6 +82,7 @@ def starfish() -> TargetModel:
         axis=-1,
     )
     under = rings * [1.0, 1.0, 0.0] - [0.0, 0.0, 0.5 * THICKNESS]
+
     n = _AROUND * _RINGS
     vertices = np.vstack(
         [
@@ -88,15 +91,19 @@ def starfish() -> TargetModel:
             [[0, 0, 0.5 * THICKNESS], [0, 0, -0.5 * THICKNESS]],
         ]
     )
+
+    # Upper side, lower side under it, and the rim between them.
     i = np.arange(_AROUND)
     j = (i + 1) % _AROUND
     top = [np.column_stack([np.full_like(i, 2 * n), i, j])]
     for k in range(_RINGS - 1):
-        inner, outer = k * _AROUND, (k + 1) * _AROUND
+        inner = k * _AROUND
+        outer = (k + 1) * _AROUND
         top += [
             np.column_stack([inner + i, outer + i, outer + j]),
             np.column_stack([inner + i, outer + j, inner + j]),
         ]
+
     upper = np.vstack(top)
     lower = np.where(upper == 2 * n, 2 * n + 1, upper + n)[:, ::-1]
     last = n - _AROUND
@@ -105,6 +112,7 @@ def starfish() -> TargetModel:
         np.column_stack([n + last + i, last + j, last + i]),
     ]
     triangles = np.vstack([upper, lower, *rim])
+
     return TargetModel(
         name="starfish",
         vertices=vertices,

@@ -1,5 +1,4 @@
-"""Model of an object to work on: mesh, symmetry, tool paths on the surface, and its bodies in a
-MuJoCo scene.
+"""Model of an object to work on: mesh, symmetry, tool paths, and its bodies in a MuJoCo scene.
 
 Frame T is the model's own frame. Triangles wind counter-clockwise seen from outside.
 """
@@ -52,9 +51,7 @@ _CORNER = 0.2  # [rad] of turn between two points, from which on there is a corn
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Symmetry:
-    """Rotations about `center` that map the shape onto itself: a discrete group times turns about
-    `axis`.
-    """
+    """Rotations about `center` that map the shape onto itself: a group times turns about `axis`."""
 
     axis: Array | None = None  # (3,) unit, in T: any turn about it maps the shape onto itself
     # (n, 3, 3), identity first
@@ -68,12 +65,14 @@ class Symmetry:
             raise ConfigurationError(
                 f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}"
             )
+
         # the square of a large number overflows
         small = np.where(np.abs(rotations) < 2.0, rotations, np.nan)
         if not np.abs(small @ small.transpose(0, 2, 1) - np.eye(3)).max() <= 1e-6:
             raise ConfigurationError("symmetry rotations: every matrix must be orthonormal")
         if not np.all(np.linalg.det(rotations) > 0.0):
             raise ConfigurationError("symmetry rotations: a reflection is none")
+
         object.__setattr__(self, "rotations", readonly(rotations))
         object.__setattr__(self, "center", checked(self.center, (3,), "symmetry center"))
         if self.axis is not None:
@@ -94,16 +93,14 @@ class Symmetry:
         return pose(R, self.center - R @ self.center)
 
     def nearest_pose(self, X_AT: Array, R_AT_prior: Array) -> Array:
-        """Of all poses (4, 4) equivalent to `X_AT` by symmetry, the one turned least from
-        `R_AT_prior` (3, 3).
-        """
+        """Of all poses (4, 4) equivalent to `X_AT`, that turned least from `R_AT_prior` (3, 3)."""
         return X_AT @ self.about_center(X_AT[:3, :3].T @ self.nearest(X_AT[:3, :3], R_AT_prior))
 
     def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
-        """Of all rotations equivalent to `R_AT` by symmetry, the one nearest to `R_AT_prior` (both
-        (3, 3)).
-        """
-        best, best_trace = R_AT, -np.inf
+        """Of all rotations equivalent to `R_AT`, the nearest to `R_AT_prior` (both (3, 3))."""
+        best = R_AT
+        best_trace = -np.inf
+
         for G in self.rotations:
             R = R_AT @ G
             if self.axis is not None:
@@ -113,25 +110,28 @@ class Symmetry:
                 m = np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
                 phi = np.arctan2(-m @ self.axis, np.trace(M) - self.axis @ M @ self.axis)
                 R = R @ exp_so3(phi * self.axis)
+
             trace = float(np.trace(R_AT_prior.T @ R))
             if trace > best_trace:
-                best, best_trace = R, trace
+                best = R
+                best_trace = trace
+
         return best
 
     def cosines(self, R_AT: Array, R_AT_true: Array) -> Array:
-        """Cosines (n,) of the least angles between attitudes modulo symmetry, n of one kind or of
-        both: (n, 3, 3).
-        """
+        """Cosines (n,) of the least angles between attitudes modulo symmetry; one may be (3, 3)."""
         largest = np.array(-np.inf)
         for G in self.rotations:
             M = np.swapaxes(R_AT_true, -1, -2) @ R_AT @ G
             trace = np.trace(M, axis1=-2, axis2=-1)
+
             # largest trace over all angles, in closed form as in `nearest`
             if self.axis is not None:
                 along = np.einsum("i,...ij,j", self.axis, M, self.axis)
                 aside = (M[..., [2, 0, 1], [1, 2, 0]] - M[..., [1, 2, 0], [2, 0, 1]]) @ self.axis
                 trace = along + np.hypot(trace - along, aside)
             largest = np.maximum(largest, trace)
+
         return 0.5 * (largest - 1.0)
 
     def error(self, X_AT: Array, X_AT_true: Array, p_T: Array | None = None) -> tuple[float, float]:
@@ -144,15 +144,17 @@ class Symmetry:
                 Far from the shape it moves by much where the shape turns by little.
 
         Returns:
-            Distance between the two places of the point [m], and least rotation angle [rad].
+            Distance between the two positions of the point [m], and least rotation angle [rad].
         """
         R_true = X_AT_true[:3, :3]
         nearest = self.nearest_pose(X_AT, R_true)
+
         delta = R_true.T @ nearest[:3, :3]
         sine = 0.5 * np.linalg.norm(
             [delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]]
         )
         angle = float(np.arctan2(sine, 0.5 * (np.trace(delta) - 1.0)))
+
         away = nearest[:3, 3] - X_AT_true[:3, 3]
         if p_T is not None:
             away = away + (nearest[:3, :3] - R_true) @ p_T
@@ -161,9 +163,7 @@ class Symmetry:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelPath:
-    """Tool path on the model, in T: the points X'_j and tool axes a'_j, b'_j of [Konoplin 2022, eq.
-    3].
-    """
+    """Tool path on the model, in T: points X'_j and axes a'_j, b'_j of [Konoplin 2022, eq. 3]."""
 
     p: Array  # (N, 3) [m] points on the surface
     a: Array  # (N, 3) unit tool axis, into the surface
@@ -176,14 +176,15 @@ class ModelPath:
         if n < 4:
             raise ConfigurationError(f"model path: a cubic spline needs at least 4 points, got {n}")
         for name in ("p", "a", "b"):
-            values = checked(getattr(self, name), (n, 3), f"model path {name}")
-            if np.abs(values).max() > FARTHEST_VERTEX:
+            rows = checked(getattr(self, name), (n, 3), f"model path {name}")
+            if np.abs(rows).max() > FARTHEST_VERTEX:
                 raise ConfigurationError(
                     f"model path {name}: numbers must lie within {FARTHEST_VERTEX:g}"
                 )
-            if name != "p" and np.abs(np.linalg.norm(values, axis=1) - 1.0).max() > 1e-6:
+            if name != "p" and np.abs(np.linalg.norm(rows, axis=1) - 1.0).max() > 1e-6:
                 raise ConfigurationError(f"model path {name}: every row must be a unit vector")
-            object.__setattr__(self, name, values)
+            object.__setattr__(self, name, rows)
+
         if (
             self.keeps_b
             and not np.linalg.norm(np.cross(self.a, self.b), axis=1).min() > _LEAST_SINE
@@ -193,11 +194,10 @@ class ModelPath:
             )
 
     def turned(self, angle: float, blend: float = 0.0, *, dwell: bool = False) -> "ModelPath":
-        """The path of a tool that is not round: its x axis stays at an angle from `b`, right-handed
-        about `a`.
+        """The path of a tool that is not round: its x axis stays at an angle from `b`.
 
         Args:
-            angle: [rad] from `b`.
+            angle: [rad] from `b`, right-handed about `a`.
             blend: [m] of the path over which the tool turns at a corner: its angle is averaged over
                 so much, and over _SHORTEST_BLEND at least, which the motion takes as slowly as the
                 tool turns.
@@ -206,9 +206,12 @@ class ModelPath:
         """
         b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
         b /= np.linalg.norm(b, axis=1, keepdims=True)
+
+        # Turn of b against an axis that does not turn about a.
         still = without_turn(b[0], self.a)
         across = np.cross(self.a, still)
         turn = np.unwrap(np.arctan2(np.sum(b * across, axis=1), np.sum(b * still, axis=1)))
+
         if not dwell and (np.abs(np.diff(turn)).max() > _CORNER or blend > 0.0):
             step = float(np.linalg.norm(np.diff(self.p, axis=0), axis=1).mean())
             width = max(1, round(max(blend, _SHORTEST_BLEND) / step))
@@ -216,15 +219,14 @@ class ModelPath:
 
             turn = ndimage.uniform_filter1d(turn, width, mode="nearest")[:, None]
             b = np.cos(turn) * still + np.sin(turn) * across
+
         return replace(
             self, b=np.cos(angle) * b + np.sin(angle) * np.cross(self.a, b), keeps_b=True
         )
 
 
 def without_turn(first: Array, z: Array) -> Array:
-    """Second axes (n, 3) from `first` (3,) on that do not turn about `z` (n, 3): parallel transport
-    along the path.
-    """
+    """Second axes (n, 3) from `first` (3,) on without turn about `z` (n, 3): parallel transport."""
     x = np.empty_like(z)
     last = first
     for i, axis in enumerate(z):
@@ -266,6 +268,7 @@ class TargetModel:
             raise ConfigurationError(
                 f"target {self.name!r}: paths must be a mapping of names to ModelPath"
             )
+
         vertices = real_array(self.vertices, f"target {self.name!r}: vertices", "(V, 3) numbers")
         corners = real_array(self.triangles, f"target {self.name!r}: triangles", "(T, 3) indices")
         if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.isfinite(vertices)):
@@ -284,6 +287,7 @@ class TargetModel:
             raise ConfigurationError(
                 f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices"
             )
+
         triangles = corners.astype(np.int64)
         farthest = float(np.abs(vertices).max())
         if farthest > FARTHEST_VERTEX:
@@ -291,12 +295,14 @@ class TargetModel:
                 f"target {self.name!r}: vertices must lie within {FARTHEST_VERTEX:g} m of its "
                 f"origin, got {farthest:g}"
             )
+
         a, b, c = vertices[triangles].transpose(1, 0, 2)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         if not area.any():
             raise ConfigurationError(
                 f"target {self.name!r}: none of its {len(triangles)} triangles has an area"
             )
+
         used = vertices[np.unique(triangles[area > 0.0])]
         across = float(np.linalg.norm(np.ptp(used, axis=0)))
         if across < SMALLEST:
@@ -304,6 +310,7 @@ class TargetModel:
                 f"target {self.name!r}: {across:.3g} m across, less than {SMALLEST:g} m: is its "
                 "scale right?"
             )
+
         triangles.setflags(write=False)
         for hull in self.hulls:
             if (
@@ -315,6 +322,7 @@ class TargetModel:
                 raise ConfigurationError(
                     f"target {self.name!r}: a hull must be finite, (n, 3), n > 3; got {hull.shape}"
                 )
+
         object.__setattr__(self, "vertices", readonly(vertices))
         object.__setattr__(self, "hulls", tuple(readonly(hull) for hull in self.hulls))
         object.__setattr__(self, "triangles", triangles)
@@ -374,12 +382,16 @@ class TargetModel:
         body = spec.worldbody.add_body(
             name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3])
         )
+
         middle = middle_if_far(self.vertices)  # MuJoCo keeps meshes in single precision
-        hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
+        hulls = self.hulls
+        cut = felt and not (self.solids or self.hulls)
         if cut:
             from uuv.models.meshes import convex_parts
 
             hulls = convex_parts.parts(self.vertices, self.triangles)
+
+        # What is seen: the mesh, unless solids show the whole object.
         if hulls or not self.solids:
             spec.add_mesh(
                 name="target",
@@ -395,6 +407,8 @@ class TargetModel:
                 contype=0,
                 conaffinity=0,
             )
+
+        # What is touched: hulls, and solids.
         for k, hull in enumerate(hulls):
             name = f"target_hull_{k}"
             spec.add_mesh(
@@ -408,10 +422,12 @@ class TargetModel:
             _hide(part)
             if cut:
                 _soften(part, spec)
+
         for solid in (*self.solids, *(self.stand if stand else ())):
             geom = solid.add_to(body)
             if hulls and solid in self.solids:
                 _hide(geom)
+
         return body
 
     @classmethod
@@ -423,12 +439,11 @@ class TargetModel:
         paths: Mapping[str, ModelPath] | None = None,
         scale: float | None = None,
     ) -> "TargetModel":
-        """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB) or a cloud (PLY without
-        faces, PCD, text).
+        """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF, GLB) or cloud (PLY, PCD, text).
 
-        A cloud is meshed as by `from_cloud`. Text files hold x y z a line, and perhaps the outward
-        normal; a first line may name the columns. Other columns, such as colours, are left out, and
-        `cloud.note` says so.
+        A PLY without faces is a cloud. A cloud is meshed as by `from_cloud`. Text files hold x y z
+        a line, and perhaps the outward normal; a first line may name the columns. Other columns,
+        such as colours, are left out, and `cloud.note` says so.
 
         Args:
             file: path.
@@ -448,16 +463,21 @@ class TargetModel:
         path = existing_file(file, "target mesh")
         if scale is not None:
             scale = finite_number(scale, "target mesh: scale", least=1e-9, most=1e9)
-        normals, triangles, notes = None, np.zeros((0, 3), dtype=np.int64), ()
+
+        normals = None
+        triangles = np.zeros((0, 3), dtype=np.int64)
+        notes = ()
         is_cloud = is_cloud_file(path)
         if is_cloud:
             surfels = read_surfels(path, "target cloud")
             finite = np.isfinite(surfels.points).all(axis=1)
-            vertices, normals = surfels.points[finite], surfels.normals
+            vertices = surfels.points[finite]
+            normals = surfels.normals
             normals = None if normals is None else normals[finite]
             notes = surfels.notes
         else:
             vertices, triangles = read_mesh(path)
+
         vertices = vertices * (1.0 if scale is None else scale)
         size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
         if scale is None and size > LARGEST:
@@ -466,10 +486,12 @@ class TargetModel:
                 "millimetres? Give its "
                 "scale (0.001 for mm, 1 if it is so large)"
             )
+
         if is_cloud:
             return _noted(
                 cls.from_cloud(vertices, normals, name or path.stem, symmetry, paths), notes
             )
+
         return cls(
             name=name or path.stem,
             vertices=vertices,
@@ -508,18 +530,20 @@ class TargetModel:
                 surface.
         """
         what = f"target cloud {name!r}"
-        values = real_array(points, f"{what}: points", "(n, 3) numbers [m]")
-        if values.ndim != 2 or values.shape[1] != 3:
+        positions = real_array(points, f"{what}: points", "(n, 3) numbers [m]")
+        if positions.ndim != 2 or positions.shape[1] != 3:
             raise ConfigurationError(
-                f"{what}: points must be (n, 3) numbers [m], got shape {values.shape}"
+                f"{what}: points must be (n, 3) numbers [m], got shape {positions.shape}"
             )
-        finite = np.isfinite(values).all(axis=1)
-        outward, notes = None, list[str]()
+
+        finite = np.isfinite(positions).all(axis=1)
+        outward = None
+        notes = list[str]()
         if normals is not None:
             outward = real_array(normals, f"{what}: normals", "(n, 3) numbers")
-            if outward.shape != values.shape:
+            if outward.shape != positions.shape:
                 raise ConfigurationError(
-                    f"{what}: normals must be {values.shape}, one for each point, got "
+                    f"{what}: normals must be {positions.shape}, one for each point, got "
                     f"{outward.shape}"
                 )
             largest = np.abs(outward).max(axis=1, initial=0.0, where=np.isfinite(outward))
@@ -537,23 +561,25 @@ class TargetModel:
                 finite &= usable
                 # the square of a very long one overflows
                 outward = outward[finite] / largest[finite, None]
-        if finite.any() and not np.abs(values[finite]).max() <= FARTHEST_VERTEX:
-            farthest = float(np.abs(values[finite]).max())
+
+        if finite.any() and not np.abs(positions[finite]).max() <= FARTHEST_VERTEX:
+            farthest = float(np.abs(positions[finite]).max())
             raise ConfigurationError(
                 f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got "
-                f"{farthest:g}; subtract their "
-                f"middle, about {' '.join(f'{v:.0f}' for v in np.median(values[finite], axis=0))}"
+                f"{farthest:g}; subtract their middle, about "
+                f"{' '.join(f'{v:.0f}' for v in np.median(positions[finite], axis=0))}"
             )
+
         from uuv.models.meshes.cloud_mesh import mesh_of_cloud
 
-        made = mesh_of_cloud(values[finite], outward)
+        mesh = mesh_of_cloud(positions[finite], outward)
         target = cls(
             name=name,
-            vertices=made.vertices,
-            triangles=made.triangles,
+            vertices=mesh.vertices,
+            triangles=mesh.triangles,
             symmetry=symmetry or Symmetry(),
             paths=paths or {},
-            cloud=made,
+            cloud=mesh,
         )
         return _noted(target, notes)
 

@@ -1,6 +1,4 @@
-"""Access to objects to work on: registry by name, mesh files, and the classes of
-`uuv.models.objects.target_model`.
-"""
+"""Objects to work on: registry by name, mesh files, classes of models."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -83,18 +81,17 @@ def named(name: str, **options: Any) -> TargetModel:
     Raises:
         ConfigurationError: Unknown name or option; the message lists the known ones.
     """
-    made = OBJECTS.load(name, **options)
-    made = made if isinstance(made, TargetModel) else getattr(made, "target", None)
-    if not isinstance(made, TargetModel):
+    target = OBJECTS.load(name, **options)
+    target = target if isinstance(target, TargetModel) else getattr(target, "target", None)
+    if not isinstance(target, TargetModel):
         raise ConfigurationError(f"object {name!r}: its maker gave no TargetModel")
-    return made
+    return target
 
 
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
-    """Object by name, of a user's MODULE:FUNCTION, or from a mesh or cloud file
-    (`TargetModel.from_file`).
+    """Object by name, of a user's MODULE:FUNCTION, or from a mesh or cloud file.
 
-    What has an ending, such as part.stl, is taken for a file.
+    What has an ending, such as part.stl, is taken for a file (`TargetModel.from_file`).
 
     Raises:
         ConfigurationError: an unknown name, or an invalid file or `scale`.
@@ -104,9 +101,11 @@ def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
             f"object: expected a name or a mesh file, got {shown(name_or_file)}"
         )
     name_or_file = str(name_or_file)
+
     if ":" not in name_or_file and Path(name_or_file).suffix:
         about = existing_file(name_or_file, "target mesh").stat()
         return _from_file(name_or_file, scale, (about.st_mtime_ns, about.st_size))
+
     if scale is not None:
         raise ConfigurationError(f"object {name_or_file!r} has its size; a scale is for mesh files")
     return named(name_or_file)

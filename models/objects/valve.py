@@ -1,7 +1,7 @@
-"""Quarter-turn valve with its handle: a pipe with two flanges, a bonnet, a stem, and a lever to one
-side.
+"""Quarter-turn valve with its handle: a pipe with two flanges, a bonnet, a stem and a lever.
 
-Sizes are ours, of the order of a DN100 ball valve. The lever leaves it without symmetry.
+Sizes are ours, of the order of a DN100 ball valve. The lever, to one side, leaves it without
+symmetry.
 """
 
 import numpy as np
@@ -22,8 +22,7 @@ _SIDES = 96  # of surfaces of revolution in the mesh
 
 
 def handle(length: float = 0.2) -> ModelPath:
-    """Path of `length` [m] on the lever's upper side, outwards to its end, where it is gripped or
-    pushed.
+    """Path of `length` [m] on the lever's upper side, outwards to its end, where it is gripped.
 
     Raises:
         ConfigurationError: a length beyond the lever.
@@ -32,6 +31,7 @@ def handle(length: float = 0.2) -> ModelPath:
         raise ConfigurationError(
             f"handle path: length must lie between 0 and {LEVER[0] - LEVER_BACK - 0.03:.3f} m"
         )
+
     end = LEVER[0] - LEVER_BACK - 0.02
     y = np.linspace(end - length, end, max(4, 1 + round(length / PATH_STEP)))
     ones = np.ones((len(y), 1))
@@ -43,8 +43,7 @@ def handle(length: float = 0.2) -> ModelPath:
 
 
 def collar(arc: float = np.pi, x: float = 0.12) -> ModelPath:
-    """Circular path of `arc` [rad] around the pipe at `x` [m], right-handed about x_T, its middle
-    on top (+z_T).
+    """Circular path of `arc` [rad] around the pipe at `x` [m], right-handed, its middle on top.
 
     Raises:
         ConfigurationError: an arc outside (0, 2 pi], or a path at the bonnet or a flange.
@@ -57,6 +56,7 @@ def collar(arc: float = np.pi, x: float = 0.12) -> ModelPath:
             "and "
             f"{0.5 * PIPE[1] - FLANGE[1] - 0.02:.3f} m (bonnet and flanges), got {arc}, {x}"
         )
+
     angle = np.linspace(-0.5 * arc, 0.5 * arc, max(8, 1 + round(PIPE[0] * arc / PATH_STEP)))
     zero = np.zeros_like(angle)
     outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
@@ -68,24 +68,30 @@ def collar(arc: float = np.pi, x: float = 0.12) -> ModelPath:
 
 
 def valve() -> TargetModel:
-    """Valve as a target: x_T along its pipe, z_T up the stem, y_T along the lever, origin in the
-    middle of the pipe.
+    """Valve as a target: x_T along its pipe, z_T up the stem, y_T along the lever.
 
-    Its closed shells (body, bonnet with stem, lever) intersect. Paths "handle" and "collar".
+    The origin is in the middle of the pipe. The closed shells (body, bonnet with stem, lever)
+    intersect. Paths "handle" and "collar".
     """
-    r, half, (wide, thick) = PIPE[0], 0.5 * PIPE[1], FLANGE
+    r = PIPE[0]
+    half = 0.5 * PIPE[1]
+    wide, thick = FLANGE
     profile = [(-half, 0.0), (-half, wide), (thick - half, wide), (thick - half, r)]
     profile += [(-x, radius) for x, radius in reversed(profile)]
+
     bonnet = [(0.0, 0.0), (0.0, BONNET[0]), (BONNET[1], BONNET[0]), (BONNET[1], STEM[0])]
     bonnet += [(STEM[1] - 0.5 * LEVER[2], STEM[0]), (STEM[1] - 0.5 * LEVER[2], 0.0)]
     along_z, faces = revolve(np.array(bonnet), _SIDES)
+
     middle = np.array([0.0, 0.5 * LEVER[0] - LEVER_BACK, STEM[1] - 0.5 * LEVER[2]])
     lever = np.array([LEVER[1], LEVER[0], LEVER[2]])
     vertices, triangles = joined(
         [revolve(np.array(profile), _SIDES), (along_z[:, [1, 2, 0]], faces), box(lever, middle)]
     )
+
     R_pipe = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
     flange_x = half - 0.5 * thick
+
     return TargetModel(
         name="valve",
         vertices=vertices,
@@ -102,6 +108,7 @@ def valve() -> TargetModel:
                 )
                 for end, x in (("aft", -flange_x), ("fore", flange_x))
             ),
+            # On top of the pipe.
             Solid(
                 name="target_bonnet",
                 kind="cylinder",

@@ -32,6 +32,7 @@ def work_site(vehicle: "mujoco.MjSpec", target: "TargetModel", X_WT: Array) -> "
 
     spec = vehicle
     target.add_to(spec, X_WT)
+
     seabed = spec.worldbody.add_geom()
     seabed.name = "seabed"
     seabed.type = mujoco.mjtGeom.mjGEOM_PLANE
@@ -42,8 +43,7 @@ def work_site(vehicle: "mujoco.MjSpec", target: "TargetModel", X_WT: Array) -> "
 
 
 def dig_site(vehicle: "mujoco.MjSpec", ground: "Seabed") -> "mujoco.MjSpec":
-    """Add `ground` to the spec of a vehicle whose tool, the geom "pad", penetrates it without
-    collision.
+    """Add `ground` to the spec of a vehicle whose tool, geom "pad", enters it without collision.
 
     The soil acts as a force on the tool (`uuv.models.site.soil`).
 
@@ -53,6 +53,7 @@ def dig_site(vehicle: "mujoco.MjSpec", ground: "Seabed") -> "mujoco.MjSpec":
     tool = next((geom for geom in vehicle.geoms if geom.name == TOOL_GEOM), None)
     if tool is None:
         raise ConfigurationError(f"to dig the vehicle needs a tool, a geom named {TOOL_GEOM!r}")
+
     tool.contype = tool.conaffinity = 0
     ground.add_to(vehicle)
     return vehicle

@@ -43,6 +43,7 @@ class Seabed:
             raise ConfigurationError("seabed heights: every height must be finite")
         if not self.half > 0.0:
             raise ConfigurationError(f"seabed half: must be > 0 m, got {self.half}")
+
         object.__setattr__(self, "heights", readonly(heights))
         object.__setattr__(self, "center_W", checked(self.center_W, (3,), "seabed center_W"))
         object.__setattr__(
@@ -55,37 +56,42 @@ class Seabed:
         return 2.0 * self.half / (len(self.heights) - 1)
 
     def height(self, xy_W: ArrayLike) -> Array:
-        """Height (N,) [m] in W of the surface at `xy_W` (N, 2 or more) [m]; NaN outside the
-        grid.
-        """
+        """Height (N,) [m] in W of the surface at `xy_W` (N, 2 or more) [m]; NaN off the grid."""
         at = np.atleast_2d(np.asarray(xy_W, dtype=np.float64))
         last = len(self.heights) - 1
         u = (at[:, 0] - self.center_W[0] + self.half) / self.step
         v = (at[:, 1] - self.center_W[1] + self.half) / self.step
         with np.errstate(invalid="ignore"):
             inside = (u >= 0.0) & (u <= last) & (v >= 0.0) & (v <= last)
-        u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
-        i, j = np.minimum(u.astype(int), last - 1), np.minimum(v.astype(int), last - 1)
-        u, v = u - i, v - j
-        a, b = self.heights[j, i], self.heights[j, i + 1]
-        c, d = self.heights[j + 1, i + 1], self.heights[j + 1, i]
+
+        # Cell of each point, and position in it.
+        u = np.where(inside, u, 0.0)
+        v = np.where(inside, v, 0.0)
+        i = np.minimum(u.astype(int), last - 1)
+        j = np.minimum(v.astype(int), last - 1)
+        u = u - i
+        v = v - j
+
+        a = self.heights[j, i]
+        b = self.heights[j, i + 1]
+        c = self.heights[j + 1, i + 1]
+        d = self.heights[j + 1, i]
+
         # Each cell is divided along the diagonal from corner a to corner c.
         z = np.where(v <= u, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d))
         return np.where(inside, z + self.center_W[2], np.nan)
 
     def mesh(self) -> tuple[Array, np.ndarray]:
-        """Mesh of the terrain: vertices (V, 3) [m] in W and triangles (T, 3), counter-clockwise
-        from above.
-        """
+        """Mesh of the terrain: vertices (V, 3) [m] in W, triangles (T, 3) wound as from above."""
         n = len(self.heights)
         x, y = np.meshgrid(*(np.linspace(-self.half, self.half, n) + c for c in self.center_W[:2]))
+
         index = np.arange(n * n).reshape(n, n)
-        a, b, c, d = (
-            index[:-1, :-1].ravel(),
-            index[:-1, 1:].ravel(),
-            index[1:, 1:].ravel(),
-            index[1:, :-1].ravel(),
-        )
+        a = index[:-1, :-1].ravel()
+        b = index[:-1, 1:].ravel()
+        c = index[1:, 1:].ravel()
+        d = index[1:, :-1].ravel()
+
         vertices = np.column_stack(
             [x.ravel(), y.ravel(), (self.heights + self.center_W[2]).ravel()]
         )
@@ -94,9 +100,7 @@ class Seabed:
     def add_to(
         self, spec: "mujoco.MjSpec", shape: Literal["height field", "mesh"] = "height field"
     ) -> None:
-        """Add the terrain to the world of `spec` as geom SEABED_GEOM; as a mesh it does not
-        collide.
-        """
+        """Add the terrain to the world of `spec` as geom SEABED_GEOM; a mesh does not collide."""
         import mujoco
 
         geom = spec.worldbody.add_geom(name=SEABED_GEOM, rgba=_RGBA)
@@ -105,15 +109,16 @@ class Seabed:
             mesh = spec.add_mesh(
                 name=SEABED_GEOM, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
             )
-            mesh.uservert, mesh.userface = (vertices - self.center_W).ravel(), triangles.ravel()
-            geom.type, geom.meshname, geom.pos = (
-                mujoco.mjtGeom.mjGEOM_MESH,
-                SEABED_GEOM,
-                self.center_W,
-            )
+            mesh.uservert = (vertices - self.center_W).ravel()
+            mesh.userface = triangles.ravel()
+            geom.type = mujoco.mjtGeom.mjGEOM_MESH
+            geom.meshname = SEABED_GEOM
+            geom.pos = self.center_W
             geom.contype = geom.conaffinity = 0
             return
-        low, high = float(self.heights.min()), float(self.heights.max())
+
+        low = float(self.heights.min())
+        high = float(self.heights.max())
         n = len(self.heights)
         top = max(high - low, 1e-3)  # MuJoCo requires a positive height
         spec.add_hfield(
@@ -123,7 +128,9 @@ class Seabed:
             size=[self.half, self.half, top, _BASE],
             userdata=((self.heights - low) / top).ravel(),
         )
-        geom.type, geom.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, SEABED_GEOM
+
+        geom.type = mujoco.mjtGeom.mjGEOM_HFIELD
+        geom.hfieldname = SEABED_GEOM
         geom.pos = [*self.center_W[:2], self.center_W[2] + low]
 
 
@@ -136,7 +143,7 @@ def seabed(
     step: float = 0.02,
     steepest: float = 20.0,
 ) -> Seabed:
-    """Random terrain of `kind`; heading, size and place of its features vary.
+    """Random terrain of `kind`; heading, size and position of its features vary.
 
     - flat: undulation of 3 to 10 mm over 1 to 3 m.
     - ripples: asymmetric sand ripples, 0.15 to 0.6 m long and a tenth to a fifteenth as high. Sand
@@ -167,35 +174,35 @@ def seabed(
             f"seabed: half > 0 m, 0 < step <= half, 5 <= steepest < 60 deg; got {half}, {step}, "
             f"{steepest}"
         )
+
     center = checked(center_W, (3,), "center_W")
     n = 1 + 2 * round(half / step)
     x, y = np.meshgrid(np.linspace(-half, half, n), np.linspace(-half, half, n))
     z = _waves(x, y, rng, lengths=(1.0, 3.0), height=rng.uniform(0.003, 0.01), count=4)
     z += _waves(x, y, rng, lengths=(0.1, 0.25), height=0.001, count=6)
+
     rocks = np.zeros((0, 3))
     if kind == "ripples":
         z += _ripples(x, y, rng)
     elif kind == "slope":
-        heading, tangent = (
-            rng.uniform(-np.pi, np.pi),
-            np.tan(np.radians(rng.uniform(5.0, steepest))),
-        )
+        heading = rng.uniform(-np.pi, np.pi)
+        tangent = np.tan(np.radians(rng.uniform(5.0, steepest)))
         z += tangent * (np.cos(heading) * x + np.sin(heading) * y)
     elif kind == "rocks":
         stones = []
         for _ in range(rng.integers(6, 15)):
-            place, radius, squash = (
-                rng.uniform(-0.8 * half, 0.8 * half, 2),
-                rng.uniform(0.08, 0.3),
-                rng.uniform(0.5, 1),
-            )
-            stones.append([*(place + center[:2]), radius])
-            inside = 1.0 - ((x - place[0]) ** 2 + (y - place[1]) ** 2) / radius**2
+            middle = rng.uniform(-0.8 * half, 0.8 * half, 2)
+            radius = rng.uniform(0.08, 0.3)
+            squash = rng.uniform(0.5, 1)
+            stones.append([*(middle + center[:2]), radius])
+            inside = 1.0 - ((x - middle[0]) ** 2 + (y - middle[1]) ** 2) / radius**2
+
             # More than half of the stone is buried, since a height field has no overhangs.
             z = np.maximum(
                 z, z.mean() - 0.1 * radius + squash * radius * np.sqrt(np.maximum(inside, 0.0))
             )
         rocks = np.array(stones)
+
     return Seabed(kind=kind, heights=z - z[n // 2, n // 2], half=half, center_W=center, rocks=rocks)
 
 
@@ -208,30 +215,28 @@ def _waves(
     height: float,
     count: int,
 ) -> Array:
-    """Sum of `count` sine waves of random heading; `height` [m] is the standard deviation of the
-    sum.
-    """
+    """Sum of `count` sine waves of random heading; its standard deviation is `height` [m]."""
     z = np.zeros_like(x)
     for _ in range(count):
-        k, heading, phase = (
-            2.0 * np.pi / rng.uniform(*lengths),
-            rng.uniform(-np.pi, np.pi),
-            rng.uniform(0.0, 2 * np.pi),
-        )
+        k = 2.0 * np.pi / rng.uniform(*lengths)
+        heading = rng.uniform(-np.pi, np.pi)
+        phase = rng.uniform(0.0, 2 * np.pi)
         z += np.sin(k * (np.cos(heading) * x + np.sin(heading) * y) + phase)
     return z * height / np.sqrt(0.5 * count)
 
 
 def _ripples(x: Array, y: Array, rng: np.random.Generator) -> Array:
     """Ripples with a steep lee side and meandering crests."""
-    length, heading = rng.uniform(0.15, 0.6), rng.uniform(-np.pi, np.pi)
+    length = rng.uniform(0.15, 0.6)
+    heading = rng.uniform(-np.pi, np.pi)
     height = length / rng.uniform(10.0, 15.0)  # [m] trough to crest
-    along, across = (
-        np.cos(heading) * x + np.sin(heading) * y,
-        np.cos(heading) * y - np.sin(heading) * x,
-    )
+
+    # Crests meander, and are steeper on one side.
+    along = np.cos(heading) * x + np.sin(heading) * y
+    across = np.cos(heading) * y - np.sin(heading) * x
     along = along + 0.15 * length * np.sin(
         2.0 * np.pi * across / rng.uniform(1.0, 2.0) + rng.uniform(0.0, 2 * np.pi)
     )
+
     phase = 2.0 * np.pi * along / length
     return 0.5 * height * np.sin(phase + 0.4 * np.sin(phase))

@@ -1,5 +1,4 @@
-"""Soil resistance of the seabed against a tool, along its axis and sideways, as a function of
-depth.
+"""Soil resistance of the seabed against a tool, along its axis and sideways, by depth.
 
 Along the axis the tool is treated as a skirt: R(d) = k_p A q_c(d) + k_f U int_0^d q_c dz, with the
 cone resistance q_c(z) = q_0 + q_1 z. A is the area of the cutting edge and U the circumference in
@@ -7,9 +6,8 @@ contact with soil [DNV 1992]. Extraction costs the second term alone; suction an
 neglected.
 
 Sideways a narrow tool of breadth b bears a multiple of the passive pressure p(z) = p_0 + p_1 z. In
-clay that is 3 s_u
-at the surface: [Matlock 1970] has p = 3 s_u + gamma' z + J s_u z / b per breadth, J = 0.5, of which
-3 s_u is kept. In sand it is 3 K_p gamma' z [Broms 1964].
+clay that is 3 s_u at the surface: [Matlock 1970] has p = 3 s_u + gamma' z + J s_u z / b per
+breadth, J = 0.5, of which 3 s_u is kept. In sand it is 3 K_p gamma' z [Broms 1964].
 
 A blade cuts: it moves the plane wedge ahead of it. Weight, strength, and friction on blade and
 failure plane count [McKyes 1985], after the fundamental equation of earthmoving [Reece 1964]. The
@@ -58,10 +56,13 @@ class Soil:
     quake: float = 1e-3  # [m] elastic displacement before the soil yields
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ConfigurationError(f"soil {item.name}: must be finite and >= 0, got {value}")
+        for field in fields(self):
+            figure = getattr(self, field.name)
+            if not (np.isfinite(figure) and figure >= 0.0):
+                raise ConfigurationError(
+                    f"soil {field.name}: must be finite and >= 0, got {figure}"
+                )
+
         if not (self.quake > 0.0 and self.cone + self.cone_growth > 0.0):
             raise ConfigurationError(f"soil: quake and the cone resistance must be > 0, got {self}")
         if not self.wall_friction <= self.friction < 0.5 * np.pi:
@@ -89,6 +90,7 @@ class SoilTool:
 def sand(growth: float = 8e6) -> Soil:
     """Sand whose cone resistance grows by `growth` [Pa/m]."""
     friction = float(np.radians(32.0))
+
     return Soil(
         cone=0.0,
         cone_growth=growth,
@@ -103,9 +105,7 @@ def sand(growth: float = 8e6) -> Soil:
 
 
 def mud(strength: float = 2e3, growth: float = 3e3) -> Soil:
-    """Soft clay of undrained shear strength `strength` [Pa] at the surface, growing by `growth`
-    [Pa/m].
-    """
+    """Soft clay of undrained shear `strength` [Pa] at the surface, growing by `growth` [Pa/m]."""
     return Soil(
         cone=12.0 * strength,
         cone_growth=12.0 * growth,
@@ -118,9 +118,7 @@ def mud(strength: float = 2e3, growth: float = 3e3) -> Soil:
 
 
 def rankine(friction: float) -> float:
-    """Rankine's K_p: passive over vertical pressure in soil of internal `friction` [rad] at a
-    smooth wall.
-    """
+    """Rankine's K_p: passive over vertical pressure at a smooth wall; internal `friction` [rad]."""
     return float(np.tan(0.25 * np.pi + 0.5 * friction) ** 2)
 
 
@@ -132,6 +130,7 @@ def core_tube(radius: float, wall: float) -> SoilTool:
     """Open tube of outer `radius` and `wall` [m] as a soil tool."""
     if not 0.0 < wall < radius:
         raise ConfigurationError(f"core tube: 0 < wall < radius, got {wall} and {radius} m")
+
     inner = radius - wall
     return SoilTool(
         edge=float(np.pi * (radius**2 - inner**2)),
@@ -159,8 +158,11 @@ def box(width: float, length: float, wall: float, rake: float) -> SoilTool:
         raise ConfigurationError(
             f"box: 0 < 2 wall < width, length; got {wall}, {width}, {length} m"
         )
-    outer, inner = 2.0 * (width + length), 2.0 * (width + length - 4.0 * wall)
+
+    outer = 2.0 * (width + length)
+    inner = 2.0 * (width + length - 4.0 * wall)
     edge = width * length - (width - 2.0 * wall) * (length - 2.0 * wall)
+
     return SoilTool(edge=edge, skin=outer + inner, breadth=width, rake=rake)
 
 
@@ -212,21 +214,26 @@ def side_resistance(soil: Soil, tool: SoilTool, depth: ArrayLike) -> Array:
 
 
 def cutting_factor(soil: Soil, rake: float) -> float:
-    """Horizontal cutting force on a blade at `rake` [rad], as a multiple of Rankine's passive
-    pressure on it.
+    """Horizontal cutting force on a blade at `rake` [rad] over Rankine's passive pressure on it.
 
     The wedge's factors are N_gamma = (cot a + cot b) / 2 D and N_c = (1 + cot b cot(b + phi)) / D,
     with D = cos(a + delta) + sin(a + delta) cot(b + phi) [McKyes 1985]. Here a is the rake and b
     the slip angle of the least force. Soil with internal friction is taken without cohesion, other
     soil without weight.
     """
-    phi, out = soil.friction, rake + soil.wall_friction
+    phi = soil.friction
+    out = rake + soil.wall_friction
+
     b = np.linspace(0.0, 0.5 * np.pi, _SLIP_ANGLES)[1:-1]
     least = np.cos(out) + np.sin(out) / np.tan(b + phi)
+
     if phi > 0.0:
-        force, smooth = 0.5 * (1.0 / np.tan(rake) + 1.0 / np.tan(b)), 0.5 * rankine(phi)
+        force = 0.5 * (1.0 / np.tan(rake) + 1.0 / np.tan(b))
+        smooth = 0.5 * rankine(phi)
     else:
-        force, smooth = 1.0 + 1.0 / (np.tan(b) * np.tan(b + phi)), 2.0
+        force = 1.0 + 1.0 / (np.tan(b) * np.tan(b + phi))
+        smooth = 2.0
+
     return float(np.min(force[least > 0.0] / least[least > 0.0]) * np.sin(out) / smooth)
 
 
@@ -241,9 +248,11 @@ def depth_for(soil: Soil, tool: SoilTool, push: float) -> float:
     Returns:
         Depth of the edge, 0 where the surface already resists.
     """
+    # The force `push` is reached where a d^2 + b d + c = 0.
     a = 0.5 * soil.side_factor * tool.skin * soil.cone_growth
     b = soil.tip_factor * tool.edge * soil.cone_growth + soil.side_factor * tool.skin * soil.cone
     c = soil.tip_factor * tool.edge * soil.cone - push
+
     if c >= 0.0:
         return 0.0
     return float(-2.0 * c / (b + np.sqrt(b * b - 4.0 * a * c)))

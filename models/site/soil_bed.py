@@ -51,6 +51,7 @@ def pack(ground: Seabed, soil: Soil, tool: SoilTool) -> Array:
     """Numbers of the soil under `ground` on one tool, as in `LAYOUT`."""
     depth = np.linspace(0.0, _DEEPEST, _TABLE)
     bounds = np.stack([resist(soil, tool, depth) for resist in _RESISTANCES])
+
     # The edge meets resistance at depth zero.
     bounds[0, 0] = soil.tip_factor * tool.edge * soil.cone
 
@@ -78,6 +79,7 @@ def attach(spec: mujoco.MjSpec, ground: Seabed, soil: Soil, tool: SoilTool) -> N
         raise ConfigurationError(f"soil acts on a tool: {lacking}")
     if any(numeric.name == NAME for numeric in spec.numerics):
         raise ConfigurationError(f"the scene has a custom element {NAME!r} already")
+
     mark(spec)
     numbers = pack(ground, soil, tool)
     spec.add_numeric(name=NAME, data=numbers, size=len(numbers))

@@ -22,8 +22,8 @@ def attach(spec: mujoco.MjSpec, tool: Tool) -> None:
 
     A body `pad` on a slide, the tool that many vehicles have, is taken off first; another geom
     `pad` stays as a part of the vehicle. The tip moves to the end of the tool. If the vehicle is
-    wet the tool is so too, and foam on the hull
-    takes its weight in water: force and moment on the vehicle at home stay as they were.
+    wet the tool is so too, and foam on the hull takes its weight in water: force and moment on the
+    vehicle at home stay as they were.
 
     Raises:
         ConfigurationError: the vehicle has no site `tip`.
@@ -31,6 +31,7 @@ def attach(spec: mujoco.MjSpec, tool: Tool) -> None:
     tip = next((site for site in spec.sites if site.name == TIP_SITE), None)
     if tip is None:
         raise ConfigurationError(f"a tool needs a site {TIP_SITE!r} of the arm, z out of the tool")
+
     wet = HULL_BODY in hydrodynamics.attached(spec)
     before = _at_home(spec) if wet else None
     with keyframes_kept(spec):
@@ -43,23 +44,32 @@ def attach(spec: mujoco.MjSpec, tool: Tool) -> None:
 def _put_on(spec: mujoco.MjSpec, tip: mujoco.MjsSite, tool: Tool) -> dict[str, BodyHydrodynamics]:
     model = spec.copy().compile()
     at = model.site(TIP_SITE)
-    link, place, turn = tip.parent, np.array(at.pos), np.array(at.quat)
+    link = tip.parent
+    mount = np.array(at.pos)
+    turn = np.array(at.quat)
+
+    # A tool on springs is taken off, with its mount.
     old = next((body for body in spec.bodies if body.name == PAD_BODY), None)
     if old is not None and old.joints and all(joint.stiffness[0] for joint in old.joints):
-        place = _foot(model, old, link, place, turn)
+        mount = _foot(model, old, link, mount, turn)
         spec.delete(_first_of(old, link))
+
+    # The new tool gets its names.
     for geom in spec.geoms:
         if geom.name == TOOL_GEOM:
             geom.name = f"{TOOL_GEOM}_of_the_model"
     for site in list(spec.sites):
         if site.name == TOOL_FACE_SITE:
             spec.delete(site)
-    tip.quat, tip.alt.type = turn, mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+    tip.quat = turn
+    tip.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
     if isinstance(tool, heads.Head):
-        return heads.add_head(link, place, turn, tip, tool)
+        return heads.add_head(link, mount, turn, tip, tool)
     if isinstance(tool, heads.Jaws):
-        return heads.add_jaws(spec, link, place, turn, tip, tool)
-    return sampler.add(link, place, turn, np.array([0.0, 0.0, 1.0]), tip, tool, _IDENTITY)
+        return heads.add_jaws(spec, link, mount, turn, tip, tool)
+    return sampler.add(link, mount, turn, np.array([0.0, 0.0, 1.0]), tip, tool, _IDENTITY)
 
 
 def _first_of(body: mujoco.MjsBody, link: mujoco.MjsBody) -> mujoco.MjsBody:
@@ -76,11 +86,13 @@ def _first_of(body: mujoco.MjsBody, link: mujoco.MjsBody) -> mujoco.MjsBody:
 def _foot(
     model: mujoco.MjModel, old: mujoco.MjsBody, link: mujoco.MjsBody, tip: Array, turn: Array
 ) -> Array:
-    """Place (3,) [m] in the link on the tool's axis at which the old tool began."""
+    """Position (3,) [m] in the link, on the tool's axis, at which the old tool began."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    here, there = data.body(link.name), data.body(old.name)
-    p = here.xmat.reshape(3, 3).T @ (there.xpos - here.xpos)
+    carrier = data.body(link.name)
+    mounted = data.body(old.name)
+    p = carrier.xmat.reshape(3, 3).T @ (mounted.xpos - carrier.xpos)
+
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)
     z = R.reshape(3, 3)[:, 2]
@@ -88,9 +100,7 @@ def _foot(
 
 
 def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
-    """Mass [kg] of the vehicle less that of its water, and its moment (3,) [kg m] about the hull's
-    origin, at home.
-    """
+    """Mass [kg] less that of the water, its moment (3,) [kg m] about the hull's origin, at home."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
@@ -98,9 +108,14 @@ def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
         mujoco.mj_resetDataKeyframe(model, data, key)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    hull, density = model.body(HULL_BODY).id, density_of(spec)
-    R_WB, p_WB = data.xmat[hull].reshape(3, 3), data.xpos[hull]
-    mass, moment = 0.0, np.zeros(3)
+
+    hull = model.body(HULL_BODY).id
+    density = density_of(spec)
+    R_WB = data.xmat[hull].reshape(3, 3)
+    p_WB = data.xpos[hull]
+
+    mass = 0.0
+    moment = np.zeros(3)
     for i in np.flatnonzero(model.body_rootid == model.body_rootid[hull]):
         mass += float(model.body_mass[i])
         moment += float(model.body_mass[i]) * (data.xipos[i] - p_WB)
@@ -109,20 +124,21 @@ def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
             p_W = data.xpos[i] + data.xmat[i].reshape(3, 3) @ water.center_of_buoyancy
             mass -= density * water.volume
             moment -= density * water.volume * (p_W - p_WB)
+
     return mass, R_WB.T @ moment
 
 
 def _keep(spec: mujoco.MjSpec, before: tuple[float, Array]) -> None:
-    """Give the hull the volume and centre of buoyancy with which weight and moment are as
-    `before`.
-    """
-    after, density = _at_home(spec), density_of(spec)
+    """Give the hull the volume and centre of buoyancy that keep weight and moment as `before`."""
+    after = _at_home(spec)
+    density = density_of(spec)
     hull = hydrodynamics.attached(spec)[HULL_BODY]
     displaced = density * hull.volume + after[0] - before[0]  # [kg]
     if not displaced > 0.0:
         raise ConfigurationError(
             f"the hull displaces {density * hull.volume:.3g} kg, too little to bear the tool"
         )
+
     moment = density * hull.volume * np.array(hull.center_of_buoyancy) + after[1] - before[1]
     hydrodynamics.attach(
         spec,

@@ -23,8 +23,7 @@ class ToolContact:
 
 
 def touching(friction: float) -> dict[str, Any]:
-    """Fields of the massless geom with which a tool touches: it meets the world, and its own
-    contact holds.
+    """Fields of the massless geom with which a tool touches the world; its own contact holds.
 
     Args:
         friction: coefficient of sliding.

@@ -1,6 +1,4 @@
-"""Tools with a round head on one spring, along the tool: pad, brush, and jaws that hold a fixed
-opening.
-"""
+"""Tools with a round head on one spring along the tool: pad, brush, jaws at a fixed opening."""
 
 from dataclasses import dataclass
 
@@ -46,8 +44,7 @@ class Head:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jaws:
-    """Parallel jaws: two fingers on slides, held at an opening by springs; an actuator `jaws` on a
-    tendon moves both.
+    """Parallel jaws: fingers on slides with springs; an actuator `jaws` on a tendon moves both.
 
     What may touch is the rounded end between the fingers' tips, a dome of half a finger's breadth.
     """
@@ -102,10 +99,13 @@ def add_jaws(
     """Add jaws to a link, as `add_head` does a head."""
     palm = 0.4 * jaws.length  # [m] of the housing
     finger_mass = 0.15 * jaws.mass
+
     held = _mount(
         link, place, turn, tip, jaws.length, jaws.mass - 2.0 * finger_mass, STIFFNESS, DAMPING
     )
     _dome(held, 0.5 * jaws.breadth, jaws.length, 0.3)
+
+    # Housing.
     held.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[0.5 * jaws.opening + jaws.breadth, 0.5 * palm, 0.0],
@@ -115,7 +115,10 @@ def add_jaws(
         conaffinity=0,
         rgba=[0.25, 0.28, 0.33, 1.0],
     )
-    long, thin = jaws.length - palm, 0.25 * jaws.breadth
+
+    # Fingers, on slides across the tool.
+    long = jaws.length - palm
+    thin = 0.25 * jaws.breadth
     bodies = {
         PAD_BODY: cylinder(0.5 * jaws.breadth + 0.5 * jaws.opening, np.zeros(3), [0.0, 0.0, palm])
     }
@@ -128,10 +131,12 @@ def add_jaws(
             inertia=[finger_mass * long**2 / 12.0] * 3,
             explicitinertial=True,
         )
+
         travel = 0.5 * jaws.opening
         add_slide(
             finger, name, np.array([side, 0.0, 0.0]), (-travel, travel), _CLOSING, _FINGER_DAMPING
         )
+
         finger.add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=[thin, 0.5 * jaws.breadth, 0.5 * long - thin],
@@ -142,11 +147,14 @@ def add_jaws(
             rgba=[0.7, 0.72, 0.75, 1.0],
         )
         bodies[name] = cylinder(thin, np.zeros(3), [0.0, 0.0, long])
+
+    # One drive for both.
     both = spec.add_tendon(name="jaws")
     for name in _FINGERS:
         both.wrap_joint(name, 1.0)
     motor = spec.add_actuator(name="jaws", trntype=mujoco.mjtTrn.mjTRN_TENDON, target="jaws")
-    motor.ctrlrange, motor.ctrllimited = [-jaws.force, jaws.force], mujoco.mjtLimited.mjLIMITED_TRUE
+    motor.ctrlrange = [-jaws.force, jaws.force]
+    motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
     return bodies
 
 
@@ -164,6 +172,7 @@ def _mount(
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)
     tip.pos = place + R.reshape(3, 3)[:, 2] * length
+
     held = link.add_body(
         name=PAD_BODY,
         pos=place,
@@ -173,6 +182,7 @@ def _mount(
         inertia=[mass * length**2 / 12.0] * 3,
         explicitinertial=True,
     )
+
     add_slide(held, PAD_JOINT, np.array([0.0, 0.0, 1.0]), (-GIVE, 0.25 * GIVE), stiffness, damping)
     held.add_site(name=TOOL_FACE_SITE, pos=[0.0, 0.0, length], group=4)
     return held

@@ -80,8 +80,7 @@ _MOUNT = 0.05  # [kg] of each of the mount's two intermediate plates
 
 
 def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrodynamics]:
-    """Replace the pad on the arm of `spec` by the tool in its mount; return the tool's
-    hydrodynamics by body name.
+    """Replace the pad on the arm of `spec` by the tool in its mount; returns its hydrodynamics.
 
     The tool is mounted on the pad's body, along its slide. The tip site moves to its end, and the
     keyframes gain the mount's joints, at rest.
@@ -91,6 +90,7 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
     """
     pad = next((body for body in spec.bodies if body.name == PAD_BODY), None)
     tip = next((site for site in spec.sites if site.name == TIP_SITE), None)
+
     if (
         pad is None
         or tip is None
@@ -100,11 +100,14 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
         raise ConfigurationError(
             f"a sampler takes the place of a body {PAD_BODY!r} on one slide, at a site {TIP_SITE!r}"
         )
+
     with keyframes_kept(spec):
-        link, place, turn = pad.parent, np.array(pad.pos), np.array(pad.quat)
+        link = pad.parent
+        mount = np.array(pad.pos)
+        turn = np.array(pad.quat)
         along = np.array(pad.joints[0].axis)
         spec.delete(pad)
-        return add(link, place, turn, along, tip, tool)
+        return add(link, mount, turn, along, tip, tool)
 
 
 def add(
@@ -134,17 +137,22 @@ def add(
     mujoco.mju_quat2Mat(R, turn)
     tip.pos = place + R.reshape(3, 3) @ along * tool.length
     face = np.array(tip.quat) if face is None else face
+
+    # Slides across the tool, on plates of their own, and along it.
     side = np.eye(3)[int(np.argmin(np.abs(along)))]
     side -= (side @ along) * along
     side /= np.linalg.norm(side)
+
     parent = link
     for name, axis in (("mount_x", side), ("mount_y", np.cross(along, side))):
         parent = parent.add_body(
             name=name, mass=_MOUNT, ipos=[0.0] * 3, inertia=[1e-5] * 3, explicitinertial=True
         )
         if name == "mount_x":
-            parent.pos, parent.quat = place, turn
+            parent.pos = place
+            parent.quat = turn
         add_slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
+
     held = parent.add_body(
         name=PAD_BODY,
         mass=tool.mass,
@@ -153,13 +161,13 @@ def add(
         explicitinertial=True,
     )
     add_slide(held, PAD_JOINT, along, (-GIVE, 0.25 * GIVE))
+
     geom = held.add_geom(name=TOOL_GEOM, **touching(FRICTION), rgba=[0.75, 0.78, 0.82, 1.0])
     if isinstance(tool, Box):
-        geom.type, geom.size = (
-            mujoco.mjtGeom.mjGEOM_BOX,
-            [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length],
-        )
-        geom.pos, geom.quat = 0.5 * tool.length * along, face
+        geom.type = mujoco.mjtGeom.mjGEOM_BOX
+        geom.size = [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length]
+        geom.pos = 0.5 * tool.length * along
+        geom.quat = face
         water = cylinder(
             float(np.sqrt(tool.width * tool.breadth / np.pi)), np.zeros(3), tool.length * along
         )
@@ -169,6 +177,7 @@ def add(
         geom.size = [tool.radius, 0, 0]
         geom.fromto = np.concatenate([dome * along, (tool.length - dome) * along])
         water = cylinder(tool.radius, dome * along, tool.length * along)
+
     held.add_site(name=TOOL_FACE_SITE, pos=tool.length * along, quat=face, group=4)
     return {PAD_BODY: water}
 

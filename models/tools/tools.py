@@ -1,6 +1,8 @@
 """Tools by name, for the tip of any arm: `--tool NAME`.
 
-attachment.attach(spec, TOOLS.load("brush"))
+    attachment.attach(spec, TOOLS.load("brush"))
+
+`TOOLS` has those of other packages too.
 """
 
 from uuv.models.registry import MadeForm, Registry
@@ -34,7 +36,7 @@ def brush() -> Tool:
 
 
 def jaws() -> Tool:
-    """Parallel jaws at a fixed opening, what may touch is their rounded end."""
+    """Parallel jaws at a fixed opening; their rounded end may touch."""
     return Jaws()
 
 

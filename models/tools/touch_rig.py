@@ -30,12 +30,14 @@ def add_pin(spec: mujoco.MjSpec) -> None:
     site = next((site for site in spec.sites if site.name == TIP_SITE), None)
     if site is None:
         raise ConfigurationError(f"the vehicle has no site {TIP_SITE!r}")
+
     link = site.parent
     for body in (link, *link.bodies):
         for geom in body.geoms:
             geom.contype = geom.conaffinity = 0
             if geom.name == TOOL_GEOM:
                 geom.name = f"{TOOL_GEOM}_idle"
+
     link.add_geom(
         name=TOOL_GEOM,
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -61,6 +63,7 @@ def add_nests(spec: mujoco.MjSpec, p_WN: ArrayLike, z_WN: ArrayLike) -> None:
     points = np.asarray(p_WN, dtype=np.float64)
     points = checked(points, (len(points), 3), "p_WN")
     axes = checked(z_WN, (len(points), 3), "z_WN")
+
     for k, (p, z) in enumerate(zip(points, axes, strict=True)):
         R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
         body = spec.worldbody.add_body(name=f"nest{k}", pos=p, quat=quat_wxyz_from_rotation(R))
@@ -79,7 +82,9 @@ def clamp(spec: mujoco.MjSpec, X_WB: Array) -> None:
     weld = spec.add_equality(
         name="clamp", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY
     )
-    weld.name1, weld.name2 = "world", HULL_BODY
+    weld.name1 = "world"
+    weld.name2 = HULL_BODY
+
     weld.solref = [2.0 * spec.option.timestep, 1.0]
     weld.data[:] = 0.0
     weld.data[3:6] = X_WB[:3, 3]  # pose of the hull in the world

@@ -27,7 +27,9 @@ from uuv.models.vehicles import published_hulls, reach_alpha_5
 from uuv.models.vehicles.published_hulls import PublishedHull
 from uuv.models.water import thrusters
 
-LENGTH, WIDTH, HEIGHT = 0.457, 0.575, 0.254  # [m] [BlueRobotics Heavy]
+LENGTH = 0.457  # [m] [BlueRobotics Heavy]
+WIDTH = 0.575  # [m]
+HEIGHT = 0.254  # [m]
 _FRESH_WATER = 1000.0  # [kg/m^3] density for Wu's set
 _GRAVITY = 9.81  # [m/s^2] for Wu's buoyancy, which is printed in N
 
@@ -63,7 +65,8 @@ _LEVEL = (
     ((-0.156, -0.111, 0.085), (-_D, _D, 0.0)),
 )
 _UPRIGHT = ((0.120, 0.218, 0.0), (0.120, -0.218, 0.0), (-0.120, 0.218, 0.0), (-0.120, -0.218, 0.0))
-_UP, _DOWN = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
+_UP = (0.0, 0.0, -1.0)
+_DOWN = (0.0, 0.0, 1.0)
 BENZON_THRUSTERS = (*_LEVEL, *((p, _UP) for p in _UPRIGHT))
 WU_THRUSTERS = (*_LEVEL, *zip(_UPRIGHT, (_UP, _DOWN, _DOWN, _UP), strict=True))
 
@@ -102,8 +105,10 @@ def _vehicle(name: str, figures: PublishedHull, places: tuple) -> mujoco.MjSpec:
 
 def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> mujoco.MjsBody:
     hull = published_hulls.add_hull(spec, figures)
+
     # For rendering and contact only: the frame as a box, the foam above it.
-    frame, foam = mujoco.mjtGeom.mjGEOM_BOX, [0.11, 0.38, 0.85, 1.0]
+    frame = mujoco.mjtGeom.mjGEOM_BOX
+    foam = [0.11, 0.38, 0.85, 1.0]
     hull.add_geom(
         name="frame",
         type=frame,
@@ -114,6 +119,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         rgba=[0.2, 0.22, 0.26, 0.0],
         group=3,
     )
+
     for side, y in (("port", 0.17), ("starboard", -0.17)):
         hull.add_geom(
             name=f"foam_{side}",
@@ -125,6 +131,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
             conaffinity=0,
             rgba=foam,
         )
+
     hull.add_geom(
         name="housing",
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -135,6 +142,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         conaffinity=0,
         rgba=[0.85, 0.87, 0.9, 1.0],
     )
+
     # OpenCV axes, horizontal: z forward, x to starboard.
     hull.add_site(
         name=CAMERA_SITE,
@@ -143,6 +151,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         group=4,
         size=[0.01, 0.01, 0.01],
     )
+
     names = [
         published_hulls.add_thruster(
             spec, hull, str(i), published_hulls.from_ned(p), published_hulls.from_ned(direction)

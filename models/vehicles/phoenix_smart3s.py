@@ -1,5 +1,4 @@
-"""PHOENIX with a COMAU SMART-3S, the vehicle-manipulator system of SIMURV 4.0 [Antonelli 2013],
-without thrusters.
+"""PHOENIX with a COMAU SMART-3S, the vehicle of SIMURV 4.0 [Antonelli 2013], without thrusters.
 
 Read in SIAEthen/simurv_unicas: data/data_phoenix_smart3s.m (arm), func/InverseDynamics_vehicle.m
 (vehicle). The vehicle follows [Fossen 1994, example B.2], the NPS AUV of [Healey 1993]. The set has
@@ -38,21 +37,26 @@ _R2, _R3, _R4, _R5 = (0.5 * DENSITY * LENGTH**n for n in (2, 3, 4, 5))  # units 
 
 
 def _added_mass() -> Array:
-    """Added mass (6, 6) of the hull, forward-starboard-down, from the source's non-dimensional
-    derivatives.
-    """
+    """Added mass (6, 6) of the hull, forward-starboard-down, by non-dimensional derivatives."""
     A = np.zeros((6, 6))
-    A[0, 0], A[1, 1], A[2, 2] = 7.6e-3 * _R3, 5.5e-2 * _R3, 2.4e-1 * _R3  # -Xudot, -Yvdot, -Zwdot
-    A[1, 3], A[1, 5], A[2, 4] = -1.2e-4 * _R4, -1.2e-3 * _R4, 6.8e-3 * _R4  # -Ypdot, -Yrdot, -Zqdot
-    # -Kpdot, -Krdot, ...
-    A[3, 3], A[3, 5], A[4, 4], A[5, 5] = 1.0e-3 * _R5, 3.4e-5 * _R5, 1.7e-2 * _R5, 3.4e-3 * _R5
+    A[0, 0] = 7.6e-3 * _R3  # -Xudot
+    A[1, 1] = 5.5e-2 * _R3  # -Yvdot
+    A[2, 2] = 2.4e-1 * _R3  # -Zwdot
+    A[1, 3] = -1.2e-4 * _R4  # -Ypdot
+    A[1, 5] = -1.2e-3 * _R4  # -Yrdot
+    A[2, 4] = 6.8e-3 * _R4  # -Zqdot
+    A[3, 3] = 1.0e-3 * _R5  # -Kpdot
+    A[3, 5] = 3.4e-5 * _R5  # -Krdot
+    A[4, 4] = 1.7e-2 * _R5  # -Mqdot
+    A[5, 5] = 3.4e-3 * _R5  # -Nrdot
     return A + np.triu(A, 1).T
 
 
 def _drag() -> Array:
     """Quadratic damping (6,) of the hull for motion along one axis."""
     # [kg/m^2] drag per length: 0.5 rho C_d h
-    sway, heave = 0.5 * DENSITY * 0.5 * 0.6, 0.5 * DENSITY * 0.6 * 1.0
+    sway = 0.5 * DENSITY * 0.5 * 0.6
+    heave = 0.5 * DENSITY * 0.6 * 1.0
     third = 2.0 * (LENGTH / 2.0) ** 4 / 4.0  # [m^4] integral of |x|^3 over the length
     surge = 0.00385 * _R2  # Cd0 of [Healey 1993]
     return np.array([surge, sway * LENGTH, heave * LENGTH, 0.0, heave * third, sway * third])
@@ -128,15 +132,18 @@ def build() -> mujoco.MjSpec:
         rgba=[0.93, 0.72, 0.13, 1.0],
     )
     published_hulls.add_wrench(spec, hull)
+
     # A half turn about x: the base's axes are the hull's in the source.
     base = hull.add_body(
         name=ARM_BASE_BODY, pos=published_hulls.from_ned(BASE), quat=[0.0, 1.0, 0.0, 0.0]
     )
+
     bodies: dict[str, BodyHydrodynamics] = {}
     body = base
     for i in range(len(DH)):
         body = _add_link(spec, body, i)
         bodies[body.name] = _water(i)
+
     body.add_site(name=TIP_SITE, group=4, size=[0.02, 0.02, 0.02])
     hydrodynamics.attach(spec, bodies)
     published_hulls.add_keys(spec, HOME)
@@ -157,6 +164,7 @@ def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, i: int) -> mujoco.Mjs
         quat=[np.cos(alpha / 2.0), np.sin(alpha / 2.0), 0.0, 0.0],
     )
     published_hulls.set_inertial(body, MASS[i], _center(i), np.diag(INERTIA[i]))
+
     name = f"joint{i + 1}"
     body.add_joint(
         name=name,
@@ -167,6 +175,8 @@ def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, i: int) -> mujoco.Mjs
     )
     motor = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
     motor.ctrlrange = [-_TORQUE[i], _TORQUE[i]]
+
+    # Shape, for contact and rendering.
     radius, length = SIZE[i]
     R = rotation_from_z(np.eye(3)[AXIS[i]], np.eye(3)[AXIS[i] - 1])
     body.add_geom(
@@ -184,10 +194,14 @@ def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, i: int) -> mujoco.Mjs
 
 
 def _water(i: int) -> BodyHydrodynamics:
-    (radius, length), along, center = SIZE[i], np.eye(3)[AXIS[i]], _center(i)
+    radius, length = SIZE[i]
+    along = np.eye(3)[AXIS[i]]
+    center = _center(i)
     volume = np.pi * radius**2 * length
+
     translation = np.where(along > 0.0, 0.1 * MASS[i], DENSITY * volume)
     rotation = np.where(along > 0.0, 0.0, np.pi * DENSITY * radius**2 * length**2 / 12.0)
+
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -201,9 +215,7 @@ def _water(i: int) -> BodyHydrodynamics:
 
 
 def _offset(i: int) -> Array:
-    """Offset (3,) [m] from the origin of frame i - 1 to that of frame i, along the axes of
-    frame i.
-    """
+    """Offset (3,) [m] from the origin of frame i - 1 to that of frame i, in axes of frame i."""
     a, alpha, d = DH[i]
     return np.array([a, d * np.sin(alpha), d * np.cos(alpha)])
 

@@ -23,9 +23,7 @@ _HALF_TURN = np.diag([1.0, -1.0, -1.0])  # rotation about x
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PublishedHull:
-    """Parameters of one hull in its source's axes (forward, starboard, down), at the source's body
-    origin.
-    """
+    """Parameters of one hull, in the source's axes (forward, starboard, down) and origin."""
 
     mass: float  # [kg] dry
     center_of_gravity: ArrayLike  # (3,) [m]
@@ -38,13 +36,11 @@ class PublishedHull:
 
 
 def from_ned(values: ArrayLike) -> Array:
-    """Convert a vector (3,), six-vector (6,) or matrix (3, 3), (6, 6) from forward-starboard-down
-    axes to ours.
+    """Convert (3,), (6,), (3, 3) or (6, 6) from forward-starboard-down axes to ours.
 
     A half turn is its own inverse, so this is also the way back. Moments of inertia, added masses
-    and damping turn as
-    matrices: the couplings x-y and x-z change sign, y-z does not. The diagonal stays, and with it a
-    diagonal quadratic damping.
+    and damping turn as matrices: the couplings x-y and x-z change sign, y-z does not. The diagonal
+    stays, and with it a diagonal quadratic damping.
 
     Raises:
         ConfigurationError: another shape.
@@ -70,14 +66,15 @@ def new_spec(name: str) -> mujoco.MjSpec:
 
 
 def add_hull(spec: mujoco.MjSpec, hull: PublishedHull) -> mujoco.MjsBody:
-    """Add the free body "hull" with mass, inertia and coefficients of `hull`; its origin is the
-    source's.
-    """
+    """Add the free body "hull" with the figures of `hull`; its origin is the source's."""
     body = spec.worldbody.add_body(name=HULL_BODY)
     body.add_freejoint(name=HULL_BODY)
+
+    # About the centre of mass, by the parallel axis theorem.
     center = from_ned(hull.center_of_gravity)
     S = skew(center)
     set_inertial(body, hull.mass, center, from_ned(hull.inertia) + hull.mass * S @ S)
+
     coefficients = BodyHydrodynamics(
         volume=hull.volume,
         center_of_buoyancy=from_ned(hull.center_of_buoyancy),
@@ -102,6 +99,7 @@ def set_inertial(body: mujoco.MjsBody, mass: float, center: ArrayLike, inertia: 
     body.explicitinertial = True
     body.mass = mass
     body.ipos = center
+
     body.fullinertia = [
         about[0, 0],
         about[1, 1],
@@ -125,7 +123,7 @@ def add_capsule(
         body: that carries it.
         name: of the geom.
         radius: [m].
-        ends: (3,) [m] places of both ends in body axes.
+        ends: (3,) [m] positions of both ends in body axes.
         rgba: (4,) colour.
     """
     body.add_geom(
@@ -158,6 +156,7 @@ def add_thruster(
     axis = np.asarray(direction, dtype=np.float64)
     # x along the thrust
     R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])[:, [2, 0, 1]]
+
     full_name = f"thruster_{name}"
     hull.add_site(
         name=full_name, pos=p, quat=quat_wxyz_from_rotation(R), group=4, size=[0.01, 0.01, 0.01]
@@ -168,10 +167,9 @@ def add_thruster(
 
 
 def add_wrench(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
-    """Add six actuators `wrench_surge` to `wrench_yaw`: the wrench on the hull at its origin, hull
-    axes [N, N m].
+    """Add six actuators `wrench_surge` to `wrench_yaw`: the wrench on the hull, hull axes [N, N m].
 
-    For vehicles whose source has no thrusters.
+    It acts at the hull's origin, for vehicles whose source has no thrusters.
     """
     hull.add_site(name="wrench", group=4, size=[0.01, 0.01, 0.01])
     for axis, name in enumerate(("surge", "sway", "heave", "roll", "pitch", "yaw")):
@@ -198,8 +196,7 @@ def add_keys(spec: mujoco.MjSpec, home: ArrayLike = (), ready: ArrayLike | None 
 
 
 def ballast(spec: mujoco.MjSpec, water_density: float = SEA_WATER) -> BodyHydrodynamics:
-    """Trim the vehicle in its home pose, keeping the height of the hull's centre of buoyancy of the
-    source.
+    """Trim the vehicle at home, keeping the height of the source's centre of buoyancy of the hull.
 
     The hull's volume changes until the whole is neutrally buoyant in water of `water_density`
     [kg/m^3]. Its centre of buoyancy shifts fore and aft, as with foam on a real hull. Returns the
@@ -209,6 +206,7 @@ def ballast(spec: mujoco.MjSpec, water_density: float = SEA_WATER) -> BodyHydrod
     home = next(key for key in spec.keys if key.name == HOME_KEY).qpos
     height = float(hydrodynamics.attached(spec)[HULL_BODY].center_of_buoyancy[2])
     flat = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=0.0, qpos=home)
+
     # At neutral buoyancy the volumes are in proportion to the buoyancy forces, so the hull's own
     # height counts by its share of the volume.
     share = flat.volume / sum(body.volume for body in hydrodynamics.attached(spec).values())

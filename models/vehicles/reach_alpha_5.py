@@ -3,10 +3,9 @@
 Masses, volumes, centres: hkolano/PitchPrediction (MagicNumAlpha.jl, urdf/blue_rov_hardware.urdf),
 the simulation that [Kolano 2022] compared with pool trials. Its frames are used, since the inertias
 refer to them. In the manufacturer's URDF with inertias (edxmorgan/uvms-simulator, floating-KinDyn)
-the centres of mass lie beside the links. Inertias with
-their products: edxmorgan/floating-KinDyn, alpha_5_robot.urdf. Viscous friction: identified there
-(usage/alpha_reach.py). All were read in code, second hand; the manufacturer's own data sheet was
-not found.
+the centres of mass lie beside the links. Inertias with their products: edxmorgan/floating-KinDyn,
+alpha_5_robot.urdf. Viscous friction: identified there (usage/alpha_reach.py). All were read in
+code, second hand; the manufacturer's own data sheet was not found.
 
 Added mass: the values that Kolano adds to the masses of the links. Here they act across each link
 only, since strip theory has none along, and in rotation as a cylinder with this mass. Drag:
@@ -130,7 +129,9 @@ LINKS = (
         end=(0.0, 0.0, -0.14),
     ),
 )
-BASE_MASS, BASE_CENTER, BASE_VOLUME = 0.341, (-0.075, -0.006, -0.003), 0.202e-3  # [kg], [m], [m^3]
+BASE_MASS = 0.341  # [kg]
+BASE_CENTER = (-0.075, -0.006, -0.003)  # [m]
+BASE_VOLUME = 0.202e-3  # [m^3]
 # [1e-6 kg m^2] in the order of `_Link.inertia`
 BASE_INERTIA = (83.66, 998.81, 1003.60, 14.45, -38.27, 3.14)
 _TIP = (0.0, 0.0, -0.190)  # [m] tip between the jaws, in the wrist frame
@@ -161,6 +162,7 @@ def add_arm(
     published_hulls.add_capsule(
         base, ARM_BASE_BODY, RADIUS, ((-0.13, 0.0, 0.0), (-0.02, 0.0, 0.0)), _GREY
     )
+
     bodies = {
         ARM_BASE_BODY: replace(
             cylinder(RADIUS, (-0.15, 0.0, 0.0), (0.0, 0.0, 0.0)),
@@ -168,6 +170,7 @@ def add_arm(
             center_of_buoyancy=BASE_CENTER,
         )
     }
+
     body = base
     for i, link in enumerate(LINKS, start=1):
         body = body.add_body(
@@ -180,12 +183,14 @@ def add_arm(
             range=link.limits,
             damping=[link.friction, 0.0, 0.0],
         )
+
         motor = spec.add_actuator(
             name=f"joint{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"joint{i}"
         )
         motor.ctrlrange = [-link.torque, link.torque]
         published_hulls.add_capsule(body, link.name, RADIUS, (link.start, link.end), _GREY)
         bodies[link.name] = _water(link)
+
     body.add_site(
         name=TIP_SITE, pos=_TIP, quat=[0.0, 1.0, 0.0, 0.0], group=4, size=[0.01, 0.01, 0.01]
     )
@@ -196,6 +201,7 @@ def _water(link: _Link) -> BodyHydrodynamics:
     length = float(np.linalg.norm(np.subtract(link.end, link.start)))
     # [m] of the cylinder with this added mass
     radius = np.sqrt(link.added / (np.pi * SEA_WATER * length))
+
     return replace(
         cylinder(radius, link.start, link.end),
         volume=1e-3 * link.volume,

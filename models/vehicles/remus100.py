@@ -1,7 +1,7 @@
-"""REMUS 100, a torpedo-shaped vehicle with one propeller, as PythonVehicleSimulator models it after
-[Fossen 2021].
+"""REMUS 100, a torpedo-shaped vehicle with one propeller, as in PythonVehicleSimulator.
 
-Figures and forms are those of the source's remus100.py (commit 7e1db8e), which was read; its helper
+Its model is that of [Fossen 2021]. Figures and forms are those of the source's remus100.py (commit
+7e1db8e), which was read; its helper
 gnc.py was read in copies. Its axes are forward, starboard, down; the few signs that change are
 marked. It stands for what the plain coefficients of this project cannot say:
 
@@ -31,21 +31,27 @@ from uuv.models.water import thrusters
 from uuv.models.water.forms import FadingDamping, LiftDrag, MunkFactor, PlanarStrip
 from uuv.sim.interfaces.spatial import GRAVITY, Array, checked, skew
 
-LENGTH, DIAMETER = 1.6, 0.19  # [m]
+LENGTH = 1.6  # [m]
+DIAMETER = 0.19  # [m]
 DENSITY = 1026.0  # [kg/m^3] of the source; the vehicle is ballasted for any
 LOW = 0.02  # [m] of the centre of mass below the centre of buoyancy, which is the origin
 MOST_RPM = 1525.0  # largest propeller speed [1/min]
 FIN_TIME = 0.1  # [s] time constant of rudder and stern plane
 MOST_FIN = math.radians(15.0)  # [rad]
-_A, _B = LENGTH / 2.0, DIAMETER / 2.0  # [m] semi-axes
-_FIN_AREA, _RUDDER_LIFT, _STERN_LIFT = 2.0 * 0.00665, 0.5, 0.7  # [m^2], [1/rad]
+_A = LENGTH / 2.0  # [m] semi-axes
+_B = DIAMETER / 2.0
+_FIN_AREA = 2.0 * 0.00665  # [m^2]
+_RUDDER_LIFT = 0.5  # [1/rad]
+_STERN_LIFT = 0.7  # [1/rad]
 _DRAG = 0.42  # of the hull on its frontal area [Allen 2000]
 _CROSS_FLOW = 1.19773  # of a circle, by the curve of [Hoerner 1965] that the source interpolates
 _SUMMED = 21.0 / 20.0  # length of the source's strips over that of the hull
-# propeller: diameter [m], thrust deduction, advance speed over speed
-_D, _DEDUCTION, _WAKE = 0.14, 0.1, 0.944
-# at rest and at the largest advance number
-_KT, _KQ, _MOST_ADVANCE = (0.4566, 0.1798), (0.0700, 0.0312), 0.6632
+_D = 0.14  # [m] diameter of the propeller
+_DEDUCTION = 0.1  # thrust deduction
+_WAKE = 0.944  # advance speed over speed
+_KT = (0.4566, 0.1798)  # thrust coefficient at rest, and at the largest advance number
+_KQ = (0.0700, 0.0312)  # torque coefficient
+_MOST_ADVANCE = 0.6632
 _SHARE = 0.1  # of the propeller's torque that the source applies
 PROPELLER_TIME = 1.0  # [s]
 
@@ -55,9 +61,11 @@ def build() -> mujoco.MjSpec:
     spec = published_hulls.new_spec("remus100")
     body = spec.worldbody.add_body(name=HULL_BODY)
     body.add_freejoint(name=HULL_BODY)
+
     mass, roll, pitch = rigid()
     published_hulls.set_inertial(body, mass, [0.0, 0.0, -LOW], np.diag([roll, pitch, pitch]))
     hydrodynamics.attach(spec, {HULL_BODY: coefficients()})
+
     body.add_geom(
         name="hull",
         type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
@@ -67,6 +75,7 @@ def build() -> mujoco.MjSpec:
         conaffinity=2,
         rgba=[0.95, 0.75, 0.1, 1.0],
     )
+
     name = published_hulls.add_thruster(spec, body, "main", [-_A, 0.0, 0.0], [1.0, 0.0, 0.0])
     thrusters.attach(spec, {name: propeller()})
     published_hulls.add_keys(spec)
@@ -75,9 +84,7 @@ def build() -> mujoco.MjSpec:
 
 
 def rigid() -> tuple[float, float, float]:
-    """Mass [kg] of the spheroid of water, its moments of inertia [kg m^2] in roll, and in pitch and
-    yaw.
-    """
+    """Mass [kg] of the spheroid of water; inertia [kg m^2] in roll, and in pitch or yaw."""
     mass = 4.0 / 3.0 * math.pi * DENSITY * _A * _B**2
     return mass, 0.4 * mass * _B**2, 0.2 * mass * (_A**2 + _B**2)
 
@@ -85,18 +92,24 @@ def rigid() -> tuple[float, float, float]:
 def coefficients() -> BodyHydrodynamics:
     """Water of the hull at its middle; all its numbers are the same in the source's axes."""
     mass, roll, pitch = rigid()
+
+    # With the mass of the water, about the middle of the hull.
     added = np.diag(hydrodynamics.ellipsoid([_A, _B, _B], water_density=DENSITY).added_mass).copy()
     added[3] = 0.3 * roll
     S = skew([0.0, 0.0, -LOW])
     total = added + np.array([mass] * 3 + [*np.diag(np.diag([roll, pitch, pitch]) - mass * S @ S)])
+
+    # Damping ratios of the source in roll and pitch, its time constant in yaw.
     righting = mass * GRAVITY * LOW  # [N m/rad]
     turning = [
         2.0 * 0.3 * math.sqrt(righting * total[3]),  # 2 zeta w I
         2.0 * 0.8 * math.sqrt(righting * total[4]),
         total[5] / 1.0,  # over its time constant [s]
     ]
+
     area = 0.7 * LENGTH * DIAMETER
     half = _SUMMED * _A
+
     return BodyHydrodynamics(
         volume=mass / DENSITY,
         added_mass=np.diag(added),
@@ -155,7 +168,10 @@ def fin_wrench(v_B: ArrayLike, rudder: float, stern_plane: float) -> Array:
     u, v, w = checked(v_B, (3,), "velocity [m/s]")
     level, upright = 0.5 * DENSITY * _FIN_AREA * np.array([u * u + v * v, u * u + w * w])
     ahead = -level * _RUDDER_LIFT * rudder**2 - upright * _STERN_LIFT * stern_plane**2
+
     # to port, and up
-    side, heave = level * _RUDDER_LIFT * rudder, upright * _STERN_LIFT * stern_plane
+    side = level * _RUDDER_LIFT * rudder
+    heave = upright * _STERN_LIFT * stern_plane
+
     force = np.array([ahead, side, heave])
     return np.concatenate([force, np.cross([-_A, 0.0, 0.0], force)])

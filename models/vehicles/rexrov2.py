@@ -10,8 +10,8 @@ the inertia is turned into the former here. The propellers' time constant is an 
 The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the
 kinematics, joint limits and torques of the KUKA LBR iiwa 7 R800 (`uuv.models.arms.published_arms`,
 KUKA's technical data) and a pad. Its links are cylinders, their masses estimates that add up to the
-24 kg of that arm. No such arm is sold for use under
-water: it stands for those of seven joints. The camera looks down past the bow.
+24 kg of that arm. No such arm is sold for use under water: it stands for those of seven joints. The
+camera looks down past the bow.
 """
 
 import math
@@ -67,11 +67,13 @@ _PLATES = {
     "starboard": ((-0.2, -0.7, -0.15), (1.1, 0.05, 0.55)),
 }
 _BASE = (1.1, 0.0, -0.82)  # [m] of the arm, its first axis down
-_CAMERA, _DOWN = (1.3, 0.0, -0.6), math.radians(35.0)  # [m], [rad] of the camera
+_CAMERA = (1.3, 0.0, -0.6)  # [m]
+_DOWN = math.radians(35.0)  # [rad] of the camera
 _TORQUES = (176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0)  # [N m]
 _MASSES = (4.0, 4.0, 3.5, 3.5, 3.5, 3.5, 1.0)  # [kg] with the water that they displace they sink
 _RADII = (0.07, 0.065, 0.06, 0.055, 0.05, 0.05, 0.03)  # [m]
-_ROTOR, _FRICTION = 0.3, 2.0  # [kg m^2], [N m s/rad] of every joint
+_ROTOR = 0.3  # [kg m^2] of every joint
+_FRICTION = 2.0  # [N m s/rad]
 HOME = (0.0, -1.5, 0.0, -2.0, 0.0, 1.0, 0.0)  # [rad] folded under the hull
 READY = (0.0, 0.3, 0.0, -1.6, 0.0, -1.4, 0.0)  # [rad] tool ahead of the bow, pointing down
 
@@ -91,6 +93,7 @@ def with_arm_7() -> mujoco.MjSpec:
             conaffinity=2,
             rgba=[0.93, 0.72, 0.13, 1.0],
         )
+
     turned = (
         exp_so3([0.0, 0.0, math.radians(z)]) @ exp_so3([0.0, math.radians(y), 0.0])
         for _, (y, z) in _THRUSTERS
@@ -99,15 +102,18 @@ def with_arm_7() -> mujoco.MjSpec:
         published_hulls.add_thruster(spec, hull, str(i), p, R[:, 0])
         for i, ((p, _), R) in enumerate(zip(_THRUSTERS, turned, strict=True))
     ]
-    one = thrusters.Thruster(
+    thruster = thrusters.Thruster(
         forward=_THRUST, reverse=_THRUST, dead_band=0.0, time_constant=_LAG, inflow_loss=0.0
     )
-    thrusters.attach(spec, dict.fromkeys(names, one))
-    s, c = math.sin(_DOWN), math.cos(_DOWN)
+    thrusters.attach(spec, dict.fromkeys(names, thruster))
+
+    s = math.sin(_DOWN)
+    c = math.cos(_DOWN)
     look = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
     hull.add_site(
         name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(look), group=4, size=[0.01] * 3
     )
+
     _add_arm(spec, hull)
     published_hulls.add_keys(spec, HOME, READY)
     published_hulls.ballast(spec)
@@ -122,9 +128,13 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
     water: dict[str, BodyHydrodynamics] = {
         ARM_BASE_BODY: cylinder(0.08, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
     }
-    arm, body, X = published_arms.load("iiwa7"), base, np.eye(4)
+
+    arm = published_arms.load("iiwa7")
+    body = base
+    X = np.eye(4)
     for i, (theta, d, a, alpha, _) in enumerate(arm.table):
-        name, joint = f"link{i + 1}", f"joint{i + 1}"
+        name = f"link{i + 1}"
+        joint = f"joint{i + 1}"
         body = body.add_body(name=name, pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         body.add_joint(
             name=joint,
@@ -135,8 +145,12 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         )
         motor = spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
         motor.ctrlrange = [-_TORQUES[i], _TORQUES[i]]
-        r, mass = _RADII[i], _MASSES[i]
-        start, end = (0.0, 0.0, 0.0 if d else -r), (0.0, 0.0, d or r)
+
+        # A cylinder along the link, or a short one about its joint.
+        r = _RADII[i]
+        mass = _MASSES[i]
+        start = (0.0, 0.0, 0.0 if d else -r)
+        end = (0.0, 0.0, d or r)
         length = max(d, 2.0 * r)
         across = mass * (3.0 * r**2 + length**2) / 12.0
         published_hulls.set_inertial(
@@ -146,6 +160,7 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
             published_hulls.add_capsule(body, name, r, (start, end), (0.85, 0.87, 0.9, 1.0))
         water[name] = cylinder(r, start, end)
         X = _row(theta, d, a, alpha)
+
     body.add_site(
         name=TIP_SITE,
         pos=X[:3, 3],

@@ -1,5 +1,4 @@
-"""Generic work-class hovering UUV with a six-DOF PUMA-type arm, with the source of every
-hydrodynamic figure.
+"""Generic work-class hovering UUV with a six-DOF PUMA-type arm, and the source of every figure.
 
 No numbers of a real vehicle are used or implied.
 
@@ -64,14 +63,13 @@ _SLIDING_FRICTION = (6.0, 8.0, 4.8, 2.4, 1.2, 0.6)
 
 
 def _hull() -> BodyHydrodynamics:
-    """Coefficients of the hull alone; trimming the whole vehicle sets its volume and centre of
-    buoyancy.
-    """
+    """Coefficients of the hull alone; the vehicle's trim sets volume and centre of buoyancy."""
     surge, sway, heave = 200.0, 370.0, 570.0  # [kg]
     height = 0.04  # [m] centre of added mass above the origin: foam above, open frame below
     added = np.diag([surge, sway, heave, 28.0, 75.0, 60.0])
     added[0, 4] = added[4, 0] = surge * height
     added[1, 3] = added[3, 1] = -sway * height
+
     return BodyHydrodynamics(
         volume=0.33,  # [m^3]
         center_of_buoyancy=np.array([0.0, 0.0, 0.06]),
@@ -89,9 +87,7 @@ _SIDE_X_BC = pose(rotation_from_z([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), [-0.3, 0.5,
 
 
 def build_side() -> mujoco.MjSpec:
-    """The vehicle with the arm on the port side, camera and workspace to port; trimmed with that
-    arm folded.
-    """
+    """The vehicle with the arm on the port side, camera and workspace to port; trimmed so."""
     return build(arm="side")
 
 
@@ -99,12 +95,14 @@ def build_two_sway() -> mujoco.MjSpec:
     """The vehicle with two sway thrusters, 0.6 m before and behind the middle, in place of one."""
     spec = build()
     spec.modelname = "uuv_puma_two_sway"
-    bow, name = spec.site("thruster_sway"), "thruster_sway_stern"
+    bow = spec.site("thruster_sway")
+    name = "thruster_sway_stern"
     bow.pos = [0.6, 0.0, 0.0]
     turn = quat_wxyz_from_rotation(rotation_from_z([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]))  # x to port
     spec.body(HULL_BODY).add_site(
         name=name, pos=[-0.6, 0.0, 0.0], quat=turn, group=4, size=[0.01, 0.01, 0.01]
     )
+
     actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=name)
     actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     thrusters.attach(spec, {name: _THRUSTER})
@@ -112,8 +110,7 @@ def build_two_sway() -> mujoco.MjSpec:
 
 
 def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
-    """The vehicle with `tool` on the arm, coefficients attached, trimmed in its home pose (arm
-    folded).
+    """The vehicle with `tool` on the arm, coefficients attached, trimmed at home (arm folded).
 
     The `arm` is under the hull, or on the port side with the camera beside it.
     """
@@ -125,6 +122,7 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
         # the housing is coaxial with the camera, its window just behind it
         behind = pose(p=[0.0, 0.0, -0.07])
         _move(spec.geom("camera_housing"), _SIDE_X_BC @ behind)
+
     bodies = {
         HULL_BODY: _hull(),
         ARM_BASE_BODY: cylinder(0.1, (0, 0, -0.03), (0, 0, 0.03)),
@@ -136,18 +134,23 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
         "link6": cylinder(0.03, (0.08, 0, 0), (0.17, 0, 0)),
         PAD_BODY: cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
     }
+
+    # A sampler takes the place of the pad before the trim, other tools after it.
     held = None if tool == "pad" else TOOLS.load(tool)
     if isinstance(held, sampler.Tube | sampler.Box):
         bodies |= sampler.fit(spec, held)
     hydrodynamics.attach(spec, bodies)
+
     gears = {
         f"joint{i}": GearFriction(coulomb=dry, stiction=1.3 * dry, stribeck_speed=0.03)
         for i, dry in enumerate(_SLIDING_FRICTION, start=1)
     }
     gear_friction.attach(spec, gears)
+
     thrusters.attach(
         spec, {a.name: _THRUSTER for a in spec.actuators if a.name.startswith("thruster_")}
     )
+
     home = next(key for key in spec.keys if key.name == HOME_KEY)
     hydrodynamics.trim(spec, HULL_BODY, metacentric_height=METACENTRIC_HEIGHT, qpos=home.qpos)
     if held is not None and not isinstance(held, sampler.Tube | sampler.Box):
@@ -156,6 +159,7 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
 
 
 def _move(item: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite, X: Array) -> None:
-    item.pos, item.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
+    item.pos = X[:3, 3]
+    item.quat = quat_wxyz_from_rotation(X[:3, :3])
     # overrides Euler angles or axes of the file
     item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

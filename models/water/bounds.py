@@ -18,9 +18,7 @@ THINNEST: Final = 1e-6  # smallest ratio of a shape's shortest to its longest ex
 def bounded(
     values: ArrayLike, shape: tuple[int, ...], name: str, largest: float = LARGEST
 ) -> Array:
-    """Read-only copy of `values`, of a given shape and within `largest`; else
-    ConfigurationError.
-    """
+    """Read-only copy of `values`, of a shape and within `largest`; else ConfigurationError."""
     array = checked(values, shape, name)
     if np.any(np.abs(array) > largest):
         raise ConfigurationError(f"{name}: must not exceed {largest:g}, got {array.tolist()}")
@@ -49,9 +47,7 @@ def not_negative(value: float, name: str) -> float:
 
 
 def positive(value: float, name: str) -> float:
-    """`value` as a float > 0, and not so near to it that one over it is none; else
-    ConfigurationError.
-    """
+    """`value` as a float of at least 1 / LARGEST; else ConfigurationError."""
     number = not_negative(value, name)
     if number == 0.0:
         raise ConfigurationError(f"{name}: must be positive, got {number}")
@@ -62,10 +58,9 @@ def positive(value: float, name: str) -> float:
 
 def segment(start: ArrayLike, end: ArrayLike, name: str) -> tuple[Array, Array]:
     """Ends (3,) [m] of a segment; ConfigurationError if they coincide."""
-    first, last = (
-        bounded(start, (3,), f"{name} start", LONGEST),
-        bounded(end, (3,), f"{name} end", LONGEST),
-    )
+    first = bounded(start, (3,), f"{name} start", LONGEST)
+    last = bounded(end, (3,), f"{name} end", LONGEST)
+
     if not float(np.linalg.norm(last - first)) > 1e-9:
         raise ConfigurationError(f"{name}: start {first.tolist()} and end {last.tolist()} coincide")
     return first, last

@@ -1,5 +1,4 @@
-"""Further terms of a body's hydrodynamics, for what added mass, damping matrices and strips cannot
-say.
+"""Further terms of a body's hydrodynamics, beside added mass, damping matrices and strips.
 
 Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. It is stored as a
 record behind the body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates
@@ -54,9 +53,7 @@ class Form(ABC):
     @classmethod
     @abstractmethod
     def of(cls, numbers: Array) -> Self:
-        """Form with the `numbers` of a record; ConfigurationError for numbers that the form
-        refuses.
-        """
+        """Form with the `numbers` of a record; ConfigurationError for numbers that it refuses."""
 
     @abstractmethod
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
@@ -73,15 +70,11 @@ class Form(ABC):
 
     @abstractmethod
     def slope(self, speed: float) -> Array:
-        """Bound (6, 6), symmetric, of the damping at `speed` [m/s, rad/s], which the time step must
-        follow.
-        """
+        """Bound (6, 6), symmetric, of the damping at `speed` [m/s, rad/s], for the time step."""
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
-        """The form with its forces multiplied by `factor`, for perturbations; a MunkFactor stays as
-        it is.
-        """
+        """The form with `factor` times its forces, for perturbations; a MunkFactor is the same."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,8 +129,7 @@ class MunkFactor(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FadingDamping(Form):
-    """Linear damping that fades with speed, where quadratic drag takes over: -d exp(-rate |v|)
-    nu_r.
+    """Linear damping that fades where quadratic drag takes over: -d exp(-rate |v|) nu_r.
 
     Raises:
         ConfigurationError: a negative number.
@@ -172,10 +164,8 @@ class FadingDamping(Form):
         return -fading[:, None] * self.linear * np.hstack([v, w])
 
     def slope(self, speed: float) -> Array:
-        """That at rest, and a diagonal that dominates what the fading couples between the
-        components.
-        """
-        # of rate d |nu| exp()
+        """That at rest, and a diagonal that dominates what the fading couples."""
+        # rate d |nu| exp(-rate |v|) is at most d / e in translation, d rate speed in rotation
         most = np.concatenate([self.linear[:3] / math.e, self.linear[3:] * self.rate * speed])
         coupled = np.outer(most, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return np.diag(self.linear + np.sum(0.5 * (coupled + coupled.T), axis=1))
@@ -187,8 +177,7 @@ class FadingDamping(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LiftDrag(Form):
-    """Lift and drag of a fin, a wing or a slender body in the plane of its directions `forward` and
-    `upward`.
+    """Lift and drag of a fin, wing or slender body in the plane of its `forward` and `upward`.
 
     With the components a, b of the velocity of `point` along the two, and V^2 = a^2 + b^2, the
     angle of attack is atan(-b / a) + incidence, within 90 degrees. The force at `point` is
@@ -243,6 +232,8 @@ class LiftDrag(Form):
             "stall",
             finite_number(self.stall, "lift-drag stall [rad]", above=0.0, most=_RIGHT),
         )
+
+        # By default lift falls to 0 at 90 degrees, and drag rises as before the stall.
         fall = (
             -self.lift_slope * self.stall / max(_RIGHT - self.stall, 1e-9)
             if self.stall < _RIGHT
@@ -256,12 +247,14 @@ class LiftDrag(Form):
         )
         drag = self.drag_slope if self.stalled_drag_slope is None else self.stalled_drag_slope
         put(self, "stalled_drag_slope", not_negative(drag, "lift-drag stalled_drag_slope [1/rad]"))
+
         if self.sweep not in SWEEPS:
             raise ConfigurationError(
                 f"lift-drag sweep: must be -2, 0 or 2, got {shown(self.sweep)}"
             )
         put(self, "sweep", int(self.sweep))
         put(self, "point", bounded(self.point, (3,), "lift-drag point [m]", LONGEST))
+
         for name in ("forward", "upward"):
             put(self, name, _unit(getattr(self, name), f"lift-drag {name}"))
         if abs(float(self.forward @ self.upward)) > _SQUARE:
@@ -269,6 +262,7 @@ class LiftDrag(Form):
                 f"lift-drag: forward {self.forward.tolist()} and upward {self.upward.tolist()} "
                 "must be perpendicular"
             )
+
         put(self, "water_density", positive(self.water_density, "lift-drag water_density [kg/m^3]"))
 
     @classmethod
@@ -293,10 +287,11 @@ class LiftDrag(Form):
         Raises:
             ConfigurationError: a number out of bounds, or one of those computed here given too.
         """
-        if given := [name for name in ("lift_slope", "induced") if name in figures]:
+        if computed := [name for name in ("lift_slope", "induced") if name in figures]:
             raise ConfigurationError(
-                f"wing {', '.join(given)}: follows from area, span and oswald; leave it out"
+                f"wing {', '.join(computed)}: follows from area, span and oswald; leave it out"
             )
+
         ratio = positive(span, "wing span [m]") ** 2 / positive(area, "wing area [m^2]")
         return cls(
             area=area,
@@ -341,6 +336,7 @@ class LiftDrag(Form):
                 raise ConfigurationError(
                     f"gz-sim LiftDrag: unknown parameter {shown(name)}{did_you_mean(name, known)}"
                 )
+
         return cls(
             area=parameters.get("area", 1.0),
             lift_slope=parameters.get("cla", 1.0),
@@ -407,10 +403,13 @@ class LiftDrag(Form):
         assert self.stalled_slope is not None
         assert self.stalled_drag_slope is not None
         size = np.abs(alpha)
-        near, beyond = np.minimum(size, self.stall), np.maximum(size - self.stall, 0.0)
+
+        near = np.minimum(size, self.stall)
+        beyond = np.maximum(size - self.stall, 0.0)
         lift = np.maximum(self.lift_slope * near + self.stalled_slope * beyond, 0.0) * np.sign(
             alpha
         )
+
         drag = (
             self.drag_0
             + self.drag_slope * near
@@ -425,21 +424,23 @@ class LiftDrag(Form):
         return np.hstack([force, np.cross(self.point, force)])
 
     def slope(self, speed: float) -> Array:
-        """The largest that differences of the force show over directions of flow, in every
-        direction at `point`.
-        """
+        """Largest slope of the force over directions of flow, for every direction at `point`."""
         angle, sweep = np.meshgrid(_ANGLES, _SWEPT if self.sweep else _SWEPT[:1])
-        angle, sweep = angle.ravel()[:, None], sweep.ravel()[:, None]
+        angle = angle.ravel()[:, None]
+        sweep = sweep.ravel()[:, None]
         plane = np.cos(angle) * self.forward + np.sin(angle) * self.upward
         flow = np.cos(sweep) * plane + np.sin(sweep) * np.cross(self.forward, self.upward)
+
         columns = [
             (self._force(flow + _STEP * e) - self._force(flow - _STEP * e)) / (2.0 * _STEP)
             for e in np.eye(3)
         ]
         jacobians = -np.stack(columns, axis=2)
+
         # Where a step crosses the jump from +90 to -90 degrees, its difference is no slope.
         smooth = np.abs(np.cos(angle[:, 0] - self.incidence)) > 10.0 * _STEP
         eigenvalues = np.linalg.eigvalsh(0.5 * (jacobians + jacobians.transpose(0, 2, 1)))[smooth]
+
         # the force grows with the square of the speed
         largest = speed * _BETWEEN * float(eigenvalues.max())
         to_point = np.hstack([np.eye(3), -skew(self.point)])
@@ -451,19 +452,25 @@ class LiftDrag(Form):
 
     def _force(self, u: Array) -> Array:
         """Force (n, 3) for velocities `u` (n, 3) of the point."""
-        a, b = u @ self.forward, u @ self.upward
-        square, whole = a * a + b * b, np.sum(u * u, axis=1)
+        a = u @ self.forward
+        b = u @ self.upward
+        square = a * a + b * b
+        whole = np.sum(u * u, axis=1)
         V = np.sqrt(square)
+
+        # Angle of attack, within 90 degrees.
         alpha = np.where(a >= 0.0, np.arctan2(-b, a), np.arctan2(b, -a)) + self.incidence
         alpha = np.where(
             alpha > _RIGHT, alpha - math.pi, np.where(alpha < -_RIGHT, alpha + math.pi, alpha)
         )
+
         lift, drag = self.coefficients(alpha)
         with np.errstate(divide="ignore", invalid="ignore"):
             swept = {0: square, -2: whole, 2: square * np.where(whole > 0.0, square / whole, 0.0)}[
                 self.sweep
             ]
             share = np.where(V > 0.0, 0.5 * self.water_density * self.area * swept / V, 0.0)
+
         along = share * (-lift * b - drag * a)
         across = share * (lift * a - drag * b)
         return along[:, None] * self.forward + across[:, None] * self.upward
@@ -471,8 +478,7 @@ class LiftDrag(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossTerms(Form):
-    """Sum of terms -c |nu_k| nu_j or -c nu_k nu_j in components i of the wrench, as gz-sim's
-    Hydrodynamics has them.
+    """Sum of terms -c |nu_k| nu_j or -c nu_k nu_j in components i of the wrench, as in gz-sim.
 
     A positive c with i = j and |nu_k| is damping. Other terms may feed energy in:
     `uuv.sim.hydrodynamics.doubts` looks for a motion in which they do.
@@ -487,7 +493,9 @@ class CrossTerms(Form):
     def __post_init__(self) -> None:
         terms = checked_rows(self.terms, 5, "cross terms (i, j, k, absolute, coefficient)")
         bounded(terms, terms.shape, "cross terms")
-        indices, absolute = terms[:, :3], terms[:, 3]
+        indices = terms[:, :3]
+        absolute = terms[:, 3]
+
         if len(terms) > MAX_TERMS:
             raise ConfigurationError(f"cross terms: expected at most {MAX_TERMS}, got {len(terms)}")
         if np.any(indices != np.clip(np.round(indices), 0, 5)) or not np.all(
@@ -497,12 +505,12 @@ class CrossTerms(Form):
                 "cross terms: i, j, k must be whole numbers 0 to 5 and absolute 0 or 1, got "
                 f"{shown(terms[:, :4])}"
             )
+
         object.__setattr__(self, "terms", terms)
 
     @classmethod
     def of_gz(cls, parameters: Mapping[str, float]) -> Self:
-        """Terms by gz-sim's names, with its signs: force X = xUabsV |v| u, so that damping is
-        negative.
+        """Terms by gz-sim's names and signs: X = xUabsV |v| u, so that damping is negative.
 
         A name has one of x y z k m n, one of U V W P Q R, and another of these, with or without
         `abs` before it.
@@ -517,13 +525,13 @@ class CrossTerms(Form):
             ConfigurationError: an unknown name, or a coefficient that is no finite number.
         """
         rows = []
-        for name, value in parameters.items():
-            place = gz_term(name)
-            if place is None or place[2] < 0:
+        for name, coefficient in parameters.items():
+            term = gz_term(name)
+            if term is None or term[2] < 0:
                 raise ConfigurationError(
                     f"gz-sim Hydrodynamics: expected names like xUabsV or xUV, got {shown(name)}"
                 )
-            rows.append([*place, -finite_number(value, f"gz-sim Hydrodynamics {name}")])
+            rows.append([*term, -finite_number(coefficient, f"gz-sim Hydrodynamics {name}")])
         return cls(terms=np.array(rows))
 
     def numbers(self) -> list[float]:
@@ -541,16 +549,15 @@ class CrossTerms(Form):
 
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
         """Sum of the terms."""
-        nu, total = np.hstack([v, w]), np.zeros((len(v), 6))
+        nu = np.hstack([v, w])
+        total = np.zeros((len(v), 6))
         for i, j, k, absolute, coefficient in self.terms:
             times = nu[:, int(k)]
             total[:, int(i)] -= coefficient * (np.abs(times) if absolute else times) * nu[:, int(j)]
         return total
 
     def slope(self, speed: float) -> Array:
-        """Diagonal that dominates the symmetric part of the terms' derivative, whatever their
-        signs.
-        """
+        """Diagonal that dominates the symmetric part of the derivative, whatever the signs."""
         entries = np.zeros((6, 6))
         for i, j, k, _, coefficient in self.terms:
             entries[int(i), int(j)] += abs(coefficient) * speed
@@ -564,8 +571,7 @@ class CrossTerms(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlanarStrip(Form):
-    """Cross-flow drag of a segment for the flow in one direction alone, as ship theory has it
-    [Faltinsen 1990].
+    """Cross-flow drag of a segment in one direction, as ship theory has it [Faltinsen 1990].
 
     Force per length: `-drag |u_d| u_d` along `direction`, with the local velocity's component u_d
     [Fossen 2021, section 6.5]. The integral is exact. A StripDrag takes the whole flow across the
@@ -582,10 +588,10 @@ class PlanarStrip(Form):
     drag: float  # [kg/m^2] = 0.5 rho C_d d
 
     def __post_init__(self) -> None:
-        for name, place in zip(
+        for name, point in zip(
             ("start", "end"), segment(self.start, self.end, "planar strip"), strict=True
         ):
-            object.__setattr__(self, name, place)
+            object.__setattr__(self, name, point)
         object.__setattr__(self, "direction", _unit(self.direction, "planar strip direction"))
         object.__setattr__(self, "drag", not_negative(self.drag, "planar strip drag [kg/m^2]"))
 
@@ -605,8 +611,11 @@ class PlanarStrip(Form):
         """The drag: either side of the point where the flow turns, two Gauss stations are exact."""
         along = self.end - self.start
         at_start, at_end = ((v + np.cross(w, p)) @ self.direction for p in (self.start, self.end))
+
+        # Where the flow turns, as a share of the segment.
         with np.errstate(divide="ignore", invalid="ignore"):
             turn = np.where(at_start * at_end < 0.0, at_start / (at_start - at_end), 0.0)
+
         total = np.zeros((len(v), 6))
         for low, high in ((np.zeros(len(v)), turn), (turn, np.ones(len(v)))):
             for node in (-1.0, 1.0):
@@ -615,11 +624,13 @@ class PlanarStrip(Form):
                 share = -0.5 * (high - low) * self.drag * np.linalg.norm(along) * np.abs(u) * u
                 force = share[:, None] * self.direction
                 total += np.hstack([force, np.cross(self.start + s[:, None] * along, force)])
+
         return total
 
     def slope(self, speed: float) -> Array:
         """Its derivative with `speed` at every station."""
-        along, total = self.end - self.start, np.zeros((6, 6))
+        along = self.end - self.start
+        total = np.zeros((6, 6))
         for node in (-1.0, 1.0):
             p = self.start + 0.5 * (1.0 + node / math.sqrt(3.0)) * along
             row = np.concatenate([self.direction, np.cross(p, self.direction)])
@@ -639,12 +650,12 @@ KINDS: Final[dict[int, type[Form]]] = {
 
 
 def gz_term(name: str) -> tuple[int, int, int, int] | None:
-    """Indices i, j, k and 1 with an absolute value, of a name such as xUabsV or xUV; k is -1 for
-    xU; else None.
-    """
+    """Indices i, j, k and 1 if absolute, of a name as xUabsV or xUV; of xU k is -1; else None."""
     if not (isinstance(name, str) and name[:1] in tuple("xyzkmn") and name[1:2] in tuple("UVWPQR")):
         return None
-    rest, i, j = name[2:], "xyzkmn".index(name[0]), "UVWPQR".index(name[1])
+    rest = name[2:]
+    i = "xyzkmn".index(name[0])
+    j = "UVWPQR".index(name[1])
     if not rest:
         return i, j, -1, 0
     last = rest.removeprefix("abs")
@@ -652,9 +663,7 @@ def gz_term(name: str) -> tuple[int, int, int, int] | None:
 
 
 def _unit(values: ArrayLike, name: str) -> Array:
-    """Unit vector along `values`; one that is a unit vector to rounding stays as it is, so that
-    records keep it.
-    """
+    """Unit vector along `values`; one to rounding stays as it is, so that records keep it."""
     vector = checked(values, (3,), name)
     length = float(np.linalg.norm(vector))
     if not 1e-9 < length < 1e9:

@@ -1,5 +1,4 @@
-"""Static thruster curves, command to thrust and inverse: a polynomial on each side of a dead band,
-or a table.
+"""Static thruster curves, command to thrust and back: polynomials beside a dead band, or a table.
 
 One curve is one row of numbers, so that plant and controllers evaluate the same data in compiled
 code.
@@ -42,7 +41,8 @@ def pack_polynomial(
     """
     count = max(len(ahead), len(astern))
     coefficients = np.zeros((2, count))
-    coefficients[0, : len(ahead)], coefficients[1, : len(astern)] = ahead, astern
+    coefficients[0, : len(ahead)] = ahead
+    coefficients[1, : len(astern)] = astern
     return np.array([kind, count, -band, band, least, *coefficients.ravel()])
 
 
@@ -57,7 +57,8 @@ def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) 
     Returns:
         The row, for the kernels of this module.
     """
-    x, y = np.array(command), np.array(thrust)
+    x = np.array(command)
+    y = np.array(thrust)
     still = x[y == 0.0]
     return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes(x, y)])
 
@@ -77,6 +78,7 @@ def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
         raise ConfigurationError(
             f"thruster: its curve of {len(numbers)} numbers has no known kind and length"
         )
+
     first = tuple(numbers[_FIRST : _FIRST + count])
     second = tuple(numbers[_FIRST + count : _FIRST + 2 * count])
     if kind == TABLE:
@@ -108,6 +110,7 @@ def thrust_at(curve, command):
     reach = reach_at(curve, command)
     if reach == 0.0:
         return 0.0
+
     count = int(curve[_COUNT])
     if curve[_KIND] == TABLE:
         at = _segment(curve[_FIRST:], count, command)
@@ -117,6 +120,7 @@ def thrust_at(curve, command):
         thrust = _horner(curve[start:], count, reach)[0]
         if command < 0.0:
             thrust = -thrust
+
     # tolerance, so that the inverse of the least thrust yields it
     if abs(thrust) < curve[_LEAST] * (1.0 - 1e-9):
         return 0.0
@@ -135,45 +139,54 @@ def command_for(curve, thrust):
         thrust = 0.0 if abs(thrust) < 0.5 * least else np.sign(thrust) * least
     if thrust == 0.0:
         return min(max(0.0, curve[_LOW]), curve[_HIGH])
+
     count = int(curve[_COUNT])
     if curve[_KIND] == TABLE:
-        x, y = curve[_FIRST : _FIRST + count], curve[_FIRST + count : _FIRST + 2 * count]
+        x = curve[_FIRST : _FIRST + count]
+        y = curve[_FIRST + count : _FIRST + 2 * count]
         if thrust >= y[count - 1]:
             return x[count - 1]
         if thrust <= y[0]:
             return x[0]
+
         at = 0
         while y[at + 1] < thrust:
             at += 1
-        low, high = x[at], x[at + 1]
+
+        # Newton's method in the segment, from its chord.
+        low = x[at]
+        high = x[at + 1]
         command = low + (high - low) * (thrust - y[at]) / (y[at + 1] - y[at])
         for _ in range(100):
-            value, slope = _cubic(curve[_FIRST:], count, at, command)
-            low, high, command, done = _closer(low, high, command, value - thrust, slope)
+            reached, slope = _cubic(curve[_FIRST:], count, at, command)
+            low, high, command, done = _closer(low, high, command, reached - thrust, slope)
             if done:
                 break
         return command
+
+    # Polynomial in the reach beyond the dead band.
     start, band = (_FIRST, curve[_HIGH]) if thrust > 0.0 else (_FIRST + count, -curve[_LOW])
-    wanted = abs(thrust)
+    magnitude = abs(thrust)
     if curve[_KIND] == QUADRATIC:
-        reach = np.sqrt(min(wanted / curve[start + 1], 1.0))
+        reach = np.sqrt(min(magnitude / curve[start + 1], 1.0))
     else:
-        low, high = 0.0, 1.0
+        low = 0.0
+        high = 1.0
         reach = 1.0
         for step in range(100):
-            value, slope = _horner(curve[start:], count, reach)
-            if step == 0 and value <= wanted:
+            reached, slope = _horner(curve[start:], count, reach)
+            if step == 0 and reached <= magnitude:
                 break
-            low, high, reach, done = _closer(low, high, reach, value - wanted, slope)
+            low, high, reach, done = _closer(low, high, reach, reached - magnitude, slope)
             if done:
                 break
+
     return np.sign(thrust) * (band + (1.0 - band) * reach)
 
 
 @kernel
 def thrust_in_flow(curve, loss, inflow, command):
-    """Steady thrust [N] in moving water: less by `loss` [N s/m], times the reach of the command,
-    times `inflow` [m/s].
+    """Steady thrust [N] in moving water: less by `loss` [N s/m] times reach times `inflow` [m/s].
 
     The inflow is the speed of advance through the water along the thrust.
     """
@@ -183,8 +196,7 @@ def thrust_in_flow(curve, loss, inflow, command):
 
 @kernel
 def command_in_flow(curve, loss, inflow, thrust):
-    """Command whose steady thrust in moving water is `thrust` [N], or the nearest to it in the
-    direction of `thrust`.
+    """Command whose steady thrust in moving water is `thrust` [N], or the nearest in its direction.
 
     Args:
         curve: of the thruster.
@@ -195,14 +207,17 @@ def command_in_flow(curve, loss, inflow, thrust):
     still = command_for(curve, thrust)
     if thrust == 0.0 or thrust_at(curve, still) == 0.0 or loss * inflow == 0.0:
         return still
+
     sign = np.sign(thrust)
     # Sought is the larger root: between the command in still water and full speed where the flow
     # takes thrust away, else between the least thrust and the command in still water.
     taken = loss * inflow * sign > 0.0
     end = sign if taken else command_for(curve, sign * curve[_LEAST])
     low, high = (still, end) if taken else (end, still)
+
     if taken and sign * (thrust_in_flow(curve, loss, inflow, end) - thrust) <= 0.0:
         return end
+
     for _ in range(52):  # halves: to rounding
         middle = 0.5 * (low + high)
         if sign * (thrust_in_flow(curve, loss, inflow, middle) - thrust) < 0.0:
@@ -235,11 +250,12 @@ def _closer(low, high, x, error, slope):
 @kernel
 def _horner(coefficients, count, r):
     """Value and derivative of `c[0] r + c[1] r^2 + ...`."""
-    value, slope = 0.0, 0.0
+    polynomial = 0.0
+    slope = 0.0
     for k in range(count - 1, -1, -1):
-        slope = slope * r + value
-        value = value * r + coefficients[k]
-    return value * r, value + slope * r
+        slope = slope * r + polynomial
+        polynomial = polynomial * r + coefficients[k]
+    return polynomial * r, polynomial + slope * r
 
 
 @kernel
@@ -252,29 +268,34 @@ def _segment(x, count, command):
 
 @kernel
 def _cubic(blocks, count, at, command):
-    """Value and slope of the Hermite cubic between points `at` and the next; constant beyond its
-    ends.
-    """
+    """Value and slope of the Hermite cubic from point `at` to the next; constant beyond both."""
     x0, x1 = blocks[at], blocks[at + 1]
     y0, y1 = blocks[count + at], blocks[count + at + 1]
     h = x1 - x0
-    s0, s1 = h * blocks[2 * count + at], h * blocks[2 * count + at + 1]
+    s0 = h * blocks[2 * count + at]
+    s1 = h * blocks[2 * count + at + 1]
+
+    # t in [0, 1] from one point to the other.
     t = min(max((command - x0) / h, 0.0), 1.0)
     rise = y1 - y0
-    a, b = 3.0 * rise - 2.0 * s0 - s1, s0 + s1 - 2.0 * rise
+    a = 3.0 * rise - 2.0 * s0 - s1
+    b = s0 + s1 - 2.0 * rise
     return y0 + t * (s0 + t * (a + t * b)), (s0 + t * (2.0 * a + 3.0 * t * b)) / h
 
 
 def _slopes(x: Array, y: Array) -> Array:
-    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, at the ends from
-    three points.
-    """
-    h, secant = np.diff(x), np.diff(y) / np.diff(x)
+    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, bounded ends."""
+    h = np.diff(x)
+    secant = np.diff(y) / np.diff(x)
     slopes = np.zeros_like(y)
+
     for i in range(1, len(x) - 1):
         if secant[i - 1] * secant[i] > 0.0:
-            before, after = h[i - 1] + 2.0 * h[i], 2.0 * h[i - 1] + h[i]
+            before = h[i - 1] + 2.0 * h[i]
+            after = 2.0 * h[i - 1] + h[i]
             slopes[i] = (before + after) / (before / secant[i - 1] + after / secant[i])
+
+    # Ends, from three points.
     for end, near, far in ((0, 0, 1), (-1, -1, -2)):
         slope = ((2.0 * h[near] + h[far]) * secant[near] - h[near] * secant[far]) / (
             h[near] + h[far]
@@ -284,6 +305,7 @@ def _slopes(x: Array, y: Array) -> Array:
         elif secant[near] * secant[far] <= 0.0 and abs(slope) > 3.0 * abs(secant[near]):
             slope = 3.0 * secant[near]
         slopes[end] = slope
+
     return slopes
 
 
@@ -318,13 +340,13 @@ def check_polynomial(coefficients: Sequence[float]) -> float:
 
 
 def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[float, float]:
-    """Validate an invertible table, and return its thrust magnitudes [N] at the upper and lower
-    end.
+    """Validate an invertible table; returns its thrust magnitudes [N] at upper and lower end.
 
     Raises:
         ConfigurationError: commands or thrusts that do not rise, or no zero thrust.
     """
-    x, y = np.asarray(command, dtype=np.float64), np.asarray(thrust, dtype=np.float64)
+    x = np.asarray(command, dtype=np.float64)
+    y = np.asarray(thrust, dtype=np.float64)
     if x.shape != y.shape or len(x) < 3 or not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ConfigurationError(
             f"thruster table: expected three or more finite pairs, got {command} and {thrust}"
@@ -333,9 +355,11 @@ def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[floa
         raise ConfigurationError(
             f"thruster table: commands must rise within full speed, got {x.tolist()}"
         )
+
     still = (y[1:] == 0.0) & (y[:-1] == 0.0)
     if not (y[0] < 0.0 < y[-1] and np.any(y == 0.0) and np.all((np.diff(y) > 0.0) | still)):
         raise ConfigurationError(
             f"thruster table: thrusts must rise from below zero through zero, got {y.tolist()}"
         )
+
     return float(y[-1]), float(-y[0])

@@ -1,5 +1,4 @@
-"""Thruster model, command to thrust, stored on the actuators of an MjSpec, where MuJoCo evaluates
-it at each step.
+"""Thruster model, command to thrust, stored on actuators of an MjSpec and evaluated by MuJoCo.
 
 A command u in [-1, 1] is the normalised propeller speed (or pulse width) that is demanded. The
 propeller follows within its slew rate and with a first-order lag. Its thrust is a static curve of
@@ -37,7 +36,8 @@ HEADER = 10  # columns before the curve
 STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
 
 # Activations of a thruster: command after the slew limit, propeller speed
-PASSED, SPEED = 0, 1
+PASSED = 0
+SPEED = 1
 ACTIVATIONS = 2  # of a thruster
 
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
@@ -97,6 +97,7 @@ class Thruster:
             object.__setattr__(self, name, number(getattr(self, name), f"thruster {name}"))
         for name in ("polynomial", "table"):
             object.__setattr__(self, name, _pair(getattr(self, name), name))
+
         for name in (
             "dead_band",
             "time_constant",
@@ -104,9 +105,10 @@ class Thruster:
             "torque_per_thrust",
             "least_thrust",
         ):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ConfigurationError(f"thruster {name}: must be finite and >= 0, got {value}")
+            figure = getattr(self, name)
+            if not (np.isfinite(figure) and figure >= 0.0):
+                raise ConfigurationError(f"thruster {name}: must be finite and >= 0, got {figure}")
+
         if not self.dead_band < 1.0:
             raise ConfigurationError(f"thruster dead_band: must be in [0, 1), got {self.dead_band}")
         if not (
@@ -117,6 +119,7 @@ class Thruster:
             raise ConfigurationError(
                 f"thruster forward and reverse: must be > 0 N, got {self.forward}, {self.reverse}"
             )
+
         if not self.slew_rate > 0.0:
             raise ConfigurationError(
                 f"thruster slew_rate: must be > 0 per second, got {self.slew_rate}"
@@ -129,10 +132,12 @@ class Thruster:
                 f"{self.reverse} N, "
                 f"got {self.least_thrust}"
             )
+
         if self.polynomial is not None and self.table is not None:
             raise ConfigurationError("thruster: a polynomial or a table, not both")
         if self.polynomial is None and self.table is None:
             return
+
         from uuv.models.water.thruster_curves import check_polynomial, check_table  # bring numba
 
         if self.polynomial is not None:
@@ -210,18 +215,18 @@ class Thruster:
 
         _refuse_curve(figures)
 
-        neutral, full = (
-            number(neutral, "thruster neutral"),
-            None if full is None else number(full, "thruster full"),
-        )
-        given = _pair((command, thrust), "table")
-        assert given is not None
-        x, y = (np.array(row) for row in given)
+        neutral = number(neutral, "thruster neutral")
+        full = None if full is None else number(full, "thruster full")
+
+        rows = _pair((command, thrust), "table")
+        assert rows is not None
+        x, y = (np.array(row) for row in rows)
         reach = float(np.max(np.abs(x - neutral), initial=0.0)) if full is None else full
         if not (np.isfinite(neutral) and np.isfinite(reach) and reach > 0.0):
             raise ConfigurationError(
                 f"thruster table: neutral {neutral} and full {full} must be finite, full above zero"
             )
+
         points = tuple(((x - neutral) / reach).tolist()), tuple(y.tolist())
         forward, reverse = check_table(*points)
         return cls(forward=forward, reverse=reverse, table=points, **figures)
@@ -256,8 +261,7 @@ def t200(
     slew_rate: float = math.inf,
     least_thrust: float = 0.36,
 ) -> Thruster:
-    """Blue Robotics T200 at 16 V; command u is the pulse 1500 + 400 u us, with its dead band from
-    1472 to 1528 us.
+    """Blue Robotics T200 at 16 V; command u: pulse of 1500 + 400 u us, dead from 1472 to 1528 us.
 
     Measured are the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). The other
     defaults are assumptions, since no measurement was found.
@@ -304,7 +308,9 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
             raise ConfigurationError(
                 f"thruster {name!r}: no such actuator; there are {sorted(actuators)}"
             )
-        actuator, row = actuators[name], pack(thruster)
+
+        actuator = actuators[name]
+        row = pack(thruster)
         replaced = carries(actuator.userdata)
         if np.any(actuator.userdata) and not replaced:
             raise ConfigurationError(
@@ -316,6 +322,7 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
                 "torque_per_thrust, got "
                 f"{actuator.gear.tolist()}"
             )
+
         of_spec = partial(getattr, actuator)
         _check(name, of_spec, _DRIVEN if replaced else _MOTOR, actuator.refsite != "")
         actuator.gear[3:] = row[TORQUE] * actuator.gear[:3]
@@ -324,6 +331,7 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
         actuator.actdim = ACTIVATIONS
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.ctrlrange = [-1.0, 1.0]
+
     if table:
         mark(spec)
     # All rows must have one length; absent values compile to zero, which decodes as "no thruster".
@@ -333,8 +341,7 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
 
 
 def detach(actuator: mujoco.MjsActuator) -> None:
-    """Make a thruster of a spec a plain motor again: its control is the thrust in N; the reaction
-    torque stays.
+    """Make a thruster a plain motor again: its control is the thrust in N; reaction torque stays.
 
     Args:
         actuator: changed in place; one that is no thruster stays as it is.
@@ -355,8 +362,7 @@ def _set_kind(actuator: mujoco.MjsActuator, kind: Mapping[str, Any]) -> None:
 
 
 def _check(name: str, field: Callable[[str], Any], kind: Mapping[str, Any], refers: bool) -> None:
-    """Raise ConfigurationError unless an actuator applies its force unchanged along a unit axis of
-    a site.
+    """Raise ConfigurationError unless an actuator applies its force along a unit axis of a site.
 
     Args:
         name: of the actuator, for the message.
@@ -374,6 +380,7 @@ def _check(name: str, field: Callable[[str], Any], kind: Mapping[str, Any], refe
         for word in ("ctrl", "force", "act")
         if not _range_fits(field, word, kind is _DRIVEN)
     ]
+
     if odd and kind is _MOTOR:
         raise ConfigurationError(
             f"thruster {name!r}: its actuator must be a plain motor on a site, its control the "
@@ -387,6 +394,7 @@ def _check(name: str, field: Callable[[str], Any], kind: Mapping[str, Any], refe
             "dynamics and bias of the type user, its control in [-1, 1]; not so here: "
             f"{', '.join(odd)}"
         )
+
     if not abs(np.linalg.norm(along) - 1.0) < _XML:
         raise ConfigurationError(
             f"thruster {name!r}: its actuator must act on a site with a gear of length 1, got "
@@ -415,10 +423,12 @@ def pack(thruster: Thruster) -> Array:
         kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
         sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
         curve = rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust)
+
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
     # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the
     # other way.
     torque = -thruster.handedness * thruster.torque_per_thrust
+
     header = (
         thruster.forward,
         thruster.reverse,
@@ -470,8 +480,7 @@ def carries(row: Array) -> bool:
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
-    """Thrusters of a compiled model: actuator indices (m,) and their rows (m, width), as `pack`
-    encodes them.
+    """Actuators (m,) of the thrusters of a compiled model, and their rows (m, width) as of `pack`.
 
     Raises:
         ConfigurationError: an invalid row, or an actuator that is not as `attach` leaves it; the
@@ -480,11 +489,14 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
     rows = np.asarray(model.actuator_user)
     index = np.array([i for i in range(model.nu) if carries(rows[i])], dtype=np.int64)
     for i in index.tolist():
-        name, gear = model.actuator(i).name, model.actuator_gear[i]
+        name = model.actuator(i).name
+        gear = model.actuator_gear[i]
+
         try:
             unpack(rows[i])
         except ConfigurationError as error:
             raise ConfigurationError(f"actuator {name!r}: {error}") from error
+
         of_model = partial(_of_compiled, model, i)
         _check(
             name,
@@ -492,6 +504,7 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
             _DRIVEN,
             model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0,
         )
+
         if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > _XML:
             raise ConfigurationError(
                 f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} "
@@ -511,9 +524,7 @@ def _of_compiled(model: mujoco.MjModel, actuator: int, field: str) -> Any:
 
 
 def curves(table: Array) -> Array:
-    """Static curves (m, ...) of thruster rows `table` (m, ...), as
-    `uuv.models.water.thruster_curves` takes them.
-    """
+    """Static curves (m, ...) of rows `table` (m, ...), for `uuv.models.water.thruster_curves`."""
     return np.array(table[:, HEADER:])
 
 

@@ -1,9 +1,9 @@
 """Drag of a shape from its projected areas, by published coefficients of plain shapes.
 
-How blunt a silhouette is, is told by the mean of the squared cosine between flow and surface over
-the projected area: 1/2 for a sphere, 2/3 for a cylinder across, 1 for a flat face. Between these
-the coefficient is interpolated. The coefficients are those of [Hoerner 1965, chapter 3] as [White
-2011, table 7.3] lists them, at Reynolds numbers from 1e4 to the drag crisis.
+The mean of the squared cosine between flow and surface over the projected area says how blunt a
+silhouette is: 1/2 for a sphere, 2/3 for a cylinder across, 1 for a flat face. Between these the
+coefficient is interpolated. The coefficients are those of [Hoerner 1965, chapter 3] as [White 2011,
+table 7.3] lists them, at Reynolds numbers from 1e4 to the drag crisis.
 """
 
 from dataclasses import dataclass
@@ -49,7 +49,9 @@ class Silhouettes:
     def _coefficient(self, k: int) -> float:
         across = np.delete(self.extent, k)
         width = float(np.sqrt(self.area[k]))
-        depth, slenderness = float(self.extent[k]) / width, float(across.max() / across.min())
+        depth = float(self.extent[k]) / width
+        slenderness = float(across.max() / across.min())
+
         flat = np.interp(depth, *_BLUNT) * np.interp(slenderness, *_PLATE) / _PLATE[1][0]
         cylinder = np.interp(slenderness, *_ACROSS)
         return float(
@@ -66,18 +68,20 @@ def silhouettes(corners: Array) -> Silhouettes:
     a, b, c = corners.transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    area, blunt = np.zeros(3), np.zeros(3)
+
+    area = np.zeros(3)
+    blunt = np.zeros(3)
     for k in range(3):
         scan = scanned(corners @ exp_so3(_ASKEW * np.eye(3)[k]), _LINES, k)
         area[k] = scan.area
         met = normals[scan.triangle[scan.outer], k] ** 2
         blunt[k] = met.mean() if len(met) else 1.0
+
     return Silhouettes(area=area, bluntness=blunt, extent=np.ptp(corners.reshape(-1, 3), axis=0))
 
 
 def spin_integral(vertices: Array, triangles: np.ndarray) -> Array:
-    """Integrals (3,) [m^5] of |normal speed|^3 of unit turns about the axes, over the half of the
-    surface that pushes.
+    """Integrals (3,) [m^5] of |normal speed|^3 of unit turns about the axes, over the pushing half.
 
     For a box they are those of |r|^3 over its faces, as in `uuv.models.hydrodynamics.box`.
     """
@@ -85,6 +89,8 @@ def spin_integral(vertices: Array, triangles: np.ndarray) -> Array:
     cross = np.cross(b - a, c - a)
     area = 0.5 * np.linalg.norm(cross, axis=1)
     n = cross / np.maximum(2.0 * area[:, None], 1e-300)
+
+    # Quadrature at the midpoints of the edges, exact to degree 2.
     total = np.zeros(3)
     for point in (0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)):
         total += np.sum(area[:, None] * np.abs(np.cross(point, n)) ** 3, axis=0) / 3.0
@@ -98,7 +104,7 @@ def strip_of(
 
     Args:
         R: (3, 3) principal axes in body axes, the longest first.
-        extent: (3,) [m] lowest and highest place along the longest axis from `center`, and the
+        extent: (3,) [m] lowest and highest position along the longest axis from `center`, and the
             length.
         center: (3,) [m] centre of buoyancy, body frame.
         seen: silhouettes along the principal axes.
@@ -106,6 +112,7 @@ def strip_of(
     """
     low, high, length = extent
     force = 0.5 * density * seen.coefficients * seen.area
+
     return StripDrag(
         start=center + low * R[:, 0],
         end=center + high * R[:, 0],

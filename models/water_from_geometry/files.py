@@ -1,8 +1,9 @@
-"""Files of models that are to get their water: URDF, MJCF or one mesh; and the MJCF that carries
-it.
+"""Files of models that are to get their water: URDF, MJCF or one mesh; and the MJCF with it.
 
-spec, notes = read_model("arm.urdf")
-write_model(wet(spec), "arm.wet.xml")
+    spec, notes = read_model("arm.urdf")
+    write_model(wet(spec), "arm.wet.xml")
+
+`wet` is that of `uuv.models.water_from_geometry.wetting`.
 """
 
 import os
@@ -55,8 +56,9 @@ def read_model(
     is_mesh = path.suffix.lower() in MESHES
     of_urdf = not is_mesh and is_urdf(path, "model")
     if free and not of_urdf:
-        said = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
-        raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {said}")
+        reason = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
+        raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {reason}")
+
     if is_mesh:
         return _of_mesh(
             path, 1.0 if scale is None else finite_number(scale, "scale", least=1e-9, most=1e9)
@@ -65,8 +67,10 @@ def read_model(
         raise ConfigurationError(
             f"scale: for a mesh file only; {shown(path.name)} states the scale of its meshes itself"
         )
+
     if of_urdf:
         return _of_urdf(path, free, visual)
+
     spec, _ = read_mjcf(path, "model")
     sidecar.attach_beside(spec, path)  # thrusters, and water that is to be replaced
     return spec, []
@@ -92,11 +96,13 @@ def write_model(
     path = Path(file)
     spec = wetted.spec
     _rebase(spec, path.parent)
+
     lines = [
         f"{o.body}: {o.quantity} {o.value}; {o.origin}; uncertainty {o.uncertainty}"
         for o in wetted.origins
     ]
-    lines += [f"no water: {said}" for said in wetted.dry]
+    lines += [f"no water: {reason}" for reason in wetted.dry]
+
     try:
         if not with_sidecar:
             path.write_text(_commented(sidecar.xml_with_elements(spec), lines), encoding="utf-8")
@@ -115,34 +121,41 @@ def write_model(
 def _commented(xml: str, lines: list[str]) -> str:
     """MJCF with a comment after its first line."""
     first, _, rest = xml.partition("\n")
-    told = "\n".join(line.replace("--", "- -") for line in lines)
-    return f"{first}\n  <!--\n{told}\n  -->\n{rest}"
+    comment = "\n".join(line.replace("--", "- -") for line in lines)
+    return f"{first}\n  <!--\n{comment}\n  -->\n{rest}"
 
 
 def _rebase(spec: mujoco.MjSpec, folder: Path) -> None:
     """Name the files of meshes, textures and height fields relative to another folder."""
     home = Path(spec.modelfiledir or ".")
     texture_folder = spec.texturedir or spec.meshdir
-    for asset, place in (
+    for asset, folder_of_asset in (
         *((mesh, spec.meshdir) for mesh in spec.meshes),
         *((field, spec.meshdir) for field in spec.hfields),
         *((texture, texture_folder) for texture in spec.textures),
     ):
         if asset.file:
-            asset.file = os.path.relpath((home / place / asset.file).resolve(), folder.resolve())
-    spec.meshdir, spec.texturedir, spec.modelfiledir = "", "", str(folder.resolve())
+            asset.file = os.path.relpath(
+                (home / folder_of_asset / asset.file).resolve(), folder.resolve()
+            )
+
+    spec.meshdir = ""
+    spec.texturedir = ""
+    spec.modelfiledir = str(folder.resolve())
 
 
 def _of_mesh(path: Path, scale: float) -> mujoco.MjSpec:
     """One floating body of a mesh file."""
     spec = mujoco.MjSpec()
-    spec.modelname, spec.modelfiledir = path.stem, str(path.parent.resolve())
+    spec.modelname = path.stem
+    spec.modelfiledir = str(path.parent.resolve())
     spec.add_mesh(
         name=path.stem,
         file=path.name,
         scale=[scale] * 3,
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's mesh may be open
     )
+
     body = spec.worldbody.add_body(name=path.stem)
     body.add_freejoint()
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=path.stem, mass=1.0)
@@ -157,17 +170,21 @@ def make_neutral(spec: mujoco.MjSpec) -> None:
 
 def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[str]]:
     """Spec of a URDF, its welded links kept."""
-    robot, notes = parse(path, f"model {shown(str(path))}"), []
+    robot = parse(path, f"model {shown(str(path))}")
+    notes = []
     if free:
         robot, notes = with_floating_root(robot)
     notes += _found_meshes(robot, path, visual)
     mimics = take_mimics(robot)
+
+    # Options of MuJoCo's reader, beside those of the file.
     extension = robot.xml.find("mujoco")
     extension = ElementTree.SubElement(robot.xml, "mujoco") if extension is None else extension
     compiler = extension.find("compiler")
     compiler = ElementTree.SubElement(extension, "compiler") if compiler is None else compiler
     compiler.attrib.pop("meshdir", None)
     compiler.attrib.update(_DIRECTIVES)
+
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
         couple(spec, mimics)
@@ -181,10 +198,9 @@ def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[
 
 
 def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
-    """Put the places of mesh files into a robot's XML; visual meshes that MuJoCo does not read are
-    taken out.
+    """Put paths of mesh files into a robot's XML; visual meshes that MuJoCo does not read go.
 
-    `visual` False: those of links without another shape, and those that are not there, as well.
+    `visual` False: those of links without another shape, and those that are missing, go too.
     """
     left_out = []
     extension = robot.xml.find("mujoco/compiler")
@@ -194,29 +210,33 @@ def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
             mesh = part.find("geometry/mesh")
             if mesh is None:
                 continue
-            said = f"{robot.name}: link {link.get('name')!r}: mesh"
+            subject = f"{robot.name}: link {link.get('name')!r}: mesh"
             name = mesh.get("filename", "")
             if not name:
-                raise ConfigurationError(f"{said}: it has no filename")
+                raise ConfigurationError(f"{subject}: it has no filename")
+
             spared = part.tag == "visual" and not visual
             if Path(name).suffix.lower() not in MESHES:
                 if not spared and (part.tag == "collision" or link.find("collision") is None):
                     raise ConfigurationError(
-                        f"{said} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it"
+                        f"{subject} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it"
                     )
                 link.remove(part)
                 left_out.append(name)
                 continue
-            found = mesh_file(name, folder)
-            if found is None and spared:
+
+            mesh_path = mesh_file(name, folder)
+            if mesh_path is None and spared:
                 link.remove(part)
                 left_out.append(name)
                 continue
-            if found is None:
+            if mesh_path is None:
                 raise ConfigurationError(
-                    f"{said} {shown(name)}: there is no such file (looked in {shown(str(folder))})"
+                    f"{subject} {shown(name)}: there is no such file "
+                    f"(looked in {shown(str(folder))})"
                 )
-            mesh.set("filename", str(found))
+            mesh.set("filename", str(mesh_path))
+
     if not left_out:
         return []
     endings = ", ".join(sorted({Path(name).suffix or name for name in left_out}))
@@ -229,9 +249,7 @@ def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
 
 
 def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
-    """`spec`, where MuJoCo compiles it; else with the inertia of meshes by their surface, which may
-    be open.
-    """
+    """`spec` if MuJoCo compiles it, else with the inertia of its meshes' surfaces, maybe open."""
     try:
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -241,6 +259,7 @@ def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
             ) from error
         if "mesh" not in str(error):
             raise ConfigurationError(f"{said}: MuJoCo cannot compile it: {_line(error)}") from error
+
         for mesh in spec.meshes:
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         try:

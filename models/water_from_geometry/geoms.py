@@ -18,7 +18,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, rotation_from_quat_wxyz
 
 LARGEST = 20.0  # [m] extent of a geom from which millimetres are supposed
-_SIDES, _RINGS = 64, 33  # of round shapes
+_SIDES = 64  # of round shapes
+_RINGS = 33
 _KINDS = mujoco.mjtGeom
 _SHAPES = {
     int(_KINDS.mjGEOM_SPHERE): "sphere",
@@ -59,6 +60,7 @@ def geoms_of(model: mujoco.MjModel, body: int, choice: Choice) -> tuple[list[int
     mine = [g for g in range(model.ngeom) if model.body_weldid[model.geom_bodyid[g]] == body]
     visual = [g for g in mine if not (model.geom_contype[g] or model.geom_conaffinity[g])]
     collision = [g for g in mine if g not in set(visual)]
+
     if choice == "all" or not mine:
         return mine, "geoms"
     if choice == "auto":
@@ -85,6 +87,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
                 f"{name}: a {what} has no volume; allowed on a body that moves: "
                 f"{', '.join(_SHAPES.values())}"
             )
+
         R, p = _in_body(model, g, body)
         if kind == int(_KINDS.mjGEOM_MESH):
             at = int(model.geom_dataid[g])
@@ -94,6 +97,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
         else:
             vertices, triangles = primitive(_SHAPES[kind], model.geom_size[g])
             shells = Shells(corners=vertices[triangles], said="closed form")
+
         corners = shells.corners @ R.T + p
         extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if extent > LARGEST:
@@ -102,6 +106,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
                 "millimetres? "
                 'Write scale="0.001 0.001 0.001" into the file, or for a mesh file --scale 0.001'
             )
+
         yield GeomShells(
             name=name,
             kind=_SHAPES[kind],
@@ -116,18 +121,19 @@ def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]
     """Rotation (3, 3) and position (3,) [m] of a geom in the body that carries it, to the bit
     wherever that body is.
     """
-    R, p = rotation_from_quat_wxyz(model.geom_quat[geom]), np.array(model.geom_pos[geom])
+    R = rotation_from_quat_wxyz(model.geom_quat[geom])
+    p = np.array(model.geom_pos[geom])
     at = int(model.geom_bodyid[geom])
     while at != body:
         outer = rotation_from_quat_wxyz(model.body_quat[at])
-        R, p = outer @ R, outer @ p + model.body_pos[at]
+        R = outer @ R
+        p = outer @ p + model.body_pos[at]
         at = int(model.body_parentid[at])
     return R, p
 
 
 def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
-    """Closed triangles of a plain shape of MuJoCo's geom size, round ones scaled to the exact
-    volume.
+    """Closed triangles of a plain shape of MuJoCo's size; round ones scaled to the exact volume.
 
     Args:
         shape: sphere, capsule, ellipsoid, cylinder or box.
@@ -136,19 +142,22 @@ def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
     Returns:
         Vertices (V, 3) [m] in the geom's frame, and triangles (T, 3).
     """
-    x, y, z = (float(value) for value in size)
+    x, y, z = (float(length) for length in size)
     angle = np.linspace(0.0, np.pi, _RINGS)
     arc = np.column_stack([-np.cos(angle), np.sin(angle)])
     arc[[0, -1], 1] = 0.0
+
     if shape == "box":
         base = np.array([[-x, -y, -z], [x, -y, -z], [x, y, -z], [-x, y, -z]])
         return prism(base, base * [1.0, 1.0, -1.0])
+
     if shape == "cylinder":
         turn = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
         wider = np.sqrt(2.0 * np.pi / _SIDES / np.sin(2.0 * np.pi / _SIDES))
         ring = x * wider * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_SIDES)])
         end = np.array([0.0, 0.0, y])
         return prism(ring - end, ring + end)
+
     if shape == "capsule":
         half = _RINGS // 2 + 1
         profile = np.vstack([x * arc[:half] - [y, 0.0], x * arc[half - 1 :] + [y, 0.0]])
@@ -157,6 +166,7 @@ def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
         true = np.pi * x**2 * (2.0 * y + 4.0 / 3.0 * x)
         wider = np.sqrt(true / volume(vertices, triangles))
         return vertices * [wider, wider, 1.0], triangles
+
     vertices, triangles = revolve(arc, _SIDES)
     vertices = vertices * (4.0 / 3.0 * np.pi / volume(vertices, triangles)) ** (1.0 / 3.0)
     return vertices[:, [1, 2, 0]] * ([x, x, x] if shape == "sphere" else [x, y, z]), triangles
@@ -178,7 +188,8 @@ def exact_volume(geom: GeomShells) -> float:
 
 def _mesh(model: mujoco.MjModel, at: int) -> tuple[Array, np.ndarray]:
     """Vertices (V, 3) [m] and triangles (T, 3) of a mesh, in the frame of its geom."""
-    v, f = int(model.mesh_vertadr[at]), int(model.mesh_faceadr[at])
+    v = int(model.mesh_vertadr[at])
+    f = int(model.mesh_faceadr[at])
     vertices = model.mesh_vert[v : v + model.mesh_vertnum[at]].astype(np.float64)
     return vertices, model.mesh_face[f : f + model.mesh_facenum[at]].astype(np.int64)
 
@@ -188,7 +199,7 @@ def _name(model: mujoco.MjModel, g: int) -> str:
     body = model.body(int(model.geom_bodyid[g])).name
     name = model.geom(g).name
     mesh = int(model.geom_dataid[g]) if int(model.geom_type[g]) == int(_KINDS.mjGEOM_MESH) else -1
-    said = (
+    label = (
         repr(name) if name else f"of mesh {model.mesh(mesh).name!r}" if mesh >= 0 else f"number {g}"
     )
-    return f"body {body!r}: geom {said}"
+    return f"body {body!r}: geom {label}"

@@ -67,24 +67,32 @@ def added_mass(
     keep = double > 1e-14 * double.max(initial=0.0)
     if not keep.any():
         raise ConfigurationError(f"panels: none of the {len(corners)} triangles has an area")
-    corners, area, normals = corners[keep], 0.5 * double[keep], cross[keep] / double[keep, None]
+    corners = corners[keep]
+    area = 0.5 * double[keep]
+    normals = cross[keep] / double[keep, None]
     if len(corners) > MOST:
         raise ConfigurationError(f"panels: at most {MOST}, got {len(corners)}")
+
     # About the middle and in units of the size, so that neither place nor scale costs digits.
-    middle, size = points.mean(axis=0), float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    middle = points.mean(axis=0)
+    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     local = np.ascontiguousarray((corners - middle) / size)
     centers = local.mean(axis=1)
     # (N, 6) of the unit motions through each panel
     flux = np.hstack([normals, np.cross(centers, normals)])
     potential = np.linalg.solve(*_system(local, centers, normals, flux))
     matrix = -potential.T @ (flux * (area / size**2)[:, None])
+
     largest = float(np.abs(matrix).max())
     asymmetry = float(np.abs(matrix - matrix.T).max()) / largest
     positive, lifted = _nearest_positive(matrix)
+
+    # Back to the vertices' origin and to SI units.
     shift = np.eye(6)
     shift[:3, 3:] = -skew(middle / size)
     scale = size ** np.array([1.5, 1.5, 1.5, 2.5, 2.5, 2.5])
     moved = density * (shift.T @ positive @ shift) * np.outer(scale, scale)
+
     return PanelSolution(
         added_mass=readonly(0.5 * (moved + moved.T)),
         panels=len(local),
@@ -98,20 +106,23 @@ def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
     """Richardson's extrapolation from two surfaces of the same body, by the order that edges leave.
 
     On a smooth body it changes the sign of the fine surface's error and about keeps its size. A
-    change of more than
-    `TRUSTED` is no refinement of one flow: then the fine surface's matrix is kept, and `changed`
-    says so.
+    change of more than `TRUSTED` is no refinement of one flow: then the fine surface's matrix is
+    kept, and `changed` says so.
     """
     ratio = (fine.panels / coarse.panels) ** (0.5 * _EDGE_ORDER)
     step = (fine.added_mass - coarse.added_mass) / (ratio - 1.0)
+
+    # A term is compared with the root of its two diagonal terms.
     diagonal = np.diag(fine.added_mass)
     most = diagonal.reshape(2, 3).max(axis=1)
     most[1] = max(most[1], _TURNING * most[0] * fine.size**2)
     scale = np.sqrt(np.maximum(diagonal, _FLOOR * np.repeat(most, 3)))
     changed = float(np.max(np.abs(step) / np.outer(scale, scale)))
+
     matrix, lifted = _nearest_positive(
         fine.added_mass + step if changed <= TRUSTED else fine.added_mass
     )
+
     return PanelSolution(
         added_mass=readonly(matrix),
         panels=fine.panels,
@@ -123,19 +134,16 @@ def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
 
 
 def _nearest_positive(matrix: Array) -> tuple[Array, float]:
-    """Symmetric part of `matrix` without its negative eigenvalues, and the largest of these over
-    the largest.
-    """
-    values, axes = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    lifted = max(0.0, -float(values[0])) / float(values[-1])
-    positive = (axes * np.maximum(values, 0.0)) @ axes.T
+    """Symmetric part without negative eigenvalues, and the most negative one over the largest."""
+    eigenvalues, axes = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    lifted = max(0.0, -float(eigenvalues[0])) / float(eigenvalues[-1])
+    positive = (axes * np.maximum(eigenvalues, 0.0)) @ axes.T
     return 0.5 * (positive + positive.T), lifted
 
 
 @kernel(error_model="numpy")
 def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tuple[Array, Array]:
-    """Green's identity at the centroids: (N, N) matrix of the potentials, and (N, 6) right-hand
-    sides.
+    """Green's identity at the centroids: (N, N) matrix of potentials, and (N, 6) right-hand sides.
 
     Args:
         corners: (N, 3, 3) of the triangles, counter-clockwise from outside.
@@ -146,25 +154,35 @@ def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tupl
     n = len(corners)
     edges = np.empty((n, 3, 3))  # outward in the plane of the triangle, unit
     lengths = np.empty((n, 3))
+
     for j in range(n):
         for k in range(3):
             along = corners[j, (k + 1) % 3] - corners[j, k]
             lengths[j, k] = np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
-            t, m = along / lengths[j, k], normals[j]
+            t = along / lengths[j, k]
+            m = normals[j]
             edges[j, k, 0] = t[1] * m[2] - t[2] * m[1]
             edges[j, k, 1] = t[2] * m[0] - t[0] * m[2]
             edges[j, k, 2] = t[0] * m[1] - t[1] * m[0]
-    matrix, right = np.empty((n, n)), np.zeros((n, 6))
+
+    matrix = np.empty((n, n))
+    right = np.zeros((n, 6))
     scale = 0.25 / np.pi
-    r, d = np.empty((3, 3)), np.empty(3)
+    r = np.empty((3, 3))
+    d = np.empty(3)
+
     for i in range(n):
         for j in range(n):
             for k in range(3):
                 for axis in range(3):
                     r[k, axis] = corners[j, k, axis] - centers[i, axis]
                 d[k] = np.sqrt(r[k, 0] ** 2 + r[k, 1] ** 2 + r[k, 2] ** 2)
+
+            # Dipoles: the solid angle [Oosterom 1983].
             angle = 0.0 if i == j else -2.0 * half_solid_angle(r, d)
             height = -(r[0, 0] * normals[j, 0] + r[0, 1] * normals[j, 1] + r[0, 2] * normals[j, 2])
+
+            # Sources: logarithms of the edges [Hess 1967].
             total = 0.0
             for k in range(3):
                 around = d[k] + d[(k + 1) % 3]
@@ -173,8 +191,10 @@ def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tupl
                 )
                 if abs(away) > 1e-14:  # else the logarithm may be infinite, its product is zero
                     total += away * np.log((around + lengths[j, k]) / (around - lengths[j, k]))
+
             matrix[i, j] = 0.5 if i == j else -scale * angle
             source = scale * (total - height * angle)
             for mode in range(6):
                 right[i, mode] -= source * flux[j, mode]
+
     return matrix, right

@@ -18,9 +18,7 @@ _FEWEST = 64  # lines along the shorter side
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LineScan:
-    """Crossings of the union's surface by parallel lines, ordered by line, then along it: entry,
-    exit, entry, ...
-    """
+    """Crossings of the union's surface by parallel lines, line by line: entry, exit, entry, ..."""
 
     axis: int  # along which the lines run
     line: np.ndarray  # (C,) index of the line, i * len(v) + j
@@ -39,19 +37,20 @@ class LineScan:
     @property
     def moment(self) -> Array:
         """Volume times centre (3,) [m^4] of the union."""
-        start, end = self.at[::2], self.at[1::2]
+        start = self.at[::2]
+        end = self.at[1::2]
         i, j = np.divmod(self.line[::2], len(self.v))
+
         out = np.zeros(3)
         out[self.axis] = 0.5 * float(np.sum(end**2 - start**2))
         out[(self.axis + 1) % 3] = float(np.sum(self.u[i] * (end - start)))
         out[(self.axis + 2) % 3] = float(np.sum(self.v[j] * (end - start)))
+
         return self.cell * out
 
     @property
     def outer(self) -> np.ndarray:
-        """(C,) bool: the first and the last crossing of each line, which a flow along the axis
-        meets.
-        """
+        """(C,) bool: the first and the last crossing of each line, met by a flow along the axis."""
         first = np.ones(len(self.line), dtype=bool)
         first[1:] = self.line[1:] != self.line[:-1]
         last = np.ones(len(self.line), dtype=bool)
@@ -72,8 +71,12 @@ def scanned(corners: Array, lines: int, axis: int) -> LineScan:
         lines: number over the longer side of the bounding box.
         axis: 0 to 2.
     """
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    a, b = (axis + 1) % 3, (axis + 2) % 3
+    low = corners.min(axis=(0, 1))
+    high = corners.max(axis=(0, 1))
+    a = (axis + 1) % 3
+    b = (axis + 2) % 3
+
+    # Lines in the middles of equal cells.
     step = max(high[a] - low[a], high[b] - low[b]) / lines
     count = [max(_FEWEST, int(np.ceil((high[k] - low[k]) / step))) for k in (a, b)]
     steps = [(high[k] - low[k]) / n for k, n in zip((a, b), count, strict=True)]
@@ -82,14 +85,17 @@ def scanned(corners: Array, lines: int, axis: int) -> LineScan:
 
 
 def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0) -> LineScan:
-    """Scan triangles (T, 3, 3) along `axis` on the lines through all `u` and `v`, increasing, on
-    the next two axes.
-    """
+    """Scan triangles (T, 3, 3) along `axis`, on lines at rising `u`, `v` on the next two axes."""
     order = [(axis + k) % 3 for k in range(3)]
     turned = np.ascontiguousarray(corners[:, :, order])
     line, at, step, triangle = _crossings(turned, u, v)
+
     first = np.lexsort((at, line))
-    line, at, step, triangle = line[first], at[first], step[first], triangle[first]
+    line = line[first]
+    at = at[first]
+    step = step[first]
+    triangle = triangle[first]
+
     keep = _boundary(line, step)
     return LineScan(
         axis=axis,
@@ -105,21 +111,24 @@ def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0
 
 @kernel
 def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Which crossings bound the union; those of a line that does not come to zero are left out from
-    the last entry.
-    """
+    """Which crossings bound the union; a line that never comes to zero ends early."""
     keep = np.zeros(len(line), dtype=np.bool_)
     k = 0
     while k < len(line):
-        end, inside, entry = k, 0, -1
+        end = k
+        inside = 0
+        entry = -1
+
         while end < len(line) and line[end] == line[k]:
             before = inside
             inside += step[end]
             if before <= 0 < inside:
                 entry = end
             elif inside <= 0 < before:
-                keep[entry], keep[end] = True, True
+                keep[entry] = True
+                keep[end] = True
             end += 1
+
         k = end
     return keep
 
@@ -128,11 +137,12 @@ def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
 def _crossings(
     corners: Array, u: Array, v: Array
 ) -> tuple[np.ndarray, Array, np.ndarray, np.ndarray]:
-    """All crossings: line, place along the first axis, +1 for an entry and -1 for an exit,
-    triangle.
-    """
-    line, at = np.empty(0, dtype=np.int64), np.empty(0)
-    step, triangle = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    """All crossings: line, position on the first axis, +1 for entry or -1 for exit, triangle."""
+    line = np.empty(0, dtype=np.int64)
+    at = np.empty(0)
+    step = np.empty(0, dtype=np.int64)
+    triangle = np.empty(0, dtype=np.int64)
+
     for fill in range(2):  # counted first
         n = 0
         for t in range(len(corners)):
@@ -141,6 +151,8 @@ def _crossings(
             i1 = np.searchsorted(u, max(p[0, 1], p[1, 1], p[2, 1]), side="right")
             j0 = np.searchsorted(v, min(p[0, 2], p[1, 2], p[2, 2]))
             j1 = np.searchsorted(v, max(p[0, 2], p[1, 2], p[2, 2]), side="right")
+
+            # Lines within the triangle's bounding box.
             for i in range(i0, i1):
                 for j in range(j0, j1):
                     w0 = _side(p[1], p[2], u[i], v[j])
@@ -150,23 +162,25 @@ def _crossings(
                     negative = w0 < 0.0 and w1 < 0.0 and w2 < 0.0
                     if not (positive or negative):
                         continue
+
                     if fill:
                         line[n] = i * len(v) + j
                         at[n] = (w0 * p[0, 0] + w1 * p[1, 0] + w2 * p[2, 0]) / (w0 + w1 + w2)
                         step[n] = -1 if positive else 1  # a normal along the line: it leaves
                         triangle[n] = t
                     n += 1
+
         if not fill:
-            line, at = np.empty(n, dtype=np.int64), np.empty(n)
-            step, triangle = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+            line = np.empty(n, dtype=np.int64)
+            at = np.empty(n)
+            step = np.empty(n, dtype=np.int64)
+            triangle = np.empty(n, dtype=np.int64)
     return line, at, step, triangle
 
 
 @kernel
 def _side(p: Array, q: Array, u: float, v: float) -> float:
-    """Twice the area of (p, q, point), never zero, the exact opposite for (q, p): neighbours agree
-    who is crossed.
-    """
+    """Twice the area of (p, q, point), never zero, opposite for (q, p): one neighbour counts."""
     swapped = p[1] > q[1] or (p[1] == q[1] and p[2] > q[2])
     a, b = (q, p) if swapped else (p, q)
     w = (b[1] - a[1]) * (v - a[2]) - (b[2] - a[2]) * (u - a[1])

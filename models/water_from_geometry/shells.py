@@ -23,8 +23,8 @@ _WELD = 1e-6  # of the mesh's size
 _CELLS = 36  # along the longest side, of the winding number
 _FEW = 2500  # triangles for which it is summed; more are clustered
 _LITTLE = 0.05  # of the hull's volume: less is no inside
-# level of the winding number; levels so far off it tell the uncertainty of the volume
-_HALF, _SPREAD = 0.5, 0.2
+_HALF = 0.5  # level of the winding number
+_SPREAD = 0.2  # levels so far off it show the uncertainty of the volume
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,11 +46,15 @@ def shells_of(vertices: Array, triangles: np.ndarray) -> Shells:
     size = float(np.ptp(vertices, axis=0).max(initial=0.0))
     if not size > 0.0 or not len(triangles):
         return Shells(corners=np.zeros((0, 3, 3)), said="no surface")
+
     points, faces = welded(vertices, triangles, _WELD * size)
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     faces = faces[np.sort(first)]
     faces, labels = _oriented(faces)
-    closed, open_faces, inward = [], [], 0
+
+    closed = []
+    open_faces = []
+    inward = 0
     for label in range(labels.max(initial=-1) + 1):
         shell = faces[labels == label]
         if open_edges(shell):
@@ -61,17 +65,20 @@ def shells_of(vertices: Array, triangles: np.ndarray) -> Shells:
             continue
         inward += enclosed < 0.0
         closed.append(shell[:, ::-1] if enclosed < 0.0 else shell)
+
     parts = [points[shell] for shell in closed]
-    said = [_count(len(closed), "closed shell")] if closed else []
+    notes = [_count(len(closed), "closed shell")] if closed else []
     if inward:
-        said.append(f"{inward} turned outward")
+        notes.append(f"{inward} turned outward")
+
     doubt = 0.0
-    for sort, found, doubts in _closed_all(points, open_faces):
-        parts += found
+    for sort, closed_parts, doubts in _closed_all(points, open_faces):
+        parts += closed_parts
         doubt += doubts
-        said.append(sort)
+        notes.append(sort)
+
     corners = np.vstack(parts) if parts else np.zeros((0, 3, 3))
-    return Shells(corners=corners, said=", ".join(said) or "no inside", doubt=doubt)
+    return Shells(corners=corners, said=", ".join(notes) or "no inside", doubt=doubt)
 
 
 def _count(number: int, what: str) -> str:
@@ -81,28 +88,33 @@ def _count(number: int, what: str) -> str:
 def _closed_all(
     points: Array, shells: list[np.ndarray]
 ) -> Iterator[tuple[str, list[Array], float]]:
-    """Open shells closed together where they enclose something, else one by one: what was done,
-    corners, doubt.
-    """
+    """Open shells, closed together if that encloses something, else each: how, corners, doubt."""
     if not shells:
         return
+
     whole, doubt = _by_winding(points, np.vstack(shells))
     if whole is not None:
         yield f"{_count(len(shells), 'open surface')} closed by the winding number", [whole], doubt
         return
-    wound, hulls, flat, doubts = [], [], 0, [0.0, 0.0]
+
+    wound = []
+    hulls = []
+    flat = 0
+    doubts = [0.0, 0.0]
     for shell in shells:
-        one, doubt = _by_winding(points, shell) if len(shells) > 1 else (None, 0.0)
-        if one is not None:
-            wound.append(one)
+        surface, doubt = _by_winding(points, shell) if len(shells) > 1 else (None, 0.0)
+        if surface is not None:
+            wound.append(surface)
             doubts[0] += doubt
             continue
+
         hull, enclosed = convex_hull(points[shell])
         if enclosed > 0.0:
             hulls.append(hull)
             doubts[1] += enclosed
         else:
             flat += 1
+
     if wound:
         yield f"{_count(len(wound), 'open surface')} closed by the winding number", wound, doubts[0]
     if hulls:
@@ -121,19 +133,26 @@ def _oriented(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     owner = np.tile(np.arange(count), 3)
     ahead = ends[:, 0] < ends[:, 1]
+
+    # Edges that two faces share.
     key = np.sort(ends, axis=1) @ np.array([int(faces.max()) + 1, 1])
     order = np.argsort(key, kind="stable")
     _, start, times = np.unique(key[order], return_index=True, return_counts=True)
     pair = start[times == 2]
-    one, two = order[pair], order[pair + 1]
-    alike = ahead[one] != ahead[two]
+    first = order[pair]
+    second = order[pair + 1]
+    alike = ahead[first] != ahead[second]
+
     # Each face twice, as it is and turned: what agrees is joined.
-    f, g = owner[one], owner[two]
+    f = owner[first]
+    g = owner[second]
     rows = np.concatenate([f, f + count])
     columns = np.concatenate([np.where(alike, g, g + count), np.where(alike, g + count, g)])
     graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
     _, label = connected_components(graph, directed=False)
-    as_is, turned = label[:count], label[count:]
+
+    as_is = label[:count]
+    turned = label[count:]
     base = np.minimum(as_is, turned)
     flip = as_is != base
     _, joined = np.unique(base, return_inverse=True)
@@ -147,13 +166,12 @@ def _outward(points: Array, faces: np.ndarray) -> np.ndarray:
 
 
 def convex_hull(corners: Array) -> tuple[Array, float]:
-    """Corners (T, 3, 3) [m] and volume [m^3] of the convex hull of triangles (N, 3, 3); none and 0
-    if they are flat.
-    """
+    """Corners (T, 3, 3) [m], volume [m^3] of the convex hull of (N, 3, 3); none and 0 if flat."""
     try:
         hull = ConvexHull(corners.reshape(-1, 3))
     except QhullError:
         return np.zeros((0, 3, 3)), 0.0
+
     a, b, c = hull.points[hull.simplices].transpose(1, 0, 2)
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
     return hull.points[np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)], float(
@@ -162,31 +180,39 @@ def convex_hull(corners: Array) -> tuple[Array, float]:
 
 
 def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
-    """Corners of a closed surface in place of an open one, and its uncertainty [m^3]; None: it
-    encloses nothing.
-    """
+    """Corners of a closed surface in place of an open one, uncertainty [m^3]; None: none holds."""
     corners = points[faces]
     _, hull_volume = convex_hull(corners)
     if not hull_volume > 0.0:
         return None, 0.0
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+
+    low = corners.min(axis=(0, 1))
+    high = corners.max(axis=(0, 1))
     size = float((high - low).max())
-    some_points, some, merge = points, faces, size / 200.0
+
+    # Large meshes are clustered.
+    some_points = points
+    some = faces
+    merge = size / 200.0
     while len(some) > _FEW:
         some_points, some = welded(points, faces, merge)
         merge *= 1.3
+
     cell = size / _CELLS
     grid = [np.arange(low[k] - 1.51 * cell, high[k] + 2.0 * cell, cell) for k in range(3)]
     field = _winding(
         np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3), some_points[some]
     )
     field = field.reshape([len(g) for g in grid])
+
     for axis in range(3):  # nothing is inside on the border
         for end in (0, -1):
             np.moveaxis(field, axis, 0)[end] = np.minimum(np.moveaxis(field, axis, 0)[end], 0.0)
+
     vertices, triangles = level_surface(field, grid, _HALF)
     if not len(triangles) or volume(vertices, triangles) < _LITTLE * hull_volume:
         return None, 0.0
+
     more, less = ((field > _HALF + sign * _SPREAD).sum() for sign in (-1.0, 1.0))
     return vertices[triangles], 0.5 * float(more - less) * cell**3
 
@@ -195,7 +221,9 @@ def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
 def _winding(points: Array, corners: Array) -> Array:
     """Winding number (N,) of triangles (T, 3, 3) around points (N, 3)."""
     out = np.zeros(len(points))
-    r, d = np.empty((3, 3)), np.empty(3)
+    r = np.empty((3, 3))
+    d = np.empty(3)
+
     for i in range(len(points)):
         total = 0.0
         for t in range(len(corners)):
@@ -205,4 +233,5 @@ def _winding(points: Array, corners: Array) -> Array:
                 d[k] = np.sqrt(r[k, 0] ** 2 + r[k, 1] ** 2 + r[k, 2] ** 2)
             total += half_solid_angle(r, d)
         out[i] = total / (2.0 * np.pi)
+
     return out

@@ -52,10 +52,13 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
     """
     R = box_axes(corners)
     turned = corners @ R
-    low, high = turned.min(axis=(0, 1)), turned.max(axis=(0, 1))
+    low = turned.min(axis=(0, 1))
+    high = turned.max(axis=(0, 1))
     extent = high - low
     x, y, z = extent
     cell = float(np.sqrt(4.0 * (x * y + y * z + z * x) / panels))
+
+    # The cell is adapted until the number of triangles is about the wanted one.
     best: tuple[float, Array, np.ndarray] | None = None
     for _ in range(_ROUNDS):
         vertices, triangles = _contour(
@@ -67,17 +70,21 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
         if miss < 0.1:
             break
         cell *= float(np.clip(np.sqrt(max(len(triangles), 1) / panels), 0.5, 1.6))
+
     assert best is not None
     _, vertices, triangles = best
     if not len(triangles):
         return UnionSurface(vertices=vertices, triangles=triangles, held=0.0, missed=1.0)
     held = volume(vertices, triangles) / true_volume
+
+    # What lacks of the volume is made up by an even offset.
     for _ in range(3):  # an offset changes the area
         a, b, c = vertices[triangles].transpose(1, 0, 2)
         area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
         lacking = (true_volume - volume(vertices, triangles)) / area
         limit = 0.2 * cell
         vertices = vertices + np.clip(lacking, -limit, limit) * vertex_normals(vertices, triangles)
+
     missed = max(
         abs(projected_area(vertices[triangles], axis) / projected_area(turned, axis) - 1.0)
         for axis in range(3)
@@ -86,9 +93,7 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
 
 
 def projected_area(corners: Array, axis: int) -> float:
-    """Projected area [m^2] of the union of shells (T, 3, 3) along an axis, by a grid of lines askew
-    about it.
-    """
+    """Projected area [m^2] of the union of shells (T, 3, 3) along an axis, by a grid of lines."""
     return scanned(corners @ exp_so3(_ASKEW * np.eye(3)[axis]), _LINES, axis).area
 
 
@@ -103,28 +108,30 @@ def box_axes(corners: Array) -> Array:
     spread = middles - np.average(middles, axis=0, weights=weight)
     R = np.linalg.eigh((spread * weight[:, None]).T @ spread)[1]
     R[:, 2] *= np.sign(np.linalg.det(R))
+
     points = corners.reshape(-1, 3)
-    own, principal = np.prod(np.ptp(points, axis=0)), np.prod(np.ptp(points @ R, axis=0))
-    return R if principal < 0.8 * own else np.eye(3)
+    own_box = np.prod(np.ptp(points, axis=0))
+    principal = np.prod(np.ptp(points @ R, axis=0))
+    return R if principal < 0.8 * own_box else np.eye(3)
 
 
 def _contour(
     corners: Array, low: Array, extent: Array, cell: float, fewest: int
 ) -> tuple[Array, np.ndarray]:
-    """Dual contour of the union on a grid of cells of about `cell` [m], at least `fewest` along a
-    side.
-    """
+    """Dual contour of the union on cells of about `cell` [m], at least `fewest` along a side."""
     counts = np.clip(np.ceil(extent / cell), fewest, _MOST_CELLS).astype(int)
     a, b, c = corners.transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
     grid = []
     for k in range(3):
         step = extent[k] / (counts[k] - 1 + 2.0 * _PAD)
-        places = low[k] + (np.arange(counts[k] + 3) - 2.0 + _PAD + 0.013 * (k + 1)) * step
+        positions = low[k] + (np.arange(counts[k] + 3) - 2.0 + _PAD + 0.013 * (k + 1)) * step
         grid.append(
-            _through_plates(places, step, scanned(corners, _LINES, k), np.abs(normals[:, k]))
+            _through_plates(positions, step, scanned(corners, _LINES, k), np.abs(normals[:, k]))
         )
+
     scans = [along_lines(corners, k, grid[(k + 1) % 3], grid[(k + 2) % 3]) for k in range(3)]
     inside = _inside(scans[0], grid)
     return _joined(inside, grid, lambda k, index: _hermite(scans[k], grid, index, normals))
@@ -142,31 +149,40 @@ def _through_plates(places: Array, step: float, scan: LineScan, facing: Array) -
     Returns:
         The places, in order; one more for each plate that has no plane of its own to move.
     """
-    start, end = scan.at[::2], scan.at[1::2]
+    start = scan.at[::2]
+    end = scan.at[1::2]
     flat = facing[scan.triangle] > _FACING  # the rims of round parts are thin as well
     thin = (end - start < step) & flat[::2] & flat[1::2]
     if not thin.any():
         return places
+
+    # Plates in order: lines that meet one lie close together.
     order = np.argsort(0.5 * (start + end)[thin])
-    start, end = start[thin][order], end[thin][order]
+    start = start[thin][order]
+    end = end[thin][order]
     middle = 0.5 * (start + end)
     first = np.flatnonzero(np.diff(middle, prepend=-np.inf) > 0.1 * step)
     lines = len(np.unique(scan.line))
+
     taken = np.zeros(len(places), dtype=bool)
     for i, j in zip(first, [*first[1:], len(middle)], strict=True):
         if j - i < _PLATE * lines:
             continue
-        low, high, at = (float(np.median(values[i:j])) for values in (start, end, middle))
+        low, high, at = (float(np.median(ends[i:j])) for ends in (start, end, middle))
         inside = np.flatnonzero((places > low) & (places < high))
         if len(inside):
             taken[inside] = True
             continue
+
         near = int(np.argmin(np.where(taken, np.inf, np.abs(places - at))))
         if taken[near] or abs(places[near] - at) > 0.6 * step:
             k = int(np.searchsorted(places, at))
-            places, taken = np.insert(places, k, at), np.insert(taken, k, True)
+            places = np.insert(places, k, at)
+            taken = np.insert(taken, k, True)
         else:
-            places[near], taken[near] = at, True
+            places[near] = at
+            taken[near] = True
+
     return np.sort(places)
 
 
@@ -185,7 +201,8 @@ def level_surface(field: Array, grid: list[Array], level: float) -> tuple[Array,
 
     def crossing(k: int, index: np.ndarray) -> tuple[Array, Array]:
         end = index + np.eye(3, dtype=np.int64)[k]
-        low, high = field[tuple(index.T)], field[tuple(end.T)]
+        low = field[tuple(index.T)]
+        high = field[tuple(end.T)]
         share = ((level - low) / (high - low))[:, None]
         points = np.column_stack([grid[m][index[:, m]] for m in range(3)])
         points[:, k] += share[:, 0] * (grid[k][end[:, k]] - grid[k][index[:, k]])
@@ -200,20 +217,25 @@ def _joined(
     grid: list[Array],
     crossing: Callable[[int, np.ndarray], tuple[Array, Array]],
 ) -> tuple[Array, np.ndarray]:
-    """Corners in the cells that the surface passes, and triangles around each edge of the grid that
-    it crosses.
-    """
+    """Corners in the cells that the surface passes; triangles around the grid's crossed edges."""
     cells = tuple(n - 1 for n in inside.shape)
-    matrix, target = np.zeros((*cells, 3, 3)), np.zeros((*cells, 3))
-    mean, weight = np.zeros((*cells, 3)), np.zeros(cells)
+    matrix = np.zeros((*cells, 3, 3))
+    target = np.zeros((*cells, 3))
+    mean = np.zeros((*cells, 3))
+    weight = np.zeros(cells)
     quads = []
+
     for k in range(3):
-        p, q = (k + 1) % 3, (k + 2) % 3
-        first, second = [slice(None)] * 3, [slice(None)] * 3
-        first[k], second[k] = slice(None, -1), slice(1, None)
+        p = (k + 1) % 3
+        q = (k + 2) % 3
+        first = [slice(None)] * 3
+        second = [slice(None)] * 3
+        first[k] = slice(None, -1)
+        second[k] = slice(1, None)
         index = np.argwhere(inside[tuple(first)] != inside[tuple(second)])
         if not len(index):
             continue
+
         points, planes = crossing(k, index)
         corner = []
         for dp, dq in ((-1, -1), (0, -1), (0, 0), (-1, 0)):  # counter-clockwise about the edge
@@ -226,11 +248,14 @@ def _joined(
             np.add.at(mean, here, points)
             np.add.at(weight, here, 1.0)
             corner.append(np.ravel_multi_index(here, cells))
+
         quad = np.column_stack(corner)
         leaving = inside[tuple(index.T)]  # the surface faces along the axis
         quads.append(np.where(leaving[:, None], quad, quad[:, ::-1]))
     if not quads:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+
+    # The point of each cell that fits its planes best [Ju 2002].
     used = np.argwhere(weight > 0.0)
     here = tuple(used.T)
     middle = mean[here] / weight[here][:, None]
@@ -239,9 +264,10 @@ def _joined(
     vertices = middle + np.linalg.solve(A, r[:, :, None])[:, :, 0]
     for k in range(3):
         vertices[:, k] = np.clip(vertices[:, k], grid[k][used[:, k]], grid[k][used[:, k] + 1])
-    place = np.zeros(int(np.prod(cells)), dtype=np.int64)
-    place[np.ravel_multi_index(here, cells)] = np.arange(len(used))
-    return vertices, _halved(vertices, place[np.vstack(quads)])
+
+    vertex_of_cell = np.zeros(int(np.prod(cells)), dtype=np.int64)
+    vertex_of_cell[np.ravel_multi_index(here, cells)] = np.arange(len(used))
+    return vertices, _halved(vertices, vertex_of_cell[np.vstack(quads)])
 
 
 def _inside(scan: LineScan, grid: list[Array]) -> np.ndarray:
@@ -255,36 +281,38 @@ def _inside(scan: LineScan, grid: list[Array]) -> np.ndarray:
 def _hermite(
     scan: LineScan, grid: list[Array], index: np.ndarray, normals: Array
 ) -> tuple[Array, Array]:
-    """Crossing points and normals (n, 3) of edges that begin at grid points `index` (n, 3) along
-    the scan's axis.
-    """
-    k, p, q = scan.axis, (scan.axis + 1) % 3, (scan.axis + 2) % 3
+    """Crossings, normals (n, 3) of edges that begin at grid points `index` (n, 3), on the axis."""
+    k = scan.axis
+    p = (scan.axis + 1) % 3
+    q = (scan.axis + 2) % 3
+
     line = index[:, p] * len(grid[q]) + index[:, q]
     span = len(grid[k]) + 1
     key = scan.line * span + np.searchsorted(grid[k], scan.at)
-    wanted = line * span + index[:, k] + 1
-    found = np.minimum(np.searchsorted(key, wanted), max(len(key) - 1, 0))
-    hit = key[found] == wanted if len(key) else np.zeros(len(wanted), dtype=bool)
+    edge_key = line * span + index[:, k] + 1
+    nearest = np.minimum(np.searchsorted(key, edge_key), max(len(key) - 1, 0))
+    hit = key[nearest] == edge_key if len(key) else np.zeros(len(edge_key), dtype=bool)
+
     points = np.column_stack([grid[m][index[:, m]] for m in range(3)])
     # where rounding let the lines disagree
     middle = 0.5 * (grid[k][index[:, k]] + grid[k][index[:, k] + 1])
-    points[:, k] = np.where(hit, scan.at[found] if len(key) else middle, middle)
+    points[:, k] = np.where(hit, scan.at[nearest] if len(key) else middle, middle)
+
     planes = np.zeros((len(index), 3))
     planes[:, k] = 1.0
     if len(key):
-        planes[hit] = normals[scan.triangle[found[hit]]]
+        planes[hit] = normals[scan.triangle[nearest[hit]]]
     return points, planes
 
 
 def _halved(vertices: Array, quads: np.ndarray) -> np.ndarray:
-    """Triangles of quads, each cut along its shorter diagonal; those without three corners are left
-    out.
-    """
+    """Triangles (2 n, 3) of quads (n, 4), each cut along its shorter diagonal."""
     a, b, c, d = quads.T
     one_way, other_way = (
         np.linalg.norm(vertices[p] - vertices[q], axis=1) for p, q in ((a, c), (b, d))
     )
+
     short = one_way <= other_way * _ALIKE
-    one = np.where(short[:, None], np.column_stack([a, b, c]), np.column_stack([a, b, d]))
-    two = np.where(short[:, None], np.column_stack([a, c, d]), np.column_stack([b, c, d]))
-    return np.vstack([one, two])
+    first = np.where(short[:, None], np.column_stack([a, b, c]), np.column_stack([a, b, d]))
+    second = np.where(short[:, None], np.column_stack([a, c, d]), np.column_stack([b, c, d]))
+    return np.vstack([first, second])

@@ -1,7 +1,7 @@
-"""Water of every moving body of a model from its geoms, with the origin and the uncertainty of each
-number.
+"""Water of every moving body of a model by its geoms; origin and uncertainty of each number.
 
-    wetted = wet(read_robot("arm.urdf"))
+    spec, notes = read_model("arm.urdf")
+    wetted = wet(spec)
     wetted.bodies["forearm"].added_mass
 
 Volume and centre are exact along lines through the union of a body's geoms. Added mass is the
@@ -63,9 +63,7 @@ _HULL_FACTOR = 2.0  # by which added mass may be wrong where a convex hull stand
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """One number, or row of numbers, of a body's water: where it is from, and how wrong it may
-    be.
-    """
+    """One number, or row of numbers, of a body's water: its origin, and how wrong it may be."""
 
     body: str
     quantity: str
@@ -125,8 +123,10 @@ def wet(
             f"panels: expected a whole number from {FEWEST_PANELS} to {MOST_PANELS}, got "
             f"{shown(panels)}"
         )
+
     for k, body in enumerate(spec.bodies[1:], start=1):
         body.name = body.name or f"body_{k}"
+
     model = _compiled(spec)
     moving = moving_bodies(model)
     if not moving:
@@ -134,6 +134,7 @@ def wet(
             "no body moves, so none feels water; a vehicle needs a free joint (for a URDF: "
             "--free), an arm joints"
         )
+
     bodies: dict[str, BodyHydrodynamics] = {}
     origins: list[Origin] = []
     alike: dict[bytes, str] = {}  # a body of each shape
@@ -142,43 +143,47 @@ def wet(
         for i in range(1, model.nbody)
         if model.body_weldid[i] == 0
     ]
+
     for i in moving:
         name = model.body(i).name
         chosen, which = geoms_of(model, i, geoms)
         if not chosen:
-            kept = (
+            remark = (
                 "; it keeps the water that it has"
                 if hydrodynamics.carries(spec.body(name).userdata)
                 else ""
             )
             dry.append(
-                f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{kept}"
+                f"{name}: no {'geom' if geoms in ('auto', 'all') else f'{geoms} geom'}{remark}"
             )
             continue
+
         parts = list(shells_in_body(model, i, chosen))
         solid = [part for part in parts if len(part.shells.corners)]
         if not solid:
             raise ConfigurationError(
                 f"{parts[0].name}: encloses no volume ({parts[0].shells.said})"
             )
+
         first = alike.setdefault(_shape(solid, which), name)
         if first == name:
             bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
         else:  # stones of a pile, links of a chain
-            bodies[name], rows = (
-                bodies[first],
-                [replace(o, body=name) for o in origins if o.body == first],
-            )
+            bodies[name] = bodies[first]
+            rows = [replace(o, body=name) for o in origins if o.body == first]
+
         origins += rows
         dry += [
             f"{part.name}: {part.shells.said}" for part in parts if not len(part.shells.corners)
         ]
+
     if not bodies:
         raise ConfigurationError(f"no moving body has geoms to displace water: {'; '.join(dry)}")
     hydrodynamics.attach(spec, bodies, density)
     spec.option.density = spec.option.viscosity = 0.0
     for body in spec.bodies[1:]:
         body.gravcomp = 0.0
+
     if metacentric_height is not None:
         name, row = _trimmed(spec, model, bodies, metacentric_height)
         bodies[name] = hydrodynamics.attached(spec)[name]
@@ -190,6 +195,7 @@ def wet(
                 if o.body != name or o.quantity not in ("volume", "centre of buoyancy")
             ),
         ]
+
     return Wetted(spec=spec, bodies=bodies, origins=tuple(origins), dry=tuple(dry))
 
 
@@ -237,23 +243,32 @@ def _body(
     volume, center, spread, wander = _volume(corners)
     how = "; ".join(dict.fromkeys(part.shells.said for part in parts if part.kind == "mesh"))
     method = "lines through the union" if spread else "tetrahedra of its triangles"
-    said = f"{method}, {which}" + (f" ({how})" if how else "")
+    source = f"{method}, {which}" + (f" ({how})" if how else "")
+
     plain = len(parts) == 1 and parts[0].kind != "mesh"
     if plain:
-        volume, center, spread, wander = exact_volume(parts[0]), parts[0].p, 0.0, 0.0
-        said = f"closed form of a {parts[0].kind}, {which}"
+        volume = exact_volume(parts[0])
+        center = parts[0].p
+        spread = 0.0
+        wander = 0.0
+        source = f"closed form of a {parts[0].kind}, {which}"
+
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     closing = sum(part.shells.doubt for part in parts) / volume
     spread = max(spread, closing)
+
     if plain and parts[0].kind in _CLOSED_FORMS:
-        surface, solution = union_surface(corners, volume, panels), None
+        surface = union_surface(corners, volume, panels)
+        solution = None
     else:
         surface, solution = _panelled(corners, volume, density, panels)
     matrix, from_where, doubt = _added_mass(
         parts, corners, density, surface, solution, panels, closing
     )
+
     sort = "plain" if plain else "solid" if volume > _SOLID * convex_hull(corners)[1] else "frame"
-    strip, quadratic, drag_said, drag_value = _drag(corners, center, surface, density)
+    strip, quadratic, drag_source, drag_figure = _drag(corners, center, surface, density)
+
     water = BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=center,
@@ -261,33 +276,34 @@ def _body(
         quadratic_damping=quadratic,
         strips=strip,
     )
+
     factor = f"factor {_FACTORS[sort]:g}"
     rows = (
         (
             "volume",
             f"{1e3 * volume:.4g} l",
-            said,
+            source,
             _percent(max(spread, 1e-4)) if spread else "exact",
         ),
         (
             "centre of buoyancy",
             f"{_row(1e3 * center)} mm",
-            said,
+            source,
             f"{1e3 * max(wander, 0.25 * min(closing, 1.0) * extent):.2g} mm" if spread else "exact",
         ),
         ("added mass", _row(np.diag(matrix)) + " kg, kg m^2", from_where, doubt),
-        ("drag", drag_value, drag_said, factor),
+        ("drag", drag_figure, drag_source, factor),
         ("linear damping", "0", "not known from geometry", "unknown"),
     )
+
     return water, [
-        Origin(body=name, quantity=quantity, value=value, origin=origin, uncertainty=uncertainty)
-        for quantity, value, origin, uncertainty in rows
+        Origin(body=name, quantity=quantity, value=figure, origin=origin, uncertainty=uncertainty)
+        for quantity, figure, origin, uncertainty in rows
     ]
 
 
 def _volume(corners: Array) -> tuple[float, Array, float, float]:
-    """Volume [m^3] and centre (3,) [m] of a union; how much these differ by the direction of the
-    lines [-], [m].
+    """Volume [m^3], centre (3,) [m] of a union; their spread by direction of lines [-], [m].
 
     Where the shells do not overlap, they are exact: by the tetrahedra between the origin and the
     triangles.
@@ -299,11 +315,13 @@ def _volume(corners: Array) -> tuple[float, Array, float, float]:
     centers = np.array(
         [_ASKEW @ scan.moment / volume for scan, volume in zip(scans, volumes, strict=True)]
     )
+
     if all(scan.disjoint for scan in scans):
         a, b, c = corners.transpose(1, 0, 2)
         tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
         whole = float(tetrahedra.sum())
         return whole, 0.25 * tetrahedra @ (a + b + c) / whole, 0.0, 0.0
+
     mean = float(volumes.mean())
     return (
         mean,
@@ -316,9 +334,7 @@ def _volume(corners: Array) -> tuple[float, Array, float, float]:
 def _panelled(
     corners: Array, volume: float, density: float, panels: int
 ) -> tuple[UnionSurface, PanelSolution | None]:
-    """Surface and added mass, extrapolated where two surfaces agree; None where no surface holds
-    the body.
-    """
+    """Surface and added mass, extrapolated where two surfaces agree; None where none holds it."""
 
     def solved(count: int) -> tuple[UnionSurface, PanelSolution | None]:
         surface = union_surface(corners, volume, count)
@@ -339,9 +355,11 @@ def _panelled(
                 and surface.missed < _MISSED
             ):
                 return surface, best
+
         if 2 * panels > finest:
             return surface, best
-        coarse, panels = fine, 2 * panels
+        coarse = fine
+        panels = 2 * panels
 
 
 def _added_mass(
@@ -362,20 +380,22 @@ def _added_mass(
         axes = np.full(3, part.size[0]) if part.kind == "sphere" else part.size
         local = hydrodynamics.ellipsoid(axes, water_density=density).added_mass
         return moved_added_mass(local, part.R, part.p), f"closed form of a {part.kind}", "exact"
+
     if solution is not None:
-        said = (
+        source = (
             f"{solution.panels} panels, volume {100 * (surface.held - 1.0):+.1f} % before its "
             "offset"
         )
         if surface.missed > _MISSED:
-            said += f", projected areas within {100 * surface.missed:.0f} %"
+            source += f", projected areas within {100 * surface.missed:.0f} %"
         if solution.changed is None:
-            return solution.added_mass, f"{said}; no coarser surface to compare with", "unknown"
+            return solution.added_mass, f"{source}; no coarser surface to compare with", "unknown"
         if solution.changed <= panel_method.TRUSTED:
-            said += ", extrapolated"
+            source += ", extrapolated"
+
         return (
             solution.added_mass,
-            said,
+            source,
             _percent(
                 max(
                     _LEAST,
@@ -385,14 +405,16 @@ def _added_mass(
                 )
             ),
         )
+
+    # The hull stands for a body that is too thin.
     solid, hull_volume = convex_hull(corners)
     whole = union_surface(solid, hull_volume, panels)
-    found = panel_method.added_mass(whole.vertices, whole.triangles, density)
-    said = (
-        f"{found.panels} panels on the convex hull: the body is too thin, {surface.held:.0%} "
-        "of it held"
+    hull_solution = panel_method.added_mass(whole.vertices, whole.triangles, density)
+    source = (
+        f"{hull_solution.panels} panels on the convex hull: the body is too thin, "
+        f"{surface.held:.0%} of it held"
     )
-    return found.added_mass, said, f"factor {_HULL_FACTOR:g}"
+    return hull_solution.added_mass, source, f"factor {_HULL_FACTOR:g}"
 
 
 def _drag(
@@ -404,28 +426,33 @@ def _drag(
     R = R[:, order]
     R = R * [1.0, 1.0, np.sign(np.linalg.det(R))]
     turned = corners @ R
+
     length, *across = np.ptp(turned.reshape(-1, 3), axis=0)
     slenderness = float(length / np.sqrt(np.prod(across)))
     aside = float(np.linalg.norm(center))
+
     if slenderness >= SLENDER or aside > ASIDE * length:
-        seen = silhouettes(turned)
+        outlines = silhouettes(turned)
         along = turned[..., 0] - center @ R[:, 0]
-        strip = strip_of(R, np.array([along.min(), along.max(), length]), center, seen, density)
+        strip = strip_of(R, np.array([along.min(), along.max(), length]), center, outlines, density)
         why = (
             f"{slenderness:.1f} times as long as wide"
             if slenderness >= SLENDER
             else "its middle is off its origin"
         )
-        value = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
-        return strip, np.zeros(6), f"a strip, {why}; {_coefficients(seen)}", value
-    seen = silhouettes(corners)
-    C, area = seen.coefficients, seen.area
+        figure = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
+        return strip, np.zeros(6), f"a strip, {why}; {_coefficients(outlines)}", figure
+
+    outlines = silhouettes(corners)
+    C = outlines.coefficients
+    area = outlines.area
     turning = np.array([np.average(np.delete(C, k), weights=np.delete(area, k)) for k in range(3)])
     quadratic = 0.5 * density * np.concatenate([C * area, turning * _spin(corners, surface)])
+
     return (
         None,
         quadratic,
-        f"projected areas; {_coefficients(seen)}",
+        f"projected areas; {_coefficients(outlines)}",
         _row(quadratic) + " N s^2/m^2, N m s^2",
     )
 
@@ -450,11 +477,13 @@ def _trimmed(
     ]
     names = [model.body(b).name for b in floating]
     if len(names) != 1 or names[0] not in bodies:
-        said = ", ".join(names) or "none"
-        raise ConfigurationError(f"neutral: expected one floating body with water, found {said}")
+        listed = ", ".join(names) or "none"
+        raise ConfigurationError(f"neutral: expected one floating body with water, found {listed}")
+
     before = bodies[names[0]]
     after = hydrodynamics.trim(spec, names[0], metacentric_height=height)
     change = 1e3 * (after.volume - before.volume)
+
     return names[0], Origin(
         body=names[0],
         quantity="volume, trimmed",
@@ -484,4 +513,4 @@ def _percent(share: float) -> str:
 
 
 def _row(values: Array) -> str:
-    return " ".join(f"{value:.3g}" for value in np.where(np.abs(values) < 1e-9, 0.0, values))
+    return " ".join(f"{number:.3g}" for number in np.where(np.abs(values) < 1e-9, 0.0, values))

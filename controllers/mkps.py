@@ -70,8 +70,11 @@ _MOST_THREADS = 1024  # largest number of threads that may be asked for
 _MOST_KEPT = 10**6  # largest number of iterations in a history, which is allocated beforehand
 _CHUNK = 64  # targets per task of a thread in `solve_many`
 _SINGLE_MARGIN = 0.7  # share of the tolerances that errors computed in single precision must meet
-_CONVERGED, _BAD_TARGET, _NAN = kernels.CONVERGED, kernels.BAD_TARGET, math.nan
-_new, _empty = tuple.__new__, np.empty
+_CONVERGED = kernels.CONVERGED
+_BAD_TARGET = kernels.BAD_TARGET
+_NAN = math.nan
+_new = tuple.__new__
+_empty = np.empty
 
 
 class IkResult(NamedTuple):  # constructing a frozen dataclass would take as long as a warm solve
@@ -272,7 +275,8 @@ def solve(
         position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance
     )
     settings, parts = _settings(chain, tolerances, method, branch, options)
-    target, start = _as_array(X_base_tip, (4, 4), "X_base_tip"), _as_array(q0, (chain.n,), "q0")
+    target = _as_array(X_base_tip, (4, 4), "X_base_tip")
+    start = _as_array(q0, (chain.n,), "q0")
     return _solve(chain, target, start, settings, parts, options)
 
 
@@ -333,7 +337,8 @@ def _settings(
     parts = None
     if method == "hybrid":
         if split:
-            parts, tol_r = PartTolerances(axis, turn), math.inf
+            parts = PartTolerances(axis, turn)
+            tol_r = math.inf
         elif not count_alike(chain._scale, tol_p, tol_r):
             parts = PartTolerances(math.inf, math.inf)
     elif method == "priority":
@@ -376,7 +381,8 @@ def _solve(
     options: IkOptions,
 ) -> IkResult:
     # Memory, tolerances and trail of the compiled loop
-    history, single = bool(options.history), options.precision == "single"
+    history = bool(options.history)
+    single = options.precision == "single"
     memory = chain.single() if single else chain._memory
     q = np.empty(chain.n)
 
@@ -417,16 +423,20 @@ def _solve(
         error_p, error_r, axis, turn = _errors(chain, q, target)
         met = error_p <= settings.tol_p and error_r <= settings.tol_r
         if parts is not None:
-            met, split = met and axis <= parts.axis and turn <= parts.turn, (axis, turn)
+            met = met and axis <= parts.axis and turn <= parts.turn
+            split = axis, turn
         if code == _CONVERGED and not met:
-            code, cause = kernels.STALLED, _COARSE
+            code = kernels.STALLED
+            cause = _COARSE
 
     path = goals = None
     if history:
         trail[iterations] = q  # without convergence the result is the best iterate, not the last
-        trail, goals = trail[: iterations + 1], np.empty((iterations + 1, 3))
+        trail = trail[: iterations + 1]
+        goals = np.empty((iterations + 1, 3))
         entry("goals")(chain._memory, target, settings.tip_axes, trail, goals)
-        path, goals = readonly(trail), readonly(goals)
+        path = readonly(trail)
+        goals = readonly(goals)
 
     return IkResult(
         q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals, *split
@@ -534,7 +544,8 @@ def solve_many(
             else os.cpu_count() or 1
         )
 
-    q, out = np.empty((count, chain.n)), np.full((count, 7), np.nan)
+    q = np.empty((count, chain.n))
+    out = np.full((count, 7), np.nan)
     many = entry("many" if parts is None else "many_parts")
 
     def work(first: int) -> None:
@@ -574,7 +585,8 @@ def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float, float,
     """Position [m], orientation, axis and turn [rad] error of `q`, in double precision."""
     X = chain.forward(q)
     R = X[:3, :3].T @ target[:3, :3]
-    whole, tilt = log_so3(R), np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
+    whole = log_so3(R)
+    tilt = np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
 
     half = 0.5 * float(np.linalg.norm(whole))
     turn = (

@@ -31,7 +31,8 @@ def table(*tunings: Any) -> Iterator[tuple[str, str, str, str]]:
     """
     for tuning in tunings:
         for each in fields(tuning):
-            about, value = each.metadata.get("about"), getattr(tuning, each.name)
+            about = each.metadata.get("about")
+            value = getattr(tuning, each.name)
             if about:
                 yield tuning.title, each.name, str(value), about
             elif is_dataclass(value):
@@ -149,7 +150,7 @@ class ArmTuning:
 
     @property
     def servo_gains(self) -> Array:
-        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, limit [rad s]."""
+        """Stiffness [1/s^2], damping [1/s], integral [1/s^3] of the servo, its limit [rad s]."""
         w = self.joint_frequency
         return np.array(
             [

@@ -48,7 +48,9 @@ class ClosedFormForce(TorqueSensors):
         """
         before_B = state.sensed.f_B.copy()
         super().sense(state, estimate, drives)
-        sensed, rows, now_B = state.sensed, list(JOINTS), before_B
+        sensed = state.sensed
+        rows = list(JOINTS)
+        now_B = before_B
 
         A = sensed.J_B[:3, rows].T
         if _regular(A):

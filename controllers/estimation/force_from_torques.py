@@ -115,7 +115,9 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
         ConfigurationError: at its singularities, sin q4 = 0 or the tip over the yaw axis.
     """
     l2, l3, l4 = lengths
-    c2, c23, c234 = np.cos(q[1]), np.cos(q[1] + q[2]), np.cos(q[1] + q[2] + q[3])
+    c2 = np.cos(q[1])
+    c23 = np.cos(q[1] + q[2])
+    c234 = np.cos(q[1] + q[2] + q[3])
     c4, s4 = np.cos(q[3]), np.sin(q[3])
 
     radius = l2 * c2 + l3 * c23 + l4 * c234

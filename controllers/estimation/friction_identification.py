@@ -97,11 +97,10 @@ def identify_friction(
     if len(shape) != 2:
         raise ConfigurationError(f"friction qd: must be (N, n), got {shape}")
 
-    qd, qdd = checked(qd, shape, "friction qd"), checked(qdd, shape, "friction qdd")
-    tau_motor, tau_gear = (
-        checked(tau_motor, shape, "friction tau_motor"),
-        checked(tau_gear, shape, "friction tau_gear"),
-    )
+    qd = checked(qd, shape, "friction qd")
+    qdd = checked(qdd, shape, "friction qdd")
+    tau_motor = checked(tau_motor, shape, "friction tau_motor")
+    tau_gear = checked(tau_gear, shape, "friction tau_gear")
     armature = checked(armature, shape[1:], "friction armature")
 
     lost = tau_motor - armature * qdd - tau_gear
@@ -125,7 +124,8 @@ def identify_friction(
 def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     """Parameters (5,) of one joint, their covariance, and the residual's standard deviation."""
     moving = np.abs(qd) > _LEAST_SPEED
-    qd, lost = qd[moving], lost[moving]
+    qd = qd[moving]
+    lost = lost[moving]
     fewest = min(int(np.sum(qd > 0.0)), int(np.sum(qd < 0.0)))
     if len(qd) < _FEWEST or fewest < _FEWEST // 10:
         raise ConfigurationError(
@@ -163,7 +163,8 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     else:
         A = np.column_stack([np.ones_like(qd), qd, np.sign(qd)])
         x = np.linalg.lstsq(A, lost, rcond=None)[0]
-        residual, same = lost - A @ x, [0, 1, 2, 2]
+        residual = lost - A @ x
+        same = [0, 1, 2, 2]
         covariance = np.zeros((5, 5))
         covariance[:4, :4] = _robust_covariance(A, residual)[np.ix_(same, same)]
         covariance[4, 4] = np.inf
@@ -224,8 +225,10 @@ class FrictionMotion:
         self._middle = np.array(vehicle.q_ready)
         self._swing = np.minimum(swing, np.maximum(0.9 * room, 0.0))
 
-        self._home, self._X_WB = np.array(vehicle.q_home), np.array(X_WB)
-        self._slow, self._fast = slow, fast
+        self._home = np.array(vehicle.q_home)
+        self._X_WB = np.array(X_WB)
+        self._slow = slow
+        self._fast = fast
         self._rate = 1.0 + 0.05 * np.arange(len(self._middle))
         self._unfold = 4.0  # [s]
 
@@ -266,16 +269,22 @@ class FrictionMotion:
             q = self._home + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * way
             qd = 30.0 * s * s * (1.0 - s) ** 2 / begin * way
         elif time < end:
-            since, turn, before = time - begin, self._slow, 0.0
+            since = time - begin
+            turn = self._slow
+            before = 0.0
             if since > self._slow:
-                since, turn, before = since - self._slow, self._fast, 2.0 * np.pi
+                since = since - self._slow
+                turn = self._fast
+                before = 2.0 * np.pi
             rate = 2.0 * np.pi / turn * self._rate
             phase = rate * since + before * self._rate
-            q, qd = self._middle + self._swing * np.sin(phase), self._swing * (rate * np.cos(phase))
+            q = self._middle + self._swing * np.sin(phase)
+            qd = self._swing * (rate * np.cos(phase))
             work = WorkState.WORK
         else:
             phase = 2.0 * np.pi * 3.0 * self._rate
-            q, work = self._middle + self._swing * np.sin(phase), WorkState.DONE
+            q = self._middle + self._swing * np.sin(phase)
+            work = WorkState.DONE
 
         return state, Reference(
             time=estimate.time,

@@ -78,7 +78,10 @@ class PayloadIdentification:
             water: [-] prior of the common relative error of the arm's drag and added mass.
             step: [rad] change of a joint from which on a posture counts as a new one.
         """
-        self._arm, self._doubt, self._water, self._step = arm, doubt, water, step
+        self._arm = arm
+        self._doubt = doubt
+        self._water = water
+        self._step = step
 
         own = arm.parameters
         nb = own.layout.shape[1]
@@ -101,7 +104,8 @@ class PayloadIdentification:
 
     def init(self) -> PayloadIdentificationState:
         """Initial state: the priors only."""
-        n, unknowns = self._arm.n, self._prior.size
+        n = self._arm.n
+        unknowns = self._prior.size
         return PayloadIdentificationState(
             np.diag(self._prior), np.zeros(unknowns), np.zeros((n, unknowns + 1)), 0, np.zeros(n)
         )
@@ -154,7 +158,9 @@ class PayloadIdentification:
 def _add(terms, joints, hull, tau_e, total):
     """Add a sample to `total` (n, nb + n + 2): -G, -I, -H, tau_e; `terms`: fields of `_Terms`."""
     layout, parts, water, stations = terms
-    nb, n, none = parts.shape[0], tau_e.shape[0], np.zeros(6)
+    nb = parts.shape[0]
+    n = tau_e.shape[0]
+    none = np.zeros(6)
 
     # G of each part, then H of the water
     for k in range(nb + 1):

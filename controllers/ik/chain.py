@@ -161,7 +161,8 @@ class Chain:
         axes, points, links = np.empty((3, len(table), 3))
         X = X_base_0
         for i, row in enumerate(table):
-            axes[i], points[i] = X[:3, 2], X[:3, 3]
+            axes[i] = X[:3, 2]
+            points[i] = X[:3, 3]
             X = X @ pose(exp_so3([0.0, 0.0, row[THETA]]))
             links[i] = X[:3, :3] @ [row[A], 0.0, 0.0] if types[i] == "o" else 0.0
             X = X @ pose(tilt_of(row), [row[A], 0.0, row[D]])
@@ -314,7 +315,8 @@ class Chain:
 
     def kinematics(self, q: ArrayLike) -> tuple[Array, Array]:
         """Return `forward` and `jacobian` at `q` (n,) from one computation."""
-        X_base_tip, J = np.empty((4, 4)), np.empty((6, self.n))
+        X_base_tip = np.empty((4, 4))
+        J = np.empty((6, self.n))
         entry("kinematics")(self._memory, checked(q, (self.n,), "q"), X_base_tip, J)
         return X_base_tip, J
 
@@ -464,7 +466,8 @@ def memory_of(chain: Chain, scale: float) -> Array:
     R = _frame_with_z(chain.axes[0])
     table[0, :12] = np.column_stack([R, scale * chain.points[0]]).ravel()
     for i in range(n):
-        axis, x = chain.axes[i], R[:, 0]
+        axis = chain.axes[i]
+        x = R[:, 0]
         following = chain.axes[i + 1] if i + 1 < n else axis
         across = np.cross(axis, following)
         sine = float(np.linalg.norm(across))
@@ -485,15 +488,15 @@ def memory_of(chain: Chain, scale: float) -> Array:
         after = np.zeros(3)
         if chain.joint_types[i] == "o":
             swinging = R_after.T @ chain.links[i]
-            link, after = swinging, link - swinging
+            after = link - swinging
+            link = swinging
 
         joints[i, kernels.KIND] = _KINDS[chain.joint_types[i]]
         joints[i, kernels.OFFSET] = offset
-        joints[i, kernels.COS_OFFSET], joints[i, kernels.SIN_OFFSET] = (
-            np.cos(offset),
-            np.sin(offset),
-        )
-        joints[i, kernels.COS_ALPHA], joints[i, kernels.SIN_ALPHA] = np.cos(alpha), np.sin(alpha)
+        joints[i, kernels.COS_OFFSET] = np.cos(offset)
+        joints[i, kernels.SIN_OFFSET] = np.sin(offset)
+        joints[i, kernels.COS_ALPHA] = np.cos(alpha)
+        joints[i, kernels.SIN_ALPHA] = np.sin(alpha)
         joints[i, kernels.LINK : kernels.LINK + 3] = scale * link
         joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
         joints[i, kernels.LOWER], joints[i, kernels.UPPER] = chain.limits[i]

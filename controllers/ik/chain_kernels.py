@@ -32,22 +32,21 @@ from numba.extending import overload
 
 from uuv.sim.interfaces.kernels import kernel
 
-KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, AFTER, COLUMNS = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    7,
-    8,
-    9,
-    10,
-    11,
-    14,
-)
+# columns of a joint's row of `table`
+KIND = 0  # HINGE, SLIDE or PANTOGRAPH
+OFFSET = 1  # [rad] constant part of the turn about z
+COS_ALPHA = 2
+SIN_ALPHA = 3
+LINK = 4  # link vector [scaled], three columns; of a pantograph link the part that swings
+LOWER = 7  # [rad] or [m]
+UPPER = 8  # [rad] or [m]
+COS_OFFSET = 9
+SIN_OFFSET = 10
+AFTER = 11  # part of a pantograph link that does not swing [scaled], three columns
+COLUMNS = 14  # their number
 HEAD = 2  # rows of `table` before those of the joints
-# columns of row 0; REACH: largest distance [scaled] of the tip from the first joint
-SCALE, REACH = 12, 13
+SCALE = 12  # column of row 0: factor of lengths
+REACH = 13  # column of row 0: largest distance [scaled] of the tip from the first joint
 SWEEPS = 9  # column of row 1: 1 where a sweep from a far start pays off
 HINGE, SLIDE, PANTOGRAPH = 0.0, 1.0, 2.0  # values of column KIND
 
@@ -296,7 +295,8 @@ def skew_left(goal, tip):
     """
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     real = goal.dtype.type
-    half, one = real(0.5), real(1.0)
+    half = real(0.5)
+    one = real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]

@@ -167,17 +167,17 @@ class Tracker:
             whole_number(hold_joint, "hold_joint", most=chain.n - 1)
 
         self.hold_joint = hold_joint
-        self.chain, self.period, self.near, self.passing, self.method = (
-            chain,
-            period,
-            near,
-            passing,
-            method,
-        )
+        self.chain = chain
+        self.period = period
+        self.near = near
+        self.passing = passing
+        self.method = method
         self._travel = speeds * period
 
         # Settings of the compiled solver; in an axis stage each axis may take its share of `tol_r`
-        tol_p, tol_r = self._tolerances = float(position_tolerance), float(orientation_tolerance)
+        tol_p = float(position_tolerance)
+        tol_r = float(orientation_tolerance)
+        self._tolerances = tol_p, tol_r
         axis = tol_r * 0.5**0.5
         kinds = {
             "plain": kernels.PLAIN,
@@ -273,7 +273,8 @@ class Tracker:
         self, target: Array, q0: Array, limits: Array
     ) -> tuple[Array, tuple[float, float], bool]:
         """Nearest pose within `limits` by short steps from `q0`: (q, errors [m] [rad], met)."""
-        chain, memory = self.chain, self._memory.copy()
+        chain = self.chain
+        memory = self._memory.copy()
         set_limits(memory, kernels.LOWER, limits[:, 0])
         set_limits(memory, kernels.UPPER, limits[:, 1])
 
@@ -343,7 +344,8 @@ def track(
             f"X_base_tip: expected shape (N, 4, 4) with N > 0, got {targets.shape}"
         )
 
-    state, steps = tracker.init(q0), []
+    state = tracker.init(q0)
+    steps = []
     for target in targets:
         state, step = tracker.step(state, target)
         steps.append(step)

@@ -28,11 +28,16 @@ _size = kernel(memory_size)
 def _compiled(method: Method) -> Any:
     """C function of a method; it must stay alive, since its address is in use."""
     # closed over: each method is compiled for itself
-    plain, priority = method == "plain", method == "priority"
+    plain = method == "plain"
+    priority = method == "priority"
 
     def of_pointers(n, tol_p, tol_r, limit, memory, X, q0, q, errors):
-        chain, trail = carray(memory, _size(n)), carray(memory, (0, 1))
-        target, start, out, said = carray(X, (4, 4)), carray(q0, n), carray(q, n), carray(errors, 2)
+        chain = carray(memory, _size(n))
+        trail = carray(memory, (0, 1))
+        target = carray(X, (4, 4))
+        start = carray(q0, n)
+        out = carray(q, n)
+        said = carray(errors, 2)
 
         axis = tol_r * 0.5**0.5
 
@@ -76,7 +81,8 @@ def _call(
     """Intrinsic that calls a solver; arrays are given by their addresses."""
 
     def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
-        number, count = ir.DoubleType(), ir.IntType(64)
+        number = ir.DoubleType()
+        count = ir.IntType(64)
         arrays = [builder.inttoptr(each, number.as_pointer()) for each in args[5:]]
         kind = ir.FunctionType(
             count, [count, number, number, count, *(each.type for each in arrays)]

@@ -60,7 +60,8 @@ def with_hull(chain: Chain, X_BA: Array) -> Chain:
         chain: the arm, base to tip.
         X_BA: (4, 4) its base on the hull.
     """
-    R, free = X_BA[:3, :3], np.inf * np.array([[-1.0, 1.0]])
+    R = X_BA[:3, :3]
+    free = np.inf * np.array([[-1.0, 1.0]])
 
     return Chain(
         joint_types="pppr" + chain.joint_types,
@@ -112,9 +113,11 @@ class CarriedArm:
 
         drag = self.holding.drag if self.holding else 0.0
         poses = tool_poses(path, shares, 0.0, self.standoff)
-        on_path, middle = poses[STANDOFF_STEPS:-STANDOFF_STEPS], len(shares) // 2
+        on_path = poses[STANDOFF_STEPS:-STANDOFF_STEPS]
+        middle = len(shares) // 2
         most = -np.inf
-        best, furthest = cast("Placement | None", None), cast("Dropped | None", None)
+        best = cast("Placement | None", None)
+        furthest = cast("Dropped | None", None)
         met: list[Array] = []
 
         for start in self._starts(whole, on_path[middle], skin, met):
@@ -186,9 +189,11 @@ class CarriedArm:
         postures = np.vstack([self.vehicle.q_ready, straight, postures])
 
         # Working postures of the arm, the roomiest first
-        z_W, found = X_WG[:3, 2], []
+        z_W = X_WG[:3, 2]
+        found = []
         for q in postures:
-            X_BG, J = self.vehicle.X_BA @ self.chain.kinematics(q)[0], self.chain.kinematics(q)[1]
+            X_BG = self.vehicle.X_BA @ self.chain.kinematics(q)[0]
+            J = self.chain.kinematics(q)[1]
             z_B = X_BG[:3, 2]
             if abs(z_B[2] - z_W[2]) > 0.5:  # the hull stays level: only the arm tilts the tool
                 continue
@@ -248,7 +253,8 @@ class CarriedArm:
     @staticmethod
     def _round(whole: Chain, joints: Array, X_WG: Array) -> Array:
         """Tool pose (4, 4) with position and axis of `X_WG`, turned about it as at `joints`."""
-        z, x = X_WG[:3, 2], whole.forward(joints)[:3, 0]
+        z = X_WG[:3, 2]
+        x = whole.forward(joints)[:3, 0]
         x = x - (x @ z) * z
         if np.linalg.norm(x) < 1e-3:
             return X_WG
@@ -273,7 +279,8 @@ class CarriedArm:
 
     def _has_room(self, X_WB: Array, skin: Array) -> bool:
         """True if the hull is clear of object and seabed."""
-        clearance, box = self.search.clearance, self.around.hull_box
+        clearance = self.search.clearance
+        box = self.around.hull_box
         above = X_WB[2, 3] + box[0, 2] >= self.around.floor + clearance
         return above and hull_keeps(X_WB, box, skin, clearance)
 

@@ -145,7 +145,9 @@ class AxialApproach(AxialPhase):
             to: [m] depth at which the phase is done.
         """
         super().__init__(limits, push)
-        self._contact, self._slow, self._to = contact, slow, to
+        self._contact = contact
+        self._slow = slow
+        self._to = to
 
     def enter(self, held: Held, now: Context) -> TouchedFor:
         """Begin without contact."""
@@ -154,7 +156,8 @@ class AxialApproach(AxialPhase):
 
     def step(self, state: TouchedFor, held: Held, now: Context) -> Outcome:
         """Done at the depth; touched where the rim is met."""
-        contact, (slow_from, slow) = self._contact, self._slow
+        contact = self._contact
+        slow_from, slow = self._slow
         axial, _ = self._forces(held, now)
 
         wanted = self._limits.approach_speed if held.depth < slow_from else slow

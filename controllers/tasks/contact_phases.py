@@ -41,7 +41,8 @@ class GuardedApproach(Phase):
 
     def __init__(self, limits: ApproachLimits, distance: float | None = None) -> None:
         """Set up the phase; `distance` [m] to keep from the surface, None: contact is sought."""
-        self._limits, self._distance = limits, distance
+        self._limits = limits
+        self._distance = distance
 
     def enter(self, held: Held, now: Context) -> ApproachState:
         """Begin at rest, at the stand-off."""
@@ -69,7 +70,8 @@ class GuardedApproach(Phase):
 
         # Until contact
         if touched:
-            held.set_force, held.speed = now.normal, 0.0
+            held.set_force = now.normal
+            held.speed = 0.0
             return PhaseEvent.DONE
 
         self._advance(held, now, limits.standoff)
@@ -139,7 +141,10 @@ class Press(Phase):
             tip: place (3,) [m] of the tip in W, by the estimate; None: a surface that gives way is
                 pressed on all the same.
         """
-        self._limits, self._rate, self._insist, self._tip = limits, rate, insist, tip
+        self._limits = limits
+        self._rate = rate
+        self._insist = insist
+        self._tip = tip
         self._set_force = set_force
 
     def enter(self, held: Held, now: Context) -> PressState:
@@ -149,7 +154,8 @@ class Press(Phase):
 
     def step(self, state: PressState, held: Held, now: Context) -> Outcome:
         """Done once the force has been reached for long enough."""
-        limits, set_force = self._limits, self._set_force
+        limits = self._limits
+        set_force = self._set_force
         felt = now.normal
 
         if now.paused:
@@ -238,12 +244,15 @@ class FollowPath(Phase):
             forces: [N] set forces; empty: no contact.
             rate: [N/s] of their change.
         """
-        self._limits, self._forces, self._rate = limits, tuple(forces), rate
+        self._limits = limits
+        self._forces = tuple(forces)
+        self._rate = rate
 
     def enter(self, held: Held, now: Context) -> FollowState:
         """Begin at rest, at the begin of a stretch."""
         assert held.line is not None
-        path, limits = held.line.path, self._limits
+        path = held.line.path
+        limits = self._limits
         end = float(path.s[-1])
 
         if self._forces:
@@ -264,7 +273,9 @@ class FollowPath(Phase):
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at the end of the path; more at the end of any other stretch."""
         assert held.line is not None
-        limits, progress, length = self._limits, state.progress, float(held.line.path.s[-1])
+        limits = self._limits
+        progress = state.progress
+        length = float(held.line.path.s[-1])
 
         # Progress, slower before a pause or a stop
         stopping = self._stops(state, held, now)
@@ -339,11 +350,9 @@ def travel(state: FollowState, held: Held, now: Context) -> None:
     """Move the tool along the path, off the surface, and the hull with it, to the present time."""
     assert held.line is not None
     done, rate = state.progress.at(now.time - state.since)
-    held.s, length, placement = (
-        state.begin + done,
-        float(held.line.path.s[-1]),
-        held.start_of_line(),
-    )
+    held.s = state.begin + done
+    length = float(held.line.path.s[-1])
+    placement = held.start_of_line()
     held.X_WB = placement.hull_at(held.s / length)
     state.v_WB_W = rate / length * placement.hull_rate(held.s / length)
 
@@ -360,7 +369,8 @@ class NextStretch(Phase):
 
     def __init__(self, limits: FollowLimits, standoff: float) -> None:
         """Set up the phase: limits of the motion, and distance [m] from the surface."""
-        self._limits, self._standoff = limits, standoff
+        self._limits = limits
+        self._standoff = standoff
 
     def enter(self, held: Held, now: Context) -> FollowState:
         """Begin where the retreat ended."""
@@ -389,7 +399,8 @@ class Unload(Phase):
 
     def __init__(self, rate: float, until: float) -> None:
         """Set up the phase: `rate` [N/s] of the force, down to `until` [N]."""
-        self._rate, self._until = rate, until
+        self._rate = rate
+        self._until = until
 
     def step(self, state: None, held: Held, now: Context) -> Outcome:
         """Done when the force is nearly zero."""
@@ -408,7 +419,8 @@ class Retreat(Phase):
 
     def __init__(self, speed: float, clearance: float) -> None:
         """Set up the phase: `speed` [m/s] of the tool, `clearance` [m] least length of the way."""
-        self._speed, self._clearance = speed, clearance
+        self._speed = speed
+        self._clearance = clearance
 
     def enter(self, held: Held, now: Context) -> Since:
         """Begin at the surface, with no force set any more."""
@@ -444,7 +456,9 @@ class NextPoint(Phase):
             limits: of the motion.
             standoff: [m] distance from the surface.
         """
-        self._points, self._limits, self._standoff = tuple(points), limits, standoff
+        self._points = tuple(points)
+        self._limits = limits
+        self._standoff = standoff
 
     def enter(self, held: Held, now: Context) -> FollowState | None:
         """Begin where the retreat ended; None after the last point."""
@@ -453,7 +467,8 @@ class NextPoint(Phase):
             return None
 
         held.depth = min(0.0, held.depth - self._standoff)
-        limits, before = self._limits, self._points[k - 1]
+        limits = self._limits
+        before = self._points[k - 1]
         return FollowState(
             Progress(self._points[k] - before, limits.speed, limits.ramp), now.time, before
         )

@@ -216,8 +216,10 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
     curve = BSpline(knots, np.transpose(coefficients), degree)
     length = float(np.linalg.norm(np.diff(raw, axis=0), axis=1).sum())
     u = np.linspace(0.0, 1.0, 1 + math.ceil(length / _STEP))
-    line, way = curve(u), curve(u, 1)
-    line[-1], way[-1] = line[0], way[0]
+    line = curve(u)
+    way = curve(u, 1)
+    line[-1] = line[0]
+    way[-1] = way[0]
 
     # Directions to the outline; all at the height of the middle
     inward = np.column_stack([-way[:, 1], way[:, 0]]) / np.linalg.norm(way, axis=1, keepdims=True)
@@ -319,7 +321,8 @@ class FlyOrbit(Phase):
         state.worked += pace * now.period
         held.s, rate = state.progress.at(state.worked)
         held.X_WB, way, turn = state.orbit.at(held.s)
-        state.v_WB_W, state.w_WB_W = pace * rate * way, pace * rate * turn
+        state.v_WB_W = pace * rate * way
+        state.w_WB_W = pace * rate * turn
 
         if state.worked <= state.progress.duration:
             return None
@@ -377,7 +380,8 @@ class Inspection(TaskPlanner):
             keep = Keep(passing, floor, job.clearance)
             check_clear(found, motion.to(X_WB, held, now), keep)
 
-            held.plan, held.way = [found], [X_WB]
+            held.plan = [found]
+            held.way = [X_WB]
             if view is not None:
                 held.plan = covering(
                     found, target, X_WT, job, camera=HullCamera(own.X_BC, view), keep=keep
@@ -403,7 +407,8 @@ def inspection_rows(
     Returns:
         Names and rows.
     """
-    settle, states = Settle(job.rest), WorkState
+    settle = Settle(job.rest)
+    states = WorkState
     row = partial(TaskRow, leave={Reaction.RETREAT: "held"})
     scan = ScanTarget(ScanLimits(views=1, finds=1), path=False)
 
@@ -470,7 +475,8 @@ def covering(
     Returns:
         The orbits in their order, `first` among them.
     """
-    samples, X_TW = SurfaceSamples(target.vertices, target.triangles), inverse(X_WT)
+    samples = SurfaceSamples(target.vertices, target.triangles)
+    X_TW = inverse(X_WT)
 
     def sees(found: Orbit) -> np.ndarray:
         return samples.seen(
@@ -488,7 +494,8 @@ def covering(
         if keep.short(_along(found)) is None
     ]
     views = [(found, sees(found)) for found in clear]
-    orbits, seen = [first], sees(first)
+    orbits = [first]
+    seen = sees(first)
     visible = np.any([seen, *(each for _, each in views)], axis=0)
 
     # The largest gain next, if its way is clear
@@ -524,7 +531,8 @@ def allowed_cameras(vertices_W: Array, X_BC: Array, keep: Keep) -> Array:
     Returns:
         The poses.
     """
-    low, high = vertices_W.min(axis=0) - _AROUND, vertices_W.max(axis=0) + _AROUND
+    low = vertices_W.min(axis=0) - _AROUND
+    high = vertices_W.max(axis=0) + _AROUND
     axes = [np.arange(a, b, _APART) for a, b in zip(low, high, strict=True)]
     turned = [exp_so3([0.0, 0.0, yaw]) for yaw in np.arange(_HEADINGS) * 2.0 * np.pi / _HEADINGS]
     places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)

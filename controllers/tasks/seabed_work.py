@@ -109,7 +109,8 @@ class Penetrate(AxialPhase):
         self._advance(held, now, job.axial.speed, axial / job.push)
 
         if held.depth >= job.depth if job.drag else axial >= job.close * job.push:
-            held.speed, held.set_force = 0.0, job.push
+            held.speed = 0.0
+            held.set_force = job.push
             return PhaseEvent.DONE
 
         if held.depth < job.depth:
@@ -123,7 +124,8 @@ class Drag(AxialPhase):
 
     def __init__(self, job: SeabedJob, push: Push) -> None:
         super().__init__(job.axial, push)
-        self._speed, self._ramp = job.drag_speed, job.ramp
+        self._speed = job.drag_speed
+        self._ramp = job.ramp
 
     def enter(self, held: Held, now: Context) -> FollowState:
         """Begin at rest at the path's begin."""
@@ -223,7 +225,8 @@ def seabed_rows(
     Returns:
         Names and rows.
     """
-    axial, states = job.axial, WorkState
+    axial = job.axial
+    states = WorkState
     soil = Push(force=job.push, beyond=-job.guard)
     stone = AxialContact(
         touch=job.touch, obstacle="something stands {} mm over the ground as scanned"

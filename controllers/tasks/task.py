@@ -82,8 +82,10 @@ class TaskPlanner:
             ConfigurationError: if a row follows that is not in the table.
         """
         self.period = period
-        self._rows, self._monitors = dict(rows), tuple(monitors)
-        self._X_WB, self._q = np.array(X_WB), np.array(q)
+        self._rows = dict(rows)
+        self._monitors = tuple(monitors)
+        self._X_WB = np.array(X_WB)
+        self._q = np.array(q)
 
         for name, row in self._rows.items():
             for after in (*row.then.values(), *row.leave.values()):
@@ -155,7 +157,8 @@ class TaskPlanner:
         if outcome is None:
             return None
         if isinstance(outcome, Abort):
-            state.abort, after = outcome.after(state.abort), row.leave[Reaction.RETREAT]
+            state.abort = outcome.after(state.abort)
+            after = row.leave[Reaction.RETREAT]
         else:
             after = row.then[outcome]
 
@@ -165,7 +168,9 @@ class TaskPlanner:
     def _enter(self, state: TaskState, name: str, now: Context) -> TaskRow:
         """Change to the row `name`."""
         row = self._rows[name]
-        state.row, state.since, state.phase = str(name), now.time, row.phase.enter(state.held, now)
+        state.phase = row.phase.enter(state.held, now)
+        state.row = str(name)
+        state.since = now.time
         return row
 
     def path_s(self, held: Held) -> float:
@@ -174,7 +179,9 @@ class TaskPlanner:
 
     def _reference(self, state: TaskState, now: Context) -> Reference:
         """Reference for the controller in the present phase."""
-        row, held, abort = self._rows[state.row], state.held, state.abort
+        row = self._rows[state.row]
+        held = state.held
+        abort = state.abort
         asked = row.phase.setpoint(state.phase, held, now)
 
         return Reference(

@@ -141,7 +141,8 @@ class TouchJob:
     def aim(self, plan: TouchProgress) -> tuple[Touch, Nest, Array]:
         """Present touch, its nest, and p_WN (3,) by the arm model, corrected by past touches."""
         touch = self.touches[plan.at]
-        nest, found = self.nests[touch.nest], plan.offsets.get(touch.nest)
+        nest = self.nests[touch.nest]
+        found = plan.offsets.get(touch.nest)
         return touch, nest, nest.p_WN if not found else nest.p_WN + np.mean(found[-5:], axis=0)
 
     def way(self, plan: TouchProgress, q: Array) -> list[Array]:
@@ -212,7 +213,8 @@ class MoveOver(Phase):
         last = held.plan_of(TouchProgress).at >= len(self._job.touches)
 
         if last and t >= state.duration:
-            held.q, state.qd = state.way[-1], np.zeros(len(held.q))
+            held.q = state.way[-1]
+            state.qd = np.zeros(len(held.q))
             return PhaseEvent.DONE
 
         # Over the nest, or on to the next joint angles
@@ -220,22 +222,19 @@ class MoveOver(Phase):
             if len(state.way) == 1:
                 return PhaseEvent.MORE
             begun = self._depart(state.way[1:], held, now)
-            state.way, state.since, state.q_from, state.duration = (
-                begun.way,
-                begun.since,
-                begun.q_from,
-                begun.duration,
-            )
+            state.way = begun.way
+            state.since = begun.since
+            state.q_from = begun.q_from
+            state.duration = begun.duration
             t = 0.0
 
         # Quintic from rest to rest
         s = min(1.0, t / state.duration)
-        blend, rate = (
-            s**3 * (10.0 - 15.0 * s + 6.0 * s * s),
-            30.0 * s * s * (1.0 - s) ** 2 / state.duration,
-        )
+        blend = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+        rate = 30.0 * s * s * (1.0 - s) ** 2 / state.duration
         way = state.way[0] - state.q_from
-        held.q, state.qd = state.q_from + blend * way, rate * way
+        held.q = state.q_from + blend * way
+        state.qd = rate * way
         return None
 
     def setpoint(self, state: WayState, held: Held, now: Context) -> Setpoint:
@@ -268,13 +267,11 @@ class OverNest(Phase):
             speed: [m/s] upwards.
             reads: the pin is pressed home and the encoders are read.
         """
-        self._job, self._seconds, self._start, self._speed, self._reads = (
-            job,
-            seconds,
-            start,
-            speed,
-            reads,
-        )
+        self._job = job
+        self._seconds = seconds
+        self._start = start
+        self._speed = speed
+        self._reads = reads
 
     def enter(self, held: Held, now: Context) -> NestState:
         """Begin at the first height."""
@@ -289,7 +286,8 @@ class OverNest(Phase):
     def setpoint(self, state: NestState, held: Held, now: Context) -> Setpoint:
         """The end of the spring."""
         plan = held.plan_of(TouchProgress)
-        t, tuning = now.time - state.since, self._job.tuning
+        t = now.time - state.since
+        tuning = self._job.tuning
 
         touch, nest, aim = self._job.aim(plan)
         X_WG = pose(touch.R_WG, aim + (self._start + self._speed * t) * nest.z_WN)
@@ -306,13 +304,15 @@ class LeaveNest(OverNest):
     def enter(self, held: Held, now: Context) -> NestState:
         """Compute where the pin is."""
         plan = held.plan_of(TouchProgress)
-        job, estimate = self._job, now.estimate
+        job = self._job
+        estimate = now.estimate
         X_WG = estimate.X_WB @ job.vehicle.X_BA @ job.chain.forward(estimate.q)
         return NestState(now.time, X_WG[:3, 3] - job.nests[job.touches[plan.at].nest].p_WN)
 
     def step(self, state: NestState, held: Held, now: Context) -> Outcome:
         """Take the offset over; done above the nest."""
-        plan, job = held.plan_of(TouchProgress), self._job
+        plan = held.plan_of(TouchProgress)
+        job = self._job
 
         if state.offset is not None and float(np.linalg.norm(state.offset)) < job.tuning.believable:
             plan.offsets.setdefault(job.touches[plan.at].nest, []).append(state.offset)
@@ -358,12 +358,10 @@ class TouchSequence(TaskPlanner):
             tuning=tuning,
         )
 
-        way, fast, ends, states = (
-            tuning.lift + tuning.beyond,
-            2.0 * tuning.descent,
-            PhaseEvent,
-            WorkState,
-        )
+        way = tuning.lift + tuning.beyond
+        fast = 2.0 * tuning.descent
+        ends = PhaseEvent
+        states = WorkState
 
         down = OverNest(job, way / tuning.descent, tuning.lift, -tuning.descent)
         press = OverNest(job, tuning.settle + tuning.reading, -tuning.beyond, 0.0, reads=True)

@@ -165,8 +165,8 @@ class IkOptions:
                 raise ConfigurationError(
                     f"stage_tolerances [rad]: expected two numbers, got shape {both.shape}"
                 )
-            for value in both.tolist():
-                _tolerance(value, "stage_tolerances [rad]")
+            for tolerance in both.tolist():
+                _tolerance(tolerance, "stage_tolerances [rad]")
 
         usual = self.precision == "double" and not self.history and self.stage_tolerances is None
         object.__setattr__(self, "usual", usual)
@@ -282,11 +282,11 @@ def solve(
 
 def _tolerance(value: Any, name: str) -> float:
     """Return `value` if it is > 0; infinity means that this error does not count."""
-    given = number(value, name)
+    tolerance = number(value, name)
 
-    if not given > 0.0:
-        raise ConfigurationError(f"{name}: must be positive, got {given:g}")
-    return given
+    if not tolerance > 0.0:
+        raise ConfigurationError(f"{name}: must be positive, got {tolerance:g}")
+    return tolerance
 
 
 class _Tolerances(NamedTuple):
@@ -327,7 +327,7 @@ def _settings(
         if split
         else {"orientation_tolerance": tol_r}
     )
-    if tol_p == math.inf and all(each >= math.pi for each in counted.values()):
+    if tol_p == math.inf and all(angle >= math.pi for angle in counted.values()):
         raise ConfigurationError(
             f"position_tolerance, {', '.join(counted)}: at least one must be finite (an angle "
             "below pi), or no part of"
@@ -390,8 +390,8 @@ def _solve(
     trail = np.empty((rows, chain.n))
     used = settings
     if single:
-        p, r, one, two = (_SINGLE_MARGIN * tol for tol in settings[1:5])
-        used = settings._replace(tol_p=p, tol_r=r, tol_1=one, tol_2=two)
+        tol_p, tol_r, tol_1, tol_2 = (_SINGLE_MARGIN * tol for tol in settings[1:5])
+        used = settings._replace(tol_p=tol_p, tol_r=tol_r, tol_1=tol_1, tol_2=tol_2)
 
     # By parts, by the usual entry, or by one that keeps a trail
     outcome: tuple[int, int, int, float, float]

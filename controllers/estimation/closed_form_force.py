@@ -89,5 +89,5 @@ class ClosedFormForce(TorqueSensors):
 
 
 def _regular(A: Array) -> bool:
-    values = np.linalg.svd(A, compute_uv=False)
-    return bool(values[-1] > _SINGULAR * values[0])
+    singular = np.linalg.svd(A, compute_uv=False)
+    return bool(singular[-1] > _SINGULAR * singular[0])

@@ -84,9 +84,9 @@ def tip_wrench(
     scale = np.repeat([force_prior, moment_prior], 3)
     A = J.T * scale / sigma[:, None]  # the unknowns in units of the prior
 
-    values, axes = np.linalg.eigh(A.T @ A)
-    values = np.maximum(values, 0.0)
-    scaled = (axes / (1.0 + values)) @ axes.T
+    eigenvalues, axes = np.linalg.eigh(A.T @ A)
+    eigenvalues = np.maximum(eigenvalues, 0.0)
+    scaled = (axes / (1.0 + eigenvalues)) @ axes.T
 
     return WrenchEstimate(
         wrench=scale * (scaled @ (A.T @ (tau_e / sigma))),

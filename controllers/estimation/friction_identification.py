@@ -149,7 +149,7 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     for _ in range(3):  # finer grids about the minimum
         at = int(np.argmin([left(over) for over in grid]))
         grid = np.geomspace(grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)], 12)
-    over = float(grid[int(np.argmin([left(value) for value in grid]))])
+    over = float(grid[int(np.argmin([left(speed) for speed in grid]))])
 
     # Linear parameters at that speed
     A = columns(over)
@@ -213,10 +213,10 @@ class FrictionMotion:
         Raises:
             ConfigurationError: a number is not finite or not > 0.
         """
-        for name, value in (("swing", swing), ("slow", slow), ("fast", fast), ("period", period)):
-            if not (np.isfinite(value) and value > 0.0):
+        for name, number in (("swing", swing), ("slow", slow), ("fast", fast), ("period", period)):
+            if not (np.isfinite(number) and number > 0.0):
                 raise ConfigurationError(
-                    f"friction motion {name}: must be finite and > 0, got {value}"
+                    f"friction motion {name}: must be finite and > 0, got {number}"
                 )
 
         self.period = period

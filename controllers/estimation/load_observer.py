@@ -91,10 +91,10 @@ class LoadObserver:
         Raises:
             ConfigurationError: a time is not finite or not > 0.
         """
-        for name, value in (("period", period), ("time_constant", time_constant)):
-            if not (np.isfinite(value) and value > 0.0):
+        for name, number in (("period", period), ("time_constant", time_constant)):
+            if not (np.isfinite(number) and number > 0.0):
                 raise ConfigurationError(
-                    f"load observer {name}: must be finite and > 0 s, got {value}"
+                    f"load observer {name}: must be finite and > 0 s, got {number}"
                 )
 
         vehicle = Vehicle.of(model)
@@ -212,16 +212,16 @@ def _observe(arm, bare, gears, hull, seen, timing, state):
     # Residual of the momentum
     for j in range(n):
         p[j] += gears.armature[j] * qd[j]
-        now = turning[j] - (static[j] - velocity[j]) - gears.viscous[j] * qd[j] - dry[j]
+        present = turning[j] - (static[j] - velocity[j]) - gears.viscous[j] * qd[j] - dry[j]
         if first:
             integral[j] = p[j]
             tau_e[j] = 0.0
         else:
             # Motor torques are constant over a step. All other terms vary: the trapezoidal rule is
             # second order.
-            integral[j] += dt * (tau_motor[j] + 0.5 * (known[j] + now) + tau_e[j])
+            integral[j] += dt * (tau_motor[j] + 0.5 * (known[j] + present) + tau_e[j])
             tau_e[j] = gain * (p[j] - integral[j])
-        known[j] = now
+        known[j] = present
 
 
 @kernel
@@ -387,9 +387,9 @@ class MomentumObserver(TorqueResidual):
         )
 
         reversal = tuning.gears.reversal
-        wanted = drives.qd_wanted
+        qd_wanted = drives.qd_wanted
         dry_friction(
-            dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction
+            dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, qd_wanted, state.friction
         )
 
         self._tare(state, reference)

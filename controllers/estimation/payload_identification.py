@@ -83,21 +83,21 @@ class PayloadIdentification:
         self._water = water
         self._step = step
 
-        own = arm.parameters
-        nb = own.layout.shape[1]
+        believed = arm.parameters
+        nb = believed.layout.shape[1]
 
         # The arm with the mass of one part only, and its water alone
-        parts = np.tile(own.numbers, (nb, 1))
+        parts = np.tile(believed.numbers, (nb, 1))
         for k, alone in enumerate(parts):
             for masses in arm.of_bodies(alone, "mass", "inertia"):
                 masses[np.arange(nb) != k] = 0.0
             for wet in arm.of_bodies(alone, "added", "linear", "quadratic", "buoyancy"):
                 wet[:] = 0.0
-        water_alone = own.numbers.copy()
+        water_alone = believed.numbers.copy()
         for heavy in arm.of_bodies(water_alone, "mass", "com", "inertia", "buoyancy"):
             heavy[:] = 0.0
 
-        self._terms = tuple(_Terms(own.layout, parts, water_alone, own.stations))
+        self._terms = tuple(_Terms(believed.layout, parts, water_alone, believed.stations))
         self._prior = np.concatenate(
             [np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]]
         )
@@ -143,8 +143,8 @@ class PayloadIdentification:
         """Estimated excess mass (nb,) [-] of each part, as a share of its mass, by all samples."""
         if state.count:
             self._take(state)
-        found = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
-        return found[: len(self._terms[1])]
+        solution = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
+        return solution[: len(self._terms[1])]
 
     def weighed(self, excess: Array) -> ArmParameters:
         """The arm with masses and inertias scaled by 1 + `excess` (nb,) [-]."""

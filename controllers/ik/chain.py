@@ -410,19 +410,19 @@ def _mjcf_fields(
         limits[i] = max(limits[i, 0], bounds[0]), min(limits[i, 1], bounds[1])
 
     # What is left, in the frame of the base
-    own = [i for i, j in enumerate(joints) if j not in followers]
-    ids = [joints[i] for i in own]
+    independent = [i for i, j in enumerate(joints) if j not in followers]
+    ids = [joints[i] for i in independent]
     X_W_base = pose(data.xmat[base].reshape(3, 3), data.xpos[base])
     X_W_tip = pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
     R_W_base = X_W_base[:3, :3]
     return {
-        "joint_types": "".join(types[i] for i in own),
+        "joint_types": "".join(types[i] for i in independent),
         "axes": readonly(data.xaxis[ids] @ R_W_base),
         "points": readonly((data.xanchor[ids] - X_W_base[:3, 3]) @ R_W_base),
-        "links": readonly(links[own] @ R_W_base),
+        "links": readonly(links[independent] @ R_W_base),
         "X_base_tip0": readonly(inverse(X_W_base) @ X_W_tip),
-        "limits": _checked_limits(limits[own], len(own)),
-        "names": tuple(names[i] for i in own),
+        "limits": _checked_limits(limits[independent], len(independent)),
+        "names": tuple(names[i] for i in independent),
     }
 
 
@@ -541,9 +541,9 @@ def _letters(joint_types: str | None, n: int) -> str:
 
 def _bounds(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     """Validate like `checked`, except that infinities mean "no limit"."""
-    given = real_array(values, name, f"{shape} numbers")
-    checked(np.nan_to_num(given, nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
-    return readonly(given)
+    bounds = real_array(values, name, f"{shape} numbers")
+    checked(np.nan_to_num(bounds, nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
+    return readonly(bounds)
 
 
 def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
@@ -600,8 +600,8 @@ def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) 
     if not isinstance(name, str) or not name.isprintable():  # None would crash MuJoCo
         raise ConfigurationError(f"{argument}: expected a name, got {shown(name)}")
 
-    found = mujoco.mj_name2id(model, kind, name)
-    if found < 0:
+    index = mujoco.mj_name2id(model, kind, name)
+    if index < 0:
         count = {
             mujoco.mjtObj.mjOBJ_BODY: model.nbody,
             mujoco.mjtObj.mjOBJ_SITE: model.nsite,
@@ -611,4 +611,4 @@ def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) 
         raise ConfigurationError(
             f"{argument}: the model has {', '.join(filter(None, known))}, got {shown(name)}"
         )
-    return found
+    return index

@@ -296,7 +296,7 @@ def skew_left(goal, tip):
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     real = goal.dtype.type
     half = real(0.5)
-    one = real(1.0)
+    unit = real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
@@ -317,7 +317,7 @@ def skew_left(goal, tip):
         + zx * vx
         + zy * vy
         + zz * vz
-        - one
+        - unit
     )
     return wx, wy, wz, cosine
 
@@ -334,7 +334,7 @@ def turn_left(goal, tip):
     """
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     real = goal.dtype.type
-    one = real(1.0)
+    unit = real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
@@ -342,15 +342,15 @@ def turn_left(goal, tip):
     wx, wy, wz, cosine = skew_left(goal, tip)
     sine2 = wx * wx + wy * wy + wz * wz
     if cosine > real(-0.99):
-        factor2 = real(2.0) / (one + cosine)  # chord^2 / sine^2
+        factor2 = real(2.0) / (unit + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
         return wx * factor, wy * factor, wz * factor, sine2 * factor2
 
     # Near half a turn the skew part vanishes, and R + 1 is nearly 2 a a^T: take its longest column
     # as the axis.
-    rx = one + xx * tx + yx * ux + zx * vx
-    ry = one + xy * ty + yy * uy + zy * vy
-    rz = one + xz * tz + yz * uz + zz * vz
+    rx = unit + xx * tx + yx * ux + zx * vx
+    ry = unit + xy * ty + yy * uy + zy * vy
+    rz = unit + xz * tz + yz * uz + zz * vz
 
     if rx >= ry and rx >= rz:
         ax, ay, az = rx, ty * xx + uy * yx + vy * zx, tz * xx + uz * yx + vz * zx

@@ -168,9 +168,9 @@ def damped_step(views, limited, damping, tip, error, weights):
 
     # L D L^T factorisation by columns, l = a / d; forward substitution of the right-hand side in
     # the same pass.
-    one = table.dtype.type(1.0)
+    unit = table.dtype.type(1.0)
     # Column 0
-    d = one / a00
+    d = unit / a00
     l1, l2, l3, l4, l5 = a10 * d, a20 * d, a30 * d, a40 * d, a50 * d
     a11 -= l1 * a10
     a21 -= l2 * a10
@@ -197,7 +197,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     y0 *= d
 
     # Column 1
-    d = one / a11
+    d = unit / a11
     m2, m3, m4, m5 = a21 * d, a31 * d, a41 * d, a51 * d
     a22 -= m2 * a21
     a32 -= m3 * a21
@@ -216,7 +216,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     y1 *= d
 
     # Column 2
-    d = one / a22
+    d = unit / a22
     n3, n4, n5 = a32 * d, a42 * d, a52 * d
     a33 -= n3 * a32
     a43 -= n4 * a32
@@ -230,7 +230,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     y2 *= d
 
     # Column 3
-    d = one / a33
+    d = unit / a33
     o4, o5 = a43 * d, a53 * d
     a44 -= o4 * a43
     a54 -= o5 * a43
@@ -240,7 +240,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     y3 *= d
 
     # Column 4
-    d = one / a44
+    d = unit / a44
     p5 = a54 * d
     a55 -= p5 * a54
     y5 -= p5 * y4
@@ -439,7 +439,7 @@ def trade(views, near, weights, trail, row):
     table, goal, _, work, past, q = views
     real = q.dtype.type
     none = real(0.0)
-    one = real(1.0)
+    unit = real(1.0)
     least = real(LEAST_RATIO)
     for i in range(q.shape[0]):
         past[i, KEPT] = q[i] = work[i, BEST]
@@ -449,13 +449,13 @@ def trade(views, near, weights, trail, row):
     whole = near.chord2 < real(np.inf)
     near_p = near.p2
     near_a = near.chord2 if whole else near.axis2
-    near_t = one if whole else near.turn2
+    near_t = unit if whole else near.turn2
     p = weights.position**2
     a = weights.axis**2
     t = none if whole else weights.turn**2
-    near_p = near_p if p > none else one
-    near_a = near_a if a > none else one
-    near_t = near_t if t > none else one
+    near_p = near_p if p > none else unit
+    near_a = near_a if a > none else unit
+    near_t = near_t if t > none else unit
 
     steps = 0
     for _ in range(TRADES):
@@ -502,12 +502,12 @@ def finish(views, near, weights, trail, row):
 
     real = views.q.dtype.type
     if weights is None:
-        one = real(1.0)
-        any_ = real(np.inf)
+        unit = real(1.0)
+        unbounded = real(np.inf)
         code, spent, left = trade(
             views,
-            PartsNear(near.p2, near.chord2, any_, any_),
-            Weights(one, one, one),
+            PartsNear(near.p2, near.chord2, unbounded, unbounded),
+            Weights(unit, unit, unit),
             trail,
             row + steps,
         )

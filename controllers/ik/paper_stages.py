@@ -323,8 +323,8 @@ def solve_plain(memory, X, q0, settings, trail, out):
     near_2 = real(settings.tol_2)
 
     along, across = stage_axes(table, settings.tip_axes, q, work)
-    wanted_along = goal_axis(goal, along)
-    wanted_across = goal_axis(goal, across)
+    target_along = goal_axis(goal, along)
+    target_across = goal_axis(goal, across)
     sweeps = 0
     best2 = real(np.inf)
 
@@ -364,13 +364,13 @@ def solve_plain(memory, X, q0, settings, trail, out):
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
-            if align(table, along, wanted_along, near_1, q, work) <= near_1:
+            if align(table, along, target_along, near_1, q, work) <= near_1:
                 break
 
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
-            if align(table, across, wanted_across, near_2, q, work) <= near_2:
+            if align(table, across, target_across, near_2, q, work) <= near_2:
                 break
 
     return hand_over(table, q, p2, chord2, code, sweeps, 0, out)

@@ -159,9 +159,12 @@ def weights_of(table, near):
     Returns:
         `Weights`; a part counts as the tighter of its own tolerance and that of the whole rotation.
     """
-    one = table.dtype.type(1.0)
+    unit = table.dtype.type(1.0)
     return scaled_weights(
-        table, one / near.p2, one / min(near.axis2, near.chord2), one / min(near.turn2, near.chord2)
+        table,
+        unit / near.p2,
+        unit / min(near.axis2, near.chord2),
+        unit / min(near.turn2, near.chord2),
     )
 
 
@@ -217,7 +220,7 @@ def tilt_left(table, goal, z):
         Three numbers in base axes, perpendicular to `z`, and the squared chord.
     """
     real = goal.dtype.type
-    one = real(1.0)
+    unit = real(1.0)
     two = real(2.0)
 
     # The tool axis of the goal
@@ -230,7 +233,7 @@ def tilt_left(table, goal, z):
     sine2 = tx * tx + ty * ty + tz * tz
     cosine = z[0] * ax + z[1] * ay + z[2] * az
     if cosine > real(OPPOSITE):
-        factor2 = two / (one + cosine)  # chord^2 / sine^2
+        factor2 = two / (unit + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
         return tx * factor, ty * factor, tz * factor, sine2 * factor2
 
@@ -264,7 +267,7 @@ def turn_about(goal, tip, z, axis2):
         The chord with its sign, and its square.
     """
     real = goal.dtype.type
-    one = real(1.0)
+    unit = real(1.0)
     two = real(2.0)
     wx, wy, wz, cosine = skew_left(goal, tip)
 
@@ -278,7 +281,7 @@ def turn_about(goal, tip, z, axis2):
 
     s, c = s / length, c / length
     turn = (
-        s * math.sqrt(two / (one + c))
+        s * math.sqrt(two / (unit + c))
         if c > real(OPPOSITE)
         else math.copysign(math.sqrt(two - two * c), s)
     )
@@ -390,8 +393,8 @@ def weighted_column(column, z, weights):
 @jit
 def parts_at(table, goal, q, work):
     """Squared errors at `q`, as in `PartsNear`."""
-    one = table.dtype.type(1.0)
-    return measured(table, goal, trace(table, q, work), Weights(one, one, one))[2]
+    unit = table.dtype.type(1.0)
+    return measured(table, goal, trace(table, q, work), Weights(unit, unit, unit))[2]
 
 
 @jit
@@ -411,16 +414,16 @@ def nearest_corner(table, goal, weights, above, work, q):
     """
     n = q.shape[0]
     least = q.dtype.type(np.inf)
-    found = 0
+    nearest = 0
 
     for corner in range(1 << n):
         at_corner(table, corner, q)
         _, error2, _ = measured(table, goal, trace(table, q, work), weights)
         if above < error2 < least:
             least = error2
-            found = corner
+            nearest = corner
 
-    at_corner(table, found, q)
+    at_corner(table, nearest, q)
     return least
 
 

@@ -134,8 +134,8 @@ def sweep(table, goal, weight, mode, q, work):
 
         # A slide moves the tip straight towards the goal
         if kind == SLIDE:
-            wanted = q[i] + (ex * (gx - px) + ey * (gy - py) + ez * (gz - pz)) / table[0, SCALE]
-            moved = min(max(wanted, lower), upper)
+            optimum = q[i] + (ex * (gx - px) + ey * (gy - py) + ez * (gz - pz)) / table[0, SCALE]
+            moved = min(max(optimum, lower), upper)
             d = table[0, SCALE] * (moved - q[i])
             q[i] = moved
             px += d * ex
@@ -184,11 +184,11 @@ def sweep(table, goal, weight, mode, q, work):
         if length < nothing:  # this joint cannot change the objective
             continue
         c, s = near / length, across / length
-        wanted = q[i] + math.atan2(across, near)
+        optimum = q[i] + math.atan2(across, near)
         moved = (
-            wanted if mode == THROUGH else admit(wanted, lower, upper, mode == WITHIN, full_turn)
+            optimum if mode == THROUGH else admit(optimum, lower, upper, mode == WITHIN, full_turn)
         )
-        if moved != wanted:
+        if moved != optimum:
             c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
         q[i] = moved
 

@@ -133,14 +133,14 @@ class Tracker:
             ConfigurationError: for a period, speed limit, nearness or tolerance that is not
                 positive and finite, or for an unknown passing, method or joint.
         """
-        given = {
+        positive = {
             "period": period,
             "near": near,
             "position_tolerance": position_tolerance,
             "orientation_tolerance": orientation_tolerance,
         }
 
-        for name, value in ((name, number(value, name)) for name, value in given.items()):
+        for name, value in ((name, number(value, name)) for name, value in positive.items()):
             if not (value > 0.0 and (np.isfinite(value) or name == "near")):
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
         if not orientation_tolerance < np.pi:
@@ -266,8 +266,8 @@ class Tracker:
         J[:, slides] /= self.chain._scale
 
         # The singular vector of the smallest singular value of a rank that the chain can have
-        _, values, motions = np.linalg.svd(J, full_matrices=False)
-        return float(values[self._rank - 1]), motions[self._rank - 1]
+        _, nearnesses, motions = np.linalg.svd(J, full_matrices=False)
+        return float(nearnesses[self._rank - 1]), motions[self._rank - 1]
 
     def _solve(
         self, target: Array, q0: Array, limits: Array

@@ -37,21 +37,23 @@ def _compiled(method: Method) -> Any:
         target = carray(X, (4, 4))
         start = carray(q0, n)
         out = carray(q, n)
-        said = carray(errors, 2)
+        residual = carray(errors, 2)
 
         axis = tol_r * 0.5**0.5
 
         if plain:
             settings = Settings(PLAIN, tol_p, tol_r, axis, axis, limit, 0, True, True)
-            code, _, _, said[0], said[1] = solve_plain(chain, target, start, settings, trail, out)
+            code, _, _, residual[0], residual[1] = solve_plain(
+                chain, target, start, settings, trail, out
+            )
         elif priority:
             settings = Settings(PRIORITY, tol_p, tol_r, axis, axis, limit, 0, True, False)
-            code, _, _, said[0], said[1] = solve_priority(
+            code, _, _, residual[0], residual[1] = solve_priority(
                 chain, target, start, settings, trail, out
             )
         else:
             settings = Settings(JACOBIAN_FREE, tol_p, tol_r, axis, axis, limit, 0, True, False)
-            code, _, _, said[0], said[1] = solve_jacobian_free(
+            code, _, _, residual[0], residual[1] = solve_jacobian_free(
                 chain, target, start, settings, trail, out
             )
 
@@ -83,9 +85,9 @@ def _call(
     def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
         number = ir.DoubleType()
         count = ir.IntType(64)
-        arrays = [builder.inttoptr(each, number.as_pointer()) for each in args[5:]]
+        arrays = [builder.inttoptr(address, number.as_pointer()) for address in args[5:]]
         kind = ir.FunctionType(
-            count, [count, number, number, count, *(each.type for each in arrays)]
+            count, [count, number, number, count, *(array.type for array in arrays)]
         )
 
         return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [*args[1:5], *arrays])
@@ -114,7 +116,7 @@ def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
     Returns:
         A code of `uuv.controllers.ik.chain_kernels`.
     """
-    places = chain.ctypes.data, X.ctypes.data, q0.ctypes.data, q.ctypes.data, errors.ctypes.data
+    addresses = chain.ctypes.data, X.ctypes.data, q0.ctypes.data, q.ctypes.data, errors.ctypes.data
 
     return _call_solver(
         address,
@@ -122,9 +124,9 @@ def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
         tolerances[0],
         tolerances[1],
         limit,
-        places[0],
-        places[1],
-        places[2],
-        places[3],
-        places[4],
+        addresses[0],
+        addresses[1],
+        addresses[2],
+        addresses[3],
+        addresses[4],
     )

@@ -140,13 +140,13 @@ class CarriedArm:
             )
 
             # Margins of the arm on this way
-            found = arm.along(track, hulls[0], 0.0)
-            if isinstance(found, Dropped):
-                if best is None and (furthest is None or found.reached > furthest.reached):
-                    furthest = found
+            outcome = arm.along(track, hulls[0], 0.0)
+            if isinstance(outcome, Dropped):
+                if best is None and (furthest is None or outcome.reached > furthest.reached):
+                    furthest = outcome
                 continue
 
-            worth = min(found.margin, 1.0) - self._side(start[HULL_JOINTS:])
+            worth = min(outcome.margin, 1.0) - self._side(start[HULL_JOINTS:])
             if worth <= most:
                 continue
             most = worth
@@ -155,8 +155,8 @@ class CarriedArm:
                 X_WB=hulls[0],
                 travel_W=readonly(hulls[-1][:3, 3] - hulls[0][:3, 3]),
                 roll=roll,
-                q_start=found.q_start,
-                margin=found.margin,
+                q_start=outcome.q_start,
+                margin=outcome.margin,
                 reached=1.0,
                 way=_way(shares, hulls),
             )
@@ -190,7 +190,7 @@ class CarriedArm:
 
         # Working postures of the arm, the roomiest first
         z_W = X_WG[:3, 2]
-        found = []
+        candidates = []
         for q in postures:
             X_BG = self.vehicle.X_BA @ self.chain.kinematics(q)[0]
             J = self.chain.kinematics(q)[1]
@@ -207,13 +207,13 @@ class CarriedArm:
             bent = float(np.linalg.svd(J[:3], compute_uv=False)[-1])
             margin = min(room, 1.0 - float(push.max()), bent / (BENT * reach(self.chain)))
 
-            found.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
+            candidates.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
 
-        found.sort(key=lambda each: -each[0])
+        candidates.sort(key=lambda candidate: -candidate[0])
 
         # Position and heading of the hull for each, with hull and arm as one chain
-        kept = 0
-        for _, q, X_BG in found:
+        fitting = 0
+        for _, q, X_BG in candidates:
             fits = False
             for yaw in self._yaws(X_BG[:3, 2], z_W):
                 R_WB = exp_so3([0.0, 0.0, yaw])
@@ -235,8 +235,8 @@ class CarriedArm:
                     yield result.q
                     fits = True
 
-            kept += fits
-            if kept >= _KEPT:
+            fitting += fits
+            if fitting >= _KEPT:
                 return
 
     def _side(self, q: Array) -> float:
@@ -269,8 +269,8 @@ class CarriedArm:
         for way in (range(middle, len(poses)), range(middle, -1, -1)):
             joints = start
             for i in way:
-                wanted = poses[i] if keeps_x else self._round(whole, joints, poses[i])
-                met = solve(whole, wanted, joints, _POSITION, _TILT, "priority", options=_STEPS)
+                target = poses[i] if keeps_x else self._round(whole, joints, poses[i])
+                met = solve(whole, target, joints, _POSITION, _TILT, "priority", options=_STEPS)
                 if not met.converged:
                     return None
                 joints = met.q

@@ -80,7 +80,7 @@ class HullPath:
         has. Otherwise the first detour that does, the shortest detours first. If none does, the
         path with the largest clearance.
         """
-        wanted = min(self._clearance, self.gap(X_from), self.gap(X_to))
+        clearance = min(self._clearance, self.gap(X_from), self.gap(X_to))
         best = [X_to]
         widest = -np.inf
 
@@ -89,7 +89,7 @@ class HullPath:
             if gap > widest:
                 best = way
                 widest = gap
-            if gap >= wanted - 1e-9:
+            if gap >= clearance - 1e-9:
                 break
         return best
 

@@ -169,17 +169,17 @@ def place_hull(
         better = False
         for roll, track in zip(rolls, tracks, strict=True):
             to_beat = (1.0 + _BETTER) * best.margin if best else 0.0
-            found = arm.along(track, X_WB, to_beat)
-            if isinstance(found, Dropped):
-                if best is None and (furthest is None or found.reached > furthest.reached):
-                    furthest = found
-            elif found.margin > to_beat:
+            outcome = arm.along(track, X_WB, to_beat)
+            if isinstance(outcome, Dropped):
+                if best is None and (furthest is None or outcome.reached > furthest.reached):
+                    furthest = outcome
+            elif outcome.margin > to_beat:
                 best = Placement(
                     X_WB=X_WB,
                     travel_W=travel_W,
                     roll=roll,
-                    q_start=found.q_start,
-                    margin=found.margin,
+                    q_start=outcome.q_start,
+                    margin=outcome.margin,
                     reached=1.0,
                 )
                 best_yaw = yaw
@@ -416,7 +416,7 @@ class PathStanding:
                 break
             shorter = middle_part(whole, share)
             try:
-                found = place_hull(
+                placement = place_hull(
                     self.vehicle,
                     self.chain,
                     shorter,
@@ -431,8 +431,8 @@ class PathStanding:
                 failure = failure or error
                 continue
 
-            if best is None or found.margin > best[0].margin:
-                best = found, shorter, share
+            if best is None or placement.margin > best[0].margin:
+                best = placement, shorter, share
             if best[0].margin >= limits.roomy:
                 break
 

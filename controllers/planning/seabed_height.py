@@ -190,7 +190,7 @@ def choose_height(
                         hit = True
                         continue
 
-                    found = Placement(
+                    placement = Placement(
                         X_WB=readonly(X),
                         travel_W=readonly(np.zeros(3)),
                         roll=roll,
@@ -199,7 +199,7 @@ def choose_height(
                         reached=1.0,
                     )
                     best = WorkHeight(
-                        placement=found,
+                        placement=placement,
                         aside=aside,
                         hull_gap=gap,
                         jet_height=over,

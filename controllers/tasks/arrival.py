@@ -154,8 +154,8 @@ class ScanTarget(Phase):
             return ""
 
         way = max(
-            float(np.linalg.norm(one.X_WT[:3, 3] - other.X_WT[:3, 3]))
-            for one in finds
+            float(np.linalg.norm(find.X_WT[:3, 3] - other.X_WT[:3, 3]))
+            for find in finds
             for other in finds
         )
         return (
@@ -230,8 +230,8 @@ def _common(finds: Sequence[Target]) -> Array:
 def _agreeing(finds: Sequence[Target]) -> Sequence[Target]:
     """The most finds that agree with one of them; of equal groups, the one around the newest."""
     best: Sequence[Target] = ()
-    for one in reversed(finds):
-        group = [other for other in finds if _agree(one, other)]
+    for find in reversed(finds):
+        group = [other for other in finds if _agree(find, other)]
         if len(group) > len(best):
             best = group
     return best

@@ -60,8 +60,8 @@ class GuardedApproach(Phase):
         if self._distance is not None:
             depth = limits.standoff - self._distance
             if touched:
-                said = "the tool touched something on its way to the distance that it is to keep"
-                return Abort(AbortCode.OBSTACLE, said)
+                reason = "the tool touched something on its way to the distance that it is to keep"
+                return Abort(AbortCode.OBSTACLE, reason)
             self._advance(held, now, depth)
             if held.depth < depth:
                 return None
@@ -85,9 +85,9 @@ class GuardedApproach(Phase):
     def _advance(self, held: Held, now: Context, depth: float) -> None:
         """One period, at `touch_speed` from `guard` before `depth` [m] on."""
         limits = self._limits
-        wanted = limits.speed if held.depth < depth - limits.guard else limits.touch_speed
+        speed = limits.speed if held.depth < depth - limits.guard else limits.touch_speed
         held.speed = towards(
-            held.speed, 0.0 if now.paused else wanted, limits.acceleration * now.period
+            held.speed, 0.0 if now.paused else speed, limits.acceleration * now.period
         )
         held.depth += held.speed * now.period
 
@@ -166,8 +166,10 @@ class Press(Phase):
         if self._tip is not None and state.p_WG is not None:
             yielded = float((self._tip(now.estimate) - state.p_WG) @ held.tool()[0][:3, 2])
             if yielded > limits.gives_way:
-                said = f"the surface gives way: {1e3 * yielded:.0f} mm under {max(felt, 0.0):.0f} N"
-                return Abort(AbortCode.GIVES_WAY, said)
+                reason = (
+                    f"the surface gives way: {1e3 * yielded:.0f} mm under {max(felt, 0.0):.0f} N"
+                )
+                return Abort(AbortCode.GIVES_WAY, reason)
 
         # Reached: within a share of it, or within the noise of the estimate.
         noise = limits.noise * now.normal_sigma if math.isfinite(now.normal_sigma) else 0.0
@@ -181,11 +183,11 @@ class Press(Phase):
         if now.time - state.set_since > limits.held or (late and not self._insist):
             return PhaseEvent.DONE
         if late:
-            said = (
+            reason = (
                 f"the force did not settle at {set_force:g} N within {limits.within:g} s: "
                 f"{felt:.1f} N"
             )
-            return Abort(AbortCode.FORCE_NOT_REACHED, said)
+            return Abort(AbortCode.FORCE_NOT_REACHED, reason)
         return None
 
     def setpoint(self, state: PressState, held: Held, now: Context) -> Setpoint:

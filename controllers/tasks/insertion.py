@@ -103,7 +103,7 @@ class InsertionJob(InsertionSettings):
 
     def __post_init__(self) -> None:
         axial = self.axial
-        for name, value in (
+        for name, number in (
             ("depth", self.depth),
             ("standoff", axial.standoff),
             ("speed", axial.speed),
@@ -112,8 +112,8 @@ class InsertionJob(InsertionSettings):
             ("force", self.force),
             ("search_force", self.search.force),
         ):
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f"insertion {name}: must be > 0, got {value}")
+            if not (math.isfinite(number) and number > 0.0):
+                raise ConfigurationError(f"insertion {name}: must be > 0, got {number}")
 
         if self.force > 0.5 * axial.force_limit:
             raise ConfigurationError(
@@ -264,8 +264,8 @@ class SpiralSearch(AxialPhase):
         if held.depth > state.touched_at + search.dip:
             return PhaseEvent.DONE
         if radius > search.radius:
-            said = f"no hole within {search.radius * 1e3:.0f} mm of where it was found"
-            return Abort(AbortCode.HOLE_NOT_FOUND, said)
+            reason = f"no hole within {search.radius * 1e3:.0f} mm of where it was found"
+            return Abort(AbortCode.HOLE_NOT_FOUND, reason)
         return None
 
 

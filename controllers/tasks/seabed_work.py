@@ -72,7 +72,7 @@ class SeabedJob(SeabedSettings):
     scans: int = 3  # views taken before giving up
 
     def __post_init__(self) -> None:
-        for name, value in (
+        for name, number in (
             ("depth", self.depth),
             ("push", self.push),
             ("guard", self.guard),
@@ -80,8 +80,8 @@ class SeabedJob(SeabedSettings):
             ("drag_speed", self.drag_speed),
             ("approach_speed", self.axial.approach_speed),
         ):
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f"seabed job {name}: must be > 0, got {value}")
+            if not (math.isfinite(number) and number > 0.0):
+                raise ConfigurationError(f"seabed job {name}: must be > 0, got {number}")
 
         limit = self.axial.force_limit
         if self.push > 0.5 * limit:
@@ -115,8 +115,8 @@ class Penetrate(AxialPhase):
 
         if held.depth < job.depth:
             return None
-        said = f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N"
-        return Abort(AbortCode.TUBE_FULL, said)
+        reason = f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N"
+        return Abort(AbortCode.TUBE_FULL, reason)
 
 
 class Drag(AxialPhase):
@@ -183,7 +183,7 @@ class SeabedWork(TaskPlanner):
                 )
 
             sunk = replace(path, p=readonly(path.p + job.depth * path.z)) if job.drag else path
-            found = choose_height(
+            height = choose_height(
                 own,
                 sunk,
                 ground=target.ground,
@@ -192,7 +192,7 @@ class SeabedWork(TaskPlanner):
                 standoff=job.axial.standoff + (job.depth if job.drag else 0.0),
                 search=search,
             )
-            return found.placement, path, 1.0
+            return height.placement, path, 1.0
 
         self.stand = stand
         limits = ArrivalLimits(scan=ScanLimits(views=job.scans, finds=1))

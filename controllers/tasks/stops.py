@@ -68,9 +68,9 @@ class Stops:
                 self.since = now.time
                 self.said = self._message(now)
         elif now.time - self.since >= limits.lasting:
-            said = self._message(now)
+            message = self._message(now)
             self.end()
-            self.said = said
+            self.said = message
             return False
 
         if math.isinf(self.since) and self.still > limits.patience:

@@ -292,8 +292,8 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
 
     def too_hard(held: Held, now: Context) -> str:
         allowed = (1.0 + limits.excess) * held.set_force + touch
-        said = f"the force cannot be held: {now.normal:.0f} N felt, {held.set_force:.0f} N set"
-        return said if now.normal > allowed else ""
+        reason = f"the force cannot be held: {now.normal:.0f} N felt, {held.set_force:.0f} N set"
+        return reason if now.normal > allowed else ""
 
     def lost(held: Held, now: Context) -> str:
         del held

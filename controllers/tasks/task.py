@@ -182,26 +182,26 @@ class TaskPlanner:
         row = self._rows[state.row]
         held = state.held
         abort = state.abort
-        asked = row.phase.setpoint(state.phase, held, now)
+        setpoint = row.phase.setpoint(state.phase, held, now)
 
         return Reference(
             time=now.time,
             state=WorkState.ABORT if row.work is WorkState.DONE and abort is not None else row.work,
             X_WB=held.X_WB,
-            v_WB_W=asked.v_WB_W,
-            w_WB_W=asked.w_WB_W,
-            X_WG=asked.X_WG,
-            v_WG_W=asked.v_WG_W,
-            w_WG_W=asked.w_WG_W,
+            v_WB_W=setpoint.v_WB_W,
+            w_WB_W=setpoint.w_WB_W,
+            X_WG=setpoint.X_WG,
+            v_WG_W=setpoint.v_WG_W,
+            w_WG_W=setpoint.w_WG_W,
             q=held.q,
-            qd=np.zeros(len(held.q)) if asked.qd is None else asked.qd,
-            set_force=asked.set_force,
-            force_control=asked.force_control,
-            compliant=asked.compliant,
-            standing=asked.standing,
-            tare=asked.tare,
-            scan=asked.scan,
-            touch=asked.touch,
+            qd=np.zeros(len(held.q)) if setpoint.qd is None else setpoint.qd,
+            set_force=setpoint.set_force,
+            force_control=setpoint.force_control,
+            compliant=setpoint.compliant,
+            standing=setpoint.standing,
+            tare=setpoint.tare,
+            scan=setpoint.scan,
+            touch=setpoint.touch,
             # for the report
             path_s=self.path_s(held),
             abort=None if abort is None else abort.code,
@@ -210,5 +210,5 @@ class TaskPlanner:
             lost_thrust=tuple(fault.thrust for fault in state.lost_thrusters),
             target=held.target,
             promise=held.promise,
-            at_rest=asked.at_rest,
+            at_rest=setpoint.at_rest,
         )

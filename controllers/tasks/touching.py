@@ -70,9 +70,9 @@ def draw_touches(
     """
     out = []
     for k, nest in enumerate(nests):
-        found: list[tuple[Array, Touch]] = []
+        reachable: list[tuple[Array, Touch]] = []
         for _ in range(tries):
-            if len(found) == count:
+            if len(reachable) == count:
                 break
 
             R_WG = _direction(nest.z_WN, cone, rng)
@@ -82,18 +82,18 @@ def draw_touches(
             )
 
             if over.converged and seated.converged:
-                found.append((over.q, Touch(nest=k, R_WG=R_WG)))
+                reachable.append((over.q, Touch(nest=k, R_WG=R_WG)))
 
-        if len(found) < count:
+        if len(reachable) < count:
             raise ReachError(
-                f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(found)} of {count} directions "
-                "within reach"
+                f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(reachable)} of {count} "
+                "directions within reach"
             )
 
         # In the order of nearest joint angles
         at = q_start
-        while found:  # next the one nearest in joint angles
-            q, touch = found.pop(int(np.argmin([np.abs(q - at).max() for q, _ in found])))
+        while reachable:  # next the one nearest in joint angles
+            q, touch = reachable.pop(int(np.argmin([np.abs(q - at).max() for q, _ in reachable])))
             out.append(touch)
             at = q
     return out
@@ -142,8 +142,8 @@ class TouchJob:
         """Present touch, its nest, and p_WN (3,) by the arm model, corrected by past touches."""
         touch = self.touches[plan.at]
         nest = self.nests[touch.nest]
-        found = plan.offsets.get(touch.nest)
-        return touch, nest, nest.p_WN if not found else nest.p_WN + np.mean(found[-5:], axis=0)
+        offsets = plan.offsets.get(touch.nest)
+        return touch, nest, nest.p_WN if not offsets else nest.p_WN + np.mean(offsets[-5:], axis=0)
 
     def way(self, plan: TouchProgress, q: Array) -> list[Array]:
         """Joint angles (n,) to pass to over the next nest, or back to the ready posture at the end.
@@ -221,11 +221,11 @@ class MoveOver(Phase):
         if t >= state.duration + (0.3 if len(state.way) == 1 else 0.0):
             if len(state.way) == 1:
                 return PhaseEvent.MORE
-            begun = self._depart(state.way[1:], held, now)
-            state.way = begun.way
-            state.since = begun.since
-            state.q_from = begun.q_from
-            state.duration = begun.duration
+            departure = self._depart(state.way[1:], held, now)
+            state.way = departure.way
+            state.since = departure.since
+            state.q_from = departure.q_from
+            state.duration = departure.duration
             t = 0.0
 
         # Quintic from rest to rest

@@ -139,7 +139,6 @@ class Tracker:
             "position_tolerance": position_tolerance,
             "orientation_tolerance": orientation_tolerance,
         }
-
         for name, value in ((name, number(value, name)) for name, value in positive.items()):
             if not (value > 0.0 and (np.isfinite(value) or name == "near")):
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
@@ -149,18 +148,7 @@ class Tracker:
                 f"{orientation_tolerance:g}"
             )
 
-        speeds = real_array(speed_limits, "speed_limits")
-        speeds = checked(
-            np.broadcast_to(speeds, (chain.n,)) if speeds.ndim == 0 else speeds,
-            (chain.n,),
-            "speed_limits",
-        )
-
-        if not np.all(speeds > 0.0):
-            raise ConfigurationError(
-                f"speed_limits: every one must be positive, got {speeds.tolist()}"
-            )
-
+        speeds = _checked_speeds(speed_limits, chain.n)
         one_of(passing, get_args(Passing), "passing")
         one_of(method, get_args(Method), "method")
         if hold_joint is not None:
@@ -184,7 +172,6 @@ class Tracker:
             "jacobian_free": kernels.JACOBIAN_FREE,
             "priority": kernels.PRIORITY,
         }
-
         self._settings = kernels.Settings(
             kinds.get(method, kernels.HYBRID), tol_p, tol_r, axis, axis, _STEPS, 0, True, False
         )
@@ -361,6 +348,17 @@ def track(
         way=tuple(step.way for step in steps),
         restricted=np.array([step.restricted for step in steps]),
     )
+
+
+def _checked_speeds(speed_limits: ArrayLike, n: int) -> Array:
+    """Speed limits (n,) [rad/s] or [m/s], one for each joint."""
+    speeds = real_array(speed_limits, "speed_limits")
+    speeds = checked(
+        np.broadcast_to(speeds, (n,)) if speeds.ndim == 0 else speeds, (n,), "speed_limits"
+    )
+    if not np.all(speeds > 0.0):
+        raise ConfigurationError(f"speed_limits: every one must be positive, got {speeds.tolist()}")
+    return speeds
 
 
 def _generic_rank(chain: Chain) -> int:

@@ -6,14 +6,14 @@
 This module is the public interface. Chains are built in `uuv.controllers.ik.chain`, pose sequences
 are tracked in `uuv.controllers.ik.tracking`. The compiled loops are in `uuv.controllers.ik`:
 `chain_kernels`, `damped_descent` (hybrid), `sweeps` (jacobian_free), `paper_stages` (plain),
-`priorities` (priority).
+`priorities` (priority); options are in `options`.
 """
 
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, NoReturn, get_args
+from dataclasses import dataclass
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,17 @@ from uuv.controllers.ik.chain import Chain
 from uuv.controllers.ik.damped_descent import MOST_AFTER
 from uuv.controllers.ik.entries import entry
 from uuv.controllers.ik.method import Method
-from uuv.controllers.ik.pose_parts import PartTolerances, count_alike
+from uuv.controllers.ik.options import (
+    METHODS,
+    MOST,
+    Branch,
+    IkOptions,
+    Precision,
+    StageAxes,
+    Tolerances,
+    solver_settings,
+)
+from uuv.controllers.ik.pose_parts import PartTolerances
 from uuv.controllers.ik.tracking import Track, Tracker, TrackState, TrackStep, track
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import (
@@ -31,12 +41,9 @@ from uuv.sim.interfaces.spatial import (
     checked,
     log_so3,
     not_a_pose,
-    number,
-    one_of,
     readonly,
     real_array,
     shown,
-    whole_number,
 )
 
 __all__ = [
@@ -57,21 +64,14 @@ __all__ = [
     "track",
 ]
 
-Branch = Literal["free", "keep"]
-Precision = Literal["double", "single"]
-StageAxes = Literal["joint", "tip"]
-
-_METHODS = get_args(Method)
-# largest number of iterations by default; sweeps are cheap
-_MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000, "priority": 400}
-_MOST_HYBRID = _MOST["hybrid"]
-_MOST_COUNTED = 10**9  # largest number of iterations or restarts that may be asked for
-_MOST_THREADS = 1024  # largest number of threads that may be asked for
-_MOST_KEPT = 10**6  # largest number of iterations in a history, which is allocated beforehand
+_MOST_HYBRID = MOST["hybrid"]
 _CHUNK = 64  # targets per task of a thread in `solve_many`
 _SINGLE_MARGIN = 0.7  # share of the tolerances that errors computed in single precision must meet
-_CONVERGED, _BAD_TARGET, _NAN = kernels.CONVERGED, kernels.BAD_TARGET, math.nan
-_new, _empty = tuple.__new__, np.empty
+_CONVERGED = kernels.CONVERGED
+_BAD_TARGET = kernels.BAD_TARGET
+_NAN = math.nan
+_new = tuple.__new__
+_empty = np.empty
 
 
 class IkResult(NamedTuple):  # constructing a frozen dataclass would take as long as a warm solve
@@ -110,63 +110,6 @@ _RESTARTED = "converged after restarts: the branch may not be that of q0"
 _COARSE = "single precision does not resolve these tolerances here; this is the nearest pose found"
 _NO_OUTCOME = (kernels.BAD_OPTION, 0, 0, 0.0, 0.0)
 _quick: dict[str, Any] = {}  # compiled entries for the usual options, by branch
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IkOptions:
-    """Options of `solve` and `solve_many` that few calls need.
-
-    Raises:
-        ConfigurationError: for an unknown word, or a number out of its range.
-    """
-
-    max_iterations: int | None = None  # default 4000, 12000 for "jacobian_free"
-    max_restarts: int = 200  # "plain" makes none, nor does branch="keep"
-    # Of `solve`: "single" iterates in four-byte numbers and tests the solution in double precision.
-    precision: Precision = "double"
-    # Of `solve`: also return the joint values after every iteration and their three goals [Danilov
-    # 2021, fig. 9].
-    history: bool = False
-    threads: int | None = None  # of `solve_many`; default the cores that this process may use
-    # (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is
-    # then within `orientation_tolerance`. The other methods take the smaller of the two for the
-    # whole rotation.
-    stage_tolerances: tuple[float, float] | None = None
-    # Axes that the stages of "plain" align. "tip": the tip's own z and x, as in [Danilov 2021].
-    # "joint": the last joint's axis and one perpendicular to it; better for a tool that is oblique
-    # to this axis, and without limits.
-    stage_axes: StageAxes = "tip"
-    usual: bool = field(init=False, repr=False)  # only the iterations and restarts are limited
-
-    def __post_init__(self) -> None:
-        one_of(self.precision, get_args(Precision), "precision")
-        one_of(self.stage_axes, get_args(StageAxes), "stage_axes")
-        if not isinstance(self.history, bool | np.bool_):
-            raise ConfigurationError(f"history: must be True or False, got {shown(self.history)}")
-
-        most, name = (
-            (_MOST_KEPT, "max_iterations with history")
-            if self.history
-            else (_MOST_COUNTED, "max_iterations")
-        )
-
-        if self.max_iterations is not None:
-            whole_number(self.max_iterations, name, least=1, most=most)
-        whole_number(self.max_restarts, "max_restarts", most=_MOST_COUNTED)
-        if self.threads is not None:
-            whole_number(self.threads, "threads", least=1, most=_MOST_THREADS)
-
-        if self.stage_tolerances is not None:
-            both = real_array(self.stage_tolerances, "stage_tolerances [rad]", "two numbers")
-            if both.shape != (2,):
-                raise ConfigurationError(
-                    f"stage_tolerances [rad]: expected two numbers, got shape {both.shape}"
-                )
-            for value in both.tolist():
-                _tolerance(value, "stage_tolerances [rad]")
-
-        usual = self.precision == "double" and not self.history and self.stage_tolerances is None
-        object.__setattr__(self, "usual", usual)
 
 
 _USUAL = IkOptions()
@@ -268,103 +211,13 @@ def solve(
                 (q, done, iterations, error_p, error_r, cause, restarts, None, None, _NAN, _NAN),
             )
 
-    tolerances = _Tolerances(
+    tolerances = Tolerances(
         position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance
     )
-    settings, parts = _settings(chain, tolerances, method, branch, options)
-    target, start = _as_array(X_base_tip, (4, 4), "X_base_tip"), _as_array(q0, (chain.n,), "q0")
+    settings, parts = solver_settings(chain, tolerances, method, branch, options)
+    target = _as_array(X_base_tip, (4, 4), "X_base_tip")
+    start = _as_array(q0, (chain.n,), "q0")
     return _solve(chain, target, start, settings, parts, options)
-
-
-def _tolerance(value: Any, name: str) -> float:
-    """Return `value` if it is > 0; infinity means that this error does not count."""
-    given = number(value, name)
-
-    if not given > 0.0:
-        raise ConfigurationError(f"{name}: must be positive, got {given:g}")
-    return given
-
-
-class _Tolerances(NamedTuple):
-    """Tolerances as given to `solve`."""
-
-    position: Any  # [m]
-    orientation: Any  # [rad]
-    axis: Any  # [rad] or None
-    turn: Any  # [rad] or None
-
-
-def _settings(
-    chain: Chain, tolerances: _Tolerances, method: str, branch: str, options: IkOptions
-) -> tuple[kernels.Settings, PartTolerances | None]:
-    """Validated options for the compiled loops; the parts are None unless they count apart."""
-    one_of(method, _METHODS, "method")
-    one_of(branch, get_args(Branch), "branch")
-    if not isinstance(options, IkOptions):
-        raise ConfigurationError(f"options: expected IkOptions, got {shown(options)}")
-    if method == "priority" and options.precision == "single":
-        raise ConfigurationError(
-            'precision: "priority" iterates in double precision only, got "single"'
-        )
-
-    tol_p = _tolerance(tolerances.position, "position_tolerance [m]")
-    tol_r = _tolerance(tolerances.orientation, "orientation_tolerance [rad]")
-    axis = tol_r if tolerances.axis is None else _tolerance(tolerances.axis, "axis_tolerance [rad]")
-    turn = tol_r if tolerances.turn is None else _tolerance(tolerances.turn, "turn_tolerance [rad]")
-
-    split = tolerances.axis is not None or tolerances.turn is not None
-    tol_1 = tol_2 = tol_r * 0.5**0.5
-    if options.stage_tolerances is not None:
-        tol_1, tol_2 = map(float, options.stage_tolerances)
-        tol_r = min(tol_1, tol_2)  # a rotation error within this keeps both axes within theirs
-
-    counted = (
-        {"axis_tolerance": axis, "turn_tolerance": turn}
-        if split
-        else {"orientation_tolerance": tol_r}
-    )
-    if tol_p == math.inf and all(each >= math.pi for each in counted.values()):
-        raise ConfigurationError(
-            f"position_tolerance, {', '.join(counted)}: at least one must be finite (an angle "
-            "below pi), or no part of"
-            " the pose counts"
-        )
-
-    parts = None
-    if method == "hybrid":
-        if split:
-            parts, tol_r = PartTolerances(axis, turn), math.inf
-        elif not count_alike(chain._scale, tol_p, tol_r):
-            parts = PartTolerances(math.inf, math.inf)
-    elif method == "priority":
-        if tol_p == math.inf:
-            raise ConfigurationError(
-                'position_tolerance: "priority" puts the position first, got inf; "hybrid" need not'
-            )
-        if tolerances.turn is not None and turn < math.pi:
-            raise ConfigurationError(
-                f'turn_tolerance: "priority" never counts the turn, got {turn:g}; "hybrid" does'
-            )
-        tol_r = axis
-    elif split or tol_p == math.inf or tol_r >= math.pi:
-        raise ConfigurationError(
-            f'method: {method!r} solves for whole poses; "hybrid" solves for a part of a pose, '
-            "which an infinite"
-            " tolerance, axis_tolerance or turn_tolerance ask for"
-        )
-
-    settings = kernels.Settings(
-        method=_METHODS.index(method),
-        tol_p=tol_p,
-        tol_r=tol_r,
-        tol_1=tol_1,
-        tol_2=tol_2,
-        limit=int(_MOST[method] if options.max_iterations is None else options.max_iterations),
-        restarts=int(options.max_restarts),
-        keep=branch == "keep",
-        tip_axes=options.stage_axes == "tip",
-    )
-    return settings, parts
 
 
 def _solve(
@@ -376,7 +229,8 @@ def _solve(
     options: IkOptions,
 ) -> IkResult:
     # Memory, tolerances and trail of the compiled loop
-    history, single = bool(options.history), options.precision == "single"
+    history = bool(options.history)
+    single = options.precision == "single"
     memory = chain.single() if single else chain._memory
     q = np.empty(chain.n)
 
@@ -384,8 +238,8 @@ def _solve(
     trail = np.empty((rows, chain.n))
     used = settings
     if single:
-        p, r, one, two = (_SINGLE_MARGIN * tol for tol in settings[1:5])
-        used = settings._replace(tol_p=p, tol_r=r, tol_1=one, tol_2=two)
+        tol_p, tol_r, tol_1, tol_2 = (_SINGLE_MARGIN * tol for tol in settings[1:5])
+        used = settings._replace(tol_p=tol_p, tol_r=tol_r, tol_1=tol_1, tol_2=tol_2)
 
     # By parts, by the usual entry, or by one that keeps a trail
     outcome: tuple[int, int, int, float, float]
@@ -404,7 +258,7 @@ def _solve(
         )
     else:
         traced = "traced_keep" if settings.keep else "traced_hybrid"
-        name = traced if settings.method == kernels.HYBRID else _METHODS[settings.method]
+        name = traced if settings.method == kernels.HYBRID else METHODS[settings.method]
         outcome = entry(name, memory.dtype)(memory, target, start, used, trail, q)
 
     code, iterations, restarts, error_p, error_r = outcome
@@ -417,16 +271,20 @@ def _solve(
         error_p, error_r, axis, turn = _errors(chain, q, target)
         met = error_p <= settings.tol_p and error_r <= settings.tol_r
         if parts is not None:
-            met, split = met and axis <= parts.axis and turn <= parts.turn, (axis, turn)
+            met = met and axis <= parts.axis and turn <= parts.turn
+            split = axis, turn
         if code == _CONVERGED and not met:
-            code, cause = kernels.STALLED, _COARSE
+            code = kernels.STALLED
+            cause = _COARSE
 
     path = goals = None
     if history:
         trail[iterations] = q  # without convergence the result is the best iterate, not the last
-        trail, goals = trail[: iterations + 1], np.empty((iterations + 1, 3))
+        trail = trail[: iterations + 1]
+        goals = np.empty((iterations + 1, 3))
         entry("goals")(chain._memory, target, settings.tip_axes, trail, goals)
-        path, goals = readonly(trail), readonly(goals)
+        path = readonly(trail)
+        goals = readonly(goals)
 
     return IkResult(
         q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals, *split
@@ -506,35 +364,19 @@ def solve_many(
         ConfigurationError: as `solve`, and for history or single precision; it names the first bad
             row, and no other row is returned.
     """
-    targets = _stack(X_base_tip, "X_base_tip")
-    count = len(targets) if targets.ndim == 3 else 0
-    if targets.shape != (count, 4, 4):
-        raise ConfigurationError(f"X_base_tip: expected shape (N, 4, 4), got {targets.shape}")
+    targets, starts = _stacks(chain, X_base_tip, q0)
+    count = len(targets)
 
-    starts = _stack(q0, "q0")
-    if starts.shape not in ((chain.n,), (count, chain.n)):
-        raise ConfigurationError(
-            f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}"
-        )
-
-    starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
-    tolerances = _Tolerances(
+    tolerances = Tolerances(
         position_tolerance, orientation_tolerance, axis_tolerance, turn_tolerance
     )
-
-    settings, parts = _settings(chain, tolerances, method, branch, options)
+    settings, parts = solver_settings(chain, tolerances, method, branch, options)
     if options.history or options.precision == "single":
         raise ConfigurationError("options: `solve_many` is without history and in double precision")
 
-    threads = options.threads
-    if threads is None:
-        threads = (
-            len(os.sched_getaffinity(0))
-            if hasattr(os, "sched_getaffinity")
-            else os.cpu_count() or 1
-        )
-
-    q, out = np.empty((count, chain.n)), np.full((count, 7), np.nan)
+    threads = options.threads or _cores()
+    q = np.empty((count, chain.n))
+    out = np.full((count, 7), np.nan)
     many = entry("many" if parts is None else "many_parts")
 
     def work(first: int) -> None:
@@ -559,10 +401,32 @@ def solve_many(
         turn_error=out[:, 6].copy(),
         codes=codes,
     )
-
     for name in batch.__slots__:
         getattr(batch, name).setflags(write=False)
     return batch
+
+
+def _stacks(chain: Chain, X_base_tip: ArrayLike, q0: ArrayLike) -> tuple[Array, Array]:
+    """Targets (N, 4, 4) and starts (N, n) of `solve_many`; the compiled loops check the numbers."""
+    targets = _stack(X_base_tip, "X_base_tip")
+    count = len(targets) if targets.ndim == 3 else 0
+    if targets.shape != (count, 4, 4):
+        raise ConfigurationError(f"X_base_tip: expected shape (N, 4, 4), got {targets.shape}")
+
+    starts = _stack(q0, "q0")
+    if starts.shape not in ((chain.n,), (count, chain.n)):
+        raise ConfigurationError(
+            f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}"
+        )
+    starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
+    return targets, starts
+
+
+def _cores() -> int:
+    """Number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _cause(code: int, restarts: int) -> str:
@@ -574,7 +438,8 @@ def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float, float,
     """Position [m], orientation, axis and turn [rad] error of `q`, in double precision."""
     X = chain.forward(q)
     R = X[:3, :3].T @ target[:3, :3]
-    whole, tilt = log_so3(R), np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
+    whole = log_so3(R)
+    tilt = np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
 
     half = 0.5 * float(np.linalg.norm(whole))
     turn = (

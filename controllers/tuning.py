@@ -30,12 +30,13 @@ def table(*tunings: Any) -> Iterator[tuple[str, str, str, str]]:
             them.
     """
     for tuning in tunings:
-        for each in fields(tuning):
-            about, value = each.metadata.get("about"), getattr(tuning, each.name)
+        for entry in fields(tuning):
+            about = entry.metadata.get("about")
+            setting = getattr(tuning, entry.name)
             if about:
-                yield tuning.title, each.name, str(value), about
-            elif is_dataclass(value):
-                yield from table(value)
+                yield tuning.title, entry.name, str(setting), about
+            elif is_dataclass(setting):
+                yield from table(setting)
 
 
 def check(
@@ -54,10 +55,10 @@ def check(
     """
     for names, sign in ((positive, ">"), (not_negative, ">=")):
         for name in names:
-            values = np.asarray(getattr(tuning, name), dtype=np.float64)
+            numbers = np.asarray(getattr(tuning, name), dtype=np.float64)
             if not (
-                np.all(np.isfinite(values))
-                and np.all(values > 0.0 if sign == ">" else values >= 0.0)
+                np.all(np.isfinite(numbers))
+                and np.all(numbers > 0.0 if sign == ">" else numbers >= 0.0)
             ):
                 raise ConfigurationError(
                     f"{title} {name}: must be {sign} 0, got {getattr(tuning, name)}"

@@ -48,7 +48,9 @@ class ClosedFormForce(TorqueSensors):
         """
         before_B = state.sensed.f_B.copy()
         super().sense(state, estimate, drives)
-        sensed, rows, now_B = state.sensed, list(JOINTS), before_B
+        sensed = state.sensed
+        rows = list(JOINTS)
+        now_B = before_B
 
         A = sensed.J_B[:3, rows].T
         if _regular(A):
@@ -87,5 +89,5 @@ class ClosedFormForce(TorqueSensors):
 
 
 def _regular(A: Array) -> bool:
-    values = np.linalg.svd(A, compute_uv=False)
-    return bool(values[-1] > _SINGULAR * values[0])
+    singular = np.linalg.svd(A, compute_uv=False)
+    return bool(singular[-1] > _SINGULAR * singular[0])

@@ -64,7 +64,8 @@ class DisturbanceObserver:
         """
         self._beliefs = beliefs or ObserverDeviations()
         b = self._beliefs
-        mass, turning = inertia[:3, :3].copy(), inertia[3:, 3:].copy()
+        mass = inertia[:3, :3].copy()
+        turning = inertia[3:, 3:].copy()
 
         self._hull = _Hull(
             mass=mass,
@@ -82,7 +83,8 @@ class DisturbanceObserver:
 
     def init(self) -> DisturbanceObserverState:
         """Initial state: no current and no disturbance, with the assumed initial variances."""
-        b, m = self._beliefs, self._hull.mass.diagonal()
+        b = self._beliefs
+        m = self._hull.mass.diagonal()
         P = np.zeros((3, 4, 4))
         for i in range(3):
             P[i] = np.diag([b.velocity_noise**2, b.current**2, b.gain**2, (b.offset * m[i]) ** 2])
@@ -121,7 +123,9 @@ class DisturbanceObserver:
             dt: [s] since the last step.
         """
         if not state.begun:
-            state.v_W[:], state.w_B[:], state.begun = R_WB @ v_WB_B, w_WB_B, True
+            state.v_W[:] = R_WB @ v_WB_B
+            state.w_B[:] = w_WB_B
+            state.begun = True
             state.arm_B[:] = arm_B
             return
 
@@ -213,12 +217,17 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
     """Step of the four-state filters; `seen` ends with the change of angular velocity [rad/s]."""
     R_WB, v_B, turned = seen
     v_W, current_W, gain, offset_W, P = state
-    mass, inverse_mass, lever, numbers = hull.mass, hull.inverse_mass, hull.lever, hull.noise
-    linear, quadratic = hull.linear, hull.quadratic
+    mass = hull.mass
+    inverse_mass = hull.inverse_mass
+    lever = hull.lever
+    numbers = hull.noise
+    linear = hull.linear
+    quadratic = hull.quadratic
 
     R_WB = R_WB.copy()
     R_BW = R_WB.T.copy()
-    u, offset = R_BW @ (v_W - current_W), R_BW @ offset_W
+    u = R_BW @ (v_W - current_W)
+    offset = R_BW @ offset_W
 
     # Known forces, with drag against the moving water
     known = given_B[:3] * (1.0 + gain) + other_B[:3] + offset
@@ -231,19 +240,20 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
     # Innovation
     error = v_B - R_BW @ v_W
 
-    dv, dc, dd = np.empty(3), np.empty(3), np.empty(3)
+    dv = np.empty(3)
+    dc = np.empty(3)
+    dd = np.empty(3)
     noise = numbers * numbers
-    F, K = np.eye(4), np.empty(4)
+    F = np.eye(4)
+    K = np.empty(4)
 
     # One extended Kalman filter per hull axis
     for i in range(3):
         slope = (linear[i] + 2.0 * quadratic[i] * abs(u[i])) * dt / mass[i, i]
-        F[0, 0], F[0, 1], F[0, 2], F[0, 3] = (
-            1.0 - slope,
-            slope,
-            given_B[i] * dt / mass[i, i],
-            dt / mass[i, i],
-        )
+        F[0, 0] = 1.0 - slope
+        F[0, 1] = slope
+        F[0, 2] = given_B[i] * dt / mass[i, i]
+        F[0, 3] = dt / mass[i, i]
 
         # Prediction: water that accelerates carries the hull along
         Pi = F @ P[i] @ F.T.copy()
@@ -263,7 +273,9 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
             for k in range(4):
                 P[i, j, k] = Pi[j, k] - K[j] * s * K[k]
 
-        dv[i], dc[i], dd[i] = K[0] * error[i], K[1] * error[i], K[3] * error[i]
+        dv[i] = K[0] * error[i]
+        dc[i] = K[1] * error[i]
+        dd[i] = K[3] * error[i]
         gain[i] = min(max(gain[i] + K[2] * error[i], -0.5), 0.5)
 
     # Corrections in world axes
@@ -275,9 +287,14 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
 @kernel
 def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
     """Step of the moment observer: `w_B` tracks the measured rate, by the moment `moment_B`."""
-    turning, inverse_turning, pace = hull.turning, hull.inverse_turning, hull.moment_bandwidth * dt
-    linear, quadratic = hull.linear[3:], hull.quadratic[3:]
-    spin, net, error = np.empty(3), np.empty(3), np.empty(3)
+    turning = hull.turning
+    inverse_turning = hull.inverse_turning
+    pace = hull.moment_bandwidth * dt
+    linear = hull.linear[3:]
+    quadratic = hull.quadratic[3:]
+    spin = np.empty(3)
+    net = np.empty(3)
+    error = np.empty(3)
 
     # Net moment: drag and gyroscopic moment of the measured rate
     for i in range(3):

@@ -84,9 +84,9 @@ def tip_wrench(
     scale = np.repeat([force_prior, moment_prior], 3)
     A = J.T * scale / sigma[:, None]  # the unknowns in units of the prior
 
-    values, axes = np.linalg.eigh(A.T @ A)
-    values = np.maximum(values, 0.0)
-    scaled = (axes / (1.0 + values)) @ axes.T
+    eigenvalues, axes = np.linalg.eigh(A.T @ A)
+    eigenvalues = np.maximum(eigenvalues, 0.0)
+    scaled = (axes / (1.0 + eigenvalues)) @ axes.T
 
     return WrenchEstimate(
         wrench=scale * (scaled @ (A.T @ (tau_e / sigma))),
@@ -115,7 +115,9 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
         ConfigurationError: at its singularities, sin q4 = 0 or the tip over the yaw axis.
     """
     l2, l3, l4 = lengths
-    c2, c23, c234 = np.cos(q[1]), np.cos(q[1] + q[2]), np.cos(q[1] + q[2] + q[3])
+    c2 = np.cos(q[1])
+    c23 = np.cos(q[1] + q[2])
+    c234 = np.cos(q[1] + q[2] + q[3])
     c4, s4 = np.cos(q[3]), np.sin(q[3])
 
     radius = l2 * c2 + l3 * c23 + l4 * c234

@@ -125,7 +125,8 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     residual.
     """
     moving = np.abs(qd) > _LEAST_SPEED
-    qd, lost = qd[moving], lost[moving]
+    qd = qd[moving]
+    lost = lost[moving]
     fewest = min(int(np.sum(qd > 0.0)), int(np.sum(qd < 0.0)))
     if len(qd) < _FEWEST or fewest < _FEWEST // 10:
         raise ConfigurationError(
@@ -158,7 +159,8 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     else:
         A = np.column_stack([np.ones_like(qd), qd, np.sign(qd)])
         x = np.linalg.lstsq(A, lost, rcond=None)[0]
-        residual, same = lost - A @ x, [0, 1, 2, 2]
+        residual = lost - A @ x
+        same = [0, 1, 2, 2]
         covariance = np.zeros((5, 5))
         covariance[:4, :4] = _robust_covariance(A, residual)[np.ix_(same, same)]
         covariance[4, 4] = np.inf
@@ -210,10 +212,10 @@ class FrictionMotion:
         Raises:
             ConfigurationError: a number is not finite or not > 0.
         """
-        for name, value in (("swing", swing), ("slow", slow), ("fast", fast), ("period", period)):
-            if not (np.isfinite(value) and value > 0.0):
+        for name, number in (("swing", swing), ("slow", slow), ("fast", fast), ("period", period)):
+            if not (np.isfinite(number) and number > 0.0):
                 raise ConfigurationError(
-                    f"friction motion {name}: must be finite and > 0, got {value}"
+                    f"friction motion {name}: must be finite and > 0, got {number}"
                 )
         self.period = period
         limits = vehicle.q_limits
@@ -260,12 +262,17 @@ class FrictionMotion:
             q = self._home + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * way
             qd = 30.0 * s * s * (1.0 - s) ** 2 / begin * way
         elif time < end:
-            since, turn, before = time - begin, self._slow, 0.0
+            since = time - begin
+            turn = self._slow
+            before = 0.0
             if since > self._slow:
-                since, turn, before = since - self._slow, self._fast, 2.0 * np.pi
+                since = since - self._slow
+                turn = self._fast
+                before = 2.0 * np.pi
             rate = 2.0 * np.pi / turn * self._rate
             phase = rate * since + before * self._rate
-            q, qd = self._middle + self._swing * np.sin(phase), self._swing * (rate * np.cos(phase))
+            q = self._middle + self._swing * np.sin(phase)
+            qd = self._swing * (rate * np.cos(phase))
             work = WorkState.WORK
         else:
             phase = 2.0 * np.pi * 3.0 * self._rate

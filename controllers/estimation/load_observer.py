@@ -91,10 +91,10 @@ class LoadObserver:
         Raises:
             ConfigurationError: a time is not finite or not > 0.
         """
-        for name, value in (("period", period), ("time_constant", time_constant)):
-            if not (np.isfinite(value) and value > 0.0):
+        for name, number in (("period", period), ("time_constant", time_constant)):
+            if not (np.isfinite(number) and number > 0.0):
                 raise ConfigurationError(
-                    f"load observer {name}: must be finite and > 0 s, got {value}"
+                    f"load observer {name}: must be finite and > 0 s, got {number}"
                 )
 
         vehicle = Vehicle.of(model)
@@ -153,8 +153,10 @@ class LoadObserver:
         Raises:
             ConfigurationError: another shape, or a number that is not finite.
         """
-        hull, joints = np.zeros(24), (self._arm.n,)
-        q, qd = fitting(q, joints, "load observer q"), fitting(qd, joints, "load observer qd")
+        hull = np.zeros(24)
+        joints = (self._arm.n,)
+        q = fitting(q, joints, "load observer q")
+        qd = fitting(qd, joints, "load observer qd")
         tau_motor = fitting(tau_motor, joints, "load observer tau_motor")
         R_WB = fitting(R_WB, (3, 3), "load observer R_WB")
         nu_B = fitting(nu_B, (6,), "load observer nu_B")
@@ -182,14 +184,21 @@ class LoadObserver:
 @kernel
 def _observe(arm, bare, gears, hull, seen, timing, state):
     """Step of the observer; with `first` it only stores the momentum, since the past is unknown."""
-    arm, bare, gears = ArmParameters(*arm), ArmParameters(*bare), GearModel(*gears)
+    arm = ArmParameters(*arm)
+    bare = ArmParameters(*bare)
+    gears = GearModel(*gears)
     q, qd, tau_motor = seen
     dt, gain, first = timing
     integral, known, tau_e = state
     n = q.shape[0]
 
-    no_contact, wrench_B, work = np.zeros(6), np.empty(6), workspace(arm.layout)
-    static, velocity, p, turning = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    no_contact = np.zeros(6)
+    wrench_B = np.empty(6)
+    work = workspace(arm.layout)
+    static = np.empty(n)
+    velocity = np.empty(n)
+    p = np.empty(n)
+    turning = np.empty(n)
 
     # Torques without accelerations, with and without weight, buoyancy and drag
     joints = JointMotion(q, qd, np.zeros(n))
@@ -203,15 +212,16 @@ def _observe(arm, bare, gears, hull, seen, timing, state):
     # Residual of the momentum
     for j in range(n):
         p[j] += gears.armature[j] * qd[j]
-        now = turning[j] - (static[j] - velocity[j]) - gears.viscous[j] * qd[j] - dry[j]
+        present = turning[j] - (static[j] - velocity[j]) - gears.viscous[j] * qd[j] - dry[j]
         if first:
-            integral[j], tau_e[j] = p[j], 0.0
+            integral[j] = p[j]
+            tau_e[j] = 0.0
         else:
             # Motor torques are constant over a step. All other terms vary: the trapezoidal rule is
             # second order.
-            integral[j] += dt * (tau_motor[j] + 0.5 * (known[j] + now) + tau_e[j])
+            integral[j] += dt * (tau_motor[j] + 0.5 * (known[j] + present) + tau_e[j])
             tau_e[j] = gain * (p[j] - integral[j])
-        known[j] = now
+        known[j] = present
 
 
 @kernel
@@ -226,9 +236,12 @@ def momentum(arm, work, p_joint, turning):
         p_joint: (n,) [N m s] output: generalised momentum.
         turning: (n,) [N m] output: dT/dq.
     """
-    layout, numbers = arm.layout, arm.numbers
+    layout = arm.layout
+    numbers = arm.numbers
     nb = layout.shape[1]
-    parent, kind, column = layout[0], layout[1], layout[2]
+    parent = layout[0]
+    kind = layout[1]
+    column = layout[2]
 
     # Views of the packed numbers
     axis = numbers[0 : 3 * nb].reshape(nb, 3)
@@ -242,10 +255,14 @@ def momentum(arm, work, p_joint, turning):
     nu = work[21 * nb : 27 * nb].reshape(nb, 6)
 
     h = np.zeros((nb, 6))
-    at_origin, water = np.empty(6), np.empty(6)
+    at_origin = np.empty(6)
+    water = np.empty(6)
 
     for b in range(nb - 1, -1, -1):
-        v, w, c, o = nu[b, :3], nu[b, 3:], com[b], origin[b]
+        v = nu[b, :3]
+        w = nu[b, 3:]
+        c = com[b]
+        o = origin[b]
 
         # Momentum of the rigid body about its joint, and its twist at the origin of the water
         for i in range(3):
@@ -254,7 +271,8 @@ def momentum(arm, work, p_joint, turning):
             h[b, 3 + i] += mass[b] * (c[j] * v[k] - c[k] * v[j])
             for m in range(3):
                 h[b, 3 + i] += inertia[b, i, m] * w[m]
-            at_origin[i], at_origin[3 + i] = v[i] + w[j] * o[k] - w[k] * o[j], w[i]
+            at_origin[i] = v[i] + w[j] * o[k] - w[k] * o[j]
+            at_origin[3 + i] = w[i]
 
         # Momentum of the water, moved to the joint
         for i in range(6):
@@ -268,7 +286,8 @@ def momentum(arm, work, p_joint, turning):
 
         # p = s . h and dT/dq = h . (v x s)
         if column[b] >= 0:
-            u, at = axis[b], column[b]
+            u = axis[b]
+            at = column[b]
             p_joint[at] = turning[at] = 0.0
             for i in range(3):
                 j, k = (i + 1) % 3, (i + 2) % 3
@@ -344,7 +363,10 @@ class MomentumObserver(TorqueResidual):
             reference: says when to tare.
             drives: what they were last asked for.
         """
-        tuning, dry, sensed, f_tip_W = self._tuning, self._dry, state.sensed, np.empty(3)
+        tuning = self._tuning
+        dry = self._dry
+        sensed = state.sensed
+        f_tip_W = np.empty(3)
         load: LoadObserverState = state.own
 
         # for the motion; the force is overwritten
@@ -364,9 +386,10 @@ class MomentumObserver(TorqueResidual):
             estimate.X_WB, drives.tau, errors, tuple(sensed), f_tip_W
         )
 
-        reversal, wanted = tuning.gears.reversal, drives.qd_wanted
+        reversal = tuning.gears.reversal
+        qd_wanted = drives.qd_wanted
         dry_friction(
-            dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction
+            dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, qd_wanted, state.friction
         )
 
         self._tare(state, reference)

@@ -78,30 +78,34 @@ class PayloadIdentification:
             water: [-] prior of the common relative error of the arm's drag and added mass.
             step: [rad] change of a joint from which on a posture counts as a new one.
         """
-        self._arm, self._doubt, self._water, self._step = arm, doubt, water, step
+        self._arm = arm
+        self._doubt = doubt
+        self._water = water
+        self._step = step
 
-        own = arm.parameters
-        nb = own.layout.shape[1]
+        believed = arm.parameters
+        nb = believed.layout.shape[1]
 
         # The arm with the mass of one part only, and its water alone
-        parts = np.tile(own.numbers, (nb, 1))
+        parts = np.tile(believed.numbers, (nb, 1))
         for k, alone in enumerate(parts):
             for masses in arm.of_bodies(alone, "mass", "inertia"):
                 masses[np.arange(nb) != k] = 0.0
             for wet in arm.of_bodies(alone, "added", "linear", "quadratic", "buoyancy"):
                 wet[:] = 0.0
-        water_alone = own.numbers.copy()
+        water_alone = believed.numbers.copy()
         for heavy in arm.of_bodies(water_alone, "mass", "com", "inertia", "buoyancy"):
             heavy[:] = 0.0
 
-        self._terms = tuple(_Terms(own.layout, parts, water_alone, own.stations))
+        self._terms = tuple(_Terms(believed.layout, parts, water_alone, believed.stations))
         self._prior = np.concatenate(
             [np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]]
         )
 
     def init(self) -> PayloadIdentificationState:
         """Initial state: the priors only."""
-        n, unknowns = self._arm.n, self._prior.size
+        n = self._arm.n
+        unknowns = self._prior.size
         return PayloadIdentificationState(
             np.diag(self._prior), np.zeros(unknowns), np.zeros((n, unknowns + 1)), 0, np.zeros(n)
         )
@@ -139,8 +143,8 @@ class PayloadIdentification:
         """Estimated excess mass (nb,) [-] of each part, as a share of its mass, by all samples."""
         if state.count:
             self._take(state)
-        found = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
-        return found[: len(self._terms[1])]
+        solution = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
+        return solution[: len(self._terms[1])]
 
     def weighed(self, excess: Array) -> ArmParameters:
         """The arm with masses and inertias scaled by 1 + `excess` (nb,) [-]."""
@@ -154,7 +158,9 @@ class PayloadIdentification:
 def _add(terms, joints, hull, tau_e, total):
     """Add a sample to `total` (n, nb + n + 2): -G, -I, -H, tau_e; `terms`: fields of `_Terms`."""
     layout, parts, water, stations = terms
-    nb, n, none = parts.shape[0], tau_e.shape[0], np.zeros(6)
+    nb = parts.shape[0]
+    n = tau_e.shape[0]
+    none = np.zeros(6)
 
     # G of each part, then H of the water
     for k in range(nb + 1):

@@ -125,15 +125,18 @@ class TorqueResidual:
     def __init__(
         self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float
     ) -> None:
-        self._arm, self._tuning, self._vehicle = arm, tuning, Vehicle.of(model)
+        self._arm = arm
+        self._tuning = tuning
+        self._vehicle = Vehicle.of(model)
         self.timing = SenseTiming(period, tuning.acceleration_filter, tuning.force_filter)
         self._slow_ticks = max(1, round(tuning.hover_period / period))
 
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction."""
-        n, own = self._arm.n, self._arm.parameters
+        n = self._arm.n
+        believed = self._arm.parameters
         return ContactState(
-            arm=own._replace(numbers=own.numbers.copy()),
+            arm=believed._replace(numbers=believed.numbers.copy()),
             record=ContactRecord(
                 sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
                 tare=Tare.start(n),
@@ -152,7 +155,8 @@ class TorqueResidual:
         self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array
     ) -> float:
         """Force into `f_tip_W`, motion and residual into `state.sensed`; returns the normal one."""
-        e, floor = estimate, state.floor
+        e = estimate
+        floor = state.floor
         if e.tau_doubt is not None:
             floor = np.hypot(floor, e.tau_doubt)
 
@@ -282,7 +286,8 @@ class TorqueSensors(TorqueResidual):
             estimate: of the vehicle now.
             reference: says when the arm begins its work.
         """
-        sensed, payload = state.sensed, state.own
+        sensed = state.sensed
+        payload = state.own
 
         if reference.X_WG is not None:
             state.excess = self._payload.excess(payload)

@@ -134,15 +134,22 @@ def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
     read = ArmReadings(*readings)
     out = SensedArm(*sensed)
     dt, acceleration_time, force_time = timing
-    X_WB, v_B, w_B, a_B = read.X_WB, read.v_B, read.w_B, read.a_B
-    hull, w_slow_B, qd_slow = out.hull, out.w_slow_B, out.qd_slow
+    X_WB = read.X_WB
+    v_B = read.v_B
+    w_B = read.w_B
+    a_B = read.a_B
+    hull = out.hull
+    w_slow_B = out.w_slow_B
+    qd_slow = out.qd_slow
 
     # Motion of the hull, its angular acceleration from the lag of the filtered rate
     lag = min(1.0, dt / acceleration_time)
     for i in range(3):
         for j in range(3):
             hull[3 * i + j] = X_WB[i, j]
-        hull[9 + i], hull[12 + i], hull[21 + i] = v_B[i], w_B[i], read.current_W[i]
+        hull[9 + i] = v_B[i]
+        hull[12 + i] = w_B[i]
+        hull[21 + i] = read.current_W[i]
         j, k = (i + 1) % 3, (i + 2) % 3
         # time derivative of the components of v_B
         hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])
@@ -222,14 +229,18 @@ def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
 @kernel
 def _least_squares(J_B, tau_e, tau_scale, errors):
     """Force on the tip (3,) [N], hull axes: `force_from_torques.tip_force` by Cholesky."""
-    bias, floor, noise = errors.bias, errors.floor, errors.noise
-    a00, a11, a22, a01, a02, a12 = PRIOR, PRIOR, PRIOR, 0.0, 0.0, 0.0
+    bias = errors.bias
+    floor = errors.floor
+    noise = errors.noise
+    a00 = a11 = a22 = PRIOR
+    a01 = a02 = a12 = 0.0
     b0 = b1 = b2 = 0.0
 
     # Normal equations, with the prior
     for j in range(tau_e.shape[0]):
         weight = 1.0 / (floor[j] + noise * abs(tau_scale[j])) ** 2
-        x, y, z, t = J_B[0, j], J_B[1, j], J_B[2, j], weight * (tau_e[j] - bias[j])
+        t = weight * (tau_e[j] - bias[j])
+        x, y, z = J_B[0, j], J_B[1, j], J_B[2, j]
         a00 += weight * x * x
         a11 += weight * y * y
         a22 += weight * z * z
@@ -242,7 +253,8 @@ def _least_squares(J_B, tau_e, tau_scale, errors):
 
     # Cholesky factor
     l00 = np.sqrt(a00)
-    l10, l20 = a01 / l00, a02 / l00
+    l10 = a01 / l00
+    l20 = a02 / l00
     l11 = np.sqrt(a11 - l10 * l10)
     l21 = (a12 - l20 * l10) / l11
     l22 = np.sqrt(a22 - l20 * l20 - l21 * l21)
@@ -270,7 +282,9 @@ def force_sigma(X_BG, J_B, weighed, variance):
         The standard deviation of each component.
     """
     n = weighed.shape[0]
-    J, stated, out = np.zeros((3, n)), PRIOR * np.eye(3), np.empty(3)
+    J = np.zeros((3, n))
+    stated = PRIOR * np.eye(3)
+    out = np.empty(3)
 
     # Jacobian in tool axes
     for i in range(3):

@@ -5,11 +5,11 @@ body that it carries keeps its orientation. The base frame is the one that the c
 the tip frame is the tool frame G.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uuv.controllers.ik import chain_kernels as kernels
 from uuv.controllers.ik.entries import entry
+from uuv.controllers.ik.mjcf_chain import chain_fields
 from uuv.models.arms.kinematics import THETA, A, D
 from uuv.models.arms.serial_arm import SerialArm, tilt_of
 from uuv.models.files.urdf import CHAIN_TIP, model_from_urdf
@@ -28,7 +29,6 @@ from uuv.sim.interfaces.spatial import (
     checked_pose,
     checked_rows,
     exp_so3,
-    inverse,
     pose,
     readonly,
     real_array,
@@ -161,7 +161,8 @@ class Chain:
         axes, points, links = np.empty((3, len(table), 3))
         X = X_base_0
         for i, row in enumerate(table):
-            axes[i], points[i] = X[:3, 2], X[:3, 3]
+            axes[i] = X[:3, 2]
+            points[i] = X[:3, 3]
             X = X @ pose(exp_so3([0.0, 0.0, row[THETA]]))
             links[i] = X[:3, :3] @ [row[A], 0.0, 0.0] if types[i] == "o" else 0.0
             X = X @ pose(tilt_of(row), [row[A], 0.0, row[D]])
@@ -226,18 +227,10 @@ class Chain:
         if not last > 1e-12:
             raise ConfigurationError("M: the last link needs a length, for it is the tool's axis")
 
-        # Tip frame: z along the last link, x across it towards the last joint's axis
-        axes = directions / lengths[:, None]
-        z = vectors[-1] / last
-        across = axes[-1] - (axes[-1] @ z) * z
-        if np.linalg.norm(across) < 1e-6:
-            across = np.eye(3)[int(np.argmin(np.abs(z)))]
-            across = across - (across @ z) * z
-        x = across / np.linalg.norm(across)
-
         # Each joint stands where the link before it ends
+        axes = directions / lengths[:, None]
         points = np.vstack([np.zeros(3), np.cumsum(vectors, axis=0)])
-        X_base_tip0 = pose(np.column_stack([x, np.cross(z, x), z]), points[-1])
+        X_base_tip0 = pose(_tip_rotation(vectors[-1] / last, axes[-1]), points[-1])
         limits = None if L is None else _bounds(L, (2, n), "L").T
         return cls(
             joint_types="".join("pro"[int(kind)] for kind in kinds),
@@ -276,7 +269,9 @@ class Chain:
                 body, ball and free joints or other couplings of two joints between them, or a chain
                 without joints.
         """
-        return cls(**_mjcf_fields(model, base_body, tip_site, exclude))
+        fields = chain_fields(model, base_body, tip_site, exclude)
+        fields["limits"] = _checked_limits(fields["limits"], len(fields["names"]))
+        return cls(**fields)
 
     @classmethod
     def from_urdf(
@@ -314,7 +309,8 @@ class Chain:
 
     def kinematics(self, q: ArrayLike) -> tuple[Array, Array]:
         """Return `forward` and `jacobian` at `q` (n,) from one computation."""
-        X_base_tip, J = np.empty((4, 4)), np.empty((6, self.n))
+        X_base_tip = np.empty((4, 4))
+        J = np.empty((6, self.n))
         entry("kinematics")(self._memory, checked(q, (self.n,), "q"), X_base_tip, J)
         return X_base_tip, J
 
@@ -337,91 +333,6 @@ class Chain:
 
             self._single.append(memory)
         return self._single[0]
-
-
-def _mjcf_fields(
-    model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str]
-) -> dict[str, Any]:
-    """Fields of the chain of `Chain.from_mjcf`."""
-    base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
-    site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
-    if isinstance(exclude, str) or not isinstance(exclude, Iterable):
-        raise ConfigurationError(f"exclude: expected names of joints, got {shown(exclude)}")
-    excluded = {_find(model, mujoco.mjtObj.mjOBJ_JOINT, name, "exclude") for name in exclude}
-
-    # Bodies from the tip back to the base
-    bodies = []
-    body = int(model.site_bodyid[site])
-    while body not in (base, 0):
-        bodies.append(body)
-        body = int(model.body_parentid[body])
-    if body != base:
-        raise ConfigurationError(
-            f"tip_site: {tip_site!r} must be carried by body {base_body!r} or a body beyond it"
-        )
-
-    # Joints along them, base to tip
-    joints = [
-        j
-        for body in reversed(bodies)
-        for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
-        if j not in excluded
-    ]
-    names = [model.joint(j).name for j in joints]
-    kinds = [int(model.jnt_type[j]) for j in joints]
-    letters = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
-
-    for name, kind in zip(names, kinds, strict=True):
-        if kind not in letters:
-            raise ConfigurationError(
-                f"joint {name!r}: only hinges and slides can be solved for, not ball or free"
-            )
-    if not joints:
-        raise ConfigurationError(f"no joint between body {base_body!r} and site {tip_site!r}")
-
-    # Axes at joint values of zero, followers where their equality puts them
-    data = mujoco.MjData(model)
-    data.qpos[:] = model.qpos0
-    data.qpos[model.jnt_qposadr[joints]] = 0.0
-    followers = _followers(model, joints)
-    for follower, (_, constant, _) in followers.items():
-        data.qpos[model.jnt_qposadr[follower]] = constant
-    mujoco.mj_kinematics(model, data)
-
-    limits = np.where(
-        model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf]
-    )
-
-    # A follower and its leader are one pantograph link
-    links = np.zeros((len(joints), 3))
-    types = [letters[kind] for kind in kinds]
-    for follower, (leader, constant, ratio) in followers.items():
-        i = joints.index(leader)
-        if np.abs(data.xaxis[leader] + ratio * data.xaxis[follower]).max() > 1e-6:
-            raise ConfigurationError(
-                f"joints {names[i]!r} and {names[i + 1]!r} are coupled, but do not keep what they "
-                "carry parallel"
-            )
-        types[i] = "o"
-        links[i] = data.xanchor[follower] - data.xanchor[leader]
-        bounds = np.sort((limits[i + 1] - constant) / ratio)
-        limits[i] = max(limits[i, 0], bounds[0]), min(limits[i, 1], bounds[1])
-
-    # What is left, in the frame of the base
-    own = [i for i, j in enumerate(joints) if j not in followers]
-    ids = [joints[i] for i in own]
-    X_W_base = pose(data.xmat[base].reshape(3, 3), data.xpos[base])
-    X_W_tip = pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
-    R_W_base = X_W_base[:3, :3]
-    return {
-        "joint_types": "".join(types[i] for i in own),
-        "axes": readonly(data.xaxis[ids] @ R_W_base),
-        "points": readonly((data.xanchor[ids] - X_W_base[:3, 3]) @ R_W_base),
-        "links": readonly(links[own] @ R_W_base),
-        "X_base_tip0": readonly(inverse(X_W_base) @ X_W_tip),
-        "limits": _checked_limits(limits[own], len(own)),
-        "names": tuple(names[i] for i in own),
-    }
 
 
 def _scale(chain: Chain) -> float:
@@ -464,7 +375,8 @@ def memory_of(chain: Chain, scale: float) -> Array:
     R = _frame_with_z(chain.axes[0])
     table[0, :12] = np.column_stack([R, scale * chain.points[0]]).ravel()
     for i in range(n):
-        axis, x = chain.axes[i], R[:, 0]
+        axis = chain.axes[i]
+        x = R[:, 0]
         following = chain.axes[i + 1] if i + 1 < n else axis
         across = np.cross(axis, following)
         sine = float(np.linalg.norm(across))
@@ -485,15 +397,15 @@ def memory_of(chain: Chain, scale: float) -> Array:
         after = np.zeros(3)
         if chain.joint_types[i] == "o":
             swinging = R_after.T @ chain.links[i]
-            link, after = swinging, link - swinging
+            after = link - swinging
+            link = swinging
 
         joints[i, kernels.KIND] = _KINDS[chain.joint_types[i]]
         joints[i, kernels.OFFSET] = offset
-        joints[i, kernels.COS_OFFSET], joints[i, kernels.SIN_OFFSET] = (
-            np.cos(offset),
-            np.sin(offset),
-        )
-        joints[i, kernels.COS_ALPHA], joints[i, kernels.SIN_ALPHA] = np.cos(alpha), np.sin(alpha)
+        joints[i, kernels.COS_OFFSET] = np.cos(offset)
+        joints[i, kernels.SIN_OFFSET] = np.sin(offset)
+        joints[i, kernels.COS_ALPHA] = np.cos(alpha)
+        joints[i, kernels.SIN_ALPHA] = np.sin(alpha)
         joints[i, kernels.LINK : kernels.LINK + 3] = scale * link
         joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
         joints[i, kernels.LOWER], joints[i, kernels.UPPER] = chain.limits[i]
@@ -504,14 +416,30 @@ def memory_of(chain: Chain, scale: float) -> Array:
     strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
     table[0, kernels.SCALE] = scale
     table[0, kernels.REACH] = scale * (_length(chain) + sum(strokes)) * (1.0 + 1e-9)
-
-    # Measured: full sweeps curl the tip of chains of more than 8 joints, and drive joints onto
-    # narrow limits.
-    turns = chain.limits[:, 1] - chain.limits[:, 0] >= 2.0 * np.pi - 1e-9
-    table[1, kernels.SWEEPS] = n <= 8 and all(
-        turns[i] for i in range(n) if chain.joint_types[i] != "p"
-    )
+    table[1, kernels.SWEEPS] = _sweeps_pay_off(chain)
     return memory
+
+
+def _sweeps_pay_off(chain: Chain) -> bool:
+    """True if a full sweep from a far start saves time.
+
+    Measured: sweeps curl the tip of chains of more than 8 joints, and drive joints onto narrow
+    limits.
+    """
+    turns = chain.limits[:, 1] - chain.limits[:, 0] >= 2.0 * np.pi - 1e-9
+    revolute = (turns[i] for i in range(chain.n) if chain.joint_types[i] != "p")
+    return chain.n <= 8 and all(revolute)
+
+
+def _tip_rotation(z: Array, last_axis: Array) -> Array:
+    """Rotation (3, 3) with `z` along the last link, x across it towards the last joint's axis."""
+    across = last_axis - (last_axis @ z) * z
+    if np.linalg.norm(across) < 1e-6:
+        across = np.eye(3)[int(np.argmin(np.abs(z)))]
+        across = across - (across @ z) * z
+
+    x = across / np.linalg.norm(across)
+    return np.column_stack([x, np.cross(z, x), z])
 
 
 def _frame_with_z(z: Array) -> Array:
@@ -538,9 +466,9 @@ def _letters(joint_types: str | None, n: int) -> str:
 
 def _bounds(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     """Validate like `checked`, except that infinities mean "no limit"."""
-    given = real_array(values, name, f"{shape} numbers")
-    checked(np.nan_to_num(given, nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
-    return readonly(given)
+    bounds = real_array(values, name, f"{shape} numbers")
+    checked(np.nan_to_num(bounds, nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
+    return readonly(bounds)
 
 
 def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
@@ -554,58 +482,3 @@ def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
                 f"limits: row {i} must not have its lower limit {lower} above its upper one {upper}"
             )
     return bounds
-
-
-def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int, float, float]]:
-    """Hinges coupled to the one before: {follower: (leader, c, r)}, q = c + r q_leader."""
-    followers = {}
-    for e in range(model.neq):
-        pair = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
-        coupled = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[e]
-        if not coupled or not set(pair) <= set(joints):
-            continue
-
-        # MuJoCo: q1 - q1_0 = c0 + c1 (q2 - q2_0) + ..., where q_0 is the joint's value at qpos0.
-        c0, c1 = model.eq_data[e, :2]
-        first, second = sorted(pair, key=joints.index)
-        hinges = all(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in pair)
-
-        if (
-            not hinges
-            or joints.index(second) != joints.index(first) + 1
-            or abs(c1) != 1.0
-            or np.any(model.eq_data[e, 2:5])
-        ):
-            raise ConfigurationError(
-                f"joints {model.joint(first).name!r} and {model.joint(second).name!r}: the only "
-                "coupling known is a"
-                " pantograph link (two hinges in a row, polycoef c 1 or c -1), got "
-                f"{model.eq_data[e, :5].tolist()}"
-            )
-
-        # The value of the second joint at a leader at zero, whichever the equality names first
-        at_rest = {j: float(model.qpos0[model.jnt_qposadr[j]]) for j in pair}
-        shift = c0 if pair[0] == second else -c0 * c1
-        followers[second] = (first, at_rest[second] + shift - c1 * at_rest[first], c1)
-    return followers
-
-
-def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:
-    """Index of a named element of a model; ConfigurationError with the known names if unknown."""
-    if not isinstance(model, mujoco.MjModel):
-        raise ConfigurationError(f"model: expected a mujoco.MjModel, got {shown(model)}")
-    if not isinstance(name, str) or not name.isprintable():  # None would crash MuJoCo
-        raise ConfigurationError(f"{argument}: expected a name, got {shown(name)}")
-
-    found = mujoco.mj_name2id(model, kind, name)
-    if found < 0:
-        count = {
-            mujoco.mjtObj.mjOBJ_BODY: model.nbody,
-            mujoco.mjtObj.mjOBJ_SITE: model.nsite,
-            mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
-        }[kind]
-        known = [mujoco.mj_id2name(model, kind, i) or "" for i in range(count)]
-        raise ConfigurationError(
-            f"{argument}: the model has {', '.join(filter(None, known))}, got {shown(name)}"
-        )
-    return found

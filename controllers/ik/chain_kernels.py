@@ -27,27 +27,25 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
-from numba.extending import overload
 
+from uuv.controllers.ik.sine_cosine import cosine_and_sine
 from uuv.sim.interfaces.kernels import kernel
 
-KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, AFTER, COLUMNS = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    7,
-    8,
-    9,
-    10,
-    11,
-    14,
-)
+# columns of a joint's row of `table`
+KIND = 0  # HINGE, SLIDE or PANTOGRAPH
+OFFSET = 1  # [rad] constant part of the turn about z
+COS_ALPHA = 2
+SIN_ALPHA = 3
+LINK = 4  # link vector [scaled], three columns; of a pantograph link the part that swings
+LOWER = 7  # [rad] or [m]
+UPPER = 8  # [rad] or [m]
+COS_OFFSET = 9
+SIN_OFFSET = 10
+AFTER = 11  # part of a pantograph link that does not swing [scaled], three columns
+COLUMNS = 14  # their number
 HEAD = 2  # rows of `table` before those of the joints
-# columns of row 0; REACH: largest distance [scaled] of the tip from the first joint
-SCALE, REACH = 12, 13
+SCALE = 12  # column of row 0: factor of lengths
+REACH = 13  # column of row 0: largest distance [scaled] of the tip from the first joint
 SWEEPS = 9  # column of row 1: 1 where a sweep from a far start pays off
 HINGE, SLIDE, PANTOGRAPH = 0.0, 1.0, 2.0  # values of column KIND
 
@@ -100,49 +98,6 @@ class Near(NamedTuple):
 
     p2: Any  # squared position error [scaled]
     chord2: Any  # squared chord of the orientation error
-
-
-def cosine_and_sine(angle):
-    """Return (cos, sin) of `angle` [rad]."""
-    return math.cos(angle), math.sin(angle)
-
-
-@overload(cosine_and_sine)
-def _compiled_cosine_and_sine(angle):
-    """Compiled `cosine_and_sine`: library functions in single, polynomials in double precision."""
-    if angle == types.float32:
-        return lambda angle: (math.cos(angle), math.sin(angle))
-
-    def both(angle):
-        # A third of the time of the two library functions: reduction by quarter turns [Cody 1980]
-        # and the minimax polynomials of Cephes, sin.c [Moshier 1989]. Measured: within 1.1e-16 of
-        # the library's values.
-        if not abs(angle) < 1e5:
-            return math.cos(angle), math.sin(angle)
-
-        # Remainder of the quarter turns, pi/2 in three parts
-        quarter = math.floor(angle * 0.6366197723675814 + 0.5)
-        r = (angle - quarter * 1.5707963267341256) - quarter * 6.077100506303966e-11
-        r -= quarter * 2.0222662487959506e-21
-
-        # Sine and cosine of the remainder
-        z = r * r
-        s = 1.58962301576546568060e-10 * z - 2.50507477628578072866e-8
-        s = (s * z + 2.75573136213857245213e-6) * z - 1.98412698295895385996e-4
-        s = (s * z + 8.33333333332211858878e-3) * z - 1.66666666666666307295e-1
-        s = r + r * z * s
-        c = 2.08757008419747316778e-9 - 1.13585365213876817300e-11 * z
-        c = (c * z - 2.75573141792967388112e-7) * z + 2.48015872888517045348e-5
-        c = (c * z - 1.38888888888730564116e-3) * z + 4.16666666666665929218e-2
-        c = 1.0 - 0.5 * z + z * z * c
-
-        # Quadrant
-        turns = int(quarter) & 3
-        if turns & 1:
-            c, s = s, c
-        return (-c if (turns + 1) & 2 else c), (-s if turns & 2 else s)
-
-    return both
 
 
 def memory_size(n: int) -> int:
@@ -296,7 +251,8 @@ def skew_left(goal, tip):
     """
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     real = goal.dtype.type
-    half, one = real(0.5), real(1.0)
+    half = real(0.5)
+    unit = real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
@@ -317,7 +273,7 @@ def skew_left(goal, tip):
         + zx * vx
         + zy * vy
         + zz * vz
-        - one
+        - unit
     )
     return wx, wy, wz, cosine
 
@@ -334,7 +290,7 @@ def turn_left(goal, tip):
     """
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     real = goal.dtype.type
-    one = real(1.0)
+    unit = real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
@@ -342,15 +298,15 @@ def turn_left(goal, tip):
     wx, wy, wz, cosine = skew_left(goal, tip)
     sine2 = wx * wx + wy * wy + wz * wz
     if cosine > real(-0.99):
-        factor2 = real(2.0) / (one + cosine)  # chord^2 / sine^2
+        factor2 = real(2.0) / (unit + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
         return wx * factor, wy * factor, wz * factor, sine2 * factor2
 
     # Near half a turn the skew part vanishes, and R + 1 is nearly 2 a a^T: take its longest column
     # as the axis.
-    rx = one + xx * tx + yx * ux + zx * vx
-    ry = one + xy * ty + yy * uy + zy * vy
-    rz = one + xz * tz + yz * uz + zz * vz
+    rx = unit + xx * tx + yx * ux + zx * vx
+    ry = unit + xy * ty + yy * uy + zy * vy
+    rz = unit + xz * tz + yz * uz + zz * vz
 
     if rx >= ry and rx >= rz:
         ax, ay, az = rx, ty * xx + uy * yx + vy * zx, tz * xx + uz * yx + vz * zx

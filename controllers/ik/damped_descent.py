@@ -59,15 +59,18 @@ from uuv.controllers.ik.sweeps import sweep
 
 # Tuned on several arms; success rates and times change little within a factor of two of each value.
 DAMPING = 0.1  # share of the squared error that is the damping
-LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and while keeping the branch
+LONG_STEP = 1.5  # [rad] longest step of a joint
+SHORT_STEP = 0.5  # [rad] the same while keeping the branch
 # corners of the limits tried as last starts, and the largest number of joints for that
-CORNERS, CORNERED = 4, 10
+CORNERS = 4
+CORNERED = 10
 # [rad] or [m] beyond the limits, from where a solution that ignored them is drawn onto them
 BEYOND = 1.0
 FAR = 0.1  # squared error of a start, above which a sweep before the descent pays off
 FAR_WEIGHT = 0.1  # [1/rad^2] weight of the tool axes against the scaled position in that sweep
 # [steps], [1] a descent stalls if its error does not halve in four steps
-STALL_WINDOW, STALL_FACTOR = 4, 0.5
+STALL_WINDOW = 4
+STALL_FACTOR = 0.5
 SETTLE_STEPS = 200  # largest number of steps of `settle`
 SETTLE_GAIN = 1e-7  # relative gain in squared error, under which a step of `settle` counts as quiet
 TRADES = 12  # largest number of times that `trade` changes the weights
@@ -107,7 +110,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     Returns:
         Largest absolute entry of the step.
     """
-    table, work, q = views.table, views.work, views.q
+    table, _, _, work, _, q = views
     px, py, pz = tip[0], tip[1], tip[2]
     ex, ey, ez, wx, wy, wz = error
     n = q.shape[0]
@@ -165,9 +168,9 @@ def damped_step(views, limited, damping, tip, error, weights):
 
     # L D L^T factorisation by columns, l = a / d; forward substitution of the right-hand side in
     # the same pass.
-    one = table.dtype.type(1.0)
+    unit = table.dtype.type(1.0)
     # Column 0
-    d = one / a00
+    d = unit / a00
     l1, l2, l3, l4, l5 = a10 * d, a20 * d, a30 * d, a40 * d, a50 * d
     a11 -= l1 * a10
     a21 -= l2 * a10
@@ -185,18 +188,16 @@ def damped_step(views, limited, damping, tip, error, weights):
     a54 -= l5 * a40
     a55 -= l5 * a50
 
-    y0, y1, y2, y3, y4, y5 = (
-        ex,
-        ey - l1 * ex,
-        ez - l2 * ex,
-        wx - l3 * ex,
-        wy - l4 * ex,
-        wz - l5 * ex,
-    )
+    y0 = ex
+    y1 = ey - l1 * ex
+    y2 = ez - l2 * ex
+    y3 = wx - l3 * ex
+    y4 = wy - l4 * ex
+    y5 = wz - l5 * ex
     y0 *= d
 
     # Column 1
-    d = one / a11
+    d = unit / a11
     m2, m3, m4, m5 = a21 * d, a31 * d, a41 * d, a51 * d
     a22 -= m2 * a21
     a32 -= m3 * a21
@@ -215,7 +216,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     y1 *= d
 
     # Column 2
-    d = one / a22
+    d = unit / a22
     n3, n4, n5 = a32 * d, a42 * d, a52 * d
     a33 -= n3 * a32
     a43 -= n4 * a32
@@ -229,7 +230,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     y2 *= d
 
     # Column 3
-    d = one / a33
+    d = unit / a33
     o4, o5 = a43 * d, a53 * d
     a44 -= o4 * a43
     a54 -= o5 * a43
@@ -239,7 +240,7 @@ def damped_step(views, limited, damping, tip, error, weights):
     y3 *= d
 
     # Column 4
-    d = one / a44
+    d = unit / a44
     p5 = a54 * d
     a55 -= p5 * a54
     y5 -= p5 * y4
@@ -315,7 +316,7 @@ def descend(views, near, weights, pace, best2, trail, row):
     Returns:
         (code, steps, least squared error, squared errors as in `near`).
     """
-    table, goal, work, q = views.table, views.goal, views.work, views.q
+    table, goal, _, work, _, q = views
     real = q.dtype.type
     limited = pace.mode != THROUGH
 
@@ -372,7 +373,7 @@ def settle(views, near, weights, trail, row):
     Returns:
         (code, steps, squared errors as in `near`).
     """
-    table, goal, work, q = views.table, views.goal, views.work, views.q
+    table, goal, _, work, _, q = views
     real = q.dtype.type
     n = q.shape[0]
 
@@ -381,7 +382,8 @@ def settle(views, near, weights, trail, row):
 
     share = real(DAMPING)
     best2 = real(np.inf)
-    quiet, steps = 0, 0
+    quiet = 0
+    steps = 0
     while steps < SETTLE_STEPS and quiet < 4 and share < real(1e6):
         note(q, trail, row + steps)
         tip = trace(table, q, work)
@@ -434,26 +436,26 @@ def trade(views, near, weights, trail, row):
     Returns:
         (code, steps, squared errors as in `near`).
     """
-    table, goal, work, past, q = views.table, views.goal, views.work, views.past, views.q
+    table, goal, _, work, past, q = views
     real = q.dtype.type
-    none, one, least = real(0.0), real(1.0), real(LEAST_RATIO)
+    none = real(0.0)
+    unit = real(1.0)
+    least = real(LEAST_RATIO)
     for i in range(q.shape[0]):
         past[i, KEPT] = q[i] = work[i, BEST]
     left = first = parts_at(table, goal, q, work)
 
     # Squares of tolerances and weights: position, tool axis (or the whole rotation), turn.
     whole = near.chord2 < real(np.inf)
-    near_p, near_a, near_t = (
-        near.p2,
-        near.chord2 if whole else near.axis2,
-        one if whole else near.turn2,
-    )
-    p, a, t = weights.position**2, weights.axis**2, none if whole else weights.turn**2
-    near_p, near_a, near_t = (
-        near_p if p > none else one,
-        near_a if a > none else one,
-        near_t if t > none else one,
-    )
+    near_p = near.p2
+    near_a = near.chord2 if whole else near.axis2
+    near_t = unit if whole else near.turn2
+    p = weights.position**2
+    a = weights.axis**2
+    t = none if whole else weights.turn**2
+    near_p = near_p if p > none else unit
+    near_a = near_a if a > none else unit
+    near_t = near_t if t > none else unit
 
     steps = 0
     for _ in range(TRADES):
@@ -493,18 +495,19 @@ def finish(views, near, weights, trail, row):
         (code, steps, squared position error, squared chord of the whole rotation).
     """
     code, steps, left = settle(views, near, weights, trail, row)
-    p2, chord2 = left[0], left[1]
+    p2, chord2 = left[:2]
 
     if code == CONVERGED:
         return code, steps, p2, chord2
 
     real = views.q.dtype.type
     if weights is None:
-        one, any_ = real(1.0), real(np.inf)
+        unit = real(1.0)
+        unbounded = real(np.inf)
         code, spent, left = trade(
             views,
-            PartsNear(near.p2, near.chord2, any_, any_),
-            Weights(one, one, one),
+            PartsNear(near.p2, near.chord2, unbounded, unbounded),
+            Weights(unit, unit, unit),
             trail,
             row + steps,
         )
@@ -534,8 +537,9 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
         (code, steps, restarts, position error [m], orientation error [rad]).
     """
     views = partition(memory, out.shape[0])
-    table, goal, work, q = views.table, views.goal, views.work, views.q
-    limit, restarts = settings.limit, settings.restarts
+    table, goal, _, work, _, q = views
+    limit = settings.limit
+    restarts = settings.restarts
 
     fault = begin(table, X, q0, options_good(settings, parts), True, goal, work, q)
     if fault >= BAD_TARGET:
@@ -550,7 +554,9 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
 
-    steps, restart, best2 = 0, 0, real(np.inf)
+    steps = 0
+    restart = 0
+    best2 = real(np.inf)
     while True:
         mode = WITHIN if restart % 2 == 0 else THROUGH
 
@@ -578,7 +584,8 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
         scatter(table, restart, work, q)
 
     # The last starts: corners of the limits
-    corner, above = 0, real(-1.0)
+    corner = 0
+    above = real(-1.0)
     while code == STALLED and corner < CORNERS and q.shape[0] <= CORNERED and fault != OUT_OF_REACH:
         above = nearest_corner(table, goal, weights, above, work, q)
         if not above < real(np.inf) or steps >= limit:
@@ -589,7 +596,7 @@ def solve_hybrid(memory, X, q0, settings, parts, trail, out):
         steps += spent
         corner += 1
 
-    p2, chord2 = left[0], left[1]
+    p2, chord2 = left[:2]
     if code != CONVERGED:
         code, spent, p2, chord2 = finish(views, near, weights, trail, steps)
         if code != CONVERGED:
@@ -618,7 +625,7 @@ def solve_keep(memory, X, q0, settings, parts, trail, out):
         As `solve_hybrid`.
     """
     views = partition(memory, out.shape[0])
-    table, work, q = views.table, views.work, views.q
+    table, _, _, work, _, q = views
     fault = begin(table, X, q0, options_good(settings, parts), False, views.goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
@@ -631,7 +638,7 @@ def solve_keep(memory, X, q0, settings, parts, trail, out):
     pace = Pace(settings.limit, SHORT_STEP, ALONG)
     code, steps, _, left = descend(views, near, weights, pace, unknown, trail, 0)
 
-    p2, chord2 = left[0], left[1]
+    p2, chord2 = left[:2]
     if code != CONVERGED:
         stopped = EXHAUSTED if code == EXHAUSTED else STALLED
         code, spent, p2, chord2 = finish(views, near, weights, trail, steps)

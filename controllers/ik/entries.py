@@ -32,10 +32,13 @@ from uuv.controllers.ik.priorities import solve_priority
 from uuv.controllers.ik.sweeps import solve_jacobian_free
 from uuv.sim.interfaces.kernels import kernel
 
-_VECTOR, _TABLE = types.float64[::1], types.float64[:, ::1]
+_VECTOR = types.float64[::1]
+_TABLE = types.float64[:, ::1]
 # writable arrays are accepted too
 _GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}
-_REAL, _COUNT, _FLAG = types.float64, types.int64, types.boolean
+_REAL = types.float64
+_COUNT = types.int64
+_FLAG = types.boolean
 _SETTINGS = types.NamedTuple((_COUNT, *(_REAL,) * 4, _COUNT, _COUNT, _FLAG, _FLAG), Settings)
 _holding = kernel(error_model="numpy")
 _releasing = kernel(nogil=True, error_model="numpy")

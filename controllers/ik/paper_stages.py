@@ -76,7 +76,9 @@ def place(table, goal, near_p, q, work):
         if rx * rx + ry * ry + rz * rz <= near_p:
             break
         row = table[HEAD + i]
-        kind, lower, upper = row[KIND], row[LOWER], row[UPPER]
+        kind = row[KIND]
+        lower = row[LOWER]
+        upper = row[UPPER]
         ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
 
         # A slide moves straight towards the target
@@ -209,11 +211,9 @@ def in_frame(v, x, y, z):
 @jit
 def goal_axis(goal, u):
     """Target, in base axes, of the axis `u` of the last joint frame."""
-    x, y, z = (
-        (goal[1, 0], goal[1, 1], goal[1, 2]),
-        (goal[2, 0], goal[2, 1], goal[2, 2]),
-        (goal[3, 0], goal[3, 1], goal[3, 2]),
-    )
+    x = (goal[1, 0], goal[1, 1], goal[1, 2])
+    y = (goal[2, 0], goal[2, 1], goal[2, 2])
+    z = (goal[3, 0], goal[3, 1], goal[3, 2])
     return in_frame(u, x, y, z)
 
 
@@ -308,7 +308,8 @@ def solve_plain(memory, X, q0, settings, trail, out):
         (code, sweeps, 0, position error [m], orientation error [rad]).
     """
     table, goal, normal, work, past, q = partition(memory, out.shape[0])
-    limit, keep = settings.limit, settings.keep
+    limit = settings.limit
+    keep = settings.keep
 
     axes_good = settings.tol_1 > 0.0 and settings.tol_2 > 0.0
     options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and axes_good and limit >= 1
@@ -318,11 +319,14 @@ def solve_plain(memory, X, q0, settings, trail, out):
 
     real = q.dtype.type
     near = squared_tolerances(table, settings)
-    near_1, near_2 = real(settings.tol_1), real(settings.tol_2)
+    near_1 = real(settings.tol_1)
+    near_2 = real(settings.tol_2)
 
     along, across = stage_axes(table, settings.tip_axes, q, work)
-    wanted_along, wanted_across = goal_axis(goal, along), goal_axis(goal, across)
-    sweeps, best2 = 0, real(np.inf)
+    target_along = goal_axis(goal, along)
+    target_across = goal_axis(goal, across)
+    sweeps = 0
+    best2 = real(np.inf)
 
     while True:
         note(q, trail, sweeps)
@@ -360,13 +364,13 @@ def solve_plain(memory, X, q0, settings, trail, out):
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
-            if align(table, along, wanted_along, near_1, q, work) <= near_1:
+            if align(table, along, target_along, near_1, q, work) <= near_1:
                 break
 
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
-            if align(table, across, wanted_across, near_2, q, work) <= near_2:
+            if align(table, across, target_across, near_2, q, work) <= near_2:
                 break
 
     return hand_over(table, q, p2, chord2, code, sweeps, 0, out)

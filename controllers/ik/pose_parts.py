@@ -111,7 +111,9 @@ def squared_parts(table, settings, parts):
         `PartsNear` in the precision of the chain.
     """
     real = table.dtype.type
-    whole, axis, turn = settings.tol_r, parts.axis, parts.turn
+    whole = settings.tol_r
+    axis = parts.axis
+    turn = parts.turn
 
     return PartsNear(
         (real(settings.tol_p) * table[0, SCALE]) ** 2,
@@ -135,7 +137,8 @@ def scaled_weights(table, position2, axis2, turn2):
         `Weights`, the largest of them 1, none that counts under LIGHTEST.
     """
     real = table.dtype.type
-    none, least = real(0.0), real(LIGHTEST)
+    none = real(0.0)
+    least = real(LIGHTEST)
     largest = max(max(position2, axis2), max(turn2, np.finfo(table.dtype).tiny))
 
     return Weights(
@@ -156,9 +159,12 @@ def weights_of(table, near):
     Returns:
         `Weights`; a part counts as the tighter of its own tolerance and that of the whole rotation.
     """
-    one = table.dtype.type(1.0)
+    unit = table.dtype.type(1.0)
     return scaled_weights(
-        table, one / near.p2, one / min(near.axis2, near.chord2), one / min(near.turn2, near.chord2)
+        table,
+        unit / near.p2,
+        unit / min(near.axis2, near.chord2),
+        unit / min(near.turn2, near.chord2),
     )
 
 
@@ -214,7 +220,8 @@ def tilt_left(table, goal, z):
         Three numbers in base axes, perpendicular to `z`, and the squared chord.
     """
     real = goal.dtype.type
-    one, two = real(1.0), real(2.0)
+    unit = real(1.0)
+    two = real(2.0)
 
     # The tool axis of the goal
     wx, wy, wz = table[1, 2], table[1, 5], table[1, 8]
@@ -226,7 +233,7 @@ def tilt_left(table, goal, z):
     sine2 = tx * tx + ty * ty + tz * tz
     cosine = z[0] * ax + z[1] * ay + z[2] * az
     if cosine > real(OPPOSITE):
-        factor2 = two / (one + cosine)  # chord^2 / sine^2
+        factor2 = two / (unit + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
         return tx * factor, ty * factor, tz * factor, sine2 * factor2
 
@@ -260,7 +267,8 @@ def turn_about(goal, tip, z, axis2):
         The chord with its sign, and its square.
     """
     real = goal.dtype.type
-    one, two = real(1.0), real(2.0)
+    unit = real(1.0)
+    two = real(2.0)
     wx, wy, wz, cosine = skew_left(goal, tip)
 
     # Sine and cosine of the turn, up to a common factor
@@ -273,7 +281,7 @@ def turn_about(goal, tip, z, axis2):
 
     s, c = s / length, c / length
     turn = (
-        s * math.sqrt(two / (one + c))
+        s * math.sqrt(two / (unit + c))
         if c > real(OPPOSITE)
         else math.copysign(math.sqrt(two - two * c), s)
     )
@@ -324,7 +332,9 @@ def parts_error(table, goal, tip, weights):
     tx, ty, tz, axis2 = tilt_left(table, goal, z)
     turn, turn2 = turn_about(goal, tip, z, axis2)
 
-    a, b, c = weights.position, weights.axis, weights.turn * turn
+    a = weights.position
+    b = weights.axis
+    c = weights.turn * turn
     error = (a * px, a * py, a * pz, b * tx + c * z[0], b * ty + c * z[1], b * tz + c * z[2])
     return error, a * a * p2 + b * b * axis2 + c * c, (p2, chord2, axis2, turn2)
 
@@ -373,7 +383,8 @@ def weighted_column(column, z, weights):
         Six numbers.
     """
     c0, c1, c2, c3, c4, c5 = column
-    a, b = weights.position, weights.axis
+    a = weights.position
+    b = weights.axis
 
     turn = (weights.turn - b) * (z[0] * c3 + z[1] * c4 + z[2] * c5)
     return a * c0, a * c1, a * c2, b * c3 + turn * z[0], b * c4 + turn * z[1], b * c5 + turn * z[2]
@@ -382,8 +393,8 @@ def weighted_column(column, z, weights):
 @jit
 def parts_at(table, goal, q, work):
     """Squared errors at `q`, as in `PartsNear`."""
-    one = table.dtype.type(1.0)
-    return measured(table, goal, trace(table, q, work), Weights(one, one, one))[2]
+    unit = table.dtype.type(1.0)
+    return measured(table, goal, trace(table, q, work), Weights(unit, unit, unit))[2]
 
 
 @jit
@@ -402,15 +413,17 @@ def nearest_corner(table, goal, weights, above, work, q):
         Its squared error; infinite without such a corner.
     """
     n = q.shape[0]
-    least, found = q.dtype.type(np.inf), 0
+    least = q.dtype.type(np.inf)
+    nearest = 0
 
     for corner in range(1 << n):
         at_corner(table, corner, q)
         _, error2, _ = measured(table, goal, trace(table, q, work), weights)
         if above < error2 < least:
-            least, found = error2, corner
+            least = error2
+            nearest = corner
 
-    at_corner(table, found, q)
+    at_corner(table, nearest, q)
     return least
 
 

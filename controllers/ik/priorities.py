@@ -66,13 +66,11 @@ def prioritised(J, z, twist, damping, posture, held, rates):
         rates[i] = 0.0
         free[i, i] = 0.0 if held[i] else 1.0
 
-    A, B, G, gain, left = (
-        np.empty((3, n)),
-        np.empty((3, n)),
-        np.empty((3, 3)),
-        np.empty((3, n)),
-        np.empty(3),
-    )
+    A = np.empty((3, n))  # Jacobian of a task
+    B = np.empty((3, n))  # the same, of the motions that are free
+    G = np.empty((3, 3))  # Cholesky factor of B B^T + damping
+    gain = np.empty((3, n))
+    left = np.empty(3)  # twist that is left to do
 
     for task in range(TASKS if n >= FULL else TASKS - 1):
         rows = 1 if task == 2 else 3
@@ -149,13 +147,15 @@ def _take(free, B, rows):
     done = np.zeros(rows, dtype=np.bool_)
     for _ in range(rows):
         # The longest row that is left
-        best, longest = 0, -1.0
+        best = 0
+        longest = -1.0
         for r in range(rows):
             square = 0.0
             for j in range(n):
                 square += B[r, j] * B[r, j]
             if not done[r] and square > longest:
-                best, longest = r, square
+                best = r
+                longest = square
 
         if longest <= DAMPING:
             return
@@ -210,7 +210,7 @@ def solve_priority(memory, X, q0, settings, trail, out):
     """
     n = out.shape[0]
     views = partition(memory, n)
-    table, goal, work, q = views.table, views.goal, views.work, views.q
+    table, goal, _, work, _, q = views
 
     options_good = (
         settings.tol_p > 0.0
@@ -222,17 +222,22 @@ def solve_priority(memory, X, q0, settings, trail, out):
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
 
-    J, z, twist, rates, posture = (
-        np.empty((6, n)),
-        np.empty(3),
-        np.empty(6),
-        np.empty(n),
-        np.empty(n),
-    )
+    J = np.empty((6, n))
+    z = np.empty(3)
+    twist = np.empty(6)
+    rates = np.empty(n)
+    posture = np.empty(n)
     held = np.zeros(n, dtype=np.bool_)
 
-    scale, steps, tilt, p2 = table[0, SCALE], 0, 0.0, 0.0
-    before, p2_before, tilt_before, longest, largest = np.inf, np.inf, 0.0, LONGEST, 1.0
+    scale = table[0, SCALE]
+    steps = 0
+    tilt = 0.0
+    p2 = 0.0
+    before = np.inf
+    p2_before = np.inf
+    tilt_before = 0.0
+    longest = LONGEST
+    largest = 1.0
     near2 = (0.1 * settings.tol_p * scale) ** 2
 
     while True:
@@ -252,7 +257,8 @@ def solve_priority(memory, X, q0, settings, trail, out):
         # Tilt against that of the target, and turn about it
         a, b, c = X[0, 2], X[1, 2], X[2, 2]
         tx, ty, tz = z[1] * c - z[2] * b, z[2] * a - z[0] * c, z[0] * b - z[1] * a
-        sine, cosine = math.sqrt(tx * tx + ty * ty + tz * tz), z[0] * a + z[1] * b + z[2] * c
+        sine = math.sqrt(tx * tx + ty * ty + tz * tz)
+        cosine = z[0] * a + z[1] * b + z[2] * c
         tilt = math.atan2(sine, cosine)
         turn = error[3] * z[0] + error[4] * z[1] + error[5] * z[2]
         scaled = tilt / sine if sine > 1e-12 else 1.0
@@ -271,9 +277,11 @@ def solve_priority(memory, X, q0, settings, trail, out):
 
         # the step was too long: go back and take a shorter one
         if merit > before and p2 > p2_before and p2 > near2:
-            steps, longest = steps + 1, 0.3 * longest
+            steps = steps + 1
+            longest = 0.3 * longest
             if longest < QUIET:
-                p2, tilt = p2_before, tilt_before
+                p2 = p2_before
+                tilt = tilt_before
                 for j in range(n):
                     q[j] = work[j, BEST]
                 break
@@ -286,7 +294,9 @@ def solve_priority(memory, X, q0, settings, trail, out):
         # A turn of the axis may cost position for a step. Shorter steps then keep it from going to
         # and fro for ever.
         longest = 0.5 * longest if p2 > p2_before and p2 > near2 else min(1.2 * longest, LONGEST)
-        before, p2_before, tilt_before = merit, p2, tilt
+        before = merit
+        p2_before = p2
+        tilt_before = tilt
 
         # Jacobian, and the way out of the zones by the limits
         for j in range(n):

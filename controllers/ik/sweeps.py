@@ -51,12 +51,17 @@ DEPTH = 6  # sweeps that the Anderson acceleration remembers
 # [1/rad^2] weight of the tool axes against the scaled position, which must dominate. Each restart
 # takes the next weight, for a pose that converges slowly with one often converges fast with
 # another.
-SWEEP_WEIGHT, LIGHTER, HEAVIER = 0.01, 0.003, 0.03
+SWEEP_WEIGHT = 0.01
+LIGHTER = 0.003
+HEAVIER = 0.03
 # a stall: in 10 sweeps the objective does not fall to 0.8 times itself
-SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8
+SWEEP_WINDOW = 10
+SWEEP_FACTOR = 0.8
 # Near singular configurations the objective falls slowly. Below CLOSE the stall factor is therefore
 # CLOSE_FACTOR, and an accelerated step may raise the objective by up to the factor LENIENT.
-CLOSE, CLOSE_FACTOR, LENIENT = 1e-5, 0.95, 20.0
+CLOSE = 1e-5
+CLOSE_FACTOR = 0.95
+LENIENT = 20.0
 SHORT_WAY = 0.5  # [rad] joint motion up to which the branch counts as kept without a test
 
 
@@ -105,7 +110,8 @@ def sweep(table, goal, weight, mode, q, work):
     Returns:
         Squared position error [scaled] and squared chord before the sweep.
     """
-    nothing, full_turn = q.dtype.type(64.0) * np.finfo(q.dtype).eps, q.dtype.type(TWO_PI)
+    nothing = q.dtype.type(64.0) * np.finfo(q.dtype).eps
+    full_turn = q.dtype.type(TWO_PI)
 
     tip = trace(table, q, work)
     chord2 = turn_left(goal, tip)[3]
@@ -121,13 +127,15 @@ def sweep(table, goal, weight, mode, q, work):
 
     for i in range(q.shape[0] - 1, -1, -1):
         row = table[HEAD + i]
-        kind, lower, upper = row[KIND], row[LOWER], row[UPPER]
+        kind = row[KIND]
+        lower = row[LOWER]
+        upper = row[UPPER]
         ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
 
         # A slide moves the tip straight towards the goal
         if kind == SLIDE:
-            wanted = q[i] + (ex * (gx - px) + ey * (gy - py) + ez * (gz - pz)) / table[0, SCALE]
-            moved = min(max(wanted, lower), upper)
+            optimum = q[i] + (ex * (gx - px) + ey * (gy - py) + ez * (gz - pz)) / table[0, SCALE]
+            moved = min(max(optimum, lower), upper)
             d = table[0, SCALE] * (moved - q[i])
             q[i] = moved
             px += d * ex
@@ -176,11 +184,11 @@ def sweep(table, goal, weight, mode, q, work):
         if length < nothing:  # this joint cannot change the objective
             continue
         c, s = near / length, across / length
-        wanted = q[i] + math.atan2(across, near)
+        optimum = q[i] + math.atan2(across, near)
         moved = (
-            wanted if mode == THROUGH else admit(wanted, lower, upper, mode == WITHIN, full_turn)
+            optimum if mode == THROUGH else admit(optimum, lower, upper, mode == WITHIN, full_turn)
         )
-        if moved != wanted:
+        if moved != optimum:
             c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
         q[i] = moved
 
@@ -281,9 +289,12 @@ def accelerate(views, weight, near, limit, mode, best2, trail, row):
     table, goal, normal, work, past, q = views
     real = q.dtype.type
     n = q.shape[0]
-    sweeps, count, slot = 0, 0, 0
+    sweeps = 0
+    count = 0
+    slot = 0
     known = False  # the memory holds the sweep before this one
-    reference, mark = real(np.inf), real(np.inf)
+    reference = real(np.inf)
+    mark = real(np.inf)
     rounding = real(1.0) + real(1.0 / 16.0) * math.sqrt(np.finfo(q.dtype).eps)
 
     while True:
@@ -318,7 +329,10 @@ def accelerate(views, weight, near, limit, mode, best2, trail, row):
         ):
             for i in range(n):
                 q[i] = past[i, SWEPT]
-            known, count, slot, reference = False, 0, 0, real(np.inf)
+            known = False
+            count = 0
+            slot = 0
+            reference = real(np.inf)
             continue
 
         # Stalled: the objective against that of SWEEP_WINDOW sweeps before
@@ -367,8 +381,10 @@ def solve_jacobian_free(memory, X, q0, settings, trail, out):
         (code, sweeps, restarts, position error [m], orientation error [rad]).
     """
     views = partition(memory, out.shape[0])
-    table, goal, work, q = views.table, views.goal, views.work, views.q
-    limit, restarts, keep = settings.limit, settings.restarts, settings.keep
+    table, goal, _, work, _, q = views
+    limit = settings.limit
+    restarts = settings.restarts
+    keep = settings.keep
     options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and limit >= 1 and restarts >= 0
     fault = begin(table, X, q0, options_good, not keep, goal, work, q)
     if fault >= BAD_TARGET:
@@ -379,7 +395,9 @@ def solve_jacobian_free(memory, X, q0, settings, trail, out):
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
 
-    sweeps, restart, best2 = 0, 0, real(np.inf)
+    sweeps = 0
+    restart = 0
+    best2 = real(np.inf)
     while True:
         mode = ALONG if keep else WITHIN if restart % 2 == 0 else THROUGH
         weight = SWEEP_WEIGHT if restart % 3 == 0 else LIGHTER if restart % 3 == 1 else HEAVIER

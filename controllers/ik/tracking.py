@@ -133,14 +133,13 @@ class Tracker:
             ConfigurationError: for a period, speed limit, nearness or tolerance that is not
                 positive and finite, or for an unknown passing, method or joint.
         """
-        given = {
+        positive = {
             "period": period,
             "near": near,
             "position_tolerance": position_tolerance,
             "orientation_tolerance": orientation_tolerance,
         }
-
-        for name, value in ((name, number(value, name)) for name, value in given.items()):
+        for name, value in ((name, number(value, name)) for name, value in positive.items()):
             if not (value > 0.0 and (np.isfinite(value) or name == "near")):
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
         if not orientation_tolerance < np.pi:
@@ -149,42 +148,30 @@ class Tracker:
                 f"{orientation_tolerance:g}"
             )
 
-        speeds = real_array(speed_limits, "speed_limits")
-        speeds = checked(
-            np.broadcast_to(speeds, (chain.n,)) if speeds.ndim == 0 else speeds,
-            (chain.n,),
-            "speed_limits",
-        )
-
-        if not np.all(speeds > 0.0):
-            raise ConfigurationError(
-                f"speed_limits: every one must be positive, got {speeds.tolist()}"
-            )
-
+        speeds = _checked_speeds(speed_limits, chain.n)
         one_of(passing, get_args(Passing), "passing")
         one_of(method, get_args(Method), "method")
         if hold_joint is not None:
             whole_number(hold_joint, "hold_joint", most=chain.n - 1)
 
         self.hold_joint = hold_joint
-        self.chain, self.period, self.near, self.passing, self.method = (
-            chain,
-            period,
-            near,
-            passing,
-            method,
-        )
+        self.chain = chain
+        self.period = period
+        self.near = near
+        self.passing = passing
+        self.method = method
         self._travel = speeds * period
 
         # Settings of the compiled solver; in an axis stage each axis may take its share of `tol_r`
-        tol_p, tol_r = self._tolerances = float(position_tolerance), float(orientation_tolerance)
+        tol_p = float(position_tolerance)
+        tol_r = float(orientation_tolerance)
+        self._tolerances = tol_p, tol_r
         axis = tol_r * 0.5**0.5
         kinds = {
             "plain": kernels.PLAIN,
             "jacobian_free": kernels.JACOBIAN_FREE,
             "priority": kernels.PRIORITY,
         }
-
         self._settings = kernels.Settings(
             kinds.get(method, kernels.HYBRID), tol_p, tol_r, axis, axis, _STEPS, 0, True, False
         )
@@ -266,14 +253,15 @@ class Tracker:
         J[:, slides] /= self.chain._scale
 
         # The singular vector of the smallest singular value of a rank that the chain can have
-        _, values, motions = np.linalg.svd(J, full_matrices=False)
-        return float(values[self._rank - 1]), motions[self._rank - 1]
+        _, nearnesses, motions = np.linalg.svd(J, full_matrices=False)
+        return float(nearnesses[self._rank - 1]), motions[self._rank - 1]
 
     def _solve(
         self, target: Array, q0: Array, limits: Array
     ) -> tuple[Array, tuple[float, float], bool]:
         """Nearest pose within `limits` by short steps from `q0`: (q, errors [m] [rad], met)."""
-        chain, memory = self.chain, self._memory.copy()
+        chain = self.chain
+        memory = self._memory.copy()
         set_limits(memory, kernels.LOWER, limits[:, 0])
         set_limits(memory, kernels.UPPER, limits[:, 1])
 
@@ -343,7 +331,8 @@ def track(
             f"X_base_tip: expected shape (N, 4, 4) with N > 0, got {targets.shape}"
         )
 
-    state, steps = tracker.init(q0), []
+    state = tracker.init(q0)
+    steps = []
     for target in targets:
         state, step = tracker.step(state, target)
         steps.append(step)
@@ -359,6 +348,17 @@ def track(
         way=tuple(step.way for step in steps),
         restricted=np.array([step.restricted for step in steps]),
     )
+
+
+def _checked_speeds(speed_limits: ArrayLike, n: int) -> Array:
+    """Speed limits (n,) [rad/s] or [m/s], one for each joint."""
+    speeds = real_array(speed_limits, "speed_limits")
+    speeds = checked(
+        np.broadcast_to(speeds, (n,)) if speeds.ndim == 0 else speeds, (n,), "speed_limits"
+    )
+    if not np.all(speeds > 0.0):
+        raise ConfigurationError(f"speed_limits: every one must be positive, got {speeds.tolist()}")
+    return speeds
 
 
 def _generic_rank(chain: Chain) -> int:

@@ -28,25 +28,32 @@ _size = kernel(memory_size)
 def _compiled(method: Method) -> Any:
     """C function of a method; it must stay alive, since its address is in use."""
     # closed over: each method is compiled for itself
-    plain, priority = method == "plain", method == "priority"
+    plain = method == "plain"
+    priority = method == "priority"
 
     def of_pointers(n, tol_p, tol_r, limit, memory, X, q0, q, errors):
-        chain, trail = carray(memory, _size(n)), carray(memory, (0, 1))
-        target, start, out, said = carray(X, (4, 4)), carray(q0, n), carray(q, n), carray(errors, 2)
+        chain = carray(memory, _size(n))
+        trail = carray(memory, (0, 1))
+        target = carray(X, (4, 4))
+        start = carray(q0, n)
+        out = carray(q, n)
+        residual = carray(errors, 2)
 
         axis = tol_r * 0.5**0.5
 
         if plain:
             settings = Settings(PLAIN, tol_p, tol_r, axis, axis, limit, 0, True, True)
-            code, _, _, said[0], said[1] = solve_plain(chain, target, start, settings, trail, out)
+            code, _, _, residual[0], residual[1] = solve_plain(
+                chain, target, start, settings, trail, out
+            )
         elif priority:
             settings = Settings(PRIORITY, tol_p, tol_r, axis, axis, limit, 0, True, False)
-            code, _, _, said[0], said[1] = solve_priority(
+            code, _, _, residual[0], residual[1] = solve_priority(
                 chain, target, start, settings, trail, out
             )
         else:
             settings = Settings(JACOBIAN_FREE, tol_p, tol_r, axis, axis, limit, 0, True, False)
-            code, _, _, said[0], said[1] = solve_jacobian_free(
+            code, _, _, residual[0], residual[1] = solve_jacobian_free(
                 chain, target, start, settings, trail, out
             )
 
@@ -76,10 +83,11 @@ def _call(
     """Intrinsic that calls a solver; arrays are given by their addresses."""
 
     def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
-        number, count = ir.DoubleType(), ir.IntType(64)
-        arrays = [builder.inttoptr(each, number.as_pointer()) for each in args[5:]]
+        number = ir.DoubleType()
+        count = ir.IntType(64)
+        arrays = [builder.inttoptr(address, number.as_pointer()) for address in args[5:]]
         kind = ir.FunctionType(
-            count, [count, number, number, count, *(each.type for each in arrays)]
+            count, [count, number, number, count, *(array.type for array in arrays)]
         )
 
         return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [*args[1:5], *arrays])
@@ -108,7 +116,7 @@ def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
     Returns:
         A code of `uuv.controllers.ik.chain_kernels`.
     """
-    places = chain.ctypes.data, X.ctypes.data, q0.ctypes.data, q.ctypes.data, errors.ctypes.data
+    addresses = chain.ctypes.data, X.ctypes.data, q0.ctypes.data, q.ctypes.data, errors.ctypes.data
 
     return _call_solver(
         address,
@@ -116,9 +124,9 @@ def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
         tolerances[0],
         tolerances[1],
         limit,
-        places[0],
-        places[1],
-        places[2],
-        places[3],
-        places[4],
+        addresses[0],
+        addresses[1],
+        addresses[2],
+        addresses[3],
+        addresses[4],
     )

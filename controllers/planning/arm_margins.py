@@ -36,7 +36,8 @@ _SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives 
 @kernel
 def _step_and_room(before, q, low, high):
     """Largest joint step from `before` to `q`, least distance of `q` to its limits; (n,) each."""
-    jump, room = 0.0, np.inf
+    jump = 0.0
+    room = np.inf
     for j in range(q.shape[0]):
         jump = max(jump, abs(q[j] - before[j]))
         room = min(room, min(q[j] - low[j], high[j] - q[j]))
@@ -61,8 +62,10 @@ def _are_above(margin, J, push, torque_limits):
 
     # The smallest singular value is above t where the Gram matrix less t^2 has a Cholesky
     # factorisation.
-    k, t = min(6, n), _SINGULAR * margin * (1.0 + 1e-6)
-    L, trace = np.empty((k, k)), 0.0
+    k = min(6, n)
+    t = _SINGULAR * margin * (1.0 + 1e-6)
+    L = np.empty((k, k))
+    trace = 0.0
 
     for a in range(k):
         for b in range(a + 1):
@@ -158,10 +161,14 @@ class ArmMargins:
             The margin with the first joint angles; or the first pose that fails, and why.
         """
         X_AW = inverse(X_WB @ self.vehicle.X_BA)
-        low, high = self.vehicle.q_limits[:, 0], self.vehicle.q_limits[:, 1]
-        margin, floor = np.inf, max(to_beat, 0.05)
-        q, q_start = self.vehicle.q_ready if track.q is None else track.q, None
-        full, long = self.chain.n >= FULL, reach(self.chain)
+        low = self.vehicle.q_limits[:, 0]
+        high = self.vehicle.q_limits[:, 1]
+        margin = np.inf
+        floor = max(to_beat, 0.05)
+        q = self.vehicle.q_ready if track.q is None else track.q
+        q_start = None
+        full = self.chain.n >= FULL
+        long = reach(self.chain)
         slides = np.array([kind == "p" for kind in self.chain.joint_types])
 
         for i, X_WG in enumerate(track.poses):
@@ -250,7 +257,8 @@ class ArmMargins:
 
         match dropped.limit:
             case Limit.REACH:
-                low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+                low = vehicle.q_limits[:, 0]
+                high = vehicle.q_limits[:, 1]
                 at_limit = np.flatnonzero(np.minimum(dropped.q - low, high - dropped.q) < _AT_LIMIT)
                 names = ", ".join(vehicle.joint_names[j] for j in at_limit)
                 return (
@@ -266,7 +274,8 @@ class ArmMargins:
                 )
 
             case Limit.JOINT:
-                low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+                low = vehicle.q_limits[:, 0]
+                high = vehicle.q_limits[:, 1]
                 return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} comes to its limit"
             case Limit.TILT:
                 return f"the tool would lean by {np.degrees(dropped.q[0]):.0f} deg"

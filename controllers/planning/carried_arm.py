@@ -60,7 +60,8 @@ def with_hull(chain: Chain, X_BA: Array) -> Chain:
         chain: the arm, base to tip.
         X_BA: (4, 4) its base on the hull.
     """
-    R, free = X_BA[:3, :3], np.inf * np.array([[-1.0, 1.0]])
+    R = X_BA[:3, :3]
+    free = np.inf * np.array([[-1.0, 1.0]])
 
     return Chain(
         joint_types="pppr" + chain.joint_types,
@@ -112,9 +113,11 @@ class CarriedArm:
 
         drag = self.holding.drag if self.holding else 0.0
         poses = tool_poses(path, shares, 0.0, self.standoff)
-        on_path, middle = poses[STANDOFF_STEPS:-STANDOFF_STEPS], len(shares) // 2
+        on_path = poses[STANDOFF_STEPS:-STANDOFF_STEPS]
+        middle = len(shares) // 2
         most = -np.inf
-        best, furthest = cast("Placement | None", None), cast("Dropped | None", None)
+        best = cast("Placement | None", None)
+        furthest = cast("Dropped | None", None)
         met: list[Array] = []
 
         for start in self._starts(whole, on_path[middle], skin, met):
@@ -137,13 +140,13 @@ class CarriedArm:
             )
 
             # Margins of the arm on this way
-            found = arm.along(track, hulls[0], 0.0)
-            if isinstance(found, Dropped):
-                if best is None and (furthest is None or found.reached > furthest.reached):
-                    furthest = found
+            outcome = arm.along(track, hulls[0], 0.0)
+            if isinstance(outcome, Dropped):
+                if best is None and (furthest is None or outcome.reached > furthest.reached):
+                    furthest = outcome
                 continue
 
-            worth = min(found.margin, 1.0) - self._side(start[HULL_JOINTS:])
+            worth = min(outcome.margin, 1.0) - self._side(start[HULL_JOINTS:])
             if worth <= most:
                 continue
             most = worth
@@ -152,8 +155,8 @@ class CarriedArm:
                 X_WB=hulls[0],
                 travel_W=readonly(hulls[-1][:3, 3] - hulls[0][:3, 3]),
                 roll=roll,
-                q_start=found.q_start,
-                margin=found.margin,
+                q_start=outcome.q_start,
+                margin=outcome.margin,
                 reached=1.0,
                 way=_way(shares, hulls),
             )
@@ -186,9 +189,11 @@ class CarriedArm:
         postures = np.vstack([self.vehicle.q_ready, straight, postures])
 
         # Working postures of the arm, the roomiest first
-        z_W, found = X_WG[:3, 2], []
+        z_W = X_WG[:3, 2]
+        candidates = []
         for q in postures:
-            X_BG, J = self.vehicle.X_BA @ self.chain.kinematics(q)[0], self.chain.kinematics(q)[1]
+            X_BG = self.vehicle.X_BA @ self.chain.kinematics(q)[0]
+            J = self.chain.kinematics(q)[1]
             z_B = X_BG[:3, 2]
             if abs(z_B[2] - z_W[2]) > 0.5:  # the hull stays level: only the arm tilts the tool
                 continue
@@ -202,13 +207,13 @@ class CarriedArm:
             bent = float(np.linalg.svd(J[:3], compute_uv=False)[-1])
             margin = min(room, 1.0 - float(push.max()), bent / (BENT * reach(self.chain)))
 
-            found.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
+            candidates.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
 
-        found.sort(key=lambda each: -each[0])
+        candidates.sort(key=lambda candidate: -candidate[0])
 
         # Position and heading of the hull for each, with hull and arm as one chain
-        kept = 0
-        for _, q, X_BG in found:
+        fitting = 0
+        for _, q, X_BG in candidates:
             fits = False
             for yaw in self._yaws(X_BG[:3, 2], z_W):
                 R_WB = exp_so3([0.0, 0.0, yaw])
@@ -230,8 +235,8 @@ class CarriedArm:
                     yield result.q
                     fits = True
 
-            kept += fits
-            if kept >= _KEPT:
+            fitting += fits
+            if fitting >= _KEPT:
                 return
 
     def _side(self, q: Array) -> float:
@@ -248,7 +253,8 @@ class CarriedArm:
     @staticmethod
     def _round(whole: Chain, joints: Array, X_WG: Array) -> Array:
         """Tool pose (4, 4) with position and axis of `X_WG`, turned about it as at `joints`."""
-        z, x = X_WG[:3, 2], whole.forward(joints)[:3, 0]
+        z = X_WG[:3, 2]
+        x = whole.forward(joints)[:3, 0]
         x = x - (x @ z) * z
         if np.linalg.norm(x) < 1e-3:
             return X_WG
@@ -263,8 +269,8 @@ class CarriedArm:
         for way in (range(middle, len(poses)), range(middle, -1, -1)):
             joints = start
             for i in way:
-                wanted = poses[i] if keeps_x else self._round(whole, joints, poses[i])
-                met = solve(whole, wanted, joints, _POSITION, _TILT, "priority", options=_STEPS)
+                target = poses[i] if keeps_x else self._round(whole, joints, poses[i])
+                met = solve(whole, target, joints, _POSITION, _TILT, "priority", options=_STEPS)
                 if not met.converged:
                     return None
                 joints = met.q
@@ -273,7 +279,8 @@ class CarriedArm:
 
     def _has_room(self, X_WB: Array, skin: Array) -> bool:
         """True if the hull is clear of object and seabed."""
-        clearance, box = self.search.clearance, self.around.hull_box
+        clearance = self.search.clearance
+        box = self.around.hull_box
         above = X_WB[2, 3] + box[0, 2] >= self.around.floor + clearance
         return above and hull_keeps(X_WB, box, skin, clearance)
 

@@ -65,7 +65,8 @@ class GroundApproach:
 
         # Higher where a corner of the hull would be too near
         X = np.array(X_WB)
-        n, p = ground.normal_W, ground.p_W
+        n = ground.normal_W
+        p = ground.p_W
         X[2, 3] = p[2] - (n[:2] @ (X[:2, 3] - p[:2])) / n[2] + self.height
         corners = np.array(np.meshgrid(*self.hull_box.T)).reshape(3, -1).T @ X[:3, :3].T + X[:3, 3]
         gap = float(((corners - p) @ n).min())

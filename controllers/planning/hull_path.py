@@ -36,15 +36,14 @@ class HullPath:
         """
         q = np.array(vehicle.q_home)
         arm_A = np.vstack([joint_centres(chain, q), chain.kinematics(q)[0][:3, 3]])
-        self._arm_B, self._hull_box = transform_points(np.array(vehicle.X_BA), arm_A), hull_box
+        self._arm_B = transform_points(np.array(vehicle.X_BA), arm_A)
+        self._hull_box = hull_box
 
         shell = ConvexHull(obstacle)
         self._clearance = size(chain) * CLEARANCE
-        self._skin, self._planes, self._middle = (
-            skin_of(obstacle, shell),
-            shell.equations,
-            obstacle.mean(axis=0),
-        )
+        self._skin = skin_of(obstacle, shell)
+        self._planes = shell.equations
+        self._middle = obstacle.mean(axis=0)
 
     def gap(self, X_WB: Array) -> float:
         """Distance [m] of hull box, arm joints and tip to the object; negative inside."""
@@ -81,20 +80,23 @@ class HullPath:
         has. Otherwise the first detour that does, the shortest detours first. If none does, the
         path with the largest clearance.
         """
-        wanted = min(self._clearance, self.gap(X_from), self.gap(X_to))
-        best, widest = [X_to], -np.inf
+        clearance = min(self._clearance, self.gap(X_from), self.gap(X_to))
+        best = [X_to]
+        widest = -np.inf
 
         for way in self._ways(X_from, X_to):
             gap = self.least_gap([X_from, *way])
             if gap > widest:
-                best, widest = way, gap
-            if gap >= wanted - 1e-9:
+                best = way
+                widest = gap
+            if gap >= clearance - 1e-9:
                 break
         return best
 
     def _ways(self, X_from: Array, X_to: Array) -> Iterator[list[Array]]:
         yield [X_to]
-        R_from, R_to = X_from[:3, :3], X_to[:3, :3]
+        R_from = X_from[:3, :3]
+        R_to = X_to[:3, :3]
         # rotation first, then a straight move: the arm is on the other side
         yield [pose(R_to, X_from[:3, 3]), X_to]
         for back in _BACK:
@@ -109,7 +111,8 @@ class HullPath:
 def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
     """Points (k, 3) [m] on the edges of the convex hull, no further apart than _SKIN_STEP."""
     edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-    start, end = obstacle[edges[:, 0]], obstacle[edges[:, 1]]
+    start = obstacle[edges[:, 0]]
+    end = obstacle[edges[:, 1]]
     count = np.ceil(np.linalg.norm(end - start, axis=1) / _SKIN_STEP).astype(int)
 
     points = [obstacle[hull.vertices]]
@@ -138,7 +141,9 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
     inside = float(np.maximum(np.maximum(x, y), z).min())
     if inside < 0.0:
         return inside
-    x, y, z = np.maximum(x, 0.0), np.maximum(y, 0.0), np.maximum(z, 0.0)
+    x = np.maximum(x, 0.0)
+    y = np.maximum(y, 0.0)
+    z = np.maximum(z, 0.0)
     return float(np.sqrt((x**2 + y**2 + z**2).min()))
 
 
@@ -149,8 +154,11 @@ def hull_gap_kernel(
     """As `hull_gap` of an obstacle at -`away` (3,) [m], to the rounding; ends under `enough`."""
     nearest = np.inf
     for x, y, z in obstacle:
-        x, y, z = x - away[0] - X_WB[0, 3], y - away[1] - X_WB[1, 3], z - away[2] - X_WB[2, 3]
-        deepest, square = -np.inf, 0.0
+        x = x - away[0] - X_WB[0, 3]
+        y = y - away[1] - X_WB[1, 3]
+        z = z - away[2] - X_WB[2, 3]
+        deepest = -np.inf
+        square = 0.0
         for k in range(3):
             p_B = x * X_WB[0, k] + y * X_WB[1, k] + z * X_WB[2, k]
             outside = max(hull_box[0, k] - p_B, p_B - hull_box[1, k])
@@ -215,7 +223,9 @@ def joint_gap_kernel(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -
     """As `arm_gap`, of given joint centres (k, 3) [m]."""
     nearest = np.inf
     for x, y, z in joints_A:
-        x, y, z = x - X_AW[0, 3], y - X_AW[1, 3], z - X_AW[2, 3]
+        x = x - X_AW[0, 3]
+        y = y - X_AW[1, 3]
+        z = z - X_AW[2, 3]
         u = X_AW[0, 0] * x + X_AW[1, 0] * y + X_AW[2, 0] * z + gone[0]
         v = X_AW[0, 1] * x + X_AW[1, 1] * y + X_AW[2, 1] * z + gone[1]
         w = X_AW[0, 2] * x + X_AW[1, 2] * y + X_AW[2, 2] * z + gone[2]
@@ -232,7 +242,9 @@ def joint_centres_kernel(slides: np.ndarray, axes: Array, points: Array, q: Arra
     """As `joint_centres`, to the rounding; `slides` (n,) tells which joints do."""
     centres = np.empty((len(q), 3))
     # each joint is moved by those before it
-    R, turned, p = np.eye(3), np.empty((3, 3)), np.zeros(3)
+    R = np.eye(3)
+    turned = np.empty((3, 3))
+    p = np.zeros(3)
 
     for i in range(len(q)):
         for a in range(3):

@@ -145,7 +145,8 @@ def place_hull(
     ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
 
     best: Placement | None = None
-    best_yaw, furthest = 0.0, cast("Dropped | None", None)
+    best_yaw = 0.0
+    furthest = cast("Dropped | None", None)
 
     def too_close(X_WB: Array, away_W: Array) -> bool:
         """True if the hull, displaced by `away_W` (3,) [m], is too near to the object."""
@@ -168,20 +169,21 @@ def place_hull(
         better = False
         for roll, track in zip(rolls, tracks, strict=True):
             to_beat = (1.0 + _BETTER) * best.margin if best else 0.0
-            found = arm.along(track, X_WB, to_beat)
-            if isinstance(found, Dropped):
-                if best is None and (furthest is None or found.reached > furthest.reached):
-                    furthest = found
-            elif found.margin > to_beat:
+            outcome = arm.along(track, X_WB, to_beat)
+            if isinstance(outcome, Dropped):
+                if best is None and (furthest is None or outcome.reached > furthest.reached):
+                    furthest = outcome
+            elif outcome.margin > to_beat:
                 best = Placement(
                     X_WB=X_WB,
                     travel_W=travel_W,
                     roll=roll,
-                    q_start=found.q_start,
-                    margin=found.margin,
+                    q_start=outcome.q_start,
+                    margin=outcome.margin,
                     reached=1.0,
                 )
-                best_yaw, better = yaw, True
+                best_yaw = yaw
+                better = True
         return better
 
     for base, yaw in mounting.candidates(path, middle, reach(chain), search):
@@ -218,7 +220,8 @@ class _Mounting:
 
     @classmethod
     def of(cls, X_BA: Array, sign: float) -> "_Mounting":
-        axis, reach = sign * X_BA[:3, 2], X_BA[:3, 0]
+        axis = sign * X_BA[:3, 2]
+        reach = X_BA[:3, 0]
 
         upright = bool(abs(axis[2]) > np.sqrt(0.5))
         ahead = reach if upright else axis
@@ -357,7 +360,8 @@ class PathStanding:
             with suppress(ReachError):
                 turned, path, worked = self._best(obstacle, whole, holding)
                 if (least := self.used(turned, path, smooth)) < used:
-                    chosen, used = (replace(turned, held=holding is moved), path, worked), least
+                    chosen = (replace(turned, held=holding is moved), path, worked)
+                    used = least
                 break
 
         if used <= self.limits.thrust:
@@ -388,7 +392,8 @@ class PathStanding:
             shares, np.linspace(0.0, float(path.s[-1]), count), np.linspace(0.0, 1.0, count)
         )
         done = np.pad(done, STANDOFF_STEPS, mode="edge")
-        q, most = placement.q_start, 0.0
+        q = placement.q_start
+        most = 0.0
 
         for X_WG, load, share in zip(poses, loads, done, strict=True):
             X_WB = placement.hull_at(share)
@@ -411,7 +416,7 @@ class PathStanding:
                 break
             shorter = middle_part(whole, share)
             try:
-                found = place_hull(
+                placement = place_hull(
                     self.vehicle,
                     self.chain,
                     shorter,
@@ -426,8 +431,8 @@ class PathStanding:
                 failure = failure or error
                 continue
 
-            if best is None or found.margin > best[0].margin:
-                best = found, shorter, share
+            if best is None or placement.margin > best[0].margin:
+                best = placement, shorter, share
             if best[0].margin >= limits.roomy:
                 break
 

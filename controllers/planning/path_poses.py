@@ -26,7 +26,9 @@ def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Arra
         The pose X_WG (4, 4), the derivative of its origin (3,) [-], and that of its axes (3,)
         [rad/m], W.
     """
-    X, tangent, turn = np.eye(4), np.empty(3), np.empty(3)
+    X = np.eye(4)
+    tangent = np.empty(3)
+    turn = np.empty(3)
     _tool_pose(_Samples(path.s, path.p, path.z, path.x), s, roll, X, tangent, turn)
     return X, tangent, turn
 
@@ -50,7 +52,10 @@ def part_of(path: ToolPath, keep: np.ndarray) -> ToolPath:
         keep = keep & (np.arange(len(keep)) >= first) & (np.arange(len(keep)) <= last)
 
     fits = None if path.fits is None else path.fits[keep]
-    s, p, z, x = path.s[keep], path.p[keep], path.z[keep], path.x[keep]
+    s = path.s[keep]
+    p = path.p[keep]
+    z = path.z[keep]
+    x = path.x[keep]
     return replace(path, s=s - s[0], p=p, z=z, x=x, on_scan=path.on_scan[keep], fits=fits)
 
 
@@ -75,13 +80,15 @@ class _Samples(NamedTuple):
 
 @kernel
 def _tool_pose(path, s, roll, X, tangent, turn):
-    low, high = max(0.0, s - _HALF_STEP), min(path.s[-1], s + _HALF_STEP)
+    low = max(0.0, s - _HALF_STEP)
+    high = min(path.s[-1], s + _HALF_STEP)
     R_low, p_low = _frame(path, low, roll)
     R_high, p_high = _frame(path, high, roll)
     X[:3, :3], X[:3, 3] = _frame(path, s, roll)
 
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         total = 0.0
         for m in range(3):  # vee of the antisymmetric part of R_high R_low^T
             total += R_high[k, m] * R_low[j, m] - R_high[j, m] * R_low[k, m]
@@ -107,7 +114,9 @@ def _frame(path, s, roll):
     # Turned about z by the roll
     c, sn = np.cos(roll), np.sin(roll)
     R = np.empty((3, 3))
-    R[:, 0], R[:, 1], R[:, 2] = c * x + sn * y, c * y - sn * x, z
+    R[:, 0] = c * x + sn * y
+    R[:, 1] = c * y - sn * x
+    R[:, 2] = z
     return R, p
 
 

@@ -22,10 +22,10 @@ from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, checked, inverse, readonly
 
+_FEW_STEPS = IkOptions(max_iterations=60)
 # Largest shear under a round turbulent jet that strikes a wall perpendicularly from height H
 # [Beltaos 1974]: 0.16 rho U0^2 (d / H)^2. Expressed by its thrust rho U0^2 pi d^2 / 4, the diameter
 # d cancels.
-_FEW_STEPS = IkOptions(max_iterations=60)
 _SHEAR = 0.16 * 4.0 / np.pi  # [-] largest shear stress times H^2 over thrust
 
 
@@ -116,7 +116,9 @@ def choose_height(
         ReachError: no pose is feasible; the message gives the reason.
         ConfigurationError: `ground` or `X_WB` is invalid.
     """
-    search, vehicle, chain = search or HeightSearch(), own.vehicle, own.chain
+    search = search or HeightSearch()
+    vehicle = own.vehicle
+    chain = own.chain
 
     start = np.array(checked(X_WB, (4, 4), "X_WB"))
     points = np.asarray(ground, dtype=np.float64)
@@ -139,7 +141,8 @@ def choose_height(
     still = np.zeros((len(poses[0]), 3))
 
     # `arm_gap` tests the arm, below
-    tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])
+    tree = cKDTree(points)
+    nowhere = np.array([[0.0, 0.0, 0.0, np.inf]])
     arm = ArmMargins(
         vehicle=vehicle, chain=chain, planes=nowhere, force=force, clearance=search.arm_clearance
     )
@@ -147,7 +150,11 @@ def choose_height(
     highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
     calm = silt_height(search.jet, search.critical_shear)
     best: WorkHeight | None = None
-    furthest, room, silt, hit, known = 0.0, -np.inf, False, False, False
+    furthest = 0.0
+    room = -np.inf
+    silt = False
+    hit = False
+    known = False
 
     for aside in search.asides:
         for i in range(search.directions if aside else 1):
@@ -163,10 +170,8 @@ def choose_height(
             known = True
             over += search.jets_above
             if min(gap - search.clearance, over - calm) > room:
-                room, silt = (
-                    min(gap - search.clearance, over - calm),
-                    over - calm < gap - search.clearance,
-                )
+                room = min(gap - search.clearance, over - calm)
+                silt = over - calm < gap - search.clearance
 
             # Descend until a tool roll has a roomy margin
             while gap >= search.clearance and over >= calm:
@@ -185,7 +190,7 @@ def choose_height(
                         hit = True
                         continue
 
-                    found = Placement(
+                    placement = Placement(
                         X_WB=readonly(X),
                         travel_W=readonly(np.zeros(3)),
                         roll=roll,
@@ -194,7 +199,7 @@ def choose_height(
                         reached=1.0,
                     )
                     best = WorkHeight(
-                        placement=found,
+                        placement=placement,
                         aside=aside,
                         hull_gap=gap,
                         jet_height=over,
@@ -205,7 +210,8 @@ def choose_height(
                     return best
 
                 X[2, 3] -= search.step
-                gap, over = gap - search.step, over - search.step
+                gap = gap - search.step
+                over = over - search.step
         if best is not None:
             return best
 
@@ -271,7 +277,8 @@ def arm_gap(
     Returns:
         The distance [m]; inf for an arm without further joints.
     """
-    q, gap = q_start, np.inf
+    q = q_start
+    gap = np.inf
 
     for X_WG in tools:
         q = solve(chain, inverse(X_WA) @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS).q

@@ -8,13 +8,15 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, log_so3, readonly
 
-SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of a tool along its path
+SLOWEST = 1e-4  # [m/s] of a tool along its path
+FASTEST = 1.0  # [m/s] of a tool along its path
 BEND = 0.05  # [m/s^2] of a tool across its path, where nothing else is said
 # [rad/s] of a tool on its path: faster, joints near the wrist come to their speed limit
 TURN = 0.35
 
 # Peak speed and acceleration of the quintic 10 t^3 - 15 t^4 + 6 t^5 for a unit move in unit time.
-_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / np.sqrt(3.0)
+_PEAK_SPEED = 1.875
+_PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
 
 
 def _quintic(u: float) -> tuple[float, float]:
@@ -168,7 +170,8 @@ class Progress:
 
     def time(self, s: float) -> float:
         """Time [s] after the start at which arc length `s` [m] is reached: the inverse of `at`."""
-        total, acceleration = self.duration, self.speed / self.ramp
+        total = self.duration
+        acceleration = self.speed / self.ramp
         ramp = min(self.ramp, 0.5 * total)
         risen = 0.5 * acceleration * ramp**2
         s = min(max(s, 0.0), self.length)

@@ -95,7 +95,8 @@ class ScanTarget(Phase):
 
     def step(self, state: ScanState, held: Held, now: Context) -> Outcome:
         """Done with `held.target`; refused if this view shows too little and another may follow."""
-        limits, target = self._limits, now.target
+        limits = self._limits
+        target = now.target
 
         # Wait for the next frame
         if target is None or target.time < state.look_from:
@@ -109,7 +110,8 @@ class ScanTarget(Phase):
         state.looks += 1
         state.in_vain += 1
         if target.accepted and (target.path is not None or not self._path):
-            state.finds, state.in_vain = (*state.finds, target), 0
+            state.finds = (*state.finds, target)
+            state.in_vain = 0
         if state.finds and state.looks < limits.finds:
             state.look_from = now.time + limits.interval
             return None
@@ -152,8 +154,8 @@ class ScanTarget(Phase):
             return ""
 
         way = max(
-            float(np.linalg.norm(one.X_WT[:3, 3] - other.X_WT[:3, 3]))
-            for one in finds
+            float(np.linalg.norm(find.X_WT[:3, 3] - other.X_WT[:3, 3]))
+            for find in finds
             for other in finds
         )
         return (
@@ -187,7 +189,8 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
     covariances = [find.covariance or _alike(find) for find in finds]
     of_hull = _common(finds)
     X_WT, mean, _ = mean_pose([find.X_WT for find in finds], covariances, of_hull)
-    path, moved = last.path, X_WT @ inverse(last.X_WT)
+    path = last.path
+    moved = X_WT @ inverse(last.X_WT)
 
     # The path of the newest, moved with the pose
     if path is not None:
@@ -227,8 +230,8 @@ def _common(finds: Sequence[Target]) -> Array:
 def _agreeing(finds: Sequence[Target]) -> Sequence[Target]:
     """The most finds that agree with one of them; of equal groups, the one around the newest."""
     best: Sequence[Target] = ()
-    for one in reversed(finds):
-        group = [other for other in finds if _agree(one, other)]
+    for find in reversed(finds):
+        group = [other for other in finds if _agree(find, other)]
         if len(group) > len(best):
             best = group
     return best
@@ -236,7 +239,8 @@ def _agreeing(finds: Sequence[Target]) -> Sequence[Target]:
 
 def _agree(one: Target, other: Target) -> bool:
     """True if two finds can be of one pose, but for what is free."""
-    a, b = one.covariance, other.covariance
+    a = one.covariance
+    b = other.covariance
     if a is None or b is None:
         a = _alike(one)
         twist = a.twist(one.X_WT, other.X_WT)
@@ -271,7 +275,8 @@ class TareSensors(Phase):
 
     def __init__(self, after: float = 1.5, seconds: float = 2.0) -> None:
         """Set up the phase: a wait of `after` [s], then the mean of the bias over `seconds` [s]."""
-        self._after, self._seconds = after, seconds
+        self._after = after
+        self._seconds = seconds
 
     def enter(self, held: Held, now: Context) -> Since:
         """Begin with the wait."""
@@ -307,7 +312,9 @@ class CertainPlace(Phase):
 
     def __init__(self, tare: TareSensors, limits: PromiseLimits, speed: float) -> None:
         """Set up the phase; `speed` [m/s] along the path."""
-        self._tare, self._limits, self._speed = tare, limits, speed
+        self._tare = tare
+        self._limits = limits
+        self._speed = speed
 
     def enter(self, held: Held, now: Context) -> CertainState:
         """Begin with the tare."""
@@ -315,7 +322,8 @@ class CertainPlace(Phase):
 
     def step(self, state: CertainState, held: Held, now: Context) -> Outcome:
         """Done with `held.promise`; broken off if the chance is too small."""
-        limits, outcome = self._limits, self._tare.step(state.inner, held, now)
+        limits = self._limits
+        outcome = self._tare.step(state.inner, held, now)
         if outcome is not PhaseEvent.DONE or now.time - state.asked < limits.interval:
             return None if outcome is PhaseEvent.DONE else outcome
         assert held.line is not None
@@ -330,10 +338,12 @@ class CertainPlace(Phase):
 
         if held.promise is None:
             return PhaseEvent.DONE
-        chance, first = held.promise.chance, not np.isfinite(state.asked)
+        chance = held.promise.chance
+        first = not np.isfinite(state.asked)
         rising = first or chance > state.chance + limits.gain
 
-        state.asked, state.chance = now.time, chance
+        state.asked = now.time
+        state.chance = chance
         if (
             chance < max(limits.wanted, limits.least)
             and rising
@@ -432,7 +442,8 @@ def arrival(
     Returns:
         Names and rows, the first one to begin with.
     """
-    settle, move = Settle(limits.rest), partial(MoveHull, limits.motion)
+    settle = Settle(limits.rest)
+    move = partial(MoveHull, limits.motion)
     free = dict.fromkeys((Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW), "held")
     row = partial(TaskRow, leave={**free, Reaction.STOP: "halt"})
 
@@ -442,7 +453,8 @@ def arrival(
 
     def other_view(held: Held) -> Array:
         if held.next_X_WB is not None:  # proposed by perception
-            X, to = np.array(held.X_WB), held.next_X_WB
+            X = np.array(held.X_WB)
+            to = held.next_X_WB
             ahead = heading(to[:3, :3]) - heading(X[:3, :3])
             return pose(exp_so3([0.0, 0.0, ahead]) @ X[:3, :3], [to[0, 3], to[1, 3], X[2, 3]])
 
@@ -466,7 +478,8 @@ def arrival(
         if not placement.held:
             held.note = "the thrusters may not hold the hull against friction at the set force"
 
-        held.line, held.depth = ToolLine(path, placement, offset), depth
+        held.line = ToolLine(path, placement, offset)
+        held.depth = depth
         before = lifted(site.own, placement.X_WB, held.X_WB, limits.lift)
         held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
 

@@ -145,7 +145,9 @@ class AxialApproach(AxialPhase):
             to: [m] depth at which the phase is done.
         """
         super().__init__(limits, push)
-        self._contact, self._slow, self._to = contact, slow, to
+        self._contact = contact
+        self._slow = slow
+        self._to = to
 
     def enter(self, held: Held, now: Context) -> TouchedFor:
         """Begin without contact."""
@@ -154,12 +156,13 @@ class AxialApproach(AxialPhase):
 
     def step(self, state: TouchedFor, held: Held, now: Context) -> Outcome:
         """Done at the depth; touched where the rim is met."""
-        contact, (slow_from, slow) = self._contact, self._slow
+        contact = self._contact
+        slow_from, slow = self._slow
         axial, _ = self._forces(held, now)
 
-        wanted = self._limits.approach_speed if held.depth < slow_from else slow
+        speed = self._limits.approach_speed if held.depth < slow_from else slow
         self._advance(
-            held, now, wanted, max(0.0, axial) / self._push.force if contact.yields else 0.0
+            held, now, speed, max(0.0, axial) / self._push.force if contact.yields else 0.0
         )
 
         state.seconds = state.seconds + now.period if axial > contact.touch else 0.0
@@ -210,17 +213,17 @@ class Withdraw(AxialPhase):
         axial, _ = self._forces(held, now)
         inside = held.depth > self._mouth
 
-        wanted, resisted = (
+        speed, resisted = (
             (-limits.speed, -axial / self._push.force) if inside else (-limits.approach_speed, 0.0)
         )
-        self._advance(held, now, wanted, resisted)
+        self._advance(held, now, speed, resisted)
 
         stuck = now.time - state.since > limits.longest
         if not stuck and held.depth > -limits.standoff:
             return None
         held.speed = 0.0
-        said = f"stuck at {1e3 * held.depth:.0f} mm on the way out"
-        return Abort(AbortCode.STUCK, said) if stuck else PhaseEvent.DONE
+        reason = f"stuck at {1e3 * held.depth:.0f} mm on the way out"
+        return Abort(AbortCode.STUCK, reason) if stuck else PhaseEvent.DONE
 
 
 _ANY = (Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW)

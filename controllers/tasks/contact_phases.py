@@ -41,7 +41,8 @@ class GuardedApproach(Phase):
 
     def __init__(self, limits: ApproachLimits, distance: float | None = None) -> None:
         """Set up the phase; `distance` [m] to keep from the surface, None: contact is sought."""
-        self._limits, self._distance = limits, distance
+        self._limits = limits
+        self._distance = distance
 
     def enter(self, held: Held, now: Context) -> ApproachState:
         """Begin at rest, at the stand-off."""
@@ -59,8 +60,8 @@ class GuardedApproach(Phase):
         if self._distance is not None:
             depth = limits.standoff - self._distance
             if touched:
-                said = "the tool touched something on its way to the distance that it is to keep"
-                return Abort(AbortCode.OBSTACLE, said)
+                reason = "the tool touched something on its way to the distance that it is to keep"
+                return Abort(AbortCode.OBSTACLE, reason)
             self._advance(held, now, depth)
             if held.depth < depth:
                 return None
@@ -69,7 +70,8 @@ class GuardedApproach(Phase):
 
         # Until contact
         if touched:
-            held.set_force, held.speed = now.normal, 0.0
+            held.set_force = now.normal
+            held.speed = 0.0
             return PhaseEvent.DONE
 
         self._advance(held, now, limits.standoff)
@@ -83,9 +85,9 @@ class GuardedApproach(Phase):
     def _advance(self, held: Held, now: Context, depth: float) -> None:
         """One period, at `touch_speed` from `guard` before `depth` [m] on."""
         limits = self._limits
-        wanted = limits.speed if held.depth < depth - limits.guard else limits.touch_speed
+        speed = limits.speed if held.depth < depth - limits.guard else limits.touch_speed
         held.speed = towards(
-            held.speed, 0.0 if now.paused else wanted, limits.acceleration * now.period
+            held.speed, 0.0 if now.paused else speed, limits.acceleration * now.period
         )
         held.depth += held.speed * now.period
 
@@ -139,7 +141,10 @@ class Press(Phase):
             tip: place (3,) [m] of the tip in W, by the estimate; None: a surface that gives way is
                 pressed on all the same.
         """
-        self._limits, self._rate, self._insist, self._tip = limits, rate, insist, tip
+        self._limits = limits
+        self._rate = rate
+        self._insist = insist
+        self._tip = tip
         self._set_force = set_force
 
     def enter(self, held: Held, now: Context) -> PressState:
@@ -149,7 +154,8 @@ class Press(Phase):
 
     def step(self, state: PressState, held: Held, now: Context) -> Outcome:
         """Done once the force has been reached for long enough."""
-        limits, set_force = self._limits, self._set_force
+        limits = self._limits
+        set_force = self._set_force
         felt = now.normal
 
         if now.paused:
@@ -160,8 +166,10 @@ class Press(Phase):
         if self._tip is not None and state.p_WG is not None:
             yielded = float((self._tip(now.estimate) - state.p_WG) @ held.tool()[0][:3, 2])
             if yielded > limits.gives_way:
-                said = f"the surface gives way: {1e3 * yielded:.0f} mm under {max(felt, 0.0):.0f} N"
-                return Abort(AbortCode.GIVES_WAY, said)
+                reason = (
+                    f"the surface gives way: {1e3 * yielded:.0f} mm under {max(felt, 0.0):.0f} N"
+                )
+                return Abort(AbortCode.GIVES_WAY, reason)
 
         # Reached: within a share of it, or within the noise of the estimate.
         noise = limits.noise * now.normal_sigma if math.isfinite(now.normal_sigma) else 0.0
@@ -175,11 +183,11 @@ class Press(Phase):
         if now.time - state.set_since > limits.held or (late and not self._insist):
             return PhaseEvent.DONE
         if late:
-            said = (
+            reason = (
                 f"the force did not settle at {set_force:g} N within {limits.within:g} s: "
                 f"{felt:.1f} N"
             )
-            return Abort(AbortCode.FORCE_NOT_REACHED, said)
+            return Abort(AbortCode.FORCE_NOT_REACHED, reason)
         return None
 
     def setpoint(self, state: PressState, held: Held, now: Context) -> Setpoint:
@@ -238,12 +246,15 @@ class FollowPath(Phase):
             forces: [N] set forces; empty: no contact.
             rate: [N/s] of their change.
         """
-        self._limits, self._forces, self._rate = limits, tuple(forces), rate
+        self._limits = limits
+        self._forces = tuple(forces)
+        self._rate = rate
 
     def enter(self, held: Held, now: Context) -> FollowState:
         """Begin at rest, at the begin of a stretch."""
         assert held.line is not None
-        path, limits = held.line.path, self._limits
+        path = held.line.path
+        limits = self._limits
         end = float(path.s[-1])
 
         if self._forces:
@@ -264,7 +275,9 @@ class FollowPath(Phase):
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at the end of the path; more at the end of any other stretch."""
         assert held.line is not None
-        limits, progress, length = self._limits, state.progress, float(held.line.path.s[-1])
+        limits = self._limits
+        progress = state.progress
+        length = float(held.line.path.s[-1])
 
         # Progress, slower before a pause or a stop
         stopping = self._stops(state, held, now)
@@ -339,11 +352,9 @@ def travel(state: FollowState, held: Held, now: Context) -> None:
     """Move the tool along the path, off the surface, and the hull with it, to the present time."""
     assert held.line is not None
     done, rate = state.progress.at(now.time - state.since)
-    held.s, length, placement = (
-        state.begin + done,
-        float(held.line.path.s[-1]),
-        held.start_of_line(),
-    )
+    held.s = state.begin + done
+    length = float(held.line.path.s[-1])
+    placement = held.start_of_line()
     held.X_WB = placement.hull_at(held.s / length)
     state.v_WB_W = rate / length * placement.hull_rate(held.s / length)
 
@@ -360,7 +371,8 @@ class NextStretch(Phase):
 
     def __init__(self, limits: FollowLimits, standoff: float) -> None:
         """Set up the phase: limits of the motion, and distance [m] from the surface."""
-        self._limits, self._standoff = limits, standoff
+        self._limits = limits
+        self._standoff = standoff
 
     def enter(self, held: Held, now: Context) -> FollowState:
         """Begin where the retreat ended."""
@@ -389,7 +401,8 @@ class Unload(Phase):
 
     def __init__(self, rate: float, until: float) -> None:
         """Set up the phase: `rate` [N/s] of the force, down to `until` [N]."""
-        self._rate, self._until = rate, until
+        self._rate = rate
+        self._until = until
 
     def step(self, state: None, held: Held, now: Context) -> Outcome:
         """Done when the force is nearly zero."""
@@ -408,7 +421,8 @@ class Retreat(Phase):
 
     def __init__(self, speed: float, clearance: float) -> None:
         """Set up the phase: `speed` [m/s] of the tool, `clearance` [m] least length of the way."""
-        self._speed, self._clearance = speed, clearance
+        self._speed = speed
+        self._clearance = clearance
 
     def enter(self, held: Held, now: Context) -> Since:
         """Begin at the surface, with no force set any more."""
@@ -444,7 +458,9 @@ class NextPoint(Phase):
             limits: of the motion.
             standoff: [m] distance from the surface.
         """
-        self._points, self._limits, self._standoff = tuple(points), limits, standoff
+        self._points = tuple(points)
+        self._limits = limits
+        self._standoff = standoff
 
     def enter(self, held: Held, now: Context) -> FollowState | None:
         """Begin where the retreat ended; None after the last point."""
@@ -453,7 +469,8 @@ class NextPoint(Phase):
             return None
 
         held.depth = min(0.0, held.depth - self._standoff)
-        limits, before = self._limits, self._points[k - 1]
+        limits = self._limits
+        before = self._points[k - 1]
         return FollowState(
             Progress(self._points[k] - before, limits.speed, limits.ramp), now.time, before
         )

@@ -60,7 +60,8 @@ class Settle(Phase):
 
     def step(self, state: SettleState, held: Held, now: Context) -> Outcome:
         """Done once the hull has been at rest for long enough."""
-        limits, estimate = self._limits, now.estimate
+        limits = self._limits
+        estimate = now.estimate
 
         if now.time - state.since > limits.within:
             return Abort(
@@ -140,7 +141,8 @@ class MoveHull(Phase):
     """Move the hull through the poses of `Held.way`, or to a given one; wait for a late hull."""
 
     def __init__(self, motion: HullMotion, to: Callable[[Held], Array] | None = None) -> None:
-        self._motion, self._to = motion, to
+        self._motion = motion
+        self._to = to
 
     def enter(self, held: Held, now: Context) -> MoveState:
         """Begin the first move."""
@@ -158,7 +160,8 @@ class MoveHull(Phase):
         pace = self._motion.pace(held.off(now.estimate))
         if pace < 1.0:
             late = (1.0 - pace) * now.period
-            state.move, state.waited = state.move.later(late), state.waited + late
+            state.move = state.move.later(late)
+            state.waited = state.waited + late
 
         if not state.move.done(now.time):
             held.X_WB, v_WB_W = state.move.at(now.time)
@@ -166,10 +169,12 @@ class MoveHull(Phase):
             return None
 
         # The next move, if any
-        held.X_WB, state.v_WB_W = state.move.X_to, ZERO
+        held.X_WB = state.move.X_to
+        state.v_WB_W = ZERO
         if not state.way:
             return PhaseEvent.DONE
-        state.move, state.waited = self._motion.to(state.way.pop(0), held, now), 0.0
+        state.move = self._motion.to(state.way.pop(0), held, now)
+        state.waited = 0.0
         return None
 
     def setpoint(self, state: MoveState, held: Held, now: Context) -> Setpoint:
@@ -227,7 +232,8 @@ class PullBack(Phase):
 
     def __init__(self, motion: HullMotion, clearance: float) -> None:
         """Set up the phase; `clearance` [m] is the least length of the way back."""
-        self._motion, self._clearance = motion, clearance
+        self._motion = motion
+        self._clearance = clearance
 
     def enter(self, held: Held, now: Context) -> PullState:
         """Hold the arm as it is, and begin the move."""
@@ -276,7 +282,8 @@ class Leash:
         Returns:
             Hull pose (4, 4), its velocity (3,) [m/s] and angular velocity (3,) [rad/s], W.
         """
-        X_now, R_now = estimate.X_WB, estimate.X_WB[:3, :3]
+        X_now = estimate.X_WB
+        R_now = estimate.X_WB[:3, :3]
 
         # Position and velocity
         p = _within(X_WB[:3, 3] - X_now[:3, 3], self.place)
@@ -357,7 +364,9 @@ class Escape(Phase):
             clearance: [m] distance of the tool from the surface that is asked for at once.
             q_fold: (n,) [rad] joint angles of the folded arm.
         """
-        self._limits, self._clearance, self._q_fold = limits, clearance, np.array(q_fold)
+        self._limits = limits
+        self._clearance = clearance
+        self._q_fold = np.array(q_fold)
 
     def enter(self, held: Held, now: Context) -> EscapeState:
         """Begin the ascent at the estimated position."""
@@ -374,7 +383,8 @@ class Escape(Phase):
 
     def step(self, state: EscapeState, held: Held, now: Context) -> Outcome:
         """Done at the end of the ascent with the arm folded, or when it is given up."""
-        limits, estimate = self._limits, now.estimate
+        limits = self._limits
+        estimate = now.estimate
 
         held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(
             *state.move.at(now.time), estimate

@@ -103,7 +103,7 @@ class InsertionJob(InsertionSettings):
 
     def __post_init__(self) -> None:
         axial = self.axial
-        for name, value in (
+        for name, number in (
             ("depth", self.depth),
             ("standoff", axial.standoff),
             ("speed", axial.speed),
@@ -112,8 +112,8 @@ class InsertionJob(InsertionSettings):
             ("force", self.force),
             ("search_force", self.search.force),
         ):
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f"insertion {name}: must be > 0, got {value}")
+            if not (math.isfinite(number) and number > 0.0):
+                raise ConfigurationError(f"insertion {name}: must be > 0, got {number}")
 
         if self.force > 0.5 * axial.force_limit:
             raise ConfigurationError(
@@ -180,7 +180,8 @@ class EnterHole(AxialPhase):
 
     def step(self, state: EntryState, held: Held, now: Context) -> Outcome:
         """Done at the depth; touched where the tool stops at the rim."""
-        job, limits = self._job, self._job.inside
+        job = self._job
+        limits = self._job.inside
         axial, aside = self._forces(held, now)
 
         # A jammed tool backs off
@@ -188,7 +189,8 @@ class EnterHole(AxialPhase):
             self._advance(held, now, -job.axial.speed, -axial / job.force)
             if held.depth <= state.backing_to:
                 state.backing_to = -math.inf
-                state.deepest, state.gained = held.depth, now.time
+                state.deepest = held.depth
+                state.gained = now.time
             return None
 
         # Slower under a side force, until the tool is centred
@@ -198,7 +200,8 @@ class EnterHole(AxialPhase):
         if held.depth >= job.depth:
             return PhaseEvent.DONE
         if held.depth > state.deepest + limits.gain:
-            state.deepest, state.gained = held.depth, now.time
+            state.deepest = held.depth
+            state.gained = now.time
         elif now.time - state.gained > limits.stall:
             return self._stopped(state, held)
         return None
@@ -236,7 +239,8 @@ class SpiralSearch(AxialPhase):
 
     def __init__(self, job: InsertionJob, push: Push) -> None:
         super().__init__(job.axial, push)
-        self._search, self._speed_down = job.search, job.touch_speed
+        self._search = job.search
+        self._speed_down = job.touch_speed
 
     def enter(self, held: Held, now: Context) -> SpiralState:
         """Begin at the present depth."""
@@ -260,8 +264,8 @@ class SpiralSearch(AxialPhase):
         if held.depth > state.touched_at + search.dip:
             return PhaseEvent.DONE
         if radius > search.radius:
-            said = f"no hole within {search.radius * 1e3:.0f} mm of where it was found"
-            return Abort(AbortCode.HOLE_NOT_FOUND, said)
+            reason = f"no hole within {search.radius * 1e3:.0f} mm of where it was found"
+            return Abort(AbortCode.HOLE_NOT_FOUND, reason)
         return None
 
 
@@ -305,7 +309,8 @@ class HoleInsertion(TaskPlanner):
                 f"insertion depth: must be below the hole's {hole.depth} m, got {job.depth}"
             )
 
-        self._hole, self._depth = hole, job.depth
+        self._hole = hole
+        self._depth = job.depth
         standing = StandingLimits(force=job.force, standoff=job.axial.standoff)
         stand = PathStanding(
             vehicle=own.vehicle,
@@ -380,7 +385,8 @@ def insertion_rows(
 
 def rows_at_hole(job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the stand-off on; "approach" is to be entered."""
-    axial, states = job.axial, WorkState
+    axial = job.axial
+    states = WorkState
 
     outside = Push(force=job.force, beyond=-job.early)
     inside = replace(outside, compliant_beyond=-job.entry if job.compliance else math.inf)

@@ -85,9 +85,9 @@ class InspectionJob(InspectionSettings):
 
     def __post_init__(self) -> None:
         for name in ("distance", "clearance", "speed", "acceleration", "turn_rate", "lost_place"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f"inspection {name}: must be > 0, got {value}")
+            number = getattr(self, name)
+            if not (math.isfinite(number) and number > 0.0):
+                raise ConfigurationError(f"inspection {name}: must be > 0, got {number}")
 
         if not 0.0 < self.behind[0] < self.behind[1] < self.lost_place:
             raise ConfigurationError(
@@ -121,7 +121,7 @@ class Orbit:
 
     def pace(self, job: InspectionJob) -> Progress:
         """Progress from rest to rest along the orbit, within speed, acceleration and turn rate."""
-        way, yaw = (np.gradient(values, self.s, axis=0) for values in (self.p_WB, self.yaw))
+        way, yaw = (np.gradient(samples, self.s, axis=0) for samples in (self.p_WB, self.yaw))
         longest = float(np.linalg.norm(way, axis=1).max())
         bend = float(np.linalg.norm(np.gradient(way, self.s, axis=0), axis=1).max())
 
@@ -190,8 +190,8 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
             horizontal unit directions (N, 3) to the outline.
     """
     axes = rotation_from_z(up_T, np.eye(3)[int(np.argmin(np.abs(up_T)))]).T
-    seen = vertices_T @ axes.T
-    outline = seen[ConvexHull(seen[:, :2]).vertices, :2]
+    upright = vertices_T @ axes.T
+    outline = upright[ConvexHull(upright[:, :2]).vertices, :2]
 
     sides = np.roll(outline, -1, axis=0) - outline
     out = np.arctan2(-sides[:, 0], sides[:, 1])  # [rad] direction of each side's outward normal
@@ -216,12 +216,14 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
     curve = BSpline(knots, np.transpose(coefficients), degree)
     length = float(np.linalg.norm(np.diff(raw, axis=0), axis=1).sum())
     u = np.linspace(0.0, 1.0, 1 + math.ceil(length / _STEP))
-    line, way = curve(u), curve(u, 1)
-    line[-1], way[-1] = line[0], way[0]
+    line = curve(u)
+    way = curve(u, 1)
+    line[-1] = line[0]
+    way[-1] = way[0]
 
     # Directions to the outline; all at the height of the middle
     inward = np.column_stack([-way[:, 1], way[:, 0]]) / np.linalg.norm(way, axis=1, keepdims=True)
-    middle = 0.5 * (seen[:, 2].min() + seen[:, 2].max())
+    middle = 0.5 * (upright[:, 2].min() + upright[:, 2].max())
     return np.column_stack([line, np.full(len(line), middle)]) @ axes, inward @ axes[:2]
 
 
@@ -267,7 +269,8 @@ def orbit(
     # Begin where the camera is nearest
     first = int(np.argmin(np.linalg.norm(p_WC[:-1] - near_W, axis=1)))
     p_WC, inward_W = (
-        np.vstack([np.roll(each[:-1], -first, axis=0), each[first]]) for each in (p_WC, inward_W)
+        np.vstack([np.roll(samples[:-1], -first, axis=0), samples[first]])
+        for samples in (p_WC, inward_W)
     )
 
     # Heading of the hull, and its origin beside the camera
@@ -307,8 +310,8 @@ class FlyOrbit(Phase):
     def enter(self, held: Held, now: Context) -> OrbitState:
         """Begin at rest."""
         del now
-        found: Orbit = held.plan_of(list).pop(0)
-        return OrbitState(found, found.pace(self._job))
+        next_orbit: Orbit = held.plan_of(list).pop(0)
+        return OrbitState(next_orbit, next_orbit.pace(self._job))
 
     def step(self, state: OrbitState, held: Held, now: Context) -> Outcome:
         """Done once around; MORE if another orbit follows."""
@@ -319,7 +322,8 @@ class FlyOrbit(Phase):
         state.worked += pace * now.period
         held.s, rate = state.progress.at(state.worked)
         held.X_WB, way, turn = state.orbit.at(held.s)
-        state.v_WB_W, state.w_WB_W = pace * rate * way, pace * rate * turn
+        state.v_WB_W = pace * rate * way
+        state.w_WB_W = pace * rate * turn
 
         if state.worked <= state.progress.duration:
             return None
@@ -368,19 +372,20 @@ class Inspection(TaskPlanner):
             assert held.target is not None
             X_WT = held.target.X_WT
             near_W = transform_points(held.X_WB, own.X_BC[None, :3, 3])[0]
-            found = orbit(target, X_WT, job, X_BC=own.X_BC, near_W=near_W)
-            X_WB = found.at(0.0)[0]
+            first = orbit(target, X_WT, job, X_BC=own.X_BC, near_W=near_W)
+            X_WB = first.at(0.0)[0]
 
             passing = HullPath(
                 own.vehicle, own.chain, own.hull_box, transform_points(X_WT, target.vertices)
             )
             keep = Keep(passing, floor, job.clearance)
-            check_clear(found, motion.to(X_WB, held, now), keep)
+            check_clear(first, motion.to(X_WB, held, now), keep)
 
-            held.plan, held.way = [found], [X_WB]
+            held.plan = [first]
+            held.way = [X_WB]
             if view is not None:
                 held.plan = covering(
-                    found, target, X_WT, job, camera=HullCamera(own.X_BC, view), keep=keep
+                    first, target, X_WT, job, camera=HullCamera(own.X_BC, view), keep=keep
                 )
 
         monitor = Monitor(
@@ -403,7 +408,8 @@ def inspection_rows(
     Returns:
         Names and rows.
     """
-    settle, states = Settle(job.rest), WorkState
+    settle = Settle(job.rest)
+    states = WorkState
     row = partial(TaskRow, leave={Reaction.RETREAT: "held"})
     scan = ScanTarget(ScanLimits(views=1, finds=1), path=False)
 
@@ -432,8 +438,8 @@ def check_clear(found: Orbit, move: PoseMove, keep: Keep) -> None:
     """
     for where, poses in (("on the way around", _along(found)), ("on the way there", _during(move))):
         if (short := keep.short(poses)) is not None:
-            said = f"{where} the vehicle would come within {short[0]:.2f} m of the {short[1]}"
-            raise ReachError(f"{said}, {keep.clearance:g} m are to be kept")
+            sentence = f"{where} the vehicle would come within {short[0]:.2f} m of the {short[1]}"
+            raise ReachError(f"{sentence}, {keep.clearance:g} m are to be kept")
 
 
 def _along(found: Orbit, every: float = _CHECKED) -> Iterator[Array]:
@@ -470,7 +476,8 @@ def covering(
     Returns:
         The orbits in their order, `first` among them.
     """
-    samples, X_TW = SurfaceSamples(target.vertices, target.triangles), inverse(X_WT)
+    samples = SurfaceSamples(target.vertices, target.triangles)
+    X_TW = inverse(X_WT)
 
     def sees(found: Orbit) -> np.ndarray:
         return samples.seen(
@@ -483,33 +490,34 @@ def covering(
 
     # Orbits that keep the clearance, and what they see
     clear = [
-        found
-        for found in (make(level=level) for level in levels)
-        if keep.short(_along(found)) is None
+        candidate
+        for candidate in (make(level=level) for level in levels)
+        if keep.short(_along(candidate)) is None
     ]
-    views = [(found, sees(found)) for found in clear]
-    orbits, seen = [first], sees(first)
-    visible = np.any([seen, *(each for _, each in views)], axis=0)
+    views = [(candidate, sees(candidate)) for candidate in clear]
+    orbits = [first]
+    covered = sees(first)
+    visible = np.any([covered, *(mask for _, mask in views)], axis=0)
 
     # The largest gain next, if its way is clear
-    while views and seen.sum() < _ENOUGH * visible.sum():
-        views.sort(key=lambda each: int((each[1] & ~seen).sum()))
-        found, more = views.pop()
-        if not (more & ~seen).any():
+    while views and covered.sum() < _ENOUGH * visible.sum():
+        views.sort(key=lambda pair: int((pair[1] & ~covered).sum()))
+        candidate, more = views.pop()
+        if not (more & ~covered).any():
             break
 
         move = PoseMove.between(
             0.0,
             orbits[-1].at(0.0)[0],
-            found.at(0.0)[0],
+            candidate.at(0.0)[0],
             speed=job.speed,
             acceleration=job.acceleration,
             turn_rate=job.turn_rate,
         )
 
         if keep.short(_during(move)) is None:
-            orbits.append(found)
-            seen |= more
+            orbits.append(candidate)
+            covered |= more
     return orbits
 
 
@@ -524,9 +532,10 @@ def allowed_cameras(vertices_W: Array, X_BC: Array, keep: Keep) -> Array:
     Returns:
         The poses.
     """
-    low, high = vertices_W.min(axis=0) - _AROUND, vertices_W.max(axis=0) + _AROUND
+    low = vertices_W.min(axis=0) - _AROUND
+    high = vertices_W.max(axis=0) + _AROUND
     axes = [np.arange(a, b, _APART) for a, b in zip(low, high, strict=True)]
     turned = [exp_so3([0.0, 0.0, yaw]) for yaw in np.arange(_HEADINGS) * 2.0 * np.pi / _HEADINGS]
-    places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
-    hulls = (pose(R, p - R @ X_BC[:3, 3]) for R in turned for p in places)
+    positions = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    hulls = (pose(R, p - R @ X_BC[:3, 3]) for R in turned for p in positions)
     return np.array([X_WB @ X_BC for X_WB in hulls if keep.allows(X_WB)]).reshape(-1, 4, 4)

@@ -77,8 +77,8 @@ def watch(
     """
     hardest: tuple[Reaction, Abort | None] = (Reaction.GO_ON, None)
     for i, monitor in enumerate(monitors):
-        said = monitor.condition(held, now) if work in monitor.during else ""
-        if not said:
+        sentence = monitor.condition(held, now) if work in monitor.during else ""
+        if not sentence:
             since[i] = now.estimate.time
         elif monitor.lasting and not now.estimate.time - since[i] > monitor.lasting:
             continue
@@ -148,7 +148,7 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math
         The condition.
     """
 
-    def found(held: Held, now: Context) -> str:
+    def condition(held: Held, now: Context) -> str:
         del held
         faults = () if now.last is None else now.last.faults
         if not faults:
@@ -158,15 +158,15 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math
             return ""
         said = sentence.format(", ".join(fault.part for fault in alike))
         figures = "; ".join(fault.figures for fault in alike if fault.figures)
-        return f"{said} ({figures})" if figures else said
+        return f"{report} ({figures})" if figures else report
 
-    return found
+    return condition
 
 
 def adrift(limit: float) -> Condition:
     """Condition: the hull is farther than `limit` [m] from its reference."""
 
-    def found(held: Held, now: Context) -> str:
+    def condition(held: Held, now: Context) -> str:
         off = held.off(now.estimate)
         return (
             f"the hull cannot hold its place: {off:.3f} m off, above the limit of {limit:g} m"
@@ -174,7 +174,7 @@ def adrift(limit: float) -> Condition:
             else ""
         )
 
-    return found
+    return condition
 
 
 def object_moves(limit: float) -> Condition:
@@ -184,37 +184,37 @@ def object_moves(limit: float) -> Condition:
     Along the axis the force says so.
     """
 
-    def found(held: Held, now: Context) -> str:
+    def condition(held: Held, now: Context) -> str:
         moved = now.estimate.object_moved_W
         if held.line is None or not moved.any():
             return ""
         axis = held.tool()[0][:3, 2]
         across = float(np.linalg.norm(moved - (moved @ axis) * axis))
-        said = (
+        message = (
             f"the object moves, or the arm is not as believed: by {1e3 * across:.0f} mm, as "
             "the camera on it sees"
         )
-        return said if across > limit else ""
+        return message if across > limit else ""
 
-    return found
+    return condition
 
 
 def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Condition:
     """Condition: the estimated force `felt` [N] is above `limit` [N]."""
 
-    def found(held: Held, now: Context) -> str:
+    def condition(held: Held, now: Context) -> str:
         force = felt(held, now)
         return (
             f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
         )
 
-    return found
+    return condition
 
 
 def uncertain_force(limit: float) -> Condition:
     """Condition: the stated standard deviation of the normal force is above `limit` [N]."""
 
-    def found(held: Held, now: Context) -> str:
+    def condition(held: Held, now: Context) -> str:
         del held
         if not limit < now.normal_sigma < math.inf:
             return ""
@@ -223,7 +223,7 @@ def uncertain_force(limit: float) -> Condition:
             f"{now.normal_sigma:.0f} N"
         )
 
-    return found
+    return condition
 
 
 def normal_force(held: Held, now: Context) -> float:

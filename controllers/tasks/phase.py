@@ -271,7 +271,8 @@ class Decide(Phase):
             decide: writes its result into `Held`; raises ReachError if there is none.
             code: that of the abort then.
         """
-        self._decide, self._code = decide, code
+        self._decide = decide
+        self._code = code
 
     def step(self, state: Any, held: Held, now: Context) -> Outcome:
         """Decide, or abort with the message of the ReachError."""

@@ -72,7 +72,7 @@ class SeabedJob(SeabedSettings):
     scans: int = 3  # views taken before giving up
 
     def __post_init__(self) -> None:
-        for name, value in (
+        for name, number in (
             ("depth", self.depth),
             ("push", self.push),
             ("guard", self.guard),
@@ -80,8 +80,8 @@ class SeabedJob(SeabedSettings):
             ("drag_speed", self.drag_speed),
             ("approach_speed", self.axial.approach_speed),
         ):
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f"seabed job {name}: must be > 0, got {value}")
+            if not (math.isfinite(number) and number > 0.0):
+                raise ConfigurationError(f"seabed job {name}: must be > 0, got {number}")
 
         limit = self.axial.force_limit
         if self.push > 0.5 * limit:
@@ -109,13 +109,14 @@ class Penetrate(AxialPhase):
         self._advance(held, now, job.axial.speed, axial / job.push)
 
         if held.depth >= job.depth if job.drag else axial >= job.close * job.push:
-            held.speed, held.set_force = 0.0, job.push
+            held.speed = 0.0
+            held.set_force = job.push
             return PhaseEvent.DONE
 
         if held.depth < job.depth:
             return None
-        said = f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N"
-        return Abort(AbortCode.TUBE_FULL, said)
+        reason = f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N"
+        return Abort(AbortCode.TUBE_FULL, reason)
 
 
 class Drag(AxialPhase):
@@ -123,7 +124,8 @@ class Drag(AxialPhase):
 
     def __init__(self, job: SeabedJob, push: Push) -> None:
         super().__init__(job.axial, push)
-        self._speed, self._ramp = job.drag_speed, job.ramp
+        self._speed = job.drag_speed
+        self._ramp = job.ramp
 
     def enter(self, held: Held, now: Context) -> FollowState:
         """Begin at rest at the path's begin."""
@@ -181,7 +183,7 @@ class SeabedWork(TaskPlanner):
                 )
 
             sunk = replace(path, p=readonly(path.p + job.depth * path.z)) if job.drag else path
-            found = choose_height(
+            height = choose_height(
                 own,
                 sunk,
                 ground=target.ground,
@@ -190,7 +192,7 @@ class SeabedWork(TaskPlanner):
                 standoff=job.axial.standoff + (job.depth if job.drag else 0.0),
                 search=search,
             )
-            return found.placement, path, 1.0
+            return height.placement, path, 1.0
 
         self.stand = stand
         limits = ArrivalLimits(scan=ScanLimits(views=job.scans, finds=1))
@@ -223,7 +225,8 @@ def seabed_rows(
     Returns:
         Names and rows.
     """
-    axial, states = job.axial, WorkState
+    axial = job.axial
+    states = WorkState
     soil = Push(force=job.push, beyond=-job.guard)
     stone = AxialContact(
         touch=job.touch, obstacle="something stands {} mm over the ground as scanned"

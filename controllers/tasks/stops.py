@@ -30,7 +30,10 @@ class Stops:
 
     def end(self) -> None:
         """The tool is to move again, or the path is over."""
-        self.moved, self.still, self.since, self.said = 0.0, 0.0, math.inf, None
+        self.moved = 0.0
+        self.still = 0.0
+        self.since = math.inf
+        self.said = None
 
     def step(self, pace: float, axis_W: Array, *, steady: bool, now: Context) -> bool:
         """Advance by one period; True while the tool is to stop.
@@ -65,9 +68,9 @@ class Stops:
                 self.since = now.time
                 self.said = self._message(now)
         elif now.time - self.since >= limits.lasting:
-            said = self._message(now)
+            message = self._message(now)
             self.end()
-            self.said = said
+            self.said = message
             return False
 
         if math.isinf(self.since) and self.still > limits.patience:

@@ -113,7 +113,8 @@ class SurfaceTaskConfig(SurfaceSettings):
     @property
     def force_limit(self) -> float:
         """Estimated force [N] above which the tool leaves the surface at once."""
-        largest, (share, least) = max(self.forces), self.contact.above
+        largest = max(self.forces)
+        share, least = self.contact.above
         return min(self.contact.force, largest + max(share * largest, least) + self.approach.touch)
 
     @property
@@ -170,7 +171,8 @@ class SurfaceWork(TaskPlanner):
             own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target)
         )
 
-        self.job, self.stand = job, stand
+        self.job = job
+        self.stand = stand
         super().__init__(
             surface_rows(site, job),
             surface_monitors(job),
@@ -198,7 +200,8 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     Returns:
         Names and rows.
     """
-    approach, states = job.approach, WorkState
+    approach = job.approach
+    states = WorkState
     press = Press(
         job.press, job.forces[0], job.force_rate, insist=job.force_control, tip=site.own.tip
     )
@@ -229,10 +232,8 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     yield "work", TaskRow(follow, states.WORK, ends, BREAK_OFF, feels=True)
 
     # Off the surface, and on to the next stretch
-    let_go, lift = (
-        Unload(job.force_rate, approach.touch),
-        Retreat(approach.speed, approach.standoff),
-    )
+    let_go = Unload(job.force_rate, approach.touch)
+    lift = Retreat(approach.speed, approach.standoff)
     onward = NextStretch(FollowLimits(speed=job.speed), approach.standoff)
     yield "let go", TaskRow(let_go, states.RETREAT, {PhaseEvent.DONE: "lift"}, BREAK_OFF)
     yield "lift", TaskRow(lift, states.RETREAT, {PhaseEvent.DONE: "onward"}, BREAK_OFF)
@@ -251,13 +252,14 @@ def retreat_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     Returns:
         Names and rows; "unload" and "retreat" are to be entered.
     """
-    approach, motion, states = job.approach, job.arrival.motion, WorkState
-    clear, stop = approach.standoff, {Reaction.STOP: "halt"}
+    approach = job.approach
+    motion = job.arrival.motion
+    states = WorkState
+    clear = approach.standoff
+    stop = {Reaction.STOP: "halt"}
     off = {**stop, Reaction.RISE: "rise"}
-    retreat, escape = (
-        Retreat(approach.speed, clear),
-        Escape(job.escape, clear, site.own.vehicle.q_home),
-    )
+    retreat = Retreat(approach.speed, clear)
+    escape = Escape(job.escape, clear, site.own.vehicle.q_home)
 
     yield (
         "unload",
@@ -284,13 +286,14 @@ def retreat_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
 
 def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
     """Monitors of surface work."""
-    limits, touch = job.contact, job.approach.touch
+    limits = job.contact
+    touch = job.approach.touch
     at_work = frozenset({WorkState.WORK}) if job.presses else frozenset()
 
     def too_hard(held: Held, now: Context) -> str:
         allowed = (1.0 + limits.excess) * held.set_force + touch
-        said = f"the force cannot be held: {now.normal:.0f} N felt, {held.set_force:.0f} N set"
-        return said if now.normal > allowed else ""
+        reason = f"the force cannot be held: {now.normal:.0f} N felt, {held.set_force:.0f} N set"
+        return reason if now.normal > allowed else ""
 
     def lost(held: Held, now: Context) -> str:
         del held

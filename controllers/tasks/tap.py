@@ -49,7 +49,10 @@ def tap(
         held.places = (*held.places, tip(now.estimate))
 
     def rows() -> Iterable[tuple[str, TaskRow]]:
-        approach, clear, ends, states = job.approach, job.approach.standoff, PhaseEvent, WorkState
+        approach = job.approach
+        clear = job.approach.standoff
+        ends = PhaseEvent
+        states = WorkState
 
         yield from arrival(
             site, job.arrival, then="approach", depth=0.0, offset=-clear, broken=BREAK_OFF

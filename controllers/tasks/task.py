@@ -82,8 +82,10 @@ class TaskPlanner:
             ConfigurationError: if a row follows that is not in the table.
         """
         self.period = period
-        self._rows, self._monitors = dict(rows), tuple(monitors)
-        self._X_WB, self._q = np.array(X_WB), np.array(q)
+        self._rows = dict(rows)
+        self._monitors = tuple(monitors)
+        self._X_WB = np.array(X_WB)
+        self._q = np.array(q)
 
         for name, row in self._rows.items():
             for after in (*row.then.values(), *row.leave.values()):
@@ -155,7 +157,8 @@ class TaskPlanner:
         if outcome is None:
             return None
         if isinstance(outcome, Abort):
-            state.abort, after = outcome.after(state.abort), row.leave[Reaction.RETREAT]
+            state.abort = outcome.after(state.abort)
+            after = row.leave[Reaction.RETREAT]
         else:
             after = row.then[outcome]
 
@@ -165,7 +168,9 @@ class TaskPlanner:
     def _enter(self, state: TaskState, name: str, now: Context) -> TaskRow:
         """Change to the row `name`."""
         row = self._rows[name]
-        state.row, state.since, state.phase = str(name), now.time, row.phase.enter(state.held, now)
+        state.phase = row.phase.enter(state.held, now)
+        state.row = str(name)
+        state.since = now.time
         return row
 
     def path_s(self, held: Held) -> float:
@@ -174,27 +179,29 @@ class TaskPlanner:
 
     def _reference(self, state: TaskState, now: Context) -> Reference:
         """Reference for the controller in the present phase."""
-        row, held, abort = self._rows[state.row], state.held, state.abort
-        asked = row.phase.setpoint(state.phase, held, now)
+        row = self._rows[state.row]
+        held = state.held
+        abort = state.abort
+        setpoint = row.phase.setpoint(state.phase, held, now)
 
         return Reference(
             time=now.time,
             state=WorkState.ABORT if row.work is WorkState.DONE and abort is not None else row.work,
             X_WB=held.X_WB,
-            v_WB_W=asked.v_WB_W,
-            w_WB_W=asked.w_WB_W,
-            X_WG=asked.X_WG,
-            v_WG_W=asked.v_WG_W,
-            w_WG_W=asked.w_WG_W,
+            v_WB_W=setpoint.v_WB_W,
+            w_WB_W=setpoint.w_WB_W,
+            X_WG=setpoint.X_WG,
+            v_WG_W=setpoint.v_WG_W,
+            w_WG_W=setpoint.w_WG_W,
             q=held.q,
-            qd=np.zeros(len(held.q)) if asked.qd is None else asked.qd,
-            set_force=asked.set_force,
-            force_control=asked.force_control,
-            compliant=asked.compliant,
-            standing=asked.standing,
-            tare=asked.tare,
-            scan=asked.scan,
-            touch=asked.touch,
+            qd=np.zeros(len(held.q)) if setpoint.qd is None else setpoint.qd,
+            set_force=setpoint.set_force,
+            force_control=setpoint.force_control,
+            compliant=setpoint.compliant,
+            standing=setpoint.standing,
+            tare=setpoint.tare,
+            scan=setpoint.scan,
+            touch=setpoint.touch,
             # for the report
             path_s=self.path_s(held),
             abort=None if abort is None else abort.code,
@@ -203,5 +210,5 @@ class TaskPlanner:
             lost_thrust=tuple(fault.thrust for fault in state.lost_thrusters),
             target=held.target,
             promise=held.promise,
-            at_rest=asked.at_rest,
+            at_rest=setpoint.at_rest,
         )

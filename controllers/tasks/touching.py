@@ -70,9 +70,9 @@ def draw_touches(
     """
     out = []
     for k, nest in enumerate(nests):
-        found: list[tuple[Array, Touch]] = []
+        reachable: list[tuple[Array, Touch]] = []
         for _ in range(tries):
-            if len(found) == count:
+            if len(reachable) == count:
                 break
 
             R_WG = _direction(nest.z_WN, cone, rng)
@@ -82,18 +82,18 @@ def draw_touches(
             )
 
             if over.converged and seated.converged:
-                found.append((over.q, Touch(nest=k, R_WG=R_WG)))
+                reachable.append((over.q, Touch(nest=k, R_WG=R_WG)))
 
-        if len(found) < count:
+        if len(reachable) < count:
             raise ReachError(
-                f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(found)} of {count} directions "
-                "within reach"
+                f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(reachable)} of {count} "
+                "directions within reach"
             )
 
         # In the order of nearest joint angles
         at = q_start
-        while found:  # next the one nearest in joint angles
-            q, touch = found.pop(int(np.argmin([np.abs(q - at).max() for q, _ in found])))
+        while reachable:  # next the one nearest in joint angles
+            q, touch = reachable.pop(int(np.argmin([np.abs(q - at).max() for q, _ in reachable])))
             out.append(touch)
             at = q
     return out
@@ -141,8 +141,9 @@ class TouchJob:
     def aim(self, plan: TouchProgress) -> tuple[Touch, Nest, Array]:
         """Present touch, its nest, and p_WN (3,) by the arm model, corrected by past touches."""
         touch = self.touches[plan.at]
-        nest, found = self.nests[touch.nest], plan.offsets.get(touch.nest)
-        return touch, nest, nest.p_WN if not found else nest.p_WN + np.mean(found[-5:], axis=0)
+        nest = self.nests[touch.nest]
+        offsets = plan.offsets.get(touch.nest)
+        return touch, nest, nest.p_WN if not offsets else nest.p_WN + np.mean(offsets[-5:], axis=0)
 
     def way(self, plan: TouchProgress, q: Array) -> list[Array]:
         """Joint angles (n,) to pass to over the next nest, or back to the ready posture at the end.
@@ -212,30 +213,28 @@ class MoveOver(Phase):
         last = held.plan_of(TouchProgress).at >= len(self._job.touches)
 
         if last and t >= state.duration:
-            held.q, state.qd = state.way[-1], np.zeros(len(held.q))
+            held.q = state.way[-1]
+            state.qd = np.zeros(len(held.q))
             return PhaseEvent.DONE
 
         # Over the nest, or on to the next joint angles
         if t >= state.duration + (0.3 if len(state.way) == 1 else 0.0):
             if len(state.way) == 1:
                 return PhaseEvent.MORE
-            begun = self._depart(state.way[1:], held, now)
-            state.way, state.since, state.q_from, state.duration = (
-                begun.way,
-                begun.since,
-                begun.q_from,
-                begun.duration,
-            )
+            departure = self._depart(state.way[1:], held, now)
+            state.way = departure.way
+            state.since = departure.since
+            state.q_from = departure.q_from
+            state.duration = departure.duration
             t = 0.0
 
         # Quintic from rest to rest
         s = min(1.0, t / state.duration)
-        blend, rate = (
-            s**3 * (10.0 - 15.0 * s + 6.0 * s * s),
-            30.0 * s * s * (1.0 - s) ** 2 / state.duration,
-        )
+        blend = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+        rate = 30.0 * s * s * (1.0 - s) ** 2 / state.duration
         way = state.way[0] - state.q_from
-        held.q, state.qd = state.q_from + blend * way, rate * way
+        held.q = state.q_from + blend * way
+        state.qd = rate * way
         return None
 
     def setpoint(self, state: WayState, held: Held, now: Context) -> Setpoint:
@@ -268,13 +267,11 @@ class OverNest(Phase):
             speed: [m/s] upwards.
             reads: the pin is pressed home and the encoders are read.
         """
-        self._job, self._seconds, self._start, self._speed, self._reads = (
-            job,
-            seconds,
-            start,
-            speed,
-            reads,
-        )
+        self._job = job
+        self._seconds = seconds
+        self._start = start
+        self._speed = speed
+        self._reads = reads
 
     def enter(self, held: Held, now: Context) -> NestState:
         """Begin at the first height."""
@@ -289,7 +286,8 @@ class OverNest(Phase):
     def setpoint(self, state: NestState, held: Held, now: Context) -> Setpoint:
         """The end of the spring."""
         plan = held.plan_of(TouchProgress)
-        t, tuning = now.time - state.since, self._job.tuning
+        t = now.time - state.since
+        tuning = self._job.tuning
 
         touch, nest, aim = self._job.aim(plan)
         X_WG = pose(touch.R_WG, aim + (self._start + self._speed * t) * nest.z_WN)
@@ -306,13 +304,15 @@ class LeaveNest(OverNest):
     def enter(self, held: Held, now: Context) -> NestState:
         """Compute where the pin is."""
         plan = held.plan_of(TouchProgress)
-        job, estimate = self._job, now.estimate
+        job = self._job
+        estimate = now.estimate
         X_WG = estimate.X_WB @ job.vehicle.X_BA @ job.chain.forward(estimate.q)
         return NestState(now.time, X_WG[:3, 3] - job.nests[job.touches[plan.at].nest].p_WN)
 
     def step(self, state: NestState, held: Held, now: Context) -> Outcome:
         """Take the offset over; done above the nest."""
-        plan, job = held.plan_of(TouchProgress), self._job
+        plan = held.plan_of(TouchProgress)
+        job = self._job
 
         if state.offset is not None and float(np.linalg.norm(state.offset)) < job.tuning.believable:
             plan.offsets.setdefault(job.touches[plan.at].nest, []).append(state.offset)
@@ -358,12 +358,10 @@ class TouchSequence(TaskPlanner):
             tuning=tuning,
         )
 
-        way, fast, ends, states = (
-            tuning.lift + tuning.beyond,
-            2.0 * tuning.descent,
-            PhaseEvent,
-            WorkState,
-        )
+        way = tuning.lift + tuning.beyond
+        fast = 2.0 * tuning.descent
+        ends = PhaseEvent
+        states = WorkState
 
         down = OverNest(job, way / tuning.descent, tuning.lift, -tuning.descent)
         press = OverNest(job, tuning.settle + tuning.reading, -tuning.beyond, 0.0, reads=True)

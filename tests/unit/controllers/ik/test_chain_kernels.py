@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from numba import types
 
 from plain_chains import SCALE, by_exponentials, drawn_chain, drawn_q, kernels, plain
 from uuv.controllers.ik.chain import Chain
@@ -45,23 +44,6 @@ def test_forward_is_the_product_of_exponentials_and_its_jacobian_the_derivative(
             linear = (ahead[:3, 3] - behind[:3, 3]) / (2 * h)
             angular = log_so3(ahead[:3, :3] @ behind[:3, :3].T) / (2 * h)
             np.testing.assert_allclose(J[:, i], [*linear, *angular], atol=1e-8)  # measured 1e-10
-
-
-def test_sine_and_cosine_are_the_librarys() -> None:
-    both = kernels._compiled_cosine_and_sine(types.float64)
-    angles = [
-        *np.linspace(-20.0, 20.0, 401),
-        *np.random.default_rng(1).uniform(-9e4, 9e4, 200),
-        3e5,
-        -2e7,
-        0.0,
-    ]
-    for angle in map(float, angles):
-        np.testing.assert_allclose(
-            both(angle), (math.cos(angle), math.sin(angle)), rtol=0.0, atol=4e-16
-        )
-    single = kernels._compiled_cosine_and_sine(types.float32)
-    assert single(0.7) == kernels.cosine_and_sine(0.7) == (math.cos(0.7), math.sin(0.7))
 
 
 def test_orientation_error_is_the_axis_times_the_chord(rng: np.random.Generator) -> None:

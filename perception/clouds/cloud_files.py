@@ -44,7 +44,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     if scale is not None:
         scale = finite_number(scale, f"cloud {file}: scale", least=1e-9, most=1e9)
     surfels = read_surfels(file)
-    points, shape = surfels.points, surfels.shape
+    points = surfels.points
+    shape = surfels.shape
 
     if len(points) > MOST:
         raise ConfigurationError(

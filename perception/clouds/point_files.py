@@ -38,7 +38,8 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
     """
     path = existing_file(file, "targets")
 
-    B, z = [], None
+    B = []
+    z = None
     for i, line in _lines(_text(path, "targets")):
         where = f"targets {path}, line {i}"
         word, _, rest = line.partition(" ")

@@ -207,8 +207,10 @@ class Scan:
 
         # Window around the picture of the points
         border = 4 + int(margin * max(np.ptp(row), np.ptp(column)))
-        top, bottom = max(0, int(row.min()) - border), int(row.max()) + border + 1
-        left, right = max(0, int(column.min()) - border), int(column.max()) + border + 1
+        top = max(0, int(row.min()) - border)
+        bottom = int(row.max()) + border + 1
+        left = max(0, int(column.min()) - border)
+        right = int(column.max()) + border + 1
 
         # Steps that thin what of it lies within the grid
         height, width = (
@@ -347,8 +349,10 @@ def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Arra
     """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), holds a start."""
     # Rays and vertices in a plane across the rays
     across = np.linalg.svd(way[None])[2][1:].T
-    rays, seen = starts @ across, vertices @ across
-    corner, extent = rays.min(axis=0), np.ptp(rays, axis=0)
+    rays = starts @ across
+    seen = vertices @ across
+    corner = rays.min(axis=0)
+    extent = np.ptp(rays, axis=0)
 
     # Summed-area table: number of rays below and left of each corner of a grid
     cell = max(float(extent.max()) / _RAY_CELLS, _SINGLE)
@@ -376,11 +380,9 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
     step = jump(z)
 
     support = np.zeros(z.shape, dtype=np.int8)
-    right, down, up = (
-        (np.s_[:, :-1], np.s_[:, 1:]),
-        (np.s_[:-1], np.s_[1:]),
-        (np.s_[1:, :-1], np.s_[:-1, 1:]),
-    )
+    right = (np.s_[:, :-1], np.s_[:, 1:])
+    down = (np.s_[:-1], np.s_[1:])
+    up = (np.s_[1:, :-1], np.s_[:-1, 1:])
     for here, there in (right, down, up, (np.s_[:-1, :-1], np.s_[1:, 1:])):
         apart = np.abs(z[here] - z[there])
         support[here] += apart < step[here]
@@ -423,14 +425,13 @@ def background(
 
     # Thinned picture with its normals, and a sample of it to which planes are fitted
     every = slice(None, None, max(1, round(np.sqrt(mask.size / _SAMPLED))))
-    part, thinned = scan.part((every, every)), mask[every, every]
+    part = scan.part((every, every))
+    thinned = mask[every, every]
     normals = _local_normals(part, thinned, max(3, round(_FACET / part.pitch)))
     rows, columns = np.nonzero(thinned)
     step = max(1, len(rows) // 3000)
-    sample, facing = (
-        part.points[rows[::step], columns[::step]],
-        normals[rows[::step], columns[::step]],
-    )
+    sample = part.points[rows[::step], columns[::step]]
+    facing = normals[rows[::step], columns[::step]]
 
     # Planes, those with most points first
     least = max(20, int(0.08 * len(sample)))
@@ -453,7 +454,8 @@ def background(
         if width > extent * (1.0 if cut else _UNCUT):
             found |= mask & _on_plane(scan, plane, sensor)
 
-        sample, facing = sample[~plane.inliers], facing[~plane.inliers]
+        sample = sample[~plane.inliers]
+        facing = facing[~plane.inliers]
     return found
 
 
@@ -534,20 +536,21 @@ def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
     # Second moments about the means
     known = mask & (n > 0.25)
     n = np.where(known, n, 1.0)
-    mx, my, m = mx / n, my / n, m / n
-    xx, xy, yy, xz, yz = (
-        xx / n - mx * mx,
-        xy / n - mx * my,
-        yy / n - my * my,
-        mxz / n - mx * m,
-        myz / n - my * m,
-    )
+    mx = mx / n
+    my = my / n
+    m = m / n
+    xx = xx / n - mx * mx
+    xy = xy / n - mx * my
+    yy = yy / n - my * my
+    xz = mxz / n - mx * m
+    yz = myz / n - my * m
 
     # Least squares: 1/z = a x + b y + c, a plane with normal (a, b, c)
     determinant = xx * yy - xy * xy
     known &= determinant > 1e-9 * scan.pitch**4
     determinant = np.where(known, determinant, 1.0)
-    a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+    a = (yy * xz - xy * yz) / determinant
+    b = (xx * yz - xy * xz) / determinant
     normals = np.stack([a, b, m - a * mx - b * my], axis=-1)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     return np.where(
@@ -575,7 +578,8 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
     a, b, c = points[rng.integers(len(points), size=(3, 150))]
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
-    normals, a = normals[length > 1e-9] / length[length > 1e-9, None], a[length > 1e-9]
+    normals = normals[length > 1e-9] / length[length > 1e-9, None]
+    a = a[length > 1e-9]
     if not len(normals):
         return None
 
@@ -585,7 +589,8 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
     inliers = near[:, int(near.sum(axis=0).argmax())]
 
     # Least squares over its points, chosen anew three times
-    center, normal = points[0], normals[0]
+    center = points[0]
+    normal = normals[0]
     for _ in range(3):
         if inliers.sum() < 3:
             return None
@@ -655,7 +660,8 @@ def voxel_means(points: Array, size: float) -> Array:
         cube = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
         every = np.bincount(cube)
         number = np.cumsum(every > 0) - 1
-        inverse, count = number[cube], every[every > 0]
+        inverse = number[cube]
+        count = every[every > 0]
     else:
         key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
         _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
@@ -823,7 +829,9 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) 
 
             # a single pixel within a surface is no edge
             ends = beyond - here[rows, columns] > step[rows, columns]
-            rows, columns, beyond = rows[ends], columns[ends], beyond[ends]
+            rows = rows[ends]
+            columns = columns[ends]
+            beyond = beyond[ends]
 
             # The edge lies on the neighbour where that is a mixed pixel, else midway
             neighbour = beside[rows, columns]

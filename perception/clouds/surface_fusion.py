@@ -91,7 +91,8 @@ class SurfaceFusion:
     def add(self, image: DepthImage, X_TC: Array) -> None:
         """Add what lies in the box of a frame that was taken with the camera at `X_TC` (4, 4)."""
         o3d = open3d_loader.load()
-        X_TC, K = checked_pose(X_TC, "X_TC"), image.K
+        X_TC = checked_pose(X_TC, "X_TC")
+        K = image.K
         height, width = image.depth.shape
 
         # Sure depths: beside no edge, accurate enough, inside the box

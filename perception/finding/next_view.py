@@ -66,7 +66,8 @@ def ranked_views(found: Identification, views: Sequence[Array]) -> list[int]:
         worth = [1.0 / predicted_sigma(found, X_SN) for X_SN in views]
 
     # The best first; among views about as good, the farthest
-    best, far = max(worth), [float(np.linalg.norm(X_SN[:3, 3])) for X_SN in views]
+    best = max(worth)
+    far = [float(np.linalg.norm(X_SN[:3, 3])) for X_SN in views]
     return sorted(range(len(views)), key=lambda i: (worth[i] < _AS_GOOD * best, -far[i], -worth[i]))
 
 
@@ -84,12 +85,14 @@ def predicted_sigma(found: Identification, X_SN: Array) -> float:
 
 def predicted_information(found: Identification, X_SN: Array) -> Array:
     """Information (6, 6) [1/m^2] of a view from `X_SN`, on twists about the model's centre in S."""
-    evidence, surface = found.evidence, found.surface
+    evidence = found.evidence
+    surface = found.surface
     assert evidence is not None
     assert surface is not None
 
     # What the sensor would see from there
-    grid, X_NT = _grid(evidence.scan), inverse(X_SN) @ found.X_sensor_target
+    grid = _grid(evidence.scan)
+    X_NT = inverse(X_SN) @ found.X_sensor_target
     seen = _seen(found, X_SN, X_NT, grid)
     mask = np.isfinite(seen.depth)
     step = grid.pitch / evidence.scan.pitch
@@ -144,7 +147,8 @@ def _grid(scan: Scan) -> Scan:
 
 def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
     """Scan of the model at `X_NT` from `X_SN`, without what the last scan's foreground hides."""
-    evidence, surface = found.evidence, found.surface
+    evidence = found.evidence
+    surface = found.surface
     assert evidence is not None
     assert surface is not None
 

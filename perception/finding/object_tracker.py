@@ -100,7 +100,8 @@ class ObjectTracker:
         # Pose in this frame, by a fit that starts at the last one
         X_WS = estimate.X_WB @ image.X_BC
         sensor = replace(self._sensor, focal=float(image.K[0, 0]))
-        scan, X_ST = Scan.from_depth(image), inverse(X_WS) @ state.X_WT
+        scan = Scan.from_depth(image)
+        X_ST = inverse(X_WS) @ state.X_WT
         fit = follow(scan, self._surface, X_ST, sensor)
 
         # A fit that leaves more free than the reference did is not trusted
@@ -111,7 +112,8 @@ class ObjectTracker:
 
         # Twist from the first pose, with its information
         X_WT = X_WS @ fit.X_ST
-        twist, information = self._moved(X_WT), self._information(fit, X_WS[:3, :3])
+        twist = self._moved(X_WT)
+        information = self._information(fit, X_WS[:3, :3])
         state = replace(state, X_WT=readonly(X_WT), frames=state.frames + 1, last=fit)
 
         # The first frames make up the reference
@@ -220,7 +222,8 @@ class FoundObjectFollower:
         """
         self.period = finite_number(period, "period [s]", above=0.0)
         self._surface = target if isinstance(target, ModelSurface) else ModelSurface.of(target)
-        self._sensor, self._drift = sensor, finite_number(drift, "drift [m]", least=0.0)
+        self._sensor = sensor
+        self._drift = finite_number(drift, "drift [m]", least=0.0)
 
     def init(self) -> FollowerState:
         """Return the initial state: nothing was found yet."""
@@ -250,7 +253,8 @@ class FoundObjectFollower:
         Raises:
             ConfigurationError: If `measurement` is not a depth frame.
         """
-        tracker, of_tracker = state.tracker, state.state
+        tracker = state.tracker
+        of_tracker = state.state
         if tracker is None or of_tracker is None:
             tracker = ObjectTracker(
                 self._surface, target.X_WT, sensor=self._sensor, drift=self._drift

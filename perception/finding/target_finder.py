@@ -133,7 +133,9 @@ class KnownObjectFinder:
             raise ConfigurationError(f"tool_radius: must be >= 0 m, got {tool_radius}")
 
         self._sensor = sensor or SensorModel()
-        self._tool_radius, self._count, self._seed = tool_radius, looks, seed
+        self._tool_radius = tool_radius
+        self._count = looks
+        self._seed = seed
         self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
         self._loose = finite_number(loose, "loose [m]", above=0.0)
         self._target = target
@@ -169,14 +171,13 @@ class KnownObjectFinder:
         """
         # Scan in the sensor's frame, with the sensor's pose on the hull
         if isinstance(measurement, DepthImage):
-            seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
+            seen = Scan.from_depth(measurement)
+            X_BC = measurement.X_BC
             sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
         elif isinstance(measurement, SonarScan):
-            seen, X_BC, sensor = (
-                _scan_of(without_isolated_echoes(measurement.points)),
-                measurement.X_BS,
-                self._sensor,
-            )
+            seen = _scan_of(without_isolated_echoes(measurement.points))
+            X_BC = measurement.X_BS
+            sensor = self._sensor
         else:
             raise ConfigurationError(
                 "target finder: expected a DepthImage or a SonarScan, got "
@@ -217,7 +218,8 @@ class KnownObjectFinder:
             found = replace(found, X_sensor_target=readonly(alike))
 
         # Tool path on the scanned surface
-        path, reason = None, found.reason
+        path = None
+        reason = found.reason
         if found.accepted and self._path is not None:
             try:
                 whole = with_fused_frames(found, looks)
@@ -245,7 +247,8 @@ class KnownObjectFinder:
         )
 
         # Next view, from a place where none was taken yet
-        p_WB, places = estimate.X_WB[:3, 3], state.places
+        p_WB = estimate.X_WB[:3, 3]
+        places = state.places
         if all(np.linalg.norm(p_WB - place) > _ASIDE for place in places):
             places = (*places, readonly(p_WB))
         target = replace(
@@ -379,7 +382,8 @@ def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identifi
     if found.evidence is None or len(looks) < _FEW:
         return found
 
-    evidence, scan = found.evidence, fused(looks)
+    evidence = found.evidence
+    scan = fused(looks)
     of_median = evidence.sensor.disparity_sigma * _MEDIAN / float(np.sqrt(len(looks)))
     return replace(
         found,

@@ -123,7 +123,8 @@ class SurfaceTrack:
         if self.last is None:
             return None
 
-        at, then = row_at(self.memory, time)[0], row_at(self.memory, self.last.message.time)[0]
+        at = row_at(self.memory, time)[0]
+        then = row_at(self.memory, self.last.message.time)[0]
         if at < 0 or then < 0:
             return None
 
@@ -149,7 +150,9 @@ class SurfaceTrack:
             return False
 
         self.variance_W = self.variance_at_last()
-        self.key_time, self.R_WK, self.p_WK = key_time, last.R_WC, last.place_W + last.lever_W
+        self.key_time = key_time
+        self.R_WK = last.R_WC
+        self.p_WK = last.place_W + last.lever_W
         self._replay(at, origin=last.place_W)
         return True
 
@@ -161,12 +164,11 @@ class SurfaceTrack:
         information = self.R_WK @ m.information_K @ self.R_WK.T
 
         # Gate
-        row, f = np.zeros(TRACK), self.memory[0]
-        row[READ], row[PLACE : PLACE + 3], row[INFORMATION : INFORMATION + 9] = (
-            1.0,
-            place,
-            information.ravel(),
-        )
+        row = np.zeros(TRACK)
+        f = self.memory[0]
+        row[READ] = 1.0
+        row[PLACE : PLACE + 3] = place
+        row[INFORMATION : INFORMATION + 9] = information.ravel()
         innovation, _, weight = compare_track(
             row, int(f["layout"][AT_TRACK]), f["past_x"][at], f["past_P"][at]
         )
@@ -185,7 +187,8 @@ class SurfaceTrack:
 
     def _begin(self, m: SurfaceMotionMeasurement, at: int, *, anew: bool = False) -> None:
         """Begin a track where the filter believes the hull to be; `anew` after refused readings."""
-        x, first = self.memory[0]["past_x"][at], int(self.memory[0]["layout"][AT_TRACK])
+        x = self.memory[0]["past_x"][at]
+        first = int(self.memory[0]["layout"][AT_TRACK])
         R_WC, lever = self._camera(m, at)
 
         place = x[:3] + x[first : first + 3]
@@ -197,17 +200,21 @@ class SurfaceTrack:
             self.carried_W = self.carried_W + parted - unseen @ parted
             self.variance_W = self.variance_at_last()
         else:
-            self.carried_W, self.variance_W, self.broken = np.zeros(3), np.zeros(3), self.broken + 1
+            self.carried_W = np.zeros(3)
+            self.variance_W = np.zeros(3)
+            self.broken += 1
 
         # Key: placed so that this reading lies where the filter believes
-        self.key_time, self.R_WK = m.key_time, R_WC @ m.R_KC.T
+        self.key_time = m.key_time
+        self.R_WK = R_WC @ m.R_KC.T
         self.p_WK = place + lever - self.R_WK @ m.p_KC
         known = self.R_WK @ m.information_K @ self.R_WK.T
         self.last = _Reading(
             message=m, R_WC=R_WC, lever_W=lever, place_W=place, information_W=known
         )
 
-        self.refused_in_row, self.begun = 0, self.begun + 1
+        self.refused_in_row = 0
+        self.begun += 1
         self._replay(at, origin=place)
 
     def _camera(self, m: SurfaceMotionMeasurement, at: int) -> tuple[Array, Array]:
@@ -220,7 +227,8 @@ class SurfaceTrack:
         """Run the filter from a step of the past; `origin` (3,) [m]: a track begins there."""
         if origin is not None:
             row = self.memory[0]["past_track"][at]
-            row[BEGUN], row[ORIGIN : ORIGIN + 3] = 1.0, origin
+            row[BEGUN] = 1.0
+            row[ORIGIN : ORIGIN + 3] = origin
         replay(self.memory, at)
 
 

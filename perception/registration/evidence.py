@@ -72,7 +72,8 @@ class Evidence:
         # Few enough, drawn without regard to their order
         step = max(1, -(-len(points) // most))
         kept = hashed_subset(step, points, spacing)
-        normals, points = facing_normals(points, at=kept), points[kept]
+        normals = facing_normals(points, at=kept)
+        points = points[kept]
 
         apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]
         return cls(

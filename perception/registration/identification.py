@@ -317,7 +317,8 @@ class _Search:
         if question.method == "planes":
             evidence, found = _search(searched, surface, starts, given, most)
         else:
-            evidence, found = searched, _as_in_paper(searched, surface, starts)
+            evidence = searched
+            found = _as_in_paper(searched, surface, starts)
 
         X_start = question.X_prior if question.knows_pose else found.X_start
         X_near = X_start if question.expected.R is None else question.X_prior
@@ -353,12 +354,10 @@ class _Search:
         Args:
             earlier: Of the same object, which may have excluded its mirror image already.
         """
-        question, surface, evidence, found = (
-            self.question,
-            self.question.surface,
-            self.evidence,
-            self.found,
-        )
+        question = self.question
+        surface = self.question.surface
+        evidence = self.evidence
+        found = self.found
         X_ST, X_told, doubt, verdict = self.judged
 
         # The paper's own rules, where they are asked for
@@ -404,7 +403,9 @@ class _Search:
 
     def _mirror_image(self, earlier: Identification | None) -> MirrorImage | None:
         """The mirror image of the model as rival of the pose: the earlier one if it still holds."""
-        surface, X_ST, expected = self.question.surface, self.judged.X_ST, self.question.expected
+        surface = self.question.surface
+        X_ST = self.judged.X_ST
+        expected = self.question.expected
 
         known = None
         if earlier is not None and earlier.accepted and earlier.surface == surface:
@@ -417,7 +418,8 @@ class _Search:
 
     def _against_other_shapes(self, verdict: PoseCheck, mirror: MirrorImage | None) -> PoseCheck:
         """Verdict on an accepted pose: rescan if the mirror image or another size fits as well."""
-        surface, evidence = self.question.surface, self.evidence
+        surface = self.question.surface
+        evidence = self.evidence
         if mirror is not None and mirror.hand < MIN_HAND:
             how = "better" if mirror.hand < -MIN_HAND else "as well"
             return replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {how}")
@@ -446,15 +448,19 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
     Raises:
         PerceptionError: Too little of the scan may be the object.
     """
-    surface, sensor, expected = question.surface, question.sensor, question.expected
+    surface = question.surface
+    sensor = question.sensor
+    expected = question.expected
     if question.method == "planes":
         starts = initial_poses(scan, mask, surface, sensor, expected)
         given = [question.X_prior] if question.knows_pose else []
     else:
-        starts, given = [laid_on(scan.points[mask], surface, question.X_prior[:3, :3])], []
+        starts = [laid_on(scan.points[mask], surface, question.X_prior[:3, :3])]
+        given = []
 
     # Evidence: the pixels around any start
-    standing, mask = mask, mask & _around(starts or given, surface, scan)
+    standing = mask
+    mask = mask & _around(starts or given, surface, scan)
     _need(mask, "lie where the object could be")
     evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
     if question.method == "planes":
@@ -683,10 +689,8 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
 
     if hasattr(target, "points"):
         normals = getattr(target, "normals", None)
-        points, normals = (
-            np.asarray(target.points),
-            None if normals is None else np.asarray(normals),
-        )
+        points = np.asarray(target.points)
+        normals = None if normals is None else np.asarray(normals)
         return ModelSurface.of(
             TargetModel.from_cloud(
                 points, normals if normals is not None and normals.size else None

@@ -113,16 +113,21 @@ class _Picture(NamedTuple):
 @remembered(16, owners=MODELS)
 def _views(surface: ModelSurface, max_incidence: float) -> _Views:
     every = max(1, len(surface.points) // _MODEL_POINTS)
-    points, normals = surface.points[::every], surface.normals[::every]
+    points = surface.points[::every]
+    normals = surface.normals[::every]
 
     # Table of cells around the model
     margin = _MARGIN * surface.radius
-    corner, size = points.min(axis=0) - margin, np.ptp(points, axis=0) + 2.0 * margin
+    corner = points.min(axis=0) - margin
+    size = np.ptp(points, axis=0) + 2.0 * margin
     cell = float(size.max() / _CELLS)
     shape = np.ceil(size / cell).astype(int)
     cells = np.minimum(((points - corner) / cell).astype(int), shape - 1)
 
-    ways, middles, shown, nearest = [], [], [], []
+    ways = []
+    middles = []
+    shown = []
+    nearest = []
     spins = np.stack(
         [exp_so3([0.0, 0.0, angle]) for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS)]
     )
@@ -217,7 +222,8 @@ def initial_poses(
     for each in (firsts, found):
         each.sort(key=lambda item: -item[0])
     kept: list[Array] = []
-    least, most = firsts[0][0] - _SHORT_OF if firsts else 0.0, len(firsts) + _KEPT
+    least = firsts[0][0] - _SHORT_OF if firsts else 0.0
+    most = len(firsts) + _KEPT
     for score, X in firsts + found:
         if score < least:
             continue
@@ -346,15 +352,17 @@ def _settle(
     """
     explained = np.empty(len(X_ST))
     equations = _Equations(np.empty((6, 6)), np.empty(6), np.empty(6))
-    H, g = equations.H, equations.g
-    model, model_normals, nearest, ways = views.points, views.normals, views.nearest, views.ways
-    corner, cell, center, radius, spacing = (
-        views.corner,
-        views.cell,
-        views.center,
-        views.radius,
-        views.spacing,
-    )
+    H = equations.H
+    g = equations.g
+    model = views.points
+    model_normals = views.normals
+    nearest = views.nearest
+    ways = views.ways
+    corner = views.corner
+    cell = views.cell
+    center = views.center
+    radius = views.radius
+    spacing = views.spacing
 
     nx, ny, nz = nearest.shape[1:]
     reach = 2.0 * (cell + spacing)
@@ -451,7 +459,9 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
 @kernel
 def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: _Triple) -> None:
     """Add an `offset` [m] along unit `way` to the normal equations, `at` [radii] off the centre."""
-    H, g, row = equations.H, equations.g, equations.row
+    H = equations.H
+    g = equations.g
+    row = equations.row
     (u, v, w), (x, y, z) = way, at
     row[0], row[1], row[2] = u, v, w
     row[3], row[4], row[5] = y * w - z * v, z * u - x * w, x * v - y * u
@@ -483,7 +493,9 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
 def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) -> Array:
     """Share (n,) of the visible model that the scan confirms, less the share it sees through."""
     share = np.empty(len(X_ST))
-    model, shown, depth = views.points, views.shown, picture.depth
+    model = views.points
+    shown = views.shown
+    depth = picture.depth
     height, width = depth.shape
     for h in range(len(X_ST)):
         X = X_ST[h]

@@ -64,11 +64,14 @@ def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: in
         return 0.0
 
     # Pixels with depth that the model covers
-    scan, mask = evidence.scan.part(window), evidence.standing[window]
+    scan = evidence.scan.part(window)
+    mask = evidence.standing[window]
     rows, columns = np.nonzero(np.isfinite(scan.depth))
     depth = surface.depth_along(X_ST, scan.lines_of_sight(rows, columns))
     met = np.isfinite(depth)
-    rows, columns, depth = rows[met], columns[met], depth[met].astype(np.float64)
+    rows = rows[met]
+    columns = columns[met]
+    depth = depth[met].astype(np.float64)
 
     sigma = evidence.noise.sigma(depth)
     behind = scan.depth[rows, columns] - depth

@@ -135,22 +135,22 @@ class Pairing:
         The unknowns are a twist about the model's centre (linear; angular x radius), and growth x
         radius from there. `index` is the result of `nearest`.
         """
-        evidence, surface = self.evidence, self.surface
+        evidence = self.evidence
+        surface = self.surface
         H, g, residual = _plane_terms(
             evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface
         )
 
         if self.edges is not None:
             edges = _edge_rows(self.edges, evidence, X_ST, gate, surface)
-            H, g = (
-                H + edges.J.T @ (edges.weight[:, None] * edges.J),
-                g + edges.J.T @ (edges.weight * edges.distance),
-            )
+            H = H + edges.J.T @ (edges.weight[:, None] * edges.J)
+            g = g + edges.J.T @ (edges.weight * edges.distance)
         return H, g, residual
 
     def rows(self, X_ST: Array, gate: float, index: np.ndarray) -> PairRows:
         """The pairs themselves, planes first and then depth edges; arguments as for `terms`."""
-        evidence, surface = self.evidence, self.surface
+        evidence = self.evidence
+        surface = self.surface
         scan, model = _kernel_inputs(evidence, self.points, self.normals, surface)
         center = transform_points(X_ST, surface.center)
         J, values = _plane_rows(scan, model, index, X_ST, center, self._reach(gate))
@@ -198,7 +198,9 @@ def edge_offsets(
     seen = ~_hidden(evidence, points) & ~_resting(evidence, points, normal)
     if seen.sum() < max(20, _SHOWN * len(points)):
         return np.zeros(0), np.nan, np.nan
-    points, tangents, normal = points[seen], tangents[seen], normal[seen]
+    points = points[seen]
+    tangents = tangents[seen]
+    normal = normal[seen]
 
     # Nearest edge of the scan at the same depth, in the same direction
     ends = edges.ends.edges
@@ -310,16 +312,20 @@ def _pair(
     distance along the normal is the score; the slope is the score's derivative by the distance.
     """
     # Model point and normal in S, towards the sensor
-    q, m = np.empty(3), np.empty(3)
+    q = np.empty(3)
+    m = np.empty(3)
     for a in range(3):
-        q[a], m[a] = X_ST[a, 3], 0.0
+        q[a] = X_ST[a, 3]
+        m[a] = 0.0
         for b in range(3):
             q[a] += X_ST[a, b] * model.points[i, b]
             m[a] += X_ST[a, b] * model.normals[i, b]
     facing = -1.0 if m[0] * q[0] + m[1] * q[1] + m[2] * q[2] > 0.0 else 1.0
 
     # Distance along the normal, in all, and angle of the normals
-    along, square, cosine = 0.0, 0.0, 0.0
+    along = 0.0
+    square = 0.0
+    cosine = 0.0
     for a in range(3):
         m[a] *= facing
         off = scan.points[n, a] - q[a]
@@ -352,7 +358,10 @@ def _plane_sums(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array, Array]:
     """Normal equations as in `_plane_terms`, and sums (2,) of weights and weighted squares."""
-    H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
+    H = np.zeros((7, 7))
+    g = np.zeros(7)
+    sums = np.zeros(2)
+    J = np.empty(7)
     pairs = 0
 
     for n in range(len(scan.points)):
@@ -383,7 +392,8 @@ def _plane_rows(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array]:
     """Jacobian rows (n, 7), and weight, slope [1/m^2], distance [m] (n, 3) of the pairs, or 0."""
-    rows, terms = np.zeros((len(scan.points), 7)), np.zeros((len(scan.points), 3))
+    rows = np.zeros((len(scan.points), 7))
+    terms = np.zeros((len(scan.points), 3))
     for n in range(len(scan.points)):
         if index[n] < len(model.points):
             terms[n] = _pair(scan, model, n, index[n], X_ST, center, gate, rows[n])
@@ -427,7 +437,8 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
     # Width of the rim that is too steep for an echo, and kind of each edge
     at = of_model.rows, of_model.columns
     band, (row, column) = _to_nearest(covered & (cosine > np.cos(evidence.sensor.max_incidence)))
-    sharp, whole = cosine[at] > SHARP_EDGE, ~surface.on_border(points)
+    sharp = cosine[at] > SHARP_EDGE
+    whole = ~surface.on_border(points)
     return DepthEdges(
         ends=ends,
         behind=behind,
@@ -456,8 +467,10 @@ def _across(pixels: Array, steps: np.ndarray) -> Array:
 def _across_sorted(pixels: Array, steps: Array) -> Array:
     """As `_across`, for points sorted by their first coordinate."""
     n = len(pixels)
-    rough, across = np.zeros((n, 2)), np.empty((n, 2))
-    first, last = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    rough = np.zeros((n, 2))
+    across = np.empty((n, 2))
+    first = np.empty(n, dtype=np.int64)
+    last = np.empty(n, dtype=np.int64)
 
     # Mean step of the neighbours; they lie between `first` and `last` in the sorted row
     low, high = 0, 0
@@ -466,7 +479,8 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
             low += 1
         while high < n and pixels[high, 0] <= pixels[i, 0] + _CONTOUR:
             high += 1
-        first[i], last[i] = low, high
+        first[i] = low
+        last[i] = high
         for j in range(low, high):
             if (pixels[j, 0] - pixels[i, 0]) ** 2 + (
                 pixels[j, 1] - pixels[i, 1]
@@ -479,7 +493,12 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
 
     # Direction of the line through those neighbours that step the same way
     for i in range(n):
-        total, mx, my, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        total = 0.0
+        mx = 0.0
+        my = 0.0
+        xx = 0.0
+        xy = 0.0
+        yy = 0.0
         for j in range(first[i], last[i]):
             x, y = pixels[j, 0] - pixels[i, 0], pixels[j, 1] - pixels[i, 1]
             if (
@@ -487,14 +506,19 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
                 and rough[j, 0] * rough[i, 0] + rough[j, 1] * rough[i, 1] > 0.7
             ):
                 total += 1.0
-                mx, my = mx + x, my + y
-                xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+                mx += x
+                my += y
+                xx += x * x
+                xy += x * y
+                yy += y * y
 
         across[i] = rough[i]
 
         # Across it, to the side of the step, where the two agree
         if total > 0.0:
-            xx, xy, yy = xx - mx * mx / total, xy - mx * my / total, yy - my * my / total
+            xx -= mx * mx / total
+            xy -= mx * my / total
+            yy -= my * my / total
             along = 0.5 * np.arctan2(2.0 * xy, xx - yy)
             x, y = -np.sin(along), np.cos(along)
             agree = x * rough[i, 0] + y * rough[i, 1]
@@ -567,7 +591,8 @@ def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
 
 def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
     """Tangents (n, 2) of the model's edges `found` on the grid of `part`, finer than a pixel."""
-    X_TS, step = inverse(X_ST), jump(found.depth)
+    X_TS = inverse(X_ST)
+    step = jump(found.depth)
     middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
 
@@ -594,7 +619,8 @@ def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
     )
 
     window = _rastered(evidence.scan, rows, columns)
-    part, mask = evidence.scan.part(window), evidence.mask[window]
+    part = evidence.scan.part(window)
+    mask = evidence.mask[window]
     found = contour(part, mask, part.depth)
     ends = _Outline(
         found, outward(mask, part.depth, found.rows, found.columns), np.zeros(len(found.rows))
@@ -642,10 +668,12 @@ def _edge_rows(
     sides = sides or [(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
     index, measured = (np.concatenate(each) for each in zip(*sides, strict=True))
     if len(index) < 10:
-        index, measured = index[:0], measured[:0]
+        index = index[:0]
+        measured = measured[:0]
 
     # Distance across the edge in the image plane, scaled to the depth
-    P, m = points[index], edges.model_outward[index]
+    P = points[index]
+    m = edges.model_outward[index]
     across = np.einsum("ij,ij->i", measured - tangents[index], m) * P[:, 2]
     # d(m . P_xy / z) z = (m, -m . P_xy / z) . dP
     direction = np.column_stack([m, -np.einsum("ij,ij->i", m, tangents[index])])

@@ -57,7 +57,8 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
     while len(kept) > _SCAN_POINTS:
         size *= 1.2
         kept = one_per_cube(points, size)
-    points, frames = points[kept], _frames(normals[kept])
+    points = points[kept]
+    frames = _frames(normals[kept])
 
     # Votes of some of them as first points
     references = np.unique(np.linspace(0, len(points) - 1, _REFERENCES).astype(np.int64))
@@ -68,7 +69,8 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
 @remembered(16, owners=MODELS)
 def _model_pairs(surface: ModelSurface) -> _Pairs:
     thinned = surface.thinned(_MODEL_POINTS)
-    points, frames = thinned.points, _frames(thinned.normals)
+    points = thinned.points
+    frames = _frames(thinned.normals)
 
     step = 2.0 * surface.radius / _DISTANCES
     feature, turn = _features(points, frames, step)
@@ -167,7 +169,8 @@ def _vote(
         # Peaks, each with its surroundings removed
         for peak in range(_PEAKS):
             best = int(count.argmax())
-            m, at = best // _TURNS, best % _TURNS
+            m = best // _TURNS
+            at = best % _TURNS
             votes[k, peak] = count[m, at]
             _lay(
                 X[k, peak],

@@ -198,7 +198,9 @@ def check(
     if isinstance(rays, str):
         return _unmade(rays)
 
-    E, both, sigma = rays.E, rays.compared, rays.sigma
+    E = rays.E
+    both = rays.compared
+    sigma = rays.sigma
     if both.sum() < _MIN_RAYS:
         return _unmade(
             f"only {int(both.sum())} check rays meet the object in the scan; need {_MIN_RAYS}"
@@ -206,12 +208,14 @@ def check(
 
     # Shares of the rays on which both surfaces agree, and on which the scan lies behind
     judged = max(1, int(rays.judged.sum()))
-    agreement, seen_through = float(rays.near.sum() / judged), float(rays.through.sum() / judged)
+    agreement = float(rays.near.sum() / judged)
+    seen_through = float(rays.through.sum() / judged)
     coverage = float((rays.judged & ~rays.through).mean())
 
     # Distance of both surfaces, against the sensor's noise
     noise = float(np.sqrt(np.mean(sigma[both] ** 2)))
-    figure, threshold = _trimmed_rms(E[both], TRIM), MAX_FIGURE * noise
+    figure = _trimmed_rms(E[both], TRIM)
+    threshold = MAX_FIGURE * noise
 
     # Distance over patches, in which the noise averages out: errors of shape and pose
     size = surface.radius / _PATCHES
@@ -221,7 +225,8 @@ def check(
 
     # Depth edges, and how far the surface goes on beyond them
     offsets, edge_share, goes_on = edge_offsets(evidence, surface, X_ST)
-    beyond, ends = _beyond(evidence, surface, X_ST), edge_share > _ENDS[0] and goes_on < _ENDS[1]
+    beyond = _beyond(evidence, surface, X_ST)
+    ends = edge_share > _ENDS[0] and goes_on < _ENDS[1]
     edge = float(np.median(np.abs(offsets))) if len(offsets) else np.nan
     edge_threshold = 3.0 * float(np.median(rays.pitch)) + 0.002
 
@@ -379,7 +384,8 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
     label, count = ndimage.label(ndimage.binary_opening(behind > 3.0, np.ones((wide, wide))))
     pixel = scan.pitch * float(np.median(depth[shown])) if shown.any() else np.inf  # [m]
     least = round(max(_FEATURE * cell**2, (_UNTOLD * surface.resolution / pixel) ** 2))
-    rough, agrees = shown & (np.abs(behind) < 3.0), shown & (np.abs(behind) < _AGREES)
+    rough = shown & (np.abs(behind) < 3.0)
+    agrees = shown & (np.abs(behind) < _AGREES)
 
     # Largest of them that is too deep for a dent, or begins abruptly
     largest = 0
@@ -416,13 +422,11 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     if len(met.C_model) < _MIN_RAYS:
         return f"only {len(met.C_model)} check rays meet the visible model; need {_MIN_RAYS}"
 
-    sensor, scan, C_model, cosine, E = (
-        evidence.sensor,
-        evidence.scan,
-        met.C_model,
-        met.cosine,
-        met.E,
-    )
+    sensor = evidence.sensor
+    scan = evidence.scan
+    C_model = met.C_model
+    cosine = met.cosine
+    E = met.E
 
     # Standard deviation of the distance: noise, pixel pitch on a slope, model
     z = C_model[:, 2]
@@ -525,7 +529,8 @@ def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Ar
         _ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D)),
     )
     clear = float(hit.sum() / max(1, meets.sum()))
-    t_model, starts = on_model["t"][hit], starts[hit]
+    t_model = on_model["t"][hit]
+    starts = starts[hit]
     C_model = starts + t_model[:, None] * o
 
     # The rays are parallel, the sensor's lines of sight are not: keep rays whose model point the
@@ -535,12 +540,10 @@ def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Ar
     sight = surface.scene.distance(origin_T, transform_points(X_TS, C_model) - origin_T)
     cosine = np.abs(np.einsum("ij,ij->i", on_model["normal"][hit] @ X_ST[:3, :3].T, line))
     expected = (sight > 0.995) & (cosine > _STEEP) & scan.pixels(C_model)[2]
-    C_model, starts, t_model, cosine = (
-        C_model[expected],
-        starts[expected],
-        t_model[expected],
-        cosine[expected],
-    )
+    C_model = C_model[expected]
+    starts = starts[expected]
+    t_model = t_model[expected]
+    cosine = cosine[expected]
 
     if not len(C_model):
         return None
@@ -574,10 +577,8 @@ def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _
     rows, columns = np.nonzero(clear & (cosine > _STEEP))
     every = max(1, len(rows) // _SIGHTS)
     rows, columns = rows[::every], columns[::every]
-    C_model, behind = (
-        model.points[rows, columns],
-        part.depth[rows, columns] - model.depth[rows, columns],
-    )
+    C_model = model.points[rows, columns]
+    behind = part.depth[rows, columns] - model.depth[rows, columns]
 
     # Their distance along the ray, which is longer than along the axis
     along = np.linalg.norm(C_model, axis=1) / C_model[:, 2]

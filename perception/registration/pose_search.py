@@ -240,10 +240,8 @@ def _ranked(
 ) -> list[Array]:
     """The likeliest poses (4, 4), apart from each other; of many, `moved` are nudged first."""
     if len(starts) > most:
-        few_points, few_of_model = (
-            evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS),
-            surface.thinned(_NUDGE_MODEL),
-        )
+        few_points = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS)
+        few_of_model = surface.thinned(_NUDGE_MODEL)
         best = _likeliest_at_a_glance(evidence, surface, starts, moved)
         starts = [nudged(few_points, few_of_model, X) for X in best]
 

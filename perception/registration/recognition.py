@@ -145,7 +145,8 @@ def recognise(
 
     # All on the same pixels
     candidates = _compared(found)
-    name, reason = None, _doubt(candidates)
+    name = None
+    reason = _doubt(candidates)
     decision = candidates[0].found.decision
     if not reason:
         name = candidates[0].name
@@ -249,7 +250,8 @@ def _shown(scan: Scan, found: Identification) -> KnownObjects:
     assert found.evidence is not None  # it was accepted
 
     depth = found.surface.depth(found.X_sensor_target, scan)
-    off, z = np.abs(scan.depth - depth), np.where(np.isfinite(depth), depth, 1.0)
+    off = np.abs(scan.depth - depth)
+    z = np.where(np.isfinite(depth), depth, 1.0)
 
     with np.errstate(invalid="ignore"):
         shown = off < 3.0 * found.evidence.noise.sigma(z)

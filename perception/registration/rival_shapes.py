@@ -72,7 +72,8 @@ def best_mirror_image(
     if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
         return None
 
-    X_TS, likelihood = inverse(X_ST), log_likelihood(evidence, surface, X_ST)
+    X_TS = inverse(X_ST)
+    likelihood = log_likelihood(evidence, surface, X_ST)
     return MirrorImage(
         X_TM=readonly(X_TS @ found.X_ST),
         log_likelihood=likelihood,
@@ -138,7 +139,8 @@ def resized_log_likelihood(
 @remembered(16, owners=MODELS)
 def resized(surface: ModelSurface, size: float) -> ModelSurface:
     """The model scaled by `size` about the origin of T."""
-    target, symmetry = surface.target, surface.symmetry
+    target = surface.target
+    symmetry = surface.symmetry
     return replace(
         surface,
         target=TargetModel(

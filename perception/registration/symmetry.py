@@ -130,7 +130,8 @@ def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
 
         # Pairs but for the farthest
         kept = distance <= np.quantile(distance, _TRIMMED)
-        a, b = moved[kept], tree.data[index[kept]]
+        a = moved[kept]
+        b = tree.data[index[kept]]
 
         # Least-squares rotation of the pairs [Arun 1987]
         U, _, Vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
@@ -243,7 +244,8 @@ def asymmetric_parts(surface: ModelSurface) -> Array:
 
     None without an axis of symmetry.
     """
-    symmetry, points = surface.symmetry, surface.points
+    symmetry = surface.symmetry
+    points = surface.points
 
     if symmetry.axis is None:
         return np.zeros((0, 3))
@@ -310,7 +312,8 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
         return None
 
     # Finer angles around the best one
-    G, near = symmetry.rotations[group : group + 1], angles[at] + _STEP * _FINE
+    G = symmetry.rotations[group : group + 1]
+    near = angles[at] + _STEP * _FINE
     gain = pixels.gains(pixels.depths(surface, turned(near, G)), bare)[0]
     # Centroid of the peak, not its maximum: the top is flat, and noise would move the maximum.
     return turned(np.array([np.average(near, weights=gain - gain.min() + 1e-9)]), G)[0]
@@ -328,7 +331,8 @@ class _Pixels:
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, poses: list[Array]) -> "_Pixels | None":
         """Select the pixels; None if the sensor got no echo where any of the parts could appear."""
-        scan, points = evidence.scan, asymmetric_parts(surface)
+        scan = evidence.scan
+        points = asymmetric_parts(surface)
         where = np.zeros(scan.depth.shape, dtype=bool)
         for X in poses:
             row, column, inside = scan.pixels(transform_points(X, points))

@@ -276,7 +276,9 @@ def relief(
     middle = patch.mean(axis=0)
     (sx, sy), *_ = np.linalg.lstsq(patch[:, :2] - middle[:2], patch[:, 2] - middle[2], rcond=None)
     off = patch[:, 2] - middle[2] - (patch[:, :2] - middle[:2]) @ [sx, sy]
-    slope, rough, step = float(np.arctan(np.hypot(sx, sy))), float(off.std()), float(np.ptp(off))
+    slope = float(np.arctan(np.hypot(sx, sy)))
+    rough = float(off.std())
+    step = float(np.ptp(off))
 
     # Limits
     found = [
@@ -331,7 +333,8 @@ def _check_spread(local: Array) -> None:
 
 def _area(local: Array) -> float:
     """Area [m^2] covered by the points: occupied cells of a grid, with about 12 points a cell."""
-    low, size = local[:, :2].min(axis=0), np.ptp(local[:, :2], axis=0)
+    low = local[:, :2].min(axis=0)
+    size = np.ptp(local[:, :2], axis=0)
     side = float(np.sqrt(size[0] * size[1] / max(4.0, len(local) / 12.0)))
     cell = ((local[:, :2] - low) / max(side, 1e-9)).astype(np.int64)
     return side**2 * len(np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]))
@@ -389,7 +392,8 @@ def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
     cell = ((local[:, :2] - low) / side).astype(np.int64)
     key = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
     order = np.lexsort((local[:, 2], key))
-    key, p = key[order], local[order]
+    key = key[order]
+    p = local[order]
 
     first = np.flatnonzero(np.diff(key, prepend=key[0] - 1))
     count = np.diff(first, append=len(key))
@@ -479,7 +483,12 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
         for j in range(k):
             u = (points[index[i, j], 0] - points[i, 0]) / radius
             v = (points[index[i, j], 1] - points[i, 1]) / radius
-            M[j, 0], M[j, 1], M[j, 2], M[j, 3], M[j, 4], M[j, 5] = 1.0, u, v, u * u, u * v, v * v
+            M[j, 0] = 1.0
+            M[j, 1] = u
+            M[j, 2] = v
+            M[j, 3] = u * u
+            M[j, 4] = u * v
+            M[j, 5] = v * v
             off[j] = points[index[i, j], 2]
 
         # Start from the neighbours' median: least squares would start off the surface where two of
@@ -534,7 +543,8 @@ def _delaunay(vertices: Array) -> np.ndarray:
 
     # Counter-clockwise, none of zero area
     corner = vertices[triangles][..., :2]
-    a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    a = corner[:, 1] - corner[:, 0]
+    b = corner[:, 2] - corner[:, 0]
     twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     triangles = np.where((twice < 0.0)[:, None], triangles[:, ::-1], triangles)
     return triangles[np.abs(twice) > 1e-12]

@@ -70,8 +70,11 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
         )
 
     width = checked_width(width)
-    ground, ends = terrain.ground(terrain.vertices), terrain.ground(targets)
-    points, along, flags = [], [], []
+    ground = terrain.ground(terrain.vertices)
+    ends = terrain.ground(targets)
+    points = []
+    along = []
+    flags = []
 
     # Targets, with the points between them
     for i in range(len(ends) - 1):
@@ -112,7 +115,8 @@ def _cut(
 
     # Triangles on both sides of the plane, and their two edges that cross it
     offset = ground[:, :2] - start[:2]
-    aside, u = offset[:, 1] * way[0] - offset[:, 0] * way[1], offset @ way
+    aside = offset[:, 1] * way[0] - offset[:, 0] * way[1]
+    u = offset @ way
     left = aside >= 0.0
     crossed = triangles[(left[triangles].any(axis=1)) & (~left[triangles]).any(axis=1)]
     edges = np.sort(crossed[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2), axis=2)
@@ -120,7 +124,8 @@ def _cut(
     pairs = edges[cuts].reshape(-1, 2, 2)
 
     # Crossings, as places along the plane
-    a, b = pairs[..., 0], pairs[..., 1]
+    a = pairs[..., 0]
+    b = pairs[..., 1]
     share = aside[a] / (aside[a] - aside[b])
     # (k, 2) [m] first and last place of the plane in each triangle
     at = u[a] + share * (u[b] - u[a])
@@ -134,7 +139,8 @@ def _cut(
     )
     within = (s > 1e-6) & (s < length - 1e-6)
     order = np.argsort(s[within])
-    s, p = s[within][order], p[within][order]
+    s = s[within][order]
+    p = p[within][order]
     return p[np.diff(s, prepend=0.0) > 1e-6], way  # edges that meet in one vertex give one point
 
 
@@ -231,7 +237,8 @@ def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
     """
     depth = finite_number(depth, "core depth [m]", above=0.0, most=10.0)
     s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
-    ones, scanned = np.ones((len(s), 1)), np.ones(len(s), dtype=bool)
+    ones = np.ones((len(s), 1))
+    scanned = np.ones(len(s), dtype=bool)
     scanned.setflags(write=False)
     return ToolPath(
         s=readonly(s),

@@ -127,14 +127,14 @@ def lattice_grid(points: Array) -> DepthGrid | None:
     tangents = points[:, :2] / points[:, 2:]
 
     # Lines of columns and rows, and the pixel of each point
-    axes = [_lattice(values[_sample(len(values))]) for values in tangents.T]
+    axes = [_lattice(tangent[_sample(len(tangent))]) for tangent in tangents.T]
     cells = []
     lines = []
-    for axis, values in zip(axes, tangents.T, strict=True):
+    for axis, tangent in zip(axes, tangents.T, strict=True):
         if axis is None:
             return None
         start, pitch = axis
-        index = np.rint((values - start) / pitch).astype(np.int64)
+        index = np.rint((tangent - start) / pitch).astype(np.int64)
         first = int(index.min())
         count = int(np.ptp(index)) + 1
         if not 2 <= count <= _LONGEST_SIDE:

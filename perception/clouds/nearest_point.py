@@ -45,10 +45,10 @@ class NearestPoint(NamedTuple):
         stored points.
         """
         square = np.full(len(points), reach * reach)
-        found = np.full(len(points), len(self.order))
+        index = np.full(len(points), len(self.order))
 
-        _search(self, points, square, found)
-        return np.where(found < len(self.order), np.sqrt(square), np.inf), found
+        _search(self, points, square, index)
+        return np.where(index < len(self.order), np.sqrt(square), np.inf), index
 
 
 @kernel

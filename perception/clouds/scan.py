@@ -257,26 +257,28 @@ class Scan:
             ConfigurationError: For an array that is no cloud.
             PerceptionError: If too few points are left or they span no surface.
         """
-        values = real_array(cloud, "cloud", "(N, 3) numbers [m]")
-        if values.size == 0:
+        coordinates = real_array(cloud, "cloud", "(N, 3) numbers [m]")
+        if coordinates.size == 0:
             raise PerceptionError("the cloud is empty")
-        if values.ndim not in (2, 3) or values.shape[-1] != 3:
+        if coordinates.ndim not in (2, 3) or coordinates.shape[-1] != 3:
             raise ConfigurationError(
-                f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}"
+                f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {coordinates.shape}"
             )
 
         # Usable points
-        usable = (np.abs(values) < _ENDLESS).all(axis=-1) & (values[..., 2] > 1e-3)  # False for NaN
+        usable = (np.abs(coordinates) < _ENDLESS).all(axis=-1) & (
+            coordinates[..., 2] > 1e-3
+        )  # False for NaN
         count = int(usable.sum())
         if count < MIN_POINTS:
             raise PerceptionError(
-                f"only {count} usable points of {values.size // 3}; need {MIN_POINTS}"
+                f"only {count} usable points of {coordinates.size // 3}; need {MIN_POINTS}"
             )
 
         # Pixels of the sensor where there are any, else those of a virtual pinhole
-        grid = organised_grid(values, usable) if values.ndim == 3 else None
+        grid = organised_grid(coordinates, usable) if coordinates.ndim == 3 else None
         if grid is None:
-            points = values[usable]
+            points = coordinates[usable]
             grid = lattice_grid(points) or scatter_grid(points)
         return cls.of_grid(grid.depth, grid.tangent_x, grid.tangent_y)
 
@@ -350,7 +352,7 @@ def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Arra
     # Rays and vertices in a plane across the rays
     across = np.linalg.svd(way[None])[2][1:].T
     rays = starts @ across
-    seen = vertices @ across
+    projected = vertices @ across
     corner = rays.min(axis=0)
     extent = np.ptp(rays, axis=0)
 
@@ -362,8 +364,8 @@ def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Arra
     before = counts.cumsum(axis=0).cumsum(axis=1)  # rays in all cells below a corner of the grid
 
     # Rectangle around each triangle, in cells
-    low = np.clip((seen - _SINGLE - corner) / cell, 0, shape).astype(np.int32)
-    high = np.clip((seen + _SINGLE - corner) / cell + 1.0, 0, shape).astype(np.int32)
+    low = np.clip((projected - _SINGLE - corner) / cell, 0, shape).astype(np.int32)
+    high = np.clip((projected + _SINGLE - corner) / cell + 1.0, 0, shape).astype(np.int32)
     a, b, c = triangles.T
     (left, top), (right, bottom) = (
         np.minimum(np.minimum(low[a], low[b]), low[c]).T,
@@ -383,10 +385,10 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
     right = (np.s_[:, :-1], np.s_[:, 1:])
     down = (np.s_[:-1], np.s_[1:])
     up = (np.s_[1:, :-1], np.s_[:-1, 1:])
-    for here, there in (right, down, up, (np.s_[:-1, :-1], np.s_[1:, 1:])):
-        apart = np.abs(z[here] - z[there])
+    for here, beside in (right, down, up, (np.s_[:-1, :-1], np.s_[1:, 1:])):
+        apart = np.abs(z[here] - z[beside])
         support[here] += apart < step[here]
-        support[there] += apart < step[there]
+        support[beside] += apart < step[beside]
 
     return support >= 3
 
@@ -421,7 +423,7 @@ def background(
     Returns:
         Mask (h, w).
     """
-    found = np.zeros_like(mask)
+    on_planes = np.zeros_like(mask)
 
     # Thinned picture with its normals, and a sample of it to which planes are fitted
     every = slice(None, None, max(1, round(np.sqrt(mask.size / _SAMPLED))))
@@ -452,11 +454,11 @@ def background(
         # Background is wider than the object can be
         width, cut = _spread(part, lying)
         if width > extent * (1.0 if cut else _UNCUT):
-            found |= mask & _on_plane(scan, plane, sensor)
+            on_planes |= mask & _on_plane(scan, plane, sensor)
 
         sample = sample[~plane.inliers]
         facing = facing[~plane.inliers]
-    return found
+    return on_planes
 
 
 def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
@@ -708,11 +710,11 @@ def facing_normals(
     Returns:
         Normals (k, 3) at those k points.
     """
-    wanted = points[at]
-    near = cKDTree(points).query(wanted, k=range(1, min(neighbours, len(points)) + 1))[1]
+    centers = points[at]
+    near = cKDTree(points).query(centers, k=range(1, min(neighbours, len(points)) + 1))[1]
 
     normals = _least_axes(points, near)
-    normals[np.einsum("ni,ni->n", normals, wanted) > 0.0] *= -1.0
+    normals[np.einsum("ni,ni->n", normals, centers) > 0.0] *= -1.0
     return normals
 
 

@@ -130,8 +130,8 @@ class SurfaceFusion:
         Returns:
             The mesh; it is empty if no frame showed the object.
         """
-        found = self._volume.extract_triangle_mesh()
-        vertices, triangles = np.asarray(found.vertices), np.asarray(found.triangles)
+        extracted = self._volume.extract_triangle_mesh()
+        vertices, triangles = np.asarray(extracted.vertices), np.asarray(extracted.triangles)
 
         if not len(vertices):
             return SurfaceMesh(
@@ -141,11 +141,11 @@ class SurfaceFusion:
         # Signed distance from the model
         near = model.query(vertices)
         outside = np.einsum("nk,nk->n", vertices - near.point, normals[near.triangle])
-        own = near.distance <= reach
+        belongs = near.distance <= reach
 
         # Surface near the model, without islands
-        kept = without_islands(triangles[own[triangles].all(axis=1)])
-        used, index = np.unique(kept, return_inverse=True)
+        faces = without_islands(triangles[belongs[triangles].all(axis=1)])
+        used, index = np.unique(faces, return_inverse=True)
         return SurfaceMesh(
             vertices=readonly(vertices[used]),
             triangles=index.reshape(-1, 3),

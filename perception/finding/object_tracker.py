@@ -157,14 +157,16 @@ class ObjectTracker:
 
     def _found_again(self, scan: Scan, X_ST: Array, sensor: SensorModel) -> FrameFit | None:
         """Identify the object near its expected pose; None if the result is not accepted."""
-        place = transform_points(X_ST, self._surface.center)
-        found = identify(
-            scan, self._surface, place, X_ST[:3, :3], sensor=sensor, approach_error=_ASTRAY
+        center = transform_points(X_ST, self._surface.center)
+        identified = identify(
+            scan, self._surface, center, X_ST[:3, :3], sensor=sensor, approach_error=_ASTRAY
         )
 
-        if not found.accepted or found.covariance is None:
+        if not identified.accepted or identified.covariance is None:
             return None
-        return FrameFit(X_ST=found.X_sensor_target, covariance=found.covariance, residual=0.0)
+        return FrameFit(
+            X_ST=identified.X_sensor_target, covariance=identified.covariance, residual=0.0
+        )
 
     def _moved(self, X_WT: Array) -> Array:
         """Twist (6,) [m] from the first pose: of the centre, and rotation vector x radius."""
@@ -270,9 +272,9 @@ class FoundObjectFollower:
 def _common(one: Array, other: Array) -> tuple[Array, Array]:
     """Projection (6, 6) on the twists that both informations observe, and the other's inverse."""
     held = np.eye(6)
-    for each in (one, other):
-        values, vectors = np.linalg.eigh(each)
-        free = vectors[:, values <= 1e-9 * values[-1]]
+    for information in (one, other):
+        eigenvalues, vectors = np.linalg.eigh(information)
+        free = vectors[:, eigenvalues <= 1e-9 * eigenvalues[-1]]
         held = held - held @ free @ np.linalg.pinv(held @ free)
 
     return np.asarray(held, dtype=np.float64), np.asarray(

@@ -171,11 +171,11 @@ class KnownObjectFinder:
         """
         # Scan in the sensor's frame, with the sensor's pose on the hull
         if isinstance(measurement, DepthImage):
-            seen = Scan.from_depth(measurement)
+            scan = Scan.from_depth(measurement)
             X_BC = measurement.X_BC
             sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
         elif isinstance(measurement, SonarScan):
-            seen = _scan_of(without_isolated_echoes(measurement.points))
+            scan = _scan_of(without_isolated_echoes(measurement.points))
             X_BC = measurement.X_BS
             sensor = self._sensor
         else:
@@ -187,15 +187,15 @@ class KnownObjectFinder:
         # Frames are collected until they are enough to be fused
         X_WC = estimate.X_WB @ X_BC
         looks = state.looks
-        if isinstance(seen, Scan):
-            looks = (*looks, Frame(scan=seen, X_WS=X_WC))
+        if isinstance(scan, Scan):
+            looks = (*looks, Frame(scan=scan, X_WS=X_WC))
             if len(looks) < self._count:
                 return replace(state, frames=state.frames + 1, looks=looks), None
 
         # Identification near the coarse detection
         X_CW = inverse(X_WC)
         attempt = attempted(
-            seen,
+            scan,
             self._surface,
             transform_points(X_CW, self._approach_W),
             None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
@@ -203,7 +203,7 @@ class KnownObjectFinder:
             seed=self._seed,
             method=self.method,
         )
-        found = attempt.widened().concluded(state.last)
+        identified = attempt.widened().concluded(state.last)
 
         if (
             self._R_WT is None
@@ -214,15 +214,15 @@ class KnownObjectFinder:
             # Without a coarse orientation: of all poses that look the same, the one next to the
             # last estimate.
             R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
-            alike = self._surface.symmetry.nearest_pose(found.X_sensor_target, R_CT)
-            found = replace(found, X_sensor_target=readonly(alike))
+            alike = self._surface.symmetry.nearest_pose(identified.X_sensor_target, R_CT)
+            identified = replace(identified, X_sensor_target=readonly(alike))
 
         # Tool path on the scanned surface
         path = None
-        reason = found.reason
-        if found.accepted and self._path is not None:
+        reason = identified.reason
+        if identified.accepted and self._path is not None:
             try:
-                whole = with_fused_frames(found, looks)
+                whole = with_fused_frames(identified, looks)
                 path = plan_path(
                     whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius
                 )
@@ -231,14 +231,14 @@ class KnownObjectFinder:
                 reason = str(error)
 
         # Pose in the world, with its uncertainty
-        doubt, of_hull = self._doubt(found, estimate, X_WC)
+        doubt, of_hull = self._doubt(identified, estimate, X_WC)
         target = Target(
             time=measurement.time,
-            X_WT=readonly(X_WC @ found.X_sensor_target),
-            accepted=found.accepted if self._path is None else path is not None,
-            check_m=found.check.figure_m if found.check is not None else float("inf"),
+            X_WT=readonly(X_WC @ identified.X_sensor_target),
+            accepted=identified.accepted if self._path is None else path is not None,
+            check_m=identified.check.figure_m if identified.check is not None else float("inf"),
             range_m=float(
-                np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))
+                np.linalg.norm(transform_points(identified.X_sensor_target, self._surface.center))
             ),
             reason=reason,
             path=path,
@@ -248,15 +248,15 @@ class KnownObjectFinder:
 
         # Next view, from a place where none was taken yet
         p_WB = estimate.X_WB[:3, 3]
-        places = state.places
-        if all(np.linalg.norm(p_WB - place) > _ASIDE for place in places):
-            places = (*places, readonly(p_WB))
+        positions = state.places
+        if all(np.linalg.norm(p_WB - position) > _ASIDE for position in positions):
+            positions = (*positions, readonly(p_WB))
         target = replace(
-            target, next_X_WB=self._next_view(found, target, estimate.X_WB, X_WC, places)
+            target, next_X_WB=self._next_view(identified, target, estimate.X_WB, X_WC, positions)
         )
 
         return FinderState(
-            frames=state.frames + 1, last=found, X_WC=readonly(X_WC), places=places
+            frames=state.frames + 1, last=identified, X_WC=readonly(X_WC), places=positions
         ), target
 
     def _next_view(
@@ -275,7 +275,9 @@ class KnownObjectFinder:
         motions = [
             motion
             for motion in views_around(center, np.array([0.0, 0.0, 1.0]))
-            if all(np.linalg.norm((motion @ X_WB)[:3, 3] - place) > _ASIDE for place in places)
+            if all(
+                np.linalg.norm((motion @ X_WB)[:3, 3] - position) > _ASIDE for position in places
+            )
         ]
 
         X_CW = inverse(X_WC)

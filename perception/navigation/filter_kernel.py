@@ -259,13 +259,13 @@ def propagate(f, row):
 
     # Wander: a first-order Gauss-Markov process
     if wander >= 0:
-        kept = np.exp(-dt / walks[2])
+        decay = np.exp(-dt / walks[2])
         for i in range(wander, wander + 3):
-            x[i] *= kept
+            x[i] *= decay
             for j in range(n):
-                P[i, j] *= kept
-                P[j, i] *= kept
-            P[i, i] += walks[1] * (1.0 - kept * kept)
+                P[i, j] *= decay
+                P[j, i] *= decay
+            P[i, i] += walks[1] * (1.0 - decay * decay)
 
 
 @kernel
@@ -713,8 +713,8 @@ def put_out(memory, joints, out):
         fresh = f.force[i] - x[6 + i] - R[2, i] * GRAVITY
         a_B[i] += share * (fresh - a_B[i])
         out.a_WB_B[i] = a_B[i]
-        place = x[i] + x[track + i] if track >= 0 else x[i]
-        out.X_WB[i, 3] = place - held[0, i] + lag * (x[3 + i] - held[1, i])
+        position = x[i] + x[track + i] if track >= 0 else x[i]
+        out.X_WB[i, 3] = position - held[0, i] + lag * (x[3 + i] - held[1, i])
         out.gyro_off_B[i] = f.check.gyro_off[i]
         out.attitude_off_B[i] = f.check.attitude_off[i]
         out.position_sigma[i] = np.sqrt(P[i, i] + held[0, i] ** 2)

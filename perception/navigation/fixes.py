@@ -142,10 +142,10 @@ class Fixes:
 
         # Fix in W, with its variance
         row = self.memory["past_input"][0, at]
-        value = watch.last
+        reading = watch.last
         fix = np.zeros(FIX)
         fix[VALUE : VALUE + 3] = (
-            value if kind == VISION else row[ATTITUDE : ATTITUDE + 9].reshape(3, 3) @ value
+            reading if kind == VISION else row[ATTITUDE : ATTITUDE + 9].reshape(3, 3) @ reading
         )
         floor = 1e-6 if kind == VISION else 1e-7  # [m], [m/s]
         fix[HAS] = 1.0

@@ -75,9 +75,11 @@ class ObjectWatch:
         self.early = self.early + long * (place_W - self.early)
 
         # Growth of the variance by which the track may have drifted between them
-        seen = np.isfinite(variance) & np.isfinite(self.grown)
-        parted = np.subtract(variance, self.grown, out=np.full(3, np.inf), where=seen)
-        self.grown = np.where(seen, self.grown + long * np.where(seen, parted, 0.0), variance)
+        observed = np.isfinite(variance) & np.isfinite(self.grown)
+        parted = np.subtract(variance, self.grown, out=np.full(3, np.inf), where=observed)
+        self.grown = np.where(
+            observed, self.grown + long * np.where(observed, parted, 0.0), variance
+        )
 
         if time - self.begun < _BEGUN:
             return

@@ -217,16 +217,16 @@ def _proper(R):
         j, k = (i + 1) % 3, (i + 2) % 3
 
         # Columns of unit length, at right angles, with a positive triple product
-        own = 0.0
-        other = 0.0
-        next_ = 0.0
+        square = 0.0
+        product = 0.0
+        triple = 0.0
         for m in range(3):
             n, o = (m + 1) % 3, (m + 2) % 3
-            own += R[m, i] * R[m, i]
-            other += R[m, i] * R[m, j]
-            next_ += (R[n, i] * R[o, j] - R[o, i] * R[n, j]) * R[m, k]
+            square += R[m, i] * R[m, i]
+            product += R[m, i] * R[m, j]
+            triple += (R[n, i] * R[o, j] - R[o, i] * R[n, j]) * R[m, k]
 
-        worst = max(worst, abs(own - 1.0), abs(other), abs(next_ - 1.0))
+        worst = max(worst, abs(square - 1.0), abs(product), abs(triple - 1.0))
     return worst <= NO_ROTATION
 
 

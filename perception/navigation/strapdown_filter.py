@@ -182,15 +182,15 @@ class Navigation:
         speed = speeds[0] if speeds and _sound(speeds[0].v_WB_B) else None
 
         # Needed readings must be finite
-        for m, values in (
+        for m, readings in (
             (imu, (imu.specific_force_B, imu.w_WB_B, imu.R_WB)),
             (vision, (vision.p_WB,)),
             (encoders, (encoders.q, encoders.qd)),
             (torque, (torque.tau,)),
         ):
-            if not (math.isfinite(m.time) and all(_sound(v) for v in values)):
+            if not (math.isfinite(m.time) and all(_sound(v) for v in readings)):
                 raise ConfigurationError(
-                    f"navigation needs a first {type(m).__name__} that is finite, got {values}"
+                    f"navigation needs a first {type(m).__name__} that is finite, got {readings}"
                 )
 
         # Noise as the sensors state it, else as assumed

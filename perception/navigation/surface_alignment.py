@@ -215,9 +215,9 @@ def align(
     information = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
 
     # Directions that are hardly observed count as unobserved
-    values, axes = np.linalg.eigh(information)
-    values[values < WEAKEST**-2] = 0.0
-    information_C = (axes * values) @ axes.T
+    eigenvalues, axes = np.linalg.eigh(information)
+    eigenvalues[eigenvalues < WEAKEST**-2] = 0.0
+    information_C = (axes * eigenvalues) @ axes.T
 
     R_KC = R.T
     return Alignment(
@@ -267,8 +267,8 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
     H = np.zeros((6, 6))
     g = np.zeros(6)
     J = np.empty(6)
-    found_i = np.empty(height * width)
-    found_d = np.empty(height * width)
+    residuals_i = np.empty(height * width)
+    residuals_d = np.empty(height * width)
     ni = 0
     nd = 0
 
@@ -296,13 +296,13 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
             c00, c01, c10, c11 = (1.0 - s) * (1.0 - q), s * (1.0 - q), (1.0 - s) * q, s * q
 
             # Inverse depth measured there
-            seen = (
+            measured = (
                 c00 * now_inverse[j, i]
                 + c01 * now_inverse[j, i + 1]
                 + c10 * now_inverse[j + 1, i]
                 + c11 * now_inverse[j + 1, i + 1]
             )
-            if not seen > 0.0:
+            if not measured > 0.0:
                 continue
 
             # Depth: distance from the present surface along the normal, in units of the inverse
@@ -323,10 +323,10 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
                 if abs(ray) > 0.2:
                     # [1/m^2] inverse depth per distance along the normal
                     unit = 1.0 / (ray * z * z)
-                    error = (z - 1.0 / seen) * ray * unit
+                    error = (z - 1.0 / measured) * ray * unit
                     J[0], J[1], J[2] = n0 * unit, n1 * unit, n2 * unit
                     J[3], J[4], J[5] = y * J[2] - z * J[1], z * J[0] - x * J[2], x * J[1] - y * J[0]
-                    found_d[nd] = error
+                    residuals_d[nd] = error
                     nd += 1
                     _add(H, g, J, error, scales[1], scales[2])
 
@@ -350,20 +350,20 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
             gx = 0.5 * (gx + key[1, v, u])
             gy = 0.5 * (gy + key[2, v, u])
 
-            there = (
+            intensity = (
                 c00 * now[0, j, i]
                 + c01 * now[0, j, i + 1]
                 + c10 * now[0, j + 1, i]
                 + c11 * now[0, j + 1, i + 1]
             )
-            error = there - key[0, v, u]
+            error = intensity - key[0, v, u]
             J[0], J[1] = gx * f / z, gy * f / z
             J[2] = -(J[0] * x + J[1] * y) / z
             J[3], J[4], J[5] = y * J[2] - z * J[1], z * J[0] - x * J[2], x * J[1] - y * J[0]
-            found_i[ni] = error
+            residuals_i[ni] = error
             ni += 1
             _add(H, g, J, error, scales[0], scales[2])
-    return H, g, nd, found_i[:ni], found_d[:nd]
+    return H, g, nd, residuals_i[:ni], residuals_d[:nd]
 
 
 @kernel

@@ -135,9 +135,9 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
         g = P @ g
 
     # Step along what the equations determine
-    values, vectors = np.linalg.eigh(H)
-    held = values > _FREE * max(values[-1], 1e-12)
-    step = vectors[:, held] @ ((vectors[:, held].T @ g) / values[held])
+    eigenvalues, vectors = np.linalg.eigh(H)
+    held = eigenvalues > _FREE * max(eigenvalues[-1], 1e-12)
+    step = vectors[:, held] @ ((vectors[:, held].T @ g) / eigenvalues[held])
     # A longer step comes from a handful of pairs; the next iteration pairs again.
     step *= min(1.0, 0.5 * radius / max(float(np.linalg.norm(step)), 1e-12))
 
@@ -148,11 +148,11 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
 
 def _size(H: Array, g: Array, surface: ModelSurface) -> tuple[float, float]:
     """Best scale of the object and its standard deviation [-]; free directions stay unchanged."""
-    values, vectors = np.linalg.eigh(H)
-    if not values[-1] > 0.0:
+    eigenvalues, vectors = np.linalg.eigh(H)
+    if not eigenvalues[-1] > 0.0:
         return 1.0, np.inf
 
-    inverted = vectors[6] / np.maximum(values, _FREE**2 * values[-1])
+    inverted = vectors[6] / np.maximum(eigenvalues, _FREE**2 * eigenvalues[-1])
     growth = float(inverted @ (vectors.T @ g))
     variance = float(inverted @ vectors[6])
     return 1.0 + growth / surface.radius, np.sqrt(variance) / surface.radius

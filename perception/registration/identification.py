@@ -315,12 +315,12 @@ class _Search:
         surface = question.surface
 
         if question.method == "planes":
-            evidence, found = _search(searched, surface, starts, given, most)
+            evidence, likeliest = _search(searched, surface, starts, given, most)
         else:
             evidence = searched
-            found = _as_in_paper(searched, surface, starts)
+            likeliest = _as_in_paper(searched, surface, starts)
 
-        X_start = question.X_prior if question.knows_pose else found.X_start
+        X_start = question.X_prior if question.knows_pose else likeliest.X_start
         X_near = X_start if question.expected.R is None else question.X_prior
         return cls(
             question=question,
@@ -328,9 +328,9 @@ class _Search:
             given=given,
             searched=searched,
             evidence=evidence,
-            found=found,
+            found=likeliest,
             X_start=X_start,
-            judged=_judge(evidence, surface, found, X_near),
+            judged=_judge(evidence, surface, likeliest, X_near),
         )
 
     def widened(self) -> "_Search":
@@ -357,14 +357,14 @@ class _Search:
         question = self.question
         surface = self.question.surface
         evidence = self.evidence
-        found = self.found
+        likeliest = self.found
         X_ST, X_told, doubt, verdict = self.judged
 
         # The paper's own rules, where they are asked for
         if question.method == "paper-q":
             verdict = _by_criterion(verdict, evidence, surface, X_ST)
-        if found.asks and verdict.decision is Decision.ACCEPT:
-            verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
+        if likeliest.asks and verdict.decision is Decision.ACCEPT:
+            verdict = replace(verdict, decision=Decision.RESCAN, reason=likeliest.asks)
 
         # Other shapes, for an accepted pose only
         mirror = None
@@ -394,8 +394,8 @@ class _Search:
             surface=surface,
             score=score(evidence, surface, X_ST),
             hypotheses=(
-                Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood),
-                *found.others,
+                Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=likeliest.log_likelihood),
+                *likeliest.others,
             ),
             duration_s=perf_counter() - question.started,
             mirror=mirror,
@@ -453,14 +453,14 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
     expected = question.expected
     if question.method == "planes":
         starts = initial_poses(scan, mask, surface, sensor, expected)
-        given = [question.X_prior] if question.knows_pose else []
+        priors = [question.X_prior] if question.knows_pose else []
     else:
         starts = [laid_on(scan.points[mask], surface, question.X_prior[:3, :3])]
-        given = []
+        priors = []
 
     # Evidence: the pixels around any start
     standing = mask
-    mask = mask & _around(starts or given, surface, scan)
+    mask = mask & _around(starts or priors, surface, scan)
     _need(mask, "lie where the object could be")
     evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
     if question.method == "planes":
@@ -469,21 +469,21 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
         raise PerceptionError(
             f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}"
         )
-    return _Search.of(question, evidence, starts, given, REFINED)
+    return _Search.of(question, evidence, starts, priors, REFINED)
 
 
 def _search(
     searched: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int
 ) -> tuple[Evidence, Found]:
     """The likeliest pose from `most` of the starts, and the evidence that weighed it last."""
-    found = likeliest_pose(searched, surface, starts, given, most=most)
+    likeliest = likeliest_pose(searched, surface, starts, given, most=most)
 
     # Noise of the scan itself, where it is much less than stated
-    noise = seen_noise(searched, surface, found.X_ST)
+    noise = seen_noise(searched, surface, likeliest.X_ST)
     if noise.information <= _BETTER * searched.noise.information:
-        return searched, found
+        return searched, likeliest
     evidence = searched.with_noise(noise)
-    return evidence, weighed_again(evidence, surface, found)
+    return evidence, weighed_again(evidence, surface, likeliest)
 
 
 class _Judged(NamedTuple):
@@ -612,20 +612,22 @@ def _by_criterion(
     Above it a new scan is requested. The paper chooses the threshold by experiment, for object and
     sensor. Here it is the required error of the ICP at each of the rays that Q sums up.
     """
-    found = published_criterion(evidence, surface, X_ST)
-    most = float(np.sqrt(found.rays)) * required_error(evidence, surface)
+    criterion = published_criterion(evidence, surface, X_ST)
+    most = float(np.sqrt(criterion.rays)) * required_error(evidence, surface)
 
     reason = ""
-    if found.rays == 0:
+    if criterion.rays == 0:
         reason = "no ray of the check trajectory meets both surfaces"
-    elif found.q_m > most:
+    elif criterion.q_m > most:
         reason = (
-            f"Q is {1e3 * found.q_m:.1f} mm over {found.rays} rays; at most {1e3 * most:.1f} "
-            "mm are allowed"
+            f"Q is {1e3 * criterion.q_m:.1f} mm over {criterion.rays} rays; "
+            f"at most {1e3 * most:.1f} mm are allowed"
         )
 
     decision = Decision.RESCAN if reason else Decision.ACCEPT
-    return replace(verdict, decision=decision, reason=reason, figure_m=found.q_m, threshold_m=most)
+    return replace(
+        verdict, decision=decision, reason=reason, figure_m=criterion.q_m, threshold_m=most
+    )
 
 
 def _free_motion(surface: ModelSurface, twists: Array, told: bool, with_prior: bool) -> FreeMotion:
@@ -704,7 +706,7 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
             seed,
         )
 
-    given = (
+    kind = (
         f"an array of shape {target.shape}"
         if isinstance(target, np.ndarray)
         else type(target).__name__
@@ -712,5 +714,5 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
     raise ConfigurationError(
         "target: expected a TargetModel, a mesh or cloud file, a mesh (vertices, faces), or a "
         "cloud: an array (n, 3), "
-        f"or (n, 6) with normals, or an object with points and normals; got {given}"
+        f"or (n, 6) with normals, or an object with points and normals; got {kind}"
     )

@@ -137,17 +137,17 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
         mask = surface.exposed(
             surface.center + _DISTANCE * surface.radius * way, max_incidence, every
         )
-        seen = np.nonzero(mask)[0]
-        if len(seen) < 10:
+        visible = np.nonzero(mask)[0]
+        if len(visible) < 10:
             continue  # a plate seen edge-on
         owner = np.full(shape, -1, dtype=np.int32)
-        owner[tuple(cells[seen].T)] = seen
+        owner[tuple(cells[visible].T)] = visible
         index = ndimage.distance_transform_edt(
             owner < 0, return_distances=False, return_indices=True
         )
         ways.append(way)
-        middles.append(points[seen].mean(axis=0))
-        shown.append(_some(seen, _SHOWN))
+        middles.append(points[visible].mean(axis=0))
+        shown.append(_some(visible, _SHOWN))
         nearest.append(owner[tuple(np.asarray(index))])
 
     return _Views(
@@ -194,7 +194,7 @@ def initial_poses(
     points = voxel_means(scan.points[mask], _THIN * surface.radius)
     normals = facing_normals(points, 12)
     picture = _Picture(scan.depth, scan.tangent_x[0], scan.tangent_y[0], *scan.pitches)
-    found: list[tuple[float, Array]] = []
+    others: list[tuple[float, Array]] = []
     firsts: list[tuple[float, Array]] = []
 
     def settled(patch: np.ndarray, X: Array) -> list[tuple[float, Array]]:
@@ -216,21 +216,21 @@ def initial_poses(
     for patch in _patches(points, surface.radius, expected):
         of_patch = settled(patch, _turned(views, points[patch].mean(axis=0)))
         firsts += of_patch[:1]
-        found += of_patch[1:]
+        others += of_patch[1:]
 
     # Distinct poses: the best of each patch, then the others
-    for each in (firsts, found):
-        each.sort(key=lambda item: -item[0])
-    kept: list[Array] = []
+    for scored in (firsts, others):
+        scored.sort(key=lambda item: -item[0])
+    poses: list[Array] = []
     least = firsts[0][0] - _SHORT_OF if firsts else 0.0
     most = len(firsts) + _KEPT
-    for score, X in firsts + found:
+    for score, X in firsts + others:
         if score < least:
             continue
-        if len(kept) == most:
+        if len(poses) == most:
             break
-        if _is_apart(surface, X, kept):
-            kept.append(X)
+        if _is_apart(surface, X, poses):
+            poses.append(X)
 
     # Point pairs, where the attitude is unknown
     if expected.R is None:
@@ -240,9 +240,9 @@ def initial_poses(
         some = _some(np.arange(len(points)), min(len(points), _WHOLE))
         _settle(by_pairs, points[some], normals[some], sigma, _CLOSE[1] * views.radius, views)
         for X in np.concatenate([by_pairs, voted]):
-            if expected.admits(X[None], surface)[0] and _is_apart(surface, X, kept):
-                kept.append(X)
-    return kept
+            if expected.admits(X[None], surface)[0] and _is_apart(surface, X, poses):
+                poses.append(X)
+    return poses
 
 
 def _some(values: np.ndarray, count: int) -> np.ndarray:

@@ -178,14 +178,14 @@ class ModelSurface:
 
         # Facing the sensor, and among those that are judged
         facing = -np.einsum("ij,ij->i", rays, normals)
-        seen = (facing if self.is_open else np.abs(facing)) > np.cos(max_incidence) * distance
+        visible = (facing if self.is_open else np.abs(facing)) > np.cos(max_incidence) * distance
         if among is not None:
-            seen &= among
+            visible &= among
 
         # Nothing in front of them
-        first = self.scene.distance(origin, rays[seen]) * distance[seen]
-        seen[seen] = first > distance[seen] - 0.002
-        return seen
+        first = self.scene.distance(origin, rays[visible]) * distance[visible]
+        visible[visible] = first > distance[visible] - 0.002
+        return visible
 
     def covers(self, X_ST: Array, points: Array) -> np.ndarray:
         """Mask (n,) of points (n, 3) [m] in S whose line of sight meets the model at `X_ST`."""
@@ -244,9 +244,9 @@ def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
         return surface
 
     spacing = surface.spacing * float(np.sqrt(share))
-    kept = one_per_cube(surface.points, spacing)
+    chosen = one_per_cube(surface.points, spacing)
     return replace(
-        surface, points=surface.points[kept], normals=surface.normals[kept], spacing=spacing
+        surface, points=surface.points[chosen], normals=surface.normals[chosen], spacing=spacing
     )
 
 

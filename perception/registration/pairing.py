@@ -153,11 +153,11 @@ class Pairing:
         surface = self.surface
         scan, model = _kernel_inputs(evidence, self.points, self.normals, surface)
         center = transform_points(X_ST, surface.center)
-        J, values = _plane_rows(scan, model, index, X_ST, center, self._reach(gate))
+        J, terms = _plane_rows(scan, model, index, X_ST, center, self._reach(gate))
 
-        paired = values[:, 0] > 0.0
+        paired = terms[:, 0] > 0.0
         points = evidence.points[paired]
-        weight, slope, distance = values[paired].T
+        weight, slope, distance = terms[paired].T
         planes = PairRows(
             J[paired], weight, slope, distance, points[:, :2] / points[:, 2:], np.zeros(len(points))
         )
@@ -195,12 +195,12 @@ def edge_offsets(
     points = transform_points(X_ST, edges.model_points[sharp])
     tangents = points[:, :2] / points[:, 2:]
     normal = edges.model_outward[sharp]
-    seen = ~_hidden(evidence, points) & ~_resting(evidence, points, normal)
-    if seen.sum() < max(20, _SHOWN * len(points)):
+    shown = ~_hidden(evidence, points) & ~_resting(evidence, points, normal)
+    if shown.sum() < max(20, _SHOWN * len(points)):
         return np.zeros(0), np.nan, np.nan
-    points = points[seen]
-    tangents = tangents[seen]
-    normal = normal[seen]
+    points = points[shown]
+    tangents = tangents[shown]
+    normal = normal[shown]
 
     # Nearest edge of the scan at the same depth, in the same direction
     ends = edges.ends.edges
@@ -458,9 +458,9 @@ def _across(pixels: Array, steps: np.ndarray) -> Array:
     across it.
     """
     order = np.argsort(pixels[:, 0], kind="stable")
-    found = np.empty_like(pixels)
-    found[order] = _across_sorted(pixels[order], steps[order].astype(np.float64))
-    return found
+    directions = np.empty_like(pixels)
+    directions[order] = _across_sorted(pixels[order], steps[order].astype(np.float64))
+    return directions
 
 
 @kernel
@@ -530,14 +530,14 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
 def _nearest_in_image(points: Array, at: Array, reach: float) -> np.ndarray:
     """Index (n,) of the nearest of `points` (k, 2) to each of `at` (n, 2); -1 beyond `reach`."""
     order = np.argsort(points[:, 0], kind="stable")
-    found = _nearest_sorted(points[order], at, reach)
-    return np.where(found >= 0, order[found], -1)
+    nearest = _nearest_sorted(points[order], at, reach)
+    return np.where(nearest >= 0, order[nearest], -1)
 
 
 @kernel
 def _nearest_sorted(points: Array, at: Array, reach: float) -> np.ndarray:
     """As `_nearest_in_image`, for points sorted by their first coordinate."""
-    found = np.full(len(at), -1)
+    index = np.full(len(at), -1)
     start = np.searchsorted(points[:, 0], at[:, 0])
 
     # Outwards in both directions, until the first coordinate alone is too far
@@ -551,9 +551,9 @@ def _nearest_sorted(points: Array, at: Array, reach: float) -> np.ndarray:
                     break
                 square = x * x + (points[j, 1] - at[i, 1]) ** 2
                 if square < nearest:
-                    nearest, found[i] = square, j
+                    nearest, index[i] = square, j
                 j += way
-    return found
+    return index
 
 
 def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]:
@@ -572,7 +572,7 @@ def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
     The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels
     are therefore the same however much the picture is cropped.
     """
-    found = []
+    slices = []
     for window, tangents, pitch in zip(
         (rows, columns), (scan.tangent_y, scan.tangent_x), scan.pitches[::-1], strict=True
     ):
@@ -585,8 +585,8 @@ def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
         raster = step * (_RASTER // step)
         start = window.start - (window.start + first) % raster
         stop = window.stop + -(window.stop + first) % raster
-        found.append(slice(start if start >= 0 else start % step, stop, step))
-    return found[0], found[1]
+        slices.append(slice(start if start >= 0 else start % step, stop, step))
+    return slices[0], slices[1]
 
 
 def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
@@ -621,9 +621,9 @@ def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
     window = _rastered(evidence.scan, rows, columns)
     part = evidence.scan.part(window)
     mask = evidence.mask[window]
-    found = contour(part, mask, part.depth)
+    edges = contour(part, mask, part.depth)
     ends = _Outline(
-        found, outward(mask, part.depth, found.rows, found.columns), np.zeros(len(found.rows))
+        edges, outward(mask, part.depth, edges.rows, edges.columns), np.zeros(len(edges.rows))
     )
 
     # The surface goes on, at its depth, up to where there is depth again.
@@ -631,13 +631,13 @@ def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
     filled = mask | (~np.isfinite(part.depth) & (band < _BAND))
     depth = np.where(filled, part.depth[nearest], part.depth)
 
-    found = contour(Scan.of_grid(depth, part.tangent_x, part.tangent_y), filled, depth)
-    found = found.only(
-        np.isfinite(depth[found.rows + found.steps[:, 1], found.columns + found.steps[:, 0]])
+    edges = contour(Scan.of_grid(depth, part.tangent_x, part.tangent_y), filled, depth)
+    edges = edges.only(
+        np.isfinite(depth[edges.rows + edges.steps[:, 1], edges.columns + edges.steps[:, 0]])
     )
 
-    at = found.rows, found.columns
-    return ends, _Outline(found, outward(filled, depth, *at), band[at])
+    at = edges.rows, edges.columns
+    return ends, _Outline(edges, outward(filled, depth, *at), band[at])
 
 
 def _edge_rows(
@@ -666,7 +666,7 @@ def _edge_rows(
         sides.append((index[paired], side.edges.tangents[paired]))
 
     sides = sides or [(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
-    index, measured = (np.concatenate(each) for each in zip(*sides, strict=True))
+    index, measured = (np.concatenate(parts) for parts in zip(*sides, strict=True))
     if len(index) < 10:
         index = index[:0]
         measured = measured[:0]

@@ -53,12 +53,12 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
 
     # One point per cube, few enough
     size = float(pairs.step)
-    kept = one_per_cube(points, size)
-    while len(kept) > _SCAN_POINTS:
+    chosen = one_per_cube(points, size)
+    while len(chosen) > _SCAN_POINTS:
         size *= 1.2
-        kept = one_per_cube(points, size)
-    points = points[kept]
-    frames = _frames(normals[kept])
+        chosen = one_per_cube(points, size)
+    points = points[chosen]
+    frames = _frames(normals[chosen])
 
     # Votes of some of them as first points
     references = np.unique(np.linspace(0, len(points) - 1, _REFERENCES).astype(np.int64))
@@ -156,9 +156,9 @@ def _vote(
             # Tens of millions of votes: no remainder (both turns lie in -pi to pi), no check of an
             # index's sign.
             for n in range(pairs.start[number], pairs.start[number + 1]):
-                place = (pairs.turn[n] - turn) * (_TURNS / (2.0 * np.pi))
-                low = np.floor(place)
-                share = place - low
+                steps = (pairs.turn[n] - turn) * (_TURNS / (2.0 * np.pi))
+                low = np.floor(steps)
+                share = steps - low
                 first = int(low)
                 first += _TURNS if first < 0 else 0
                 first -= _TURNS if first >= _TURNS else 0

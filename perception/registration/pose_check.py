@@ -676,8 +676,8 @@ def in_plane(H_D: Array, o: Array, points: Array, flat: Array) -> Array:
 
 
 def _trimmed_rms(distances: Array, trim: float) -> float:
-    kept = np.sort(np.abs(distances))[: max(1, int((1.0 - trim) * len(distances)))]
-    return float(np.sqrt(np.mean(kept**2)))
+    smallest = np.sort(np.abs(distances))[: max(1, int((1.0 - trim) * len(distances)))]
+    return float(np.sqrt(np.mean(smallest**2)))
 
 
 def _rms_distance(a: Array, b: Array) -> float:

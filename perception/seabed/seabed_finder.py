@@ -95,12 +95,12 @@ class SeabedFinder:
             ConfigurationError: If `measurement` is of another type or malformed.
         """
         # Enough clouds are collected first
-        seen = (
+        points = (
             self._cloud_W
             if self._cloud_W is not None
             else points_in_world(estimate.X_WB, measurement)
         )
-        clouds = (*state.waiting, seen)
+        clouds = (*state.waiting, points)
         if len(clouds) < self._looks:
             return replace(state, waiting=clouds), None
 

@@ -184,11 +184,11 @@ def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
     fine = np.union1d(np.linspace(0.0, u[-1], max(16, 1 + round(u[-1] / _DENSE))), u[cut.target])
     weight = np.where(np.isin(fine, u[cut.target]), _PINNED, 1.0)
     p, a, n = (
-        np.column_stack([np.interp(fine, u, column) for column in each.T])
-        for each in (cut.T, cut.a, cut.n)
+        np.column_stack([np.interp(fine, u, column) for column in rows.T])
+        for rows in (cut.T, cut.a, cut.n)
     )
 
-    curve, axis, ahead = (_spline(fine, values, weight) for values in (p, a, n))
+    curve, axis, ahead = (_spline(fine, rows, weight) for rows in (p, a, n))
 
     # Evenly spaced by length along the curve
     dense = np.linspace(0.0, u[-1], max(64, 4 * round(u[-1] / spacing)))
@@ -302,15 +302,15 @@ def plan_seabed_work(
     targets = project(terrain, B)
     cut = profile(terrain, targets.A, width) if len(targets.A) > 1 else None
 
-    found = relief(terrain, targets.A if cut is None else cut.T, patch, limits)
-    if not found.suitable:
-        raise PerceptionError(found.reason)
+    site = relief(terrain, targets.A if cut is None else cut.T, patch, limits)
+    if not site.suitable:
+        raise PerceptionError(site.reason)
 
     path = None if cut is None else smooth_path(cut)
     return SeabedPlan(
         terrain=terrain,
         targets=targets,
-        relief=found,
+        relief=site,
         profile=cut,
         path=path,
         duration_s=time.perf_counter() - began,

@@ -105,8 +105,8 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
         ((last.region(label == k), k) for k in range(1, count + 1)),
         key=lambda item: -item[0].area_m2,
     )
-    place = np.zeros(count + 1, dtype=np.int64)
-    place[[k for _, k in regions]] = np.arange(1, count + 1)
+    rank = np.zeros(count + 1, dtype=np.int64)
+    rank[[k for _, k in regions]] = np.arange(1, count + 1)
 
     return DeformationMap(
         X_sensor_target=readonly(X_ST),
@@ -114,7 +114,7 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
         deviation=readonly(np.where(last.known, last.deviation, np.nan)),
         noise_m=last.noise,
         size_m=size,
-        label=place[label],
+        label=rank[label],
         compared=float(last.area[last.known].sum() / max(last.area.sum(), 1e-12)),
         regions=tuple(region for region, _ in regions),
     )

@@ -154,9 +154,9 @@ def deviate(
 
     def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
         """Gaussian mean over the `known` points, and its noise, which grows at ends and gaps."""
-        value, weight = _blur_known(middle, known, width / step)
+        average, weight = _blur_known(middle, known, width / step)
         patch = (np.ptp(_LATERAL) + step) * (_MEDIAN + 2.0 * width) * weight
-        return value, doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
+        return average, doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
 
     # High and steep deviations
     fine, sigma = mean(usable, _SMOOTH)
@@ -191,10 +191,10 @@ def deviate(
     trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
     steep = fine + trust * (form[:, 0] - fine)
 
-    for found, values in ((low, wide), (high, steep)):
+    for detected, deviation in ((low, wide), (high, steep)):
         # a gap beside a deviation does not end it
-        share = _blur(found[nearest].astype(float), step)
-        along += share * (values - along)
+        share = _blur(detected[nearest].astype(float), step)
+        along += share * (deviation - along)
 
     # Slope across the path, and all of it over parts that were not seen
     across = _slope(well, difference, middle)
@@ -306,8 +306,8 @@ def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -
     part = evidence.scan.part(evidence.scan.window(near, 0.1, 10**6))
     if min(part.depth.shape) < 2:
         return np.full(len(starts), np.inf)
-    found = distances_along(part, starts, o)
-    return np.full(len(starts), np.inf) if found is None else found
+    distances = distances_along(part, starts, o)
+    return np.full(len(starts), np.inf) if distances is None else distances
 
 
 def _in_plain_view(
@@ -398,8 +398,8 @@ def _over_gaps(
     out = ~(usable | bridged)
     faded = np.zeros(len(s))
     faded_across = np.zeros(len(s))
-    for edge, there in ((before, before >= 0), (after, after < len(s))):
-        rows = np.flatnonzero(out & there)
+    for edge, exists in ((before, before >= 0), (after, after < len(s))):
+        rows = np.flatnonzero(out & exists)
         size = along[edge[rows]]
         u = np.abs(s[rows] - s[edge[rows]]) / np.maximum(_FADE[0], _FADE[1] * np.abs(size))
         left = np.where(u < 1.0, 1.0 - u * u * (3.0 - 2.0 * u), 0.0)
@@ -469,10 +469,10 @@ def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
     x = BESIDE / BESIDE[-1]
     powers = x[:, None] ** np.arange(3)
     normal = np.einsum("nk,kp,kq->npq", weight, powers, powers) + np.diag([1e-9, 1e-3, 1e-3])
-    found = np.linalg.solve(normal, np.einsum("nk,kp,nk->np", weight, powers, lines)[..., None])[
+    form = np.linalg.solve(normal, np.einsum("nk,kp,nk->np", weight, powers, lines)[..., None])[
         ..., 0
     ]
-    return found / BESIDE[-1] ** np.arange(3)
+    return form / BESIDE[-1] ** np.arange(3)
 
 
 def _slope(well: np.ndarray, difference: Array, middle: Array) -> Array:

@@ -105,8 +105,8 @@ def plan_path(
     path_found = _smoothed(p, _towards(axes, z, p), deviation.on_scan, spacing, b)
 
     at = np.linspace(0.0, 1.0, len(path_found.s))
-    seen = np.interp(at, np.linspace(0.0, 1.0, len(p)), scanned.astype(float)) > 0.5
-    return turning_at_rest(workable(path_found, tool_radius, seen))
+    observed = np.interp(at, np.linspace(0.0, 1.0, len(p)), scanned.astype(float)) > 0.5
+    return turning_at_rest(workable(path_found, tool_radius, observed))
 
 
 def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> ToolPath:
@@ -124,9 +124,9 @@ def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> T
         ConfigurationError: For a path with coinciding points.
     """
     carried = carry(X_AT, densified(path))
-    seen = np.zeros(len(carried.p), dtype=bool)
+    on_scan = np.zeros(len(carried.p), dtype=bool)
     return turning_at_rest(
-        _smoothed(carried.p, carried.a, seen, spacing, carried.b if carried.keeps_b else None)
+        _smoothed(carried.p, carried.a, on_scan, spacing, carried.b if carried.keeps_b else None)
     )
 
 
@@ -187,16 +187,16 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
         )
 
     # From the first place that fits to the last, with what is left out between
-    kept = np.flatnonzero(fits)[[0, -1]]
-    part = slice(kept[0], kept[1] + 1)
+    ends = np.flatnonzero(fits)[[0, -1]]
+    part = slice(ends[0], ends[1] + 1)
     causes = (
         ("hollows too tight for the tool", tight & ~unseen),
         ("places that were not seen", unseen),
     )
-    told = [
+    reasons = [
         f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()
     ]
-    note = f"{' and '.join(told)}, are left out" if told else ""
+    note = f"{' and '.join(reasons)}, are left out" if reasons else ""
 
     return replace(
         path,
@@ -248,7 +248,7 @@ def densified(path: ModelPath) -> ModelPath:
     fine = np.linspace(0.0, u[-1], max(8, 1 + round(u[-1] / _DENSE)))
     steps = Steps.of(path.a, path.b) if path.keeps_b else NO_STEPS
     smooth = steps.taken_out(path.a, path.b)
-    p, a, b = (make_interp_spline(u, values, k=3)(fine) for values in (path.p, path.a, smooth))
+    p, a, b = (make_interp_spline(u, rows, k=3)(fine) for rows in (path.p, path.a, smooth))
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     b = steps.put_back(
         a, b / np.linalg.norm(b, axis=1, keepdims=True), np.interp(fine, u, np.arange(len(u)))

@@ -113,8 +113,8 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
         ConfigurationError: For edges that are zero or not perpendicular, or too many lines.
     """
     c, u, v = (
-        _place(value, f"raster: {name}")
-        for value, name in ((center, "center"), (along, "along"), (across, "across"))
+        _place(vector, f"raster: {name}")
+        for vector, name in ((center, "center"), (along, "along"), (across, "across"))
     )
 
     length = float(np.linalg.norm(u))
@@ -196,8 +196,10 @@ def laid_on(
 
     # No step off an edge
     p = starts + hit["t"][:, None] * ways
-    steps, wanted = (np.linalg.norm(np.diff(values, axis=0), axis=1) for values in (p, points))
-    fall = np.flatnonzero(steps > _STEEPEST * wanted)
+    steps, expected = (
+        np.linalg.norm(np.diff(polyline, axis=0), axis=1) for polyline in (p, points)
+    )
+    fall = np.flatnonzero(steps > _STEEPEST * expected)
     if len(fall):
         raise ConfigurationError(
             f"path on {target.name!r}: it falls off an edge after "

@@ -70,17 +70,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     leave_out(np.asarray(~np.isfinite(points).all(axis=1)), "not finite")
     leave_out(np.asarray(~points.any(axis=1)), "at the origin, no return")
 
-    # Millimetres taken for metres lie far away
     if scale is None:
-        far = float((np.abs(points[usable]).max(axis=1) > FARTHEST).mean())
-        if far > 0.02:
-            middle = float(np.median(np.linalg.norm(points[usable], axis=1)))
-            raise ConfigurationError(
-                f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the "
-                "sensor, median "
-                f"{middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its "
-                "scale (0.001 for mm)"
-            )
+        _check_unit(points[usable], file)
 
     # An organised cloud keeps its pixels, an unordered one loses its duplicates
     if shape is not None:
@@ -88,6 +79,20 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
         return CloudFile(points=readonly(points.reshape(*shape, 3)), notes=tuple(notes))
     leave_out(_again(points), "there twice")
     return CloudFile(points=readonly(points[usable]), notes=tuple(notes))
+
+
+def _check_unit(points: Array, file: Path) -> None:
+    """Refuse points (n, 3) of which more than 2 % lie farther than FARTHEST: not metres."""
+    far = float((np.abs(points).max(axis=1) > FARTHEST).mean())
+    if far <= 0.02:
+        return
+
+    middle = float(np.median(np.linalg.norm(points, axis=1)))
+    raise ConfigurationError(
+        f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the sensor, "
+        f"median {middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its scale "
+        "(0.001 for mm)"
+    )
 
 
 def _again(points: Array) -> np.ndarray:

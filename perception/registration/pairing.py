@@ -10,8 +10,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from uuv.perception.clouds.contours import Contour, contour, outward
 from uuv.perception.clouds.nearest_point import NearestPoint
-from uuv.perception.clouds.scan import Contour, Scan, contour, jump, outward
+from uuv.perception.clouds.scan import Scan, jump
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.likelihood import OCCLUDER
 from uuv.perception.registration.model_surface import ModelSurface

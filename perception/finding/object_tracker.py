@@ -97,16 +97,8 @@ class ObjectTracker:
                 f"object tracker: expected a DepthImage, got {type(image).__name__}"
             )
 
-        # Pose in this frame, by a fit that starts at the last one
         X_WS = estimate.X_WB @ image.X_BC
-        sensor = replace(self._sensor, focal=float(image.K[0, 0]))
-        scan = Scan.from_depth(image)
-        X_ST = inverse(X_WS) @ state.X_WT
-        fit = follow(scan, self._surface, X_ST, sensor)
-
-        # A fit that leaves more free than the reference did is not trusted
-        if fit is not None and state.frames >= _SETTLING and self._looser(fit, state):
-            fit = self._found_again(scan, X_ST, sensor) or fit
+        fit = self._fitted(image, X_WS, state)
         if fit is None or fit.covariance is None:
             return replace(state, frames=state.frames + 1, last=None, alarms=0), None
 
@@ -148,6 +140,18 @@ class ObjectTracker:
             moved=alarms >= _IN_A_ROW,
         )
         return replace(state, alarms=alarms), motion
+
+    def _fitted(self, image: DepthImage, X_WS: Array, state: TrackerState) -> FrameFit | None:
+        """Pose in a frame by a fit that starts at the last one, or by a new identification."""
+        sensor = replace(self._sensor, focal=float(image.K[0, 0]))
+        scan = Scan.from_depth(image)
+        X_ST = inverse(X_WS) @ state.X_WT
+        fit = follow(scan, self._surface, X_ST, sensor)
+
+        # A fit that leaves more free than the reference did is not trusted
+        if fit is not None and state.frames >= _SETTLING and self._looser(fit, state):
+            return self._found_again(scan, X_ST, sensor) or fit
+        return fit
 
     @staticmethod
     def _looser(fit: FrameFit, state: TrackerState) -> bool:

@@ -169,66 +169,18 @@ class KnownObjectFinder:
         Raises:
             ConfigurationError: If `measurement` is of another type or malformed.
         """
-        # Scan in the sensor's frame, with the sensor's pose on the hull
-        if isinstance(measurement, DepthImage):
-            scan = Scan.from_depth(measurement)
-            X_BC = measurement.X_BC
-            sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
-        elif isinstance(measurement, SonarScan):
-            scan = _scan_of(without_isolated_echoes(measurement.points))
-            X_BC = measurement.X_BS
-            sensor = self._sensor
-        else:
-            raise ConfigurationError(
-                "target finder: expected a DepthImage or a SonarScan, got "
-                f"{type(measurement).__name__}"
-            )
+        scan, X_BC, sensor = self._measured(measurement)
+        X_WC = estimate.X_WB @ X_BC
 
         # Frames are collected until they are enough to be fused
-        X_WC = estimate.X_WB @ X_BC
         looks = state.looks
         if isinstance(scan, Scan):
             looks = (*looks, Frame(scan=scan, X_WS=X_WC))
             if len(looks) < self._count:
                 return replace(state, frames=state.frames + 1, looks=looks), None
 
-        # Identification near the coarse detection
-        X_CW = inverse(X_WC)
-        attempt = attempted(
-            scan,
-            self._surface,
-            transform_points(X_CW, self._approach_W),
-            None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
-            sensor=sensor,
-            seed=self._seed,
-            method=self.method,
-        )
-        identified = attempt.widened().concluded(state.last)
-
-        if (
-            self._R_WT is None
-            and state.last is not None
-            and state.X_WC is not None
-            and state.last.accepted
-        ):
-            # Without a coarse orientation: of all poses that look the same, the one next to the
-            # last estimate.
-            R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
-            alike = self._surface.symmetry.nearest_pose(identified.X_sensor_target, R_CT)
-            identified = replace(identified, X_sensor_target=readonly(alike))
-
-        # Tool path on the scanned surface
-        path = None
-        reason = identified.reason
-        if identified.accepted and self._path is not None:
-            try:
-                whole = with_fused_frames(identified, looks)
-                path = plan_path(
-                    whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius
-                )
-                path = _in_world(X_WC, path)
-            except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
-                reason = str(error)
+        identified = self._identified(scan, sensor, X_WC, state)
+        path, reason = self._planned(identified, looks, X_WC)
 
         # Pose in the world, with its uncertainty
         doubt, of_hull = self._doubt(identified, estimate, X_WC)
@@ -258,6 +210,65 @@ class KnownObjectFinder:
         return FinderState(
             frames=state.frames + 1, last=identified, X_WC=readonly(X_WC), places=positions
         ), target
+
+    def _measured(self, measurement: Measurement) -> tuple[Scan | Array, Array, SensorModel]:
+        """Scan in the sensor's frame, the sensor's pose (4, 4) on the hull, and its accuracy.
+
+        Echoes of a sonar that are no scan come back as they are, see `_scan_of`.
+        """
+        if isinstance(measurement, DepthImage):
+            sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
+            return Scan.from_depth(measurement), measurement.X_BC, sensor
+
+        if isinstance(measurement, SonarScan):
+            scan = _scan_of(without_isolated_echoes(measurement.points))
+            return scan, measurement.X_BS, self._sensor
+
+        raise ConfigurationError(
+            f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"
+        )
+
+    def _identified(
+        self, scan: Scan | Array, sensor: SensorModel, X_WC: Array, state: FinderState
+    ) -> Identification:
+        """Identification near the coarse detection.
+
+        Without a coarse orientation it is, of all poses that look the same, the one next to the
+        last estimate.
+        """
+        X_CW = inverse(X_WC)
+        attempt = attempted(
+            scan,
+            self._surface,
+            transform_points(X_CW, self._approach_W),
+            None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
+            sensor=sensor,
+            seed=self._seed,
+            method=self.method,
+        )
+        identified = attempt.widened().concluded(state.last)
+        if self._R_WT is not None or state.last is None or state.X_WC is None:
+            return identified
+        if not state.last.accepted:
+            return identified
+
+        R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
+        alike = self._surface.symmetry.nearest_pose(identified.X_sensor_target, R_CT)
+        return replace(identified, X_sensor_target=readonly(alike))
+
+    def _planned(
+        self, identified: Identification, looks: Sequence[Frame], X_WC: Array
+    ) -> tuple[ToolPath | None, str]:
+        """Tool path in W on the scanned surface, and the reason why there is none."""
+        if not identified.accepted or self._path is None:
+            return None, identified.reason
+
+        try:
+            whole = with_fused_frames(identified, looks)
+            path = plan_path(whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius)
+        except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
+            return None, str(error)
+        return _in_world(X_WC, path), identified.reason
 
     def _next_view(
         self,

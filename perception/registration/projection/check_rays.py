@@ -78,10 +78,12 @@ def cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) 
     # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line
     # of sight shows it.
     row, column, _ = scan.pixels(C_model)
-    top, left = max(0, int(row.min()) - 2), max(0, int(column.min()) - 2)
+    top = max(0, int(row.min()) - 2)
+    left = max(0, int(column.min()) - 2)
     first = scan.depth[top : int(row.max()) + 3, left : int(column.max()) + 3]
     first = np.where(np.isfinite(first), first, np.inf)
-    row, column = row - top, column - left
+    row = row - top
+    column = column - left
     around = ndimage.minimum_filter(first, 3)[row, column]
     occluder = np.maximum(OCCLUDER, 6.0 * sigma)
     hidden = (around < z - occluder) | (-occluder > E)
@@ -218,7 +220,8 @@ def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _
     # An even selection of those that see it at a fair angle
     rows, columns = np.nonzero(clear & (cosine > _STEEP))
     every = max(1, len(rows) // _SIGHTS)
-    rows, columns = rows[::every], columns[::every]
+    rows = rows[::every]
+    columns = columns[::every]
     C_model = model.points[rows, columns]
     behind = part.depth[rows, columns] - model.depth[rows, columns]
 

@@ -44,7 +44,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     if scale is not None:
         scale = finite_number(scale, f"cloud {file}: scale", least=1e-9, most=1e9)
     surfels = read_surfels(file)
-    points, shape = surfels.points, surfels.shape
+    points = surfels.points
+    shape = surfels.shape
 
     if len(points) > MOST:
         raise ConfigurationError(
@@ -55,38 +56,43 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (
         1.0 if scale is None else scale
     )
-    kept = np.ones(len(points), dtype=bool)
+    usable = np.ones(len(points), dtype=bool)
     notes = list(surfels.notes)
 
     def leave_out(those: np.ndarray, what: str) -> None:
-        those = those & kept
+        those = those & usable
         if those.any():
-            notes.append(f"{int(those.sum())} of {int(kept.sum())} points left out: {what}")
-            kept[those] = False
-        if not kept.any():
+            notes.append(f"{int(those.sum())} of {int(usable.sum())} points left out: {what}")
+            usable[those] = False
+        if not usable.any():
             raise ConfigurationError(f"cloud {file}: no usable point is left; {'; '.join(notes)}")
 
     leave_out(np.asarray(~np.isfinite(points).all(axis=1)), "not finite")
     leave_out(np.asarray(~points.any(axis=1)), "at the origin, no return")
 
-    # Millimetres taken for metres lie far away
     if scale is None:
-        far = float((np.abs(points[kept]).max(axis=1) > FARTHEST).mean())
-        if far > 0.02:
-            middle = float(np.median(np.linalg.norm(points[kept], axis=1)))
-            raise ConfigurationError(
-                f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the "
-                "sensor, median "
-                f"{middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its "
-                "scale (0.001 for mm)"
-            )
+        _check_unit(points[usable], file)
 
     # An organised cloud keeps its pixels, an unordered one loses its duplicates
     if shape is not None:
-        points[~kept] = np.nan
+        points[~usable] = np.nan
         return CloudFile(points=readonly(points.reshape(*shape, 3)), notes=tuple(notes))
     leave_out(_again(points), "there twice")
-    return CloudFile(points=readonly(points[kept]), notes=tuple(notes))
+    return CloudFile(points=readonly(points[usable]), notes=tuple(notes))
+
+
+def _check_unit(points: Array, file: Path) -> None:
+    """Refuse points (n, 3) of which more than 2 % lie farther than FARTHEST: not metres."""
+    far = float((np.abs(points).max(axis=1) > FARTHEST).mean())
+    if far <= 0.02:
+        return
+
+    middle = float(np.median(np.linalg.norm(points, axis=1)))
+    raise ConfigurationError(
+        f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the sensor, "
+        f"median {middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its scale "
+        "(0.001 for mm)"
+    )
 
 
 def _again(points: Array) -> np.ndarray:

@@ -71,7 +71,9 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
     row, column = (index.astype(np.float64) for index in np.nonzero(usable))
     tangents = points[usable][:, :2] / points[usable][:, 2:]
     chosen = _sample(len(tangents))
-    row, column, tangents = row[chosen], column[chosen], tangents[chosen]
+    row = row[chosen]
+    column = column[chosen]
+    tangents = tangents[chosen]
 
     # Columns are those along which x/z changes more
     along = [
@@ -125,14 +127,16 @@ def lattice_grid(points: Array) -> DepthGrid | None:
     tangents = points[:, :2] / points[:, 2:]
 
     # Lines of columns and rows, and the pixel of each point
-    axes = [_lattice(values[_sample(len(values))]) for values in tangents.T]
-    cells, lines = [], []
-    for axis, values in zip(axes, tangents.T, strict=True):
+    axes = [_lattice(tangent[_sample(len(tangent))]) for tangent in tangents.T]
+    cells = []
+    lines = []
+    for axis, tangent in zip(axes, tangents.T, strict=True):
         if axis is None:
             return None
         start, pitch = axis
-        index = np.rint((values - start) / pitch).astype(np.int64)
-        first, count = int(index.min()), int(np.ptp(index)) + 1
+        index = np.rint((tangent - start) / pitch).astype(np.int64)
+        first = int(index.min())
+        count = int(np.ptp(index)) + 1
         if not 2 <= count <= _LONGEST_SIDE:
             return None
         cells.append(index - first)
@@ -170,7 +174,8 @@ def scatter_grid(points: Array) -> DepthGrid:
     points = _without_strays(points)
 
     # Picture that holds all points
-    tangents, z = points[:, :2] / points[:, 2:], points[:, 2]
+    tangents = points[:, :2] / points[:, 2:]
+    z = points[:, 2]
     low, high = tangents.min(axis=0), tangents.max(axis=0)
     span = float((high - low).max())
     if not span > 1e-6:
@@ -178,7 +183,8 @@ def scatter_grid(points: Array) -> DepthGrid:
 
     # Large clouds are averaged over cells, coarse enough for the triangulation
     pitch = span / _MOST_CELLS
-    few, few_z = tangents, z
+    few = tangents
+    few_z = z
     if len(z) > _MAX_DELAUNAY:
         while (count := len(np.unique(_keys(tangents, low, pitch)))) > _MAX_DELAUNAY:
             pitch *= 1.02 * np.sqrt(count / _MAX_DELAUNAY)
@@ -240,7 +246,8 @@ def _framed(grid: DepthGrid) -> DepthGrid:
     optical axis than on the opposite side. Where no surface covers any side, the object stands
     alone.
     """
-    depth, lines = grid.depth, (grid.tangent_y, grid.tangent_x)
+    depth = grid.depth
+    lines = (grid.tangent_y, grid.tangent_x)
     count = [np.isfinite(depth).sum(axis=1 - axis) for axis in range(2)]
 
     # Sides that cut through the content: as many points in the last row as further in
@@ -257,7 +264,8 @@ def _framed(grid: DepthGrid) -> DepthGrid:
     # Rows and columns to add at each end
     wider = []
     for line, ends in zip(lines, cut, strict=True):
-        reach, pitch = (-line[0], line[-1]), line[1] - line[0]
+        reach = (-line[0], line[-1])
+        pitch = line[1] - line[0]
         lacking = [int((max(reach) - side) / pitch + 0.5) for side in reach]
         for i in range(2):
             if ends[i] and not alone:
@@ -288,7 +296,8 @@ def _lattice(values: Array) -> tuple[float, float] | None:
     Such lines give the spectrum of the values' density peaks at all multiples of 1/pitch, as high
     as at zero.
     """
-    low, span = float(values.min()), float(np.ptp(values))
+    low = float(values.min())
+    span = float(np.ptp(values))
     if not span > 1e-6:
         return None
 
@@ -339,7 +348,8 @@ def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray,
     """
     # Points sorted by cell and depth
     order = np.lexsort((z, key))
-    key, z = key[order], z[order]
+    key = key[order]
+    z = z[order]
     first = np.nonzero(np.r_[True, key[1:] != key[:-1]])[0]
     count = np.diff(np.r_[first, len(key)])
     cell = key[first]
@@ -350,7 +360,9 @@ def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray,
     # Points on the surface of their cell's median
     same = np.repeat(np.arange(len(cell)), count)
     on = np.abs(z - middle[same]) < jump(middle)[same]
-    same, order, z = same[on], order[on], z[on]
+    same = same[on]
+    order = order[on]
+    z = z[on]
 
     # Means of the tangents and of the inverse depth
     number = np.bincount(same)

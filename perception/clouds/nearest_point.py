@@ -29,7 +29,8 @@ class NearestPoint(NamedTuple):
     @classmethod
     def of(cls, points: Array, spacing: float) -> "NearestPoint":
         """Sort `points` (m, 3) [m], m >= 1, which lie about `spacing` [m] apart."""
-        corner, cell = points.min(axis=0), _CELL * spacing
+        corner = points.min(axis=0)
+        cell = _CELL * spacing
         extent = points.max(axis=0) - corner
         while np.prod(extent // cell + 1.0) > _MOST_CELLS:
             cell *= 2.0
@@ -43,10 +44,11 @@ class NearestPoint(NamedTuple):
         Where none is nearer than `reach` [m] the distance is inf and the index is the number of
         stored points.
         """
-        square, found = np.full(len(points), reach * reach), np.full(len(points), len(self.order))
+        square = np.full(len(points), reach * reach)
+        index = np.full(len(points), len(self.order))
 
-        _search(self, points, square, found)
-        return np.where(found < len(self.order), np.sqrt(square), np.inf), found
+        _search(self, points, square, index)
+        return np.where(index < len(self.order), np.sqrt(square), np.inf), index
 
 
 @kernel
@@ -70,7 +72,8 @@ def _sorted(
         first[i] += first[i - 1]
 
     # Points, cell by cell
-    order, filled = np.empty(len(points), dtype=np.int64), first[:-1].copy()
+    order = np.empty(len(points), dtype=np.int64)
+    filled = first[:-1].copy()
     for n in range(len(points)):
         order[filled[where[n]]] = n
         filled[where[n]] += 1
@@ -84,7 +87,11 @@ def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) 
     The search goes outwards by shells of cells. A cell of shell s is at least s - 1 cells away,
     plus the distance from the query to the nearest side of its own cell.
     """
-    points, order, first, corner, cell = grid.points, grid.order, grid.first, grid.corner, grid.cell
+    points = grid.points
+    order = grid.order
+    first = grid.first
+    corner = grid.corner
+    cell = grid.cell
 
     nx, ny, nz = grid.shape
     for n in range(len(asked)):
@@ -120,4 +127,5 @@ def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) 
             shell += 1
 
         if best >= 0:
-            square[n], found[n] = least, order[best]
+            square[n] = least
+            found[n] = order[best]

@@ -38,22 +38,23 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
     """
     path = existing_file(file, "targets")
 
-    B, z = [], None
+    B = []
+    z = None
     for i, line in _lines(_text(path, "targets")):
         where = f"targets {path}, line {i}"
         word, _, rest = line.partition(" ")
-        values = _numbers(rest if word == _UP else line, 3, where)
-        if not np.all(np.isfinite(values)):
+        vector = _numbers(rest if word == _UP else line, 3, where)
+        if not np.all(np.isfinite(vector)):
             raise ConfigurationError(f"{where}: every number must be finite, got {line!r}")
 
         if word != _UP:
-            B.append(values)
+            B.append(vector)
         elif z is not None:
             raise ConfigurationError(f"{where}: z is given twice")
-        elif not (largest := np.abs(values).max()) > 1e-9:
+        elif not (largest := np.abs(vector).max()) > 1e-9:
             raise ConfigurationError(f"{where}: z must not be zero")
         else:
-            z = np.array(values) / largest  # first: the square of 1e200 overflows
+            z = np.array(vector) / largest  # first: the square of 1e200 overflows
             z /= np.linalg.norm(z)
 
     if not B:
@@ -71,9 +72,9 @@ def _text(path: Path, what: str) -> str:
 def _lines(text: str):
     """Numbers, from 1, and content of the lines that are neither empty nor comments."""
     for i, line in enumerate(text.splitlines(), start=1):
-        said = line.partition("#")[0].translate(_BLANKS).strip()
-        if said:
-            yield i, said
+        content = line.partition("#")[0].translate(_BLANKS).strip()
+        if content:
+            yield i, content
 
 
 def _numbers(line: str, count: int, where: str) -> list[float]:

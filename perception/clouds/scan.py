@@ -1,4 +1,4 @@
-"""Scan: a depth frame as points on a pixel grid, with segmentation, triangulation and depth edges.
+"""Scan: a depth frame as points on a pixel grid, with segmentation and triangulation.
 
 Sensor frame S has OpenCV axes (z along the optical axis). Point clouds are converted to such a grid
 (`cloud_grid`), so that all later steps have one data type.
@@ -43,11 +43,9 @@ _NORMAL = 1.4826  # standard deviation of normal errors over their median absolu
 # [sigma] of a plane's own roughness: what is farther off, on average over a few pixels, lies on it
 _ROUGH = 4.0
 _FLAT = 0.002  # [m] at least
-_SEAM = 5  # [px] without depth between an occluder and the surface behind it
 _COUNTED = 1e6  # cubes up to which `voxel_means` counts the points of each
 _RAY_CELLS = 400  # cells along the longer side of a grid of parallel rays
 _SINGLE = 1e-5  # [m] more than the rounding of rays in single precision
-_EDGE_WIDTH = 2.0  # [px] of the Gaussian for the direction across an edge
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -207,8 +205,10 @@ class Scan:
 
         # Window around the picture of the points
         border = 4 + int(margin * max(np.ptp(row), np.ptp(column)))
-        top, bottom = max(0, int(row.min()) - border), int(row.max()) + border + 1
-        left, right = max(0, int(column.min()) - border), int(column.max()) + border + 1
+        top = max(0, int(row.min()) - border)
+        bottom = int(row.max()) + border + 1
+        left = max(0, int(column.min()) - border)
+        right = int(column.max()) + border + 1
 
         # Steps that thin what of it lies within the grid
         height, width = (
@@ -255,26 +255,28 @@ class Scan:
             ConfigurationError: For an array that is no cloud.
             PerceptionError: If too few points are left or they span no surface.
         """
-        values = real_array(cloud, "cloud", "(N, 3) numbers [m]")
-        if values.size == 0:
+        coordinates = real_array(cloud, "cloud", "(N, 3) numbers [m]")
+        if coordinates.size == 0:
             raise PerceptionError("the cloud is empty")
-        if values.ndim not in (2, 3) or values.shape[-1] != 3:
+        if coordinates.ndim not in (2, 3) or coordinates.shape[-1] != 3:
             raise ConfigurationError(
-                f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}"
+                f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {coordinates.shape}"
             )
 
         # Usable points
-        usable = (np.abs(values) < _ENDLESS).all(axis=-1) & (values[..., 2] > 1e-3)  # False for NaN
+        usable = (np.abs(coordinates) < _ENDLESS).all(axis=-1) & (
+            coordinates[..., 2] > 1e-3
+        )  # False for NaN
         count = int(usable.sum())
         if count < MIN_POINTS:
             raise PerceptionError(
-                f"only {count} usable points of {values.size // 3}; need {MIN_POINTS}"
+                f"only {count} usable points of {coordinates.size // 3}; need {MIN_POINTS}"
             )
 
         # Pixels of the sensor where there are any, else those of a virtual pinhole
-        grid = organised_grid(values, usable) if values.ndim == 3 else None
+        grid = organised_grid(coordinates, usable) if coordinates.ndim == 3 else None
         if grid is None:
-            points = values[usable]
+            points = coordinates[usable]
             grid = lattice_grid(points) or scatter_grid(points)
         return cls.of_grid(grid.depth, grid.tangent_x, grid.tangent_y)
 
@@ -347,8 +349,10 @@ def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Arra
     """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), holds a start."""
     # Rays and vertices in a plane across the rays
     across = np.linalg.svd(way[None])[2][1:].T
-    rays, seen = starts @ across, vertices @ across
-    corner, extent = rays.min(axis=0), np.ptp(rays, axis=0)
+    rays = starts @ across
+    projected = vertices @ across
+    corner = rays.min(axis=0)
+    extent = np.ptp(rays, axis=0)
 
     # Summed-area table: number of rays below and left of each corner of a grid
     cell = max(float(extent.max()) / _RAY_CELLS, _SINGLE)
@@ -358,8 +362,8 @@ def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Arra
     before = counts.cumsum(axis=0).cumsum(axis=1)  # rays in all cells below a corner of the grid
 
     # Rectangle around each triangle, in cells
-    low = np.clip((seen - _SINGLE - corner) / cell, 0, shape).astype(np.int32)
-    high = np.clip((seen + _SINGLE - corner) / cell + 1.0, 0, shape).astype(np.int32)
+    low = np.clip((projected - _SINGLE - corner) / cell, 0, shape).astype(np.int32)
+    high = np.clip((projected + _SINGLE - corner) / cell + 1.0, 0, shape).astype(np.int32)
     a, b, c = triangles.T
     (left, top), (right, bottom) = (
         np.minimum(np.minimum(low[a], low[b]), low[c]).T,
@@ -376,15 +380,13 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
     step = jump(z)
 
     support = np.zeros(z.shape, dtype=np.int8)
-    right, down, up = (
-        (np.s_[:, :-1], np.s_[:, 1:]),
-        (np.s_[:-1], np.s_[1:]),
-        (np.s_[1:, :-1], np.s_[:-1, 1:]),
-    )
-    for here, there in (right, down, up, (np.s_[:-1, :-1], np.s_[1:, 1:])):
-        apart = np.abs(z[here] - z[there])
+    right = (np.s_[:, :-1], np.s_[:, 1:])
+    down = (np.s_[:-1], np.s_[1:])
+    up = (np.s_[1:, :-1], np.s_[:-1, 1:])
+    for here, beside in (right, down, up, (np.s_[:-1, :-1], np.s_[1:, 1:])):
+        apart = np.abs(z[here] - z[beside])
         support[here] += apart < step[here]
-        support[there] += apart < step[there]
+        support[beside] += apart < step[beside]
 
     return support >= 3
 
@@ -419,18 +421,16 @@ def background(
     Returns:
         Mask (h, w).
     """
-    found = np.zeros_like(mask)
+    on_planes = np.zeros_like(mask)
 
     # Thinned picture with its normals, and a sample of it to which planes are fitted
     every = slice(None, None, max(1, round(np.sqrt(mask.size / _SAMPLED))))
-    part, thinned = scan.part((every, every)), mask[every, every]
+    part = scan.part((every, every))
+    thinned = mask[every, every]
     normals = _local_normals(part, thinned, max(3, round(_FACET / part.pitch)))
     rows, columns = np.nonzero(thinned)
     step = max(1, len(rows) // 3000)
-    sample, facing = (
-        part.points[rows[::step], columns[::step]],
-        normals[rows[::step], columns[::step]],
-    )
+    sample = part.points[rows[::step], columns[::step]]
 
     # Planes, those with most points first
     least = max(20, int(0.08 * len(sample)))
@@ -439,22 +439,14 @@ def background(
         if plane is None or plane.inliers.sum() < least:
             break
 
-        # Pixels on the plane, with normals along it
-        off = np.abs((part.points - plane.center) @ plane.normal)
-        with np.errstate(invalid="ignore"):
-            lying = (
-                thinned
-                & (off < _plane_tolerance(part.depth, sensor))
-                & (np.abs(normals @ plane.normal) > _ALIGNED)
-            )
-
         # Background is wider than the object can be
-        width, cut = _spread(part, lying)
+        along = thinned & (np.abs(normals @ plane.normal) > _ALIGNED)
+        width, cut = _spread(part, along & _near_plane(part, plane, sensor))
         if width > extent * (1.0 if cut else _UNCUT):
-            found |= mask & _on_plane(scan, plane, sensor)
+            on_planes |= mask & _on_plane(scan, plane, sensor)
 
-        sample, facing = sample[~plane.inliers], facing[~plane.inliers]
-    return found
+        sample = sample[~plane.inliers]
+    return on_planes
 
 
 def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
@@ -486,12 +478,17 @@ def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
     return float(np.ptp(np.percentile(off, _OUTER, axis=0), axis=0).max()), bool(cut > _CUT)
 
 
+def _near_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
+    """Mask (h, w) of the pixels within the sensor's noise of a plane; False for NaN."""
+    off = np.abs((scan.points - plane.center) @ plane.normal)
+    with np.errstate(invalid="ignore"):
+        return off < _plane_tolerance(scan.depth, sensor)
+
+
 def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
     """Mask (h, w) of pixels on a plane: within the noise, and on average within its roughness."""
-    # Pixels within the sensor's noise
     off = (scan.points - plane.center) @ plane.normal
-    with np.errstate(invalid="ignore"):
-        near = np.abs(off) < _plane_tolerance(scan.depth, sensor)
+    near = _near_plane(scan, plane, sensor)
     if not near.any():
         return near
 
@@ -534,20 +531,21 @@ def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
     # Second moments about the means
     known = mask & (n > 0.25)
     n = np.where(known, n, 1.0)
-    mx, my, m = mx / n, my / n, m / n
-    xx, xy, yy, xz, yz = (
-        xx / n - mx * mx,
-        xy / n - mx * my,
-        yy / n - my * my,
-        mxz / n - mx * m,
-        myz / n - my * m,
-    )
+    mx = mx / n
+    my = my / n
+    m = m / n
+    xx = xx / n - mx * mx
+    xy = xy / n - mx * my
+    yy = yy / n - my * my
+    xz = mxz / n - mx * m
+    yz = myz / n - my * m
 
     # Least squares: 1/z = a x + b y + c, a plane with normal (a, b, c)
     determinant = xx * yy - xy * xy
     known &= determinant > 1e-9 * scan.pitch**4
     determinant = np.where(known, determinant, 1.0)
-    a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+    a = (yy * xz - xy * yz) / determinant
+    b = (xx * yz - xy * xz) / determinant
     normals = np.stack([a, b, m - a * mx - b * my], axis=-1)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     return np.where(
@@ -575,7 +573,8 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
     a, b, c = points[rng.integers(len(points), size=(3, 150))]
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
-    normals, a = normals[length > 1e-9] / length[length > 1e-9, None], a[length > 1e-9]
+    normals = normals[length > 1e-9] / length[length > 1e-9, None]
+    a = a[length > 1e-9]
     if not len(normals):
         return None
 
@@ -585,7 +584,8 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
     inliers = near[:, int(near.sum(axis=0).argmax())]
 
     # Least squares over its points, chosen anew three times
-    center, normal = points[0], normals[0]
+    center = points[0]
+    normal = normals[0]
     for _ in range(3):
         if inliers.sum() < 3:
             return None
@@ -655,7 +655,8 @@ def voxel_means(points: Array, size: float) -> Array:
         cube = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
         every = np.bincount(cube)
         number = np.cumsum(every > 0) - 1
-        inverse, count = number[cube], every[every > 0]
+        inverse = number[cube]
+        count = every[every > 0]
     else:
         key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
         _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
@@ -702,11 +703,11 @@ def facing_normals(
     Returns:
         Normals (k, 3) at those k points.
     """
-    wanted = points[at]
-    near = cKDTree(points).query(wanted, k=range(1, min(neighbours, len(points)) + 1))[1]
+    centers = points[at]
+    near = cKDTree(points).query(centers, k=range(1, min(neighbours, len(points)) + 1))[1]
 
     normals = _least_axes(points, near)
-    normals[np.einsum("ni,ni->n", normals, wanted) > 0.0] *= -1.0
+    normals[np.einsum("ni,ni->n", normals, centers) > 0.0] *= -1.0
     return normals
 
 
@@ -762,121 +763,3 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
                 longest = length
                 axes[n, 0], axes[n, 1], axes[n, 2] = x / length, y / length, z / length
     return axes
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Contour:
-    """Depth edges, each between a pixel on the near side and one of its four neighbours."""
-
-    rows: np.ndarray  # (n,) of the near pixel
-    columns: np.ndarray  # (n,)
-    steps: np.ndarray  # (n, 2) columns right and rows down to the neighbour
-    tangents: Array  # (n, 2) x/z and y/z of the edge
-    depth: Array  # (n,) [m] of the near pixel
-
-    def only(self, kept: np.ndarray) -> "Contour":
-        """Those edges that a mask (n,) keeps."""
-        return Contour(*(getattr(self, field.name)[kept] for field in fields(self)))
-
-
-def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) -> Contour:
-    """Depth edges between masked pixels and 4-neighbours that are farther by a jump, or empty.
-
-    The edge lies midway between the two pixels. It lies on the neighbour where that is a mixed
-    pixel, which may belong to either side. The border of the picture is no edge, because the view
-    ends there, not the object. The edge of an occluder is not one either: it leaves a seam of empty
-    pixels.
-
-    Args:
-        scan: The scan.
-        mask: (h, w) pixels of the object.
-        depth_all: (h, w) [m] depth of all pixels, NaN without echo.
-        seams: Occluders leave seams; False for a rendered model.
-
-    Returns:
-        The depth edges, one for each pair of pixels.
-    """
-    z = np.where(np.isfinite(depth_all), depth_all, np.inf)
-    here = np.where(mask, scan.depth, np.inf)
-    step = np.where(mask, jump(scan.depth), 0.0)
-
-    # No edge on the border of the picture
-    inner = np.zeros_like(mask)
-    inner[1:-1, 1:-1] = True
-    edges: list[tuple[np.ndarray, ...]] = []
-    with np.errstate(invalid="ignore"):
-        # Pixels beside an occluder, which leaves a seam without depth
-        hidden = (
-            here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step if seams else np.zeros_like(mask)
-        )
-
-        # Edges towards each neighbour that is farther by a jump, or empty
-        for right, down in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            beside = np.roll(z, (-down, -right), axis=(0, 1))
-            rows, columns = np.nonzero(
-                mask & inner & (beside - here > step) & ~(hidden & np.isinf(beside))
-            )
-            beyond = z[
-                np.clip(rows + 2 * down, 0, len(z) - 1),
-                np.clip(columns + 2 * right, 0, z.shape[1] - 1),
-            ]
-
-            # a single pixel within a surface is no edge
-            ends = beyond - here[rows, columns] > step[rows, columns]
-            rows, columns, beyond = rows[ends], columns[ends], beyond[ends]
-
-            # The edge lies on the neighbour where that is a mixed pixel, else midway
-            neighbour = beside[rows, columns]
-            reach = np.where(beyond - neighbour > jump(neighbour), 1.0, 0.5)  # [px]
-            edges.append((rows, columns, np.tile([right, down], (len(rows), 1)), reach))
-
-    rows, columns, steps, reach = (np.concatenate(part) for part in zip(*edges, strict=True))
-    tangents = (
-        np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]])
-        + scan.pitches * reach[:, None] * steps
-    )
-    return Contour(rows, columns, steps, tangents, scan.depth[rows, columns])
-
-
-def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Unit directions across depth edges at given pixels, away from the near side.
-
-    At the rim of `mask` the direction points out of the mask. Within it, where one part of the
-    object lies in front of another, it points towards larger `depth`.
-
-    Args:
-        mask: (h, w) pixels of the object.
-        depth: (h, w) [m] of the pixels.
-        rows: (n,) of the pixels.
-        columns: (n,) of the pixels.
-
-    Returns:
-        Directions (n, 2), x then y in the image.
-    """
-    smooth = ndimage.gaussian_filter(mask.astype(np.float32), _EDGE_WIDTH)
-
-    gradient = -_gradient(smooth, rows, columns)
-    # mixed pixels along an inner edge leave gaps
-    closed = ndimage.binary_closing(mask, iterations=2)
-    inner = ndimage.binary_erosion(closed, iterations=round(4.0 * _EDGE_WIDTH))[rows, columns]
-
-    # Within the mask: across lines of equal inverse depth
-    if inner.any():
-        near = np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0)
-        mean = ndimage.gaussian_filter(near, _EDGE_WIDTH) / np.maximum(smooth, 1e-6)
-        gradient[inner] = -_gradient(mean, rows[inner], columns[inner])
-    return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
-
-
-def _gradient(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Gradient (n, 2), x then y, by Sobel kernels, at pixels none of which lies on the border."""
-    near = {
-        (dy, dx): image[rows + dy, columns + dx]
-        for dy in (-1, 0, 1)
-        for dx in (-1, 0, 1)
-        if dy or dx
-    }
-
-    x = sum(weight * (near[dy, 1] - near[dy, -1]) for dy, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
-    y = sum(weight * (near[1, dx] - near[-1, dx]) for dx, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
-    return np.column_stack([x, y]).astype(np.float64)

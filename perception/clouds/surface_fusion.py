@@ -91,7 +91,8 @@ class SurfaceFusion:
     def add(self, image: DepthImage, X_TC: Array) -> None:
         """Add what lies in the box of a frame that was taken with the camera at `X_TC` (4, 4)."""
         o3d = open3d_loader.load()
-        X_TC, K = checked_pose(X_TC, "X_TC"), image.K
+        X_TC = checked_pose(X_TC, "X_TC")
+        K = image.K
         height, width = image.depth.shape
 
         # Sure depths: beside no edge, accurate enough, inside the box
@@ -129,8 +130,8 @@ class SurfaceFusion:
         Returns:
             The mesh; it is empty if no frame showed the object.
         """
-        found = self._volume.extract_triangle_mesh()
-        vertices, triangles = np.asarray(found.vertices), np.asarray(found.triangles)
+        extracted = self._volume.extract_triangle_mesh()
+        vertices, triangles = np.asarray(extracted.vertices), np.asarray(extracted.triangles)
 
         if not len(vertices):
             return SurfaceMesh(
@@ -140,11 +141,11 @@ class SurfaceFusion:
         # Signed distance from the model
         near = model.query(vertices)
         outside = np.einsum("nk,nk->n", vertices - near.point, normals[near.triangle])
-        own = near.distance <= reach
+        belongs = near.distance <= reach
 
         # Surface near the model, without islands
-        kept = without_islands(triangles[own[triangles].all(axis=1)])
-        used, index = np.unique(kept, return_inverse=True)
+        faces = without_islands(triangles[belongs[triangles].all(axis=1)])
+        used, index = np.unique(faces, return_inverse=True)
         return SurfaceMesh(
             vertices=readonly(vertices[used]),
             triangles=index.reshape(-1, 3),

@@ -66,7 +66,8 @@ def ranked_views(found: Identification, views: Sequence[Array]) -> list[int]:
         worth = [1.0 / predicted_sigma(found, X_SN) for X_SN in views]
 
     # The best first; among views about as good, the farthest
-    best, far = max(worth), [float(np.linalg.norm(X_SN[:3, 3])) for X_SN in views]
+    best = max(worth)
+    far = [float(np.linalg.norm(X_SN[:3, 3])) for X_SN in views]
     return sorted(range(len(views)), key=lambda i: (worth[i] < _AS_GOOD * best, -far[i], -worth[i]))
 
 
@@ -84,14 +85,16 @@ def predicted_sigma(found: Identification, X_SN: Array) -> float:
 
 def predicted_information(found: Identification, X_SN: Array) -> Array:
     """Information (6, 6) [1/m^2] of a view from `X_SN`, on twists about the model's centre in S."""
-    evidence, surface = found.evidence, found.surface
+    evidence = found.evidence
+    surface = found.surface
     assert evidence is not None
     assert surface is not None
 
     # What the sensor would see from there
-    grid, X_NT = _grid(evidence.scan), inverse(X_SN) @ found.X_sensor_target
-    seen = _seen(found, X_SN, X_NT, grid)
-    mask = np.isfinite(seen.depth)
+    grid = _grid(evidence.scan)
+    X_NT = inverse(X_SN) @ found.X_sensor_target
+    view = _seen(found, X_SN, X_NT, grid)
+    mask = np.isfinite(view.depth)
     step = grid.pitch / evidence.scan.pitch
     sensor = replace(evidence.sensor, noise_length=max(1.0, evidence.sensor.noise_length / step))
 
@@ -99,7 +102,7 @@ def predicted_information(found: Identification, X_SN: Array) -> Array:
         return np.zeros((6, 6))
 
     # Information of its points and edges, as a fit takes it
-    predicted = Evidence.of(seen, mask, 0.8 * surface.spacing, sensor, most=_POINTS)
+    predicted = Evidence.of(view, mask, 0.8 * surface.spacing, sensor, most=_POINTS)
     pairing = Pairing.of(predicted, surface, X_NT)
     if pairing is None:
         return np.zeros((6, 6))
@@ -115,21 +118,22 @@ def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float
     evidence = found.evidence
     assert evidence is not None
     grid = _grid(evidence.scan)
-    one, other = (
+    fitted, rival = (
         _seen(found, X_SN, inverse(X_SN) @ X, grid).depth
         for X in (np.asarray(found.X_sensor_target), X_ST_rival)
     )
 
     # Where both poses show a surface: difference of depth over its standard deviation
-    both = np.isfinite(one) & np.isfinite(other)
-    off = np.zeros(one.shape)
+    both = np.isfinite(fitted) & np.isfinite(rival)
+    off = np.zeros(fitted.shape)
     off[both] = (
         0.5
-        * ((one[both] - other[both]) / evidence.sensor.sigma(0.5 * (one[both] + other[both]))) ** 2
+        * ((fitted[both] - rival[both]) / evidence.sensor.sigma(0.5 * (fitted[both] + rival[both])))
+        ** 2
     )
 
     # Where one alone shows it: an outlier
-    off[np.isfinite(one) ^ np.isfinite(other)] = _CERTAIN
+    off[np.isfinite(fitted) ^ np.isfinite(rival)] = _CERTAIN
 
     # Neighbouring pixels share their errors
     independent = evidence.sensor.independent(grid.pitch / evidence.scan.pitch)
@@ -144,7 +148,8 @@ def _grid(scan: Scan) -> Scan:
 
 def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
     """Scan of the model at `X_NT` from `X_SN`, without what the last scan's foreground hides."""
-    evidence, surface = found.evidence, found.surface
+    evidence = found.evidence
+    surface = found.surface
     assert evidence is not None
     assert surface is not None
 

@@ -97,21 +97,15 @@ class ObjectTracker:
                 f"object tracker: expected a DepthImage, got {type(image).__name__}"
             )
 
-        # Pose in this frame, by a fit that starts at the last one
         X_WS = estimate.X_WB @ image.X_BC
-        sensor = replace(self._sensor, focal=float(image.K[0, 0]))
-        scan, X_ST = Scan.from_depth(image), inverse(X_WS) @ state.X_WT
-        fit = follow(scan, self._surface, X_ST, sensor)
-
-        # A fit that leaves more free than the reference did is not trusted
-        if fit is not None and state.frames >= _SETTLING and self._looser(fit, state):
-            fit = self._found_again(scan, X_ST, sensor) or fit
+        fit = self._fitted(image, X_WS, state)
         if fit is None or fit.covariance is None:
             return replace(state, frames=state.frames + 1, last=None, alarms=0), None
 
         # Twist from the first pose, with its information
         X_WT = X_WS @ fit.X_ST
-        twist, information = self._moved(X_WT), self._information(fit, X_WS[:3, :3])
+        twist = self._moved(X_WT)
+        information = self._information(fit, X_WS[:3, :3])
         state = replace(state, X_WT=readonly(X_WT), frames=state.frames + 1, last=fit)
 
         # The first frames make up the reference
@@ -147,6 +141,18 @@ class ObjectTracker:
         )
         return replace(state, alarms=alarms), motion
 
+    def _fitted(self, image: DepthImage, X_WS: Array, state: TrackerState) -> FrameFit | None:
+        """Pose in a frame by a fit that starts at the last one, or by a new identification."""
+        sensor = replace(self._sensor, focal=float(image.K[0, 0]))
+        scan = Scan.from_depth(image)
+        X_ST = inverse(X_WS) @ state.X_WT
+        fit = follow(scan, self._surface, X_ST, sensor)
+
+        # A fit that leaves more free than the reference did is not trusted
+        if fit is not None and state.frames >= _SETTLING and self._looser(fit, state):
+            return self._found_again(scan, X_ST, sensor) or fit
+        return fit
+
     @staticmethod
     def _looser(fit: FrameFit, state: TrackerState) -> bool:
         """True if a fit observes fewer directions than the first frames did: it has slid off."""
@@ -155,14 +161,16 @@ class ObjectTracker:
 
     def _found_again(self, scan: Scan, X_ST: Array, sensor: SensorModel) -> FrameFit | None:
         """Identify the object near its expected pose; None if the result is not accepted."""
-        place = transform_points(X_ST, self._surface.center)
-        found = identify(
-            scan, self._surface, place, X_ST[:3, :3], sensor=sensor, approach_error=_ASTRAY
+        center = transform_points(X_ST, self._surface.center)
+        identified = identify(
+            scan, self._surface, center, X_ST[:3, :3], sensor=sensor, approach_error=_ASTRAY
         )
 
-        if not found.accepted or found.covariance is None:
+        if not identified.accepted or identified.covariance is None:
             return None
-        return FrameFit(X_ST=found.X_sensor_target, covariance=found.covariance, residual=0.0)
+        return FrameFit(
+            X_ST=identified.X_sensor_target, covariance=identified.covariance, residual=0.0
+        )
 
     def _moved(self, X_WT: Array) -> Array:
         """Twist (6,) [m] from the first pose: of the centre, and rotation vector x radius."""
@@ -220,7 +228,8 @@ class FoundObjectFollower:
         """
         self.period = finite_number(period, "period [s]", above=0.0)
         self._surface = target if isinstance(target, ModelSurface) else ModelSurface.of(target)
-        self._sensor, self._drift = sensor, finite_number(drift, "drift [m]", least=0.0)
+        self._sensor = sensor
+        self._drift = finite_number(drift, "drift [m]", least=0.0)
 
     def init(self) -> FollowerState:
         """Return the initial state: nothing was found yet."""
@@ -250,7 +259,8 @@ class FoundObjectFollower:
         Raises:
             ConfigurationError: If `measurement` is not a depth frame.
         """
-        tracker, of_tracker = state.tracker, state.state
+        tracker = state.tracker
+        of_tracker = state.state
         if tracker is None or of_tracker is None:
             tracker = ObjectTracker(
                 self._surface, target.X_WT, sensor=self._sensor, drift=self._drift
@@ -266,9 +276,9 @@ class FoundObjectFollower:
 def _common(one: Array, other: Array) -> tuple[Array, Array]:
     """Projection (6, 6) on the twists that both informations observe, and the other's inverse."""
     held = np.eye(6)
-    for each in (one, other):
-        values, vectors = np.linalg.eigh(each)
-        free = vectors[:, values <= 1e-9 * values[-1]]
+    for information in (one, other):
+        eigenvalues, vectors = np.linalg.eigh(information)
+        free = vectors[:, eigenvalues <= 1e-9 * eigenvalues[-1]]
         held = held - held @ free @ np.linalg.pinv(held @ free)
 
     return np.asarray(held, dtype=np.float64), np.asarray(

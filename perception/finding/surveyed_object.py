@@ -33,11 +33,13 @@ class SurveyedObjectFinder:
         Raises:
             ConfigurationError: For an unknown path.
         """
-        self._target, self._path = target, target.path(path) if isinstance(path, str) else path
+        self._target = target
+        self._path = target.path(path) if isinstance(path, str) else path
         self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
 
         low, high = target.vertices.min(axis=0), target.vertices.max(axis=0)
-        self._center, self._radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+        self._center = 0.5 * (low + high)
+        self._radius = 0.5 * float(np.linalg.norm(high - low))
 
     def init(self) -> FinderState:
         """Initial state."""

@@ -133,7 +133,9 @@ class KnownObjectFinder:
             raise ConfigurationError(f"tool_radius: must be >= 0 m, got {tool_radius}")
 
         self._sensor = sensor or SensorModel()
-        self._tool_radius, self._count, self._seed = tool_radius, looks, seed
+        self._tool_radius = tool_radius
+        self._count = looks
+        self._seed = seed
         self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
         self._loose = finite_number(loose, "loose [m]", above=0.0)
         self._target = target
@@ -167,76 +169,28 @@ class KnownObjectFinder:
         Raises:
             ConfigurationError: If `measurement` is of another type or malformed.
         """
-        # Scan in the sensor's frame, with the sensor's pose on the hull
-        if isinstance(measurement, DepthImage):
-            seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
-            sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
-        elif isinstance(measurement, SonarScan):
-            seen, X_BC, sensor = (
-                _scan_of(without_isolated_echoes(measurement.points)),
-                measurement.X_BS,
-                self._sensor,
-            )
-        else:
-            raise ConfigurationError(
-                "target finder: expected a DepthImage or a SonarScan, got "
-                f"{type(measurement).__name__}"
-            )
+        scan, X_BC, sensor = self._measured(measurement)
+        X_WC = estimate.X_WB @ X_BC
 
         # Frames are collected until they are enough to be fused
-        X_WC = estimate.X_WB @ X_BC
         looks = state.looks
-        if isinstance(seen, Scan):
-            looks = (*looks, Frame(scan=seen, X_WS=X_WC))
+        if isinstance(scan, Scan):
+            looks = (*looks, Frame(scan=scan, X_WS=X_WC))
             if len(looks) < self._count:
                 return replace(state, frames=state.frames + 1, looks=looks), None
 
-        # Identification near the coarse detection
-        X_CW = inverse(X_WC)
-        attempt = attempted(
-            seen,
-            self._surface,
-            transform_points(X_CW, self._approach_W),
-            None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
-            sensor=sensor,
-            seed=self._seed,
-            method=self.method,
-        )
-        found = attempt.widened().concluded(state.last)
-
-        if (
-            self._R_WT is None
-            and state.last is not None
-            and state.X_WC is not None
-            and state.last.accepted
-        ):
-            # Without a coarse orientation: of all poses that look the same, the one next to the
-            # last estimate.
-            R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
-            alike = self._surface.symmetry.nearest_pose(found.X_sensor_target, R_CT)
-            found = replace(found, X_sensor_target=readonly(alike))
-
-        # Tool path on the scanned surface
-        path, reason = None, found.reason
-        if found.accepted and self._path is not None:
-            try:
-                whole = with_fused_frames(found, looks)
-                path = plan_path(
-                    whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius
-                )
-                path = _in_world(X_WC, path)
-            except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
-                reason = str(error)
+        identified = self._identified(scan, sensor, X_WC, state)
+        path, reason = self._planned(identified, looks, X_WC)
 
         # Pose in the world, with its uncertainty
-        doubt, of_hull = self._doubt(found, estimate, X_WC)
+        doubt, of_hull = self._doubt(identified, estimate, X_WC)
         target = Target(
             time=measurement.time,
-            X_WT=readonly(X_WC @ found.X_sensor_target),
-            accepted=found.accepted if self._path is None else path is not None,
-            check_m=found.check.figure_m if found.check is not None else float("inf"),
+            X_WT=readonly(X_WC @ identified.X_sensor_target),
+            accepted=identified.accepted if self._path is None else path is not None,
+            check_m=identified.check.figure_m if identified.check is not None else float("inf"),
             range_m=float(
-                np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))
+                np.linalg.norm(transform_points(identified.X_sensor_target, self._surface.center))
             ),
             reason=reason,
             path=path,
@@ -245,16 +199,76 @@ class KnownObjectFinder:
         )
 
         # Next view, from a place where none was taken yet
-        p_WB, places = estimate.X_WB[:3, 3], state.places
-        if all(np.linalg.norm(p_WB - place) > _ASIDE for place in places):
-            places = (*places, readonly(p_WB))
+        p_WB = estimate.X_WB[:3, 3]
+        positions = state.places
+        if all(np.linalg.norm(p_WB - position) > _ASIDE for position in positions):
+            positions = (*positions, readonly(p_WB))
         target = replace(
-            target, next_X_WB=self._next_view(found, target, estimate.X_WB, X_WC, places)
+            target, next_X_WB=self._next_view(identified, target, estimate.X_WB, X_WC, positions)
         )
 
         return FinderState(
-            frames=state.frames + 1, last=found, X_WC=readonly(X_WC), places=places
+            frames=state.frames + 1, last=identified, X_WC=readonly(X_WC), places=positions
         ), target
+
+    def _measured(self, measurement: Measurement) -> tuple[Scan | Array, Array, SensorModel]:
+        """Scan in the sensor's frame, the sensor's pose (4, 4) on the hull, and its accuracy.
+
+        Echoes of a sonar that are no scan come back as they are, see `_scan_of`.
+        """
+        if isinstance(measurement, DepthImage):
+            sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
+            return Scan.from_depth(measurement), measurement.X_BC, sensor
+
+        if isinstance(measurement, SonarScan):
+            scan = _scan_of(without_isolated_echoes(measurement.points))
+            return scan, measurement.X_BS, self._sensor
+
+        raise ConfigurationError(
+            f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"
+        )
+
+    def _identified(
+        self, scan: Scan | Array, sensor: SensorModel, X_WC: Array, state: FinderState
+    ) -> Identification:
+        """Identification near the coarse detection.
+
+        Without a coarse orientation it is, of all poses that look the same, the one next to the
+        last estimate.
+        """
+        X_CW = inverse(X_WC)
+        attempt = attempted(
+            scan,
+            self._surface,
+            transform_points(X_CW, self._approach_W),
+            None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
+            sensor=sensor,
+            seed=self._seed,
+            method=self.method,
+        )
+        identified = attempt.widened().concluded(state.last)
+        if self._R_WT is not None or state.last is None or state.X_WC is None:
+            return identified
+        if not state.last.accepted:
+            return identified
+
+        R_CT = X_CW[:3, :3] @ state.X_WC[:3, :3] @ state.last.X_sensor_target[:3, :3]
+        alike = self._surface.symmetry.nearest_pose(identified.X_sensor_target, R_CT)
+        return replace(identified, X_sensor_target=readonly(alike))
+
+    def _planned(
+        self, identified: Identification, looks: Sequence[Frame], X_WC: Array
+    ) -> tuple[ToolPath | None, str]:
+        """Tool path in W on the scanned surface, and the reason why there is none."""
+        if not identified.accepted or self._path is None:
+            return None, identified.reason
+
+        try:
+            whole = with_fused_frames(identified, looks)
+            path = plan_path(whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius)
+        except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
+            return None, str(error)
+        return _in_world(X_WC, path), identified.reason
 
     def _next_view(
         self,
@@ -272,7 +286,9 @@ class KnownObjectFinder:
         motions = [
             motion
             for motion in views_around(center, np.array([0.0, 0.0, 1.0]))
-            if all(np.linalg.norm((motion @ X_WB)[:3, 3] - place) > _ASIDE for place in places)
+            if all(
+                np.linalg.norm((motion @ X_WB)[:3, 3] - position) > _ASIDE for position in places
+            )
         ]
 
         X_CW = inverse(X_WC)
@@ -379,7 +395,8 @@ def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identifi
     if found.evidence is None or len(looks) < _FEW:
         return found
 
-    evidence, scan = found.evidence, fused(looks)
+    evidence = found.evidence
+    scan = fused(looks)
     of_median = evidence.sensor.disparity_sigma * _MEDIAN / float(np.sqrt(len(looks)))
     return replace(
         found,

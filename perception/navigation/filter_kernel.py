@@ -215,8 +215,12 @@ def rotate(R, angle):
 @kernel
 def propagate(f, row):
     """Advance mean and covariance of `f` by one stored IMU step `row` (INPUT,), in place."""
-    x, P, walks = f.x, f.P, f.walks
-    dt, n, wander = row[DT], f.layout[STATES], f.layout[AT_WANDER]
+    x = f.x
+    P = f.P
+    walks = f.walks
+    dt = row[DT]
+    n = f.layout[STATES]
+    wander = f.layout[AT_WANDER]
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
     half = 0.5 * dt * dt
 
@@ -253,13 +257,13 @@ def propagate(f, row):
 
     # Wander: a first-order Gauss-Markov process
     if wander >= 0:
-        kept = np.exp(-dt / walks[2])
+        decay = np.exp(-dt / walks[2])
         for i in range(wander, wander + 3):
-            x[i] *= kept
+            x[i] *= decay
             for j in range(n):
-                P[i, j] *= kept
-                P[j, i] *= kept
-            P[i, i] += walks[1] * (1.0 - kept * kept)
+                P[i, j] *= decay
+                P[j, i] *= decay
+            P[i, i] += walks[1] * (1.0 - decay * decay)
 
 
 @kernel
@@ -277,8 +281,12 @@ def compare(kind, fix, row, layout, x, P):
     Returns:
         Innovation (3,), cross covariance (18, 3) and covariance of the innovation (3, 3).
     """
-    innovation, cross, S = np.empty(3), np.zeros((MOST_STATES, 3)), np.empty((3, 3))
-    n, dvl_bias, wander = layout[STATES], layout[AT_DVL_BIAS], layout[AT_WANDER]
+    innovation = np.empty(3)
+    cross = np.zeros((MOST_STATES, 3))
+    S = np.empty((3, 3))
+    n = layout[STATES]
+    dvl_bias = layout[AT_DVL_BIAS]
+    wander = layout[AT_WANDER]
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
     first = 0 if kind == VISION else 3
 
@@ -374,7 +382,9 @@ def absorb(f, kind, fix, row):
         fix: (FIX,) the fix.
         row: (INPUT,) stored step of the fix.
     """
-    x, P, n = f.x, f.P, f.layout[STATES]
+    x = f.x
+    P = f.P
+    n = f.layout[STATES]
     innovation, cross, S = compare(kind, fix, row, f.layout, x, P)
     correct(x, P, n, innovation, cross, inverse3(S))
 
@@ -396,7 +406,9 @@ def compare_track(row, first, x, P):
     Returns:
         Innovation (3,), cross covariance (18, 3) and weight (3, 3).
     """
-    innovation, cross, A = np.empty(3), np.zeros((MOST_STATES, 3)), np.empty((3, 3))
+    innovation = np.empty(3)
+    cross = np.zeros((MOST_STATES, 3))
+    A = np.empty((3, 3))
     L = row[INFORMATION : INFORMATION + 9].reshape((3, 3))
 
     # Innovation z - p - o, cross covariance P H^T
@@ -425,7 +437,10 @@ def absorb_track(f, row):
         f: Record of FILTER.
         row: (TRACK,) what was stored for the step.
     """
-    x, P, n, first = f.x, f.P, f.layout[STATES], f.layout[AT_TRACK]
+    x = f.x
+    P = f.P
+    n = f.layout[STATES]
+    first = f.layout[AT_TRACK]
     if row[READ]:
         innovation, cross, weight = compare_track(row, first, x, P)
         correct(x, P, n, innovation, cross, weight)
@@ -462,7 +477,9 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     # Gap before the sample: the noise of a step follows its length
     if dt < 0.999 * f.interval and unknown == 0.0:  # first samples, or a faster stream than assumed
         f.interval = dt
-        f.turning[0], f.turning[1], f.turning[2] = f.rate * dt, f.attitude + 1e-16, f.rate_walk
+        f.turning[0] = f.rate * dt
+        f.turning[1] = f.attitude + 1e-16
+        f.turning[2] = f.rate_walk
     elif dt > 1.5 * f.interval and unknown == 0.0:
         unknown = BLIND * (dt - f.interval)
 
@@ -485,7 +502,10 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     # resolution of vision.
     across = along + f.tilt * f.interval * dt
     row[TIME] = f.time + dt
-    row[DT], row[NOISE_XY], row[NOISE_Z], row[JUMP] = dt, across, along, 0.0
+    row[DT] = dt
+    row[NOISE_XY] = across
+    row[NOISE_Z] = along
+    row[JUMP] = 0.0
     for i in range(3):
         row[FORCE + i] = specific_force_B[i]
         for j in range(3):
@@ -498,7 +518,8 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     f.past_track[head, READ] = f.past_track[head, BEGUN] = 0.0
 
     for i in range(3):
-        f.force[i], f.w_B[i] = specific_force_B[i], w_B[i]
+        f.force[i] = specific_force_B[i]
+        f.w_B[i] = w_B[i]
     f.head = head
     f.time += dt
     return True
@@ -507,7 +528,9 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
 @kernel
 def _store(f, at):
     """Store mean and covariance in row `at` of the past."""
-    n, P, past_P = f.layout[STATES], f.P, f.past_P[at]
+    n = f.layout[STATES]
+    P = f.P
+    past_P = f.past_P[at]
     f.past_x[at] = f.x
     for i in range(n):
         for j in range(n):
@@ -522,14 +545,17 @@ def take_imu(memory, sample):
         memory: (1,) of FILTER.
         sample: ImuRecord.
     """
-    f, sample = memory[0], ImuRecord(*sample)
+    f = memory[0]
+    sample = ImuRecord(*sample)
 
     dt = sample.time[0] - f.time
     if not dt > 1e-9:
         return
 
     # A frozen IMU repeats its samples bit by bit
-    force, w, frozen = sample.specific_force_B, sample.w_WB_B, False
+    force = sample.specific_force_B
+    w = sample.w_WB_B
+    frozen = False
     if force[0] != f.seen_force[0]:
         f.repeats = 0
     else:
@@ -541,7 +567,8 @@ def take_imu(memory, sample):
             frozen = f.repeats >= IMU_REPEATS
 
     for i in range(3):
-        f.seen_force[i], f.seen_w[i] = force[i], w[i]
+        f.seen_force[i] = force[i]
+        f.seen_w[i] = w[i]
 
     # Of a sound sample, gyro and attitude are compared
     if not frozen and advance(f, dt, force, _believed(f, w), sample.R_WB, 0.0):
@@ -551,7 +578,9 @@ def take_imu(memory, sample):
             if verdict == GYRO_FAULT:
                 _leave_gyro(f, sample.R_WB)
             elif verdict == ATTITUDE_FAULT:  # from now on the gyro alone turns the hull
-                f.check.on, f.attitude, f.turning[1] = 0, UNUSED, UNUSED
+                f.check.on = 0
+                f.attitude = UNUSED
+                f.turning[1] = UNUSED
 
 
 @kernel
@@ -562,7 +591,9 @@ def _believed(f, w_B):
     jump makes a significant angle. About an axis of a faulty gyro the rate is zero: the bias of the
     gyro then is the hull's rate, with its sign turned.
     """
-    check, believed, least = f.check, w_B, max(JUMPS, WILD * np.sqrt(f.rate))
+    check = f.check
+    believed = w_B
+    least = max(JUMPS, WILD * np.sqrt(f.rate))
     clear = 2.0 * CLEAR * np.sqrt(f.turning[1]) / f.interval
 
     for i in range(3):
@@ -581,12 +612,16 @@ def _believed(f, w_B):
 @kernel
 def _leave_gyro(f, R_meas):
     """Go on without the gyro's faulty axes: turn to attitude `R_meas`, at the rate before."""
-    check, angle = f.check, np.zeros(3)
+    check = f.check
+    angle = np.zeros(3)
 
     for i in range(3):
         if check.gyro_off[i] != 0.0 and f.lone[i, 2] == 0.0:
-            f.w_B[i], f.rate_bias[i], angle[i] = 0.0, -check.rate[i], _ahead(f.R_WB, R_meas, i)
-            f.lone[i, 0], f.lone[i, 1] = f.turning[1], 0.0
+            f.w_B[i] = 0.0
+            f.rate_bias[i] = -check.rate[i]
+            angle[i] = _ahead(f.R_WB, R_meas, i)
+            f.lone[i, 0] = f.turning[1]
+            f.lone[i, 1] = 0.0
             f.lone[i, 2] = REGAINED**2 + check.doubt[i] ** 2
     rotate(f.R_WB, angle)
 
@@ -617,7 +652,8 @@ def take_sample(memory, sample):
         sample: ImuRecord; its time is that of encoders and torque sensors too, -inf without a new
             sample.
     """
-    f, sample = memory[0], ImuRecord(*sample)
+    f = memory[0]
+    sample = ImuRecord(*sample)
     if sample.time[0] > f.clock:
         f.clock = sample.time[0]
 
@@ -643,9 +679,17 @@ def put_out(memory, joints, out):
             value in `out`.
         out: EstimateRecord, the same one over a run.
     """
-    f, joints, out = memory[0], JointRecord(*joints), EstimateRecord(*out)
-    dt, lag = f.clock - f.given, f.clock - f.time
-    R, x, P, held, a_B, release = f.R_WB, f.x, f.P, f.held, f.a_B, f.release
+    f = memory[0]
+    joints = JointRecord(*joints)
+    out = EstimateRecord(*out)
+    dt = f.clock - f.given
+    lag = f.clock - f.time
+    R = f.R_WB
+    x = f.x
+    P = f.P
+    held = f.held
+    a_B = f.a_B
+    release = f.release
     track = f.layout[AT_TRACK] if f.by_track else -1
 
     # Spring of the withheld corrections: it follows the filter's gain, and is stable at this step
@@ -667,9 +711,10 @@ def put_out(memory, joints, out):
         fresh = f.force[i] - x[6 + i] - R[2, i] * GRAVITY
         a_B[i] += share * (fresh - a_B[i])
         out.a_WB_B[i] = a_B[i]
-        place = x[i] + x[track + i] if track >= 0 else x[i]
-        out.X_WB[i, 3] = place - held[0, i] + lag * (x[3 + i] - held[1, i])
-        out.gyro_off_B[i], out.attitude_off_B[i] = f.check.gyro_off[i], f.check.attitude_off[i]
+        position = x[i] + x[track + i] if track >= 0 else x[i]
+        out.X_WB[i, 3] = position - held[0, i] + lag * (x[3 + i] - held[1, i])
+        out.gyro_off_B[i] = f.check.gyro_off[i]
+        out.attitude_off_B[i] = f.check.attitude_off[i]
         out.position_sigma[i] = np.sqrt(P[i, i] + held[0, i] ** 2)
 
         v = 0.0
@@ -694,11 +739,9 @@ def put_out(memory, joints, out):
 
     # Times
     out.time[0] = f.clock
-    out.ages[0], out.ages[1], out.ages[2] = (
-        f.clock - f.used[VISION],
-        f.clock - f.used[DVL],
-        f.clock - f.imu_time,
-    )
+    out.ages[0] = f.clock - f.used[VISION]
+    out.ages[1] = f.clock - f.used[DVL]
+    out.ages[2] = f.clock - f.imu_time
     out.ages[3] = f.clock - f.jumped
     f.given = f.clock
 
@@ -744,7 +787,8 @@ def mahalanobis(memory, kind, fix, at):
     innovation, _, L = compare(kind, fix, f.past_input[at], f.layout, f.past_x[at], f.past_P[at])
 
     # Innovation over the Cholesky factor of its covariance, by forward substitution
-    white, total = np.empty(3), 0.0
+    white = np.empty(3)
+    total = 0.0
     for i in range(3):  # Cholesky factor, in place
         white[i] = innovation[i]
         for j in range(i):
@@ -770,8 +814,12 @@ def replay(memory, at):
         at: Row of the past to restart from.
     """
     f = memory[0]
-    n, x, P, held = f.layout[STATES], f.x, f.P, f.held
-    track, by_track = f.layout[AT_TRACK], f.by_track
+    n = f.layout[STATES]
+    x = f.x
+    P = f.P
+    held = f.held
+    track = f.layout[AT_TRACK]
+    by_track = f.by_track
 
     # Restart
     before = x.copy()

@@ -63,7 +63,8 @@ class FixMonitor:
             self.repeats += 1
         else:
             self.repeats = 0
-        self.last, self.time = value, time
+        self.last = value
+        self.time = time
         return True
 
     def take(self, white: Array, time: float, most: float) -> float:
@@ -140,13 +141,16 @@ class Fixes:
             return False
 
         # Fix in W, with its variance
-        row, value = self.memory["past_input"][0, at], watch.last
+        row = self.memory["past_input"][0, at]
+        reading = watch.last
         fix = np.zeros(FIX)
         fix[VALUE : VALUE + 3] = (
-            value if kind == VISION else row[ATTITUDE : ATTITUDE + 9].reshape(3, 3) @ value
+            reading if kind == VISION else row[ATTITUDE : ATTITUDE + 9].reshape(3, 3) @ reading
         )
         floor = 1e-6 if kind == VISION else 1e-7  # [m], [m/s]
-        fix[HAS], fix[VARIANCE], fix[SHIFT] = 1.0, watch.scale * max(sigma, floor) ** 2, shift
+        fix[HAS] = 1.0
+        fix[VARIANCE] = watch.scale * max(sigma, floor) ** 2
+        fix[SHIFT] = shift
 
         # An innovation larger than stated raises the sensor's variance
         squared, innovation, white = mahalanobis(self.memory, kind, fix, at)
@@ -186,7 +190,8 @@ class Fixes:
         # Step at which the bias is assumed to have changed
         ago = 2.0 * _MEAN_TIME
         at, _ = row_at(self.memory, time - ago)
-        before, past = (at - 1) % HISTORY, self.memory["past_input"][0]
+        before = (at - 1) % HISTORY
+        past = self.memory["past_input"][0]
         if at < 0 or not -math.inf < past[before, TIME] < past[at, TIME]:
             return -1  # older than the stored past
 
@@ -195,9 +200,11 @@ class Fixes:
         self.bias_jumps += 1
         self.memory["jumped"][0] = time
 
-        watch.mean, watch.mean_variance = np.zeros(3), 0.0
+        watch.mean = np.zeros(3)
+        watch.mean_variance = 0.0
         for blamed in self.watches:  # their errors were the accelerometer's
-            blamed.scale, blamed.agreeing = 1.0, 0
+            blamed.scale = 1.0
+            blamed.agreeing = 0
         return before
 
     def _admit(self, kind: int, fix: Array, at: int, innovation: Array, squared: float) -> bool:
@@ -210,8 +217,10 @@ class Fixes:
             return False
 
         # The filter is wrong: its covariance at that step is increased until the fixes pass.
-        first, past_P = 0 if kind == VISION else 3, self.memory["past_P"][0]
+        first = 0 if kind == VISION else 3
+        past_P = self.memory["past_P"][0]
         for i in range(3):
             past_P[at, first + i, first + i] += innovation[i] ** 2
-        watch.agreeing, watch.scale = 0, 1.0
+        watch.agreeing = 0
+        watch.scale = 1.0
         return True

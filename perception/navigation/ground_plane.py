@@ -121,7 +121,9 @@ def _ground(time: float, echoes_W: Array) -> GroundPlane:
     try:
         p, normal, scatter = plane_through(np.nanmedian(echoes_W[:, heard], axis=0))
     except ConfigurationError:
-        p, normal, scatter = unknown, unknown, float("nan")
+        p = unknown
+        normal = unknown
+        scatter = float("nan")
 
     silent = tuple(int(beam) + 1 for beam in np.flatnonzero(~heard))
     return GroundPlane(

@@ -36,7 +36,9 @@ class ObjectWatch:
 
     def begin(self, time: float) -> None:
         """A track has begun at `time` [s]: what was known of another one does not count."""
-        self.begun, self.count, self.moved_W = time, 0, np.zeros(3)
+        self.begun = time
+        self.count = 0
+        self.moved_W = np.zeros(3)
 
     def take(
         self, time: float, place_W: Array, sigma: float, variance_W: Array | None = None
@@ -57,11 +59,15 @@ class ObjectWatch:
         self.count += 1
 
         if self.count == 1:
-            self.late, self.early, self.grown, self.time = place_W, place_W, variance, time
+            self.late = place_W
+            self.early = place_W
+            self.grown = variance
+            self.time = time
             return
 
         # Means over two times; of all pictures while these are few
-        interval, self.time = max(time - self.time, 1e-3), time
+        interval = max(time - self.time, 1e-3)
+        self.time = time
         short, long = (
             max(1.0 / self.count, -math.expm1(-interval / mean)) for mean in (_SHORT, _LONG)
         )
@@ -69,9 +75,11 @@ class ObjectWatch:
         self.early = self.early + long * (place_W - self.early)
 
         # Growth of the variance by which the track may have drifted between them
-        seen = np.isfinite(variance) & np.isfinite(self.grown)
-        parted = np.subtract(variance, self.grown, out=np.full(3, np.inf), where=seen)
-        self.grown = np.where(seen, self.grown + long * np.where(seen, parted, 0.0), variance)
+        observed = np.isfinite(variance) & np.isfinite(self.grown)
+        parted = np.subtract(variance, self.grown, out=np.full(3, np.inf), where=observed)
+        self.grown = np.where(
+            observed, self.grown + long * np.where(observed, parted, 0.0), variance
+        )
 
         if time - self.begun < _BEGUN:
             return

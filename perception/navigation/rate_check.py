@@ -114,7 +114,8 @@ def compare_rate(f, dt, w_B, R_meas):
 
     # An attitude that is no rotation cannot be compared
     if not _proper(R_meas):
-        check.improper, check.compared = check.improper + 1, 0.0
+        check.improper += 1
+        check.compared = 0.0
         if check.improper < REPEATS:
             return NONE
         check.attitude_off[:] = np.nan
@@ -124,9 +125,16 @@ def compare_rate(f, dt, w_B, R_meas):
 
     # The comparison begins
     if check.compared == 0.0 or dt > 1.5 * f.interval:  # the first sample, or the first after a gap
-        check.compared, check.angle[:], check.sums[:], check.lasting[:] = dt, 0.0, 0.0, 0.0
-        check.usual[0], check.usual[1], check.R_last[:], check.w_last[:] = w_B, w_B, R_meas, w_B
-        check.restless[:], check.stored = 0.0, 0
+        check.compared = dt
+        check.angle[:] = 0.0
+        check.sums[:] = 0.0
+        check.lasting[:] = 0.0
+        check.usual[0] = w_B
+        check.usual[1] = w_B
+        check.R_last[:] = R_meas
+        check.w_last[:] = w_B
+        check.restless[:] = 0.0
+        check.stored = 0
         _store(check, w_B)
         return NONE
 
@@ -135,11 +143,9 @@ def compare_rate(f, dt, w_B, R_meas):
     _store(check, w_B)
 
     # Steady Kalman filter of the angle: noise and gain
-    white, noise, share = (
-        max(f.turning[1], FINEST_ANGLE**2),
-        max(np.sqrt(f.rate), FINEST_RATE),
-        min(1.0, dt / USUAL),
-    )
+    white = max(f.turning[1], FINEST_ANGLE**2)
+    noise = max(np.sqrt(f.rate), FINEST_RATE)
+    share = min(1.0, dt / USUAL)
     ratio = (noise * dt) ** 2 / white
     gain = max(0.5 * (np.sqrt(ratio**2 + 4.0 * ratio) - ratio), dt / check.compared)
 
@@ -197,7 +203,8 @@ def compare_rate(f, dt, w_B, R_meas):
         check.usual[0, i] += share * (w_B[i] - check.usual[0, i])
         check.usual[1, i] += share * (turned / dt - check.usual[1, i])
 
-    check.R_last[:], check.w_last[:] = R_meas, w_B
+    check.R_last[:] = R_meas
+    check.w_last[:] = w_B
     return verdict
 
 
@@ -210,14 +217,16 @@ def _proper(R):
         j, k = (i + 1) % 3, (i + 2) % 3
 
         # Columns of unit length, at right angles, with a positive triple product
-        own, other, next_ = 0.0, 0.0, 0.0
+        square = 0.0
+        product = 0.0
+        triple = 0.0
         for m in range(3):
             n, o = (m + 1) % 3, (m + 2) % 3
-            own += R[m, i] * R[m, i]
-            other += R[m, i] * R[m, j]
-            next_ += (R[n, i] * R[o, j] - R[o, i] * R[n, j]) * R[m, k]
+            square += R[m, i] * R[m, i]
+            product += R[m, i] * R[m, j]
+            triple += (R[n, i] * R[o, j] - R[o, i] * R[n, j]) * R[m, k]
 
-        worst = max(worst, abs(own - 1.0), abs(other), abs(next_ - 1.0))
+        worst = max(worst, abs(square - 1.0), abs(product), abs(triple - 1.0))
     return worst <= NO_ROTATION
 
 
@@ -249,7 +258,9 @@ def _gyro_jumped(check, i, since, size):
     """
     # Largest step of the gyro since shortly before the onset
     count = min(check.stored, PAST)
-    newest, most, at = check.stored - 1, 0.0, -1
+    newest = check.stored - 1
+    most = 0.0
+    at = -1
     for back in range(BESIDE - 1, min(count - BESIDE, since + BEFORE)):
         step = _step(check, i, newest - back)
         if abs(step) > abs(most):
@@ -260,10 +271,12 @@ def _gyro_jumped(check, i, since, size):
         return False
 
     # It must stand out of the steps elsewhere
-    total, samples = 0.0, 0
+    total = 0.0
+    samples = 0
     for back in range(BESIDE - 1, count - BESIDE):
         if abs(back - at) >= BESIDE:  # a jump raises the comparison that near to it
-            total, samples = total + _step(check, i, newest - back) ** 2, samples + 1
+            total += _step(check, i, newest - back) ** 2
+            samples += 1
     return samples >= 4 * BESIDE and most * most * samples > SUDDEN**2 * total
 
 
@@ -313,7 +326,9 @@ def _follow(check, side, i, dt, off, seen):
     w, turned = seen
 
     check.lasting[side, i] += dt
-    slope, moved, before = check.slope[side, i], check.moved[side, i], check.before[side, i]
+    slope = check.slope[side, i]
+    moved = check.moved[side, i]
+    before = check.before[side, i]
     slope[0] += off * check.lasting[side, i]
     slope[1] += check.lasting[side, i] ** 2
     moved[0] += (w - before[0]) * dt
@@ -344,7 +359,8 @@ def _blamed(check, side, i, dt, off):
         return EITHER
 
     # Which of the two has turned beyond its usual rate
-    gyro, attitude = abs(check.moved[side, i, 0] / off), abs(check.moved[side, i, 1] / off)
+    gyro = abs(check.moved[side, i, 0] / off)
+    attitude = abs(check.moved[side, i, 1] / off)
     if gyro > GUILTY:
         return GYRO
     return ATTITUDE if gyro < INNOCENT and attitude > GUILTY else EITHER
@@ -366,5 +382,6 @@ def _leave_out(check, side, i, w, rate, white):
 
     # Rate before, and by how much the hull's own may have changed since
     check.rate[i] = before
-    moved, lasting = abs(check.moved[side, i, 1]), check.lasting[side, i]
+    moved = abs(check.moved[side, i, 1])
+    lasting = check.lasting[side, i]
     check.doubt[i] = moved / lasting if moved > CLEAR * np.sqrt(white) else 0.0

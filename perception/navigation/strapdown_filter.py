@@ -182,15 +182,15 @@ class Navigation:
         speed = speeds[0] if speeds and _sound(speeds[0].v_WB_B) else None
 
         # Needed readings must be finite
-        for m, values in (
+        for m, readings in (
             (imu, (imu.specific_force_B, imu.w_WB_B, imu.R_WB)),
             (vision, (vision.p_WB,)),
             (encoders, (encoders.q, encoders.qd)),
             (torque, (torque.tau,)),
         ):
-            if not (math.isfinite(m.time) and all(_sound(v) for v in values)):
+            if not (math.isfinite(m.time) and all(_sound(v) for v in readings)):
                 raise ConfigurationError(
-                    f"navigation needs a first {type(m).__name__} that is finite, got {values}"
+                    f"navigation needs a first {type(m).__name__} that is finite, got {readings}"
                 )
 
         # Noise as the sensors state it, else as assumed
@@ -201,7 +201,8 @@ class Navigation:
         )
 
         # Memory of the kernels
-        memory, mount = np.zeros(1, FILTER), self.arm_camera or self.standing
+        memory = np.zeros(1, FILTER)
+        mount = self.arm_camera or self.standing
         f = memory[0]
         self._set_constants(f, *stated)
         _set_states(f, first=(imu, vision, speed), stated=stated)
@@ -225,7 +226,9 @@ class Navigation:
 
         # Joints at the first readings
         for record in (state.joints, state.estimate):
-            record.q[:], record.qd[:], record.tau[:] = encoders.q, encoders.qd, torque.tau
+            record.q[:] = encoders.q
+            record.qd[:] = encoders.qd
+            record.tau[:] = torque.tau
         state.estimate.attitude_sigma[0] = stated[0].attitude_bias
         return state
 
@@ -238,20 +241,28 @@ class Navigation:
 
         # Optional states, each a triple
         if dvl.bias > 0.0:
-            f.layout[AT_DVL_BIAS], n = n, n + 3
+            f.layout[AT_DVL_BIAS] = n
+            n += 3
         if vision.wander > 0.0:
-            f.layout[AT_WANDER], n = n, n + 3
+            f.layout[AT_WANDER] = n
+            n += 3
         if self.arm_camera is not None or self.standing is not None:
-            f.layout[AT_TRACK], n = n, n + 3
+            f.layout[AT_TRACK] = n
+            n += 3
             f.by_track = self.arm_camera is not None and vision.wander > 0.0
         f.layout[STATES] = n
 
         # Noise, output, and check of the gyro
         f.walks[:] = self.bias_walk**2, vision.wander**2, vision.wander_time
-        f.acceleration, f.rate, f.attitude = imu.acceleration, imu.rate**2, imu.attitude**2
-        f.rate_walk, f.tilt = self.rate_bias_walk**2, 2.0 * (GRAVITY * imu.attitude) ** 2
-        f.release[:], f.smooth = self.release, self.acceleration_time
-        f.check.on, f.check.misaligned = self.adapt and self.check_gyro, 3.0 * imu.attitude_bias
+        f.acceleration = imu.acceleration
+        f.rate = imu.rate**2
+        f.attitude = imu.attitude**2
+        f.rate_walk = self.rate_bias_walk**2
+        f.tilt = 2.0 * (GRAVITY * imu.attitude) ** 2
+        f.release[:] = self.release
+        f.smooth = self.acceleration_time
+        f.check.on = self.adapt and self.check_gyro
+        f.check.misaligned = 3.0 * imu.attitude_bias
 
     @staticmethod
     def _watch(state: NavigationState, time: float, p_WB: Array, white: float) -> None:
@@ -264,10 +275,8 @@ class Navigation:
         if place_W is None:
             state.estimate.object_moved_W[:] = 0.0
         else:
-            sigma, variance_W = (
-                white * math.sqrt(state.fixes.watches[VISION].scale),
-                state.track.variance_at_last(),
-            )
+            sigma = white * math.sqrt(state.fixes.watches[VISION].scale)
+            variance_W = state.track.variance_at_last()
             watch.take(time, p_WB - place_W, sigma, variance_W)
             state.estimate.object_moved_W[:] = watch.moved_W
 
@@ -287,26 +296,29 @@ class Navigation:
             state: Of the last call, or of `init`; changed in place.
             measurements: All that have arrived since.
         """
-        memory, sample, joints = state.memory, state.sample, state.joints
+        memory = state.memory
+        sample = state.sample
+        joints = state.joints
         packed_sample, packed_joints, packed_estimate = state.packed
         fixes: list[VisionMeasurement | DvlMeasurement | SurfaceMotionMeasurement | ToolAtRest] = []
-        newest, sampled = -math.inf, False
+        newest = -math.inf
+        sampled = False
 
         # Newest readings into the records of the kernels
         for m in measurements:  # the frequent types first
             if isinstance(m, EncoderMeasurement):
-                joints.q[:], joints.qd[:] = m.q, m.qd
+                joints.q[:] = m.q
+                joints.qd[:] = m.qd
             elif isinstance(m, TorqueMeasurement):
                 joints.tau[:] = m.tau
             elif isinstance(m, ImuMeasurement):
                 if sampled:  # a slow estimator gets several
                     take_imu(memory, packed_sample)
-                sample.time[0], sampled = m.time, True
-                sample.specific_force_B[:], sample.w_WB_B[:], sample.R_WB[:] = (
-                    m.specific_force_B,
-                    m.w_WB_B,
-                    m.R_WB,
-                )
+                sample.time[0] = m.time
+                sampled = True
+                sample.specific_force_B[:] = m.specific_force_B
+                sample.w_WB_B[:] = m.w_WB_B
+                sample.R_WB[:] = m.R_WB
             elif isinstance(
                 m, (VisionMeasurement, DvlMeasurement, SurfaceMotionMeasurement, ToolAtRest)
             ):
@@ -361,7 +373,9 @@ def _set_states(
         stated: Noise of the three sensors.
     """
     (imu, vision, speed), (of_imu, of_vision, of_dvl) = first, stated
-    R, x, P = np.array(imu.R_WB, dtype=np.float64), f.x, f.P
+    R = np.array(imu.R_WB, dtype=np.float64)
+    x = f.x
+    P = f.P
 
     # Position, velocity, attitude
     x[:3] = vision.p_WB
@@ -392,17 +406,21 @@ def _set_states(
     # Clocks
     f.time = f.clock = f.given = f.imu_time = imu.time
     f.jumped = -math.inf
-    f.interval, f.used[:] = math.inf, (vision.time, speed.time if speed else -math.inf)
+    f.interval = math.inf
+    f.used[:] = (vision.time, speed.time if speed else -math.inf)
 
     # Attitude and last sample
-    f.R_WB[:], f.gyro[:] = R, (of_imu.attitude**2, 0.0, of_imu.rate_bias**2)
+    f.R_WB[:] = R
+    f.gyro[:] = (of_imu.attitude**2, 0.0, of_imu.rate_bias**2)
     f.force[:] = f.seen_force[:] = imu.specific_force_B
     f.w_B[:] = f.seen_w[:] = imu.w_WB_B
 
     # Past: its first row is the present
     f.past_input[:] = -np.inf
-    f.past_input[0, TIME], f.past_input[0, ATTITUDE : ATTITUDE + 9] = imu.time, R.ravel()
-    f.past_x[0], f.past_P[0] = x, P
+    f.past_input[0, TIME] = imu.time
+    f.past_input[0, ATTITUDE : ATTITUDE + 9] = R.ravel()
+    f.past_x[0] = x
+    f.past_P[0] = P
 
 
 def _sound(values: Array) -> bool:

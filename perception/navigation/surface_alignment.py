@@ -93,7 +93,8 @@ def prepare(
     brightness = float(np.median(mean[~hidden])) if (~hidden).any() else 1.0
 
     # Contrast and gradients of each level, with their noise
-    levels, noises = [], []
+    levels = []
+    noises = []
     for blur in LEVELS:
         smooth = ndimage.gaussian_filter(contrast, blur)
         gy, gx = np.gradient(smooth)
@@ -140,8 +141,12 @@ def align(
     """
     R = np.array(X_KC[:3, :3].T)  # R_CK
     t = -R @ X_KC[:3, 3]
-    predicted, start = R.copy(), t.copy()
-    normal_matrix, pixels, settled, bad = np.zeros((6, 6)), 0, False, 1.0
+    predicted = R.copy()
+    start = t.copy()
+    normal_matrix = np.zeros((6, 6))
+    pixels = 0
+    settled = False
+    bad = 1.0
 
     # pixels that share one error of the depth
     cells = 1.0 + noise.correlation**2 + 2.0 * np.pi * DEPTH_BLUR**2
@@ -149,7 +154,8 @@ def align(
         # Noise of contrast, and the gradient that stands out of it
         sigma_i = max(np.hypot(now.noise[level][0], key.noise[level][0]), 1e-6)
         least = (LEAST_GRADIENT * max(now.noise[level][1], key.noise[level][1])) ** 2
-        scale_i, scale_d = 3.0 * sigma_i, 3.0 * noise.inverse_depth
+        scale_i = 3.0 * sigma_i
+        scale_d = 3.0 * noise.inverse_depth
 
         settled = False
         for _ in range(most):
@@ -179,12 +185,14 @@ def align(
             bad = float(np.mean(np.abs(residuals_d) > 3.0 * noise.inverse_depth))
 
             # The errors of neighbouring pixels are one: each counts for its share.
-            H, g = H / cells, g / cells
+            H = H / cells
+            g = g / cells
 
             # Priors: the rotation is known, an unobserved direction keeps the prediction
             turn = _rotation_vector(R @ predicted.T)
             prior = 1.0 / rotation_sigma**2
-            A, b = H.copy(), g.copy()
+            A = H.copy()
+            b = g.copy()
             A[3:, 3:] += prior * np.eye(3)
             b[3:] += prior * turn
             # a direction that is not observed keeps the prediction
@@ -194,7 +202,8 @@ def align(
             # Gauss-Newton step
             step = -np.linalg.solve(A, b)
             turned = exp_so3(step[3:])
-            R, t = turned @ R, turned @ t + step[:3]
+            R = turned @ R
+            t = turned @ t + step[:3]
             normal_matrix = H
             if np.abs(step[:3]).max() < SETTLED:
                 settled = True
@@ -206,9 +215,9 @@ def align(
     information = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
 
     # Directions that are hardly observed count as unobserved
-    values, axes = np.linalg.eigh(information)
-    values[values < WEAKEST**-2] = 0.0
-    information_C = (axes * values) @ axes.T
+    eigenvalues, axes = np.linalg.eigh(information)
+    eigenvalues[eigenvalues < WEAKEST**-2] = 0.0
+    information_C = (axes * eigenvalues) @ axes.T
 
     R_KC = R.T
     return Alignment(
@@ -255,9 +264,13 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
     """
     height, width = key_inverse.shape
     f, cx, cy = K
-    H, g, J = np.zeros((6, 6)), np.zeros(6), np.empty(6)
-    found_i, found_d = np.empty(height * width), np.empty(height * width)
-    ni, nd = 0, 0
+    H = np.zeros((6, 6))
+    g = np.zeros(6)
+    J = np.empty(6)
+    residuals_i = np.empty(height * width)
+    residuals_d = np.empty(height * width)
+    ni = 0
+    nd = 0
 
     for v in range(height):
         for u in range(width):
@@ -274,7 +287,8 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
                 continue
 
             # Its pixel, with bilinear weights of the four around it
-            a, b = f * x / z + cx, f * y / z + cy
+            a = f * x / z + cx
+            b = f * y / z + cy
             i, j = int(np.floor(a)), int(np.floor(b))
             if i < 0 or j < 0 or i + 1 >= width or j + 1 >= height:
                 continue
@@ -282,13 +296,13 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
             c00, c01, c10, c11 = (1.0 - s) * (1.0 - q), s * (1.0 - q), (1.0 - s) * q, s * q
 
             # Inverse depth measured there
-            seen = (
+            measured = (
                 c00 * now_inverse[j, i]
                 + c01 * now_inverse[j, i + 1]
                 + c10 * now_inverse[j + 1, i]
                 + c11 * now_inverse[j + 1, i + 1]
             )
-            if not seen > 0.0:
+            if not measured > 0.0:
                 continue
 
             # Depth: distance from the present surface along the normal, in units of the inverse
@@ -309,10 +323,10 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
                 if abs(ray) > 0.2:
                     # [1/m^2] inverse depth per distance along the normal
                     unit = 1.0 / (ray * z * z)
-                    error = (z - 1.0 / seen) * ray * unit
+                    error = (z - 1.0 / measured) * ray * unit
                     J[0], J[1], J[2] = n0 * unit, n1 * unit, n2 * unit
                     J[3], J[4], J[5] = y * J[2] - z * J[1], z * J[0] - x * J[2], x * J[1] - y * J[0]
-                    found_d[nd] = error
+                    residuals_d[nd] = error
                     nd += 1
                     _add(H, g, J, error, scales[1], scales[2])
 
@@ -333,22 +347,23 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
                 continue
 
             # Mean of both gradients: second order in the motion [Malis 2004].
-            gx, gy = 0.5 * (gx + key[1, v, u]), 0.5 * (gy + key[2, v, u])
+            gx = 0.5 * (gx + key[1, v, u])
+            gy = 0.5 * (gy + key[2, v, u])
 
-            there = (
+            intensity = (
                 c00 * now[0, j, i]
                 + c01 * now[0, j, i + 1]
                 + c10 * now[0, j + 1, i]
                 + c11 * now[0, j + 1, i + 1]
             )
-            error = there - key[0, v, u]
+            error = intensity - key[0, v, u]
             J[0], J[1] = gx * f / z, gy * f / z
             J[2] = -(J[0] * x + J[1] * y) / z
             J[3], J[4], J[5] = y * J[2] - z * J[1], z * J[0] - x * J[2], x * J[1] - y * J[0]
-            found_i[ni] = error
+            residuals_i[ni] = error
             ni += 1
             _add(H, g, J, error, scales[0], scales[2])
-    return H, g, nd, found_i[:ni], found_d[:nd]
+    return H, g, nd, residuals_i[:ni], residuals_d[:nd]
 
 
 @kernel

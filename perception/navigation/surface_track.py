@@ -123,7 +123,8 @@ class SurfaceTrack:
         if self.last is None:
             return None
 
-        at, then = row_at(self.memory, time)[0], row_at(self.memory, self.last.message.time)[0]
+        at = row_at(self.memory, time)[0]
+        then = row_at(self.memory, self.last.message.time)[0]
         if at < 0 or then < 0:
             return None
 
@@ -149,7 +150,9 @@ class SurfaceTrack:
             return False
 
         self.variance_W = self.variance_at_last()
-        self.key_time, self.R_WK, self.p_WK = key_time, last.R_WC, last.place_W + last.lever_W
+        self.key_time = key_time
+        self.R_WK = last.R_WC
+        self.p_WK = last.place_W + last.lever_W
         self._replay(at, origin=last.place_W)
         return True
 
@@ -157,16 +160,15 @@ class SurfaceTrack:
         """Update the filter by a reading of the present key; False if the gate refuses it."""
         # Hull's origin by the track, with its information
         R_WC, lever = self._camera(m, at)
-        place = self.p_WK + self.R_WK @ m.p_KC - lever
+        p_WB = self.p_WK + self.R_WK @ m.p_KC - lever
         information = self.R_WK @ m.information_K @ self.R_WK.T
 
         # Gate
-        row, f = np.zeros(TRACK), self.memory[0]
-        row[READ], row[PLACE : PLACE + 3], row[INFORMATION : INFORMATION + 9] = (
-            1.0,
-            place,
-            information.ravel(),
-        )
+        row = np.zeros(TRACK)
+        f = self.memory[0]
+        row[READ] = 1.0
+        row[PLACE : PLACE + 3] = p_WB
+        row[INFORMATION : INFORMATION + 9] = information.ravel()
         innovation, _, weight = compare_track(
             row, int(f["layout"][AT_TRACK]), f["past_x"][at], f["past_P"][at]
         )
@@ -174,9 +176,9 @@ class SurfaceTrack:
             return False
 
         # An unobserved direction keeps the filter's position
-        seen = place - _unobserved(information) @ innovation
+        p_WB_observed = p_WB - _unobserved(information) @ innovation
         self.last = _Reading(
-            message=m, R_WC=R_WC, lever_W=lever, place_W=seen, information_W=information
+            message=m, R_WC=R_WC, lever_W=lever, place_W=p_WB_observed, information_W=information
         )
 
         f["past_track"][at, :BEGUN] = row[:BEGUN]
@@ -185,30 +187,33 @@ class SurfaceTrack:
 
     def _begin(self, m: SurfaceMotionMeasurement, at: int, *, anew: bool = False) -> None:
         """Begin a track where the filter believes the hull to be; `anew` after refused readings."""
-        x, first = self.memory[0]["past_x"][at], int(self.memory[0]["layout"][AT_TRACK])
+        x = self.memory[0]["past_x"][at]
+        first = int(self.memory[0]["layout"][AT_TRACK])
         R_WC, lever = self._camera(m, at)
 
-        place = x[:3] + x[first : first + 3]
+        p_WB = x[:3] + x[first : first + 3]
 
         # After refused readings the motion that they tell is carried on
         if anew:
-            parted = self.p_WK + self.R_WK @ m.p_KC - lever - place
+            parted = self.p_WK + self.R_WK @ m.p_KC - lever - p_WB
             unseen = _unobserved(self.R_WK @ m.information_K @ self.R_WK.T)
             self.carried_W = self.carried_W + parted - unseen @ parted
             self.variance_W = self.variance_at_last()
         else:
-            self.carried_W, self.variance_W, self.broken = np.zeros(3), np.zeros(3), self.broken + 1
+            self.carried_W = np.zeros(3)
+            self.variance_W = np.zeros(3)
+            self.broken += 1
 
         # Key: placed so that this reading lies where the filter believes
-        self.key_time, self.R_WK = m.key_time, R_WC @ m.R_KC.T
-        self.p_WK = place + lever - self.R_WK @ m.p_KC
+        self.key_time = m.key_time
+        self.R_WK = R_WC @ m.R_KC.T
+        self.p_WK = p_WB + lever - self.R_WK @ m.p_KC
         known = self.R_WK @ m.information_K @ self.R_WK.T
-        self.last = _Reading(
-            message=m, R_WC=R_WC, lever_W=lever, place_W=place, information_W=known
-        )
+        self.last = _Reading(message=m, R_WC=R_WC, lever_W=lever, place_W=p_WB, information_W=known)
 
-        self.refused_in_row, self.begun = 0, self.begun + 1
-        self._replay(at, origin=place)
+        self.refused_in_row = 0
+        self.begun += 1
+        self._replay(at, origin=p_WB)
 
     def _camera(self, m: SurfaceMotionMeasurement, at: int) -> tuple[Array, Array]:
         """Rotation R_WC (3, 3) of the camera, and lever (3,) [m] in W from the hull's origin."""
@@ -220,22 +225,25 @@ class SurfaceTrack:
         """Run the filter from a step of the past; `origin` (3,) [m]: a track begins there."""
         if origin is not None:
             row = self.memory[0]["past_track"][at]
-            row[BEGUN], row[ORIGIN : ORIGIN + 3] = 1.0, origin
+            row[BEGUN] = 1.0
+            row[ORIGIN : ORIGIN + 3] = origin
         replay(self.memory, at)
 
 
 def _unobserved(information: Array) -> Array:
     """Projector (3, 3) on the directions in which `information` (3, 3) is zero."""
-    values, axes = np.linalg.eigh(information)
-    return (axes * (values <= _SHARE * max(float(values[-1]), 1.0))) @ axes.T
+    eigenvalues, axes = np.linalg.eigh(information)
+    return (axes * (eigenvalues <= _SHARE * max(float(eigenvalues[-1]), 1.0))) @ axes.T
 
 
 def _variance(information: Array) -> Array:
     """Variance (3,) of each axis by `information` (3, 3); inf where an axis is not observed."""
-    values, axes = np.linalg.eigh(information)
+    eigenvalues, axes = np.linalg.eigh(information)
     with np.errstate(divide="ignore"):
         spread = np.where(
-            values > _SHARE * max(float(values[-1]), 1.0), 1.0 / np.maximum(values, 1e-300), np.inf
+            eigenvalues > _SHARE * max(float(eigenvalues[-1]), 1.0),
+            1.0 / np.maximum(eigenvalues, 1e-300),
+            np.inf,
         )
 
     share = np.where(np.abs(axes) > 1e-6, axes**2, 0.0)

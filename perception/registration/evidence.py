@@ -71,8 +71,9 @@ class Evidence:
 
         # Few enough, drawn without regard to their order
         step = max(1, -(-len(points) // most))
-        kept = hashed_subset(step, points, spacing)
-        normals, points = facing_normals(points, at=kept), points[kept]
+        drawn = hashed_subset(step, points, spacing)
+        normals = facing_normals(points, at=drawn)
+        points = points[drawn]
 
         apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]
         return cls(
@@ -114,17 +115,17 @@ class Evidence:
 def _thinned(evidence: Evidence, step: int, points: int) -> Evidence:
     every = (slice(None, None, step), slice(None, None, step))
     few = max(1, -(-len(evidence.points) // points))
-    kept = hashed_subset(few, evidence.points, _HASHED)
+    drawn = hashed_subset(few, evidence.points, _HASHED)
 
     return replace(
         evidence,
         scan=evidence.scan.part(every),
         mask=evidence.mask[every],
         standing=evidence.standing[every],
-        points=evidence.points[kept],
-        normals=evidence.normals[kept],
-        sigma=evidence.sigma[kept],
-        independent=np.minimum(1.0, few * evidence.independent[kept]),
+        points=evidence.points[drawn],
+        normals=evidence.normals[drawn],
+        sigma=evidence.sigma[drawn],
+        independent=np.minimum(1.0, few * evidence.independent[drawn]),
         sensor=_coarser(evidence.sensor, step),
         noise=_coarser(evidence.noise, step),
     )
@@ -152,7 +153,7 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
     middle = float(np.median(scan.depth[mask]))
 
     # Mean square of what a quadratic surface leaves in each block, over the stated variance
-    found = []
+    variances = []
     for row in rows:
         for column in columns:
             z = scan.depth[row : row + _BLOCK, column : column + _BLOCK].ravel()
@@ -160,12 +161,12 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
                 continue
             inverse = 1.0 / z
             off = inverse - basis @ (basis.T @ inverse)
-            found.append(float(np.mean((off * z * z / stated.sigma(z)) ** 2)))
+            variances.append(float(np.mean((off * z * z / stated.sigma(z)) ** 2)))
 
-    if len(found) < _FEWEST_BLOCKS:
+    if len(variances) < _FEWEST_BLOCKS:
         return stated
     variance = (
-        float(np.quantile(found, 0.25)) + (MODEL_TOLERANCE / float(stated.sigma(middle))) ** 2
+        float(np.quantile(variances, 0.25)) + (MODEL_TOLERANCE / float(stated.sigma(middle))) ** 2
     )
     return replace(
         stated, disparity_sigma=stated.disparity_sigma * min(1.0, float(np.sqrt(variance)))
@@ -176,7 +177,7 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
 def _quadratic_functions() -> Array:
     """Orthonormal basis (_BLOCK^2, 6) of the quadratic functions of a block's pixels."""
     x = np.linspace(-1.0, 1.0, _BLOCK)
-    y, x = (each.ravel() for each in np.meshgrid(x, x, indexing="ij"))
+    y, x = (axis.ravel() for axis in np.meshgrid(x, x, indexing="ij"))
     return np.linalg.qr(np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]))[0]
 
 

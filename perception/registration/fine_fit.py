@@ -39,10 +39,8 @@ class IcpFit:
 
 def nudged(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
     """Pose (4, 4) after a few steps of ICP on planes, where a start is better judged."""
-    pairing, gate = (
-        Pairing.of(evidence, surface, X_ST, with_edges=False),
-        GATES[0] * surface.spacing,
-    )
+    pairing = Pairing.of(evidence, surface, X_ST, with_edges=False)
+    gate = GATES[0] * surface.spacing
     if pairing is None:
         return X_ST
     for _ in range(_NUDGES):
@@ -71,17 +69,22 @@ def fine_fit(
     Returns:
         The pose at convergence, its free twists, residual and best scale.
     """
-    pairing, X_paired, gate = None, X_ST, 0.0
+    pairing = None
+    X_paired = X_ST
+    gate = 0.0
     for gate in np.array(gates) * surface.spacing:
-        pairing, X_paired = Pairing.of(evidence, surface, X_ST), X_ST
+        pairing = Pairing.of(evidence, surface, X_ST)
+        X_paired = X_ST
         if pairing is None:
             break
-        index, X_looked_up = pairing.nearest(X_ST, gate), X_ST
+        index = pairing.nearest(X_ST, gate)
+        X_looked_up = X_ST
 
         # Gauss-Newton steps; nearest points are looked up again once the model has moved
         for _ in range(inner):
             if _step(X_looked_up, X_ST, surface) > _STALE * surface.spacing:
-                index, X_looked_up = pairing.nearest(X_ST, gate), X_ST
+                index = pairing.nearest(X_ST, gate)
+                X_looked_up = X_ST
             H, g, _ = pairing.terms(X_ST, gate, index)
             X_before = X_ST
             X_ST, _ = _moved(X_ST, H, g, surface)
@@ -110,10 +113,13 @@ def icp_rows(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> PairRows
 
 def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:
     """One Gauss-Newton step in the observed directions, and the free directions (k, 6)."""
-    H, g, radius = H[:6, :6], g[:6], surface.radius
+    H = H[:6, :6]
+    g = g[:6]
+    radius = surface.radius
     center = transform_points(X_ST, surface.center)
 
-    axis, spin = surface.symmetry.axis, np.zeros((0, 6))
+    axis = surface.symmetry.axis
+    spin = np.zeros((0, 6))
     if axis is not None:
         # Free by declaration: the facets of the mesh would otherwise act as evidence of the angle.
         axis_S = X_ST[:3, :3] @ axis
@@ -125,12 +131,13 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
         )[None]
         spin /= np.linalg.norm(spin)
         P = np.eye(6) - spin.T @ spin
-        H, g = P @ H @ P, P @ g
+        H = P @ H @ P
+        g = P @ g
 
     # Step along what the equations determine
-    values, vectors = np.linalg.eigh(H)
-    held = values > _FREE * max(values[-1], 1e-12)
-    step = vectors[:, held] @ ((vectors[:, held].T @ g) / values[held])
+    eigenvalues, vectors = np.linalg.eigh(H)
+    held = eigenvalues > _FREE * max(eigenvalues[-1], 1e-12)
+    step = vectors[:, held] @ ((vectors[:, held].T @ g) / eigenvalues[held])
     # A longer step comes from a handful of pairs; the next iteration pairs again.
     step *= min(1.0, 0.5 * radius / max(float(np.linalg.norm(step)), 1e-12))
 
@@ -141,12 +148,13 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
 
 def _size(H: Array, g: Array, surface: ModelSurface) -> tuple[float, float]:
     """Best scale of the object and its standard deviation [-]; free directions stay unchanged."""
-    values, vectors = np.linalg.eigh(H)
-    if not values[-1] > 0.0:
+    eigenvalues, vectors = np.linalg.eigh(H)
+    if not eigenvalues[-1] > 0.0:
         return 1.0, np.inf
 
-    inverted = vectors[6] / np.maximum(values, _FREE**2 * values[-1])
-    growth, variance = float(inverted @ (vectors.T @ g)), float(inverted @ vectors[6])
+    inverted = vectors[6] / np.maximum(eigenvalues, _FREE**2 * eigenvalues[-1])
+    growth = float(inverted @ (vectors.T @ g))
+    variance = float(inverted @ vectors[6])
     return 1.0 + growth / surface.radius, np.sqrt(variance) / surface.radius
 
 

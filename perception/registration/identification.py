@@ -315,11 +315,12 @@ class _Search:
         surface = question.surface
 
         if question.method == "planes":
-            evidence, found = _search(searched, surface, starts, given, most)
+            evidence, likeliest = _search(searched, surface, starts, given, most)
         else:
-            evidence, found = searched, _as_in_paper(searched, surface, starts)
+            evidence = searched
+            likeliest = _as_in_paper(searched, surface, starts)
 
-        X_start = question.X_prior if question.knows_pose else found.X_start
+        X_start = question.X_prior if question.knows_pose else likeliest.X_start
         X_near = X_start if question.expected.R is None else question.X_prior
         return cls(
             question=question,
@@ -327,9 +328,9 @@ class _Search:
             given=given,
             searched=searched,
             evidence=evidence,
-            found=found,
+            found=likeliest,
             X_start=X_start,
-            judged=_judge(evidence, surface, found, X_near),
+            judged=_judge(evidence, surface, likeliest, X_near),
         )
 
     def widened(self) -> "_Search":
@@ -353,19 +354,17 @@ class _Search:
         Args:
             earlier: Of the same object, which may have excluded its mirror image already.
         """
-        question, surface, evidence, found = (
-            self.question,
-            self.question.surface,
-            self.evidence,
-            self.found,
-        )
+        question = self.question
+        surface = self.question.surface
+        evidence = self.evidence
+        likeliest = self.found
         X_ST, X_told, doubt, verdict = self.judged
 
         # The paper's own rules, where they are asked for
         if question.method == "paper-q":
             verdict = _by_criterion(verdict, evidence, surface, X_ST)
-        if found.asks and verdict.decision is Decision.ACCEPT:
-            verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
+        if likeliest.asks and verdict.decision is Decision.ACCEPT:
+            verdict = replace(verdict, decision=Decision.RESCAN, reason=likeliest.asks)
 
         # Other shapes, for an accepted pose only
         mirror = None
@@ -395,8 +394,8 @@ class _Search:
             surface=surface,
             score=score(evidence, surface, X_ST),
             hypotheses=(
-                Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood),
-                *found.others,
+                Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=likeliest.log_likelihood),
+                *likeliest.others,
             ),
             duration_s=perf_counter() - question.started,
             mirror=mirror,
@@ -404,7 +403,9 @@ class _Search:
 
     def _mirror_image(self, earlier: Identification | None) -> MirrorImage | None:
         """The mirror image of the model as rival of the pose: the earlier one if it still holds."""
-        surface, X_ST, expected = self.question.surface, self.judged.X_ST, self.question.expected
+        surface = self.question.surface
+        X_ST = self.judged.X_ST
+        expected = self.question.expected
 
         known = None
         if earlier is not None and earlier.accepted and earlier.surface == surface:
@@ -417,7 +418,8 @@ class _Search:
 
     def _against_other_shapes(self, verdict: PoseCheck, mirror: MirrorImage | None) -> PoseCheck:
         """Verdict on an accepted pose: rescan if the mirror image or another size fits as well."""
-        surface, evidence = self.question.surface, self.evidence
+        surface = self.question.surface
+        evidence = self.evidence
         if mirror is not None and mirror.hand < MIN_HAND:
             how = "better" if mirror.hand < -MIN_HAND else "as well"
             return replace(verdict, decision=Decision.RESCAN, reason=f"its mirror image fits {how}")
@@ -446,15 +448,19 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
     Raises:
         PerceptionError: Too little of the scan may be the object.
     """
-    surface, sensor, expected = question.surface, question.sensor, question.expected
+    surface = question.surface
+    sensor = question.sensor
+    expected = question.expected
     if question.method == "planes":
         starts = initial_poses(scan, mask, surface, sensor, expected)
-        given = [question.X_prior] if question.knows_pose else []
+        priors = [question.X_prior] if question.knows_pose else []
     else:
-        starts, given = [laid_on(scan.points[mask], surface, question.X_prior[:3, :3])], []
+        starts = [laid_on(scan.points[mask], surface, question.X_prior[:3, :3])]
+        priors = []
 
     # Evidence: the pixels around any start
-    standing, mask = mask, mask & _around(starts or given, surface, scan)
+    standing = mask
+    mask = mask & _around(starts or priors, surface, scan)
     _need(mask, "lie where the object could be")
     evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor, standing)
     if question.method == "planes":
@@ -463,21 +469,21 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
         raise PerceptionError(
             f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}"
         )
-    return _Search.of(question, evidence, starts, given, REFINED)
+    return _Search.of(question, evidence, starts, priors, REFINED)
 
 
 def _search(
     searched: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int
 ) -> tuple[Evidence, Found]:
     """The likeliest pose from `most` of the starts, and the evidence that weighed it last."""
-    found = likeliest_pose(searched, surface, starts, given, most=most)
+    likeliest = likeliest_pose(searched, surface, starts, given, most=most)
 
     # Noise of the scan itself, where it is much less than stated
-    noise = seen_noise(searched, surface, found.X_ST)
+    noise = seen_noise(searched, surface, likeliest.X_ST)
     if noise.information <= _BETTER * searched.noise.information:
-        return searched, found
+        return searched, likeliest
     evidence = searched.with_noise(noise)
-    return evidence, weighed_again(evidence, surface, found)
+    return evidence, weighed_again(evidence, surface, likeliest)
 
 
 class _Judged(NamedTuple):
@@ -606,20 +612,22 @@ def _by_criterion(
     Above it a new scan is requested. The paper chooses the threshold by experiment, for object and
     sensor. Here it is the required error of the ICP at each of the rays that Q sums up.
     """
-    found = published_criterion(evidence, surface, X_ST)
-    most = float(np.sqrt(found.rays)) * required_error(evidence, surface)
+    criterion = published_criterion(evidence, surface, X_ST)
+    most = float(np.sqrt(criterion.rays)) * required_error(evidence, surface)
 
     reason = ""
-    if found.rays == 0:
+    if criterion.rays == 0:
         reason = "no ray of the check trajectory meets both surfaces"
-    elif found.q_m > most:
+    elif criterion.q_m > most:
         reason = (
-            f"Q is {1e3 * found.q_m:.1f} mm over {found.rays} rays; at most {1e3 * most:.1f} "
-            "mm are allowed"
+            f"Q is {1e3 * criterion.q_m:.1f} mm over {criterion.rays} rays; "
+            f"at most {1e3 * most:.1f} mm are allowed"
         )
 
     decision = Decision.RESCAN if reason else Decision.ACCEPT
-    return replace(verdict, decision=decision, reason=reason, figure_m=found.q_m, threshold_m=most)
+    return replace(
+        verdict, decision=decision, reason=reason, figure_m=criterion.q_m, threshold_m=most
+    )
 
 
 def _free_motion(surface: ModelSurface, twists: Array, told: bool, with_prior: bool) -> FreeMotion:
@@ -683,10 +691,8 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
 
     if hasattr(target, "points"):
         normals = getattr(target, "normals", None)
-        points, normals = (
-            np.asarray(target.points),
-            None if normals is None else np.asarray(normals),
-        )
+        points = np.asarray(target.points)
+        normals = None if normals is None else np.asarray(normals)
         return ModelSurface.of(
             TargetModel.from_cloud(
                 points, normals if normals is not None and normals.size else None
@@ -700,7 +706,7 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
             seed,
         )
 
-    given = (
+    kind = (
         f"an array of shape {target.shape}"
         if isinstance(target, np.ndarray)
         else type(target).__name__
@@ -708,5 +714,5 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
     raise ConfigurationError(
         "target: expected a TargetModel, a mesh or cloud file, a mesh (vertices, faces), or a "
         "cloud: an array (n, 3), "
-        f"or (n, 6) with normals, or an object with points and normals; got {given}"
+        f"or (n, 6) with normals, or an object with points and normals; got {kind}"
     )

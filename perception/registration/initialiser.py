@@ -113,16 +113,21 @@ class _Picture(NamedTuple):
 @remembered(16, owners=MODELS)
 def _views(surface: ModelSurface, max_incidence: float) -> _Views:
     every = max(1, len(surface.points) // _MODEL_POINTS)
-    points, normals = surface.points[::every], surface.normals[::every]
+    points = surface.points[::every]
+    normals = surface.normals[::every]
 
     # Table of cells around the model
     margin = _MARGIN * surface.radius
-    corner, size = points.min(axis=0) - margin, np.ptp(points, axis=0) + 2.0 * margin
+    corner = points.min(axis=0) - margin
+    size = np.ptp(points, axis=0) + 2.0 * margin
     cell = float(size.max() / _CELLS)
     shape = np.ceil(size / cell).astype(int)
     cells = np.minimum(((points - corner) / cell).astype(int), shape - 1)
 
-    ways, middles, shown, nearest = [], [], [], []
+    ways = []
+    middles = []
+    shown = []
+    nearest = []
     spins = np.stack(
         [exp_so3([0.0, 0.0, angle]) for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS)]
     )
@@ -132,17 +137,17 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
         mask = surface.exposed(
             surface.center + _DISTANCE * surface.radius * way, max_incidence, every
         )
-        seen = np.nonzero(mask)[0]
-        if len(seen) < 10:
+        visible = np.nonzero(mask)[0]
+        if len(visible) < 10:
             continue  # a plate seen edge-on
         owner = np.full(shape, -1, dtype=np.int32)
-        owner[tuple(cells[seen].T)] = seen
+        owner[tuple(cells[visible].T)] = visible
         index = ndimage.distance_transform_edt(
             owner < 0, return_distances=False, return_indices=True
         )
         ways.append(way)
-        middles.append(points[seen].mean(axis=0))
-        shown.append(_some(seen, _SHOWN))
+        middles.append(points[visible].mean(axis=0))
+        shown.append(_some(visible, _SHOWN))
         nearest.append(owner[tuple(np.asarray(index))])
 
     return _Views(
@@ -189,7 +194,7 @@ def initial_poses(
     points = voxel_means(scan.points[mask], _THIN * surface.radius)
     normals = facing_normals(points, 12)
     picture = _Picture(scan.depth, scan.tangent_x[0], scan.tangent_y[0], *scan.pitches)
-    found: list[tuple[float, Array]] = []
+    others: list[tuple[float, Array]] = []
     firsts: list[tuple[float, Array]] = []
 
     def settled(patch: np.ndarray, X: Array) -> list[tuple[float, Array]]:
@@ -211,20 +216,21 @@ def initial_poses(
     for patch in _patches(points, surface.radius, expected):
         of_patch = settled(patch, _turned(views, points[patch].mean(axis=0)))
         firsts += of_patch[:1]
-        found += of_patch[1:]
+        others += of_patch[1:]
 
     # Distinct poses: the best of each patch, then the others
-    for each in (firsts, found):
-        each.sort(key=lambda item: -item[0])
-    kept: list[Array] = []
-    least, most = firsts[0][0] - _SHORT_OF if firsts else 0.0, len(firsts) + _KEPT
-    for score, X in firsts + found:
+    for scored in (firsts, others):
+        scored.sort(key=lambda item: -item[0])
+    poses: list[Array] = []
+    least = firsts[0][0] - _SHORT_OF if firsts else 0.0
+    most = len(firsts) + _KEPT
+    for score, X in firsts + others:
         if score < least:
             continue
-        if len(kept) == most:
+        if len(poses) == most:
             break
-        if _is_apart(surface, X, kept):
-            kept.append(X)
+        if _is_apart(surface, X, poses):
+            poses.append(X)
 
     # Point pairs, where the attitude is unknown
     if expected.R is None:
@@ -234,9 +240,9 @@ def initial_poses(
         some = _some(np.arange(len(points)), min(len(points), _WHOLE))
         _settle(by_pairs, points[some], normals[some], sigma, _CLOSE[1] * views.radius, views)
         for X in np.concatenate([by_pairs, voted]):
-            if expected.admits(X[None], surface)[0] and _is_apart(surface, X, kept):
-                kept.append(X)
-    return kept
+            if expected.admits(X[None], surface)[0] and _is_apart(surface, X, poses):
+                poses.append(X)
+    return poses
 
 
 def _some(values: np.ndarray, count: int) -> np.ndarray:
@@ -346,15 +352,17 @@ def _settle(
     """
     explained = np.empty(len(X_ST))
     equations = _Equations(np.empty((6, 6)), np.empty(6), np.empty(6))
-    H, g = equations.H, equations.g
-    model, model_normals, nearest, ways = views.points, views.normals, views.nearest, views.ways
-    corner, cell, center, radius, spacing = (
-        views.corner,
-        views.cell,
-        views.center,
-        views.radius,
-        views.spacing,
-    )
+    H = equations.H
+    g = equations.g
+    model = views.points
+    model_normals = views.normals
+    nearest = views.nearest
+    ways = views.ways
+    corner = views.corner
+    cell = views.cell
+    center = views.center
+    radius = views.radius
+    spacing = views.spacing
 
     nx, ny, nz = nearest.shape[1:]
     reach = 2.0 * (cell + spacing)
@@ -451,7 +459,9 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
 @kernel
 def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: _Triple) -> None:
     """Add an `offset` [m] along unit `way` to the normal equations, `at` [radii] off the centre."""
-    H, g, row = equations.H, equations.g, equations.row
+    H = equations.H
+    g = equations.g
+    row = equations.row
     (u, v, w), (x, y, z) = way, at
     row[0], row[1], row[2] = u, v, w
     row[3], row[4], row[5] = y * w - z * v, z * u - x * w, x * v - y * u
@@ -483,7 +493,9 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
 def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) -> Array:
     """Share (n,) of the visible model that the scan confirms, less the share it sees through."""
     share = np.empty(len(X_ST))
-    model, shown, depth = views.points, views.shown, picture.depth
+    model = views.points
+    shown = views.shown
+    depth = picture.depth
     height, width = depth.shape
     for h in range(len(X_ST)):
         X = X_ST[h]

@@ -64,11 +64,14 @@ def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: in
         return 0.0
 
     # Pixels with depth that the model covers
-    scan, mask = evidence.scan.part(window), evidence.standing[window]
+    scan = evidence.scan.part(window)
+    mask = evidence.standing[window]
     rows, columns = np.nonzero(np.isfinite(scan.depth))
     depth = surface.depth_along(X_ST, scan.lines_of_sight(rows, columns))
     met = np.isfinite(depth)
-    rows, columns, depth = rows[met], columns[met], depth[met].astype(np.float64)
+    rows = rows[met]
+    columns = columns[met]
+    depth = depth[met].astype(np.float64)
 
     sigma = evidence.noise.sigma(depth)
     behind = scan.depth[rows, columns] - depth
@@ -78,14 +81,16 @@ def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: in
     if (known := scan.known) is not None:
         explainer = known.depth[rows, columns]
         shown &= ~(explainer < depth)  # nor do those where a known object hides the model
-        there = np.isfinite(explainer)
+        covered = np.isfinite(explainer)
         explained = (
             np.where(
-                there, (scan.depth[rows, columns] - np.where(there, explainer, 0.0)) / sigma, 0.0
+                covered,
+                (scan.depth[rows, columns] - np.where(covered, explainer, 0.0)) / sigma,
+                0.0,
             )
             ** 2
         )
-        without = np.where(there, np.minimum(explained, _UNEXPLAINED_COST), without)
+        without = np.where(covered, np.minimum(explained, _UNEXPLAINED_COST), without)
 
     cost = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST) - without[shown]
     return -0.5 * _weight(evidence, window) * float(cost.sum())
@@ -114,12 +119,14 @@ def difference(
     z = np.where(np.isfinite(a), a, np.where(np.isfinite(b), b, 1.0))
     sigma = evidence.noise.sigma(z)
 
-    seen = (np.isfinite(a) | np.isfinite(b)) & (scan.depth > z - np.maximum(OCCLUDER, 6.0 * sigma))
+    counted = (np.isfinite(a) | np.isfinite(b)) & (
+        scan.depth > z - np.maximum(OCCLUDER, 6.0 * sigma)
+    )
 
     cost = np.where(
         np.isfinite(a) & np.isfinite(b), np.minimum(((a - b) / sigma) ** 2, _MOST_COST), _MOST_COST
     )
-    return 0.5 * _weight(evidence, window) * float(cost[seen].sum())
+    return 0.5 * _weight(evidence, window) * float(cost[counted].sum())
 
 
 def _weight(evidence: Evidence, window: tuple[slice, slice]) -> float:

@@ -100,7 +100,8 @@ class ModelSurface:
     @cached_property
     def _content(self) -> bytes:
         """Digest of all that the surface is made of."""
-        target, none = self.target, np.zeros(0)
+        target = self.target
+        none = np.zeros(0)
         parts = [
             target.vertices,
             target.triangles,
@@ -170,20 +171,21 @@ class ModelSurface:
         Returns:
             Mask (m,).
         """
-        points, normals = self.points[::step], self.normals[::step]
+        points = self.points[::step]
+        normals = self.normals[::step]
         rays = points - origin
         distance = np.linalg.norm(rays, axis=1)
 
         # Facing the sensor, and among those that are judged
         facing = -np.einsum("ij,ij->i", rays, normals)
-        seen = (facing if self.is_open else np.abs(facing)) > np.cos(max_incidence) * distance
+        visible = (facing if self.is_open else np.abs(facing)) > np.cos(max_incidence) * distance
         if among is not None:
-            seen &= among
+            visible &= among
 
         # Nothing in front of them
-        first = self.scene.distance(origin, rays[seen]) * distance[seen]
-        seen[seen] = first > distance[seen] - 0.002
-        return seen
+        first = self.scene.distance(origin, rays[visible]) * distance[visible]
+        visible[visible] = first > distance[visible] - 0.002
+        return visible
 
     def covers(self, X_ST: Array, points: Array) -> np.ndarray:
         """Mask (n,) of points (n, 3) [m] in S whose line of sight meets the model at `X_ST`."""
@@ -200,7 +202,8 @@ class ModelSurface:
         Returns:
             The rendered scan, and cosines of incidence (h, w).
         """
-        rays, X_TS = scan.rays, inverse(X_ST)
+        rays = scan.rays
+        X_TS = inverse(X_ST)
         rays_T = rays @ X_TS[:3, :3].T
         hit = self.scene.cast(X_TS[:3, 3], rays_T)
         depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
@@ -214,7 +217,8 @@ class ModelSurface:
 
     def depth(self, X_ST: Array, scan: Scan) -> Array:
         """Depth (h, w) [m] of the model at `X_ST` in the pixels of `scan`, NaN where missed."""
-        depth, X_TS = np.full(scan.depth.shape, np.nan), inverse(X_ST)
+        depth = np.full(scan.depth.shape, np.nan)
+        X_TS = inverse(X_ST)
         corners = transform_points(X_ST, self.hull)
         window = (
             scan.window(corners, 0.0, scan.depth.size) if corners[:, 2].min() > 0.0 else np.s_[:, :]
@@ -240,9 +244,9 @@ def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
         return surface
 
     spacing = surface.spacing * float(np.sqrt(share))
-    kept = one_per_cube(surface.points, spacing)
+    chosen = one_per_cube(surface.points, spacing)
     return replace(
-        surface, points=surface.points[kept], normals=surface.normals[kept], spacing=spacing
+        surface, points=surface.points[chosen], normals=surface.normals[chosen], spacing=spacing
     )
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from uuv.perception.clouds.contours import Contour, contour, outward
 from uuv.perception.clouds.nearest_point import NearestPoint
-from uuv.perception.clouds.scan import Contour, Scan, contour, jump, outward
+from uuv.perception.clouds.scan import Scan, jump
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.likelihood import OCCLUDER
 from uuv.perception.registration.model_surface import ModelSurface
@@ -135,29 +136,29 @@ class Pairing:
         The unknowns are a twist about the model's centre (linear; angular x radius), and growth x
         radius from there. `index` is the result of `nearest`.
         """
-        evidence, surface = self.evidence, self.surface
+        evidence = self.evidence
+        surface = self.surface
         H, g, residual = _plane_terms(
             evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface
         )
 
         if self.edges is not None:
             edges = _edge_rows(self.edges, evidence, X_ST, gate, surface)
-            H, g = (
-                H + edges.J.T @ (edges.weight[:, None] * edges.J),
-                g + edges.J.T @ (edges.weight * edges.distance),
-            )
+            H = H + edges.J.T @ (edges.weight[:, None] * edges.J)
+            g = g + edges.J.T @ (edges.weight * edges.distance)
         return H, g, residual
 
     def rows(self, X_ST: Array, gate: float, index: np.ndarray) -> PairRows:
         """The pairs themselves, planes first and then depth edges; arguments as for `terms`."""
-        evidence, surface = self.evidence, self.surface
+        evidence = self.evidence
+        surface = self.surface
         scan, model = _kernel_inputs(evidence, self.points, self.normals, surface)
         center = transform_points(X_ST, surface.center)
-        J, values = _plane_rows(scan, model, index, X_ST, center, self._reach(gate))
+        J, terms = _plane_rows(scan, model, index, X_ST, center, self._reach(gate))
 
-        paired = values[:, 0] > 0.0
+        paired = terms[:, 0] > 0.0
         points = evidence.points[paired]
-        weight, slope, distance = values[paired].T
+        weight, slope, distance = terms[paired].T
         planes = PairRows(
             J[paired], weight, slope, distance, points[:, :2] / points[:, 2:], np.zeros(len(points))
         )
@@ -195,10 +196,12 @@ def edge_offsets(
     points = transform_points(X_ST, edges.model_points[sharp])
     tangents = points[:, :2] / points[:, 2:]
     normal = edges.model_outward[sharp]
-    seen = ~_hidden(evidence, points) & ~_resting(evidence, points, normal)
-    if seen.sum() < max(20, _SHOWN * len(points)):
+    shown = ~_hidden(evidence, points) & ~_resting(evidence, points, normal)
+    if shown.sum() < max(20, _SHOWN * len(points)):
         return np.zeros(0), np.nan, np.nan
-    points, tangents, normal = points[seen], tangents[seen], normal[seen]
+    points = points[shown]
+    tangents = tangents[shown]
+    normal = normal[shown]
 
     # Nearest edge of the scan at the same depth, in the same direction
     ends = edges.ends.edges
@@ -310,16 +313,20 @@ def _pair(
     distance along the normal is the score; the slope is the score's derivative by the distance.
     """
     # Model point and normal in S, towards the sensor
-    q, m = np.empty(3), np.empty(3)
+    q = np.empty(3)
+    m = np.empty(3)
     for a in range(3):
-        q[a], m[a] = X_ST[a, 3], 0.0
+        q[a] = X_ST[a, 3]
+        m[a] = 0.0
         for b in range(3):
             q[a] += X_ST[a, b] * model.points[i, b]
             m[a] += X_ST[a, b] * model.normals[i, b]
     facing = -1.0 if m[0] * q[0] + m[1] * q[1] + m[2] * q[2] > 0.0 else 1.0
 
     # Distance along the normal, in all, and angle of the normals
-    along, square, cosine = 0.0, 0.0, 0.0
+    along = 0.0
+    square = 0.0
+    cosine = 0.0
     for a in range(3):
         m[a] *= facing
         off = scan.points[n, a] - q[a]
@@ -352,7 +359,10 @@ def _plane_sums(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array, Array]:
     """Normal equations as in `_plane_terms`, and sums (2,) of weights and weighted squares."""
-    H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
+    H = np.zeros((7, 7))
+    g = np.zeros(7)
+    sums = np.zeros(2)
+    J = np.empty(7)
     pairs = 0
 
     for n in range(len(scan.points)):
@@ -383,7 +393,8 @@ def _plane_rows(
     scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array]:
     """Jacobian rows (n, 7), and weight, slope [1/m^2], distance [m] (n, 3) of the pairs, or 0."""
-    rows, terms = np.zeros((len(scan.points), 7)), np.zeros((len(scan.points), 3))
+    rows = np.zeros((len(scan.points), 7))
+    terms = np.zeros((len(scan.points), 3))
     for n in range(len(scan.points)):
         if index[n] < len(model.points):
             terms[n] = _pair(scan, model, n, index[n], X_ST, center, gate, rows[n])
@@ -427,7 +438,8 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
     # Width of the rim that is too steep for an echo, and kind of each edge
     at = of_model.rows, of_model.columns
     band, (row, column) = _to_nearest(covered & (cosine > np.cos(evidence.sensor.max_incidence)))
-    sharp, whole = cosine[at] > SHARP_EDGE, ~surface.on_border(points)
+    sharp = cosine[at] > SHARP_EDGE
+    whole = ~surface.on_border(points)
     return DepthEdges(
         ends=ends,
         behind=behind,
@@ -447,17 +459,19 @@ def _across(pixels: Array, steps: np.ndarray) -> Array:
     across it.
     """
     order = np.argsort(pixels[:, 0], kind="stable")
-    found = np.empty_like(pixels)
-    found[order] = _across_sorted(pixels[order], steps[order].astype(np.float64))
-    return found
+    directions = np.empty_like(pixels)
+    directions[order] = _across_sorted(pixels[order], steps[order].astype(np.float64))
+    return directions
 
 
 @kernel
 def _across_sorted(pixels: Array, steps: Array) -> Array:
     """As `_across`, for points sorted by their first coordinate."""
     n = len(pixels)
-    rough, across = np.zeros((n, 2)), np.empty((n, 2))
-    first, last = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+    rough = np.zeros((n, 2))
+    across = np.empty((n, 2))
+    first = np.empty(n, dtype=np.int64)
+    last = np.empty(n, dtype=np.int64)
 
     # Mean step of the neighbours; they lie between `first` and `last` in the sorted row
     low, high = 0, 0
@@ -466,7 +480,8 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
             low += 1
         while high < n and pixels[high, 0] <= pixels[i, 0] + _CONTOUR:
             high += 1
-        first[i], last[i] = low, high
+        first[i] = low
+        last[i] = high
         for j in range(low, high):
             if (pixels[j, 0] - pixels[i, 0]) ** 2 + (
                 pixels[j, 1] - pixels[i, 1]
@@ -479,7 +494,12 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
 
     # Direction of the line through those neighbours that step the same way
     for i in range(n):
-        total, mx, my, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        total = 0.0
+        mx = 0.0
+        my = 0.0
+        xx = 0.0
+        xy = 0.0
+        yy = 0.0
         for j in range(first[i], last[i]):
             x, y = pixels[j, 0] - pixels[i, 0], pixels[j, 1] - pixels[i, 1]
             if (
@@ -487,14 +507,19 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
                 and rough[j, 0] * rough[i, 0] + rough[j, 1] * rough[i, 1] > 0.7
             ):
                 total += 1.0
-                mx, my = mx + x, my + y
-                xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+                mx += x
+                my += y
+                xx += x * x
+                xy += x * y
+                yy += y * y
 
         across[i] = rough[i]
 
         # Across it, to the side of the step, where the two agree
         if total > 0.0:
-            xx, xy, yy = xx - mx * mx / total, xy - mx * my / total, yy - my * my / total
+            xx -= mx * mx / total
+            xy -= mx * my / total
+            yy -= my * my / total
             along = 0.5 * np.arctan2(2.0 * xy, xx - yy)
             x, y = -np.sin(along), np.cos(along)
             agree = x * rough[i, 0] + y * rough[i, 1]
@@ -506,14 +531,14 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
 def _nearest_in_image(points: Array, at: Array, reach: float) -> np.ndarray:
     """Index (n,) of the nearest of `points` (k, 2) to each of `at` (n, 2); -1 beyond `reach`."""
     order = np.argsort(points[:, 0], kind="stable")
-    found = _nearest_sorted(points[order], at, reach)
-    return np.where(found >= 0, order[found], -1)
+    nearest = _nearest_sorted(points[order], at, reach)
+    return np.where(nearest >= 0, order[nearest], -1)
 
 
 @kernel
 def _nearest_sorted(points: Array, at: Array, reach: float) -> np.ndarray:
     """As `_nearest_in_image`, for points sorted by their first coordinate."""
-    found = np.full(len(at), -1)
+    index = np.full(len(at), -1)
     start = np.searchsorted(points[:, 0], at[:, 0])
 
     # Outwards in both directions, until the first coordinate alone is too far
@@ -527,9 +552,9 @@ def _nearest_sorted(points: Array, at: Array, reach: float) -> np.ndarray:
                     break
                 square = x * x + (points[j, 1] - at[i, 1]) ** 2
                 if square < nearest:
-                    nearest, found[i] = square, j
+                    nearest, index[i] = square, j
                 j += way
-    return found
+    return index
 
 
 def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]:
@@ -548,7 +573,7 @@ def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
     The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels
     are therefore the same however much the picture is cropped.
     """
-    found = []
+    slices = []
     for window, tangents, pitch in zip(
         (rows, columns), (scan.tangent_y, scan.tangent_x), scan.pitches[::-1], strict=True
     ):
@@ -561,13 +586,14 @@ def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
         raster = step * (_RASTER // step)
         start = window.start - (window.start + first) % raster
         stop = window.stop + -(window.stop + first) % raster
-        found.append(slice(start if start >= 0 else start % step, stop, step))
-    return found[0], found[1]
+        slices.append(slice(start if start >= 0 else start % step, stop, step))
+    return slices[0], slices[1]
 
 
 def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
     """Tangents (n, 2) of the model's edges `found` on the grid of `part`, finer than a pixel."""
-    X_TS, step = inverse(X_ST), jump(found.depth)
+    X_TS = inverse(X_ST)
+    step = jump(found.depth)
     middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
 
@@ -594,10 +620,11 @@ def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
     )
 
     window = _rastered(evidence.scan, rows, columns)
-    part, mask = evidence.scan.part(window), evidence.mask[window]
-    found = contour(part, mask, part.depth)
+    part = evidence.scan.part(window)
+    mask = evidence.mask[window]
+    edges = contour(part, mask, part.depth)
     ends = _Outline(
-        found, outward(mask, part.depth, found.rows, found.columns), np.zeros(len(found.rows))
+        edges, outward(mask, part.depth, edges.rows, edges.columns), np.zeros(len(edges.rows))
     )
 
     # The surface goes on, at its depth, up to where there is depth again.
@@ -605,13 +632,13 @@ def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
     filled = mask | (~np.isfinite(part.depth) & (band < _BAND))
     depth = np.where(filled, part.depth[nearest], part.depth)
 
-    found = contour(Scan.of_grid(depth, part.tangent_x, part.tangent_y), filled, depth)
-    found = found.only(
-        np.isfinite(depth[found.rows + found.steps[:, 1], found.columns + found.steps[:, 0]])
+    edges = contour(Scan.of_grid(depth, part.tangent_x, part.tangent_y), filled, depth)
+    edges = edges.only(
+        np.isfinite(depth[edges.rows + edges.steps[:, 1], edges.columns + edges.steps[:, 0]])
     )
 
-    at = found.rows, found.columns
-    return ends, _Outline(found, outward(filled, depth, *at), band[at])
+    at = edges.rows, edges.columns
+    return ends, _Outline(edges, outward(filled, depth, *at), band[at])
 
 
 def _edge_rows(
@@ -640,12 +667,14 @@ def _edge_rows(
         sides.append((index[paired], side.edges.tangents[paired]))
 
     sides = sides or [(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))]
-    index, measured = (np.concatenate(each) for each in zip(*sides, strict=True))
+    index, measured = (np.concatenate(parts) for parts in zip(*sides, strict=True))
     if len(index) < 10:
-        index, measured = index[:0], measured[:0]
+        index = index[:0]
+        measured = measured[:0]
 
     # Distance across the edge in the image plane, scaled to the depth
-    P, m = points[index], edges.model_outward[index]
+    P = points[index]
+    m = edges.model_outward[index]
     across = np.einsum("ij,ij->i", measured - tangents[index], m) * P[:, 2]
     # d(m . P_xy / z) z = (m, -m . P_xy / z) . dP
     direction = np.column_stack([m, -np.einsum("ij,ij->i", m, tangents[index])])

@@ -53,11 +53,12 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
 
     # One point per cube, few enough
     size = float(pairs.step)
-    kept = one_per_cube(points, size)
-    while len(kept) > _SCAN_POINTS:
+    chosen = one_per_cube(points, size)
+    while len(chosen) > _SCAN_POINTS:
         size *= 1.2
-        kept = one_per_cube(points, size)
-    points, frames = points[kept], _frames(normals[kept])
+        chosen = one_per_cube(points, size)
+    points = points[chosen]
+    frames = _frames(normals[chosen])
 
     # Votes of some of them as first points
     references = np.unique(np.linspace(0, len(points) - 1, _REFERENCES).astype(np.int64))
@@ -68,7 +69,8 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
 @remembered(16, owners=MODELS)
 def _model_pairs(surface: ModelSurface) -> _Pairs:
     thinned = surface.thinned(_MODEL_POINTS)
-    points, frames = thinned.points, _frames(thinned.normals)
+    points = thinned.points
+    frames = _frames(thinned.normals)
 
     step = 2.0 * surface.radius / _DISTANCES
     feature, turn = _features(points, frames, step)
@@ -154,9 +156,9 @@ def _vote(
             # Tens of millions of votes: no remainder (both turns lie in -pi to pi), no check of an
             # index's sign.
             for n in range(pairs.start[number], pairs.start[number + 1]):
-                place = (pairs.turn[n] - turn) * (_TURNS / (2.0 * np.pi))
-                low = np.floor(place)
-                share = place - low
+                steps = (pairs.turn[n] - turn) * (_TURNS / (2.0 * np.pi))
+                low = np.floor(steps)
+                share = steps - low
                 first = int(low)
                 first += _TURNS if first < 0 else 0
                 first -= _TURNS if first >= _TURNS else 0
@@ -167,7 +169,8 @@ def _vote(
         # Peaks, each with its surroundings removed
         for peak in range(_PEAKS):
             best = int(count.argmax())
-            m, at = best // _TURNS, best % _TURNS
+            m = best // _TURNS
+            at = best % _TURNS
             votes[k, peak] = count[m, at]
             _lay(
                 X[k, peak],

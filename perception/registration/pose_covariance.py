@@ -91,7 +91,8 @@ def _of_tiles(rows: PairRows, tiles: np.ndarray) -> tuple[Array, Array]:
     """Derivatives of the scores (g, 7, 7), and scores (g, 7), summed over each of the g tiles."""
     order = np.argsort(tiles, kind="stable")
     first = np.flatnonzero(np.diff(tiles[order], prepend=-1))
-    J, edge = rows.J[order], rows.common > 0.0
+    J = rows.J[order]
+    edge = rows.common > 0.0
 
     slope = np.empty(len(rows.J))
     for kind in (edge, ~edge):
@@ -106,7 +107,9 @@ def _of_tiles(rows: PairRows, tiles: np.ndarray) -> tuple[Array, Array]:
 
 def _common(rows: PairRows) -> Array:
     """Scores (3, 7) of the errors that all depth edges share: aside, upwards and outward."""
-    aside, up, outward = rows.J[:, 0], rows.J[:, 1], np.ones(len(rows.J))
+    aside = rows.J[:, 0]
+    up = rows.J[:, 1]
+    outward = np.ones(len(rows.J))
     return np.array([(rows.slope * rows.common * share) @ rows.J for share in (aside, up, outward)])
 
 
@@ -119,7 +122,8 @@ def _spread(H: Array, s: Array, common: Array, held: Array) -> Array:
         common: (c, n) scores of independent errors that the tiles share.
         held: (k, n) orthonormal.
     """
-    H, s = held @ H @ held.T, s @ held.T
+    H = held @ H @ held.T
+    s = s @ held.T
     g, k = s.shape
     if k == 0:
         return np.zeros((0, 0))
@@ -132,7 +136,8 @@ def _spread(H: Array, s: Array, common: Array, held: Array) -> Array:
 
     # Error that all tiles share
     shared = np.linalg.solve(total, (common @ held.T).T)
-    drawn, ideal = (g - 1) / g * alone.T @ alone, np.linalg.inv(total)
+    drawn = (g - 1) / g * alone.T @ alone
+    ideal = np.linalg.inv(total)
 
     # A few tiles give a rough covariance: it is drawn towards that of equal, independent errors of
     # the same size.

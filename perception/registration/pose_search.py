@@ -113,7 +113,11 @@ def likeliest_pose(
     for _ in range(_EXPLORED if slipping_twist(surface) is None else _EXPLORED_SLIPPING):
         # The likeliest pose and then its rivals: from a flange turned over, no single step leads to
         # its bolts.
-        new = [each for each in _rivals(evidence, tried) if _is_new(surface, each.X_ST, explored)]
+        new = [
+            candidate
+            for candidate in _rivals(evidence, tried)
+            if _is_new(surface, candidate.X_ST, explored)
+        ]
         if not new:
             break
         explored.append(_likeliest(new))
@@ -122,7 +126,7 @@ def likeliest_pose(
             evidence, surface, (X_now @ G for G in ambiguous_poses(surface)), _ALIKE
         )
         for X in [*alike, *resting_places(evidence, surface, X_now)]:
-            near = [each for each in tried if not _differ(surface, X, each.X_ST)]
+            near = [candidate for candidate in tried if not _differ(surface, X, candidate.X_ST)]
             fit = near[0].fit if near else fine_fit(*thin, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
 
@@ -132,8 +136,8 @@ def likeliest_pose(
     # so may be the others, about
     short = 2.0 * (tried[-1].log_likelihood - rough_best.log_likelihood)
     least = tried[-1].log_likelihood - _of_noise(evidence, _RIVAL) - short
-    near = [each for each in rest if each.log_likelihood > least]
-    tried += [_finished(evidence, surface, each) for each in near[: _FINISHED - 1]]
+    near = [candidate for candidate in rest if candidate.log_likelihood > least]
+    tried += [_finished(evidence, surface, candidate) for candidate in near[: _FINISHED - 1]]
 
     # Other maxima: along the loosest twist, and along the slip
     tried += _beside(evidence, surface, _likeliest(tried))
@@ -161,9 +165,11 @@ def _climbed(
     """
     best, *others = _distinct(surface, tried)
 
-    close = [each for each in others if each.log_likelihood > best.log_likelihood - _CLOSE]
+    close = [
+        candidate for candidate in others if candidate.log_likelihood > best.log_likelihood - _CLOSE
+    ]
     return (
-        [_at_top(evidence, surface, each) for each in [best, *close[: _CLIMBING - 1]]]
+        [_at_top(evidence, surface, candidate) for candidate in [best, *close[: _CLIMBING - 1]]]
         if close
         else []
     )
@@ -206,8 +212,10 @@ def _found(surface: ModelSurface, tried: list[_Candidate]) -> Found:
         best.X_start,
         best.log_likelihood,
         tuple(
-            Hypothesis(X_sensor_target=readonly(each.X_ST), log_likelihood=each.log_likelihood)
-            for each in others
+            Hypothesis(
+                X_sensor_target=readonly(candidate.X_ST), log_likelihood=candidate.log_likelihood
+            )
+            for candidate in others
         ),
     )
 
@@ -240,18 +248,16 @@ def _ranked(
 ) -> list[Array]:
     """The likeliest poses (4, 4), apart from each other; of many, `moved` are nudged first."""
     if len(starts) > most:
-        few_points, few_of_model = (
-            evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS),
-            surface.thinned(_NUDGE_MODEL),
-        )
+        few_points = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS)
+        few_of_model = surface.thinned(_NUDGE_MODEL)
         best = _likeliest_at_a_glance(evidence, surface, starts, moved)
         starts = [nudged(few_points, few_of_model, X) for X in best]
 
-    kept: list[Array] = []
+    apart: list[Array] = []
     for X in _likeliest_at_a_glance(evidence, surface, starts, len(starts)):
-        if len(kept) < most and all(_differ(surface, X, Y) for Y in kept):
-            kept.append(X)
-    return kept
+        if len(apart) < most and all(_differ(surface, X, Y) for Y in apart):
+            apart.append(X)
+    return apart
 
 
 def _likeliest_at_a_glance(
@@ -269,7 +275,7 @@ def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Fo
         surface: Sampled model.
         found: Result of the search.
     """
-    poses = [found.X_ST, *(each.X_sensor_target for each in found.others)]
+    poses = [found.X_ST, *(hypothesis.X_sensor_target for hypothesis in found.others)]
     start = fine_fit(evidence, surface, found.X_ST, ())
     tried = [
         _finished(evidence, surface, _Candidate(replace(start, X_ST=X), found.X_start, 0.0))
@@ -307,7 +313,7 @@ def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
 
 
 def _likeliest(candidates: list[_Candidate]) -> _Candidate:
-    return max(candidates, key=lambda each: each.log_likelihood)
+    return max(candidates, key=lambda candidate: candidate.log_likelihood)
 
 
 def _likelier(
@@ -329,7 +335,7 @@ def _likelier(
 def _rivals(evidence: Evidence, candidates: list[_Candidate]) -> list[_Candidate]:
     """Those that come near the likeliest explanation; what ICP leaves to gain is far less."""
     least = _likeliest(candidates).log_likelihood - _of_noise(evidence, _RIVAL)
-    return [each for each in candidates if each.log_likelihood > least]
+    return [candidate for candidate in candidates if candidate.log_likelihood > least]
 
 
 def _of_noise(evidence: Evidence, nats: float) -> float:
@@ -342,16 +348,16 @@ def _of_noise(evidence: Evidence, nats: float) -> float:
 
 def _is_new(surface: ModelSurface, X_ST: Array, candidates: list[_Candidate]) -> bool:
     """True if a pose (4, 4) is apart from those of all candidates."""
-    return all(_differ(surface, X_ST, each.X_ST) for each in candidates)
+    return all(_differ(surface, X_ST, candidate.X_ST) for candidate in candidates)
 
 
 def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate]:
     """Those that are apart from each other, the most likely first."""
-    kept: list[_Candidate] = []
-    for each in sorted(tried, key=lambda each: -each.log_likelihood):
-        if _is_new(surface, each.X_ST, kept):
-            kept.append(each)
-    return kept
+    distinct: list[_Candidate] = []
+    for candidate in sorted(tried, key=lambda candidate: -candidate.log_likelihood):
+        if _is_new(surface, candidate.X_ST, distinct):
+            distinct.append(candidate)
+    return distinct
 
 
 def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
@@ -401,15 +407,15 @@ def _along_loosest(
         if sigma < _LOOSE:
             break
 
-        found = best
+        likeliest = best
         for step in _steps(_STEPS, sigma, surface):
             X = _along(covariance, step * sigma * axis) @ best.X_ST
             likelihood = log_likelihood(evidence, surface, X)
-            if likelihood > found.log_likelihood:
-                found = _Candidate(replace(best.fit, X_ST=X), best.X_start, likelihood)
+            if likelihood > likeliest.log_likelihood:
+                likeliest = _Candidate(replace(best.fit, X_ST=X), best.X_start, likelihood)
 
-        if found is not best:
-            return found
+        if likeliest is not best:
+            return likeliest
     return best
 
 
@@ -426,7 +432,7 @@ def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list
     if sigma < _LOOSE:
         return []
 
-    found: list[_Candidate] = []
+    maxima: list[_Candidate] = []
     for step in _steps(_FAR, sigma, surface):
         X = _along(covariance, step * sigma * axes[:, -1]) @ best.X_ST
         if log_likelihood(evidence, surface, X) > best.log_likelihood - _of_noise(
@@ -436,9 +442,9 @@ def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list
             fit = fine_fit(evidence, surface, X, GATES[1:])
             likelihood = log_likelihood(evidence, surface, fit.X_ST)
             X_ST, likelihood = polished(evidence, surface, fit, likelihood)
-            found.append(_Candidate(replace(fit, X_ST=X_ST), best.X_start, likelihood))
+            maxima.append(_Candidate(replace(fit, X_ST=X_ST), best.X_start, likelihood))
 
-    return found
+    return maxima
 
 
 def _steps(steps: Iterable[float], sigma: float, surface: ModelSurface) -> list[float]:
@@ -454,10 +460,10 @@ def _along(covariance: PoseCovariance, twist: Array) -> Array:
 
 def _slides(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[Array]:
     """The best translation along each free twist of `fit`, along which no residual pulls."""
-    found: list[Array] = []
+    best_slides: list[Array] = []
     for twist in fit.free:
         if np.linalg.norm(twist[:3]) < _SLIDING:
             continue
         slides = [pose(p=share * surface.radius * twist[:3]) @ fit.X_ST for share in _SLIDES]
-        found.append(max(slides, key=lambda X: score(evidence, surface, X)))
-    return found
+        best_slides.append(max(slides, key=lambda X: score(evidence, surface, X)))
+    return best_slides

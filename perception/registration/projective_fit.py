@@ -42,7 +42,8 @@ def polished(
 
         # Gauss-Newton step in the directions that are not free
         J = rows.J[:, :6]
-        H, g = J.T @ (rows.weight[:, None] * J), J.T @ (rows.weight * rows.distance)
+        H = J.T @ (rows.weight[:, None] * J)
+        g = J.T @ (rows.weight * rows.distance)
         held = np.linalg.svd(np.vstack([fit.free, np.zeros((1, 6))]))[2][len(fit.free) :]
         A = held @ H @ held.T
         step = held.T @ np.linalg.solve(A + 1e-9 * (np.trace(A) + 1.0) * np.eye(len(A)), held @ g)
@@ -74,7 +75,8 @@ def pixel_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRo
     scan = evidence.scan.part(window)
 
     # Rendered model
-    rays, X_TS = scan.rays, np.linalg.inv(X_ST)
+    rays = scan.rays
+    X_TS = np.linalg.inv(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
     z = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
     sigma = evidence.noise.sigma(np.where(np.isfinite(z), z, 1.0))
@@ -87,14 +89,12 @@ def pixel_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRo
         used = (np.abs(off) < np.minimum(_OUTSIDE * sigma, OCCLUDER)) & (
             np.abs(across) > _STEEP * np.linalg.norm(rays, axis=-1)
         )
-    off, sigma, n, across, rays, z = (
-        off[used],
-        sigma[used],
-        n[used],
-        across[used],
-        rays[used],
-        z[used],
-    )
+    off = off[used]
+    sigma = sigma[used]
+    n = n[used]
+    across = across[used]
+    rays = rays[used]
+    z = z[used]
 
     arm = (z[:, None] * rays - transform_points(X_ST, surface.center)) / surface.radius
     weight = evidence.noise.independent(window[0].step or 1) / sigma**2

@@ -80,7 +80,7 @@ class Recognition:
         """Log likelihood [nat] of the likeliest object above the runner-up's; inf without any."""
         if len(self.candidates) < 2:
             return np.inf
-        first, second = (each.log_likelihood for each in self.candidates[:2])
+        first, second = (candidate.log_likelihood for candidate in self.candidates[:2])
         return first - second if np.isfinite(second) else np.inf
 
 
@@ -135,21 +135,22 @@ def recognise(
         for name, surface in surfaces.items()
     }
 
-    found = {name: attempt.concluded() for name, attempt in attempts.items()}
-    if not any(each.accepted for each in found.values()):
+    identified = {name: attempt.concluded() for name, attempt in attempts.items()}
+    if not any(identification.accepted for identification in identified.values()):
         # Most objects are another one: all starts are fitted only if none fits.
         for name, attempt in attempts.items():
             wider = attempt.widened()
             if wider is not attempt:
-                found[name] = wider.concluded()
+                identified[name] = wider.concluded()
 
     # All on the same pixels
-    candidates = _compared(found)
-    name, reason = None, _doubt(candidates)
+    candidates = _compared(identified)
+    name = None
+    reason = _doubt(candidates)
     decision = candidates[0].found.decision
     if not reason:
         name = candidates[0].name
-    elif decision is Decision.ACCEPT or any(each.found.accepted for each in candidates):
+    elif decision is Decision.ACCEPT or any(candidate.found.accepted for candidate in candidates):
         decision = Decision.RESCAN
 
     return Recognition(
@@ -204,12 +205,12 @@ def identify_together(
         with suppress(PerceptionError):  # each says it
             scan = Scan.from_cloud(cloud)
 
-    found: dict[str, Identification] = {}
+    identified: dict[str, Identification] = {}
 
     sought = list(surfaces)
     while sought:
         for name in sought:
-            found[name] = identify(
+            identified[name] = identify(
                 scan,
                 surfaces[name],
                 approaches.get(name),
@@ -218,19 +219,19 @@ def identify_together(
                 seed=seed,
             )
 
-        left = [name for name in sought if not found[name].accepted]
+        left = [name for name in sought if not identified[name].accepted]
 
         # Accepted objects explain their pixels, the likelier first
         for name in sorted(
-            set(sought) - set(left), key=lambda name: -found[name].hypotheses[0].log_likelihood
+            set(sought) - set(left), key=lambda name: -identified[name].hypotheses[0].log_likelihood
         ):
-            known = _shown(scan, found[name])
+            known = _shown(scan, identified[name])
             if (
                 scan.known is not None
                 and (known.shown & scan.known.shown).sum() > _SHARED * known.shown.sum()
             ):
-                found[name] = replace(
-                    found[name], accepted=False, reason="what shows it shows another object"
+                identified[name] = replace(
+                    identified[name], accepted=False, reason="what shows it shows another object"
                 )
                 left.append(name)
             else:
@@ -241,7 +242,7 @@ def identify_together(
         if len(left) == len(sought):
             break
         sought = left
-    return found
+    return identified
 
 
 def _shown(scan: Scan, found: Identification) -> KnownObjects:
@@ -249,7 +250,8 @@ def _shown(scan: Scan, found: Identification) -> KnownObjects:
     assert found.evidence is not None  # it was accepted
 
     depth = found.surface.depth(found.X_sensor_target, scan)
-    off, z = np.abs(scan.depth - depth), np.where(np.isfinite(depth), depth, 1.0)
+    off = np.abs(scan.depth - depth)
+    z = np.where(np.isfinite(depth), depth, 1.0)
 
     with np.errstate(invalid="ignore"):
         shown = off < 3.0 * found.evidence.noise.sigma(z)
@@ -318,14 +320,20 @@ def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
 
     Those without evidence come last.
     """
-    seen = {name: each.evidence for name, each in found.items() if each.evidence is not None}
+    evidences = {
+        name: identification.evidence
+        for name, identification in found.items()
+        if identification.evidence is not None
+    }
     rivals = [
-        evidence for name, evidence in seen.items() if found[name].decision is not Decision.REFUSE
+        evidence
+        for name, evidence in evidences.items()
+        if found[name].decision is not Decision.REFUSE
     ]
 
     # Pixels of all rivals, with the least noise that any of them leaves
     common = None
-    for evidence in rivals or list(seen.values()):
+    for evidence in rivals or list(evidences.values()):
         if common is None:
             common = evidence
         noise = max(common.noise, evidence.noise, key=lambda noise: noise.information)
@@ -334,15 +342,18 @@ def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
     candidates = [
         Candidate(
             name=name,
-            found=each,
+            found=identification,
             log_likelihood=-np.inf
-            if common is None or each.evidence is None
-            else log_likelihood(common, each.surface, each.X_sensor_target),
+            if common is None or identification.evidence is None
+            else log_likelihood(common, identification.surface, identification.X_sensor_target),
         )
-        for name, each in found.items()
+        for name, identification in found.items()
     ]
     return tuple(
-        sorted(candidates, key=lambda each: (-each.log_likelihood, not each.found.accepted))
+        sorted(
+            candidates,
+            key=lambda candidate: (-candidate.log_likelihood, not candidate.found.accepted),
+        )
     )
 
 
@@ -350,7 +361,7 @@ def _doubt(candidates: tuple[Candidate, ...]) -> str:
     """Why the likeliest of the candidates is not taken for the object; empty if it is."""
     first = candidates[0]
 
-    if not any(each.found.accepted for each in candidates):
+    if not any(candidate.found.accepted for candidate in candidates):
         return (
             f"none of {len(candidates)} objects is accepted; the likeliest, {first.name}: "
             f"{first.found.reason}"

@@ -65,18 +65,19 @@ def best_mirror_image(
     starts = [X_ST @ G @ turn for G in alike for turn in _turns(surface)]
     starts += initial_poses(searched.scan, searched.mask, rival, searched.sensor, expected)
 
-    found = likeliest_of(searched, rival, starts, log_likelihood(searched, surface, X_ST))
+    fitted = likeliest_of(searched, rival, starts, log_likelihood(searched, surface, X_ST))
     if evidence is not searched:
-        found = weighed_again(evidence, rival, found)
+        fitted = weighed_again(evidence, rival, fitted)
 
-    if difference(evidence, (surface, X_ST), (rival, found.X_ST)) < _ALIKE:
+    if difference(evidence, (surface, X_ST), (rival, fitted.X_ST)) < _ALIKE:
         return None
 
-    X_TS, likelihood = inverse(X_ST), log_likelihood(evidence, surface, X_ST)
+    X_TS = inverse(X_ST)
+    likelihood = log_likelihood(evidence, surface, X_ST)
     return MirrorImage(
-        X_TM=readonly(X_TS @ found.X_ST),
+        X_TM=readonly(X_TS @ fitted.X_ST),
         log_likelihood=likelihood,
-        hand=likelihood - found.log_likelihood,
+        hand=likelihood - fitted.log_likelihood,
         p_TS=readonly(X_TS[:3, 3]),
     )
 
@@ -127,7 +128,7 @@ def resized_log_likelihood(
         found: Result of the search with the model.
     """
     rival = resized(surface, size)
-    near = [found.X_ST, *(each.X_sensor_target for each in found.others[:_NEAR])]
+    near = [found.X_ST, *(hypothesis.X_sensor_target for hypothesis in found.others[:_NEAR])]
     starts = [pose(X[:3, :3], X[:3, 3] + (1.0 - size) * X[:3, :3] @ surface.center) for X in near]
 
     return likeliest_of(
@@ -138,7 +139,8 @@ def resized_log_likelihood(
 @remembered(16, owners=MODELS)
 def resized(surface: ModelSurface, size: float) -> ModelSurface:
     """The model scaled by `size` about the origin of T."""
-    target, symmetry = surface.target, surface.symmetry
+    target = surface.target
+    symmetry = surface.symmetry
     return replace(
         surface,
         target=TargetModel(

@@ -80,7 +80,7 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
     tree = cKDTree(surface.points)
     folds = sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)})
 
-    found: list[tuple[float, Array]] = []
+    rotations: list[tuple[float, Array]] = []
     for middle in (surface.points.mean(axis=0), surface.center):
         main = np.linalg.eigh(np.cov((surface.points - middle).T))[1].T
         for axis in np.vstack([main, np.eye(3)]):
@@ -103,11 +103,11 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
 
                 # Settled, and another pose than those so far
                 G = _settled(tree, points, G)
-                others = [] if k >= len(folds) else [Y for _, Y in found]
+                others = [] if k >= len(folds) else [Y for _, Y in rotations]
                 if _is_another(surface.symmetry, G, [np.eye(4), *others]):
-                    found.append((unlike, G))
+                    rotations.append((unlike, G))
 
-    turned = tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
+    turned = tuple(G for _, G in sorted(rotations, key=lambda item: item[0]))[:_TRIED]
     return turned + tuple(_shifts(surface, points, tree))
 
 
@@ -129,8 +129,9 @@ def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
         distance, index = tree.query(moved)
 
         # Pairs but for the farthest
-        kept = distance <= np.quantile(distance, _TRIMMED)
-        a, b = moved[kept], tree.data[index[kept]]
+        paired = distance <= np.quantile(distance, _TRIMMED)
+        a = moved[paired]
+        b = tree.data[index[paired]]
 
         # Least-squares rotation of the pairs [Arun 1987]
         U, _, Vt = np.linalg.svd((b - b.mean(axis=0)).T @ (a - a.mean(axis=0)))
@@ -144,7 +145,7 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
     middle = surface.points.mean(axis=0)
     some = points[:: max(1, len(points) // _SHIFTED)]
     steps = np.arange(*_PERIODS, surface.spacing / surface.radius) * surface.radius
-    found: list[Array] = []
+    shifts: list[Array] = []
 
     # Rms distance along each principal axis
     for axis in np.linalg.eigh(np.cov((surface.points - middle).T))[1].T:
@@ -159,15 +160,15 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
 
         # Shifts by a period, and screws of either hand
         for period in periods[:_MOST_PERIODS]:
-            found += [pose(p=sign * period * axis) for sign in (1.0, -1.0)]
+            shifts += [pose(p=sign * period * axis) for sign in (1.0, -1.0)]
             for share in _SCREWS:
                 for turn in (share, -share):
                     R = exp_so3(2.0 * np.pi * turn * axis)
                     G = pose(R, middle - R @ middle)
                     for shift in (turn * period * axis, -turn * period * axis):  # of either hand
                         if _overlap(tree, transform_points(G, some), shift, length) < limit:
-                            found.append(pose(p=shift) @ G)
-    return found[:_TRIED]
+                            shifts.append(pose(p=shift) @ G)
+    return shifts[:_TRIED]
 
 
 @remembered(16, owners=MODELS)
@@ -185,11 +186,11 @@ def slipping_twist(surface: ModelSurface) -> Array | None:
     J = np.column_stack([surface.normals, np.cross(at, surface.normals) / surface.radius])
 
     # Smallest eigenvalue: the motion that the surface resists least
-    values, vectors = np.linalg.eigh(J.T @ J / len(J))
+    eigenvalues, vectors = np.linalg.eigh(J.T @ J / len(J))
     linear, angular = vectors[:3, 0], vectors[3:, 0] / surface.radius
     motion = float(np.sqrt(np.mean(np.sum((linear + np.cross(angular, at)) ** 2, axis=1))))
 
-    if np.sqrt(max(values[0], 0.0)) > _SLIPPERY * motion:
+    if np.sqrt(max(eigenvalues[0], 0.0)) > _SLIPPERY * motion:
         return None
     return np.concatenate([linear, angular]) / motion
 
@@ -243,7 +244,8 @@ def asymmetric_parts(surface: ModelSurface) -> Array:
 
     None without an axis of symmetry.
     """
-    symmetry, points = surface.symmetry, surface.points
+    symmetry = surface.symmetry
+    points = surface.points
 
     if symmetry.axis is None:
         return np.zeros((0, 3))
@@ -297,9 +299,9 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
         return None
 
     # Gain over the featureless body
-    seen = pixels.depths(surface, poses)
-    bare = np.median(seen, axis=0)
-    gain, agree = pixels.gains(seen, bare)
+    depths = pixels.depths(surface, poses)
+    bare = np.median(depths, axis=0)
+    gain, agree = pixels.gains(depths, bare)
 
     # Unique: the gain at other angles is far less
     best = int(gain.argmax())
@@ -310,7 +312,8 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
         return None
 
     # Finer angles around the best one
-    G, near = symmetry.rotations[group : group + 1], angles[at] + _STEP * _FINE
+    G = symmetry.rotations[group : group + 1]
+    near = angles[at] + _STEP * _FINE
     gain = pixels.gains(pixels.depths(surface, turned(near, G)), bare)[0]
     # Centroid of the peak, not its maximum: the top is flat, and noise would move the maximum.
     return turned(np.array([np.average(near, weights=gain - gain.min() + 1e-9)]), G)[0]
@@ -328,7 +331,8 @@ class _Pixels:
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, poses: list[Array]) -> "_Pixels | None":
         """Select the pixels; None if the sensor got no echo where any of the parts could appear."""
-        scan, points = evidence.scan, asymmetric_parts(surface)
+        scan = evidence.scan
+        points = asymmetric_parts(surface)
         where = np.zeros(scan.depth.shape, dtype=bool)
         for X in poses:
             row, column, inside = scan.pixels(transform_points(X, points))
@@ -348,10 +352,10 @@ class _Pixels:
 
     def depths(self, surface: ModelSurface, poses: list[Array]) -> Array:
         """Depths (len(poses), p) [m] of the model; inf where the ray misses it."""
-        found = np.empty((len(poses), len(self.rays)))
+        rendered = np.empty((len(poses), len(self.rays)))
         for k, X_TS in enumerate(map(inverse, poses)):
-            found[k] = surface.scene.distance(X_TS[:3, 3], self.rays @ X_TS[:3, :3].T)
-        return found
+            rendered[k] = surface.scene.distance(X_TS[:3, 3], self.rays @ X_TS[:3, :3].T)
+        return rendered
 
     def gains(self, seen: Array, bare: Array) -> tuple[Array, Array]:
         """Gain (k,) [nat] of `seen` (k, p) [m] over the featureless `bare` (p,) [m].

@@ -67,7 +67,9 @@ class SeabedFinder:
 
         self._looks = looks if cloud_W is None else 1
         self._up = np.array(checked(up_W, (3,), "up_W"))
-        self._core_depth, self._width, self._limits = core_depth, width, limits
+        self._core_depth = core_depth
+        self._width = width
+        self._limits = limits
         self._cloud_W = None if cloud_W is None else np.asarray(cloud_W, dtype=np.float64)
 
     def init(self) -> SeabedFinderState:
@@ -93,12 +95,12 @@ class SeabedFinder:
             ConfigurationError: If `measurement` is of another type or malformed.
         """
         # Enough clouds are collected first
-        seen = (
+        points = (
             self._cloud_W
             if self._cloud_W is not None
             else points_in_world(estimate.X_WB, measurement)
         )
-        clouds = (*state.waiting, seen)
+        clouds = (*state.waiting, points)
         if len(clouds) < self._looks:
             return replace(state, waiting=clouds), None
 
@@ -144,9 +146,11 @@ class SeabedFinder:
 def points_in_world(X_WB: Array, measurement: Measurement) -> Array:
     """Points (n, 3) [m] in W of a sonar scan or depth frame, measured from a hull at `X_WB`."""
     if isinstance(measurement, SonarScan):
-        points, X_BS = without_isolated_echoes(measurement.points), measurement.X_BS
+        points = without_isolated_echoes(measurement.points)
+        X_BS = measurement.X_BS
     elif isinstance(measurement, DepthImage):
-        points, X_BS = Scan.from_depth(measurement).points, measurement.X_BC
+        points = Scan.from_depth(measurement).points
+        X_BS = measurement.X_BC
     else:
         raise ConfigurationError(
             f"seabed finder: expected a SonarScan or a DepthImage, got {type(measurement).__name__}"

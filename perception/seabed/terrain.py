@@ -123,9 +123,9 @@ def build_terrain(
         )
 
     # Heights with their standard errors, and the triangles over them
-    kept, count, noise = _thinned(local, max_vertices)
-    height, sigma, noise, good = _fitted(kept, count, noise)
-    vertices = np.column_stack([kept[:, :2], height])[good]
+    thinned, count, noise = _thinned(local, max_vertices)
+    height, sigma, noise, good = _fitted(thinned, count, noise)
+    vertices = np.column_stack([thinned[:, :2], height])[good]
     triangles = _delaunay(vertices)
 
     # Triangles without an edge across a hole
@@ -276,19 +276,21 @@ def relief(
     middle = patch.mean(axis=0)
     (sx, sy), *_ = np.linalg.lstsq(patch[:, :2] - middle[:2], patch[:, 2] - middle[2], rcond=None)
     off = patch[:, 2] - middle[2] - (patch[:, :2] - middle[:2]) @ [sx, sy]
-    slope, rough, step = float(np.arctan(np.hypot(sx, sy))), float(off.std()), float(np.ptp(off))
+    slope = float(np.arctan(np.hypot(sx, sy)))
+    rough = float(off.std())
+    step = float(np.ptp(off))
 
     # Limits
-    found = [
-        f"{word} {value * scale:.{digits}f} {unit} over the limit of {limit * scale:.{digits}f}"
-        for word, value, limit, scale, digits, unit in (
+    exceeded = [
+        f"{word} {figure * scale:.{digits}f} {unit} over the limit of {limit * scale:.{digits}f}"
+        for word, figure, limit, scale, digits, unit in (
             ("slope", slope, limits.slope, np.degrees(1.0), 0, "deg"),
             ("roughness", rough, limits.roughness, 1e3, 0, "mm"),
             ("step", step, limits.step, 1e3, 0, "mm"),
         )
-        if value > limit
+        if figure > limit
     ]
-    reason = f"the relief at {name} is unsuitable: {', '.join(found)}" if found else ""
+    reason = f"the relief at {name} is unsuitable: {', '.join(exceeded)}" if exceeded else ""
     return Relief(slope=slope, roughness=rough, step=step, reason=reason)
 
 
@@ -331,7 +333,8 @@ def _check_spread(local: Array) -> None:
 
 def _area(local: Array) -> float:
     """Area [m^2] covered by the points: occupied cells of a grid, with about 12 points a cell."""
-    low, size = local[:, :2].min(axis=0), np.ptp(local[:, :2], axis=0)
+    low = local[:, :2].min(axis=0)
+    size = np.ptp(local[:, :2], axis=0)
     side = float(np.sqrt(size[0] * size[1] / max(4.0, len(local) / 12.0)))
     cell = ((local[:, :2] - low) / max(side, 1e-9)).astype(np.int64)
     return side**2 * len(np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]))
@@ -389,7 +392,8 @@ def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
     cell = ((local[:, :2] - low) / side).astype(np.int64)
     key = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
     order = np.lexsort((local[:, 2], key))
-    key, p = key[order], local[order]
+    key = key[order]
+    p = local[order]
 
     first = np.flatnonzero(np.diff(key, prepend=key[0] - 1))
     count = np.diff(first, append=len(key))
@@ -442,20 +446,20 @@ def _fitted(
 
     # Each point pulls the quadric towards itself, so its residual is smaller than its noise:
     # corrected by the leverage.
-    one = np.sqrt(count / np.maximum(1.0 - leverage, 0.05))
+    per_point = np.sqrt(count / np.maximum(1.0 - leverage, 0.05))
 
     if not np.isfinite(noise):
-        noise = 1.48 * float(np.median(np.abs(off) * one))
+        noise = 1.48 * float(np.median(np.abs(off) * per_point))
 
     # Outliers
-    own = noise / np.sqrt(count)
+    point_sigma = noise / np.sqrt(count)
     scale = np.maximum(scatter, np.median(scatter))
-    good = np.abs(off) <= _FAR * np.maximum(scale, own) + 1e-6
+    good = np.abs(off) <= _FAR * np.maximum(scale, point_sigma) + 1e-6
 
     # Wiener filter: the point's share grows with the relief that its quadric leaves
-    keep = np.maximum(0.0, 1.0 - own**2 / np.maximum(scatter**2, 1e-18))
+    keep = np.maximum(0.0, 1.0 - point_sigma**2 / np.maximum(scatter**2, 1e-18))
     height = fit + keep * off
-    sigma = own * np.sqrt(keep**2 + (1.0 - keep**2) * leverage)
+    sigma = point_sigma * np.sqrt(keep**2 + (1.0 - keep**2) * leverage)
     return height, sigma, noise, good
 
 
@@ -479,7 +483,12 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
         for j in range(k):
             u = (points[index[i, j], 0] - points[i, 0]) / radius
             v = (points[index[i, j], 1] - points[i, 1]) / radius
-            M[j, 0], M[j, 1], M[j, 2], M[j, 3], M[j, 4], M[j, 5] = 1.0, u, v, u * u, u * v, v * v
+            M[j, 0] = 1.0
+            M[j, 1] = u
+            M[j, 2] = v
+            M[j, 3] = u * u
+            M[j, 4] = u * v
+            M[j, 5] = v * v
             off[j] = points[index[i, j], 2]
 
         # Start from the neighbours' median: least squares would start off the surface where two of
@@ -534,7 +543,8 @@ def _delaunay(vertices: Array) -> np.ndarray:
 
     # Counter-clockwise, none of zero area
     corner = vertices[triangles][..., :2]
-    a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    a = corner[:, 1] - corner[:, 0]
+    b = corner[:, 2] - corner[:, 0]
     twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     triangles = np.where((twice < 0.0)[:, None], triangles[:, ::-1], triangles)
     return triangles[np.abs(twice) > 1e-12]
@@ -552,9 +562,9 @@ def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
             "from it meets nothing"
         )
 
-    place = terrain.ground(B[None])[0]
+    p_ground = terrain.ground(B[None])[0]
     nearest = float(
-        np.linalg.norm(terrain.ground(terrain.vertices)[:, :2] - place[:2], axis=1).min()
+        np.linalg.norm(terrain.ground(terrain.vertices)[:, :2] - p_ground[:2], axis=1).min()
     )
     raise PerceptionError(
         f"target {name}: a hole in the cloud lies under it, the nearest measured point is "
@@ -564,12 +574,13 @@ def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
 
 def _check_layers(terrain: Terrain, A: Array, name: str) -> None:
     """Refuse a place around which the cloud shows two heights."""
-    place = terrain.ground(A[None])[0, :2]
-    two = int((np.linalg.norm(terrain.layered - place, axis=1) < _LAYER_RADIUS).sum())
+    p_ground = terrain.ground(A[None])[0, :2]
+    two = int((np.linalg.norm(terrain.layered - p_ground, axis=1) < _LAYER_RADIUS).sum())
     if (
         two
         and two
-        > _LAYER_SHARE * (np.linalg.norm(terrain.looked_at - place, axis=1) < _LAYER_RADIUS).sum()
+        > _LAYER_SHARE
+        * (np.linalg.norm(terrain.looked_at - p_ground, axis=1) < _LAYER_RADIUS).sum()
     ):
         raise PerceptionError(
             f"target {name}: the cloud shows two surfaces one above the other around it"

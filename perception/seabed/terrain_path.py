@@ -70,8 +70,11 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
         )
 
     width = checked_width(width)
-    ground, ends = terrain.ground(terrain.vertices), terrain.ground(targets)
-    points, along, flags = [], [], []
+    ground = terrain.ground(terrain.vertices)
+    ends = terrain.ground(targets)
+    points = []
+    along = []
+    flags = []
 
     # Targets, with the points between them
     for i in range(len(ends) - 1):
@@ -112,7 +115,8 @@ def _cut(
 
     # Triangles on both sides of the plane, and their two edges that cross it
     offset = ground[:, :2] - start[:2]
-    aside, u = offset[:, 1] * way[0] - offset[:, 0] * way[1], offset @ way
+    aside = offset[:, 1] * way[0] - offset[:, 0] * way[1]
+    u = offset @ way
     left = aside >= 0.0
     crossed = triangles[(left[triangles].any(axis=1)) & (~left[triangles]).any(axis=1)]
     edges = np.sort(crossed[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2), axis=2)
@@ -120,7 +124,8 @@ def _cut(
     pairs = edges[cuts].reshape(-1, 2, 2)
 
     # Crossings, as places along the plane
-    a, b = pairs[..., 0], pairs[..., 1]
+    a = pairs[..., 0]
+    b = pairs[..., 1]
     share = aside[a] / (aside[a] - aside[b])
     # (k, 2) [m] first and last place of the plane in each triangle
     at = u[a] + share * (u[b] - u[a])
@@ -134,7 +139,8 @@ def _cut(
     )
     within = (s > 1e-6) & (s < length - 1e-6)
     order = np.argsort(s[within])
-    s, p = s[within][order], p[within][order]
+    s = s[within][order]
+    p = p[within][order]
     return p[np.diff(s, prepend=0.0) > 1e-6], way  # edges that meet in one vertex give one point
 
 
@@ -178,11 +184,11 @@ def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
     fine = np.union1d(np.linspace(0.0, u[-1], max(16, 1 + round(u[-1] / _DENSE))), u[cut.target])
     weight = np.where(np.isin(fine, u[cut.target]), _PINNED, 1.0)
     p, a, n = (
-        np.column_stack([np.interp(fine, u, column) for column in each.T])
-        for each in (cut.T, cut.a, cut.n)
+        np.column_stack([np.interp(fine, u, column) for column in rows.T])
+        for rows in (cut.T, cut.a, cut.n)
     )
 
-    curve, axis, ahead = (_spline(fine, values, weight) for values in (p, a, n))
+    curve, axis, ahead = (_spline(fine, rows, weight) for rows in (p, a, n))
 
     # Evenly spaced by length along the curve
     dense = np.linspace(0.0, u[-1], max(64, 4 * round(u[-1] / spacing)))
@@ -231,7 +237,8 @@ def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
     """
     depth = finite_number(depth, "core depth [m]", above=0.0, most=10.0)
     s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
-    ones, scanned = np.ones((len(s), 1)), np.ones(len(s), dtype=bool)
+    ones = np.ones((len(s), 1))
+    scanned = np.ones(len(s), dtype=bool)
     scanned.setflags(write=False)
     return ToolPath(
         s=readonly(s),
@@ -295,15 +302,15 @@ def plan_seabed_work(
     targets = project(terrain, B)
     cut = profile(terrain, targets.A, width) if len(targets.A) > 1 else None
 
-    found = relief(terrain, targets.A if cut is None else cut.T, patch, limits)
-    if not found.suitable:
-        raise PerceptionError(found.reason)
+    site = relief(terrain, targets.A if cut is None else cut.T, patch, limits)
+    if not site.suitable:
+        raise PerceptionError(site.reason)
 
     path = None if cut is None else smooth_path(cut)
     return SeabedPlan(
         terrain=terrain,
         targets=targets,
-        relief=found,
+        relief=site,
         profile=cut,
         path=path,
         duration_s=time.perf_counter() - began,

@@ -87,7 +87,8 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise ConfigurationError(f"deformation: size must be positive [m], got {size}")
 
-    evidence, surface = found.evidence, found.surface
+    evidence = found.evidence
+    surface = found.surface
 
     # Pose fitted anew to the undeformed rest, by the regions of a first comparison
     first = _Comparison.of(evidence, surface, found.X_sensor_target)
@@ -104,8 +105,8 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
         ((last.region(label == k), k) for k in range(1, count + 1)),
         key=lambda item: -item[0].area_m2,
     )
-    place = np.zeros(count + 1, dtype=np.int64)
-    place[[k for _, k in regions]] = np.arange(1, count + 1)
+    rank = np.zeros(count + 1, dtype=np.int64)
+    rank[[k for _, k in regions]] = np.arange(1, count + 1)
 
     return DeformationMap(
         X_sensor_target=readonly(X_ST),
@@ -113,7 +114,7 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
         deviation=readonly(np.where(last.known, last.deviation, np.nan)),
         noise_m=last.noise,
         size_m=size,
-        label=place[label],
+        label=rank[label],
         compared=float(last.area[last.known].sum() / max(last.area.sum(), 1e-12)),
         regions=tuple(region for region, _ in regions),
     )
@@ -133,7 +134,8 @@ class _Comparison:
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> "_Comparison":
         """Compare with the model at `X_ST` (4, 4)."""
-        scan, sensor = evidence.scan, evidence.sensor
+        scan = evidence.scan
+        sensor = evidence.sensor
 
         model, cosine = surface.seen(X_ST, scan)
         z = model.depth
@@ -184,7 +186,8 @@ class _Comparison:
 
     def labelled(self, size: float) -> tuple[np.ndarray, int]:
         """Labels, from 1, of significant regions beyond `size` [m] to one side; their number."""
-        label, count = np.zeros(self.known.shape, dtype=np.int64), 0
+        label = np.zeros(self.known.shape, dtype=np.int64)
+        count = 0
 
         for side in (1.0, -1.0):
             part = ndimage.label(self.known & (side * self.deviation > size))[0]
@@ -196,7 +199,9 @@ class _Comparison:
 
     def region(self, inside: np.ndarray) -> Region:
         """Properties of the region of the pixels `inside`."""
-        points, off, area = self.points_S[inside], self.deviation[inside], self.area[inside]
+        points = self.points_S[inside]
+        off = self.deviation[inside]
+        area = self.area[inside]
         offset = points - np.average(points, axis=0, weights=area)
         p_S = points[int(np.linalg.norm(offset, axis=1).argmin())]
         axes = np.linalg.eigh((area[:, None] * offset).T @ offset)[1]

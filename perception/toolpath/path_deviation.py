@@ -122,9 +122,12 @@ def deviate(
     face &= np.abs(model - _BEFORE) < _SAME_FACE
     well = face & in_bounds
 
-    form, section = _form(well, difference, s), np.where(face, model - _BEFORE, np.inf)
-    face, well = face[:, _INNER], well[:, _INNER]
-    difference, rays = difference[:, _INNER], rays[:, _INNER]
+    form = _form(well, difference, s)
+    section = np.where(face, model - _BEFORE, np.inf)
+    face = face[:, _INNER]
+    well = well[:, _INNER]
+    difference = difference[:, _INNER]
+    rays = rays[:, _INNER]
 
     # Holes in plain view, which may be bridged, and sides that are not seen
     usable = well.sum(axis=1) >= _LEAST_RAYS
@@ -151,9 +154,9 @@ def deviate(
 
     def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
         """Gaussian mean over the `known` points, and its noise, which grows at ends and gaps."""
-        value, weight = _blur_known(middle, known, width / step)
+        average, weight = _blur_known(middle, known, width / step)
         patch = (np.ptp(_LATERAL) + step) * (_MEDIAN + 2.0 * width) * weight
-        return value, doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
+        return average, doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
 
     # High and steep deviations
     fine, sigma = mean(usable, _SMOOTH)
@@ -188,10 +191,10 @@ def deviate(
     trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
     steep = fine + trust * (form[:, 0] - fine)
 
-    for found, values in ((low, wide), (high, steep)):
+    for detected, deviation in ((low, wide), (high, steep)):
         # a gap beside a deviation does not end it
-        share = _blur(found[nearest].astype(float), step)
-        along += share * (values - along)
+        share = _blur(detected[nearest].astype(float), step)
+        along += share * (deviation - along)
 
     # Slope across the path, and all of it over parts that were not seen
     across = _slope(well, difference, middle)
@@ -199,7 +202,8 @@ def deviate(
         along, np.where(usable, across, 0.0), high | low, usable, bridged, s
     )
 
-    share, across = _blur(on_scan.astype(float), step), _blur(across, 0.5 * step)
+    share = _blur(on_scan.astype(float), step)
+    across = _blur(across, 0.5 * step)
     bend = share * trust * np.where(usable & high[nearest], form[:, 2], 0.0)
     return Deviation(
         o=o,
@@ -250,7 +254,8 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
     )
     widths = np.clip(widths, *_WIDTHS)
 
-    axes, known = z.copy(), np.zeros(len(p), dtype=bool)
+    axes = z.copy()
+    known = np.zeros(len(p), dtype=bool)
     if len(points) < _FITTED:
         return axes, known
     tree = cKDTree(points)
@@ -258,7 +263,9 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
         # Points in the axes of the path, across it in widths
         u, v = _perpendicular(z[i])
         to = points[near] - p[i]
-        x, y, depth = to @ u / widths[i], to @ v / widths[i], to @ z[i]
+        x = to @ u / widths[i]
+        y = to @ v / widths[i]
+        depth = to @ z[i]
         weight = np.exp(-0.5 * (x * x + y * y)) * (np.abs(depth) < _SAME_FACE)
 
         # Weighted least squares of a parabola
@@ -270,7 +277,8 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
         # Its slopes tilt the axis
         rise = np.linalg.solve(normal, terms.T @ (weight * depth))[1:3] / widths[i]
         axis = z[i] - rise[0] * u - rise[1] * v
-        axes[i], known[i] = axis / np.linalg.norm(axis), True
+        axes[i] = axis / np.linalg.norm(axis)
+        known[i] = True
     return axes, known
 
 
@@ -298,8 +306,8 @@ def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -
     part = evidence.scan.part(evidence.scan.window(near, 0.1, 10**6))
     if min(part.depth.shape) < 2:
         return np.full(len(starts), np.inf)
-    found = distances_along(part, starts, o)
-    return np.full(len(starts), np.inf) if found is None else found
+    distances = distances_along(part, starts, o)
+    return np.full(len(starts), np.inf) if distances is None else distances
 
 
 def _in_plain_view(
@@ -388,9 +396,10 @@ def _over_gaps(
     before = np.maximum.accumulate(np.where(usable, np.arange(len(s)), -1))
     after = np.minimum.accumulate(np.where(usable, np.arange(len(s)), len(s))[::-1])[::-1]
     out = ~(usable | bridged)
-    faded, faded_across = np.zeros(len(s)), np.zeros(len(s))
-    for edge, there in ((before, before >= 0), (after, after < len(s))):
-        rows = np.flatnonzero(out & there)
+    faded = np.zeros(len(s))
+    faded_across = np.zeros(len(s))
+    for edge, exists in ((before, before >= 0), (after, after < len(s))):
+        rows = np.flatnonzero(out & exists)
         size = along[edge[rows]]
         u = np.abs(s[rows] - s[edge[rows]]) / np.maximum(_FADE[0], _FADE[1] * np.abs(size))
         left = np.where(u < 1.0, 1.0 - u * u * (3.0 - 2.0 * u), 0.0)
@@ -439,7 +448,8 @@ def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
     bias along it, avoid that.
     """
     step = float(np.diff(s).mean())
-    lines, weight = np.zeros(difference.shape), np.zeros(difference.shape)
+    lines = np.zeros(difference.shape)
+    weight = np.zeros(difference.shape)
 
     # Each line along the path: median, then a Gaussian of second order
     for k, known in enumerate(well.T):
@@ -452,16 +462,17 @@ def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
             ),
             step,
         )
-        lines[:, k], weight[:, k] = 2.0 * line - _blur(line, step), _blur(known.astype(float), step)
+        lines[:, k] = 2.0 * line - _blur(line, step)
+        weight[:, k] = _blur(known.astype(float), step)
 
     # Parabola across the lines, by weighted least squares
     x = BESIDE / BESIDE[-1]
     powers = x[:, None] ** np.arange(3)
     normal = np.einsum("nk,kp,kq->npq", weight, powers, powers) + np.diag([1e-9, 1e-3, 1e-3])
-    found = np.linalg.solve(normal, np.einsum("nk,kp,nk->np", weight, powers, lines)[..., None])[
+    form = np.linalg.solve(normal, np.einsum("nk,kp,nk->np", weight, powers, lines)[..., None])[
         ..., 0
     ]
-    return found / BESIDE[-1] ** np.arange(3)
+    return form / BESIDE[-1] ** np.arange(3)
 
 
 def _slope(well: np.ndarray, difference: Array, middle: Array) -> Array:

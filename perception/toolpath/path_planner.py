@@ -94,7 +94,8 @@ def plan_path(
     )
 
     # A point of contact
-    p, z = dense.p + deviation.along_o[:, None] * deviation.o, tilted_axis(dense, deviation)
+    p = dense.p + deviation.along_o[:, None] * deviation.o
+    z = tilted_axis(dense, deviation)
     if not (tool_radius > 0.0 and deviation.on_scan.any()):
         return turning_at_rest(_smoothed(p, z, deviation.on_scan, spacing, b))
 
@@ -104,8 +105,8 @@ def plan_path(
     path_found = _smoothed(p, _towards(axes, z, p), deviation.on_scan, spacing, b)
 
     at = np.linspace(0.0, 1.0, len(path_found.s))
-    seen = np.interp(at, np.linspace(0.0, 1.0, len(p)), scanned.astype(float)) > 0.5
-    return turning_at_rest(workable(path_found, tool_radius, seen))
+    observed = np.interp(at, np.linspace(0.0, 1.0, len(p)), scanned.astype(float)) > 0.5
+    return turning_at_rest(workable(path_found, tool_radius, observed))
 
 
 def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> ToolPath:
@@ -123,9 +124,9 @@ def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> T
         ConfigurationError: For a path with coinciding points.
     """
     carried = carry(X_AT, densified(path))
-    seen = np.zeros(len(carried.p), dtype=bool)
+    on_scan = np.zeros(len(carried.p), dtype=bool)
     return turning_at_rest(
-        _smoothed(carried.p, carried.a, seen, spacing, carried.b if carried.keeps_b else None)
+        _smoothed(carried.p, carried.a, on_scan, spacing, carried.b if carried.keeps_b else None)
     )
 
 
@@ -186,16 +187,16 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
         )
 
     # From the first place that fits to the last, with what is left out between
-    kept = np.flatnonzero(fits)[[0, -1]]
-    part = slice(kept[0], kept[1] + 1)
+    ends = np.flatnonzero(fits)[[0, -1]]
+    part = slice(ends[0], ends[1] + 1)
     causes = (
         ("hollows too tight for the tool", tight & ~unseen),
         ("places that were not seen", unseen),
     )
-    told = [
+    reasons = [
         f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()
     ]
-    note = f"{' and '.join(told)}, are left out" if told else ""
+    note = f"{' and '.join(reasons)}, are left out" if reasons else ""
 
     return replace(
         path,
@@ -247,7 +248,7 @@ def densified(path: ModelPath) -> ModelPath:
     fine = np.linspace(0.0, u[-1], max(8, 1 + round(u[-1] / _DENSE)))
     steps = Steps.of(path.a, path.b) if path.keeps_b else NO_STEPS
     smooth = steps.taken_out(path.a, path.b)
-    p, a, b = (make_interp_spline(u, values, k=3)(fine) for values in (path.p, path.a, smooth))
+    p, a, b = (make_interp_spline(u, rows, k=3)(fine) for rows in (path.p, path.a, smooth))
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     b = steps.put_back(
         a, b / np.linalg.norm(b, axis=1, keepdims=True), np.interp(fine, u, np.arange(len(u)))
@@ -265,7 +266,8 @@ def _smoothed(
     that never turns about the tool's.
     """
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
-    curve, axis = _spline(u, p), _spline(u, z)
+    curve = _spline(u, p)
+    axis = _spline(u, z)
 
     # Evenly spaced by length along the curve
     fine = np.linspace(0.0, u[-1], max(16, 4 * round(u[-1] / spacing)))
@@ -276,7 +278,8 @@ def _smoothed(
     at = np.interp(s, length, fine)
 
     # Axes
-    points, tool = curve(at), axis(at)
+    points = curve(at)
+    tool = axis(at)
     tool /= np.linalg.norm(tool, axis=1, keepdims=True)
 
     steps = NO_STEPS if b is None else Steps.of(z, b)
@@ -337,7 +340,8 @@ def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array,
 
     # The same, with straight ends on which the ball can stand
     step = float(np.linalg.norm(np.diff(path.p, axis=0), axis=1).mean())
-    more, slope = int(np.ceil(radius / step)), max(1, round(_SLOPE / step))
+    more = int(np.ceil(radius / step))
+    slope = max(1, round(_SLOPE / step))
     longer = np.vstack(
         [_onward(surface[::-1], more, slope)[::-1], surface, _onward(surface, more, slope)]
     )
@@ -348,7 +352,8 @@ def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array,
     closed = surface - over[..., None] * path.a[:, None]
 
     # Normals from the slopes along and across
-    middle, off = count // 2, round(_SLOPE / _ACROSS)
+    middle = count // 2
+    off = round(_SLOPE / _ACROSS)
     along = ndimage.gaussian_filter1d(
         np.gradient(closed[:, middle], axis=0), 0.5 * _SLOPE / step, axis=0
     )
@@ -433,9 +438,11 @@ def _erosion(points, ways, centres, radius):
 @kernel
 def _near(points, i, radius):
     """Range of rows whose middle point is within 1.5 `radius` of that of row `i`."""
-    n, middle = points.shape[0], points.shape[1] // 2
+    n = points.shape[0]
+    middle = points.shape[1] // 2
     reach = (1.5 * radius) ** 2
-    first, last = i, i + 1
+    first = i
+    last = i + 1
     while first > 0 and _square(points, first - 1, i, middle) < reach:
         first -= 1
     while last < n and _square(points, last, i, middle) < reach:
@@ -454,7 +461,8 @@ def _square(points, i, j, k):
 @kernel
 def _split(points, j, k, origin, way):
     """Height of points[j, k] over `origin` along `way`, and the squared distance from that line."""
-    over, total = 0.0, 0.0
+    over = 0.0
+    total = 0.0
     for c in range(3):
         step = points[j, k, c] - origin[c]
         over += step * way[c]

@@ -39,7 +39,8 @@ _MOST_TURN, _MOST_LINES = 1e3, 10_000  # [rad] of a helix; lines of a raster
 
 def line(start: ArrayLike, end: ArrayLike) -> Array:
     """Points (n, 3) [m] from `start` to `end` (3,)."""
-    a, b = _place(start, "line: start"), _place(end, "line: end")
+    a = _place(start, "line: start")
+    b = _place(end, "line: end")
 
     length = float(np.linalg.norm(b - a))
     if not length > _NEAR:
@@ -69,8 +70,10 @@ def circle(
     Raises:
         ConfigurationError: For a start on the axis, or an angle or rise out of bounds.
     """
-    c, p = _place(center, "circle: center"), _place(start, "circle: start")
-    angle, rise = number(angle, "circle: angle [rad]"), number(rise, "circle: rise [m]")
+    c = _place(center, "circle: center")
+    p = _place(start, "circle: start")
+    angle = number(angle, "circle: angle [rad]")
+    rise = number(rise, "circle: rise [m]")
 
     w = unit_vector(axis, "circle: axis")
     arm = (p - c) - w * (w @ (p - c))
@@ -110,11 +113,12 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
         ConfigurationError: For edges that are zero or not perpendicular, or too many lines.
     """
     c, u, v = (
-        _place(value, f"raster: {name}")
-        for value, name in ((center, "center"), (along, "along"), (across, "across"))
+        _place(vector, f"raster: {name}")
+        for vector, name in ((center, "center"), (along, "along"), (across, "across"))
     )
 
-    length, width = float(np.linalg.norm(u)), float(np.linalg.norm(v))
+    length = float(np.linalg.norm(u))
+    width = float(np.linalg.norm(v))
     if not (length > _NEAR and width > _NEAR and abs(u @ v) < 1e-6 * length * width):
         raise ConfigurationError("raster: along and across must be perpendicular and not zero")
 
@@ -127,9 +131,11 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
     # Lines in turn, each but the last with a half circle to the next
     lines = 1 + max(1, int(np.ceil(width / pitch - 1e-9)))
     pitch = width / (lines - 1)
-    parts, turn = [], np.linspace(0.0, np.pi, _count(0.5 * np.pi * pitch))[1:-1, None]
+    parts = []
+    turn = np.linspace(0.0, np.pi, _count(0.5 * np.pi * pitch))[1:-1, None]
     for i in range(lines):
-        way, begin = (1.0 if i % 2 == 0 else -1.0), c - 0.5 * v + i * pitch * v / width
+        way = 1.0 if i % 2 == 0 else -1.0
+        begin = c - 0.5 * v + i * pitch * v / width
         parts.append(line(begin - 0.5 * way * u, begin + 0.5 * way * u))
         if i < lines - 1:
             middle = begin + 0.5 * way * u + 0.5 * pitch * v / width
@@ -190,8 +196,10 @@ def laid_on(
 
     # No step off an edge
     p = starts + hit["t"][:, None] * ways
-    steps, wanted = (np.linalg.norm(np.diff(values, axis=0), axis=1) for values in (p, points))
-    fall = np.flatnonzero(steps > _STEEPEST * wanted)
+    steps, expected = (
+        np.linalg.norm(np.diff(polyline, axis=0), axis=1) for polyline in (p, points)
+    )
+    fall = np.flatnonzero(steps > _STEEPEST * expected)
     if len(fall):
         raise ConfigurationError(
             f"path on {target.name!r}: it falls off an edge after "
@@ -300,7 +308,8 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
     # Splines through points and axes
     u = _chords(p, "points")
     fine = np.linspace(0.0, u[-1], max(_count(float(u[-1])), len(p)))
-    dense, axis = make_interp_spline(u, p, k=3)(fine), make_interp_spline(u, a, k=1)(fine)
+    dense = make_interp_spline(u, p, k=3)(fine)
+    axis = make_interp_spline(u, a, k=1)(fine)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
 
     if along is None:

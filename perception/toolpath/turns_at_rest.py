@@ -28,7 +28,9 @@ def turning_at_rest(path: ToolPath) -> ToolPath:
     ):
         turned[first : first + count[last]] = np.linspace(0.0, angle, count[last])
 
-    s, z, x = path.s[row], path.z[row], path.x[row]
+    s = path.s[row]
+    z = path.z[row]
+    x = path.x[row]
     longer = np.diff(turned, prepend=0.0)
 
     # the first point of each row is the path's own

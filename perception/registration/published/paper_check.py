@@ -11,7 +11,12 @@ import numpy as np
 from uuv.perception.clouds.scan import distances_along
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.perception.registration.pose_check import circle, direction, in_plane, lateral_reach
+from uuv.perception.registration.projection.trajectories import (
+    circle,
+    direction,
+    in_plane,
+    lateral_reach,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 

@@ -74,10 +74,12 @@ def required_error(evidence: Evidence, surface: ModelSurface) -> float:
 
 def _icp(tree: cKDTree, points_T: Array, X_ST: Array, iterations: int) -> tuple[Array, float]:
     """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until its rms distance [m] stays."""
-    error, middle = np.inf, points_T.mean(axis=0)
+    error = np.inf
+    middle = points_T.mean(axis=0)
     for _ in range(iterations):
         distance, index = tree.query(transform_points(X_ST, points_T))
-        before, error = error, float(np.sqrt(np.mean(distance**2)))
+        before = error
+        error = float(np.sqrt(np.mean(distance**2)))
         if not error < (1.0 - _FALLS) * before:
             break
 

@@ -8,7 +8,6 @@ from uuv.perception.clouds import scan as scans
 from uuv.perception.clouds.scan import (
     Scan,
     SensorModel,
-    contour,
     distances_along,
     facing_normals,
     triangulate,
@@ -79,35 +78,6 @@ def test_nearness_to_any_centre_is_that_of_the_nearest(rng: np.random.Generator)
         found = scans.near_any.py_func(points, centers, reach)
         np.testing.assert_array_equal(found, distance <= reach)
     assert not scans.near_any.py_func(points, np.zeros((0, 3)), 1.0).any()
-
-
-def scan_of(depth: Array) -> Scan:
-    """Scan of a camera of 50 px, its axis through the middle."""
-    y, x = ((np.arange(n) - 0.5 * (n - 1)) / 50.0 for n in depth.shape)
-    points = np.stack([x[None, :] * depth, y[:, None] * depth, depth], axis=-1)
-    return Scan(points=points, tangent_x=x, tangent_y=y)
-
-
-def test_a_square_before_a_wall_has_an_edge_on_each_side_midway() -> None:
-    depth = np.full((30, 40), 3.0)
-    depth[10:20, 12:28] = 1.0
-    scan = scan_of(depth)
-    mask = depth == 1.0
-    found = contour(scan, mask, scan.depth)
-    sides = {
-        (int(right), int(down)): found.steps.tolist().count([right, down])
-        for right, down in found.steps
-    }
-    assert sides == {(-1, 0): 10, (1, 0): 10, (0, -1): 16, (0, 1): 16}
-    np.testing.assert_array_equal(found.depth, 1.0)
-    own = np.column_stack([scan.tangent_x[found.columns], scan.tangent_y[found.rows]])
-    np.testing.assert_allclose(found.tangents, own + 0.5 * scan.pitches * found.steps)
-    assert mask[found.rows, found.columns].all()
-    # The border of the picture is no edge; nor is where the mask ends within the surface.
-    depth[:] = 1.0
-    flat = scan_of(depth)
-    assert not len(contour(flat, np.ones_like(mask), flat.depth).rows)
-    assert not len(contour(flat, mask, flat.depth).rows)
 
 
 def test_rays_meet_a_scan_as_they_meet_its_whole_triangulated_surface(

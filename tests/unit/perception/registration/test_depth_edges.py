@@ -7,7 +7,8 @@ import pytest
 
 from uuv.models.meshes.closed_shells import sphere
 from uuv.models.objects.target_model import TargetModel
-from uuv.perception.clouds.scan import Scan, SensorModel, contour, without_flying_pixels
+from uuv.perception.clouds.contours import contour
+from uuv.perception.clouds.scan import Scan, SensorModel, without_flying_pixels
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.fine_fit import fine_fit
 from uuv.perception.registration.model_surface import ModelSurface

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from uuv.models.objects.target_model import TargetModel
-from uuv.perception.clouds.scan import Scan, SensorModel, contour
+from uuv.perception.clouds.contours import contour
+from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.likelihood import log_likelihood
 from uuv.perception.registration.model_surface import ModelSurface

@@ -5,7 +5,7 @@ direction.
 import numpy as np
 import pytest
 
-from uuv.perception.registration import pose_check
+from uuv.perception.registration.projection import trajectories
 from uuv.sim.interfaces.spatial import exp_so3
 
 
@@ -13,7 +13,7 @@ def test_reach_is_the_radius_about_the_line(rng: np.random.Generator) -> None:
     R, H = exp_so3(rng.normal(size=3)), 5.0 * rng.normal(size=3)
     angle, radius, along = rng.uniform(0, 6, 30), rng.uniform(0.0, 0.7, 30), rng.normal(size=30)
     points = H + np.column_stack([radius * np.cos(angle), radius * np.sin(angle), along]) @ R.T
-    assert pose_check.lateral_reach(H, R[:, 2], points) == pytest.approx(radius.max())
+    assert trajectories.lateral_reach(H, R[:, 2], points) == pytest.approx(radius.max())
 
 
 def test_rays_start_in_front_of_all_points_in_one_plane(rng: np.random.Generator) -> None:
@@ -21,8 +21,8 @@ def test_rays_start_in_front_of_all_points_in_one_plane(rng: np.random.Generator
     o = R[:, 2]
     for shift in (0.0, 3.0):
         points = H + (rng.normal(size=(20, 3)) + np.array([0.0, 0.0, shift])) @ R.T
-        flat = pose_check.circle(0.4, 12)
-        starts = pose_check.in_plane(H, o, points, flat)
+        flat = trajectories.circle(0.4, 12)
+        starts = trajectories.in_plane(H, o, points, flat)
         depth = (starts - H) @ o
         np.testing.assert_allclose(depth, depth[0])
         assert depth[0] == pytest.approx(min(((points - H) @ o).min() - 0.3, -0.05))

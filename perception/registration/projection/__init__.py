@@ -1,0 +1,1 @@
+"""Projection: trajectories across an object, and rays from them to scan and model."""

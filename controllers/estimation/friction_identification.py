@@ -1,6 +1,6 @@
 """Friction identification of the arm's gears, in water, from motions of the joints free of contact.
 
-    motion = FrictionMotion(vehicle, X_WB)       # planner: all joints swing, slowly, then fast
+    motion = FrictionMotion(vehicle, X_WB)       # planner: the joints swing, slowly, then fast
     qd, qdd = over_steps(qd_encoders, period)    # recorded while it ran
     result = identify_friction(qd, qdd, tau_motor[1:], tau_gear[1:], armature)
     WorkController(model, estimator=TorqueSensors(model, friction=result.dry))
@@ -58,8 +58,7 @@ class IdentifiedFriction:
 
 
 def over_steps(qd: Array, period: float) -> tuple[Array, Array]:
-    """Mean speed and acceleration of the joints over each step, from the speeds at the ends of the
-    steps.
+    """Mean speed and acceleration of the joints over each step, from the speeds at its ends.
 
     A motor torque is held over a step, so they belong to it. Speeds at the end of the step, or
     central differences, are half a step late or early; with a joint that shakes, this biases the
@@ -97,16 +96,18 @@ def identify_friction(
     shape = qd.shape
     if len(shape) != 2:
         raise ConfigurationError(f"friction qd: must be (N, n), got {shape}")
-    qd, qdd = checked(qd, shape, "friction qd"), checked(qdd, shape, "friction qdd")
-    tau_motor, tau_gear = (
-        checked(tau_motor, shape, "friction tau_motor"),
-        checked(tau_gear, shape, "friction tau_gear"),
-    )
+
+    qd = checked(qd, shape, "friction qd")
+    qdd = checked(qdd, shape, "friction qdd")
+    tau_motor = checked(tau_motor, shape, "friction tau_motor")
+    tau_gear = checked(tau_gear, shape, "friction tau_gear")
     armature = checked(armature, shape[1:], "friction armature")
+
     lost = tau_motor - armature * qdd - tau_gear
     fits = [_fit(j, qd[:, j], lost[:, j]) for j in range(shape[1])]
     best = np.array([fit[0] for fit in fits])
     coulomb = np.maximum(best[:, 2], 0.0)
+
     return IdentifiedFriction(
         viscous=readonly(best[:, 1]),
         dry=DryFriction(
@@ -121,9 +122,7 @@ def identify_friction(
 
 
 def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
-    """The five parameters of one joint, their covariance, and the standard deviation of the
-    residual.
-    """
+    """Parameters (5,) of one joint, their covariance, and the residual's standard deviation."""
     moving = np.abs(qd) > _LEAST_SPEED
     qd = qd[moving]
     lost = lost[moving]
@@ -145,13 +144,18 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
         A = columns(over)
         return float(np.sum((lost - A @ np.linalg.lstsq(A, lost, rcond=None)[0]) ** 2))
 
+    # Stribeck speed by a search, the linear parameters by least squares within it
     grid = np.geomspace(2.0 * _LEAST_SPEED, np.quantile(np.abs(qd), 0.9), 24)
     for _ in range(3):  # finer grids about the minimum
         at = int(np.argmin([left(over) for over in grid]))
         grid = np.geomspace(grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)], 12)
-    over = float(grid[int(np.argmin([left(value) for value in grid]))])
+    over = float(grid[int(np.argmin([left(speed) for speed in grid]))])
+
+    # Linear parameters at that speed
     A = columns(over)
     x = np.linalg.lstsq(A, lost, rcond=None)[0]
+
+    # Covariance, with the slope over the Stribeck speed; without stiction that is not known
     if x[3] > x[2]:
         slope = (x[3] - x[2]) * np.sign(qd) * np.exp(-((qd / over) ** 2)) * 2.0 * qd**2 / over**3
         residual = lost - A @ x
@@ -165,26 +169,24 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
         covariance[:4, :4] = _robust_covariance(A, residual)[np.ix_(same, same)]
         covariance[4, 4] = np.inf
         x = x[same]
+
     return np.append(x, over), covariance, float(np.sqrt(np.sum(residual**2) / max(len(qd) - 5, 1)))
 
 
 def _robust_covariance(A: Array, residual: Array) -> Array:
-    """Heteroscedasticity-consistent covariance (k, k) of least squares, from its columns (N, k) and
-    residual (N,).
-    """
+    """Heteroscedasticity-consistent covariance (k, k) from columns (N, k) and residual (N,)."""
     scale = np.linalg.norm(A, axis=0)
     scale[scale == 0.0] = 1.0
     scaled = A / scale
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+
     scores = scaled * residual[:, None]
     freedom = max(len(A) - A.shape[1], 1)
     return len(A) / freedom * inverse @ (scores.T @ scores) @ inverse / np.outer(scale, scale)
 
 
 class FrictionMotion:
-    """Excitation planner (`uuv.sim.interfaces.protocols.Planner`): the joints swing while the hull
-    keeps station.
-    """
+    """Planner of the excitation: the joints swing while the hull keeps station."""
 
     def __init__(
         self,
@@ -196,8 +198,7 @@ class FrictionMotion:
         fast: float = 5.0,
         period: float = 0.01,
     ) -> None:
-        """Swing each joint about the ready posture: one slow turn, then two fast turns, while the
-        hull pose is held.
+        """Swing each joint about the ready posture: one slow turn, then two fast turns.
 
         The rates differ by 5 % from joint to joint, so that no two joints move alike.
 
@@ -217,13 +218,17 @@ class FrictionMotion:
                 raise ConfigurationError(
                     f"friction motion {name}: must be finite and > 0, got {number}"
                 )
+
         self.period = period
         limits = vehicle.q_limits
         room = np.minimum(vehicle.q_ready - limits[:, 0], limits[:, 1] - vehicle.q_ready)
         self._middle = np.array(vehicle.q_ready)
         self._swing = np.minimum(swing, np.maximum(0.9 * room, 0.0))
-        self._home, self._X_WB = np.array(vehicle.q_home), np.array(X_WB)
-        self._slow, self._fast = slow, fast
+
+        self._home = np.array(vehicle.q_home)
+        self._X_WB = np.array(X_WB)
+        self._slow = slow
+        self._fast = fast
         self._rate = 1.0 + 0.05 * np.arange(len(self._middle))
         self._unfold = 4.0  # [s]
 
@@ -256,6 +261,8 @@ class FrictionMotion:
         begin, end = self.recorded
         qd = np.zeros(len(self._middle))
         work = WorkState.CLOSE_IN
+
+        # Unfold, swing, and rest at the end of the last swing
         if time < begin:
             s = time / begin
             way = self._middle - self._home
@@ -276,7 +283,9 @@ class FrictionMotion:
             work = WorkState.WORK
         else:
             phase = 2.0 * np.pi * 3.0 * self._rate
-            q, work = self._middle + self._swing * np.sin(phase), WorkState.DONE
+            q = self._middle + self._swing * np.sin(phase)
+            work = WorkState.DONE
+
         return state, Reference(
             time=estimate.time,
             state=work,

@@ -2,18 +2,16 @@
 
 | condition | reaction |
 |---|---|
-| vision too old | the path waits at half the force for vision; after `blind_time` retreat |
-| one torque sensor wrong | the motor's torque takes its place (`safety_wrapper`); two: retreat |
-| gyro off | the work goes on, by the attitude reference (navigation) |
-| accelerometer off | the work goes on, on a bias estimated anew (navigation) |
+| vision old | the path waits at half the force until vision is back; after `blind_time` retreat |
+| one torque sensor wrong | the motor's torque in its place (`safety_wrapper`); two: retreat |
+| gyro or accelerometer off | attitude reference, or a bias estimated anew (navigation), instead |
 | attitude reference off, or it cannot be told from the gyro | retreat along the tool axis |
 | an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
 | a thruster lost or stuck | ascent off the object on the others; the arm draws the tool off |
 | hull off its place, or force above its limit on the way back | the same, with all thrusters |
 | the object moves across the tool, as the camera on the arm sees it | retreat along the tool axis |
-| force above its limit, long above the set one, or not felt | retreat along the tool axis |
-| contact lost | retreat along the tool axis |
-| estimate or command not finite | arm braked, hull off and up, blindly (`safety_wrapper`); abort |
+| force above its limit, long above the set one, or not felt; contact lost | retreat |
+| estimate or command not finite | arm braked; hull off, then up (`safety_wrapper`); abort |
 
 What a reaction means in a phase is in the table of the task: up to CLOSE_IN there is no contact to
 retreat from, and the work ends where the vehicle is.
@@ -76,6 +74,7 @@ def watch(
         The reaction, and its cause; None to go on.
     """
     hardest: tuple[Reaction, Abort | None] = (Reaction.GO_ON, None)
+
     for i, monitor in enumerate(monitors):
         sentence = monitor.condition(held, now) if work in monitor.during else ""
         if not sentence:
@@ -83,17 +82,17 @@ def watch(
         elif monitor.lasting and not now.estimate.time - since[i] > monitor.lasting:
             continue
         elif _SEVERITY.index(monitor.reaction) > _SEVERITY.index(hardest[0]):
-            hardest = monitor.reaction, Abort(monitor.code, said)
+            hardest = monitor.reaction, Abort(monitor.code, sentence)
+
     return hardest
 
 
 def fault_monitors(
     blind_time: float, during: frozenset[WorkState] = frozenset(WorkState)
 ) -> tuple[Monitor, ...]:
-    """Monitors of the faults that the controller reports; `blind_time` [s] without vision ends the
-    work.
-    """
+    """Monitors of the reported faults; `blind_time` [s] without vision ends the work."""
     rows = (
+        # no control is possible
         (no_time, Reaction.STOP, AbortCode.ESTIMATE),
         (
             faulty(FaultKind.ESTIMATE, "the state estimate is lost"),
@@ -105,6 +104,7 @@ def fault_monitors(
             Reaction.STOP,
             AbortCode.CONTROLLER,
         ),
+        # parts of the vehicle and its sensors
         (faulty(FaultKind.ENCODER, "encoder of {} is wrong"), Reaction.WITHDRAW, AbortCode.ENCODER),
         (faulty(FaultKind.THRUSTER, "thruster {} is lost"), Reaction.RISE, AbortCode.THRUSTER),
         (
@@ -118,12 +118,14 @@ def fault_monitors(
             AbortCode.ATTITUDE,
         ),
         (
+            # vision
             faulty(FaultKind.VISION, "vision is lost", age=blind_time),
             Reaction.RETREAT,
             AbortCode.VISION,
         ),
         (faulty(FaultKind.VISION, "vision is lost"), Reaction.PAUSE, AbortCode.VISION),
     )
+
     return tuple(
         Monitor(condition=what, reaction=how, code=code, during=during) for what, how, code in rows
     )
@@ -153,10 +155,12 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math
         faults = () if now.last is None else now.last.faults
         if not faults:
             return ""
+
         alike = [fault for fault in faults if fault.kind is kind]
         if len(alike) < count or not any(now.estimate.time - fault.time > age for fault in alike):
             return ""
-        said = sentence.format(", ".join(fault.part for fault in alike))
+
+        report = sentence.format(", ".join(fault.part for fault in alike))
         figures = "; ".join(fault.figures for fault in alike if fault.figures)
         return f"{report} ({figures})" if figures else report
 
@@ -178,8 +182,7 @@ def adrift(limit: float) -> Condition:
 
 
 def object_moves(limit: float) -> Condition:
-    """Condition: the object moves by more than `limit` [m] across the tool axis, as the camera on
-    the arm sees it.
+    """Condition: the arm's camera sees the object move across the tool axis by > `limit` [m].
 
     Along the axis the force says so.
     """
@@ -188,6 +191,7 @@ def object_moves(limit: float) -> Condition:
         moved = now.estimate.object_moved_W
         if held.line is None or not moved.any():
             return ""
+
         axis = held.tool()[0][:3, 2]
         across = float(np.linalg.norm(moved - (moved @ axis) * axis))
         message = (
@@ -233,9 +237,7 @@ def normal_force(held: Held, now: Context) -> float:
 
 
 def contact_force(held: Held, now: Context) -> float:
-    """Magnitude [N] of the estimated contact force, in any direction as far as it is known; 0 if
-    none is.
-    """
+    """Magnitude [N] of the estimated contact force, as far as it is known; 0 if nothing is."""
     if now.last is None or not now.last.contact.known or held.line is None:
         return 0.0
     normal, across = now.contact_force(held.tool()[0][:3, 2])

@@ -1,6 +1,8 @@
 """Names of `uuv.models.naming` for a user's model: renames its parts, adds sites and actuators.
 
-    spec = mapped(read("rov.urdf"))  # a VehicleFile's own names become those of the contract
+    spec = mapped(read("rov.urdf"))  # a VehicleFile, under its own names, becomes a vehicle
+
+`mapped` changes the spec of the file in place.
 """
 
 from collections.abc import Iterable, Mapping

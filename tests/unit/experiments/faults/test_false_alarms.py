@@ -42,7 +42,7 @@ def test_the_scenario_of_a_case_has_its_sea():
     site = case.scenario().site
     drawn = (case.current, case.gust, case.wave, case.wave_frequency)
     assert (site.current, site.gust, site.wave, site.wave_frequency) == drawn
-    with pytest.raises(ConfigurationError, match="job of uuv_puma_side: .*pile.*got 'tap'"):
+    with pytest.raises(ConfigurationError, match=r"job of uuv_puma_side: .*pile.*got 'tap'"):
         replace(draw(7, 1), job="tap")
 
 

@@ -117,12 +117,12 @@ def _short(value: float, digits: int) -> str:
 
 
 def put_into_docs(lines: list[str]) -> None:
-    """Replaces the table of checks in docs/results.md, and the title above it, by `lines`.
+    """Replaces the table of checks in docs/results/physics.md, and the title above it, by `lines`.
 
     Raises:
         ConfigurationError: The page does not hold exactly one such table.
     """
-    page = ROOT / "docs" / "results.md"
+    page = ROOT / "docs" / "results" / "physics.md"
     old = re.compile(r"^Physics on MuJoCo .*\n\n(\|.*\n)+", flags=re.MULTILINE)
     text, count = old.subn(lambda _: "\n".join(lines), page.read_text(encoding="utf-8"))
     if count != 1:

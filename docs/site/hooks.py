@@ -25,11 +25,17 @@ _NAME = re.compile(r"^\| `(uuv\.[\w.]+)` \|", flags=re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
-    """Adds the pages of the API to the navigation."""
+    """Adds the pages of the API, and those of the experiments, to the navigation."""
     promised = [{group.title: f"api/{group.page}.md"} for group in _GROUPS]
     internals = [{package: f"api/internals/{package}.md"} for package in _packages()]
     (api,) = (entry["API"] for entry in config.nav if "API" in entry)
     api += [*promised, {"Internals": internals}]
+
+    (measured,) = (entry["Measured"] for entry in config.nav if "Measured" in entry)
+    pages = sorted(path.name for path in (_ROOT / "docs" / "results").glob("*.md"))
+    experiments = [f"results/{name}" for name in pages if name != "physics.md"]
+    if experiments:
+        measured.append({"Experiments": experiments})
     return config
 
 

@@ -1,5 +1,5 @@
 """Metrics of work along a path on an object, from the recording and the true object
-(docs/results.md).
+(docs/results_earlier.md).
 
 `assess` gives all content of `metrics.json`, and the metrics that missed their bounds. A metric is
 None (null in JSON), and counts as missed, if the run ended before it could be measured.

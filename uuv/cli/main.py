@@ -88,6 +88,12 @@ VERBS = {  # by the one or two words that are typed
         "the physics against closed forms, in a checkout",
         "validate-physics",
     ),
+    "results": Verb(
+        "results",
+        "ResultsOptions",
+        "",
+        "tables of the experiments, printed and checked, in a checkout",
+    ),
     "benchmark": Verb(
         "benchmark",
         "BenchmarkOptions",

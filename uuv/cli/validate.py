@@ -24,7 +24,7 @@ class ValidateOptions:
     out: Path | None = None
     """Folder for table.md and table.json."""
     docs: bool = False
-    """Put the table into docs/results.md as well."""
+    """Put the table into docs/results/physics.md as well."""
     json: bool = False
     """Print table.json alone."""
 

@@ -25,7 +25,7 @@ from typing import Any, Generic, TypeVar, get_type_hints
 from uuv.catalogue import EXPERIMENTS
 from uuv.experiment.case_options import CaseSpace, ExperimentOptions
 from uuv.experiment.columns import ResultColumn, check_names, columns_of
-from uuv.experiment.harness import Study, Summary
+from uuv.experiment.harness import Study, Summary, key_of
 from uuv.experiment.local_processes import NO_LIMITS
 from uuv.experiment.page import Page
 from uuv.experiment.row_log import KEY, TIMING
@@ -54,6 +54,7 @@ class Experiment(Generic[Case, Outcome]):
         run: Callable[[Case], Outcome],
         space: CaseSpace,
         *,
+        case: type[Any],
         columns: Mapping[str, ResultColumn],
         quick: Mapping[str, Any],
         failed: Callable[[Case, str], Outcome] | None,
@@ -61,6 +62,7 @@ class Experiment(Generic[Case, Outcome]):
         self.name = name
         self.run = run
         self.space = space
+        self.case = case
         self.columns = columns
         self.quick = quick  # options of the quick subset
         self.limits: Limits = NO_LIMITS
@@ -106,6 +108,19 @@ class Experiment(Generic[Case, Outcome]):
     def title(self) -> str:
         """First sentence of the description, in one line, without its full stop."""
         return " ".join(self.about.partition("\n\n")[0].split()).rstrip(".")
+
+    @property
+    def case_names(self) -> tuple[str, ...]:
+        """Names of the columns that tell cases apart."""
+        return tuple(entry.name for entry in fields(self.case))
+
+    def case_key(self, case: Case) -> str:
+        """Digest of a case by its columns, equal to `row_key` of its row."""
+        return key_of(vars_of(case))
+
+    def row_key(self, row: Row) -> str:
+        """Digest of the case of a row."""
+        return key_of({name: row[name] for name in self.case_names})
 
     @property
     def needs_data(self) -> bool:
@@ -262,7 +277,9 @@ def experiment(
         base = case if cases is None else _argument(cases)
         space = CaseSpace(base=base, seeds=seeds, vary=vary or {}, paired=paired, expand=cases)
         columns = columns_of(case, row)
-        declared = Experiment(name, run, space, columns=columns, quick=quick or {}, failed=failed)
+        declared = Experiment(
+            name, run, space, case=case, columns=columns, quick=quick or {}, failed=failed
+        )
         declared.check_options(declared.quick)
         return declared
 

@@ -191,7 +191,7 @@ class RowLog:
         }
         write_json(self._about, about)
 
-    def _changed(self, about: "_About") -> list[str]:
+    def _changed(self, about: "About") -> list[str]:
         now = digests(self._code)
         files = [file for file, digest in self._code.items() if now[file] != digest]
         return files if about.versions == versions() else [*files, "versions of packages"]
@@ -227,7 +227,7 @@ class _Logged:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _About:
+class About:
     """Content of study.json."""
 
     schema: int = SCHEMA_VERSION
@@ -237,8 +237,17 @@ class _About:
     code: Mapping[str, str] = field(default_factory=dict)
 
 
-def _read_about(file: Path) -> _About:
+def about_of(folder: Path) -> About:
+    """What the rows in a folder depend on.
+
+    Raises:
+        ConfigurationError: There is no such file, or it holds something else.
+    """
+    return _read_about(folder / ABOUT)
+
+
+def _read_about(file: Path) -> About:
     try:
-        return TableReader(ABOUT).made(_About, json_of(file, "study"))
+        return TableReader(ABOUT).made(About, json_of(file, "study"))
     except ConfigurationError as error:
         raise ConfigurationError(f"{error} ({file}); --anew throws the rows away") from error

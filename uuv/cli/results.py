@@ -1,0 +1,91 @@
+"""`uuv results`: pages of the experiments' kept rows, and their check, in a checkout."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import arg
+
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.start import parse
+
+if TYPE_CHECKING:
+    from uuv.experiment import Experiment
+
+CHANGED = 1  # exit code
+PARTS = 8  # of the experiments, of which one is checked at a time
+
+
+@dataclass(kw_only=True)
+class ResultsOptions:
+    """Print docs/results.md and a page for each experiment from kept rows; check them."""
+
+    only: tuple[str, ...] = ()
+    """Names of experiments to check or keep; default: all."""
+    check: bool = False
+    """Run the quick subset of each experiment and compare it with the kept rows."""
+    part: int | None = None
+    """With --check: only one eighth of the experiments, 0 to 7; others by the number modulo 8."""
+    data: Annotated[Path | None, arg(metavar="FOLDER")] = None
+    """Folder of measured data; without it, experiments that need it are not checked."""
+    keep: Annotated[Path | None, arg(metavar="FOLDER")] = None
+    """Keep the rows of that run, of the experiment --only."""
+    workers: int = 0
+    """Number of processes of a check; 0: one for each core."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Keeps or checks rows, then writes the pages; exit code 1 if a check found other values."""
+    del verb
+    options = parse(ResultsOptions, args)
+    from uuv.results import kept_rows, pages
+
+    experiments = pages.all_experiments()
+    chosen = _chosen(experiments, options)
+    if options.keep is not None:
+        if len(chosen) != 1:
+            raise ConfigurationError("--keep: needs --only with the name of its experiment")
+        kept_rows.keep(chosen[0], options.keep).write(kept_rows.ROWS)
+
+    changed = False
+    for experiment in chosen if options.check else []:
+        changed |= _check(experiment, options)
+
+    entries = pages.results(experiments, data=options.data is not None)
+    for path, text in pages.pages(entries).items():
+        pages.write_page(path, text)
+    for entry in entries:
+        print(f"{entry.experiment.name}: {entry.status}")
+    return CHANGED if changed else 0
+
+
+def _chosen(
+    experiments: Sequence["Experiment[Any, Any]"], options: ResultsOptions
+) -> list["Experiment[Any, Any]"]:
+    names = [experiment.name for experiment in experiments]
+    for name in options.only:
+        if name not in names:
+            known = ", ".join(names)
+            raise ConfigurationError(
+                f"--only: no experiment {name!r}; there are {known}{did_you_mean(name, names)}"
+            )
+    chosen = [entry for entry in experiments if not options.only or entry.name in options.only]
+    return chosen if options.part is None else chosen[options.part % PARTS :: PARTS]
+
+
+def _check(experiment: "Experiment[Any, Any]", options: ResultsOptions) -> bool:
+    """Checks the kept rows of an experiment, if it has any; True if they have changed."""
+    from uuv.results import kept_rows
+    from uuv.results.check import check
+
+    kept = kept_rows.kept_rows(experiment.name)
+    if kept is None or (experiment.needs_data and options.data is None):
+        return False
+
+    began = time.perf_counter()
+    present = check(experiment, kept, options.data, options.workers)
+    present.write(kept_rows.ROWS)
+    print(f"{experiment.name}: checked in {time.perf_counter() - began:.0f} s")
+    return bool(present.check.deviations)

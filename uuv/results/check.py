@@ -1,0 +1,105 @@
+"""Check of kept rows: the quick subset of an experiment, run again by its command, compared by
+column.
+"""
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from math import isclose
+from pathlib import Path
+from typing import Any
+
+from uuv.experiment.declaration import Experiment, without_log
+from uuv.experiment.row_log import about_of
+from uuv.experiment.row_table import Row, read_rows
+from uuv.results.kept_rows import KeptRows, checked, file_of, words_of
+from uuv.sim.interfaces.errors import ConfigurationError
+
+_TAIL = 300  # characters of the output of a command that failed
+
+
+def check(
+    experiment: Experiment[Any, Any], kept: KeptRows, data: Path | None = None, workers: int = 0
+) -> KeptRows:
+    """Kept rows with a check of today.
+
+    Args:
+        experiment: The experiment.
+        kept: Its rows.
+        data: Folder of measured data, for an experiment that needs it.
+        workers: Number of processes, as for every experiment.
+
+    Raises:
+        ConfigurationError: It has no quick subset, or its command failed.
+    """
+    values = dict(experiment.quick)
+    if not values:
+        raise ConfigurationError(f"experiment {experiment.name}: declares no quick subset")
+    if data is not None and experiment.needs_data:
+        values["data"] = data
+
+    with tempfile.TemporaryDirectory(prefix="uuv_check_") as home:
+        folder = Path(home) / experiment.name
+        words = words_of(experiment.options_with(values))
+        command = [sys.executable, str(file_of(experiment)), *words, "--workers", str(workers)]
+        run = subprocess.run(
+            [*command, "--out", str(folder)], capture_output=True, text=True, check=False
+        )
+        # 1: done, and outside its bounds, which the quick subset need not keep
+        if run.returncode not in (0, 1) or not folder.is_dir():
+            text = " ".join((run.stderr or run.stdout).split())[-_TAIL:]
+            raise ConfigurationError(
+                f"experiment {experiment.name}: its quick subset failed: {text}"
+            )
+        rows = [without_log(row) for row in read_rows(folder)]
+        code = about_of(folder).code
+
+    return replace(kept, check=checked(code, list(deviations(experiment, kept, rows))))
+
+
+def deviations(experiment: Experiment[Any, Any], kept: KeptRows, rows: list[Row]) -> Iterator[str]:
+    """What differs between rows and those that are kept of the same cases, a line for each value.
+
+    Args:
+        experiment: The experiment.
+        kept: Its kept rows.
+        rows: Rows of some of its cases.
+    """
+    lacking = [name for name in experiment.columns if name not in kept.columns]
+    if lacking:
+        yield f"the kept rows have no column {', '.join(lacking)}"
+        return
+
+    known = {experiment.row_key(row): row for row in kept.rows}
+    for row in rows:
+        key = experiment.row_key(row)
+        case = ", ".join(f"{name} {row[name]}" for name in experiment.case_names)
+        if key not in known:
+            yield f"no kept row of {case}"
+            continue
+        for name, column in experiment.columns.items():
+            if column.tolerance is not None and not same(
+                known[key][name], row[name], column.tolerance
+            ):
+                before = column.cell(known[key][name])
+                yield f"{column.heading} of {case}: {column.cell(row[name])}, kept was {before}"
+
+
+def same(kept: Any, value: Any, tolerance: float) -> bool:
+    """Whether two values of rows are equal, numbers within a relative tolerance."""
+    if isinstance(kept, Mapping) and isinstance(value, Mapping):
+        return kept.keys() == value.keys() and all(
+            same(kept[key], value[key], tolerance) for key in kept
+        )
+    if isinstance(kept, list) and isinstance(value, list):
+        return len(kept) == len(value) and all(
+            same(a, b, tolerance) for a, b in zip(kept, value, strict=True)
+        )
+
+    if isinstance(kept, bool) or isinstance(value, bool):
+        return kept is value
+    if isinstance(kept, int | float) and isinstance(value, int | float):
+        return isclose(kept, value, rel_tol=tolerance)
+    return kept == value

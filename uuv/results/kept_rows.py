@@ -1,0 +1,259 @@
+"""Kept rows: those of a whole experiment, in a small file of the checkout, and what they depend
+on.
+
+docs/results/rows/NAME.json holds the rows by column, the command, commit and date, and the last
+check: when, what deviated, and digests of the code that the rows depended on.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from uuv.catalogue import CHECKOUT, EXPERIMENTS
+from uuv.experiment.case_options import ExperimentOptions
+from uuv.experiment.columns import check_names
+from uuv.experiment.declaration import Experiment, without_log
+from uuv.experiment.loaded_code import digests
+from uuv.experiment.row_log import METRICS, about_of
+from uuv.experiment.row_table import Row, read_rows
+from uuv.sim.interfaces.documents import json_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.tables import TableReader
+from uuv.sim.runs.provenance import commit
+from uuv.sim.runs.saving import write_whole
+
+ROWS = CHECKOUT / "docs" / "results" / "rows"
+# Code that carries out runs and shows rows, but makes no value of them.
+HARNESS = ("uuv/experiment/", "uuv/results/", "uuv/cli/", "sim/runs/", "sim/reporting/")
+_DIGITS = 8  # of a digest: enough to see a change
+_NAMED = 3  # changed files that a status names
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """Last comparison of the rows with those that the code gives."""
+
+    date: str
+    commit: str
+    deviations: tuple[str, ...] = ()
+    # short digests of the files that the rows depended on, by folder and name
+    code: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    def changed_files(self) -> list[str]:
+        """Files of the code that are not as they were."""
+        files = {f"{folder}/{name}": d for folder, f in self.code.items() for name, d in f.items()}
+        present = digests(files)
+        return [file for file, digest in files.items() if present[file][:_DIGITS] != digest]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeptRows:
+    """Rows of an experiment, how they were made, and the last check of them."""
+
+    experiment: str
+    command: str
+    commit: str
+    date: str
+    check: Check
+    columns: Mapping[str, list[Any]]
+
+    @property
+    def rows(self) -> list[Row]:
+        """The rows, in the order of the cases."""
+        columns = self.columns.values()
+
+        return [
+            dict(zip(self.columns, values, strict=True)) for values in zip(*columns, strict=True)
+        ]
+
+    @property
+    def seeds(self) -> str:
+        """Seeds of the rows in words; empty if they have none."""
+        seeds = sorted(set(self.columns.get("seed", ())))
+        if not seeds:
+            return ""
+        return f"seed {seeds[0]}" if len(seeds) == 1 else f"seeds {seeds[0]} to {seeds[-1]}"
+
+    @property
+    def status(self) -> str:
+        """What the rows are worth with the code as it is."""
+        if self.check.deviations:
+            more = (
+                f" and {len(self.check.deviations) - 1} more" if self.check.deviations[1:] else ""
+            )
+            return f"*changed*, by the check of {self.check.date}: {self.check.deviations[0]}{more}"
+        if changed := self.check.changed_files():
+            named = ", ".join(f"`{file}`" for file in changed[:_NAMED])
+            more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
+            return f"*unverified*: changed since the check of {self.check.date}: {named}{more}"
+        return f"verified {self.check.date}, commit {self.check.commit}"
+
+    def write(self, folder: Path) -> None:
+        """Writes the file, a line for each column.
+
+        Raises:
+            ConfigurationError: It cannot be written.
+        """
+        # a line for each entry, so that a change shows where it is
+        about = {name: getattr(self, name) for name in ("experiment", "command", "commit", "date")}
+        lines = [f" {json.dumps(name)}: {json.dumps(value)}," for name, value in about.items()]
+        check = {entry.name: getattr(self.check, entry.name) for entry in fields(self.check)}
+
+        lines.append(f' "check": {_table(check)},')
+        lines.append(f' "columns": {_table(self.columns)}')
+        write_whole(folder / f"{self.experiment}.json", "{\n" + "\n".join(lines) + "\n}\n")
+
+
+def kept_rows(name: str, folder: Path = ROWS) -> KeptRows | None:
+    """Kept rows of an experiment; None if there are none.
+
+    Raises:
+        ConfigurationError: The file cannot be read, or holds something else.
+    """
+    file = folder / f"{name}.json"
+    if not file.is_file():
+        return None
+
+    kept = TableReader(str(file)).made(KeptRows, json_of(file, "kept rows"))
+    lengths = {len(values) for values in kept.columns.values()}
+    if len(lengths) != 1:
+        raise ConfigurationError(f"{file}: columns of {', '.join(map(str, sorted(lengths)))} rows")
+    return kept
+
+
+def keep(experiment: Experiment[Any, Any], run: Path) -> KeptRows:
+    """Rows of a finished run of the experiment, to be kept.
+
+    Args:
+        experiment: The experiment.
+        run: Folder of the run.
+
+    Raises:
+        ConfigurationError: It has no rows, those of another version, or of other code than there
+            is.
+    """
+    rows = [without_log(row) for row in read_rows(run)]
+    if not rows or not (run / METRICS).is_file():
+        raise ConfigurationError(f"--keep {run}: holds no finished run of an experiment")
+    for row in rows:
+        check_names(experiment.columns, row, f"--keep {run}")
+
+    about = about_of(run)
+    check = replace(checked(about.code), date=_date_of(run / METRICS))
+    if changed := check.changed_files():
+        raise ConfigurationError(
+            f"--keep {run}: its rows are of other code (changed: {', '.join(changed[:_NAMED])})"
+        )
+
+    options = experiment.options_with(_known(about.settings, experiment.options))
+    return KeptRows(
+        experiment=experiment.name,
+        command=command_of(experiment, options),
+        commit=check.commit,
+        date=check.date,
+        check=check,
+        columns=_by_column(experiment, _in_order(experiment, options, rows)),
+    )
+
+
+def checked(code: Mapping[str, str], deviations: Sequence[str] = ()) -> Check:
+    """A check of today.
+
+    Args:
+        code: Digests of the files that the rows depended on, as in study.json.
+        deviations: What was not as in the kept rows.
+    """
+    folders: dict[str, dict[str, str]] = {}
+    for file, digest in sorted(code.items()):
+        if not file.startswith(HARNESS):
+            folder, _, name = file.rpartition("/")
+            folders.setdefault(folder, {})[name] = digest[:_DIGITS]
+
+    head = commit()
+    changes = " with changes" if head.get("dirty") else ""
+    return Check(
+        date=f"{datetime.now(UTC):%Y-%m-%d}",
+        commit=f"{head['commit'][:_DIGITS]}{changes}" if head else "unknown",
+        deviations=tuple(deviations),
+        code=folders,
+    )
+
+
+def command_of(experiment: Experiment[Any, Any], options: ExperimentOptions) -> str:
+    """Command line with all options of the cases that are not the default."""
+    return " ".join(
+        [f"./uvw run {file_of(experiment).relative_to(CHECKOUT).as_posix()}", *_quoted(options)]
+    )
+
+
+def words_of(options: ExperimentOptions) -> list[str]:
+    """Words of the command line for all options of the cases that are not the default."""
+    harness = {entry.name for entry in fields(ExperimentOptions)}
+    words: list[str] = []
+    for entry in fields(options):
+        value = getattr(options, entry.name)
+        option = f"--{entry.name.replace('_', '-')}"
+        if entry.name in harness or value == entry.default or value is None:
+            continue
+
+        if isinstance(value, bool):
+            words.append(option if value else f"--no-{option[2:]}")
+        else:
+            several = isinstance(value, tuple | list)
+            words += [option, *map(str, value if several else [value])]
+    return words
+
+
+def file_of(experiment: Experiment[Any, Any]) -> Path:
+    """File of an experiment of the checkout."""
+    return EXPERIMENTS.parent.joinpath(*experiment.__module__.split(".")).with_suffix(".py")
+
+
+def _quoted(options: ExperimentOptions) -> list[str]:
+    return [f"'{word}'" if " " in word else word for word in words_of(options)]
+
+
+def _known(settings: Mapping[str, Any], kind: type[ExperimentOptions]) -> dict[str, Any]:
+    """Settings of study.json as options of the cases."""
+    harness = {entry.name for entry in fields(ExperimentOptions)}
+    known = {entry.name for entry in fields(kind)} - harness
+
+    return {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in settings.items()
+        if name in known
+    }
+
+
+def _in_order(
+    experiment: Experiment[Any, Any], options: ExperimentOptions, rows: Sequence[Row]
+) -> list[Row]:
+    """Rows in the order of the cases: they came in the order in which the runs ended."""
+    places = {
+        experiment.case_key(case): i for i, case in enumerate(experiment.study(options).cases)
+    }
+
+    keyed = {experiment.row_key(row): row for row in rows}
+    lacking = [key for key in places if key not in keyed]
+    if lacking:
+        raise ConfigurationError(
+            f"experiment {experiment.name}: {len(lacking)} of {len(places)} cases have no row"
+        )
+    return [keyed[key] for key in places]
+
+
+def _by_column(experiment: Experiment[Any, Any], rows: Sequence[Row]) -> dict[str, list[Any]]:
+    return {name: [row[name] for row in rows] for name in experiment.columns}
+
+
+def _date_of(file: Path) -> str:
+    return f"{datetime.fromtimestamp(file.stat().st_mtime, UTC):%Y-%m-%d}"
+
+
+def _table(table: Mapping[str, Any]) -> str:
+    """A table as JSON, a line for each of its entries."""
+    lines = (f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in table.items())
+    return "{\n" + ",\n".join(lines) + "\n }"

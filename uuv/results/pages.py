@@ -1,0 +1,207 @@
+"""Pages of results: one table an experiment in docs/results.md, and a page an experiment with the
+rest.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from uuv.catalogue import CHECKOUT, EXPERIMENTS
+from uuv.experiment.declaration import Experiment, experiments_in
+from uuv.experiment.harness import Summary, Table
+from uuv.results.kept_rows import KeptRows, kept_rows
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.saving import write_whole
+
+DOCS = CHECKOUT / "docs"
+OVERVIEW = "results.md"
+PAGES = "results"  # folder
+MOST_LINES = 500  # of the overview
+STATUS = "Status: "  # begins the line about the last check
+_DECLARES = "@experiment("
+_HEAD = """\
+# Results
+
+One table for each experiment, printed from kept rows by `./uvw run uuv results`. Each names the
+commit and date of the run that gave its rows, and its status:
+
+- verified: the code that the rows depend on is that of the last check, in which a subset gave the
+  same values.
+- *unverified*: that code has changed since.
+- *changed*: the subset gave other values.
+- *no data here*: the experiment needs measured data, which the last check did not have.
+
+Intervals of shares are of 95 % [Wilson 1927]. The page of an experiment has its command,
+conditions and other tables. Tables that are not yet printed so are on
+[earlier results](results_earlier.md), checks of the physics on [physics](results/physics.md), pool
+trials on [their page](pool.md).
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResultsOfOne:
+    """An experiment of the checkout with its kept rows."""
+
+    experiment: Experiment[Any, Any]
+    kept: KeptRows | None
+    has_data: bool = False  # the folder of measured data that it needs is there
+
+    @property
+    def subject(self) -> str:
+        """Folder of the experiment, in words."""
+        return self.experiment.__module__.split(".")[-2].replace("_", " ")
+
+    @property
+    def status(self) -> str:
+        """What its table is worth."""
+        if self.kept is None:
+            return "*no rows kept*"
+        no_data = self.experiment.needs_data and not self.has_data
+        return f"*no data here*; {self.kept.status}" if no_data else self.kept.status
+
+    def summary(self) -> Summary:
+        """The page for the kept rows.
+
+        Raises:
+            ConfigurationError: They are of another version of the experiment.
+        """
+        return self.experiment.summary(self.kept.rows if self.kept else [])
+
+
+def all_experiments() -> list[Experiment[Any, Any]]:
+    """Experiments of the checkout, by subject and file.
+
+    Raises:
+        ConfigurationError: There is no checkout, or two have one name.
+    """
+    if not EXPERIMENTS.is_dir():
+        raise ConfigurationError(
+            "results: the experiments are in a checkout of the project alone, in scripts/"
+        )
+    experiments: dict[str, Experiment[Any, Any]] = {}
+    for file in sorted(EXPERIMENTS.rglob("[!_]*.py")):
+        if _DECLARES not in file.read_text(encoding="utf-8"):
+            continue
+
+        module = ".".join(file.relative_to(EXPERIMENTS.parent).with_suffix("").parts)
+        for experiment in experiments_in(import_module(module)):
+            if experiment.name in experiments:
+                other = experiments[experiment.name].__module__
+                raise ConfigurationError(f"{experiment.name}: of {other} and of {module}")
+            experiments[experiment.name] = experiment
+    return list(experiments.values())
+
+
+def results(experiments: Sequence[Experiment[Any, Any]], *, data: bool) -> list[ResultsOfOne]:
+    """Experiments with their kept rows; `data` says whether there is a folder of measured data."""
+    return [
+        ResultsOfOne(experiment=entry, kept=kept_rows(entry.name), has_data=data)
+        for entry in experiments
+    ]
+
+
+def pages(entries: Sequence[ResultsOfOne]) -> dict[Path, str]:
+    """Text of each page by its file in docs/.
+
+    Raises:
+        ConfigurationError: The overview would be too long, or rows are of another version.
+    """
+    texts: dict[Path, str] = {}
+    overview = [_HEAD]
+    for subject, group in groupby(entries, key=lambda entry: entry.subject):
+        overview.append(f"## {subject.capitalize()}\n")
+        for entry in group:
+            summary = entry.summary()
+            overview += _section(entry, summary)
+            texts[Path(PAGES) / f"{entry.experiment.name}.md"] = _page(entry, summary)
+
+    text = "\n".join(overview)
+    if (lines := text.count("\n")) > MOST_LINES:
+        raise ConfigurationError(
+            f"{OVERVIEW}: {lines} lines, at most {MOST_LINES}; shorten first tables of its pages"
+        )
+    return {Path(OVERVIEW): text} | texts
+
+
+def _section(entry: ResultsOfOne, summary: Summary) -> Iterator[str]:
+    """An experiment in the overview: title, first table, and where the rest is."""
+    experiment = entry.experiment
+
+    yield f"### {experiment.title}\n"
+    if summary.tables:
+        yield f"{_markdown(summary.tables[0])}\n"
+    else:
+        yield "".join(f"{line}\n" for line in summary.lines[:1])
+    # where the rest is, and what the table is worth
+    yield f"[All of it]({PAGES}/{experiment.name}.md). {_origin(entry)}\n"
+    yield f"{STATUS}{entry.status}\n"
+
+
+def _page(entry: ResultsOfOne, summary: Summary) -> str:
+    """The page of an experiment."""
+    experiment = entry.experiment
+    _, _, rest = experiment.about.partition("\n\n")
+    parts = [f"# {experiment.title}\n", f"{rest}\n" if rest else ""]
+    if entry.kept is not None:
+        parts.append(f"```\n{entry.kept.command}\n```\n")
+    parts += [f"{_origin(entry)}\n", f"{STATUS}{entry.status}\n"]
+
+    if summary.failed:
+        parts.append(f"Not accepted: {'; '.join(summary.failed)}.\n")
+    if summary.lines:
+        parts.append("\n".join(f"- {line}" for line in summary.lines) + "\n")
+    parts += [f"{_markdown(table)}\n" for table in summary.tables]
+
+    return "\n".join(part for part in parts if part).rstrip() + "\n"
+
+
+def _origin(entry: ResultsOfOne) -> str:
+    """Sentence about the run that gave the rows."""
+    kept = entry.kept
+    if kept is None:
+        return "No rows are kept."
+    seeds = f", {kept.seeds}" if kept.seeds else ""
+    return f"{len(kept.rows)} runs{seeds}, {kept.date}, commit {kept.commit}."
+
+
+def _markdown(table: Table) -> str:
+    """A table as markdown, its caption below."""
+    cells = Table(
+        title=table.title,
+        columns=[_escaped(cell) for cell in table.columns],
+        rows=[[_escaped(cell) for cell in row] for row in table.rows],
+        labels=table.labels,
+    )
+    return cells.markdown() + (f"\n\n{table.caption}." if table.caption else "")
+
+
+def _escaped(cell: str) -> str:
+    return cell.replace("|", "\\|")
+
+
+def write_page(path: Path, text: str) -> None:
+    """Writes a page below docs/.
+
+    Raises:
+        ConfigurationError: The file cannot be written.
+    """
+    (DOCS / path).parent.mkdir(exist_ok=True)
+    write_whole(DOCS / path, text)
+
+
+def without_status(text: str) -> str:
+    """A page without what depends on the code as it is now."""
+    return "\n".join(line for line in text.splitlines() if not line.startswith(STATUS))
+
+
+def stale(texts: Mapping[Path, str], docs: Path = DOCS) -> list[str]:
+    """Pages that differ from the files in docs/, but for their status."""
+    return [
+        path.as_posix()
+        for path, text in texts.items()
+        if not (docs / path).is_file()
+        or without_status((docs / path).read_text(encoding="utf-8")) != without_status(text)
+    ]

@@ -26,6 +26,7 @@ from uuv.controllers.mkps import Chain, IkOptions, Method, solve_many
 from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
 from uuv.start import new_folder, parse, run_scenario
@@ -56,9 +57,9 @@ class Options:
     """Folder for metrics.json; default: a new one in runs/ik_success."""
 
 
-def arms(rng: np.random.Generator) -> Iterator[tuple[str, PublishedArm]]:
-    """Arms with the limits of their hinges: even ones, then uneven ones of 90 to 300 deg that `rng`
-    draws.
+def arms(streams: Streams) -> Iterator[tuple[str, PublishedArm]]:
+    """Arms with the limits of their hinges: even ones, then uneven ones of 90 to 300 deg that are
+    drawn.
     """
     for name in published_arms.available():
         arm = published_arms.load(name)
@@ -67,7 +68,8 @@ def arms(rng: np.random.Generator) -> Iterator[tuple[str, PublishedArm]]:
     for name in UNEVEN:
         arm = published_arms.load(name)
         n = len(arm.joint_types)
-        middle, half = rng.uniform(-1.0, 1.0, n), rng.uniform(0.8, 2.6, n)
+        middle = streams[f"{name}: middle"].uniform(-1.0, 1.0, n)
+        half = streams[f"{name}: half"].uniform(0.8, 2.6, n)
         yield f"{name}, uneven", limited(arm, np.column_stack([middle - half, middle + half]))
 
 
@@ -110,13 +112,15 @@ def main() -> int:
     """Counts the misses and shows them; 1 if the default method missed a target."""
     options, console = parse(Options), Console()
     folder = new_folder("ik_success", options.out, options.seed)
-    rng = np.random.default_rng(options.seed)
+    streams = Streams(options.seed)
     rows: list[dict[str, Any]] = []
-    for name, arm in arms(rng):
+    for name, arm in arms(streams):
         row: dict[str, Any] = {"arm": name}
         for kind in (WITHIN, SOME, ALL):
+            rng = streams[f"{name}: {kind}"]
             X = dh_forward(arm, joint_values(arm.limits, kind, options.targets, rng))
             row[kind] = misses(arm, X, "hybrid")
+        rng = streams[f"{name}: others"]
         few = dh_forward(arm, joint_values(arm.limits, WITHIN, options.others, rng))
         row |= {version: misses(arm, few, version) for version in list(VERSIONS)[1:]}
         rows.append(row)

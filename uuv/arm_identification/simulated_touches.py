@@ -20,6 +20,7 @@ from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, readonly
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.loop.rollout import Observer
 
 TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}  # [m] tip in the flange
@@ -93,10 +94,8 @@ def simulated(
         # The tip site is the tip of the vehicle's own tool; an off-axis pin protrudes sideways from
         # it.
         tcp = np.array([TOOLS[pin][0], 0.0, 0.0])
-        hangs, title = (
-            True,
-            (f"Calibration of {source.path.stem}, built with workshop errors {errors}"),
-        )
+        hangs = True
+        title = f"Calibration of {source.path.stem}, built with workshop errors {errors}"
     else:
         tcp, hangs = np.array(TOOLS[pin]), False
         if source.path.name == "ur10e":
@@ -122,9 +121,10 @@ def simulated(
         sag = Sag(compliance=np.full(arm.n, real.compliance), loads=loading.on(source, points))
         unloaded = replace(sag, loads=replace(sag.loads, payload_mass=0.0))
     if real.gears > 0.0:
-        gears = EccentricGears.draw(real.gears, arm.n, drawing)
+        gears = EccentricGears.draw(real.gears, arm.n, Streams(errors)["gears"])
     if real.seating > 0.0:
-        series = Seating.draw(real.seating, points, drawing).seat(arm, tcp, series)
+        seats = Seating.draw(real.seating, points, Streams(errors)["seating"])
+        series = seats.seat(arm, tcp, series)
     series = read_by_encoders(arm, series, sag=sag, gears=gears)
     truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs, sag=unloaded, gears=gears)
     return _simulated_case(title, source, series, places, truth, known, rng)

@@ -1,25 +1,23 @@
 """Cases of the benchmark: seeded scenarios of contact work, public under a version number or drawn
 afresh.
 
-The sea, sensors, vehicle and pad of case i are those of run i of the contact study
-(`uuv.campaigns.contact_study.draw`, its default ranges). The job is of the family i modulo the
-number of families; its variant and numbers are drawn from the seed and i alone.
+Water, sensors, vehicle and pad of case i are those of `uuv.benchmark.first_draw`. The job is of the
+family i modulo the number of families; its variant and numbers are drawn from the seed and i alone.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from uuv.campaigns.contact_study import Ranges, RunTask, draw
+from uuv.benchmark.first_draw import FirstDraw
 from uuv.controllers.planning.promise import MOST_THRUST
 from uuv.experiment.harness import as_json, key_of
 from uuv.jobs import clean_barrel, clean_object, clean_pile, insert_sampler
-from uuv.perturbations.loop import MisplacedSurface
-from uuv.perturbations.pad import Pad
-from uuv.scenario import Control, Scenario
+from uuv.scenario import Belief, Control, Scenario
 from uuv.sim.interfaces.spatial import whole_number
+from uuv.site import Site
 
 VERSION = 1  # of cases, briefing and score; what changes one of them gets a new number
 PUBLIC_SEED = 20261123  # of the public cases
@@ -46,25 +44,20 @@ class BenchmarkCase:
 
     def scenario(self, control: Control) -> Scenario:
         """The scenario of the case under that control."""
-        task = RunTask(
-            study=self.seed, run=self.index, path="longitudinal", ranges=Ranges(), quick=True
-        )
-        sea = draw(task)
+        drawn = FirstDraw.of(self.seed, self.index)
         job = FAMILIES[self.family](np.random.default_rng([self.seed, self.index, 1]))
         rigid = self.family == INSERTION  # its tool has no pad, and its finder no path
-        perturbations = tuple(
-            each
-            for each in sea.perturbations
-            if not (rigid and isinstance(each, Pad | MisplacedSurface))
-        )
-        return replace(
-            sea,
+        return Scenario(
             name="contact_benchmark",
             task=job.task,
+            seed=drawn.seed,
+            site=Site(object=job.site.object, current=drawn.current, gust=drawn.gust),
             vehicle=job.vehicle,
-            site=replace(sea.site, object=job.site.object),
+            belief=Belief(water_error=0.0),
+            sensing=drawn.sensing,
             control=control,
-            perturbations=perturbations,
+            perturbations=drawn.of_vehicle + (() if rigid else drawn.of_surface),
+            perturbation_seed=drawn.perturbation_seed,
         )
 
 

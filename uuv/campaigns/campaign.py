@@ -40,12 +40,14 @@ from uuv.sim.interfaces.documents import inside, named, toml_of
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.spatial import finite_number, shown, whole_number
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.runs.run_folder import FORMAT_KEY
 
 _MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
 EXPERIMENT = "campaign"  # whose cases a file of drawn ones holds
 _TRACE = 2000  # characters of a traceback that a row keeps
+_SEEDS = ("perturbation_seed", "seed")  # drawn for every run
 FAILED, CRASHED = "not set up", "crashed"  # states of a run that ended with an error
 
 
@@ -93,11 +95,8 @@ class Campaign:
 
         runs = []
         for case, parameters in enumerate(values[:cases]):
-            rng = np.random.default_rng([self.seed, case])
-            seeds = {
-                "perturbation_seed": int(rng.integers(2**31)),
-                "seed": int(rng.integers(2**31)),
-            }
+            streams = Streams(self.seed, case)
+            seeds = {name: int(streams[name].integers(2**31)) for name in _SEEDS}
             runs.append(DrawnCase(case=case, values={**seeds, **parameters}))
         return tuple(runs)
 
@@ -292,7 +291,7 @@ def _checked_key(base: Scenario, name: str) -> None:
     """Refuses a parameter that the campaign sets itself, or that lies in no table of the
     scenario.
     """
-    if name in ("seed", "perturbation_seed", "name"):
+    if name in (*_SEEDS, "name"):
         raise ConfigurationError(f"{name!r} cannot be drawn: the campaign's seed gives it")
     put(as_dict(base), name, None)
 

@@ -21,6 +21,8 @@ from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.evaluation.metrics import path_error
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
 from uuv.sim.interfaces.messages import AbortCode, WorkState
+from uuv.sim.interfaces.spatial import one_of
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.loop.recording import Recording
 from uuv.tasks.surface_work import SurfaceWorkTask, first_force
 
@@ -135,31 +137,37 @@ def draw(task: RunTask) -> Scenario:
     Raises:
         ConfigurationError: The path is unknown.
     """
-    ranges, rng = task.ranges, np.random.default_rng([task.study, task.run])
-    between = rng.uniform
-    speed, azimuth = between(*ranges.current), between(-np.pi, np.pi)
-    rise = between(*np.sin(np.radians(ranges.elevation)))
+    ranges, streams = task.ranges, Streams(task.study, task.run)
+
+    def between(name: str, low: float, high: float) -> float:
+        return streams[name].uniform(low, high)
+
+    # The sea.
+    speed = between("current speed", *ranges.current)
+    azimuth = between("current azimuth", -np.pi, np.pi)
+    rise = between("current rise", *np.sin(np.radians(ranges.elevation)))
     level = np.sqrt(1.0 - rise * rise)
     current = speed * np.array([level * np.cos(azimuth), level * np.sin(azimuth), rise])
-    gust, trim_error = between(*ranges.gust), between(-ranges.payload, ranges.payload)
+    gust = between("gust", *ranges.gust)
+
+    # Vehicle, surface and sensors.
+    trim_error = between("trim error", -ranges.payload, ranges.payload)
     pad = Pad(
-        friction=between(*ranges.friction),
-        stiffness=float(np.exp(between(*np.log(ranges.stiffness)))),
+        friction=between("friction", *ranges.friction),
+        stiffness=float(np.exp(between("stiffness", *np.log(ranges.stiffness)))),
     )
-    surface = MisplacedSurface(offset=between(-ranges.surface, ranges.surface))
+    surface = MisplacedSurface(offset=between("surface", -ranges.surface, ranges.surface))
     sensing = Sensing(
-        vision_period=_ticks(1.0 / between(*ranges.vision_rate)),
-        vision_delay=_ticks(between(*ranges.vision_delay)),
-        vision_noise=between(*ranges.vision_noise),
+        vision_period=_ticks(1.0 / between("vision rate", *ranges.vision_rate)),
+        vision_delay=_ticks(between("vision delay", *ranges.vision_delay)),
+        vision_noise=between("vision noise", *ranges.vision_noise),
         torque_noise=ranges.torque_noise,
         torque_bias=ranges.torque_bias,
         arm_camera=task.arm_camera,
     )
-    perturbation_seed, seed = int(rng.integers(2**31)), int(rng.integers(2**31))
-    if task.path not in PATHS:
-        raise ConfigurationError(f"path: allowed {', '.join(PATHS)}, got {task.path!r}")
+    one_of(task.path, PATHS, "path")
     scenario = clean_barrel(
-        seed=seed,
+        seed=int(streams["seed"].integers(2**31)),
         current=tuple(current.tolist()),
         gust=gust,
         quick=task.quick,
@@ -181,7 +189,7 @@ def draw(task: RunTask) -> Scenario:
         belief=Belief(water_error=0.0),
         sensing=sensing,
         perturbations=perturbations,
-        perturbation_seed=perturbation_seed,
+        perturbation_seed=int(streams["perturbation_seed"].integers(2**31)),
     )
 
 

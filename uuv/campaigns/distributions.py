@@ -3,7 +3,6 @@ design.
 """
 
 import math
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -12,6 +11,7 @@ import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
+from uuv.sim.interfaces.streams import Streams
 
 Design = Literal["random", "sobol", "latin-hypercube"]
 DESIGNS: tuple[Design, ...] = get_args(Design)
@@ -141,15 +141,12 @@ def drawn(
     if design == "random":
         return [
             {
-                name: each.at(
-                    np.random.default_rng([seed, case, zlib.crc32(name.encode())]).random(
-                        each.dimensions
-                    )
-                )
-                for name, each in distributions.items()
+                name: distribution.at(Streams(seed, case)[name].random(distribution.dimensions))
+                for name, distribution in distributions.items()
             }
             for case in range(cases)
         ]
+
     d, rng = (
         sum(each.dimensions for each in distributions.values()),
         np.random.default_rng([seed, _DRAWS]),

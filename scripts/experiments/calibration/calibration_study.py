@@ -23,6 +23,7 @@ from uuv.models.arms import published_arms
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.streams import Streams
 
 ARM, POINTS, TOUCHES = "ur10e", 3, 21  # as in [Yukhimets 2023]
 PUBLISHED_RATIO = 0.6715 / 0.2262  # nominal over identified, by the tracker [Yukhimets 2023]
@@ -247,13 +248,12 @@ def _load(case: LoadCase) -> Row:
 def _wild(case: WildCase) -> Row:
     source, drawn = nominal(ARM, Path(), None, None), _drawn("ideal, off-axis pin", case.seed)
     assert drawn.truth is not None
-    rng = np.random.default_rng([case.seed, case.count])
+    streams = Streams(case.seed, case.count)
     series = [np.array(q) for q in drawn.touches.series]
-    wild = {
-        divmod(int(k), TOUCHES) for k in rng.choice(POINTS * TOUCHES, case.count, replace=False)
-    }
+    places = streams["wild touches"].choice(POINTS * TOUCHES, case.count, replace=False)
+    wild = {divmod(int(k), TOUCHES) for k in places}
     for i, j in sorted(wild):
-        series[i][j] += case.size * rng.standard_normal(source.arm.n)
+        series[i][j] += case.size * streams[f"touch {i}, {j}"].standard_normal(source.arm.n)
     q, none = flange_poses(source.arm, np.random.default_rng(0), _JUDGES), np.zeros(3)
     found = identify(series, source.arm)
     models = {"clean": identify(drawn.touches.series, source.arm).arm, "found": found.arm}

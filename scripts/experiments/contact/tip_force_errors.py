@@ -19,6 +19,7 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicles import uuv_puma
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.streams import Streams
 
 KEPT = 0.3  # share of white noise that passes the 12 ms filter of the felt force
 LEAST = 1e-3  # [N m] least standard deviation of any torque: a reading of zero is not exact
@@ -167,22 +168,22 @@ def run(case: ForceCase) -> Row:
     """
     arm, size = arm_of(case.arm), SIZE.get(case.arm, 1.0)
     wrong, doubt = sources(case)[case.source]
-    rng = np.random.default_rng([case.seed, len(case.form), arm.n])
+    streams = Streams(case.seed, len(case.form), arm.n)
     sliding = SLIDING * np.array(LIMITS[case.arm], dtype=np.float64)
     low, high = np.maximum(arm.limits[:, 0], -np.pi), np.minimum(arm.limits[:, 1], np.pi)
     rows = []
     for _ in range(case.runs):
-        q = rng.uniform(low, high)
+        q = streams["posture"].uniform(low, high)
         if case.form == "closed form":
             q[4:] = 0.0  # the closed form assumes it
         J = jacobian(arm, q)
-        wrench = rng.uniform(-1.0, 1.0, 6) * np.repeat(
+        wrench = streams["wrench"].uniform(-1.0, 1.0, 6) * np.repeat(
             [size * FORCE, size * MOMENT if case.form == "force and moment" else 0.0], 3
         )
         tau_e = J.T @ wrench
         weight = arm.joint_frames(q)[-1][:3, :3].T @ [0.0, 0.0, -size * WEIGHT]
         reading = J[:3].T @ weight - tau_e
-        felt = tau_e + wrong(rng, reading, sliding)
+        felt = tau_e + wrong(streams["torque errors"], reading, sliding)
         sigma, weakest = doubt(reading, sliding), float(np.linalg.svd(J[:3])[1][-1])
         covariance: Array | None = None
         if case.form == "closed form":

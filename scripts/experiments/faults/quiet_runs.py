@@ -23,6 +23,7 @@ from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import FaultKind, WorkState
 from uuv.sim.interfaces.spatial import one_of
+from uuv.sim.interfaces.streams import Streams
 
 CURRENT = 0.4  # [m/s] at most
 GUST = 0.05  # [m/s] standard deviation per axis, at most
@@ -125,18 +126,20 @@ def draw(seed: int, run: int, *, paired: bool = False) -> SoundCase:
     """
     worker = WORKERS[run % len(WORKERS)]
 
-    rng = np.random.default_rng([seed, run])
-    waves = rng.uniform(0.0, WAVE) if rng.random() < 2.0 / 3.0 else 0.0
+    streams = Streams(seed, run)
+    speed = streams["current speed"].uniform(0.0, CURRENT)
+    has_waves = streams["waves"].random() < 2.0 / 3.0
+    amplitude = streams["wave amplitude"].uniform(0.0, WAVE) if has_waves else 0.0
     return SoundCase(
         run=run,
         paired=paired,
         vehicle=worker.name,
         job=worker.jobs[run // len(WORKERS) % len(worker.jobs)],
-        seed=int(rng.integers(2**31)),
-        current=_directed(rng, rng.uniform(0.0, CURRENT)),
-        gust=rng.uniform(0.0, GUST),
-        wave=_directed(rng, waves),
-        wave_frequency=rng.uniform(*FREQUENCY),
+        seed=int(streams["seed"].integers(2**31)),
+        current=_directed(streams["current direction"], speed),
+        gust=streams["gust"].uniform(0.0, GUST),
+        wave=_directed(streams["wave direction"], amplitude),
+        wave_frequency=streams["wave frequency"].uniform(*FREQUENCY),
     )
 
 

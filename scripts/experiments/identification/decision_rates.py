@@ -13,6 +13,7 @@ from uuv.perception.registration.identification import identify
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_check import Decision, check
 from uuv.perception.registration.published.paper_check import published_criterion
+from uuv.sim.interfaces.streams import Streams
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,9 +66,7 @@ def run(task: DecisionCase) -> Row:
         }
     ]
     if KINDS[task.kind] and found.evidence is not None:
-        for name, X in wrong_poses(
-            scene.X_CT, surface.target, np.random.default_rng([task.seed, 19])
-        ).items():
+        for name, X in wrong_poses(scene.X_CT, surface.target, Streams(task.seed)).items():
             verdict = check(found.evidence, surface, X)
             q_m = published_criterion(found.evidence, surface, X).q_m
             wrong = {"kind": name, "decision": str(verdict.decision), "right": False, "q_m": q_m}

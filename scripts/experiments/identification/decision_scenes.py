@@ -18,6 +18,7 @@ from uuv.models.objects import targets
 from uuv.models.objects.targets import Solid, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+from uuv.sim.interfaces.streams import Streams
 
 KINDS: Mapping[str, bool] = {  # name: the object is there, and enough of it is visible
     "clean": True,
@@ -106,29 +107,30 @@ def draw(
     other = {"X_CN": X_CN, "look": look}
     if kind not in KINDS:
         raise ConfigurationError(f"no kind of scene {kind!r}; there are {sorted(KINDS)}")
-    target, rng = object_of(name), np.random.default_rng([seed, 17])
+    target, streams = object_of(name), Streams(seed)
     if kind == "absent":
         return DecisionScene(
             scene=object_scene(target, seed, sensor, absent=True, **other), hidden=0.0
         )
     if kind == "other":
         return DecisionScene(
-            scene=object_scene(target, seed, sensor, there=other_than(target, rng), **other),
+            scene=object_scene(
+                target, seed, sensor, there=other_than(target, streams["other"]), **other
+            ),
             hidden=0.0,
         )
     if kind == "fouled":
         thick = min(0.04, 0.1 * target.radius)
+        grown = fouled(target, streams["growth"], (0.25 * thick, thick))
         return DecisionScene(
-            scene=object_scene(
-                target, seed, sensor, there=fouled(target, rng, (0.25 * thick, thick)), **other
-            ),
-            hidden=0.0,
+            scene=object_scene(target, seed, sensor, there=grown, **other), hidden=0.0
         )
     plain = object_scene(target, seed, sensor)
     if kind == "clean":
         return DecisionScene(scene=object_scene(target, seed, sensor, **other), hidden=0.0)
-    share = rng.uniform(0.2, 0.45) if kind == "hidden" else rng.uniform(0.72, 0.85)
-    solids, hidden = occluders(target, plain.X_CT, share, rng)
+
+    share = streams["hidden share"].uniform(*((0.2, 0.45) if kind == "hidden" else (0.72, 0.85)))
+    solids, hidden = occluders(target, plain.X_CT, share, streams["occluders"])
     shown = replace(target, stand=(*target.stand, *solids))
     return DecisionScene(
         scene=object_scene(target, seed, sensor, there=shown, **other), hidden=hidden
@@ -217,7 +219,7 @@ def occluders(
     return tuple(solids), float(covered.mean())
 
 
-def wrong_poses(X_CT: Array, target: TargetModel, rng: np.random.Generator) -> dict[str, Array]:
+def wrong_poses(X_CT: Array, target: TargetModel, streams: Streams) -> dict[str, Array]:
     """Wrong poses by name: off by 3 cm, by 10 deg, and for the uneven starfish by a multiple of 72
     deg.
 
@@ -226,20 +228,19 @@ def wrong_poses(X_CT: Array, target: TargetModel, rng: np.random.Generator) -> d
     Args:
         X_CT: (4, 4) true pose.
         target: The object.
-        rng: Draws the directions.
+        streams: Draw the directions, each wrong pose from a stream of its own.
 
     Returns:
         Poses (4, 4) in C by name.
     """
-    aside, axis = rng.normal(size=(2, 3))
+    aside, axis = (streams[f"wrong pose {name}"].normal(size=3) for name in ("3 cm", "10 deg"))
     poses = {"3 cm": pose(p=0.03 * aside / np.linalg.norm(aside)) @ X_CT}
     if target.symmetry.axis is not None:
         axis -= (axis @ target.symmetry.axis) * target.symmetry.axis
     poses["10 deg"] = X_CT @ _turn(target, np.deg2rad(10.0) * axis / np.linalg.norm(axis))
     if target.name == UNEVEN:
-        poses["72 deg"] = X_CT @ _turn(
-            target, np.array([0.0, 0.0, 0.4 * np.pi * rng.integers(1, 5)])
-        )
+        steps = streams["wrong pose 72 deg"].integers(1, 5)
+        poses["72 deg"] = X_CT @ _turn(target, np.array([0.0, 0.0, 0.4 * np.pi * steps]))
     return poses
 
 

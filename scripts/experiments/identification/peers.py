@@ -36,6 +36,7 @@ from uuv.perception.registration.identification import identify
 from uuv.perception.registration.initialiser import Expected, initial_poses
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from uuv.sim.interfaces.streams import Streams
 from uuv.start import parse, run_scenario
 
 FIT_POINTS = 10_000  # scan points of a fit that is timed alone
@@ -226,13 +227,14 @@ def input_of(scene: ObjectScene, surface: ModelSurface) -> SceneInput | None:
     )
 
 
-def fit_times(case: SceneInput, rng: np.random.Generator) -> dict[str, float]:
+def fit_times(case: SceneInput, streams: Streams) -> dict[str, float]:
     """Processor time [s] of a fit alone from a close start on 10 000 scan points, ours and
     Open3D's.
     """
     evidence, scene = case.evidence, case.scene
     points = evidence.scan.points[evidence.mask]
-    points = points[rng.choice(len(points), FIT_POINTS, replace=len(points) < FIT_POINTS)]
+    few = len(points) < FIT_POINTS
+    points = points[streams["points"].choice(len(points), FIT_POINTS, replace=few)]
     dense = replace(
         evidence,
         points=points,
@@ -240,7 +242,7 @@ def fit_times(case: SceneInput, rng: np.random.Generator) -> dict[str, float]:
         sigma=evidence.sensor.sigma(points[:, 2]),
         independent=np.ones(FIT_POINTS),
     )
-    turn, aside = rng.normal(size=(2, 3))
+    turn, aside = (streams[name].normal(size=3) for name in ("turn axis", "shift direction"))
     X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))
     X_near[:3, 3] += FIT_START[0] * aside / np.linalg.norm(aside)
     near = SceneInput(scene, case.surface, dense, X_near)
@@ -283,7 +285,7 @@ def run(case: RaceCase) -> Row:
                 "process_s": spent,
             }
         )
-    return {"methods": rows, "fits": fit_times(given, np.random.default_rng([case.seed, 29]))}
+    return {"methods": rows, "fits": fit_times(given, Streams(case.seed))}
 
 
 def summarise(scenes: list[Row]) -> Summary:

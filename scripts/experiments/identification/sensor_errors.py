@@ -24,6 +24,7 @@ from uuv.sim.interfaces.spatial import (
     quat_wxyz_from_rotation,
     rotation_from_z,
 )
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 from uuv.sim.sensors.refraction import FlatPort, in_air, in_water
 from uuv.sim.sensors.sonar import BEAMS, Sonar
@@ -117,11 +118,16 @@ def depth_error(seen: DepthImage | SonarScan, model: mujoco.MjModel) -> Array:
 
 def run(case: SensorCase) -> Row:
     """Errors of each sensor in one scene, by its name."""
-    rng, target = np.random.default_rng([case.seed, case.run]), barrel()
-    model, X_ST = scene(rng, target, case.ranges)
-    aside, axis = rng.standard_normal((2, 3))
-    approach = X_ST[:3, 3] + rng.uniform(0.0, 0.3) * aside / np.linalg.norm(aside)
-    turn = exp_so3(np.radians(rng.uniform(0.0, 30.0)) * axis / np.linalg.norm(axis)) @ X_ST[:3, :3]
+    streams, target = Streams(case.seed, case.run), barrel()
+    model, X_ST = scene(streams["view"], target, case.ranges)
+
+    aside = streams["approach direction"].standard_normal(3)
+    distance = streams["approach distance"].uniform(0.0, 0.3)
+    approach = X_ST[:3, 3] + distance * aside / np.linalg.norm(aside)
+    axis = streams["turn axis"].standard_normal(3)
+    angle = np.radians(streams["turn angle"].uniform(0.0, 30.0))
+    turn = exp_so3(angle * axis / np.linalg.norm(axis)) @ X_ST[:3, :3]
+
     sensors = {}
     for name in (*CAMERAS, SONAR):
         seen = look(name, model, case.run)

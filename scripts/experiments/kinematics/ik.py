@@ -41,6 +41,7 @@ from uuv.models.arms.published_arms import PublishedArm
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, readonly
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.runs.saving import write_whole
 from uuv.start import new_folder, parse, run_scenario
 
@@ -181,21 +182,21 @@ def cases(options: Options, name: str, count: int) -> Iterator[IkCase]:
         count: Number of targets.
     """
     arm = arms.load(name)
-    rng = np.random.default_rng([options.seed, arms.available().index(name)])
+    streams = Streams(options.seed)
     slides = np.array([kind == "p" for kind in arm.joint_types])
     bounds = np.where(slides[:, None], arm.limits, [-REACH, REACH])
-    q = rng.uniform(*bounds.T, size=(count, arm.n))
+    q = streams[f"{name}: targets"].uniform(*bounds.T, size=(count, arm.n))
     reach = np.where(slides, 0.05 * np.diff(bounds)[:, 0], NEARBY)
-    near = np.clip(q + rng.uniform(-reach, reach, q.shape), *bounds.T)
+    near = np.clip(q + streams[f"{name}: starts"].uniform(-reach, reach, q.shape), *bounds.T)
     home = np.where(slides, bounds.mean(axis=1), HOME[: arm.n])
     targets = dh_forward(arm, q)
     for degrees in options.limits:
         limits = np.where(slides[:, None], arm.limits, np.radians([-degrees, degrees]))
         if degrees == OWN_LIMITS:
             limits = np.where(np.isfinite(arm.limits), arm.limits, [-np.pi, np.pi])
-            own = np.random.default_rng([options.seed, arms.available().index(name), 1])
-            q = own.uniform(*limits.T, size=(count, arm.n))
-            near = np.clip(q + own.uniform(-reach, reach, q.shape), *limits.T)
+            q = streams[f"{name}: targets within"].uniform(*limits.T, size=(count, arm.n))
+            off = streams[f"{name}: starts within"].uniform(-reach, reach, q.shape)
+            near = np.clip(q + off, *limits.T)
             home, targets = np.clip(home, *limits.T), dh_forward(arm, q)
         for warm in (False, True):
             for bar in BARS:
@@ -386,9 +387,10 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
     times: dict[str, list[float]] = {}
     shares: dict[str, list[float]] = {}
     for n in progress.track(options.links, description="growth"):
-        rng, arm = np.random.default_rng([options.seed, n]), snake(n)
+        streams, arm = Streams(options.seed, n), snake(n)
         bend = min(1.0, 2.4 / math.sqrt(n))
-        targets = dh_forward(arm, rng.uniform(-bend, bend, (min(options.targets, 50), n)))
+        count = min(options.targets, 50)
+        targets = dh_forward(arm, streams["targets"].uniform(-bend, bend, (count, n)))
         case = IkCase(
             arm=arm,
             degrees=180,
@@ -396,19 +398,15 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
             bar="A",
             limits=arm.limits,
             targets=targets,
-            starts=rng.uniform(-0.1, 0.1, (len(targets), n)),
+            starts=streams["starts"].uniform(-0.1, 0.1, (count, n)),
         )
         solvers = contenders(case, Options(peers=False))
         del solvers[OBLIQUE]
         for method, (share, each) in race(case, solvers, options.repeats).items():
             times.setdefault(method, []).append(float(np.median(each)))
             shares.setdefault(method, []).append(share)
-    found: dict[str, Any] = {
-        "links": list(options.links),
-        "median_us": times,
-        "rate": shares,
-        "exponent": {},
-    }
+    found: dict[str, Any] = {"links": list(options.links), "median_us": times, "rate": shares}
+    found["exponent"] = {}
     long = [i for i, n in enumerate(options.links) if n >= 24]
     for method, values in times.items():
         if len(long) > 1:

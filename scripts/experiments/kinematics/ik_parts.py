@@ -37,6 +37,7 @@ from experiments.kinematics.ik_peers import SolverTask, peers
 from uuv.controllers.mkps import Chain, IkOptions, solve, solve_many
 from uuv.models.arms import published_arms
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
 from uuv.start import new_folder, parse, run_scenario
@@ -91,22 +92,25 @@ class Options:
     """Folder for metrics.json; default: a new one in runs/ik_parts."""
 
 
-def arms(rng: np.random.Generator) -> dict[str, Chain]:
+def arms(streams: Streams) -> dict[str, Chain]:
     """Fourteen arms of three to eight joints."""
     h = math.pi
     scara = [[0.0, 0.4, 0.3, 0.0], [0.0, 0.0, 0.25, h], [0.0, 0.1, 0.0, 0.0], [0.0, 0.05, 0.0, 0.0]]
     limits = [[-2.3, 2.3], [-2.6, 2.6], [0.0, 0.2], [-h, h]]
     found = {
         "URDF, 3 joints": Chain.from_urdf(REACHER, "base", "tip"),
-        "drawn, 3 joints": drawn(3, 2.6, rng),
+        "drawn, 3 joints": drawn(3, 2.6, streams["arm of 3 joints"]),
     }
     found |= {
         "SCARA, 4 joints": Chain.from_dh(scara, "rrpr", limits=limits),
-        "drawn, 4 joints": drawn(4, 2.6, rng),
+        "drawn, 4 joints": drawn(4, 2.6, streams["arm of 4 joints"]),
     }
-    found |= {"drawn, 5 joints": drawn(5, 2.6, rng), "5 joints of +-69 deg": drawn(5, 1.2, rng)}
+    found |= {
+        "drawn, 5 joints": drawn(5, 2.6, streams["arm of 5 joints"]),
+        "5 joints of +-69 deg": drawn(5, 1.2, streams["arm of 5 joints and less range"]),
+    }
     found |= {name: Chain.from_arm(published_arms.load(name)) for name in PUBLISHED}
-    return found | {"drawn, 8 joints": drawn(8, 2.6, rng)}
+    return found | {"drawn, 8 joints": drawn(8, 2.6, streams["arm of 8 joints"])}
 
 
 def drawn(n: int, limit: float, rng: np.random.Generator) -> Chain:
@@ -188,12 +192,12 @@ def anywhere(chain: Chain, count: int, rng: np.random.Generator) -> Array:
     return targets
 
 
-def of_arm(name: str, chain: Chain, count: int, rng: np.random.Generator) -> list[dict[str, Any]]:
+def of_arm(name: str, chain: Chain, count: int, streams: Streams) -> list[dict[str, Any]]:
     """A row for each kind: share found, false claims among all targets, and time of a target."""
     start = np.clip(np.resize(HOME, chain.n), chain.limits[:, 0], chain.limits[:, 1])
     rows = []
     for kind, tolerances in KINDS.items():
-        targets = reachable(chain, kind, count, rng)
+        targets = reachable(chain, kind, count, streams[f"{name}: {kind}"])
         given: dict[str, Any] = {
             "position_tolerance": POSITION,
             "orientation_tolerance": ANGLE,
@@ -204,7 +208,8 @@ def of_arm(name: str, chain: Chain, count: int, rng: np.random.Generator) -> lis
         spent = time.perf_counter() - began
         good = met(chain, kind, found.q, targets)
         false = int(np.count_nonzero(found.converged & ~good))
-        others = anywhere(chain, count, rng)
+
+        others = anywhere(chain, count, streams[f"{name}: {kind}, anywhere"])
         tried = solve_many(chain, others, start, **given)
         false += int(np.count_nonzero(tried.converged & ~met(chain, kind, tried.q, others)))
         share, claimed = float(np.mean(good & found.converged)), float(np.mean(tried.converged))
@@ -267,11 +272,11 @@ def main() -> int:
     """Solves and judges all targets; 1 if a kind is found too rarely or a claim is false."""
     options, console = parse(Options), Console()
     folder = new_folder("ik_parts", options.out, options.seed)
-    rng = np.random.default_rng(options.seed)
+    streams = Streams(options.seed)
     rows = [
         row
-        for name, chain in arms(rng).items()
-        for row in of_arm(name, chain, options.targets, rng)
+        for name, chain in arms(streams).items()
+        for row in of_arm(name, chain, options.targets, streams)
     ]
     table = Table(title=f"Found of {options.targets} reachable targets, and time of one [us]")
     table.add_column("arm", no_wrap=True)
@@ -288,7 +293,7 @@ def main() -> int:
         for kind in KINDS
     }
 
-    edge = straight(options.straight, rng)
+    edge = straight(options.straight, streams["nearly straight"])
     table = Table(
         "solver", "found", "us", title=f"{options.straight} nearly straight targets of a UR10e"
     )

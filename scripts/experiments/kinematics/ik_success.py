@@ -23,6 +23,7 @@ from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.streams import Streams
 
 WITHIN, SOME, ALL = "within limits", "1 to 3 on limits", "all on limits"
 KINDS = (WITHIN, SOME, ALL)  # of targets
@@ -62,9 +63,9 @@ class ArmRow:
     missed: Mapping[str, int] = column("missed", by="method")
 
 
-def arms(rng: np.random.Generator) -> Iterator[tuple[str, PublishedArm]]:
-    """Arms with the limits of their hinges: even ones, then uneven ones of 90 to 300 deg that `rng`
-    draws.
+def arms(streams: Streams) -> Iterator[tuple[str, PublishedArm]]:
+    """Arms with the limits of their hinges: even ones, then uneven ones of 90 to 300 deg that are
+    drawn.
     """
     for name in published_arms.available():
         arm = published_arms.load(name)
@@ -73,7 +74,8 @@ def arms(rng: np.random.Generator) -> Iterator[tuple[str, PublishedArm]]:
     for name in UNEVEN:
         arm = published_arms.load(name)
         n = len(arm.joint_types)
-        middle, half = rng.uniform(-1.0, 1.0, n), rng.uniform(0.8, 2.6, n)
+        middle = streams[f"{name}: middle"].uniform(-1.0, 1.0, n)
+        half = streams[f"{name}: half"].uniform(0.8, 2.6, n)
         yield f"{name}, uneven", limited(arm, np.column_stack([middle - half, middle + half]))
 
 
@@ -112,7 +114,7 @@ def misses(arm: PublishedArm, targets: Array, version: str) -> int:
     return int(np.count_nonzero(~solved))
 
 
-NAMES = tuple(name for name, _ in arms(np.random.default_rng(0)))
+NAMES = tuple(name for name, _ in arms(Streams(0)))
 
 
 @experiment(
@@ -120,15 +122,16 @@ NAMES = tuple(name for name, _ in arms(np.random.default_rng(0)))
 )
 def ik_success(case: ArmCase) -> ArmRow:
     """Counts the targets that each method misses."""
-    # One stream draws all arms and targets: those of the arms before this one are passed over.
-    rng = np.random.default_rng(case.seed)
-    for name, arm in arms(rng):
-        drawn = {kind: joint_values(arm.limits, kind, case.targets, rng) for kind in KINDS}
-        few = joint_values(arm.limits, WITHIN, case.others, rng)
-        if name == case.arm:
-            break
-    else:
+    streams = Streams(case.seed)
+    arm = dict(arms(streams)).get(case.arm)
+    if arm is None:
         raise ConfigurationError(f"no arm {case.arm!r}; there are {', '.join(NAMES)}")
+
+    drawn = {
+        kind: joint_values(arm.limits, kind, case.targets, streams[f"{case.arm}: {kind}"])
+        for kind in KINDS
+    }
+    few = joint_values(arm.limits, WITHIN, case.others, streams[f"{case.arm}: others"])
 
     missed = {kind: misses(arm, dh_forward(arm, q), "hybrid") for kind, q in drawn.items()}
     others = list(VERSIONS)[1:]

@@ -21,6 +21,7 @@ from uuv.perception.navigation.surface_alignment import Alignment, align, prepar
 from uuv.sensors.rendered_arm_camera import hidden_by, picture_noise
 from uuv.sim.interfaces.documents import toml_text
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_from_z
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.arm_camera import (
     GRID,
     KEY_SHIFT,
@@ -75,6 +76,37 @@ class Tool:
         return cls(fine, hidden_by(fine), np.isfinite(coarse))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _KeyView:
+    """What a key picture shows, and through which water."""
+
+    target: TargetModel
+    contrast: float  # [-] of the texture
+    texture: Texture
+    attenuation: float  # [1/m]
+    clouds: Array  # (PICTURES,) [-] of the later pictures
+    X_TK: Array  # (4, 4) pose of the camera
+
+    @classmethod
+    def drawn(cls, streams: Streams) -> "_KeyView":
+        """A view of one of OBJECTS."""
+        target = targets.named(OBJECTS[int(streams["object"].integers(len(OBJECTS)))])
+        contrast = float(np.exp(streams["contrast"].uniform(*np.log((0.02, 0.4)))))
+        contrast = 0.0 if streams["plain"].uniform() < PLAIN else contrast
+        clouds = streams["clouds"].uniform(0.0, 0.8, PICTURES)
+        gap = float(streams["gap"].uniform(0.0, 0.15))
+        gap = 0.0 if streams["touching"].uniform() < 0.6 else gap
+
+        return cls(
+            target=target,
+            contrast=contrast,
+            texture=Texture.of(int(streams["texture"].integers(2**31)), contrast),
+            attenuation=float(np.exp(streams["attenuation"].uniform(*np.log((0.15, 2.2))))),
+            clouds=clouds * (streams["cloudy"].uniform() < CLOUDY),
+            X_TK=_place(target, gap, streams["place"]),
+        )
+
+
 def run(case: KeyCase) -> Row:
     """Renders the pictures of a case and aligns them.
 
@@ -82,36 +114,35 @@ def run(case: KeyCase) -> Row:
         Its conditions, and for each picture the error of the motion, the tracker's information, and
         the prediction.
     """
-    rng = np.random.default_rng([case.seed, case.number])
+    streams = Streams(case.seed, case.number)
     camera = SmallStereo()
     tool = Tool.of(camera)
-    target = targets.named(OBJECTS[int(rng.integers(len(OBJECTS)))])
-    scene = RayScene(target.vertices, target.triangles)
-    contrast = 0.0 if rng.uniform() < PLAIN else float(np.exp(rng.uniform(*np.log((0.02, 0.4)))))
-    texture = Texture.of(int(rng.integers(2**31)), contrast)
-    attenuation = float(np.exp(rng.uniform(*np.log((0.15, 2.2)))))
-    clouds = rng.uniform(0.0, 0.8, PICTURES) * (rng.uniform() < CLOUDY)
-    gap = 0.0 if rng.uniform() < 0.6 else float(rng.uniform(0.0, 0.15))
-    X_TK = _place(target, gap, rng)
-    clear = Turbidity(attenuation=attenuation)
+    drawn = _KeyView.drawn(streams)
+    X_TK, texture = drawn.X_TK, drawn.texture
+    scene = RayScene(drawn.target.vertices, drawn.target.triangles)
+
+    # The key picture.
+    clear = Turbidity(attenuation=drawn.attenuation)
     key_hits = _hits(scene, camera, X_TK, tool)
     range_m = (
         float(np.median(key_hits[0][np.isfinite(key_hits[0]) & ~tool.hidden]))
         if _seen(key_hits, tool)
         else 0.17
     )
-    noise = picture_noise(camera, attenuation, range_m)
-    key = expose(camera, key_hits, X_TK, texture, clear, rng)
+    noise = picture_noise(camera, drawn.attenuation, range_m)
+    key = expose(camera, key_hits, X_TK, texture, clear, streams["key picture"])
     prepared = prepare(key.intensity, key.depth, tool.hidden, camera.focal, noise)
+
+    # Later ones, aligned with it.
     pictures: list[dict[str, Any]] = []
-    for cloud in clouds:
-        water = Turbidity(attenuation=attenuation, cloud=float(cloud))
-        X_KC = _motion(camera, range_m, rng)
+    for k, cloud in enumerate(drawn.clouds):
+        water = Turbidity(attenuation=drawn.attenuation, cloud=float(cloud))
+        X_KC = _motion(camera, range_m, streams[f"motion {k}"])
         X_TC = X_TK @ X_KC
         hits = _hits(scene, camera, X_TC, tool)
-        now = expose(camera, hits, X_TC, texture, water, rng)
-        guess = X_KC @ pose(exp_so3(ROTATION * rng.standard_normal(3)))
-        guess[:3, 3] += 2e-3 * rng.standard_normal(3)
+        now = expose(camera, hits, X_TC, texture, water, streams[f"picture {k}"])
+        guess = X_KC @ pose(exp_so3(ROTATION * streams[f"guessed turn {k}"].standard_normal(3)))
+        guess[:3, 3] += 2e-3 * streams[f"guessed shift {k}"].standard_normal(3)
         found = align(
             prepared,
             prepare(now.intensity, now.depth, tool.hidden, camera.focal, noise),
@@ -120,18 +151,15 @@ def run(case: KeyCase) -> Row:
             noise,
         )
         step = slice(GRID // 2, None, GRID)
-        depth = hits[0][step, step]
-        depth, across = (
-            np.where(tool.hidden_coarse, np.inf, depth),
-            float(np.hypot(X_KC[0, 3], X_KC[1, 3])),
-        )
+        depth = np.where(tool.hidden_coarse, np.inf, hits[0][step, step])
+        across = float(np.hypot(X_KC[0, 3], X_KC[1, 3]))
         view = predict(camera, depth, tool.hidden_coarse, texture, water, across)
         pictures.append(_picture(found, X_KC, view))
     return {
         "number": case.number,
-        "object": target.name,
-        "contrast": contrast,
-        "attenuation": attenuation,
+        "object": drawn.target.name,
+        "contrast": drawn.contrast,
+        "attenuation": drawn.attenuation,
         "range": range_m,
         **{name: [each[name] for each in pictures] for name in pictures[0]},
     }

@@ -15,6 +15,7 @@ from uuv.perception.seabed.terrain import build_terrain
 from uuv.perception.seabed.terrain_path import plan_seabed_work
 from uuv.sim.interfaces.errors import MissingLibraryError
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.streams import Streams
 
 FALSE = 0.03  # share of false echoes in the clouds
 
@@ -27,15 +28,16 @@ def run(seed: int) -> Row:
         o3d = None
         said = f"no other ways to triangulate: {error}"
     rows: list[Row] = []
-    rng = np.random.default_rng(seed)
-    ground = seabed("ripples", rng)
+    streams = Streams(seed)
+    ground = seabed("ripples", streams["ground"])
     B = np.array([[-0.4, -0.2, 2.0], [0.4, 0.2, 2.0]])
-    plan_seabed_work(_scatter(ground, 5_000, rng), B)  # loads all compiled code
+    plan_seabed_work(_scatter(ground, 5_000, streams["first cloud"]), B)  # loads all compiled code
     for points in (5_000, 20_000, 50_000, 100_000, 200_000, 400_000):
-        cloud = _scatter(ground, points, rng)
+        cloud = _scatter(ground, points, streams[f"cloud of {points}"])
         ours = min(_timed(lambda cloud=cloud: plan_seabed_work(cloud, B))[0] for _ in range(3))
         row: Row = {"points": points, "cloud_to_path_s": ours}
-        at = np.column_stack([rng.uniform(-1.5, 1.5, (2_000, 2)), np.full(2_000, 2.0)])
+        level = streams[f"places under {points}"].uniform(-1.5, 1.5, (2_000, 2))
+        at = np.column_stack([level, np.full(2_000, 2.0)])
         row["ours_mm"], row["ours_missed"] = _off(
             build_terrain(cloud).scene, at - cloud.mean(axis=0), ground, at
         )

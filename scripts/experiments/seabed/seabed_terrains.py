@@ -21,6 +21,7 @@ from uuv.perception.seabed.terrain_path import SeabedPlan, plan_seabed_work
 from uuv.sim.interfaces.errors import PerceptionError, ReachError
 from uuv.sim.interfaces.messages import SonarScan
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.sonar import Sonar, SonarBeams, SonarNoise
 from uuv.tasks.seabed_sampling import (
     ABOVE,
@@ -91,13 +92,15 @@ def run(case: TerrainCase) -> Row:
     """
     own = searched_with(case.vehicle)
     vehicle, chain, box = own.vehicle, own.chain, own.hull_box
-    rng = np.random.default_rng(case.seed)
+    streams = Streams(case.seed)
     kind = KINDS[case.seed % len(KINDS)]
-    ground = seabed(kind, rng, center_W=(*rng.uniform(-5.0, 5.0, 2), -20.0), half=3.0)
-    R_WB = exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+    center_W = (*streams["center"].uniform(-5.0, 5.0, 2), -20.0)
+    ground = seabed(kind, streams["ground"], center_W=center_W, half=3.0)
+    R_WB = exp_so3([0.0, 0.0, streams["heading"].uniform(-np.pi, np.pi)])
     X_WB = pose(R_WB, ground.center_W + ABOVE)
     B = X_WB[:3, 3] + np.array([[AHEAD, -0.5 * APART, 0.0], [AHEAD, 0.5 * APART, 0.0]]) @ R_WB.T
-    cloud = seen(ground, X_WB, box, rng, beam=np.radians(case.beam), noise=0.01 * case.noise)
+    beam = np.radians(case.beam)
+    cloud = seen(ground, X_WB, box, streams["echoes"], beam=beam, noise=0.01 * case.noise)
     true = ground.mesh()[0]
     work = partial(_work, own=own, X_WB=X_WB, B=B)
     result: Row = {

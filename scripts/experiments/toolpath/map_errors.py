@@ -15,6 +15,7 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.toolpath.deformation import map_deformation
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
+from uuv.sim.interfaces.streams import Streams
 
 BOUND = 0.8  # least overlap that is accepted
 SIZES = (0.005, 0.01, 0.015)  # [m] sizes asked for, besides the size that follows from the noise
@@ -38,10 +39,10 @@ def run(case: DeformationCase) -> Row:
 
 def _deformed(case: DeformationCase) -> Row:
     """Maps of one frame and of several, and the decision of PoseCheck."""
-    rng, scene = np.random.default_rng(case.seed), SCENES[case.object]
-    true, looks = scene.seen(rng, case.looks)
+    streams, scene = Streams(case.seed), SCENES[case.object]
+    true, looks = scene.seen(streams, case.looks)
     X_CT = inverse(looks[-1].X_WS)
-    approach, orientation = coarse_detection(X_CT, rng)
+    approach, orientation = coarse_detection(X_CT, streams["detection"])
     found = identify(looks[-1].scan, ModelSurface.of(scene.known), approach, orientation)
     surface, _ = ModelSurface.of(true.target).seen(X_CT, looks[-1].scan)
     offset = np.full(surface.depth.shape, np.nan)

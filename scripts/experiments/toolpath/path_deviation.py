@@ -34,6 +34,7 @@ from uuv.perception.toolpath.path_planner import carry, densified, plan_path
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.interfaces.errors import PerceptionError
 from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.depth_camera import NOISE, DepthCamera
 from uuv.sim.sensors.stereo_noise import StereoNoise
 
@@ -60,12 +61,12 @@ class PathScene:
     view: tuple[float, float, float]  # [m] position of the camera in T
 
     def seen(
-        self, rng: np.random.Generator, count: int, noise: StereoNoise | None = NOISE
+        self, streams: Streams, count: int, noise: StereoNoise | None = NOISE
     ) -> tuple[Deformed, list[Frame]]:
         """Draws the deformed object and its depth frames.
 
         Args:
-            rng: Draws deformation, camera position and noise.
+            streams: Draw deformation, camera position and frames.
             count: Number of frames.
             noise: Stereo noise; None: exact depth.
 
@@ -73,10 +74,11 @@ class PathScene:
             The deformed object, its frames.
         """
         near = np.vstack([path.p for path in self.paths.values()])
-        true = getattr(deformed, self.kind)(self.known, rng, _PATCHES, self.height, near)
-        eye = np.array(self.view) + rng.uniform(-0.15, 0.15, 3)
+        deform = getattr(deformed, self.kind)
+        true = deform(self.known, streams["deformation"], _PATCHES, self.height, near)
+        eye = np.array(self.view) + streams["camera"].uniform(-0.15, 0.15, 3)
         X_TC = pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye)
-        return true, looks_at(true.target, X_TC, count, noise, rng)
+        return true, looks_at(true.target, X_TC, count, noise, streams)
 
 
 _BARREL = (
@@ -102,11 +104,7 @@ class _PathPoses:
 
 
 def looks_at(
-    target: TargetModel,
-    X_TC: Array,
-    count: int,
-    noise: StereoNoise | None,
-    rng: np.random.Generator,
+    target: TargetModel, X_TC: Array, count: int, noise: StereoNoise | None, streams: Streams
 ) -> list[Frame]:
     """Depth frames of an object from a camera that sways about a pose and knows where it is.
 
@@ -115,7 +113,7 @@ def looks_at(
         X_TC: (4, 4) mean pose of the camera in T.
         count: Number of frames.
         noise: Stereo noise; None: exact depth.
-        rng: Draws sway and noise.
+        streams: Draw sway and noise of each frame.
 
     Returns:
         Frames with their poses in T.
@@ -127,10 +125,11 @@ def looks_at(
     mujoco.mj_kinematics(model, data)
     truth = _PathPoses(time=0.0, xpos=data.xpos, xmat=data.xmat)
     looks: list[Frame] = []
-    for _ in range(count):
-        X = X_TC @ pose(p=_SWAY * rng.standard_normal(3))
+    for k in range(count):
+        X = X_TC @ pose(p=_SWAY * streams[f"sway {k}"].standard_normal(3))
         camera = DepthCamera(model, "world", X, noise=noise)
-        looks.append(Frame(scan=Scan.from_depth(camera.step(camera.init(rng), truth)[1]), X_WS=X))
+        _, image = camera.step(camera.init(streams[f"noise {k}"]), truth)
+        looks.append(Frame(scan=Scan.from_depth(image), X_WS=X))
     return looks
 
 
@@ -206,10 +205,10 @@ def run(case: PathCase) -> Row:
 
 def trial(scene: PathScene, case: PathCase) -> Row:
     """Identification error, and the deviations of each path of a scene."""
-    rng = np.random.default_rng(case.seed)
-    true, looks = scene.seen(rng, case.looks, None if case.exact else NOISE)
+    streams = Streams(case.seed)
+    true, looks = scene.seen(streams, case.looks, None if case.exact else NOISE)
     X_CT = inverse(looks[-1].X_WS)
-    approach, orientation = coarse_detection(X_CT, rng)
+    approach, orientation = coarse_detection(X_CT, streams["detection"])
     found = identify(looks[-1].scan, ModelSurface.of(scene.known), approach, orientation)
     position, angle = scene.known.symmetry.error(found.X_sensor_target, X_CT)
     result: Row = {

@@ -22,6 +22,7 @@ from uuv.experiment.harness import Table
 from uuv.experiment.options import at_least
 from uuv.own_vehicle import OwnVehicle
 from uuv.sim.interfaces.spatial import Array, inverse, log_so3
+from uuv.sim.interfaces.streams import Streams
 
 VEHICLES = ("bluerov2_heavy_alpha5", "uuv_puma", "uuv_puma_side", "rexrov2_arm7", "phoenix_smart3s")
 AWAY = 1.0  # [m], [rad] of the hull from its start
@@ -43,7 +44,7 @@ class Options:
         at_least(self, poses=1)
 
 
-def row(name: str, poses: int, rng: np.random.Generator) -> tuple[str, ...]:
+def row(name: str, poses: int, streams: Streams) -> tuple[str, ...]:
     """Figures of one vehicle."""
     own = OwnVehicle.of(models.load(name), SPARES)
     vehicle, chain = own.vehicle, own.chain()
@@ -52,8 +53,11 @@ def row(name: str, poses: int, rng: np.random.Generator) -> tuple[str, ...]:
     options = IkOptions(max_iterations=400)
     met, axis, moved, turned, within, spent = 0, 0, [], [], 0, 0.0
     for _ in range(poses):
-        q = low + (INSIDE + (1.0 - 2.0 * INSIDE) * rng.random(chain.n)) * (high - low)
-        X = whole.forward(np.concatenate([rng.uniform(-AWAY, AWAY, HULL_JOINTS), q]))
+        # A pose that hull and arm can reach.
+        share = INSIDE + (1.0 - 2.0 * INSIDE) * streams["arm"].random(chain.n)
+        hull = streams["hull"].uniform(-AWAY, AWAY, HULL_JOINTS)
+        X = whole.forward(np.concatenate([hull, low + share * (high - low)]))
+
         began = time.perf_counter()
         found = solve(whole, X, start, *MET, "priority", options=options)
         spent += time.perf_counter() - began
@@ -95,7 +99,7 @@ def main() -> int:
         "yaw [rad]",
         "time [ms]",
     )
-    rows = [row(name, options.poses, np.random.default_rng(options.seed)) for name in VEHICLES]
+    rows = [row(name, options.poses, Streams(options.seed)) for name in VEHICLES]
     console.print(Table(f"{options.poses} tool poses a vehicle; medians", columns, rows).printed())
     return 0
 

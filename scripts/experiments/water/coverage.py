@@ -13,6 +13,7 @@ from uuv.calib.water.named_fit import values_of
 from uuv.calib.water.parameters import GROUPS, group_of
 from uuv.own_vehicle import vehicle_spec
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.streams import Streams
 from uuv.water_identification.log_residuals import identify
 from uuv.water_identification.manoeuvres import simulated, survey
 from uuv.water_identification.next_manoeuvre import next_manoeuvres
@@ -42,12 +43,12 @@ def draw(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) 
     noisy log.
     """
     own = _replay(vehicle)
-    rng = np.random.default_rng(seed)
+    streams = Streams(seed)
     parameters = own.water.parameters
-    truth = rng.standard_normal(len(parameters))
+    truth = streams["water"].standard_normal(len(parameters))
     believed = values_of(parameters, np.zeros(len(parameters)))
-    flown = survey(own, believed, seconds, rng)
-    log = simulated(own, values_of(parameters, truth), flown, rng=rng, gust=gust)
+    flown = survey(own, believed, seconds, streams["survey"])
+    log = simulated(own, values_of(parameters, truth), flown, rng=streams["log"], gust=gust)
     began = time.process_time()
     fit, _ = identify(own, [log], FitSettings(gust=gust))
     spent = time.process_time() - began
@@ -80,12 +81,14 @@ def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = G
     from both logs.
     """
     own, settings = _replay(vehicle), FitSettings(gust=gust)
-    rng = np.random.default_rng(seed)
+    streams = Streams(seed)
     parameters = own.water.parameters
     n = len(parameters)
-    truth = values_of(parameters, rng.standard_normal(n))
-    flown = survey(own, values_of(parameters, np.zeros(n)), seconds, rng, axes=(0, 5))
-    first = simulated(own, truth, flown, name="first", rng=rng, gust=gust)
+
+    # The first log, and the manoeuvre that would tell most after it.
+    truth = values_of(parameters, streams["water"].standard_normal(n))
+    flown = survey(own, values_of(parameters, np.zeros(n)), seconds, streams["survey"], axes=(0, 5))
+    first = simulated(own, truth, flown, name="first", rng=streams["log"], gust=gust)
     fit, _ = identify(own, [first], settings)
     ranked, manoeuvres = next_manoeuvres(
         own,
@@ -94,7 +97,10 @@ def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = G
         settings,
         channels=tuple(first.channels),
     )
-    second = simulated(own, truth, manoeuvres[ranked[0].name], name="second", rng=rng, gust=gust)
+
+    second = simulated(
+        own, truth, manoeuvres[ranked[0].name], name="second", rng=streams["second log"], gust=gust
+    )
     both, _ = identify(own, [first, second], settings)
     return KeptWord(
         vehicle=vehicle,

@@ -42,6 +42,7 @@ from uuv.sim.interfaces.spatial import (
     rotation_from_z,
     transform_points,
 )
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 from uuv.sim.sensors.stereo_noise import StereoNoise
 
@@ -103,6 +104,7 @@ class UnseenCase:
     seed: int  # of the study
     index: int  # of the scene among those of this content
     member: int = 0  # which object of a pile is searched for
+    streams: tuple[tuple[str, str], ...] = ()  # states of its draws, from a file; none: by the seed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -186,11 +188,12 @@ def build(case: UnseenCase) -> UnseenScene:
         raise ConfigurationError(
             f"no class of occlusion {case.hidden!r}; there are {', '.join(HIDDEN)}"
         )
-    for attempt in range(_ATTEMPTS):
+    attempts = 1 if case.streams else _ATTEMPTS
+    for attempt in range(attempts):
         drawn = _Draw(case, attempt).scene()
         if drawn is not None:
             return drawn
-    raise ConfigurationError(f"{case}: none of {_ATTEMPTS} draws meets its conditions")
+    raise ConfigurationError(f"{case}: none of {attempts} draws meets its conditions")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -206,7 +209,7 @@ class _Layout:
 
 
 class _Draw:
-    """One draw of a scene, with a stream of random numbers for each part of it."""
+    """One draw of a scene, with a stream of random numbers for each thing that is drawn."""
 
     def __init__(self, case: UnseenCase, attempt: int) -> None:
         key = [case.seed, _CONTENTS.index(case.content), case.index, attempt]
@@ -215,11 +218,7 @@ class _Draw:
         # Not every class has shapes with a hand; after some attempts the next class is tried.
         later = attempt // 4 if case.content == "mirrored" else 0
         self.kind = kinds[(kinds.index(case.kind) + later) % len(kinds)]
-        streams = np.random.SeedSequence(key).spawn(5)
-        self.model, self.view, self.around, self.veil, self.noise = map(
-            np.random.default_rng, streams
-        )
-        self.start = np.random.default_rng([*key, case.member])
+        self.streams = Streams(*key, states=case.streams)
 
     def scene(self) -> UnseenScene | None:
         """The scene; None if it does not meet the conditions of its case."""
@@ -228,27 +227,31 @@ class _Draw:
 
     def _single(self) -> _Layout | None:
         """An object, or what is in its place, with its surroundings."""
-        case, rng = self.case, self.model
+        case, streams = self.case, self.streams
         shape, there = self._shapes()
         likeness = Likeness(shape)
         if case.content == "mirrored" and not likeness.has_hand(_HAND):
             return None
         stand_in = there or shape  # where nothing is, it is as if the object were taken away
-        rests = case.around == "touching" or rng.random() < _RESTS
-        R = resting_attitude(stand_in, rng) if rests else any_rotation(rng)
-        gap = 0.0 if rests else float(rng.uniform(*_HANGS))
-        body = Body.of((stand_in.vertices @ R.T, stand_in.triangles), self.around)
+
+        rests = case.around == "touching" or streams["rests"].random() < _RESTS
+        turn = streams["attitude"]
+        R = resting_attitude(stand_in, turn) if rests else any_rotation(turn)
+        gap = 0.0 if rests else float(streams["gap"].uniform(*_HANGS))
+        body = Body.of((stand_in.vertices @ R.T, stand_in.triangles), streams["points"])
         ground = float(body.solid[0][:, 2].min()) - gap
         X_CF = self._camera(np.zeros(3), stand_in.radius, stand_in.extent)
         if not _in_view(X_CF, body.solid[0]):
             return None
+
         others = self._neighbours(body, X_CF, ground) if case.around != "alone" else []
-        others += [stone(body, ground, self.around) for _ in range(int(self.around.integers(0, 4)))]
-        on_ground = case.around != "alone" or self.around.random() < _GROUND
-        occluders = veil(body, others, X_CF, HIDDEN[case.hidden], self.veil)
+        stones = int(streams["stones"].integers(0, 4))
+        others += [stone(body, ground, streams[f"stone {k}"]) for k in range(stones)]
+        on_ground = case.around != "alone" or streams["ground"].random() < _GROUND
+        occluders = veil(body, others, X_CF, HIDDEN[case.hidden], streams["veil"])
         if occluders is None:
             return None
-        floor = [seabed(ground, self.around)] if on_ground else []
+        floor = [seabed(ground, streams["seabed"])] if on_ground else []
         return _Layout(
             likeness=likeness,
             there=there,
@@ -266,20 +269,24 @@ class _Draw:
         """Touching objects of as many classes, the whole pile in view, and none of them hidden for
         the most part.
         """
-        rng = self.model
-        kinds = rng.permutation(tuple(KINDS))[:PILE]
-        shapes = [unseen_shape(str(kind), rng, _OF_PILE) for kind in kinds]
-        poses = heaped(shapes, self.around)
-        bodies = [
-            Body.of((transform_points(X, shape.vertices), shape.triangles), self.around)
-            for shape, X in zip(shapes, poses, strict=True)
+        streams = self.streams
+        kinds = streams["kinds"].permutation(tuple(KINDS))[:PILE]
+        shapes = [
+            unseen_shape(str(kind), streams[f"shape {k}"], _OF_PILE) for k, kind in enumerate(kinds)
         ]
+        poses = heaped(shapes, streams["heap"])
+        bodies = [
+            Body.of((transform_points(X, shape.vertices), shape.triangles), streams[f"points {k}"])
+            for k, (shape, X) in enumerate(zip(shapes, poses, strict=True))
+        ]
+
         corners = np.vstack([body.solid[0] for body in bodies])
         middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         radius = float(np.linalg.norm(corners - middle, axis=1).max())
         X_CF = self._camera(middle, radius, 2.0 * radius)
         if not _in_view(X_CF, corners):
             return None
+
         for k, body in enumerate(bodies):
             seen, hidden = hidden_by(body, [*bodies[:k], *bodies[k + 1 :]], X_CF)
             if len(seen) * COARSE**2 < _LEAST_PIXELS or hidden.mean() > HIDDEN["much"][1]:
@@ -290,28 +297,31 @@ class _Draw:
             there=shapes[k],
             body=bodies[k],
             # the same order for all its members
-            visible=[*(body.solid for body in bodies), seabed(0.0, self.around)],
+            visible=[*(body.solid for body in bodies), seabed(0.0, streams["seabed"])],
             X_CF=X_CF,
             X_FT=poses[k],
         )
 
     def _shapes(self) -> tuple[UnseenShape, UnseenShape | None]:
         """Shape that is searched for, and the one in its place, None if it is absent."""
-        shape, rng = unseen_shape(self.kind, self.model), self.model
+        streams = self.streams
+        shape = unseen_shape(self.kind, streams["shape"])
         match self.case.content:
             case "absent":
                 return shape, None
             case "other":
-                return shape, unseen_shape(self.kind, rng, (0.8 * shape.extent, 1.2 * shape.extent))
+                size = (0.8 * shape.extent, 1.2 * shape.extent)
+                return shape, unseen_shape(self.kind, streams["other"], size)
             case "mirrored":
                 return shape, shape.mirrored()
             case "resized":
-                return shape, shape.resized(1.0 + RESIZED * (1.0 if rng.random() < 0.5 else -1.0))
+                sign = 1.0 if streams["size"].random() < 0.5 else -1.0
+                return shape, shape.resized(1.0 + RESIZED * sign)
         return shape, shape
 
     def _camera(self, p_F: Array, radius: float, extent: float) -> Array:
         """X_CF (4, 4) of a camera that looks at `p_F` (3,) [m], or a little beside it."""
-        rng, near = self.view, max(_RANGES[0], _VIEW * radius)
+        rng, near = self.streams["camera"], max(_RANGES[0], _VIEW * radius)
         range_m = rng.uniform(near, max(near + 0.1, min(_RANGES[1], _NEAR_SMALL * extent)))
         up = rng.uniform(*np.sin(_CLIMB))
         heading, roll = rng.uniform([-np.pi, -_ROLL], [np.pi, _ROLL])
@@ -325,12 +335,13 @@ class _Draw:
         """Shapes of the same and other classes beside the object, on the ground; they touch it, or
         stand clear.
         """
-        rng, touching = self.around, self.case.around == "touching"
+        touching = self.case.around == "touching"
         away = inverse(X_CF)[:2, 2]  # horizontally from the camera
         # Beside and behind rather than in front, unless much is to be hidden.
         spread = np.pi if self.case.hidden == "much" else 0.6 * np.pi
         bodies: list[Body] = []
-        for _ in range(int(rng.integers(1, 4 if touching else 5))):
+        for k in range(int(self.streams["neighbours"].integers(1, 4 if touching else 5))):
+            rng = self.streams[f"neighbour {k}"]
             kind = self.kind if rng.random() < _SIMILAR else str(rng.choice(tuple(KINDS)))
             size = float(np.clip(body.extent * rng.uniform(0.4, 1.0), 0.15, 0.8))
             shape = unseen_shape(kind, rng, (size, size))
@@ -362,14 +373,17 @@ class _Draw:
         mujoco.mj_kinematics(model, data)
         sensor = UNSEEN_SENSORS[case.sensor]
         try:
-            scan = sensor.look(model, data, self.noise)
+            scan = sensor.look(model, data, self.streams["noise"])
         except PerceptionError:  # an empty ping
             return None
+
         X_CT = X_CF @ layout.X_FT
-        declared = bool(self.start.random() < _DECLARED)
+        declared = bool(self._start("declared").random() < _DECLARED)
         target = likeness.shape.target(likeness.symmetry if declared else Symmetry())
-        aside, axis = self.start.normal(size=(2, 3))
-        distance, angle = self.start.uniform(size=2) * (_APPROACH, _TILT)
+        aside = self._start("approach direction").normal(size=3)
+        axis = self._start("turn axis").normal(size=3)
+        distance = self._start("approach distance").uniform() * _APPROACH
+        angle = self._start("turn angle").uniform() * _TILT
         approach = transform_points(X_CT, target.center) + distance * aside / np.linalg.norm(aside)
         return UnseenScene(
             case=case,
@@ -388,6 +402,10 @@ class _Draw:
             hidden=hidden,
             declared=declared,
         )
+
+    def _start(self, name: str) -> np.random.Generator:
+        """Stream of a draw of the coarse start, which each object of a pile has for itself."""
+        return self.streams[f"{name} {self.case.member}"]
 
 
 def _in_view(X_CF: Array, vertices: Array) -> bool:

@@ -11,10 +11,12 @@ from uuv.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from experiments.identification.unseen.scenes import PILE, piled, present, wrong
 from experiments.identification.unseen.study import Known, UnseenTrial, line, run, summarise
 from uuv.experiment import Study, StudyOptions
+from uuv.experiment.drawn_cases import made_cases
 from uuv.experiment.options import at_least
 from uuv.sim.interfaces.errors import ConfigurationError
 
@@ -39,6 +41,8 @@ class Options(StudyOptions):
     """Prior knowledge: position within 0.3 m and attitude within 45 deg (coarse), position only
     (place), or none.
     """
+    drawn: Path | None = None
+    """Run the drawn scenes in this file, such as drawn_cases.json here."""
     workers: int = 1
     """Number of processes; 0: one for each core, 1: this one.
 
@@ -57,16 +61,20 @@ def main() -> int:
     """Runs or resumes the study and returns the exit code."""
     options = parse(Options)
     seed = options.seed
-    cases = [
-        *(present(seed, k) for k in range(options.runs)),
-        *(wrong(seed, k) for k in range(options.wrong)),
-        *(piled(seed, k) for k in range(PILE * options.piles)),
-        *(present(seed, k, "sonar") for k in range(options.sonar)),
-    ]
+    if options.drawn is not None:
+        trials = made_cases(options.drawn, "unseen objects", UnseenTrial)
+    else:
+        scenes = [
+            *(present(seed, k) for k in range(options.runs)),
+            *(wrong(seed, k) for k in range(options.wrong)),
+            *(piled(seed, k) for k in range(PILE * options.piles)),
+            *(present(seed, k, "sonar") for k in range(options.sonar)),
+        ]
+        trials = [UnseenTrial(scene, options.start) for scene in scenes]
+
     title = {"coarse": "coarse pose known", "place": "position known", "any": "nothing known"}[
         options.start
     ]
-    trials = [UnseenTrial(case, options.start) for case in cases]
     study = Study(cases=trials, run_one=run, summarise=partial(summarise, title=title), line=line)
     return study.carry_out("study_unseen", options, "Identification of unseen objects")
 

@@ -32,7 +32,8 @@ def test_gears_and_sag_spoil_what_touching_finds():
     identified.
     """
     rows = [
-        run(EffectCase(effect, 0))
+        run(EffectCase(effect, seed))
+        for seed in range(3)
         for effect in ("ideal, off-axis pin", "gears 1 mrad", "sag 25 µrad/(N m)")
     ]
     rows += [run(LoadCase((0.0, 10.0), elastic, 0)) for elastic in (False, True)]

@@ -9,10 +9,13 @@ import pytest
 
 from experiments.faults.fault_figures import BranchedCase
 from experiments.faults.quiet_runs import SoundCase
+from experiments.identification.unseen.scenes import build
+from experiments.identification.unseen.study import UnseenTrial
 from uuv.campaigns.campaign import read_campaign, read_drawn
 from uuv.experiment.drawn_cases import DrawnCase, made_cases, read_cases, write_cases
 from uuv.sim.interfaces.errors import ConfigurationError
 
+RANGE = 1.2531538239071238  # [m] from the camera to the object in the first kept scene
 EXPERIMENTS = Path("scripts", "experiments")
 
 
@@ -69,3 +72,9 @@ def test_the_cases_that_the_project_keeps_can_be_run(root: Path):
     assert len(made_cases(home / "faults" / "drawn_cases.json", "faults", BranchedCase)) == 40
     sound = made_cases(home / "faults" / "drawn_false_alarms.json", "false alarms", SoundCase)
     assert len({case.scenario().seed for case in sound}) == 40
+
+    unseen = home / "identification" / "unseen" / "drawn_cases.json"
+    scenes = [each.scene for each in made_cases(unseen, "unseen objects", UnseenTrial)]
+    assert len({(scene.content, scene.index, scene.member) for scene in scenes}) == 19
+    clean = build(scenes[0])
+    assert clean.range_m == pytest.approx(RANGE, abs=1e-12)

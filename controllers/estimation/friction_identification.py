@@ -229,7 +229,7 @@ class FrictionMotion:
         self._X_WB = np.array(X_WB)
         self._slow = slow
         self._fast = fast
-        self._rate = 1.0 + 0.05 * np.arange(len(self._middle))
+        self._rate = 1.0 + 0.05 * np.arange(len(self._middle), dtype=np.float64)
         self._unfold = 4.0  # [s]
 
     @property
@@ -240,6 +240,15 @@ class FrictionMotion:
     def init(self, estimate: StateEstimate) -> float:
         """Initial state: the time [s] at which the motion begins."""
         return estimate.time
+
+    def _phase(self, since: float) -> tuple[Array, Array]:
+        """Phase (n,) [rad] of each joint and its rate [rad/s], `since` [s] the swings began."""
+        if since <= self._slow:
+            rate = 2.0 * np.pi / self._slow * self._rate
+            return rate * since, rate
+
+        rate = 2.0 * np.pi / self._fast * self._rate
+        return rate * (since - self._slow) + 2.0 * np.pi * self._rate, rate
 
     def step(
         self, state: float, estimate: StateEstimate, target: Target | None, last: Command | None
@@ -259,32 +268,22 @@ class FrictionMotion:
         del target, last
         time = estimate.time - state
         begin, end = self.recorded
-        qd = np.zeros(len(self._middle))
-        work = WorkState.CLOSE_IN
-
-        # Unfold, swing, and rest at the end of the last swing
         if time < begin:
+            work = WorkState.CLOSE_IN
             s = time / begin
             way = self._middle - self._home
             q = self._home + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * way
             qd = 30.0 * s * s * (1.0 - s) ** 2 / begin * way
         elif time < end:
-            since = time - begin
-            turn = self._slow
-            before = 0.0
-            if since > self._slow:
-                since = since - self._slow
-                turn = self._fast
-                before = 2.0 * np.pi
-            rate = 2.0 * np.pi / turn * self._rate
-            phase = rate * since + before * self._rate
+            work = WorkState.WORK
+            phase, rate = self._phase(time - begin)
             q = self._middle + self._swing * np.sin(phase)
             qd = self._swing * (rate * np.cos(phase))
-            work = WorkState.WORK
         else:
+            work = WorkState.DONE
             phase = 2.0 * np.pi * 3.0 * self._rate
             q = self._middle + self._swing * np.sin(phase)
-            work = WorkState.DONE
+            qd = np.zeros(len(self._middle))
 
         return state, Reference(
             time=estimate.time,

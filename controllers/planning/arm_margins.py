@@ -203,13 +203,8 @@ class ArmMargins:
             if not (
                 full and _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits)
             ):
-                torque = (
-                    1.0
-                    - np.abs(
-                        J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits
-                    ).max()
-                )
-                margin = min(margin, 3.0 * torque)
+                load = J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits
+                margin = min(margin, 3.0 * (1.0 - np.abs(load).max()))
                 if margin <= floor:
                     return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
 
@@ -226,19 +221,15 @@ class ArmMargins:
                 joint_gap_kernel(centres, X_AW, self.planes, track.gone[i])
                 < margin * self.clearance + ROUNDING
             ):
-                margin = min(
-                    margin,
-                    arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance,
-                )
+                gap = arm_gap(self.chain, q, X_AW, self.planes, track.gone[i])
+                margin = min(margin, gap / self.clearance)
                 if margin <= floor:
                     return Dropped(i, share, Limit.OBJECT, q)
 
             # Thrust
             if self.holding is not None and track.loads is not None:
-                margin = min(
-                    margin,
-                    (1.0 - self.holding.used(q, X_WB[:3, :3], track.loads[i])) / _ROOMY_THRUST,
-                )
+                used = self.holding.used(q, X_WB[:3, :3], track.loads[i])
+                margin = min(margin, (1.0 - used) / _ROOMY_THRUST)
                 if margin <= floor:
                     return Dropped(i, share, Limit.THRUST, q)
 

@@ -102,14 +102,7 @@ class CarriedArm:
 
         shell = ConvexHull(self.around.obstacle)
         skin = skin_of(self.around.obstacle, shell)
-        arm = ArmMargins(
-            vehicle=self.vehicle,
-            chain=self.chain,
-            planes=shell.equations,
-            force=self.force,
-            clearance=self.search.arm_clearance,
-            holding=self.holding,
-        )
+        arm = self._margins(shell.equations)
 
         drag = self.holding.drag if self.holding else 0.0
         poses = tool_poses(path, shares, 0.0, self.standoff)
@@ -164,17 +157,28 @@ class CarriedArm:
         if best is None and not met:
             raise ReachError(
                 "the tool path is out of reach: within the limits of its joints the arm turns the "
-                "tool nowhere so; the "
-                "hull stays level"
+                "tool nowhere so; the hull stays level"
             )
         if best is None:
             raise out_of_reach(shares, furthest, arm, held=self.holding is not None)
         return best
 
-    def _starts(self, whole: Chain, X_WG: Array, skin: Array, met: list[Array]) -> Iterator[Array]:
-        """Joint values (4 + n,) of hull and arm for the middle of the path, roomiest first.
+    def _margins(self, planes: Array) -> ArmMargins:
+        """Margins of the arm beside an object of faces `planes` (f, 4), as of `ArmMargins`."""
+        return ArmMargins(
+            vehicle=self.vehicle,
+            chain=self.chain,
+            planes=planes,
+            force=self.force,
+            clearance=self.search.arm_clearance,
+            holding=self.holding,
+        )
 
-        `met` collects those that meet it, with room for the hull or without.
+    def _postures(self, z_W: Array) -> list[tuple[float, Array, Array]]:
+        """Working postures for a tool axis `z_W` (3,), the roomiest first.
+
+        Returns:
+            Worth [-], joint angles (n,) [rad] and tip pose X_BG (4, 4) of each.
         """
         from scipy.stats import qmc  # costs a second, and few jobs carry the arm along
 
@@ -188,8 +192,6 @@ class CarriedArm:
         straight[:, 0] = self.vehicle.q_ready[0]
         postures = np.vstack([self.vehicle.q_ready, straight, postures])
 
-        # Working postures of the arm, the roomiest first
-        z_W = X_WG[:3, 2]
         candidates = []
         for q in postures:
             X_BG = self.vehicle.X_BA @ self.chain.kinematics(q)[0]
@@ -206,16 +208,19 @@ class CarriedArm:
             )
             bent = float(np.linalg.svd(J[:3], compute_uv=False)[-1])
             margin = min(room, 1.0 - float(push.max()), bent / (BENT * reach(self.chain)))
-
             candidates.append((margin - abs(z_B[2] - z_W[2]) - self._side(q), q, X_BG))
 
-        candidates.sort(key=lambda candidate: -candidate[0])
+        return sorted(candidates, key=lambda candidate: -candidate[0])
 
-        # Position and heading of the hull for each, with hull and arm as one chain
+    def _starts(self, whole: Chain, X_WG: Array, skin: Array, met: list[Array]) -> Iterator[Array]:
+        """Joint values (4 + n,) of hull and arm for the middle of the path, roomiest first.
+
+        `met` collects those that meet it, with room for the hull or without.
+        """
         fitting = 0
-        for _, q, X_BG in candidates:
+        for _, q, X_BG in self._postures(X_WG[:3, 2]):
             fits = False
-            for yaw in self._yaws(X_BG[:3, 2], z_W):
+            for yaw in self._yaws(X_BG[:3, 2], X_WG[:3, 2]):
                 R_WB = exp_so3([0.0, 0.0, yaw])
                 near = np.concatenate([X_WG[:3, 3] - R_WB @ X_BG[:3, 3], [yaw], q])
                 result = solve(
@@ -227,9 +232,9 @@ class CarriedArm:
                     "priority",
                     options=_STEPS,
                 )
-
                 if not result.converged:
                     continue
+
                 met.append(result.q)
                 if self._has_room(hull_pose(result.q), skin):
                     yield result.q

@@ -117,13 +117,8 @@ def place_hull(
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
 
-    # The poses relative to the travelling hull: its displacement since mid-path is subtracted.
-    even = np.linspace(0.0, float(path.s[-1]), search.samples)
-    done = np.interp(shares, even, np.linspace(-0.5, 0.5, search.samples))
-    done = np.pad(done, STANDOFF_STEPS, mode="edge")
-    gone = done[:, None] * travel_W
+    gone = _displacements(path, shares, search.samples)[:, None] * travel_W
     drag = holding.drag if holding else 0.0
-
     tracks = [
         ToolTrack(
             poses=from_moving_hull(tool_poses(path, shares, roll, standoff), gone),
@@ -132,7 +127,6 @@ def place_hull(
         )
         for roll in rolls
     ]
-
     arm = ArmMargins(
         vehicle=vehicle,
         chain=chain,
@@ -162,7 +156,6 @@ def place_hull(
             < around.floor + search.clearance
         ):
             return False
-
         if any(too_close(X_WB, way * travel_W) for way in ways):
             return False
 
@@ -204,6 +197,13 @@ def place_hull(
     start = best.X_WB.copy()
     start[:3, 3] -= 0.5 * travel_W
     return replace(best, X_WB=start)
+
+
+def _displacements(path: ToolPath, shares: Array, samples: int) -> Array:
+    """Displacement of a travelling hull since mid-path, as a share of its travel, at tool poses."""
+    even = np.linspace(0.0, float(path.s[-1]), samples)
+    done = np.interp(shares, even, np.linspace(-0.5, 0.5, samples))
+    return np.pad(done, STANDOFF_STEPS, mode="edge")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -121,17 +121,7 @@ def choose_height(
     chain = own.chain
 
     start = np.array(checked(X_WB, (4, 4), "X_WB"))
-    points = np.asarray(ground, dtype=np.float64)
-    if (
-        points.ndim != 2
-        or points.shape[1] != 3
-        or not len(points)
-        or not np.all(np.isfinite(points))
-    ):
-        raise ConfigurationError(
-            f"ground: expected finite points (V, 3), V > 0, got shape {points.shape}"
-        )
-
+    points = _checked_points(ground)
     if start[2, 2] < np.cos(np.radians(5.0)):
         raise ConfigurationError("X_WB: the hull must be level to go down")
 
@@ -150,11 +140,7 @@ def choose_height(
     highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
     calm = silt_height(search.jet, search.critical_shear)
     best: WorkHeight | None = None
-    furthest = 0.0
-    room = -np.inf
-    silt = False
-    hit = False
-    known = False
+    obstacles = _Obstacles()
 
     for aside in search.asides:
         for i in range(search.directions if aside else 1):
@@ -167,19 +153,16 @@ def choose_height(
             if gap == np.inf:
                 continue  # no ground points below: the descent would be blind
 
-            known = True
             over += search.jets_above
-            if min(gap - search.clearance, over - calm) > room:
-                room = min(gap - search.clearance, over - calm)
-                silt = over - calm < gap - search.clearance
+            obstacles.see(gap - search.clearance, over - calm)
 
             # Descend until a tool roll has a roomy margin
             while gap >= search.clearance and over >= calm:
                 for roll, tool in zip(rolls, poses, strict=True):
                     to_beat = best.placement.margin if best else search.margin
                     worked = arm.along(ToolTrack(poses=tool, gone=still), X, to_beat)
-                    furthest = max(furthest, worked.reached if isinstance(worked, Dropped) else 1.0)
-
+                    reached = worked.reached if isinstance(worked, Dropped) else 1.0
+                    obstacles.furthest = max(obstacles.furthest, reached)
                     if isinstance(worked, Dropped) or worked.margin < search.margin:
                         continue
 
@@ -187,7 +170,7 @@ def choose_height(
                         arm_gap(chain, X @ vehicle.X_BA, tool, worked.q_start, tree)
                         < search.arm_clearance
                     ):
-                        hit = True
+                        obstacles.hit = True
                         continue
 
                     placement = Placement(
@@ -215,31 +198,63 @@ def choose_height(
         if best is not None:
             return best
 
-    if not known:
-        raise ReachError(
-            "no height to work at: of the ground under the hull, there and aside, no point is known"
+    raise ReachError(f"no height to work at: {obstacles.reason(search, calm)}")
+
+
+@dataclass(slots=True)
+class _Obstacles:
+    """What kept the search from a height."""
+
+    known: bool = False  # points of the ground under the hull
+    room: float = -np.inf  # [m] largest height above the least one, where the arm is stretched
+    silt: bool = False  # the least height there is that of the jets
+    hit: bool = False  # the arm took all of the path, but touched the ground
+    furthest: float = 0.0  # largest share of the path within reach
+
+    def see(self, hull_room: float, jet_room: float) -> None:
+        """Take note of the heights [m] of hull and jets above their least ones at a place."""
+        self.known = True
+        if min(hull_room, jet_room) > self.room:
+            self.room = min(hull_room, jet_room)
+            self.silt = jet_room < hull_room
+
+    def reason(self, search: HeightSearch, calm: float) -> str:
+        """Why there is no height; `calm` [m] is the least one of the jets."""
+        if not self.known:
+            return "of the ground under the hull, there and aside, no point is known"
+
+        why = (
+            f"its thrusters must stay {calm:.2f} m over the ground, or a jet of {search.jet:g} N "
+            "would stir it up"
+            if self.silt
+            else f"the hull must stay {search.clearance:.2f} m clear of the ground"
+        )
+        if self.room < 0.0:
+            return f"{why}; that is higher than the arm reaches"
+        if self.hit:
+            return (
+                f"{why}; where the arm takes all of the path it comes within "
+                f"{search.arm_clearance:.2f} m of the ground"
+            )
+        return (
+            f"{why}; from there and higher the arm takes at best {self.furthest:.0%} of the path, "
+            f"up to {max(search.asides):.1f} m aside"
         )
 
-    why = (
-        f"its thrusters must stay {calm:.2f} m over the ground, or a jet of {search.jet:g} N "
-        "would stir it up"
-        if silt
-        else f"the hull must stay {search.clearance:.2f} m clear of the ground"
-    )
 
-    if room < 0.0:
-        raise ReachError(f"no height to work at: {why}; that is higher than the arm reaches")
-    if hit:
-        raise ReachError(
-            f"no height to work at: {why}; where the arm takes all of the path it comes within "
-            f"{search.arm_clearance:.2f} m of the ground"
+def _checked_points(ground: Array) -> Array:
+    """Points (V, 3) [m] of the ground; ConfigurationError for none, or another shape."""
+    points = np.asarray(ground, dtype=np.float64)
+    if (
+        points.ndim != 2
+        or points.shape[1] != 3
+        or not len(points)
+        or not np.all(np.isfinite(points))
+    ):
+        raise ConfigurationError(
+            f"ground: expected finite points (V, 3), V > 0, got shape {points.shape}"
         )
-
-    raise ReachError(
-        f"no height to work at: {why}; from there and higher the arm takes at best {furthest:.0%} "
-        "of the path, up to "
-        f"{max(search.asides):.1f} m aside"
-    )
+    return points
 
 
 def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tuple[float, float]:
@@ -251,7 +266,6 @@ def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tu
     near = np.all(
         (p_B[:, :2] > hull_box[0, :2] - beside) & (p_B[:, :2] < hull_box[1, :2] + beside), axis=1
     )
-
     if not near.any():
         return np.inf, np.inf
     return float(hull_box[0, 2] - p_B[near, 2].max()), float(

@@ -10,7 +10,7 @@ import numpy as np
 from uuv.controllers.planning.arm_size import base_axis
 from uuv.controllers.planning.hull_path import HullPath
 from uuv.controllers.planning.placement import Placement
-from uuv.controllers.planning.promise import NAVIGATION_TIME, PromiseLimits, promise
+from uuv.controllers.planning.promise import NAVIGATION_TIME
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.hull_phases import (
     HullMotion,
@@ -293,77 +293,6 @@ class TareSensors(Phase):
         return Setpoint(X_WG=held.tool()[0], tare=now.time - state.since > self._after)
 
 
-@dataclass(slots=True)
-class CertainState:
-    """State of `CertainPlace`."""
-
-    inner: Since
-    asked: float = -np.inf  # [s] when the chance was last judged
-    tared: float = np.inf  # [s] when the inner phase was done
-    chance: float = 0.0  # judged then
-
-
-class CertainPlace(Phase):
-    """The tare, and after it a wait as long as the chance to keep the path's tolerance rises.
-
-    Waiting helps where the estimate still becomes better: a camera on the arm that holds the place
-    while vision adds its mean. Else the work begins, or is refused, after one more look.
-    """
-
-    def __init__(self, tare: TareSensors, limits: PromiseLimits, speed: float) -> None:
-        """Set up the phase; `speed` [m/s] along the path."""
-        self._tare = tare
-        self._limits = limits
-        self._speed = speed
-
-    def enter(self, held: Held, now: Context) -> CertainState:
-        """Begin with the tare."""
-        return CertainState(self._tare.enter(held, now))
-
-    def step(self, state: CertainState, held: Held, now: Context) -> Outcome:
-        """Done with `held.promise`; broken off if the chance is too small."""
-        limits = self._limits
-        outcome = self._tare.step(state.inner, held, now)
-        if outcome is not PhaseEvent.DONE or now.time - state.asked < limits.interval:
-            return None if outcome is PhaseEvent.DONE else outcome
-        assert held.line is not None
-
-        # Probability for the time of the work
-        state.tared = min(state.tared, now.time)
-        duration = float(held.line.path.s[-1]) / (self._speed * held.line.path.pace)
-        target = held.target
-        held.promise = (
-            None if target is None else promise(now.estimate, target, limits.tolerance, duration)
-        )
-
-        if held.promise is None:
-            return PhaseEvent.DONE
-        chance = held.promise.chance
-        first = not np.isfinite(state.asked)
-        rising = first or chance > state.chance + limits.gain
-
-        state.asked = now.time
-        state.chance = chance
-        if (
-            chance < max(limits.wanted, limits.least)
-            and rising
-            and now.time - state.tared < limits.patience
-        ):
-            return None
-
-        held.note = f"{held.note}; {held.promise}" if held.note else str(held.promise)
-        if chance < limits.least:
-            return Abort(
-                AbortCode.PLACE_UNCERTAIN,
-                f"{held.promise}; at least {limits.least:.1%} is asked for",
-            )
-        return PhaseEvent.DONE
-
-    def setpoint(self, state: CertainState, held: Held, now: Context) -> Setpoint:
-        """As in the tare."""
-        return self._tare.setpoint(state.inner, held, now)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArrivalLimits:
     """Limits of the way to the work."""
@@ -447,42 +376,6 @@ def arrival(
     free = dict.fromkeys((Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW), "held")
     row = partial(TaskRow, leave={**free, Reaction.STOP: "halt"})
 
-    def come_near(held: Held, now: Context) -> None:
-        assert site.come_near is not None
-        held.X_WB_scan = site.come_near(now.estimate, held.X_WB_scan)
-
-    def other_view(held: Held) -> Array:
-        if held.next_X_WB is not None:  # proposed by perception
-            X = np.array(held.X_WB)
-            to = held.next_X_WB
-            ahead = heading(to[:3, :3]) - heading(X[:3, :3])
-            return pose(exp_so3([0.0, 0.0, ahead]) @ X[:3, :3], [to[0, 3], to[1, 3], X[2, 3]])
-
-        # Else to either side in turn, turned towards the object
-        side = 0.3 * (1.0 if held.views % 2 else -1.0)
-        X = np.array(held.X_WB_scan)
-        X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], site.own.level_view_B)
-        X[:3, :3] = X[:3, :3] @ exp_so3([0.0, 0.0, -0.6 * side])
-        return X
-
-    def stand(held: Held, now: Context) -> None:
-        target = held.target
-        assert target is not None
-        assert target.path is not None
-
-        placement, path, worked = site.stand(target, target.path, now.current_W)
-        if worked < 1.0:
-            held.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
-        elif path.note:
-            held.note = path.note
-        if not placement.held:
-            held.note = "the thrusters may not hold the hull against friction at the set force"
-
-        held.line = ToolLine(path, placement, offset)
-        held.depth = depth
-        before = lifted(site.own, placement.X_WB, held.X_WB, limits.lift)
-        held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
-
     again = "settle" if site.come_near is None else "settled"
     yield (
         "settle",
@@ -498,7 +391,7 @@ def arrival(
         yield (
             "near",
             row(
-                Decide(come_near, AbortCode.NO_GROUND),
+                Decide(partial(_come_near, site), AbortCode.NO_GROUND),
                 WorkState.SETTLE,
                 {PhaseEvent.DONE: "descend"},
             ),
@@ -516,7 +409,9 @@ def arrival(
     # The object, from as many views as it takes, and the placement
     scanned = {PhaseEvent.DONE: at_once("stand"), PhaseEvent.REFUSED: "other view"}
     yield "scan", row(ScanTarget(limits.scan), WorkState.SCAN, scanned)
-    yield "other view", row(move(other_view), WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
+    other_view = move(partial(_other_view, site))
+    yield "other view", row(other_view, WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
+    stand = partial(_stand, site, limits.lift, depth, offset)
     yield (
         "stand",
         row(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SCAN, {PhaseEvent.DONE: "travel"}),
@@ -532,3 +427,47 @@ def arrival(
     yield "close in", row(close_in, WorkState.CLOSE_IN, {PhaseEvent.DONE: "rest"})
     yield "rest", row(settle, WorkState.CLOSE_IN, {PhaseEvent.DONE: "tare"})
     yield "tare", TaskRow(tare or TareSensors(), WorkState.TARE, {PhaseEvent.DONE: then}, broken)
+
+
+def _come_near(site: WorkSite, held: Held, now: Context) -> None:
+    """Choose a nearer hull pose to scan from."""
+    assert site.come_near is not None
+    held.X_WB_scan = site.come_near(now.estimate, held.X_WB_scan)
+
+
+def _other_view(site: WorkSite, held: Held) -> Array:
+    """Hull pose (4, 4) of the next view."""
+    if held.next_X_WB is not None:  # proposed by perception
+        X = np.array(held.X_WB)
+        to = held.next_X_WB
+        ahead = heading(to[:3, :3]) - heading(X[:3, :3])
+        return pose(exp_so3([0.0, 0.0, ahead]) @ X[:3, :3], [to[0, 3], to[1, 3], X[2, 3]])
+
+    # Else to either side in turn, turned towards the object
+    side = 0.3 * (1.0 if held.views % 2 else -1.0)
+    X = np.array(held.X_WB_scan)
+    X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], site.own.level_view_B)
+    X[:3, :3] = X[:3, :3] @ exp_so3([0.0, 0.0, -0.6 * side])
+    return X
+
+
+def _stand(
+    site: WorkSite, lift: float, depth: float, offset: float, held: Held, now: Context
+) -> None:
+    """Choose the placement for the identified path, and the hull's way there."""
+    target = held.target
+    assert target is not None
+    assert target.path is not None
+
+    placement, path, worked = site.stand(target, target.path, now.current_W)
+    if worked < 1.0:
+        held.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
+    elif path.note:
+        held.note = path.note
+    if not placement.held:
+        held.note = "the thrusters may not hold the hull against friction at the set force"
+
+    held.line = ToolLine(path, placement, offset)
+    held.depth = depth
+    before = lifted(site.own, placement.X_WB, held.X_WB, lift)
+    held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)

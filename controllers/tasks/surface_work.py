@@ -17,10 +17,11 @@ import numpy as np
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import PlacementSearch
+from uuv.controllers.planning.promise import PromiseLimits, promise
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import (
     ArrivalLimits,
-    CertainPlace,
+    Since,
     TareSensors,
     WorkSite,
     around,
@@ -51,7 +52,17 @@ from uuv.controllers.tasks.monitors import (
     too_much_force,
     uncertain_force,
 )
-from uuv.controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
+from uuv.controllers.tasks.phase import (
+    Abort,
+    Context,
+    Held,
+    Hold,
+    HoldTool,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+)
 from uuv.controllers.tasks.settings import SurfaceSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow
 from uuv.models.objects.targets import TargetModel
@@ -121,6 +132,77 @@ class SurfaceTaskConfig(SurfaceSettings):
     def presses(self) -> bool:
         """True if a set force is to be held at work."""
         return self.force_control and self.contactless is None
+
+
+@dataclass(slots=True)
+class CertainState:
+    """State of `CertainPlace`."""
+
+    inner: Since
+    asked: float = -np.inf  # [s] when the chance was last judged
+    tared: float = np.inf  # [s] when the inner phase was done
+    chance: float = 0.0  # judged then
+
+
+class CertainPlace(Phase):
+    """The tare, and after it a wait as long as the chance to keep the path's tolerance rises.
+
+    Waiting helps where the estimate still becomes better: a camera on the arm that holds the place
+    while vision adds its mean. Else the work begins, or is refused, after one more look.
+    """
+
+    def __init__(self, tare: TareSensors, limits: PromiseLimits, speed: float) -> None:
+        """Set up the phase; `speed` [m/s] along the path."""
+        self._tare = tare
+        self._limits = limits
+        self._speed = speed
+
+    def enter(self, held: Held, now: Context) -> CertainState:
+        """Begin with the tare."""
+        return CertainState(self._tare.enter(held, now))
+
+    def step(self, state: CertainState, held: Held, now: Context) -> Outcome:
+        """Done with `held.promise`; broken off if the chance is too small."""
+        limits = self._limits
+        outcome = self._tare.step(state.inner, held, now)
+        if outcome is not PhaseEvent.DONE or now.time - state.asked < limits.interval:
+            return None if outcome is PhaseEvent.DONE else outcome
+        assert held.line is not None
+
+        # Probability for the time of the work
+        state.tared = min(state.tared, now.time)
+        duration = float(held.line.path.s[-1]) / (self._speed * held.line.path.pace)
+        target = held.target
+        held.promise = (
+            None if target is None else promise(now.estimate, target, limits.tolerance, duration)
+        )
+
+        if held.promise is None:
+            return PhaseEvent.DONE
+        chance = held.promise.chance
+        first = not np.isfinite(state.asked)
+        rising = first or chance > state.chance + limits.gain
+
+        state.asked = now.time
+        state.chance = chance
+        if (
+            chance < max(limits.wanted, limits.least)
+            and rising
+            and now.time - state.tared < limits.patience
+        ):
+            return None
+
+        held.note = f"{held.note}; {held.promise}" if held.note else str(held.promise)
+        if chance < limits.least:
+            return Abort(
+                AbortCode.PLACE_UNCERTAIN,
+                f"{held.promise}; at least {limits.least:.1%} is asked for",
+            )
+        return PhaseEvent.DONE
+
+    def setpoint(self, state: CertainState, held: Held, now: Context) -> Setpoint:
+        """As in the tare."""
+        return self._tare.setpoint(state.inner, held, now)
 
 
 class SurfaceWork(TaskPlanner):
@@ -305,25 +387,7 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
 
     return (
         *fault_monitors(job.arrival.blind_time),
-        # the hull off its place
-        Monitor(
-            condition=adrift(job.arrival.lost_place),
-            reaction=Reaction.RISE,
-            code=AbortCode.HULL_ADRIFT,
-            during=BEFORE_CONTACT,
-        ),
-        Monitor(
-            condition=adrift(limits.lost_place),
-            reaction=Reaction.RISE,
-            code=AbortCode.HULL_ADRIFT,
-            during=IN_CONTACT,
-        ),
-        Monitor(
-            condition=adrift(2.0 * limits.lost_place),
-            reaction=Reaction.RISE,
-            code=AbortCode.HULL_ADRIFT,
-            during=LEAVING,
-        ),
+        *_drift_monitors(job),
         # the object
         Monitor(
             condition=object_moves(job.promise.tolerance),
@@ -367,3 +431,19 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=at_work,
         ),
     )
+
+
+def _drift_monitors(job: SurfaceTaskConfig) -> Iterable[Monitor]:
+    """Monitors of the hull's position, narrowest in contact."""
+    limit = job.contact.lost_place
+    for distance, during in (
+        (job.arrival.lost_place, BEFORE_CONTACT),
+        (limit, IN_CONTACT),
+        (2.0 * limit, LEAVING),
+    ):
+        yield Monitor(
+            condition=adrift(distance),
+            reaction=Reaction.RISE,
+            code=AbortCode.HULL_ADRIFT,
+            during=during,
+        )

@@ -8,15 +8,10 @@ import pytest
 from at_rest import at_rest
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.promise import NAVIGATION_TIME, PromiseLimits
-from uuv.controllers.tasks import arrival
-from uuv.controllers.tasks.arrival import (
-    CertainPlace,
-    ScanLimits,
-    ScanTarget,
-    TareSensors,
-    fuse_poses,
-)
+from uuv.controllers.tasks import surface_work
+from uuv.controllers.tasks.arrival import ScanLimits, ScanTarget, TareSensors, fuse_poses
 from uuv.controllers.tasks.phase import Abort, Context, Held, PhaseEvent, ToolLine
+from uuv.controllers.tasks.surface_work import CertainPlace
 from uuv.sim.interfaces.messages import AbortCode, Promise, Target, ToolPath
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
@@ -227,7 +222,7 @@ def tared(
         chance = chances[min(int(now["time"] - began), len(chances) - 1)]
         return Promise(chance=chance, tolerance=3e-3, navigation_sigma=1e-3, object_sigma=1e-3)
 
-    monkeypatch.setattr(arrival, "promise", told)
+    monkeypatch.setattr(surface_work, "promise", told)
     place = Placement(
         X_WB=np.eye(4), travel_W=zero, roll=0.0, q_start=zero, margin=1.0, reached=1.0
     )

@@ -12,6 +12,7 @@ from mujoco_visibility import MujocoVisibility
 from told import Told
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning.hull_path import HullPath
+from uuv.controllers.planning.outline import offset_outline
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.inspection import (
     HullCamera,
@@ -21,7 +22,6 @@ from uuv.controllers.tasks.inspection import (
     Orbit,
     allowed_cameras,
     covering,
-    offset_outline,
     orbit,
 )
 from uuv.models.meshes.visibility import SurfaceSamples, View

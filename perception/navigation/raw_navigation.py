@@ -48,6 +48,7 @@ class RawNavigation:
         vision = first_of(VisionMeasurement, first)
         encoders = first_of(EncoderMeasurement, first)
         torque = first_of(TorqueMeasurement, first)
+
         return RawState(imu, vision, encoders, torque, np.zeros(3))
 
     def step(

@@ -123,6 +123,7 @@ class NavigationState:
         return self.memory["P"][0]
 
 
+Fix = VisionMeasurement | DvlMeasurement | SurfaceMotionMeasurement | ToolAtRest
 _IMU = ImuNoise(
     acceleration=2.5e-3,
     acceleration_bias=6e-3,
@@ -181,17 +182,10 @@ class Navigation:
         speeds = [m for m in first if isinstance(m, DvlMeasurement)][-1:]
         speed = speeds[0] if speeds and _sound(speeds[0].v_WB_B) else None
 
-        # Needed readings must be finite
-        for m, readings in (
-            (imu, (imu.specific_force_B, imu.w_WB_B, imu.R_WB)),
-            (vision, (vision.p_WB,)),
-            (encoders, (encoders.q, encoders.qd)),
-            (torque, (torque.tau,)),
-        ):
-            if not (math.isfinite(m.time) and all(_sound(v) for v in readings)):
-                raise ConfigurationError(
-                    f"navigation needs a first {type(m).__name__} that is finite, got {readings}"
-                )
+        _check_finite(imu, (imu.specific_force_B, imu.w_WB_B, imu.R_WB))
+        _check_finite(vision, (vision.p_WB,))
+        _check_finite(encoders, (encoders.q, encoders.qd))
+        _check_finite(torque, (torque.tau,))
 
         # Noise as the sensors state it, else as assumed
         stated = (
@@ -300,7 +294,7 @@ class Navigation:
         sample = state.sample
         joints = state.joints
         packed_sample, packed_joints, packed_estimate = state.packed
-        fixes: list[VisionMeasurement | DvlMeasurement | SurfaceMotionMeasurement | ToolAtRest] = []
+        fixes: list[Fix] = []
         newest = -math.inf
         sampled = False
 
@@ -338,26 +332,30 @@ class Navigation:
 
         # Fixes
         for m in fixes:  # after the IMU, so that their step exists
-            if isinstance(m, VisionMeasurement):
-                white = (m.noise or self.vision).white
-                used = state.fixes.take(VISION, m.time, m.p_WB, white)
-                if used and state.watch is not None:
-                    self._watch(state, m.time, m.p_WB, white)
-            elif isinstance(m, SurfaceMotionMeasurement):
-                if state.track is not None and self.arm_camera is not None:
-                    broken = state.track.broken
-                    state.track.take(m)
-                    if state.watch is not None and state.track.broken > broken:
-                        state.watch.begin(m.time)
-                        state.estimate.object_moved_W[:] = 0.0
-            elif isinstance(m, ToolAtRest):
-                if state.track is not None and self.standing is not None:
-                    state.track.take_rest(m)
-            else:
-                state.fixes.take(DVL, m.time, m.v_WB_B, (m.noise or self.dvl).white)
+            self._take_fix(state, m)
 
         put_out(memory, packed_joints, packed_estimate)
         return state, state_estimate(state.estimate)
+
+    def _take_fix(self, state: NavigationState, m: Fix) -> None:
+        """Process one fix; those of a camera or tool that is not mounted are ignored."""
+        if isinstance(m, VisionMeasurement):
+            white = (m.noise or self.vision).white
+            used = state.fixes.take(VISION, m.time, m.p_WB, white)
+            if used and state.watch is not None:
+                self._watch(state, m.time, m.p_WB, white)
+        elif isinstance(m, SurfaceMotionMeasurement):
+            if state.track is not None and self.arm_camera is not None:
+                broken = state.track.broken
+                state.track.take(m)
+                if state.watch is not None and state.track.broken > broken:
+                    state.watch.begin(m.time)
+                    state.estimate.object_moved_W[:] = 0.0
+        elif isinstance(m, ToolAtRest):
+            if state.track is not None and self.standing is not None:
+                state.track.take_rest(m)
+        else:
+            state.fixes.take(DVL, m.time, m.v_WB_B, (m.noise or self.dvl).white)
 
 
 def _set_states(
@@ -421,6 +419,14 @@ def _set_states(
     f.past_input[0, ATTITUDE : ATTITUDE + 9] = R.ravel()
     f.past_x[0] = x
     f.past_P[0] = P
+
+
+def _check_finite(m: Measurement, readings: tuple[Array, ...]) -> None:
+    """Refuse a first measurement with a time or with `readings` that are not finite."""
+    if not (math.isfinite(m.time) and all(_sound(v) for v in readings)):
+        raise ConfigurationError(
+            f"navigation needs a first {type(m).__name__} that is finite, got {readings}"
+        )
 
 
 def _sound(values: Array) -> bool:

@@ -176,31 +176,17 @@ def align(
                 return None
 
             # Scales by the residuals' median, never below the noise
-            scale_i = (
-                max(1.4826 * float(np.median(np.abs(residuals_i))), sigma_i)
-                if len(residuals_i)
-                else sigma_i
-            )
-            scale_d = max(1.4826 * float(np.median(np.abs(residuals_d))), 0.2 * noise.inverse_depth)
+            scale_i = _scale(residuals_i, sigma_i)
+            scale_d = _scale(residuals_d, 0.2 * noise.inverse_depth)
             bad = float(np.mean(np.abs(residuals_d) > 3.0 * noise.inverse_depth))
 
             # The errors of neighbouring pixels are one: each counts for its share.
             H = H / cells
             g = g / cells
 
-            # Priors: the rotation is known, an unobserved direction keeps the prediction
+            # Gauss-Newton step with priors
             turn = _rotation_vector(R @ predicted.T)
-            prior = 1.0 / rotation_sigma**2
-            A = H.copy()
-            b = g.copy()
-            A[3:, 3:] += prior * np.eye(3)
-            b[3:] += prior * turn
-            # a direction that is not observed keeps the prediction
-            A[:3, :3] += np.eye(3) / WEAKEST**2
-            b[:3] += (t - start) / WEAKEST**2
-
-            # Gauss-Newton step
-            step = -np.linalg.solve(A, b)
+            step = _step(H, g, turn, t - start, rotation_sigma)
             turned = exp_so3(step[3:])
             R = turned @ R
             t = turned @ t + step[:3]
@@ -209,16 +195,7 @@ def align(
                 settled = True
                 break
 
-    # Information on the position, rotation marginalised
-    A = normal_matrix.copy()
-    A[3:, 3:] += np.eye(3) / rotation_sigma**2
-    information = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
-
-    # Directions that are hardly observed count as unobserved
-    eigenvalues, axes = np.linalg.eigh(information)
-    eigenvalues[eigenvalues < WEAKEST**-2] = 0.0
-    information_C = (axes * eigenvalues) @ axes.T
-
+    information_C = _information(normal_matrix, rotation_sigma)
     R_KC = R.T
     return Alignment(
         p_KC=-R_KC @ t,
@@ -227,6 +204,48 @@ def align(
         pixels=pixels,
         settled=settled and bad <= MOST_REJECTED,
     )
+
+
+def _scale(residuals: Array, least: float) -> float:
+    """Standard deviation of residuals (n,) by their median, at least `least`."""
+    if not len(residuals):
+        return least
+    return max(1.4826 * float(np.median(np.abs(residuals))), least)
+
+
+def _step(H: Array, g: Array, turn: Array, moved: Array, rotation_sigma: float) -> Array:
+    """Gauss-Newton step (6,) of translation [m] and rotation [rad], with priors.
+
+    The rotation is known, and a direction that is not observed keeps the prediction.
+
+    Args:
+        H: (6, 6) normal matrix.
+        g: (6,) its right side.
+        turn: (3,) [rad] rotation from the prediction.
+        moved: (3,) [m] translation from the prediction.
+        rotation_sigma: [rad] standard deviation of the predicted rotation, per axis.
+    """
+    A = H.copy()
+    b = g.copy()
+    A[3:, 3:] += 1.0 / rotation_sigma**2 * np.eye(3)
+    b[3:] += 1.0 / rotation_sigma**2 * turn
+    A[:3, :3] += np.eye(3) / WEAKEST**2
+    b[:3] += moved / WEAKEST**2
+    return -np.linalg.solve(A, b)
+
+
+def _information(H: Array, rotation_sigma: float) -> Array:
+    """Information (3, 3) [1/m^2] on the position, the rotation marginalised.
+
+    Directions that are hardly observed count as unobserved.
+    """
+    A = H.copy()
+    A[3:, 3:] += np.eye(3) / rotation_sigma**2
+    information = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
+
+    eigenvalues, axes = np.linalg.eigh(information)
+    eigenvalues[eigenvalues < WEAKEST**-2] = 0.0
+    return (axes * eigenvalues) @ axes.T
 
 
 def _smooth(values: np.ndarray, known: np.ndarray, blur: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from uuv.perception.clouds.scan import Scan
 from uuv.perception.clouds.sonar_cloud import without_isolated_echoes
-from uuv.perception.seabed.terrain import ReliefLimits
+from uuv.perception.seabed.relief import ReliefLimits
 from uuv.perception.seabed.terrain_path import SeabedPlan, core_path, plan_seabed_work
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target
@@ -113,15 +113,7 @@ class SeabedFinder:
                 cloud_W, self._B, self._up, width=self._width, limits=self._limits
             )
         except PerceptionError as error:
-            refused = Target(
-                time=measurement.time,
-                X_WT=readonly(pose(p=center)),
-                accepted=False,
-                check_m=float("inf"),
-                range_m=reach,
-                reason=str(error),
-                path=None,
-            )
+            refused = _refused(measurement.time, center, reach, str(error))
             return SeabedFinderState(cloud_W=readonly(cloud_W)), refused
 
         # Path of the profile, or that of a core into the ground
@@ -141,6 +133,19 @@ class SeabedFinder:
             ground=plan.terrain.vertices,
         )
         return SeabedFinderState(cloud_W=readonly(cloud_W), plan=plan), target
+
+
+def _refused(time: float, center: Array, reach: float, reason: str) -> Target:
+    """Target at `center` (3,) [m] on which no work is possible, `reach` [m] away."""
+    return Target(
+        time=time,
+        X_WT=readonly(pose(p=center)),
+        accepted=False,
+        check_m=float("inf"),
+        range_m=reach,
+        reason=reason,
+        path=None,
+    )
 
 
 def points_in_world(X_WB: Array, measurement: Measurement) -> Array:

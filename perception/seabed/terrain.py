@@ -114,13 +114,7 @@ def build_terrain(
     local = (points - origin) @ R.T
     _check_spread(local)
 
-    looked_at, layered = _layers(local)
-    if len(layered) > _LAYER_SHARE * len(looked_at):
-        raise PerceptionError(
-            "cloud: it shows two surfaces one above the other at "
-            f"{len(layered) / len(looked_at):.0%} of the places "
-            "looked at; which of them is the seabed cannot be told"
-        )
+    looked_at, layered = _in_one_layer(local)
 
     # Heights with their standard errors, and the triangles over them
     thinned, count, noise = _thinned(local, max_vertices)
@@ -128,17 +122,9 @@ def build_terrain(
     vertices = np.column_stack([thinned[:, :2], height])[good]
     triangles = _delaunay(vertices)
 
-    # Triangles without an edge across a hole
     spacing = np.sqrt(_area(local) / len(vertices))
     limit = _HOLE * spacing if hole is None else hole
-    edges = np.linalg.norm(np.diff(vertices[triangles][:, [0, 1, 2, 0], :2], axis=1), axis=2).max(
-        axis=1
-    )
-    triangles = triangles[edges <= limit]
-    if not len(triangles):
-        raise PerceptionError(
-            f"cloud: no three neighbouring points are within {limit:.3f} m of each other"
-        )
+    triangles = _without_holes(vertices, triangles, limit)
 
     p_S = vertices @ R
     triangles.setflags(write=False)
@@ -208,92 +194,6 @@ def project(terrain: Terrain, B: ArrayLike) -> Projection:
     return Projection(A=readonly(A), t=readonly(t), normal=readonly(normal), sigma=readonly(sigma))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReliefLimits:
-    """Largest slope, roughness and step on which work may begin."""
-
-    slope: float = float(np.radians(30.0))  # [rad] of the plane through the patch
-    roughness: float = 0.025  # [m] standard deviation of the heights from that plane
-    step: float = 0.12  # [m] between the highest and the lowest of the deviations from that plane
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.slope < 0.5 * np.pi and self.roughness > 0.0 and self.step > 0.0):
-            raise ConfigurationError(
-                f"relief limits: slope in (0, pi/2), roughness and step > 0, got {self}"
-            )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Relief:
-    """Slope and roughness of the seabed around a place."""
-
-    slope: float  # [rad]
-    roughness: float  # [m]
-    step: float  # [m] between the highest and the lowest deviation from the fitted plane
-    reason: str  # why work may not begin; empty if it may
-
-    @property
-    def suitable(self) -> bool:
-        """True if all limits hold."""
-        return not self.reason
-
-
-def relief(
-    terrain: Terrain,
-    around: ArrayLike,
-    radius: float,
-    limits: ReliefLimits | None = None,
-    name: str = "the work site",
-) -> Relief:
-    """Slope and roughness of the patch around given points, judged by limits.
-
-    Args:
-        terrain: Triangulated seabed.
-        around: (k, 3) [m] points in S.
-        radius: [m] of the patch around any of the points.
-        limits: Of slope, roughness and step; None: `ReliefLimits()`.
-        name: Of the patch, in messages.
-
-    Returns:
-        Slope, roughness and step, with the reason if a limit is exceeded.
-
-    Raises:
-        PerceptionError: If too little of the patch was measured.
-    """
-    limits = limits or ReliefLimits()
-
-    # Vertices around the points
-    centers = terrain.ground(np.atleast_2d(np.asarray(around, dtype=np.float64)))
-    heights = terrain.ground(terrain.vertices)
-    near = cKDTree(centers[:, :2]).query(heights[:, :2], distance_upper_bound=radius)[0] <= radius
-    if near.sum() < 6:
-        raise PerceptionError(
-            f"relief: only {near.sum()} measured points within {radius:g} m of {name}"
-        )
-
-    # Plane through them, and what deviates from it
-    patch = heights[near]
-    middle = patch.mean(axis=0)
-    (sx, sy), *_ = np.linalg.lstsq(patch[:, :2] - middle[:2], patch[:, 2] - middle[2], rcond=None)
-    off = patch[:, 2] - middle[2] - (patch[:, :2] - middle[:2]) @ [sx, sy]
-    slope = float(np.arctan(np.hypot(sx, sy)))
-    rough = float(off.std())
-    step = float(np.ptp(off))
-
-    # Limits
-    exceeded = [
-        f"{word} {figure * scale:.{digits}f} {unit} over the limit of {limit * scale:.{digits}f}"
-        for word, figure, limit, scale, digits, unit in (
-            ("slope", slope, limits.slope, np.degrees(1.0), 0, "deg"),
-            ("roughness", rough, limits.roughness, 1e3, 0, "mm"),
-            ("step", step, limits.step, 1e3, 0, "mm"),
-        )
-        if figure > limit
-    ]
-    reason = f"the relief at {name} is unsuitable: {', '.join(exceeded)}" if exceeded else ""
-    return Relief(slope=slope, roughness=rough, step=step, reason=reason)
-
-
 # -- the cloud -------------------------------------------------------------------------------------
 
 
@@ -338,6 +238,18 @@ def _area(local: Array) -> float:
     side = float(np.sqrt(size[0] * size[1] / max(4.0, len(local) / 12.0)))
     cell = ((local[:, :2] - low) / max(side, 1e-9)).astype(np.int64)
     return side**2 * len(np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]))
+
+
+def _in_one_layer(local: Array) -> tuple[Array, Array]:
+    """Places as by `_layers`; a cloud of two layers is refused."""
+    looked_at, layered = _layers(local)
+    if len(layered) > _LAYER_SHARE * len(looked_at):
+        raise PerceptionError(
+            "cloud: it shows two surfaces one above the other at "
+            f"{len(layered) / len(looked_at):.0%} of the places "
+            "looked at; which of them is the seabed cannot be told"
+        )
+    return looked_at, layered
 
 
 def _layers(local: Array) -> tuple[Array, Array]:
@@ -548,6 +460,18 @@ def _delaunay(vertices: Array) -> np.ndarray:
     twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     triangles = np.where((twice < 0.0)[:, None], triangles[:, ::-1], triangles)
     return triangles[np.abs(twice) > 1e-12]
+
+
+def _without_holes(vertices: Array, triangles: np.ndarray, limit: float) -> np.ndarray:
+    """Triangles (t, 3) without an edge longer than `limit` [m] on the ground plane."""
+    closed = vertices[triangles][:, [0, 1, 2, 0], :2]
+    longest = np.linalg.norm(np.diff(closed, axis=1), axis=2).max(axis=1)
+    triangles = triangles[longest <= limit]
+    if not len(triangles):
+        raise PerceptionError(
+            f"cloud: no three neighbouring points are within {limit:.3f} m of each other"
+        )
+    return triangles
 
 
 # -- rays ------------------------------------------------------------------------------------------

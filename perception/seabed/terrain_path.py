@@ -13,15 +13,8 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.spatial import cKDTree
 
-from uuv.perception.seabed.terrain import (
-    Projection,
-    Relief,
-    ReliefLimits,
-    Terrain,
-    build_terrain,
-    project,
-    relief,
-)
+from uuv.perception.seabed.relief import Relief, ReliefLimits, relief
+from uuv.perception.seabed.terrain import Projection, Terrain, build_terrain, project
 from uuv.perception.seabed.tool_width import checked_width
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.messages import ToolPath

@@ -10,10 +10,10 @@ side that the sensor cannot see well is no hole; there the model is kept.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from uuv.models.objects.targets import ModelPath
 from uuv.perception.clouds.scan import distances_along, jump
@@ -25,7 +25,7 @@ from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 SEEN_WELL = np.cos(np.deg2rad(60.0))  # cosine of incidence above which a scanned point is trusted
 _BEFORE = 0.2  # [m] in front of the path, where projecting rays begin
 # [m] along o between a path point and the first model surface; more is another face
-_SAME_FACE = 0.03
+SAME_FACE = 0.03
 # [m] offsets of rays across the path
 BESIDE = np.array([-0.036, -0.024, -0.012, 0.0, 0.012, 0.024, 0.036])
 _INNER = slice(1, -1)
@@ -34,7 +34,7 @@ _MEDIAN = 0.025  # [m] along the path, length of the median
 _SMOOTH = 0.008  # [m] along the path, width of the Gaussian for high and steep deviations
 _SMOOTH_LOW = 0.025  # [m] the same for low ones
 _SMOOTH_POSE = 0.06  # [m] the same for errors of the pose
-_NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
+NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
 POSE_ERROR = 0.0015  # [m] error of the transformed path from the pose alone
 _RESUME = 0.35  # [-] share of the threshold at which a detected deviation begins and ends
 _LEAST_RAYS = 3  # of the rays across the path that must be valid
@@ -43,12 +43,7 @@ _MEDIAN_FORM = 0.013
 # [-] noise over that of a mean: a parabola of seven lines, and a Gaussian of second order
 _FORM_NOISE = 1.9
 _MEAN_ERROR = 0.0015  # [m] error of a mean at the middle of such a form
-_SPREAD = 1.7  # [-] spread of a median over that of a mean, and of touching patches of noise
-_SLOPE_NOISE = 0.035  # [rad] noise of an axis from the scan alone
-_WIDTHS = (0.008, 0.03)  # [m] least and largest width of the Gaussian for an axis
-_FITTED = 12  # points that an axis is made of, at least
-# [-] condition of the parabola's normal equations: the points lie on one side, or in a line
-_ILL_CONDITIONED = 1e4
+SPREAD = 1.7  # [-] spread of a median over that of a mean, and of touching patches of noise
 # [m], and multiple of its size: length over which a deviation fades out into unseen surface
 _FADE = (0.05, 4.0)
 
@@ -104,30 +99,15 @@ def deviate(
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     step = float(np.diff(s).mean())
     n = len(path.p)
-    lateral = np.cross(path.a, path.b)
-    rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]  # (n, l, 3)
-    # X_j may lie outside or inside the scanned surface: begin in front of both
-    starts = rays - _BEFORE * o
 
-    model = _project_on_model(surface, X_ST, starts.reshape(-1, 3), o).reshape(n, -1)
-    scan = _project_on_scan(evidence, path.p, starts.reshape(-1, 3), o).reshape(n, -1)
-    with np.errstate(invalid="ignore"):  # inf - inf where both are missed
-        difference = scan - model
-        in_bounds = np.isfinite(difference) & (np.abs(difference) < max_deviation)
-
-    # Where the sensor sees this face of the model well
-    sight = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    cosine = np.einsum("nli,ni->nl", sight, path.a)
-    face = cosine > SEEN_WELL
-    face &= np.abs(model - _BEFORE) < _SAME_FACE
-    well = face & in_bounds
-
-    form = _form(well, difference, s)
-    section = np.where(face, model - _BEFORE, np.inf)
-    face = face[:, _INNER]
-    well = well[:, _INNER]
-    difference = difference[:, _INNER]
-    rays = rays[:, _INNER]
+    compared = _compared(evidence, surface, X_ST, path, o, max_deviation)
+    form = _form(compared.well, compared.difference, s)
+    section = np.where(compared.face, compared.behind, np.inf)
+    cosine = compared.cosine[:, len(BESIDE) // 2]
+    rays = compared.rays[:, _INNER]
+    face = compared.face[:, _INNER]
+    well = compared.well[:, _INNER]
+    difference = compared.difference[:, _INNER]
 
     # Holes in plain view, which may be bridged, and sides that are not seen
     usable = well.sum(axis=1) >= _LEAST_RAYS
@@ -137,20 +117,15 @@ def deviate(
     bridged = _bridgeable(usable, hole, s, bridge, evidence, path.p)
 
     nearest = _nearest(usable)
-    middle = np.zeros(n)
-    middle[usable] = np.ma.median(np.ma.masked_where(~well, difference)[usable], axis=1)
-    if usable.any():
-        # so that a median near a gap takes nothing from it
-        middle = np.interp(s, s[usable], middle[usable])
-    middle = ndimage.median_filter(middle, size=2 * int(0.5 * _MEDIAN / step) + 1, mode="reflect")
+    middle = _lateral_median(well, difference, s)
 
     # A median spreads 1.25 times as wide as a mean, and patches of noise touch: 1.7 in all, from
     # 120 paths on clean barrels. An error of the pose shows as 1/cos along the line of sight. A
     # path has some fifty independent places, and one false dent tilts the tool: hence 4.5 sigma,
     # not 3.
-    doubt = _SPREAD * evidence.sensor.sigma(path.p[:, 2])
-    pose_error = POSE_ERROR / np.maximum(cosine[:, len(BESIDE) // 2], SEEN_WELL)
-    radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
+    doubt = SPREAD * evidence.sensor.sigma(path.p[:, 2])
+    pose_error = POSE_ERROR / np.maximum(cosine, SEEN_WELL)
+    radius = NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
 
     def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
         """Gaussian mean over the `known` points, and its noise, which grows at ends and gaps."""
@@ -219,76 +194,56 @@ def deviate(
     )
 
 
-def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
-    """Tool axes (n, 3) into the deviating surface, from its slopes along and across the path."""
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
-    along, across = np.gradient(deviation.along_o, s), deviation.share * deviation.across
-    c = np.cross(path.a, path.b)
-    normal = np.cross(path.b + along[:, None] * deviation.o, c + across[:, None] * deviation.o)
-    # a x b = c, so b x c = a: the same side as the transformed axis.
-    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+class _Compared(NamedTuple):
+    """Rays at a path, cast on scan and model along o; l rays across it at each of n points."""
+
+    rays: Array  # (n, l, 3) [m] points beside the path
+    behind: Array  # (n, l) [m] model behind these points along o
+    difference: Array  # (n, l) [m] scan behind the model; not finite where either is missed
+    cosine: Array  # (n, l) of the angle between the line of sight and the tool axis
+    face: np.ndarray  # (n, l) bool: the sensor sees this face of the model well
+    well: np.ndarray  # (n, l) bool: and the scan shows it
 
 
-def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndarray]:
-    """Axes into the scanned surface at points of a path, by a parabola around each.
+def _compared(
+    evidence: Evidence,
+    surface: ModelSurface,
+    X_ST: Array,
+    path: ModelPath,
+    o: Array,
+    max_deviation: float,
+) -> _Compared:
+    """Cast the rays of `deviate` on both surfaces; arguments as for that, `o` (3,) unit."""
+    n = len(path.p)
+    lateral = np.cross(path.a, path.b)
+    rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]
+    # X_j may lie outside or inside the scanned surface: begin in front of both
+    starts = rays - _BEFORE * o
 
-    The parabola is weighted by a Gaussian as narrow as the sensor's noise allows: a wide one is
-    biased where the surface bends within it.
+    model = _project_on_model(surface, X_ST, starts.reshape(-1, 3), o).reshape(n, -1)
+    scan = _project_on_scan(evidence, path.p, starts.reshape(-1, 3), o).reshape(n, -1)
+    with np.errstate(invalid="ignore"):  # inf - inf where both are missed
+        difference = scan - model
+        in_bounds = np.isfinite(difference) & (np.abs(difference) < max_deviation)
 
-    Args:
-        evidence: Scan of the object.
-        p: (n, 3) [m] points on the surface, in S.
-        z: (n, 3) approximate unit axes into the surface, in S.
-
-    Returns:
-        Unit axes (n, 3) in S, and the mask (n,) of those that enough points determine; the others
-        are those of `z`.
-    """
-    # Points of the scan, and the width of the Gaussian at each place
-    part = evidence.scan.part(evidence.scan.window(p, 0.1, 10**6))
-    points = part.points.reshape(-1, 3)
-    points = points[np.isfinite(points).all(axis=1)]
-    patch = _NOISE_PATCH * p[:, 2] / evidence.sensor.focal
-    widths = np.sqrt(
-        _SPREAD * evidence.sensor.sigma(p[:, 2]) * patch / (np.sqrt(2.0) * _SLOPE_NOISE)
-    )
-    widths = np.clip(widths, *_WIDTHS)
-
-    axes = z.copy()
-    known = np.zeros(len(p), dtype=bool)
-    if len(points) < _FITTED:
-        return axes, known
-    tree = cKDTree(points)
-    for i, near in enumerate(tree.query_ball_point(p, 2.5 * widths)):
-        # Points in the axes of the path, across it in widths
-        u, v = _perpendicular(z[i])
-        to = points[near] - p[i]
-        x = to @ u / widths[i]
-        y = to @ v / widths[i]
-        depth = to @ z[i]
-        weight = np.exp(-0.5 * (x * x + y * y)) * (np.abs(depth) < _SAME_FACE)
-
-        # Weighted least squares of a parabola
-        terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-        normal = terms.T @ (weight[:, None] * terms)
-        if np.count_nonzero(weight > 0.1) < _FITTED or np.linalg.cond(normal) > _ILL_CONDITIONED:
-            continue
-
-        # Its slopes tilt the axis
-        rise = np.linalg.solve(normal, terms.T @ (weight * depth))[1:3] / widths[i]
-        axis = z[i] - rise[0] * u - rise[1] * v
-        axes[i] = axis / np.linalg.norm(axis)
-        known[i] = True
-    return axes, known
+    sight = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    cosine = np.einsum("nli,ni->nl", sight, path.a)
+    behind = model - _BEFORE
+    face = (cosine > SEEN_WELL) & (np.abs(behind) < SAME_FACE)
+    return _Compared(rays, behind, difference, cosine, face, face & in_bounds)
 
 
-def _perpendicular(axis: Array) -> tuple[Array, Array]:
-    """Two unit vectors (3,) perpendicular to the unit vector `axis` and to each other."""
-    across = np.zeros(3)
-    across[np.abs(axis).argmin()] = 1.0
-    u = np.asarray(np.cross(axis, across), dtype=float)
-    u /= np.linalg.norm(u)
-    return u, np.asarray(np.cross(axis, u), dtype=float)
+def _lateral_median(well: np.ndarray, difference: Array, s: Array) -> Array:
+    """Median (n,) [m] of the differences (n, l) across the path, and of its neighbours along it."""
+    usable = well.sum(axis=1) >= _LEAST_RAYS
+    middle = np.zeros(len(s))
+    middle[usable] = np.ma.median(np.ma.masked_where(~well, difference)[usable], axis=1)
+    if usable.any():
+        # so that a median near a gap takes nothing from it
+        middle = np.interp(s, s[usable], middle[usable])
+
+    step = float(np.diff(s).mean())
+    return ndimage.median_filter(middle, size=2 * int(0.5 * _MEDIAN / step) + 1, mode="reflect")
 
 
 def _project_on_model(surface: ModelSurface, X_ST: Array, starts: Array, o: Array) -> np.ndarray:
@@ -318,7 +273,7 @@ def _in_plain_view(
     X_TS = inverse(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], flat @ X_TS[:3, :3].T)["t"]
     inside = evidence.scan.pixels(flat)[2] & (flat[:, 2] > 0.0)
-    return face & (inside & (hit > 1.0 - _SAME_FACE / np.linalg.norm(flat, axis=1))).reshape(
+    return face & (inside & (hit > 1.0 - SAME_FACE / np.linalg.norm(flat, axis=1))).reshape(
         face.shape
     )
 

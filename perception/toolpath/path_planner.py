@@ -15,13 +15,8 @@ from scipy import ndimage
 from uuv.models.objects.axis_steps import NO_STEPS, Steps
 from uuv.models.objects.target_model import ModelPath, without_turn
 from uuv.perception.registration.identification import Identification
-from uuv.perception.toolpath.path_deviation import (
-    BESIDE,
-    Deviation,
-    deviate,
-    scanned_axis,
-    tilted_axis,
-)
+from uuv.perception.toolpath.path_deviation import BESIDE, Deviation, deviate
+from uuv.perception.toolpath.tool_axes import scanned_axis, tilted_axis
 from uuv.perception.toolpath.turns_at_rest import turning_at_rest
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.kernels import kernel
@@ -189,15 +184,6 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
     # From the first place that fits to the last, with what is left out between
     ends = np.flatnonzero(fits)[[0, -1]]
     part = slice(ends[0], ends[1] + 1)
-    causes = (
-        ("hollows too tight for the tool", tight & ~unseen),
-        ("places that were not seen", unseen),
-    )
-    reasons = [
-        f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()
-    ]
-    note = f"{' and '.join(reasons)}, are left out" if reasons else ""
-
     return replace(
         path,
         s=readonly(path.s[part] - path.s[part.start]),
@@ -207,8 +193,22 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
         on_scan=path.on_scan[part],
         fits=fits[part],
         pace=PACE,
-        note=note,
+        note=_left_out(tight & ~unseen, unseen),
     )
+
+
+def _left_out(tight: np.ndarray, unseen: np.ndarray) -> str:
+    """What is left out of a path, in words; empty for nothing.
+
+    Args:
+        tight: (n,) mask of the hollows that are too tight.
+        unseen: (n,) mask of the places that were not seen.
+    """
+    causes = (("hollows too tight for the tool", tight), ("places that were not seen", unseen))
+    reasons = [
+        f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()
+    ]
+    return f"{' and '.join(reasons)}, are left out" if reasons else ""
 
 
 def carry(X_ST: Array, path: ModelPath) -> ModelPath:

@@ -167,18 +167,8 @@ def laid_on(
             falls off an edge.
     """
     points = _points(curve, "curve")
-    ways = real_array(direction, "direction")
     before = finite_number(before, "before [m]", least=0.0, most=_FARTHEST)
-    if ways.shape not in ((3,), points.shape) or not np.all(np.isfinite(ways)):
-        raise ConfigurationError(
-            f"direction: expected (3,) or {points.shape} numbers, got shape {ways.shape}"
-        )
-
-    ways = ways / np.maximum(np.abs(ways).max(axis=-1, keepdims=True), 1e-9)
-    length = np.linalg.norm(ways, axis=-1, keepdims=True)
-    if not np.all(length > _NEAR):
-        raise ConfigurationError("direction: must not be zero")
-    ways = np.broadcast_to(ways / length, points.shape)
+    ways = _directions(direction, points)
 
     # Rays down on the mesh
     scene = RayScene(target.vertices, target.triangles)
@@ -215,6 +205,21 @@ def laid_on(
         facing = near["normal"] * -np.sign(np.einsum("ij,ij->i", near["normal"], ways))[:, None]
         normals[same] += facing[same]
     return _path(p, -_averaged(normals, p), f"path on {target.name!r}", ways)
+
+
+def _directions(direction: ArrayLike, points: Array) -> Array:
+    """Unit directions (n, 3) of projection, one for each point (n, 3)."""
+    ways = real_array(direction, "direction")
+    if ways.shape not in ((3,), points.shape) or not np.all(np.isfinite(ways)):
+        raise ConfigurationError(
+            f"direction: expected (3,) or {points.shape} numbers, got shape {ways.shape}"
+        )
+
+    ways = ways / np.maximum(np.abs(ways).max(axis=-1, keepdims=True), 1e-9)
+    length = np.linalg.norm(ways, axis=-1, keepdims=True)
+    if not np.all(length > _NEAR):
+        raise ConfigurationError("direction: must not be zero")
+    return np.broadcast_to(ways / length, points.shape)
 
 
 def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayLike) -> ModelPath:

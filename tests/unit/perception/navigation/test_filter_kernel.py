@@ -7,7 +7,9 @@ from uncompiled import uncompiled
 from uuv.sim.interfaces.records import EstimateRecord, estimate_record, joint_record
 from uuv.sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
 
-(kernel,) = uncompiled("uuv.perception.navigation.filter_kernel")
+attitude, kernel = uncompiled(
+    "uuv.perception.navigation.attitude_kernel", "uuv.perception.navigation.filter_kernel"
+)
 WALKS = np.array([0.02, 0.3, 5.0])
 LAYOUTS = [(9, -1, -1, -1), (12, 9, -1, -1), (12, -1, 9, -1), (15, 9, 12, -1), (18, 9, 12, 15)]
 
@@ -110,10 +112,10 @@ def test_a_turn_about_its_own_axes(size: float, rng: np.random.Generator) -> Non
     R, axis = exp_so3(rng.normal(size=3)), rng.normal(size=3)
     angle = size * axis / np.linalg.norm(axis)
     expected = R @ exp_so3(angle)
-    kernel.rotate(R, angle)
+    attitude.rotate(R, angle)
     np.testing.assert_allclose(R, expected, atol=1e-13)
     skewed = expected + 1e-4 * rng.normal(size=(3, 3))
-    kernel.rotate(skewed, np.zeros(3))  # the Newton step brings it nearer to a rotation
+    attitude.rotate(skewed, np.zeros(3))  # the Newton step brings it nearer to a rotation
     assert np.abs(skewed.T @ skewed - np.eye(3)).max() < 1e-6
 
 
@@ -121,7 +123,7 @@ def turned(
     R: Array, R_meas: Array, w: Array, bias: Array, gyro: Array, dt: float = 0.01
 ) -> tuple[Array, Array, Array]:
     R, bias, gyro = R.copy(), bias.copy(), gyro.copy()
-    kernel.turn(R, R_meas, w, dt, bias, gyro, np.array([0.02, 0.3, 0.05]))
+    attitude.turn(R, R_meas, w, dt, bias, gyro, np.array([0.02, 0.3, 0.05]))
     return R, bias, gyro
 
 
@@ -150,7 +152,7 @@ def test_a_wild_attitude_reading_turns_by_little_and_to_its_side(rng: np.random.
         R = exp_so3(rng.normal(size=3))
         wild, wild_bias, _ = turned(R, R @ exp_so3(1.0 * axis), none, none, gyro)
         clipped, clipped_bias, _ = turned(
-            R, R @ exp_so3(np.arcsin(kernel.TILT_CLIP) * axis), none, none, gyro
+            R, R @ exp_so3(np.arcsin(attitude.TILT_CLIP) * axis), none, none, gyro
         )
         np.testing.assert_allclose(wild, clipped, atol=1e-12)
         np.testing.assert_allclose(wild_bias, clipped_bias, atol=1e-12)

@@ -7,8 +7,8 @@ import pytest
 from at_rest import at_rest
 from untyped import untyped
 from uuv.models.site.seabed import Seabed, seabed
+from uuv.perception.seabed.relief import ReliefLimits
 from uuv.perception.seabed.seabed_finder import SeabedFinder, points_in_world
-from uuv.perception.seabed.terrain import ReliefLimits
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import ImuMeasurement, SonarScan, Target
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points

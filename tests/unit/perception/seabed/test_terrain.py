@@ -10,7 +10,8 @@ import pytest
 
 from uuv.controllers.planning.trajectories import speed_law
 from uuv.models.site.seabed import KINDS, seabed
-from uuv.perception.seabed.terrain import build_terrain, project, relief
+from uuv.perception.seabed.relief import relief
+from uuv.perception.seabed.terrain import build_terrain, project
 from uuv.perception.seabed.terrain_path import plan_seabed_work, profile, smooth_path
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError, UuvError
 from uuv.sim.interfaces.spatial import exp_so3

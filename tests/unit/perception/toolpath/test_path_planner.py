@@ -15,8 +15,8 @@ from uuv.perception.clouds.scan import Scan
 from uuv.perception.finding.target_finder import KnownObjectFinder
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.perception.toolpath.path_deviation import scanned_axis
 from uuv.perception.toolpath.path_planner import carry, densified, plan_path, workable
+from uuv.perception.toolpath.tool_axes import scanned_axis
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.messages import StateEstimate, ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points

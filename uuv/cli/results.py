@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 
+from uuv.cli.json_output import print_json
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.start import parse
 
@@ -34,6 +35,8 @@ class ResultsOptions:
     """Keep the rows of that run, of the experiment --only."""
     workers: int = 0
     """Number of processes of a check; 0: one for each core."""
+    json: bool = False
+    """Print the status of each experiment as JSON alone."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -56,8 +59,11 @@ def main(verb: str, args: Sequence[str]) -> int:
     entries = pages.results(experiments, data=options.data is not None)
     for path, text in pages.pages(entries).items():
         pages.write_page(path, text)
-    for entry in entries:
-        print(f"{entry.experiment.name}: {entry.status}")
+    statuses = {entry.experiment.name: entry.status for entry in entries}
+    if options.json:
+        print_json(statuses)
+    else:
+        print("\n".join(f"{name}: {status}" for name, status in statuses.items()))
     return CHANGED if changed else 0
 
 
@@ -87,5 +93,6 @@ def _check(experiment: "Experiment[Any, Any]", options: ResultsOptions) -> bool:
     began = time.perf_counter()
     present = check(experiment, kept, options.data, options.workers)
     present.write(kept_rows.ROWS)
-    print(f"{experiment.name}: checked in {time.perf_counter() - began:.0f} s")
+    if not options.json:
+        print(f"{experiment.name}: checked in {time.perf_counter() - began:.0f} s")
     return bool(present.check.deviations)

@@ -191,7 +191,7 @@ class RowLog:
         }
         write_json(self._about, about)
 
-    def _changed(self, about: "About") -> list[str]:
+    def _changed(self, about: "RowsAbout") -> list[str]:
         now = digests(self._code)
         files = [file for file, digest in self._code.items() if now[file] != digest]
         return files if about.versions == versions() else [*files, "versions of packages"]
@@ -227,7 +227,7 @@ class _Logged:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class About:
+class RowsAbout:
     """Content of study.json."""
 
     schema: int = SCHEMA_VERSION
@@ -237,7 +237,7 @@ class About:
     code: Mapping[str, str] = field(default_factory=dict)
 
 
-def about_of(folder: Path) -> About:
+def about_of(folder: Path) -> RowsAbout:
     """What the rows in a folder depend on.
 
     Raises:
@@ -246,8 +246,8 @@ def about_of(folder: Path) -> About:
     return _read_about(folder / ABOUT)
 
 
-def _read_about(file: Path) -> About:
+def _read_about(file: Path) -> RowsAbout:
     try:
-        return TableReader(ABOUT).made(About, json_of(file, "study"))
+        return TableReader(ABOUT).made(RowsAbout, json_of(file, "study"))
     except ConfigurationError as error:
         raise ConfigurationError(f"{error} ({file}); --anew throws the rows away") from error

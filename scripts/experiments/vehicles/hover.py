@@ -187,7 +187,7 @@ FIGURES = [
     stat("mean", "command_rate", "command rate"),
 ]
 
-hover.page = Page().add(authority)
+hover.page = Page()
 for name in TABLES:
     hover.page.table(
         f"Pushes at full reach, {name}: median, 95 %, largest; others are means",
@@ -195,6 +195,7 @@ for name in TABLES:
         columns=FIGURES,
         where=lambda row, name=name: row["table"] == name,
     )
+hover.page.add(authority)
 hover.line = lambda row: (
     f"{row['current']} m/s, {row['variant']}: "
     + " | ".join(figure.bound_to(hover.columns, "line").cell([row]) for figure in FIGURES)

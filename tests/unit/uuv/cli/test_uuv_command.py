@@ -212,7 +212,7 @@ def test_an_earlier_spelling_and_a_missing_object_are_told(words: list[str], sai
 @pytest.mark.parametrize(
     ("words", "wanted"),
     [
-        (["uuv", "re"], {"replay", "report"}),
+        (["uuv", "re"], {"replay", "report", "results"}),
         (["uuv", "run", "clean-b"], {"clean-barrel"}),
         (["uuv", "run", "clean-barrel", "--az"], {"--azimuth"}),
         (["uuv", "run", "clean-barrel", "--no-r"], {"--no-record"}),

@@ -1,0 +1,116 @@
+"""Pages of results: those in docs/ are what the kept rows give, and README's figures are theirs."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from uuv.results import pages
+from uuv.results.kept_rows import ROWS, kept_rows
+from uuv.sim.interfaces.errors import ConfigurationError
+
+MOST_KEPT = 800_000  # bytes of all kept rows
+
+
+@pytest.fixture(scope="module")
+def entries() -> list[pages.ResultsOfOne]:
+    """All experiments with their kept rows."""
+    return pages.results(pages.all_experiments(), data=False)
+
+
+def test_the_pages_in_docs_are_those_of_the_kept_rows(entries, root: Path):
+    texts = pages.pages(entries)
+    assert pages.stale(texts) == [], "run uuv results"
+    listed = {path.name for path in (root / "docs" / "results").glob("*.md")} - {"physics.md"}
+    assert listed == {f"{entry.experiment.name}.md" for entry in entries}
+
+    # one digit of a table, not the status, makes a page stale
+    overview = texts[Path(pages.OVERVIEW)]
+    other = re.sub(r"(\| [^\n]*)0 \|\n", r"\g<1>1 |\n", overview, count=1)
+    assert other != overview
+    assert pages.stale({Path(pages.OVERVIEW): other}) == [pages.OVERVIEW]
+    status = re.sub(r"^Status: .*$", "Status: other", overview, flags=re.MULTILINE)
+    assert pages.stale({Path(pages.OVERVIEW): status}) == []
+
+
+def test_kept_rows_are_small_and_of_an_experiment(entries):
+    files = sorted(ROWS.glob("*.json"))
+    assert sum(file.stat().st_size for file in files) < MOST_KEPT
+    assert {file.stem for file in files} <= {entry.experiment.name for entry in entries}
+    assert len(files) >= 2
+
+
+def test_quick_subsets_are_cases_of_the_kept_rows(entries):
+    """Else a check would compare nothing."""
+    for entry in entries:
+        experiment = entry.experiment
+        if entry.kept is None or experiment.needs_data:
+            continue
+        cases = experiment.study(experiment.options_with(experiment.quick)).cases
+        keys = {experiment.row_key(row) for row in entry.kept.rows}
+        assert {experiment.case_key(case) for case in cases} <= keys, experiment.name
+        assert experiment.quick
+
+
+def test_an_experiment_that_needs_data_says_that_there_is_none(entries, monkeypatch):
+    entry = next(entry for entry in entries if entry.kept is not None)
+    monkeypatch.setattr(type(entry.experiment), "needs_data", True)
+    assert entry.status.startswith("*no data here*; ")
+    assert not replace(entry, has_data=True).status.startswith("*no data")
+    assert replace(entry, kept=None).status == "*no rows kept*"
+
+
+def test_an_overview_that_is_too_long_is_refused(entries, monkeypatch):
+    monkeypatch.setattr(pages, "MOST_LINES", 20)
+    with pytest.raises(ConfigurationError, match=r"results.md: \d+ lines, at most 20"):
+        pages.pages(entries)
+
+
+def test_a_wheel_has_no_experiments(monkeypatch, tmp_path: Path):
+    monkeypatch.setattr(pages, "EXPERIMENTS", tmp_path / "scripts" / "experiments")
+    with pytest.raises(ConfigurationError, match="are in a checkout"):
+        pages.all_experiments()
+
+
+# -- README ----------------------------------------------------------------------------------------
+
+
+def solved_by_hybrid() -> str:
+    """Sentence of the README about the inverse kinematics."""
+    kept = kept_rows("ik_success")
+    assert kept is not None
+    rows: list[dict[str, Any]] = kept.rows
+    # the Puma with a tool is no arm of its own
+    arms = {row["arm"].partition(",")[0].removesuffix("_tool") for row in rows}
+    (targets,) = {row["tried"]["within limits"] for row in rows}
+    missed = sum(row["missed"]["within limits"] for row in rows)
+    number = "all" if missed == 0 else f"all but {missed}"
+    thousands = f"{targets:,}".replace(",", " ")
+    return f"solves {number} of {len(arms)} published arms, {thousands} targets a case"
+
+
+def physics_rows(text: str) -> dict[str, list[str]]:
+    """Cells of each row of the physics by the name of the check."""
+    rows = re.findall(r"^\| (.*) \|$", text, flags=re.MULTILINE)
+    return {cells[0]: cells for cells in (row.split(" | ") for row in rows)}
+
+
+def test_the_readme_has_the_figures_of_the_kept_rows(root: Path):
+    readme = " ".join((root / "README.md").read_text(encoding="utf-8").split())
+    assert solved_by_hybrid() in readme
+
+
+def test_the_readme_has_the_figures_of_the_physics(root: Path):
+    page = (root / "docs" / "results" / "physics.md").read_text(encoding="utf-8")
+    readme = (root / "README.md").read_text(encoding="utf-8")
+    (title,) = re.findall(r"^Physics (on MuJoCo .* checks ok)", page, flags=re.MULTILINE)
+    assert f"The physics, {title}" in readme
+
+    table = readme.partition("| check | reference | largest error |")[2].partition("\n\n")[0]
+    shown = physics_rows(table)
+    names = [name for name in shown if not name.startswith(("---", "cost of a step"))]
+    assert len(names) == 5
+    for name in names:
+        assert physics_rows(page)[name][:3] == shown[name], name

@@ -21,6 +21,8 @@ from uuv.models.water.bounds import (
     LONGEST,
     SEA_WATER,
     bounded,
+    damping_matrix,
+    inertia_matrix,
     lengths,
     not_negative,
     positive,
@@ -34,8 +36,6 @@ from uuv.sim.interfaces.spatial import Array, checked, readonly, rotation_from_z
 ORIGIN: Final = readonly([0.0, 0.0, 0.0])
 MAX_STRIPS: Final = 2  # segments with strip drag per body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations per segment
-# share of the largest number by which an added mass may be asymmetric, as rounding
-UNEVEN: Final = 1e-3
 # begin the names of custom elements with the water of bodies, and thrusters
 ELEMENTS: Final = "water/", "thruster/"
 CEILING: Final = 10.0  # [m] above the sea surface z = 0; a wet body above it causes a warning
@@ -141,8 +141,8 @@ class BodyHydrodynamics:
         object.__setattr__(self, "volume", not_negative(self.volume, "volume [m^3]"))
         center = bounded(self.center_of_buoyancy, (3,), "center_of_buoyancy [m]", LONGEST)
         object.__setattr__(self, "center_of_buoyancy", center)
-        object.__setattr__(self, "added_mass", _added_mass(self.added_mass))
-        object.__setattr__(self, "linear_damping", _linear_damping(self.linear_damping))
+        object.__setattr__(self, "added_mass", inertia_matrix(self.added_mass))
+        object.__setattr__(self, "linear_damping", damping_matrix(self.linear_damping))
 
         quadratic = bounded(self.quadratic_damping, (6,), "quadratic_damping")
         if np.any(quadratic < 0.0):
@@ -194,25 +194,7 @@ def attach(
     )
     if not density > 0.0:
         raise ConfigurationError(f"water_density [kg/m^3]: must be positive, got {density}")
-
-    targets = {name: _body_named(spec, name) for name in bodies}
-    if unknown := sorted((name for name, body in targets.items() if body is None), key=str):
-        have = (
-            ", ".join(sorted(body.name for body in spec.bodies[1:] if body.name))
-            or "no body with a name"
-        )
-        raise ConfigurationError(
-            f"no such body: {', '.join(map(repr, unknown))}; the spec has {have}"
-        )
-
-    for name, coefficients in bodies.items():
-        if not isinstance(coefficients, BodyHydrodynamics):
-            raise ConfigurationError(
-                f"{name}: expected BodyHydrodynamics, got {type(coefficients).__name__}"
-            )
-    for body in [spec.worldbody, *targets.values()]:
-        if len(body.userdata) and not carries(body.userdata):
-            raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
+    targets = _targets_of(spec, bodies)
 
     mark(spec)
     rows = {name: pack(coefficients) for name, coefficients in bodies.items()}
@@ -763,6 +745,29 @@ def _check_spec(spec: mujoco.MjSpec) -> None:
         )
 
 
+def _targets_of(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics]) -> dict[str, Any]:
+    """Bodies of `spec` by the names of `bodies`, once all of them can have coefficients."""
+    targets = {name: _body_named(spec, name) for name in bodies}
+    if unknown := sorted((name for name, body in targets.items() if body is None), key=str):
+        have = (
+            ", ".join(sorted(body.name for body in spec.bodies[1:] if body.name))
+            or "no body with a name"
+        )
+        raise ConfigurationError(
+            f"no such body: {', '.join(map(repr, unknown))}; the spec has {have}"
+        )
+
+    for name, coefficients in bodies.items():
+        if not isinstance(coefficients, BodyHydrodynamics):
+            raise ConfigurationError(
+                f"{name}: expected BodyHydrodynamics, got {type(coefficients).__name__}"
+            )
+    for body in [spec.worldbody, *targets.values()]:
+        if len(body.userdata) and not carries(body.userdata):
+            raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
+    return targets
+
+
 def _common_density(rows: dict[str, float]) -> float:
     """Common density [kg/m^3] of all rows, given by body name."""
     if len(set(rows.values())) > 1:
@@ -791,48 +796,6 @@ def _row_of(body: mujoco.MjsBody) -> Array:
     row[: len(numbers)] = numbers
     row[LAYOUT.stamp] = LAYOUT.stamp_value
     return row
-
-
-def _added_mass(values: ArrayLike) -> Array:
-    matrix = bounded(values, (6, 6), "added_mass")
-    largest = float(np.max(np.abs(matrix)))
-    uneven = np.abs(matrix - matrix.T)
-    i, j = np.unravel_index(np.argmax(uneven), (6, 6))
-    if uneven[i, j] > 1e-9 * largest:
-        fault = (
-            f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}"
-        )
-        if uneven[i, j] > UNEVEN * largest:
-            raise ConfigurationError(fault)
-        warnings.warn(f"{fault}; their mean is taken", PhysicsWarning, 4)
-    return _semidefinite(readonly(0.5 * (matrix + matrix.T)), "added_mass")
-
-
-def _linear_damping(values: ArrayLike) -> Array:
-    try:
-        shape = np.shape(values)
-    except ValueError as error:
-        raise ConfigurationError(
-            f"linear_damping: expected shape (6,) or (6, 6), got {values!r}"
-        ) from error
-    if shape not in ((6,), (6, 6)):
-        raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {shape}")
-
-    matrix = bounded(values, shape, "linear_damping")
-    if shape == (6,):
-        if np.any(matrix < 0.0):
-            raise ConfigurationError(f"linear_damping: must not be negative, got {matrix.tolist()}")
-        return readonly(np.diag(matrix))
-    return _semidefinite(matrix, "symmetric part of linear_damping")
-
-
-def _semidefinite(matrix: Array, name: str) -> Array:
-    eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
-    if eigenvalues[0] < -1e-9 * max(float(eigenvalues[-1]), 1e-300):
-        raise ConfigurationError(
-            f"{name}: has a negative eigenvalue, {eigenvalues[0]:.6g}; it would feed energy in"
-        )
-    return matrix
 
 
 def _restored(symmetric: Array) -> Array:

@@ -72,14 +72,7 @@ class Vehicle:
         joint_names = tuple(
             mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(j)) for j in joints
         )
-
-        for joint, actuator, name in zip(joints, actuators, joint_names, strict=True):
-            if not model.jnt_limited[joint]:
-                raise ConfigurationError(f"joint {name!r} of the arm must have a range")
-            if not model.actuator_ctrllimited[actuator]:
-                raise ConfigurationError(
-                    f"the actuator of joint {name!r} must have a ctrlrange [N m]"
-                )
+        _check_limits(model, joints, actuators, joint_names)
 
         qpos = np.asarray(model.jnt_qposadr)[joints]
         dof = np.asarray(model.jnt_dofadr)[joints]
@@ -251,6 +244,17 @@ def _actuator_of(model: mujoco.MjModel, joint: int) -> int:
     )
     drivers = np.flatnonzero(drives)
     return int(drivers[0]) if drivers.size else -1
+
+
+def _check_limits(
+    model: mujoco.MjModel, joints: list[int], actuators: np.ndarray, names: tuple[str, ...]
+) -> None:
+    """Raise ConfigurationError unless each driven joint has a range, and its actuator too."""
+    for joint, actuator, name in zip(joints, actuators, names, strict=True):
+        if not model.jnt_limited[joint]:
+            raise ConfigurationError(f"joint {name!r} of the arm must have a range")
+        if not model.actuator_ctrllimited[actuator]:
+            raise ConfigurationError(f"the actuator of joint {name!r} must have a ctrlrange [N m]")
 
 
 def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:

@@ -101,23 +101,7 @@ class SerialArm:
                 and tables that are in degrees or millimetres by their size.
         """
         rows = checked_rows(dh, 4, name)
-
-        # More than two turns, or a link of more than 50 m, shows a table in other units.
-        for columns, most, unit, looks, needed in (
-            ((THETA, ALPHA), 4.0 * np.pi, "rad", "degrees", "radians"),
-            ((D, A), _LARGEST, "m", "millimetres", "metres"),
-        ):
-            sizes = np.abs(rows[:, columns])
-            if sizes.max() > most:
-                k, i = np.unravel_index(int(sizes.argmax()), sizes.shape)
-                column = columns[i]
-                raise ConfigurationError(
-                    f"{name}: {('theta0', 'd', 'a', 'alpha')[column]} of joint {k + 1} is "
-                    f"{rows[k, column]:g} {unit}; "
-                    f"the table looks like {looks}, {needed} are needed (columns theta0, d, a, "
-                    "alpha)"
-                )
-
+        _check_units(rows, name)
         tilt = np.zeros(len(rows)) if beta is None else checked(beta, (len(rows),), "beta")
         return cls(
             table=readonly(np.column_stack([rows, tilt])),
@@ -149,28 +133,15 @@ class SerialArm:
             ConfigurationError: wrong shapes, zero directions, unknown joint letters, or points
                 farther away than the arm can be long.
         """
-        z = checked_rows(axes, 3, "axes")
-        n = len(z)
+        directions = checked_rows(axes, 3, "axes")
+        n = len(directions)
         o = checked(points, (n, 3), "points")
         X_flange = checked_pose(X_base_flange0, "X_base_flange0")
         types = _checked_letters(joint_types, n)
-        # scaled first: the square of a huge axis overflows
-        z = z / np.maximum(np.abs(z).max(axis=1, keepdims=True), 1e-300)
-        norms = np.linalg.norm(z, axis=1)
-        if not np.all(norms > 1e-9):
-            raise ConfigurationError(
-                f"axes: every joint axis needs a length, row {int(np.argmin(norms))} has none"
-            )
-
-        farthest = float(max(np.abs(o).max(), np.abs(X_flange[:3, 3]).max()))
-        if farthest > n * _LARGEST:
-            raise ConfigurationError(
-                f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got "
-                f"{farthest:g} m; millimetres?"
-            )
+        z = _unit_axes(directions)
+        _check_length(n, o, X_flange)
 
         # Frame 0 stands on the first axis.
-        z = z / norms[:, None]
         X_base_0 = np.eye(4)
         X_base_0[:3, :3] = _rotation_with_z(z[0], np.eye(3)[int(np.argmin(np.abs(z[0])))])
         X_base_0[:3, 3] = o[0]
@@ -357,6 +328,47 @@ def _checked_letters(joint_types: str | None, n: int) -> str:
             f"{shown(joint_types)}"
         )
     return joint_types
+
+
+def _check_units(rows: Array, name: str) -> None:
+    """Refuse a table (n, 4) that is in degrees or millimetres by its size."""
+    # More than two turns, or a link of more than 50 m, shows a table in other units.
+    for columns, most, unit, looks, needed in (
+        ((THETA, ALPHA), 4.0 * np.pi, "rad", "degrees", "radians"),
+        ((D, A), _LARGEST, "m", "millimetres", "metres"),
+    ):
+        sizes = np.abs(rows[:, columns])
+        if sizes.max() > most:
+            k, i = np.unravel_index(int(sizes.argmax()), sizes.shape)
+            column = columns[i]
+            raise ConfigurationError(
+                f"{name}: {('theta0', 'd', 'a', 'alpha')[column]} of joint {k + 1} is "
+                f"{rows[k, column]:g} {unit}; "
+                f"the table looks like {looks}, {needed} are needed (columns theta0, d, a, "
+                "alpha)"
+            )
+
+
+def _unit_axes(axes: Array) -> Array:
+    """Unit vectors (n, 3) along `axes` (n, 3); ConfigurationError for one without length."""
+    # Scaled first: the square of a huge axis overflows.
+    z = axes / np.maximum(np.abs(axes).max(axis=1, keepdims=True), 1e-300)
+    norms = np.linalg.norm(z, axis=1)
+    if not np.all(norms > 1e-9):
+        raise ConfigurationError(
+            f"axes: every joint axis needs a length, row {int(np.argmin(norms))} has none"
+        )
+    return z / norms[:, None]
+
+
+def _check_length(n: int, points: Array, X_flange: Array) -> None:
+    """Refuse points (n, 3) or a flange (4, 4) farther away than an arm of `n` joints is long."""
+    farthest = float(max(np.abs(points).max(), np.abs(X_flange[:3, 3]).max()))
+    if farthest > n * _LARGEST:
+        raise ConfigurationError(
+            f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got "
+            f"{farthest:g} m; millimetres?"
+        )
 
 
 def _step(row: Array) -> Array:

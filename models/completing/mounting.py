@@ -35,33 +35,30 @@ def mount_arm(
 ) -> list[str]:
     """Mount the arm of a URDF on the hull of `spec`, in place; its root becomes body `arm_base`.
 
-    Names of its other links, and of its joints, get the prefix `arm_`.
-
-    The arm is dry: attach coefficients to its links, then trim the hull. Keyframes `home` and
-    `ready` of the hull alone are dropped.
+    Names of its other links, and of its joints, get the prefix `arm_`. The arm is dry: attach
+    coefficients to its links, then trim the hull. Keyframes `home` and `ready` of the hull alone
+    are dropped.
 
     Args:
         spec: vehicle without an arm.
         file: URDF; its joints have limits and efforts.
-        p: (3,) [m] place of its root link on the hull.
+        p: (3,) [m] position of its root link on the hull.
         rpy: (3,) [rad] roll, pitch, yaw of that link.
         tip: link that carries the tip.
-        tip_p: (3,) [m] place of the tip in that link.
+        tip_p: (3,) [m] position of the tip in that link.
         tip_z: (3,) direction out of the tool in that link.
 
     Returns:
         Names of the arm's bodies, base first.
 
     Raises:
-        ConfigurationError: the vehicle has an arm or no hull, the file is no URDF, or a link or an
-            effort is missing.
+        ConfigurationError: an arm or no hull there, no URDF, or a missing link or effort.
     """
     bodies = {body.name: body for body in spec.bodies}
     if HULL_BODY not in bodies or ARM_BASE_BODY in bodies:
         raise ConfigurationError(
             f"an arm is mounted on a vehicle with a body {HULL_BODY!r} and no {ARM_BASE_BODY!r}"
         )
-
     name = f"arm {shown(str(file))}"
     arm, _ = spec_of_urdf(urdf.parse(file, name), Path(file).resolve().parent)
     root = arm.worldbody.bodies[0].name
@@ -71,10 +68,7 @@ def mount_arm(
             f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}"
         )
 
-    # Axes of the tip, z out of the tool.
-    z: Array = checked(tip_z, (3,), "tip_z")
-    R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-
+    tip_quat = _quat_along(checked(tip_z, (3,), "tip_z"))
     links[root].name = ARM_BASE_BODY.removeprefix(_PREFIX)
     quat = quat_wxyz_from_rotation(rotation_from_rpy(checked(rpy, (3,), "rpy")))
 
@@ -86,8 +80,12 @@ def mount_arm(
     mount.attach_body(links[root], _PREFIX, "")
     names = {link: ARM_BASE_BODY if link == root else _PREFIX + link for link in links}
     spec.body(names[tip]).add_site(
-        name=TIP_SITE, pos=checked(tip_p, (3,), "tip_p"), quat=quat_wxyz_from_rotation(R), group=4
+        name=TIP_SITE, pos=checked(tip_p, (3,), "tip_p"), quat=tip_quat, group=4
     )
-
     add_motors(spec, joints_between(spec), name)
     return list(names.values())
+
+
+def _quat_along(z: Array) -> Array:
+    """Quaternion wxyz of a frame whose z axis is along `z` (3,)."""
+    return quat_wxyz_from_rotation(rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))]))

@@ -106,25 +106,8 @@ class PostureSearch:
 
     @cached_property
     def _masses(self) -> tuple[np.ndarray, Array, Array]:
-        """Bodies (b,), masses less water (b,) [kg] and moments of both in the body (b, 3) [kg m].
-
-        Empty arrays where the hull has no water.
-        """
-        model = self.model
-        if not hydrodynamics.carries(model.body_user[self.vehicle.hull]):
-            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 3))
-
-        density = hydrodynamics.water_density(model)
-        bodies = np.flatnonzero(model.body_rootid == model.body_rootid[self.vehicle.hull])
-        net = np.array(model.body_mass[bodies])
-        local = model.body_mass[bodies, None] * model.body_ipos[bodies]
-        for i, body in enumerate(bodies):
-            if hydrodynamics.carries(model.body_user[body]):
-                water = hydrodynamics.unpack(model.body_user[body])
-                net[i] -= density * water.volume
-                local[i] -= density * water.volume * water.center_of_buoyancy
-
-        return bodies, net, local
+        """Bodies, net masses and moments (`_net_masses`)."""
+        return _net_masses(self.model, self.vehicle.hull)
 
     def home(self) -> FoundPosture:
         """The folded posture."""
@@ -212,7 +195,7 @@ class PostureSearch:
         """Pairs of bodies that touch at `q` (n,), but for neighbours."""
         self._at(q)
         mujoco.mj_collision(self.model, self.data)
-        return self._pairs() - self._neighbours
+        return _touching(self.model, self.data) - self._neighbours
 
     def view_blocked(self, q: Array) -> float:
         """Share of the rays within VIEW of the camera's axis that hit arm or hull at `q` (n,)."""
@@ -356,40 +339,15 @@ class PostureSearch:
 
         out = np.maximum(np.maximum(self._box[0] - p_B, p_B - self._box[1]), 0.0)
         return float((np.linalg.norm(out, axis=1) + radius).max()) + _LISTS * min(
-            self._lists(), 1.0
+            _list_angle(data, hull, self._masses), 1.0
         )
-
-    def _lists(self) -> float:
-        """List [rad] of the vehicle at the present posture; 0 without water, or if unstable."""
-        data = self.data
-        hull = self.vehicle.hull
-        bodies, net, local = self._masses
-        if not bodies.size:
-            return 0.0
-
-        # [kg m] of masses less their water, world axes
-        moment = net @ (data.xpos[bodies] - data.xpos[hull])
-        moment += np.einsum("bij,bj->i", data.xmat[bodies].reshape(-1, 3, 3), local)
-        moment = moment @ data.xmat[hull].reshape(3, 3)
-        return float(np.hypot(*moment[:2]) / -moment[2]) if moment[2] < 0.0 else 0.0
-
-    def _pairs(self) -> set[tuple[int, int]]:
-        contact = self.data.contact
-        pairs = set()
-        for i in range(self.data.ncon):
-            if contact.dist[i] > 0.0:
-                continue
-            a, b = (int(self.model.geom_bodyid[g]) for g in contact.geom[i])
-            pairs.add((min(a, b), max(a, b)))
-
-        return pairs
 
     def _always_touching(self, postures: Array) -> set[tuple[int, int]]:
         counts: dict[tuple[int, int], int] = {}
         for q in postures:
             self._at(q)
             mujoco.mj_collision(self.model, self.data)
-            for pair in self._pairs():
+            for pair in _touching(self.model, self.data):
                 counts[pair] = counts.get(pair, 0) + 1
         return {pair for pair, count in counts.items() if count >= _ALWAYS * len(postures)}
 
@@ -402,6 +360,52 @@ def _fan(half_angle: float) -> Iterator[Array]:
         for spoke in range(_SPOKES):
             turn = 2.0 * np.pi * spoke / _SPOKES
             yield np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+
+
+def _net_masses(model: mujoco.MjModel, hull: int) -> tuple[np.ndarray, Array, Array]:
+    """Bodies (b,), masses less water (b,) [kg] and moments of both in the body (b, 3) [kg m].
+
+    Empty arrays where the hull has no water.
+    """
+    if not hydrodynamics.carries(model.body_user[hull]):
+        return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 3))
+
+    density = hydrodynamics.water_density(model)
+    bodies = np.flatnonzero(model.body_rootid == model.body_rootid[hull])
+    net = np.array(model.body_mass[bodies])
+    local = model.body_mass[bodies, None] * model.body_ipos[bodies]
+    for i, body in enumerate(bodies):
+        if hydrodynamics.carries(model.body_user[body]):
+            water = hydrodynamics.unpack(model.body_user[body])
+            net[i] -= density * water.volume
+            local[i] -= density * water.volume * water.center_of_buoyancy
+
+    return bodies, net, local
+
+
+def _list_angle(data: mujoco.MjData, hull: int, masses: tuple[np.ndarray, Array, Array]) -> float:
+    """List [rad] of a vehicle with `_net_masses`; 0 without water, or if it is unstable."""
+    bodies, net, local = masses
+    if not bodies.size:
+        return 0.0
+
+    # [kg m] of masses less their water, world axes
+    moment = net @ (data.xpos[bodies] - data.xpos[hull])
+    moment += np.einsum("bij,bj->i", data.xmat[bodies].reshape(-1, 3, 3), local)
+    moment = moment @ data.xmat[hull].reshape(3, 3)
+    return float(np.hypot(*moment[:2]) / -moment[2]) if moment[2] < 0.0 else 0.0
+
+
+def _touching(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[int, int]]:
+    """Pairs of bodies, the lower index first, whose shapes touch in `data`."""
+    contact = data.contact
+    pairs = set()
+    for i in range(data.ncon):
+        if contact.dist[i] > 0.0:
+            continue
+        a, b = (int(model.geom_bodyid[g]) for g in contact.geom[i])
+        pairs.add((min(a, b), max(a, b)))
+    return pairs
 
 
 def _carried(model: mujoco.MjModel, body: int, by: int) -> bool:

@@ -50,7 +50,6 @@ def body_hydrodynamics(
     linear = np.zeros((6, 6))
     quadratic = np.zeros(6)
     others: dict[str, float] = {}
-
     for name, coefficient in parameters.items():
         if name not in _KNOWN:
             raise ConfigurationError(

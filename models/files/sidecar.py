@@ -125,9 +125,7 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
     else:
         attach_tree(spec, in_file, "MJCF", _ELEMENT_NAMES)
 
-    for element in [
-        numeric for numeric in spec.numerics if numeric.name.startswith(hydrodynamics.ELEMENTS)
-    ]:
+    for element in [part for part in spec.numerics if part.name.startswith(hydrodynamics.ELEMENTS)]:
         spec.delete(element)
 
 
@@ -165,21 +163,16 @@ def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
     for element in spec.numerics:
         name = str(element.name)
         numbers = [float(x) for x in element.data]
-        number_or_row: Any = checked(
+        content: Any = checked(
             numbers[0] if len(numbers) == 1 else numbers, f"custom element {name!r}"
         )
 
         if name == _WATER + _DENSITY:
-            tree[_DENSITY] = number_or_row
+            tree[_DENSITY] = content
         elif name.startswith(_WATER):
-            _put(tree, ["bodies", *_path(name, _WATER, bodies, "body")], number_or_row, name)
+            _put(tree, ["bodies", *_path(name, _WATER, bodies, "body")], content, name)
         elif name.startswith(_THRUSTER):
-            _put(
-                tree,
-                ["thrusters", *_path(name, _THRUSTER, actuators, "actuator")],
-                number_or_row,
-                name,
-            )
+            _put(tree, ["thrusters", *_path(name, _THRUSTER, actuators, "actuator")], content, name)
 
     return {
         section: _of_owners(branch) if isinstance(branch, dict) else branch
@@ -420,11 +413,9 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
         return _READER.made(BodyHydrodynamics, stated, where)
 
     shape = shapes[0]
-    shape_path = inside(where, shape)
+    path = inside(where, shape)
     density = {} if water_density is None else {_DENSITY: water_density}
-    body = _READER.made(
-        SHAPES[shape], {**density, **_READER.table(entry[shape], shape_path)}, shape_path
-    )
+    body = _READER.made(SHAPES[shape], {**density, **_READER.table(entry[shape], path)}, path)
     try:
         return replace(body, **_READER.values(BodyHydrodynamics, stated, where, complete=False))
     except ConfigurationError as error:

@@ -86,16 +86,7 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
             f"cloud: a model needs at least {FEWEST} distinct points, got {len(points)}"
         )
 
-    # Normals of the cloud, where they tell the sides or can be turned.
-    outward = (
-        None
-        if normals is None
-        else normals[first] / np.linalg.norm(normals[first], axis=1, keepdims=True)
-    )
-    how = "found from the points" if outward is None else "given"
-    if outward is not None and not _one_sided(points, outward):
-        outward = _turned(points, outward, cKDTree(points).query(points, k=_NEIGHBOURS)[1])
-        how = "given, but of either sign: turned to one side"
+    outward, how = _given_normals(points, None if normals is None else normals[first])
 
     # Density, and normals where the cloud has none.
     points, outward = _averaged(points, outward)
@@ -135,6 +126,20 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
         note=f"meshed from a cloud of {count} points{fewer}, {1e3 * spacing:.1f} mm apart, "
         f"normals {how}; {ends}",
     )
+
+
+def _given_normals(points: Array, normals: Array | None) -> tuple[Array | None, str]:
+    """Unit normals (n, 3) on one side of the surface from those of a cloud, and how they were made.
+
+    None without normals: they are found from the points.
+    """
+    if normals is None:
+        return None, "found from the points"
+    outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    if _one_sided(points, outward):
+        return outward, "given"
+    near = cKDTree(points).query(points, k=_NEIGHBOURS)[1]
+    return _turned(points, outward, near), "given, but of either sign: turned to one side"
 
 
 def _spacing(points: Array) -> tuple[Array, float]:
@@ -385,22 +390,23 @@ def _sharpened(
         elif many == 2:
             pieces = [(x, q, y), (p, x, y), (p, y, r)]
         else:  # three faces meet
-            N = normals[np.column_stack([p, q, r])]
-            P = points[np.column_stack([p, q, r])]
-            center = P.mean(axis=1)
-            off = np.einsum("nki,nki->nk", N, P - center[:, None])
-            step = np.einsum("nij,nj->ni", np.linalg.pinv(N, rcond=0.2), off)
-            size = np.linalg.norm(P - center[:, None], axis=2).max(axis=1)
-            inner = (
-                center
-                + step
-                * np.minimum(1.0, size / np.maximum(np.linalg.norm(step, axis=1), 1e-12))[:, None]
-            )
+            inner = _corner_points(points[triangles[rows]], normals[triangles[rows]])
             c = next_vertex + np.arange(len(rows))
             pieces = [(p, x, c), (x, q, c), (q, y, c), (y, r, c), (r, z, c), (z, p, c)]
         parts += [np.column_stack(piece) for piece in pieces]
 
     return np.vstack([points, (middle + to)[creased], inner]), np.vstack(parts)
+
+
+def _corner_points(corners: Array, normals: Array) -> Array:
+    """Points (n, 3) where the planes through the corners (n, 3, 3) of triangles meet, near by."""
+    center = corners.mean(axis=1)
+    off = np.einsum("nki,nki->nk", normals, corners - center[:, None])
+    step = np.einsum("nij,nj->ni", np.linalg.pinv(normals, rcond=0.2), off)
+
+    size = np.linalg.norm(corners - center[:, None], axis=2).max(axis=1)
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-12)
+    return center + step * np.minimum(1.0, size / length)[:, None]
 
 
 def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float:

@@ -1,5 +1,6 @@
 """Reader of PCD files, the point clouds of PCL: text, binary, compressed; in the file's order."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,18 @@ _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }
 _LONGEST_HEADER = 100  # lines of the header, at most
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Layout:
+    """What the header of a PCD file states of its data."""
+
+    kind: str  # ascii, binary or binary_compressed
+    types: list[str]  # of each field, as NumPy has it
+    counts: list[int]  # numbers of each field
+    count: int  # points
+    shape: tuple[int, int]  # rows and columns
+    columns: list[int]  # fields x, y, z, and those of the normal if there are any
 
 
 def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
@@ -31,71 +44,90 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
     """
     header, body = _header(bytes_of(file, "cloud"), file)
     try:
-        names = header["FIELDS"]
-        sizes, counts = (
-            [int(word) for word in header.get(key, ["1"] * len(names))] for key in ("SIZE", "COUNT")
-        )
-        types = [
-            _TYPES[kind.upper(), size] for kind, size in zip(header["TYPE"], sizes, strict=True)
-        ]
-        count = (
-            int(header["POINTS"][0])
-            if "POINTS" in header
-            else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
-        )
-        height, width = (int(header.get(key, ["1"])[0]) for key in ("HEIGHT", "WIDTH"))
-
-        columns = [names.index(axis) for axis in "xyz"]
-        if all(f"normal_{axis}" in names for axis in "xyz"):
-            columns += [names.index(f"normal_{axis}") for axis in "xyz"]
-        kind = header["DATA"][0].lower()
-
-        if not len(names) == len(counts) == len(types) or count < 0 or min(counts) < 0:
-            raise ValueError("fields")
-        if not all(counts[k] for k in columns):
-            raise ValueError("x, y and z, and normals, must have a COUNT of at least 1")
+        layout = _layout(header)
     except (KeyError, ValueError, IndexError) as error:
         raise ConfigurationError(
             f"cloud {file}: no points can be read from this PCD file: bad header ({error})"
         ) from error
 
+    count = layout.count
     if not count:
         raise ConfigurationError(
             f"cloud {file}: no points can be read from this PCD file, it says that it has none"
         )
 
+    height, width = layout.shape
     shape = (height, width) if min(height, width) > 1 and height * width == count else None
-    widths = [np.dtype(type_).itemsize * many for type_, many in zip(types, counts, strict=True)]
-    if kind == "ascii":
-        return *_parted(
-            _from_text(body, count, [sum(counts[:k]) for k in columns], sum(counts), file)
-        ), shape
+    if layout.kind == "ascii":
+        first = [sum(layout.counts[:k]) for k in layout.columns]
+        return *_parted(_from_text(body, count, first, sum(layout.counts), file)), shape
 
-    if kind == "binary":
+    fields = _binary_fields(body, layout, file)
+    with np.errstate(invalid="ignore"):  # for a signalling NaN
+        numbers = [
+            np.ascontiguousarray(fields[k]).view(layout.types[k])[:, 0].astype(np.float64)
+            for k in layout.columns
+        ]
+    return *_parted(np.column_stack(numbers)), shape
+
+
+def _layout(header: dict[str, list[str]]) -> _Layout:
+    """What a header states; KeyError, ValueError or IndexError where it is malformed."""
+    names = header["FIELDS"]
+    sizes, counts = (
+        [int(word) for word in header.get(key, ["1"] * len(names))] for key in ("SIZE", "COUNT")
+    )
+    types = [_TYPES[kind.upper(), size] for kind, size in zip(header["TYPE"], sizes, strict=True)]
+    count = (
+        int(header["POINTS"][0])
+        if "POINTS" in header
+        else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+    )
+    height, width = (int(header.get(key, ["1"])[0]) for key in ("HEIGHT", "WIDTH"))
+
+    columns = [names.index(axis) for axis in "xyz"]
+    if all(f"normal_{axis}" in names for axis in "xyz"):
+        columns += [names.index(f"normal_{axis}") for axis in "xyz"]
+    kind = header["DATA"][0].lower()
+
+    if not len(names) == len(counts) == len(types) or count < 0 or min(counts) < 0:
+        raise ValueError("fields")
+    if not all(counts[k] for k in columns):
+        raise ValueError("x, y and z, and normals, must have a COUNT of at least 1")
+    return _Layout(
+        kind=kind, types=types, counts=counts, count=count, shape=(height, width), columns=columns
+    )
+
+
+def _binary_fields(body: bytes, layout: _Layout, file: Path) -> list[np.ndarray]:
+    """Bytes (count, width) of each field, from binary data, compressed or not."""
+    count = layout.count
+    widths = [
+        np.dtype(type_).itemsize * many
+        for type_, many in zip(layout.types, layout.counts, strict=True)
+    ]
+    if layout.kind == "binary":
         if len(body) < count * sum(widths):
             raise _cut_short(file, count)
         rows = np.frombuffer(body, np.uint8, count * sum(widths)).reshape(count, -1)
-        parts = [rows[:, sum(widths[:k]) : sum(widths[: k + 1])] for k in range(len(names))]
-    elif kind == "binary_compressed":
-        packed, whole = np.frombuffer(body[:8].ljust(8, b"\0"), "<u4").astype(np.int64)
-        if len(body) < 8 + packed or whole != count * sum(widths):
-            raise _cut_short(file, count)
-        flat = np.zeros(whole, dtype=np.uint8)
-        if _unpack(np.frombuffer(body, np.uint8, packed, 8), flat) != whole:
-            raise _cut_short(file, count)
-        # The compressed data is stored field by field, not point by point.
-        ends = count * np.cumsum([0, *widths])
-        parts = [flat[ends[k] : ends[k + 1]].reshape(count, -1) for k in range(len(names))]
-    else:
+        return [rows[:, sum(widths[:k]) : sum(widths[: k + 1])] for k in range(len(widths))]
+
+    if layout.kind != "binary_compressed":
         raise ConfigurationError(
-            f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}"
+            f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got "
+            f"{layout.kind!r}"
         )
 
-    with np.errstate(invalid="ignore"):  # for a signalling NaN
-        numbers = [
-            np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns
-        ]
-    return *_parted(np.column_stack(numbers)), shape
+    packed, whole = np.frombuffer(body[:8].ljust(8, b"\0"), "<u4").astype(np.int64)
+    if len(body) < 8 + packed or whole != count * sum(widths):
+        raise _cut_short(file, count)
+    flat = np.zeros(whole, dtype=np.uint8)
+    if _unpack(np.frombuffer(body, np.uint8, packed, 8), flat) != whole:
+        raise _cut_short(file, count)
+
+    # The compressed data is stored field by field, not point by point.
+    ends = count * np.cumsum([0, *widths])
+    return [flat[ends[k] : ends[k + 1]].reshape(count, -1) for k in range(len(widths))]
 
 
 def _parted(values: Array) -> tuple[Array, Array | None]:

@@ -13,6 +13,7 @@ from uuv.models.objects.target_model import (
 )
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import (
+    Array,
     exp_so3,
     finite_number,
     pose,
@@ -174,36 +175,9 @@ def barrel(
     )
 
     if bung_azimuth is not None:
-        radius, height, x = BUNG
-        # z out of the shell, origin on it
-        X_bung = pose(exp_so3([bung_azimuth, 0.0, 0.0])) @ pose(p=[x, 0.0, r])
-        inside = -0.5 * RIM_HEIGHT
-        disc, faces = revolve(
-            np.array([(inside, 0.0), (inside, radius), (height, radius), (height, 0.0)]), 64
-        )
-        disc = transform_points(X_bung, disc[:, [1, 2, 0]])
-        vertices, triangles = joined([(vertices, triangles), (disc, faces)])
-        half = 0.5 * (height - inside)
-        X_TS = X_bung @ pose(p=[0.0, 0.0, half + inside])
-        solids += (Solid(name="target_bung", kind="cylinder", size=(radius, half), X_TS=X_TS),)
-
-    half_width = 0.18
-    top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
-    if not stand_height > r + RIM_HEIGHT:
-        raise ConfigurationError(
-            f"barrel: stand_height must exceed {r + RIM_HEIGHT} m, got {stand_height}"
-        )
-
-    beam = (0.03, half_width, 0.5 * (stand_height - top))
-    stand = tuple(
-        Solid(
-            name=f"target_stand_{end}",
-            kind="box",
-            size=beam,
-            X_TS=pose(p=[x, 0.0, -0.5 * (stand_height + top)]),
-        )
-        for end, x in (("aft", -0.28), ("fore", 0.28))
-    )
+        disc, solid = _bung(bung_azimuth, r)
+        vertices, triangles = joined([(vertices, triangles), disc])
+        solids += (solid,)
 
     return TargetModel(
         name="barrel",
@@ -219,5 +193,42 @@ def barrel(
             "corner": around_corner(corner),
         },
         solids=solids,
-        stand=stand,
+        stand=_stand(r, stand_height),
+    )
+
+
+def _bung(azimuth: float, r: float) -> tuple[tuple[Array, np.ndarray], Solid]:
+    """Mesh, in T, and solid of a bung in the shell of radius `r` [m] at `azimuth` [rad]."""
+    radius, height, x = BUNG
+    # z out of the shell, origin on it
+    X_bung = pose(exp_so3([azimuth, 0.0, 0.0])) @ pose(p=[x, 0.0, r])
+    inside = -0.5 * RIM_HEIGHT
+    disc, faces = revolve(
+        np.array([(inside, 0.0), (inside, radius), (height, radius), (height, 0.0)]), 64
+    )
+
+    half = 0.5 * (height - inside)
+    X_TS = X_bung @ pose(p=[0.0, 0.0, half + inside])
+    solid = Solid(name="target_bung", kind="cylinder", size=(radius, half), X_TS=X_TS)
+    return (transform_points(X_bung, disc[:, [1, 2, 0]]), faces), solid
+
+
+def _stand(r: float, height: float) -> tuple[Solid, ...]:
+    """Two beams under the shell of radius `r` [m], their feet `height` [m] below its axis."""
+    half_width = 0.18
+    top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
+    if not height > r + RIM_HEIGHT:
+        raise ConfigurationError(
+            f"barrel: stand_height must exceed {r + RIM_HEIGHT} m, got {height}"
+        )
+
+    beam = (0.03, half_width, 0.5 * (height - top))
+    return tuple(
+        Solid(
+            name=f"target_stand_{end}",
+            kind="box",
+            size=beam,
+            X_TS=pose(p=[x, 0.0, -0.5 * (height + top)]),
+        )
+        for end, x in (("aft", -0.28), ("fore", 0.28))
     )

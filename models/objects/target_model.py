@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from uuv.models.meshes.far_origin import middle_if_far
 from uuv.models.meshes.mesh_files import read_mesh
 from uuv.models.meshes.surfel_files import is_cloud_file, read_surfels
+from uuv.models.objects.model_input import FARTHEST_VERTEX, checked_mesh, usable_cloud
 from uuv.models.objects.solid import Solid
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import existing_file
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
 # [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
 LARGEST = 20.0
 _LEAST_SINE = 0.05  # between the axes that a tool keeps
-SMALLEST = 1e-3  # [m] smallest extent across, below tool and sensor resolution
-FARTHEST_VERTEX = 1e5  # [m] bound of vertices and path points from the origin
 PATH_STEP = 0.005  # [m] spacing of the points of a model path
 # by which a model path may turn at a point; it nearly goes back then
 SHARPEST_CORNER = float(np.radians(150.0))
@@ -269,48 +268,7 @@ class TargetModel:
                 f"target {self.name!r}: paths must be a mapping of names to ModelPath"
             )
 
-        vertices = real_array(self.vertices, f"target {self.name!r}: vertices", "(V, 3) numbers")
-        corners = real_array(self.triangles, f"target {self.name!r}: triangles", "(T, 3) indices")
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.isfinite(vertices)):
-            raise ConfigurationError(
-                f"target {self.name!r}: vertices must be finite, (V, 3); got {vertices.shape}"
-            )
-        if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
-            raise ConfigurationError(
-                f"target {self.name!r}: triangles must be (T, 3), T > 0; got {corners.shape}"
-            )
-        if not (
-            corners.min() >= 0
-            and corners.max() < len(vertices)
-            and np.all(corners == np.floor(corners))
-        ):
-            raise ConfigurationError(
-                f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices"
-            )
-
-        triangles = corners.astype(np.int64)
-        farthest = float(np.abs(vertices).max())
-        if farthest > FARTHEST_VERTEX:
-            raise ConfigurationError(
-                f"target {self.name!r}: vertices must lie within {FARTHEST_VERTEX:g} m of its "
-                f"origin, got {farthest:g}"
-            )
-
-        a, b, c = vertices[triangles].transpose(1, 0, 2)
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        if not area.any():
-            raise ConfigurationError(
-                f"target {self.name!r}: none of its {len(triangles)} triangles has an area"
-            )
-
-        used = vertices[np.unique(triangles[area > 0.0])]
-        across = float(np.linalg.norm(np.ptp(used, axis=0)))
-        if across < SMALLEST:
-            raise ConfigurationError(
-                f"target {self.name!r}: {across:.3g} m across, less than {SMALLEST:g} m: is its "
-                "scale right?"
-            )
-
+        vertices, triangles = checked_mesh(self.vertices, self.triangles, f"target {self.name!r}")
         triangles.setflags(write=False)
         for hull in self.hulls:
             if (
@@ -530,49 +488,10 @@ class TargetModel:
                 surface.
         """
         what = f"target cloud {name!r}"
-        positions = real_array(points, f"{what}: points", "(n, 3) numbers [m]")
-        if positions.ndim != 2 or positions.shape[1] != 3:
-            raise ConfigurationError(
-                f"{what}: points must be (n, 3) numbers [m], got shape {positions.shape}"
-            )
-
-        finite = np.isfinite(positions).all(axis=1)
-        outward = None
-        notes = list[str]()
-        if normals is not None:
-            outward = real_array(normals, f"{what}: normals", "(n, 3) numbers")
-            if outward.shape != positions.shape:
-                raise ConfigurationError(
-                    f"{what}: normals must be {positions.shape}, one for each point, got "
-                    f"{outward.shape}"
-                )
-            largest = np.abs(outward).max(axis=1, initial=0.0, where=np.isfinite(outward))
-            usable = np.isfinite(outward).all(axis=1) & (largest > 0.0)
-            unusable = int((finite & ~usable).sum())
-            if not (finite & usable).any():
-                outward = None
-                notes.append("its normals are all zero or not finite, and taken as none")
-            else:
-                if unusable:
-                    notes.append(
-                        f"{unusable} of {int(finite.sum())} points left out: their normal is zero "
-                        "or not finite"
-                    )
-                finite &= usable
-                # the square of a very long one overflows
-                outward = outward[finite] / largest[finite, None]
-
-        if finite.any() and not np.abs(positions[finite]).max() <= FARTHEST_VERTEX:
-            farthest = float(np.abs(positions[finite]).max())
-            raise ConfigurationError(
-                f"{what}: points must lie within {FARTHEST_VERTEX:g} m of its origin, got "
-                f"{farthest:g}; subtract their middle, about "
-                f"{' '.join(f'{v:.0f}' for v in np.median(positions[finite], axis=0))}"
-            )
-
+        positions, outward, notes = usable_cloud(points, normals, what)
         from uuv.models.meshes.cloud_mesh import mesh_of_cloud
 
-        mesh = mesh_of_cloud(positions[finite], outward)
+        mesh = mesh_of_cloud(positions, outward)
         target = cls(
             name=name,
             vertices=mesh.vertices,

@@ -56,6 +56,16 @@ class Jaws:
     force: float = 40.0  # [N] most of the actuator on each finger
 
     @property
+    def palm(self) -> float:
+        """Length [m] of the housing of the fingers' slides."""
+        return 0.4 * self.length
+
+    @property
+    def finger_mass(self) -> float:
+        """Mass [kg] of one finger."""
+        return 0.15 * self.mass
+
+    @property
     def contact(self) -> ToolContact:
         """Rounded end and mount."""
         return ToolContact(
@@ -97,11 +107,9 @@ def add_jaws(
     jaws: Jaws,
 ) -> dict[str, BodyHydrodynamics]:
     """Add jaws to a link, as `add_head` does a head."""
-    palm = 0.4 * jaws.length  # [m] of the housing
-    finger_mass = 0.15 * jaws.mass
-
+    palm = jaws.palm
     held = _mount(
-        link, place, turn, tip, jaws.length, jaws.mass - 2.0 * finger_mass, STIFFNESS, DAMPING
+        link, place, turn, tip, jaws.length, jaws.mass - 2.0 * jaws.finger_mass, STIFFNESS, DAMPING
     )
     _dome(held, 0.5 * jaws.breadth, jaws.length, 0.3)
 
@@ -116,37 +124,11 @@ def add_jaws(
         rgba=[0.25, 0.28, 0.33, 1.0],
     )
 
-    # Fingers, on slides across the tool.
-    long = jaws.length - palm
-    thin = 0.25 * jaws.breadth
     bodies = {
         PAD_BODY: cylinder(0.5 * jaws.breadth + 0.5 * jaws.opening, np.zeros(3), [0.0, 0.0, palm])
     }
     for name, side in zip(_FINGERS, (1.0, -1.0), strict=True):
-        finger = held.add_body(
-            name=name,
-            pos=[side * (0.5 * jaws.opening + thin), 0.0, palm],
-            mass=finger_mass,
-            ipos=[0.0, 0.0, 0.5 * long],
-            inertia=[finger_mass * long**2 / 12.0] * 3,
-            explicitinertial=True,
-        )
-
-        travel = 0.5 * jaws.opening
-        add_slide(
-            finger, name, np.array([side, 0.0, 0.0]), (-travel, travel), _CLOSING, _FINGER_DAMPING
-        )
-
-        finger.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[thin, 0.5 * jaws.breadth, 0.5 * long - thin],
-            pos=[0.0, 0.0, 0.5 * long - thin],
-            mass=0.0,
-            contype=0,
-            conaffinity=0,
-            rgba=[0.7, 0.72, 0.75, 1.0],
-        )
-        bodies[name] = cylinder(thin, np.zeros(3), [0.0, 0.0, long])
+        bodies[name] = _add_finger(held, name, side, jaws)
 
     # One drive for both.
     both = spec.add_tendon(name="jaws")
@@ -156,6 +138,39 @@ def add_jaws(
     motor.ctrlrange = [-jaws.force, jaws.force]
     motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
     return bodies
+
+
+def _add_finger(held: mujoco.MjsBody, name: str, side: float, jaws: Jaws) -> BodyHydrodynamics:
+    """Add a finger on its slide, on the `side` (1 or -1) of the housing; its hydrodynamics."""
+    palm = jaws.palm
+    long = jaws.length - palm
+    thin = 0.25 * jaws.breadth
+    finger_mass = jaws.finger_mass
+    finger = held.add_body(
+        name=name,
+        pos=[side * (0.5 * jaws.opening + thin), 0.0, palm],
+        mass=finger_mass,
+        ipos=[0.0, 0.0, 0.5 * long],
+        inertia=[finger_mass * long**2 / 12.0] * 3,
+        explicitinertial=True,
+    )
+
+    travel = 0.5 * jaws.opening
+    add_slide(
+        finger, name, np.array([side, 0.0, 0.0]), (-travel, travel), _CLOSING, _FINGER_DAMPING
+    )
+
+    finger.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[thin, 0.5 * jaws.breadth, 0.5 * long - thin],
+        pos=[0.0, 0.0, 0.5 * long - thin],
+        mass=0.0,
+        contype=0,
+        conaffinity=0,
+        rgba=[0.7, 0.72, 0.75, 1.0],
+    )
+
+    return cylinder(thin, np.zeros(3), [0.0, 0.0, long])
 
 
 def _mount(

@@ -162,6 +162,15 @@ def add(
     )
     add_slide(held, PAD_JOINT, along, (-GIVE, 0.25 * GIVE))
 
+    water = _add_shape(held, tool, along, face)
+    held.add_site(name=TOOL_FACE_SITE, pos=tool.length * along, quat=face, group=4)
+    return {PAD_BODY: water}
+
+
+def _add_shape(
+    held: mujoco.MjsBody, tool: Tube | Box, along: np.ndarray, face: np.ndarray
+) -> BodyHydrodynamics:
+    """Add the geom that may touch, along `along` (3,), `face` the orientation wxyz of a box."""
     geom = held.add_geom(name=TOOL_GEOM, **touching(FRICTION), rgba=[0.75, 0.78, 0.82, 1.0])
     if isinstance(tool, Box):
         geom.type = mujoco.mjtGeom.mjGEOM_BOX
@@ -178,8 +187,7 @@ def add(
         geom.fromto = np.concatenate([dome * along, (tool.length - dome) * along])
         water = cylinder(tool.radius, dome * along, tool.length * along)
 
-    held.add_site(name=TOOL_FACE_SITE, pos=tool.length * along, quat=face, group=4)
-    return {PAD_BODY: water}
+    return water
 
 
 def add_slide(

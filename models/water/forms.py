@@ -31,6 +31,19 @@ from uuv.sim.interfaces.spatial import (
 
 MAX_TERMS: Final = 64  # terms of one CrossTerms
 SWEEPS: Final = (-2, 0, 2)  # exponents of `LiftDrag.sweep`
+# Parameters of gz-sim's plugin LiftDrag.
+_GZ_LIFT_DRAG: Final = (
+    "cla",
+    "cda",
+    "alpha_stall",
+    "cla_stall",
+    "cda_stall",
+    "a0",
+    "area",
+    "forward",
+    "upward",
+    "cp",
+)
 _RIGHT: Final = 0.5 * math.pi
 _KEPT: Final = 1e-12  # by which a vector's length may differ from 1 for it to be kept bit by bit
 _SQUARE: Final = 1e-3  # largest cosine of an angle that should be right
@@ -234,11 +247,7 @@ class LiftDrag(Form):
         )
 
         # By default lift falls to 0 at 90 degrees, and drag rises as before the stall.
-        fall = (
-            -self.lift_slope * self.stall / max(_RIGHT - self.stall, 1e-9)
-            if self.stall < _RIGHT
-            else 0.0
-        )
+        fall = _fall(self.lift_slope, self.stall)
         slope = fall if self.stalled_slope is None else self.stalled_slope
         put(
             self,
@@ -319,24 +328,7 @@ class LiftDrag(Form):
         Raises:
             ConfigurationError: an unknown name, or a number out of bounds.
         """
-        known = (
-            "cla",
-            "cda",
-            "alpha_stall",
-            "cla_stall",
-            "cda_stall",
-            "a0",
-            "area",
-            "forward",
-            "upward",
-            "cp",
-        )
-        for name in parameters:
-            if name not in (*known, "air_density"):
-                raise ConfigurationError(
-                    f"gz-sim LiftDrag: unknown parameter {shown(name)}{did_you_mean(name, known)}"
-                )
-
+        _check_gz_names(parameters)
         return cls(
             area=parameters.get("area", 1.0),
             lift_slope=parameters.get("cla", 1.0),
@@ -647,6 +639,21 @@ class PlanarStrip(Form):
 KINDS: Final[dict[int, type[Form]]] = {
     form.kind: form for form in (MunkFactor, FadingDamping, LiftDrag, CrossTerms, PlanarStrip)
 }
+
+
+def _fall(lift_slope: float, stall: float) -> float:
+    """Slope [1/rad] by which lift falls from the stall to 0 at 90 degrees; 0 without a stall."""
+    return -lift_slope * stall / max(_RIGHT - stall, 1e-9) if stall < _RIGHT else 0.0
+
+
+def _check_gz_names(parameters: Mapping[str, Any]) -> None:
+    """Refuse names that gz-sim's plugin LiftDrag does not have."""
+    for name in parameters:
+        if name not in (*_GZ_LIFT_DRAG, "air_density"):
+            raise ConfigurationError(
+                "gz-sim LiftDrag: unknown parameter "
+                f"{shown(name)}{did_you_mean(name, _GZ_LIFT_DRAG)}"
+            )
 
 
 def gz_term(name: str) -> tuple[int, int, int, int] | None:

@@ -15,7 +15,7 @@ is stored in the actuator's gear, so that plant, allocation and MuJoCo use the s
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import Any, Self
@@ -24,6 +24,14 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uuv.models.water.actuator_kinds import (
+    DRIVEN,
+    MOTOR,
+    ROUNDED,
+    check_kind,
+    of_compiled,
+    set_kind,
+)
 from uuv.models.water.native_mark import mark
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, number
@@ -41,23 +49,6 @@ SPEED = 1
 ACTIVATIONS = 2  # of a thruster
 
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
-_XML = 1e-5  # tolerance of a gear, which may come from a file of six digits
-# What distinguishes a plain motor on a site, whose control is its force, and a thruster.
-_COMMON: dict[str, Any] = {
-    "trntype": mujoco.mjtTrn.mjTRN_SITE,
-    "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
-    "delay": 0.0,
-}
-_MOTOR: dict[str, Any] = {
-    "biastype": mujoco.mjtBias.mjBIAS_NONE,
-    "dyntype": mujoco.mjtDyn.mjDYN_NONE,
-    "gainprm": 1.0,
-}
-_DRIVEN: dict[str, Any] = {
-    "biastype": mujoco.mjtBias.mjBIAS_USER,
-    "dyntype": mujoco.mjtDyn.mjDYN_USER,
-    "gainprm": 0.0,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,17 +129,7 @@ class Thruster:
         if self.polynomial is None and self.table is None:
             return
 
-        from uuv.models.water.thruster_curves import check_polynomial, check_table  # bring numba
-
-        if self.polynomial is not None:
-            ends = [check_polynomial(side) for side in self.polynomial]
-        else:
-            assert self.table is not None
-            if self.dead_band:
-                raise ConfigurationError(
-                    "thruster dead_band: a table has its own, its commands of zero thrust"
-                )
-            ends = check_table(*self.table)
+        ends = _curve_ends(self)
         if not np.allclose(ends, (self.forward, self.reverse), rtol=1e-5):
             raise ConfigurationError(
                 f"thruster forward and reverse: the curve ends at {ends[0]} and {ends[1]} N, got "
@@ -324,10 +305,10 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
             )
 
         of_spec = partial(getattr, actuator)
-        _check(name, of_spec, _DRIVEN if replaced else _MOTOR, actuator.refsite != "")
+        check_kind(name, of_spec, DRIVEN if replaced else MOTOR, actuator.refsite != "")
         actuator.gear[3:] = row[TORQUE] * actuator.gear[:3]
         actuator.userdata = row
-        _set_kind(actuator, _DRIVEN)
+        set_kind(actuator, DRIVEN)
         actuator.actdim = ACTIVATIONS
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.ctrlrange = [-1.0, 1.0]
@@ -348,69 +329,11 @@ def detach(actuator: mujoco.MjsActuator) -> None:
     """
     if not carries(actuator.userdata):
         return
-    _set_kind(actuator, _MOTOR)
+    set_kind(actuator, MOTOR)
     actuator.userdata = []
     actuator.actdim = -1
     actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_AUTO
     actuator.ctrlrange = [0.0, 0.0]
-
-
-def _set_kind(actuator: mujoco.MjsActuator, kind: Mapping[str, Any]) -> None:
-    actuator.dyntype = kind["dyntype"]
-    actuator.biastype = kind["biastype"]
-    actuator.gainprm[0] = kind["gainprm"]
-
-
-def _check(name: str, field: Callable[[str], Any], kind: Mapping[str, Any], refers: bool) -> None:
-    """Raise ConfigurationError unless an actuator applies its force along a unit axis of a site.
-
-    Args:
-        name: of the actuator, for the message.
-        field: returns a field of the actuator by the name that spec and model share.
-        kind: what it must be, `_MOTOR` or `_DRIVEN`.
-        refers: True with a reference site or a plugin.
-    """
-    along = np.array(field("gear")[:3])
-    odd = [word for word, plain in _COMMON.items() if np.any(np.ravel(field(word)) != plain)]
-    odd += [word for word, plain in kind.items() if np.ravel(field(word))[0] != plain]
-    if refers:
-        odd.append("refsite or plugin")
-    odd += [
-        f"{word}range"
-        for word in ("ctrl", "force", "act")
-        if not _range_fits(field, word, kind is _DRIVEN)
-    ]
-
-    if odd and kind is _MOTOR:
-        raise ConfigurationError(
-            f"thruster {name!r}: its actuator must be a plain motor on a site, its control the "
-            "thrust [N]: gain 1, no "
-            f"bias, dynamics, delay, limits, refsite or plugin; not so here: {', '.join(odd)}"
-        )
-    if odd:
-        raise ConfigurationError(
-            f"thruster {name!r}: its actuator must be as uuv.models.water.thrusters.attach leaves "
-            "it, on a site, its "
-            "dynamics and bias of the type user, its control in [-1, 1]; not so here: "
-            f"{', '.join(odd)}"
-        )
-
-    if not abs(np.linalg.norm(along) - 1.0) < _XML:
-        raise ConfigurationError(
-            f"thruster {name!r}: its actuator must act on a site with a gear of length 1, got "
-            f"{along.tolist()}"
-        )
-
-
-def _range_fits(field: Callable[[str], Any], word: str, driven: bool) -> bool:
-    """True if a thruster's commands, and nothing else, are limited."""
-    low, high = field(f"{word}range")
-    limited = int(field(f"{word}limited"))
-    is_limited = limited == mujoco.mjtLimited.mjLIMITED_TRUE
-    is_limited = is_limited or (limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high)
-    if word == "ctrl" and driven:
-        return is_limited and (low, high) == (-1.0, 1.0)
-    return not is_limited
 
 
 def pack(thruster: Thruster) -> Array:
@@ -497,15 +420,12 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
         except ConfigurationError as error:
             raise ConfigurationError(f"actuator {name!r}: {error}") from error
 
-        of_model = partial(_of_compiled, model, i)
-        _check(
-            name,
-            of_model,
-            _DRIVEN,
-            model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0,
+        of_model = partial(of_compiled, model, i)
+        check_kind(
+            name, of_model, DRIVEN, model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0
         )
 
-        if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > _XML:
+        if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > ROUNDED:
             raise ConfigurationError(
                 f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} "
                 "along the thrust, got "
@@ -517,10 +437,6 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
                 f"{model.actuator_actnum[i]}"
             )
     return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
-
-
-def _of_compiled(model: mujoco.MjModel, actuator: int, field: str) -> Any:
-    return getattr(model, f"actuator_{field}")[actuator]
 
 
 def curves(table: Array) -> Array:
@@ -540,6 +456,20 @@ def inflow_levers(table: Array, wrench: Array) -> Array:
     levers = np.array(wrench)
     levers[3:] -= table[:, TORQUE] * levers[:3]
     return levers
+
+
+def _curve_ends(thruster: Thruster) -> Sequence[float]:
+    """Thrust magnitudes [N] at the ends of a polynomial or a table, ahead and astern; validated."""
+    from uuv.models.water.thruster_curves import check_polynomial, check_table  # bring numba
+
+    if thruster.polynomial is not None:
+        return [check_polynomial(side) for side in thruster.polynomial]
+    assert thruster.table is not None
+    if thruster.dead_band:
+        raise ConfigurationError(
+            "thruster dead_band: a table has its own, its commands of zero thrust"
+        )
+    return check_table(*thruster.table)
 
 
 def _refuse_curve(figures: Mapping[str, Any]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from uuv.models.hydrodynamics import StripDrag
 from uuv.models.water_from_geometry.scan import scanned
+from uuv.models.water_from_geometry.surface import UnionSurface, box_axes
 from uuv.sim.interfaces.spatial import Array, exp_so3
 
 SLENDER = 3.0  # length over width from which a body is a strip
@@ -119,3 +120,59 @@ def strip_of(
         normal=float(force[1:].mean()) / length,
         tangential=float(force[0]) / length,
     )
+
+
+def drag_of(
+    corners: Array, center: Array, surface: UnionSurface, density: float
+) -> tuple[StripDrag | None, Array, str, str]:
+    """Strip or None, quadratic damping (6,), origin in words, value in words."""
+    R = box_axes(corners)
+    order = np.argsort(-np.ptp((corners @ R).reshape(-1, 3), axis=0), kind="stable")
+    R = R[:, order]
+    R = R * [1.0, 1.0, np.sign(np.linalg.det(R))]
+    turned = corners @ R
+
+    length, *across = np.ptp(turned.reshape(-1, 3), axis=0)
+    slenderness = float(length / np.sqrt(np.prod(across)))
+    aside = float(np.linalg.norm(center))
+
+    if slenderness >= SLENDER or aside > ASIDE * length:
+        outlines = silhouettes(turned)
+        along = turned[..., 0] - center @ R[:, 0]
+        strip = strip_of(R, np.array([along.min(), along.max(), length]), center, outlines, density)
+        why = (
+            f"{slenderness:.1f} times as long as wide"
+            if slenderness >= SLENDER
+            else "its middle is off its origin"
+        )
+        figure = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
+        return strip, np.zeros(6), f"a strip, {why}; {_coefficients(outlines)}", figure
+
+    outlines = silhouettes(corners)
+    C = outlines.coefficients
+    area = outlines.area
+    turning = np.array([np.average(np.delete(C, k), weights=np.delete(area, k)) for k in range(3)])
+    quadratic = 0.5 * density * np.concatenate([C * area, turning * _spin(corners, surface)])
+
+    return (
+        None,
+        quadratic,
+        f"projected areas; {_coefficients(outlines)}",
+        figures(quadratic) + " N s^2/m^2, N m s^2",
+    )
+
+
+def _spin(corners: Array, surface: UnionSurface) -> Array:
+    """Spin integrals (3,) of the surface, or of the shells where it does not hold the body."""
+    if surface.holds_body:
+        return spin_integral(surface.vertices, surface.triangles)
+    return spin_integral(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+
+
+def _coefficients(seen: Silhouettes) -> str:
+    return f"C_d {figures(seen.coefficients)} on {figures(1e4 * seen.area)} cm^2"
+
+
+def figures(values: Array) -> str:
+    """Numbers in words, with three digits."""
+    return " ".join(f"{number:.3g}" for number in np.where(np.abs(values) < 1e-9, 0.0, values))

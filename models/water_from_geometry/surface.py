@@ -25,6 +25,8 @@ _ASKEW = 0.4  # [rad] of their grid about the axis
 _PLATE = 0.01  # of all lines that meet a union: as many meet a plate
 _FACING = 0.95  # cosine between an axis and the normal of a plate across it
 _ALIKE = 1.0 + 1e-6  # ratio of two diagonals that count as equal, whatever the rounding
+# volume of a surface before its offset over the true one, within which it counts as the body
+_HELD = (0.85, 1.15)
 _PAD = 0.37  # of a cell, between the union and the first points of the grid
 
 
@@ -37,6 +39,11 @@ class UnionSurface:
     held: float  # volume before the offset, over that of the union
     # largest relative difference of its projected areas along three axes from those of the union
     missed: float
+
+    @property
+    def holds_body(self) -> bool:
+        """True if the volume before the offset is near that of the union."""
+        return _HELD[0] < self.held < _HELD[1]
 
 
 def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurface:

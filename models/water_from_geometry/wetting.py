@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from uuv.models import hydrodynamics
-from uuv.models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, moved_added_mass
+from uuv.models.hydrodynamics import SEA_WATER, BodyHydrodynamics, moved_added_mass
 from uuv.models.water_from_geometry import panels as panel_method
 from uuv.models.water_from_geometry.choices import (
     CHOICES,
@@ -25,14 +25,7 @@ from uuv.models.water_from_geometry.choices import (
     PANELS,
     Choice,
 )
-from uuv.models.water_from_geometry.drag import (
-    ASIDE,
-    SLENDER,
-    Silhouettes,
-    silhouettes,
-    spin_integral,
-    strip_of,
-)
+from uuv.models.water_from_geometry.drag import drag_of, figures
 from uuv.models.water_from_geometry.geoms import (
     GeomShells,
     exact_volume,
@@ -43,7 +36,7 @@ from uuv.models.water_from_geometry.geoms import (
 from uuv.models.water_from_geometry.panels import PanelSolution
 from uuv.models.water_from_geometry.scan import scanned
 from uuv.models.water_from_geometry.shells import convex_hull
-from uuv.models.water_from_geometry.surface import UnionSurface, box_axes, union_surface
+from uuv.models.water_from_geometry.surface import UnionSurface, union_surface
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, shown
 
@@ -51,8 +44,6 @@ _COARSER = 4.0  # panels of the fine surface over those of the coarse one
 _FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree
 _LINES = 240  # across the longer side of a body, for its volume
 _ASKEW = exp_so3([0.4, -0.7, 0.3])  # axes of the lines: no face of a usual body is parallel to them
-# volume of a surface before its offset over the true one, within which it counts as the body
-_HELD = (0.85, 1.15)
 _MISSED = 0.1  # relative difference of projected areas from which a finer surface is tried
 _SOLID = 0.7  # volume over that of the convex hull, below which a body is an open frame
 _CLOSED_FORMS = ("sphere", "ellipsoid")  # of the added mass
@@ -111,6 +102,40 @@ def wet(
         ConfigurationError: a model that does not compile, in which no moving body has geoms; a geom
             or body without a volume or of more than 20 m; arguments out of range.
     """
+    density = _checked(geoms, density, panels)
+    for k, body in enumerate(spec.bodies[1:], start=1):
+        body.name = body.name or f"body_{k}"
+
+    model = _compiled(spec)
+    if not moving_bodies(model):
+        raise ConfigurationError(
+            "no body moves, so none feels water; a vehicle needs a free joint (for a URDF: "
+            "--free), an arm joints"
+        )
+
+    bodies, origins, dry = _waters(spec, model, geoms, density, panels)
+    hydrodynamics.attach(spec, bodies, density)
+    spec.option.density = spec.option.viscosity = 0.0
+    for body in spec.bodies[1:]:
+        body.gravcomp = 0.0
+
+    if metacentric_height is not None:
+        name, row = _trimmed(spec, model, bodies, metacentric_height)
+        bodies[name] = hydrodynamics.attached(spec)[name]
+        origins = [
+            row,
+            *(
+                o
+                for o in origins
+                if o.body != name or o.quantity not in ("volume", "centre of buoyancy")
+            ),
+        ]
+
+    return Wetted(spec=spec, bodies=bodies, origins=tuple(origins), dry=tuple(dry))
+
+
+def _checked(geoms: Choice, density: float, panels: int) -> float:
+    """The density as a number; ConfigurationError for arguments of `wet` that are out of range."""
     if geoms not in CHOICES:
         raise ConfigurationError(f"geoms: allowed {', '.join(CHOICES)}, got {shown(geoms)}")
     density = finite_number(density, "density [kg/m^3]", above=0.0, most=1e5)
@@ -123,18 +148,13 @@ def wet(
             f"panels: expected a whole number from {FEWEST_PANELS} to {MOST_PANELS}, got "
             f"{shown(panels)}"
         )
+    return density
 
-    for k, body in enumerate(spec.bodies[1:], start=1):
-        body.name = body.name or f"body_{k}"
 
-    model = _compiled(spec)
-    moving = moving_bodies(model)
-    if not moving:
-        raise ConfigurationError(
-            "no body moves, so none feels water; a vehicle needs a free joint (for a URDF: "
-            "--free), an arm joints"
-        )
-
+def _waters(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, geoms: Choice, density: float, panels: int
+) -> tuple[dict[str, BodyHydrodynamics], list[Origin], list[str]]:
+    """Water of the moving bodies by name, the table of its numbers, and what got none and why."""
     bodies: dict[str, BodyHydrodynamics] = {}
     origins: list[Origin] = []
     alike: dict[bytes, str] = {}  # a body of each shape
@@ -144,7 +164,7 @@ def wet(
         if model.body_weldid[i] == 0
     ]
 
-    for i in moving:
+    for i in moving_bodies(model):
         name = model.body(i).name
         chosen, which = geoms_of(model, i, geoms)
         if not chosen:
@@ -179,24 +199,7 @@ def wet(
 
     if not bodies:
         raise ConfigurationError(f"no moving body has geoms to displace water: {'; '.join(dry)}")
-    hydrodynamics.attach(spec, bodies, density)
-    spec.option.density = spec.option.viscosity = 0.0
-    for body in spec.bodies[1:]:
-        body.gravcomp = 0.0
-
-    if metacentric_height is not None:
-        name, row = _trimmed(spec, model, bodies, metacentric_height)
-        bodies[name] = hydrodynamics.attached(spec)[name]
-        origins = [
-            row,
-            *(
-                o
-                for o in origins
-                if o.body != name or o.quantity not in ("volume", "centre of buoyancy")
-            ),
-        ]
-
-    return Wetted(spec=spec, bodies=bodies, origins=tuple(origins), dry=tuple(dry))
+    return bodies, origins, dry
 
 
 def water_of_shells(
@@ -240,19 +243,8 @@ def _body(
 ) -> tuple[BodyHydrodynamics, list[Origin]]:
     """Coefficients of one body, and their origins."""
     corners = np.vstack([part.shells.corners for part in parts])
-    volume, center, spread, wander = _volume(corners)
-    how = "; ".join(dict.fromkeys(part.shells.said for part in parts if part.kind == "mesh"))
-    method = "lines through the union" if spread else "tetrahedra of its triangles"
-    source = f"{method}, {which}" + (f" ({how})" if how else "")
-
     plain = len(parts) == 1 and parts[0].kind != "mesh"
-    if plain:
-        volume = exact_volume(parts[0])
-        center = parts[0].p
-        spread = 0.0
-        wander = 0.0
-        source = f"closed form of a {parts[0].kind}, {which}"
-
+    volume, center, spread, wander, source = _measured(parts, corners, which, plain)
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     closing = sum(part.shells.doubt for part in parts) / volume
     spread = max(spread, closing)
@@ -267,7 +259,7 @@ def _body(
     )
 
     sort = "plain" if plain else "solid" if volume > _SOLID * convex_hull(corners)[1] else "frame"
-    strip, quadratic, drag_source, drag_figure = _drag(corners, center, surface, density)
+    strip, quadratic, drag_source, drag_figure = drag_of(corners, center, surface, density)
 
     water = BodyHydrodynamics(
         volume=volume,
@@ -287,11 +279,11 @@ def _body(
         ),
         (
             "centre of buoyancy",
-            f"{_row(1e3 * center)} mm",
+            f"{figures(1e3 * center)} mm",
             source,
             f"{1e3 * max(wander, 0.25 * min(closing, 1.0) * extent):.2g} mm" if spread else "exact",
         ),
-        ("added mass", _row(np.diag(matrix)) + " kg, kg m^2", from_where, doubt),
+        ("added mass", figures(np.diag(matrix)) + " kg, kg m^2", from_where, doubt),
         ("drag", drag_figure, drag_source, factor),
         ("linear damping", "0", "not known from geometry", "unknown"),
     )
@@ -300,6 +292,24 @@ def _body(
         Origin(body=name, quantity=quantity, value=figure, origin=origin, uncertainty=uncertainty)
         for quantity, figure, origin, uncertainty in rows
     ]
+
+
+def _measured(
+    parts: list[GeomShells], corners: Array, which: str, plain: bool
+) -> tuple[float, Array, float, float, str]:
+    """Volume [m^3], centre (3,) [m], their spread as of `_volume`, and where they are from.
+
+    Of a `plain` shape in closed form, without spread.
+    """
+    volume, center, spread, wander = _volume(corners)
+    if plain:
+        source = f"closed form of a {parts[0].kind}, {which}"
+        return exact_volume(parts[0]), parts[0].p, 0.0, 0.0, source
+
+    how = "; ".join(dict.fromkeys(part.shells.said for part in parts if part.kind == "mesh"))
+    method = "lines through the union" if spread else "tetrahedra of its triangles"
+    source = f"{method}, {which}" + (f" ({how})" if how else "")
+    return volume, center, spread, wander, source
 
 
 def _volume(corners: Array) -> tuple[float, Array, float, float]:
@@ -338,7 +348,7 @@ def _panelled(
 
     def solved(count: int) -> tuple[UnionSurface, PanelSolution | None]:
         surface = union_surface(corners, volume, count)
-        if not _HELD[0] < surface.held < _HELD[1]:
+        if not surface.holds_body:
             return surface, None
         return surface, panel_method.added_mass(surface.vertices, surface.triangles, density)
 
@@ -417,57 +427,6 @@ def _added_mass(
     return hull_solution.added_mass, source, f"factor {_HULL_FACTOR:g}"
 
 
-def _drag(
-    corners: Array, center: Array, surface: UnionSurface, density: float
-) -> tuple[StripDrag | None, Array, str, str]:
-    """Strip or None, quadratic damping (6,), origin in words, value in words."""
-    R = box_axes(corners)
-    order = np.argsort(-np.ptp((corners @ R).reshape(-1, 3), axis=0), kind="stable")
-    R = R[:, order]
-    R = R * [1.0, 1.0, np.sign(np.linalg.det(R))]
-    turned = corners @ R
-
-    length, *across = np.ptp(turned.reshape(-1, 3), axis=0)
-    slenderness = float(length / np.sqrt(np.prod(across)))
-    aside = float(np.linalg.norm(center))
-
-    if slenderness >= SLENDER or aside > ASIDE * length:
-        outlines = silhouettes(turned)
-        along = turned[..., 0] - center @ R[:, 0]
-        strip = strip_of(R, np.array([along.min(), along.max(), length]), center, outlines, density)
-        why = (
-            f"{slenderness:.1f} times as long as wide"
-            if slenderness >= SLENDER
-            else "its middle is off its origin"
-        )
-        figure = f"{strip.normal:.3g} across, {strip.tangential:.3g} along kg/m^2"
-        return strip, np.zeros(6), f"a strip, {why}; {_coefficients(outlines)}", figure
-
-    outlines = silhouettes(corners)
-    C = outlines.coefficients
-    area = outlines.area
-    turning = np.array([np.average(np.delete(C, k), weights=np.delete(area, k)) for k in range(3)])
-    quadratic = 0.5 * density * np.concatenate([C * area, turning * _spin(corners, surface)])
-
-    return (
-        None,
-        quadratic,
-        f"projected areas; {_coefficients(outlines)}",
-        _row(quadratic) + " N s^2/m^2, N m s^2",
-    )
-
-
-def _spin(corners: Array, surface: UnionSurface) -> Array:
-    """Spin integrals (3,) of the surface, or of the shells where it does not hold the body."""
-    if _HELD[0] < surface.held < _HELD[1]:
-        return spin_integral(surface.vertices, surface.triangles)
-    return spin_integral(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-
-
-def _coefficients(seen: Silhouettes) -> str:
-    return f"C_d {_row(seen.coefficients)} on {_row(1e4 * seen.area)} cm^2"
-
-
 def _trimmed(
     spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: dict[str, BodyHydrodynamics], height: float
 ) -> tuple[str, Origin]:
@@ -487,7 +446,7 @@ def _trimmed(
     return names[0], Origin(
         body=names[0],
         quantity="volume, trimmed",
-        value=f"{1e3 * after.volume:.4g} l, centre {_row(1e3 * after.center_of_buoyancy)} mm",
+        value=f"{1e3 * after.volume:.4g} l, centre {figures(1e3 * after.center_of_buoyancy)} mm",
         origin=f"{abs(change):.4g} l of {'foam added' if change > 0.0 else 'volume taken away'} "
         "for weightlessness, "
         f"the centre {1e3 * height:g} mm above that of mass",
@@ -510,7 +469,3 @@ def _counted(number: int, which: str) -> str:
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"
-
-
-def _row(values: Array) -> str:
-    return " ".join(f"{number:.3g}" for number in np.where(np.abs(values) < 1e-9, 0.0, values))

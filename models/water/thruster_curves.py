@@ -88,6 +88,21 @@ def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
     return (_without_zeros(first), _without_zeros(second)), None
 
 
+def agrees(curve: Array, thrust: tuple[float, float], band: float | None, least: float) -> bool:
+    """Whether a curve has these figures.
+
+    Args:
+        curve: row of a curve.
+        thrust: [N] magnitudes of the full thrust astern and ahead.
+        band: half width of the dead band, as a command; None: any.
+        least: [N] least thrust of a turning propeller.
+    """
+    full = (-thrust_at(curve, -1.0), thrust_at(curve, 1.0))
+    bands = (-curve[_LOW], curve[_HIGH])
+    stated = [*thrust, *(bands if band is None else (band, band)), least]
+    return np.allclose([*full, *bands, curve[_LEAST]], stated, rtol=1e-9, atol=0.0)
+
+
 def _without_zeros(coefficients: tuple[float, ...]) -> tuple[float, ...]:
     """Coefficients without the zeros that fill the shorter side up."""
     count = max((k + 1 for k, c in enumerate(coefficients) if c), default=0)

@@ -16,7 +16,7 @@ is stored in the actuator's gear, so that plant, allocation and MuJoCo use the s
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Any, Self
 
@@ -371,7 +371,8 @@ def unpack(row: Array) -> Thruster:
     """Decode the thruster of a row.
 
     Raises:
-        ConfigurationError: numbers that were changed to invalid values.
+        ConfigurationError: numbers that were changed to invalid values, or without those of the
+            curve, which repeats some; `changed` writes both.
     """
     from uuv.models.water import thruster_curves as rows
 
@@ -382,7 +383,7 @@ def unpack(row: Array) -> Thruster:
             f"thruster: its row of {len(row)} numbers is too short for a curve of {count}"
         )
     polynomial, table = rows.unpack(curve)
-    return Thruster(
+    thruster = Thruster(
         forward=float(row[FORWARD]),
         reverse=float(row[REVERSE]),
         dead_band=float(row[DEAD_BAND]),
@@ -395,6 +396,27 @@ def unpack(row: Array) -> Thruster:
         polynomial=polynomial,
         table=table,
     )
+
+    # A table has its own dead band.
+    band = thruster.dead_band if table is None else None
+    if not rows.agrees(curve, (thruster.reverse, thruster.forward), band, thruster.least_thrust):
+        raise ConfigurationError(
+            "thruster: its row says other numbers than its curve (thrust, dead band or least "
+            "thrust); attach the changed thruster"
+        )
+    return thruster
+
+
+def changed(row: Array, **values: float) -> Array:
+    """A thruster's row with other `values` of the fields of `Thruster`, also in its curve.
+
+    Raises:
+        ConfigurationError: invalid values.
+    """
+    packed = np.array(row)
+    whole = pack(replace(unpack(row), **values))
+    packed[: len(whole)] = whole
+    return packed
 
 
 def carries(row: Array) -> bool:

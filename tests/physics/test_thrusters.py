@@ -420,6 +420,27 @@ def test_a_row_spoiled_in_the_file():
         thrusters.read(spec.compile())
 
 
+def test_a_row_that_says_another_dead_band_than_its_curve():
+    """The plant drives by the curve: the other number would be without effect."""
+    spec = driven(Thruster(forward=40.0, reverse=30.0, dead_band=0.05))
+    row = np.array(spec.actuators[0].userdata)
+    row[thrusters.DEAD_BAND] = 0.1
+    spec.actuators[0].userdata = row
+    with pytest.raises(ConfigurationError, match=r"actuator 'screw'.*dead band"):
+        thrusters.read(spec.compile())
+
+
+def test_a_changed_row_has_its_numbers_in_the_curve_too(within):
+    spec = driven(Thruster(forward=40.0, reverse=30.0, dead_band=0.05))
+    row = thrusters.changed(np.array(spec.actuators[0].userdata), dead_band=0.1, forward=50.0)
+    spec.actuators[0].userdata = row
+    _, rows = thrusters.read(spec.compile())
+    unpacked = thrusters.unpack(rows[0])
+    assert (unpacked.dead_band, unpacked.forward, unpacked.reverse) == (0.1, 50.0, 30.0)
+    curve = thrusters.curves(rows)[0]
+    within("no thrust in the band [N]", thrust_at(curve, 0.0999), 1e-12)
+
+
 def test_table_for_an_actuator_that_is_not_there():
     with pytest.raises(ConfigurationError, match=r"thruster 'bow'.*thruster_sway"):
         thrusters.attach(models.load("uuv_puma"), {"bow": Thruster(forward=1.0, reverse=1.0)})

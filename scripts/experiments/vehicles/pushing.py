@@ -22,7 +22,6 @@ from uuv.controllers.tuning import HULL
 from uuv.models.naming import CAMERA_SITE, HOME_KEY, TOOL_GEOM
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
-from uuv.models.water.thrusters import DEAD_BAND, TIME_CONSTANT
 from uuv.own_vehicle import OwnVehicle
 from uuv.perturbations.perturbation import Loop, Perturbation
 from uuv.runner import run_through
@@ -67,6 +66,12 @@ class PushCase:
     lost: int | None = None  # index of the thruster that stops in the middle of the first push
     noticed: float = np.inf  # [s] after which the allocation excludes it
     seed: int = 0
+
+    @property
+    def thruster(self) -> dict[str, float]:
+        """Fields of every thruster that the case changes."""
+        asked = {"time_constant": self.lag, "dead_band": self.dead_band}
+        return {name: number for name, number in asked.items() if number is not None}
 
 
 @dataclass(slots=True, eq=False)
@@ -307,10 +312,10 @@ class _PushTask(Task):
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedPush":
         """Station keeping at W's origin; the controller knows the thrusters of the case."""
-        told = {TIME_CONSTANT: self.case.lag, DEAD_BAND: self.case.dead_band}
-        for column, value in told.items():
-            if value is not None:
-                own.model.actuator_user[own.vehicle.thruster_actuators, column] = value
+        rows = own.model.actuator_user
+        for index in own.vehicle.thruster_actuators:
+            rows[index] = thrusters.changed(rows[index], **self.case.thruster)
+
         return PlacedPush(
             task=self, own=own, keeper=HullController(self.case, own.model, self.push, self.felt)
         )
@@ -350,9 +355,8 @@ class PlacedPush(PlacedTask):
             joint.springref = home.qpos[address] = q
         for actuator in vehicle.actuators:
             if thrusters.carries(np.array(actuator.userdata)):
-                for column, value in ((TIME_CONSTANT, case.lag), (DEAD_BAND, case.dead_band)):
-                    if value is not None:
-                        actuator.userdata[column] = value
+                row = np.array(actuator.userdata)
+                actuator.userdata = thrusters.changed(row, **case.thruster)
         return vehicle
 
     def planner(self) -> StayPut:

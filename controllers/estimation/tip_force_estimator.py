@@ -22,6 +22,7 @@ from uuv.controllers.estimation.tip_force_kernels import (
     SenseTiming,
     Tare,
     add_to_tare,
+    contact_wrench,
     estimate_tip_force,
     feel_by_torques,
     find_sigma,
@@ -31,7 +32,7 @@ from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels.slots import Slot, empty_slot
 from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
-from uuv.sim.interfaces.spatial import Array, skew
+from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,9 +94,8 @@ class ContactState:
         """Contact wrench (6,) [N, N m] on the hull through the arm, at the hull's origin in hull
         axes.
         """
-        contact_B = np.zeros(6)
-        contact_B[:3] = self.sensed.f_B
-        contact_B[3:] = skew(self.sensed.X_BG[:3, 3]) @ self.sensed.f_B
+        contact_B = np.empty(6)
+        contact_wrench(self.sensed.X_BG, self.sensed.f_B, contact_B)
         return contact_B
 
 

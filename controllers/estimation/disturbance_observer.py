@@ -1,4 +1,5 @@
-"""Disturbance observer of the hull: current, error of the thrusters' gain, and a steady force.
+"""Disturbance observer of the hull: current from its drag, error of the thrusters' gain, and a
+steady force.
 
 The hull's momentum is predicted from its inertia, the thrust, and the arm's wrench. The remaining
 change of momentum is split by the signature of each cause. Per hull axis i, with v the velocity of
@@ -19,7 +20,6 @@ The moment is a single disturbance, estimated by a Luenberger observer, since a 
 gives next to none.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -29,9 +29,8 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
 
-@dataclass(slots=True, eq=False)
-class DisturbanceObserverState:
-    """State of the observer; arrays change in place."""
+class DisturbanceObserverState(NamedTuple):
+    """State of the observer; arrays, changed in place."""
 
     v_W: Array  # (3,) [m/s] of the hull
     current_W: Array  # (3,) [m/s] of the water
@@ -41,7 +40,22 @@ class DisturbanceObserverState:
     w_B: Array  # (3,) [rad/s] of the hull
     moment_B: Array  # (3,) [N m] disturbance moment, hull axes
     arm_B: Array  # (6,) [N, N m] of the arm on the hull, at the last step
-    begun: bool = False
+    begun: np.ndarray  # (1,) bool
+
+
+class ObservedHull(NamedTuple):
+    """Inertia and drag of the hull, and the assumed noise."""
+
+    mass: Array  # (3, 3) [kg]
+    inverse_mass: Array  # (3, 3)
+    lever: Array  # (3, 3) [kg m] momentum of the turning
+    turning: Array  # (3, 3) [kg m^2]
+    inverse_turning: Array  # (3, 3)
+    linear: Array  # (6,)
+    quadratic: Array  # (6,)
+    # (4,) standard deviations of velocity, and of the walks of current, gain and offset
+    noise: Array
+    moment_bandwidth: float  # [rad/s]
 
 
 class DisturbanceObserver:
@@ -64,10 +78,8 @@ class DisturbanceObserver:
         """
         self._beliefs = beliefs or ObserverDeviations()
         b = self._beliefs
-        mass = inertia[:3, :3].copy()
-        turning = inertia[3:, 3:].copy()
-
-        self._hull = _Hull(
+        mass, turning = inertia[:3, :3].copy(), inertia[3:, 3:].copy()
+        self.hull = ObservedHull(
             mass=mass,
             inverse_mass=np.asarray(np.linalg.inv(mass), dtype=np.float64),
             lever=inertia[:3, 3:].copy(),
@@ -76,186 +88,103 @@ class DisturbanceObserver:
             linear=np.array(linear),
             quadratic=np.array(quadratic),
             noise=np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk]),
-            moment_bandwidth=b.moment_bandwidth,
+            moment_bandwidth=float(b.moment_bandwidth),
         )
-
-        self._hull_fields = tuple(self._hull)
 
     def init(self) -> DisturbanceObserverState:
         """Initial state: no current and no disturbance, with the assumed initial variances."""
-        b = self._beliefs
-        m = self._hull.mass.diagonal()
+        b, m = self._beliefs, self.hull.mass.diagonal()
         P = np.zeros((3, 4, 4))
         for i in range(3):
             P[i] = np.diag([b.velocity_noise**2, b.current**2, b.gain**2, (b.offset * m[i]) ** 2])
         return DisturbanceObserverState(
-            np.zeros(3),
-            np.zeros(3),
-            np.zeros(3),
-            np.zeros(3),
-            P,
-            np.zeros(3),
-            np.zeros(3),
-            np.zeros(6),
+            v_W=np.zeros(3),
+            current_W=np.zeros(3),
+            gain=np.zeros(3),
+            offset_W=np.zeros(3),
+            P=P,
+            w_B=np.zeros(3),
+            moment_B=np.zeros(3),
+            arm_B=np.zeros(6),
+            begun=np.zeros(1, dtype=np.bool_),
         )
-
-    def step(
-        self,
-        state: DisturbanceObserverState,
-        R_WB: Array,
-        v_WB_B: Array,
-        w_WB_B: Array,
-        given_B: Array,
-        arm_B: Array,
-        static_B: Array,
-        dt: float,
-    ) -> None:
-        """Update the estimates with the hull's velocity and the wrenches during the last `dt`.
-
-        Args:
-            state: of `init`, or as the last step left it; changed in place.
-            R_WB: (3, 3) attitude of the hull.
-            v_WB_B: (3,) [m/s] measured velocity of the hull, hull axes.
-            w_WB_B: (3,) [rad/s] measured angular velocity of the hull, hull axes.
-            given_B: (6,) [N, N m] mean wrench of the thrusters during `dt`, hull axes.
-            arm_B: (6,) [N, N m] wrench of the arm on the hull now, hull axes.
-            static_B: (6,) [N, N m] weight and buoyancy of the hull, hull axes.
-            dt: [s] since the last step.
-        """
-        if not state.begun:
-            state.v_W[:] = R_WB @ v_WB_B
-            state.w_B[:] = w_WB_B
-            state.begun = True
-            state.arm_B[:] = arm_B
-            return
-
-        # Mean of the arm's wrench over the step
-        other_B = 0.5 * (arm_B + state.arm_B) + static_B
-
-        _observe(
-            self._hull_fields,
-            (R_WB, v_WB_B, w_WB_B),
-            (given_B, other_B),
-            dt,
-            (
-                state.v_W,
-                state.current_W,
-                state.gain,
-                state.offset_W,
-                state.P,
-                state.w_B,
-                state.moment_B,
-            ),
-        )
-
-        state.arm_B[:] = arm_B
-
-    def unknown(
-        self, state: DisturbanceObserverState, R_WB: Array, v_WB_B: Array, given_B: Array
-    ) -> Array:
-        """Estimated disturbance wrench (6,) beside thrusters, arm, weight and buoyancy, hull axes.
-
-        Args:
-            state: of the observer.
-            R_WB: (3, 3) attitude of the hull.
-            v_WB_B: (3,) [m/s] velocity of the hull, hull axes; its angular velocity is taken as
-                zero.
-            given_B: (6,) [N, N m] wrench demanded of the thrusters, hull axes.
-
-        Returns:
-            The wrench (6,) [N, N m], hull axes at the hull's origin.
-        """
-        u = v_WB_B - R_WB.T @ state.current_W
-        wrench = np.empty(6)
-        wrench[:3] = R_WB.T @ state.offset_W + state.gain * given_B[:3]
-        wrench[:3] -= (self._hull.linear[:3] + self._hull.quadratic[:3] * np.abs(u)) * u
-        wrench[3:] = state.moment_B
-        return wrench
-
-
-class _Hull(NamedTuple):
-    """Inertia and drag of the hull, and the assumed noise."""
-
-    mass: Array  # (3, 3) [kg]
-    inverse_mass: Array  # (3, 3)
-    lever: Array  # (3, 3) [kg m] momentum of the turning
-    turning: Array  # (3, 3) [kg m^2]
-    inverse_turning: Array  # (3, 3)
-    linear: Array  # (6,)
-    quadratic: Array  # (6,)
-    # (4,) standard deviations of velocity, and of the walks of current, gain and offset
-    noise: Array
-    moment_bandwidth: float  # [rad/s]
 
 
 @kernel
-def _observe(hull, seen, wrenches, dt, state):
-    """Step of all filters.
+def observe(hull, state, seen, wrenches, dt):
+    """Update the estimates with the hull's velocity now and the wrenches of the last `dt`.
 
     Args:
-        hull: fields of `_Hull`, in a tuple.
-        seen: attitude R_WB, and velocities v_B [m/s] and w_B [rad/s].
-        wrenches: (6,) [N, N m] mean wrenches over the step, hull axes: of the thrusters, all others
-            known.
-        dt: [s] of the step.
-        state: v_W, current_W, gain, offset_W, P, w_B and moment_B of `DisturbanceObserverState`;
-            updated.
+        hull: `ObservedHull`.
+        state: `DisturbanceObserverState`; updated.
+        seen: attitude R_WB (3, 3), and measured velocities v_WB_B [m/s] and w_WB_B [rad/s].
+        wrenches: (6,) [N, N m] each, hull axes: mean one of the thrusters during `dt`, that of the
+            arm now, weight and buoyancy of the hull.
+        dt: [s] since the last step.
     """
-    hull = _Hull(*hull)
-    R_WB, v_B, w_WB_B = seen
-    given_B, other_B = wrenches
-    v_W, current_W, gain, offset_W, P, w_B, moment_B = state
+    R_WB, v_B, w_B = seen
+    given_B, arm_B, static_B = wrenches
+    if not state.begun[0]:
+        state.v_W[:], state.w_B[:], state.begun[0] = R_WB @ v_B, w_B, True
+        state.arm_B[:] = arm_B
+        return
+    other_B = 0.5 * (arm_B + state.arm_B) + static_B
+    _observe_moving(hull, (R_WB, v_B, w_B - state.w_B), given_B, other_B, dt, state)
+    _observe_turning(hull, w_B, given_B, other_B, dt, state)
+    state.arm_B[:] = arm_B
 
-    _observe_moving(
-        hull, (R_WB, v_B, w_WB_B - w_B), given_B, other_B, dt, (v_W, current_W, gain, offset_W, P)
-    )
-    _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B)
+
+@kernel
+def unknown_wrench(hull, state, R_WB, v_B, given_B):
+    """Estimated disturbance wrench (6,) [N, N m] beside thrusters, arm, weight and buoyancy, hull
+    axes.
+
+    Args:
+        hull: `ObservedHull`.
+        state: `DisturbanceObserverState`.
+        R_WB: (3, 3) attitude of the hull.
+        v_B: (3,) [m/s] velocity of the hull, hull axes; its angular velocity is taken as zero.
+        given_B: (6,) [N, N m] wrench demanded of the thrusters, hull axes.
+    """
+    flow_B, offset_B = R_WB.T @ state.current_W, R_WB.T @ state.offset_W
+    wrench_B = np.empty(6)
+    for i in range(3):
+        u = v_B[i] - flow_B[i]
+        drag = (hull.linear[i] + hull.quadratic[i] * abs(u)) * u
+        wrench_B[i] = offset_B[i] + state.gain[i] * given_B[i] - drag
+        wrench_B[3 + i] = state.moment_B[i]
+    return wrench_B
 
 
 @kernel
 def _observe_moving(hull, seen, given_B, other_B, dt, state):
-    """Step of the four-state filters; `seen` ends with the change of angular velocity [rad/s]."""
+    """Step of the three four-state filters; the last of `seen` (3,) [rad/s] is the change of the
+    angular velocity.
+    """
     R_WB, v_B, turned = seen
-    v_W, current_W, gain, offset_W, P = state
-    mass = hull.mass
-    inverse_mass = hull.inverse_mass
-    lever = hull.lever
-    numbers = hull.noise
-    linear = hull.linear
-    quadratic = hull.quadratic
-
-    R_WB = R_WB.copy()
+    v_W, current_W, gain, offset_W = state.v_W, state.current_W, state.gain, state.offset_W
+    P = state.P
+    mass, inverse_mass, lever, numbers = hull.mass, hull.inverse_mass, hull.lever, hull.noise
+    linear, quadratic = hull.linear, hull.quadratic
     R_BW = R_WB.T.copy()
-    u = R_BW @ (v_W - current_W)
-    offset = R_BW @ offset_W
-
-    # Known forces, with drag against the moving water
+    u, offset = R_BW @ (v_W - current_W), R_BW @ offset_W
     known = given_B[:3] * (1.0 + gain) + other_B[:3] + offset
     for i in range(3):
         known[i] -= (linear[i] + quadratic[i] * abs(u[i])) * u[i]
-
     # Momentum in world axes: rotation adds no further terms, except that of the lever.
     v_W += R_WB @ (inverse_mass @ (dt * known - lever @ turned))
-
-    # Innovation
     error = v_B - R_BW @ v_W
-
-    dv = np.empty(3)
-    dc = np.empty(3)
-    dd = np.empty(3)
+    dv, dc, dd = np.empty(3), np.empty(3), np.empty(3)
     noise = numbers * numbers
-    F = np.eye(4)
-    K = np.empty(4)
-
-    # One extended Kalman filter per hull axis
+    F, K = np.eye(4), np.empty(4)
     for i in range(3):
         slope = (linear[i] + 2.0 * quadratic[i] * abs(u[i])) * dt / mass[i, i]
-        F[0, 0] = 1.0 - slope
-        F[0, 1] = slope
-        F[0, 2] = given_B[i] * dt / mass[i, i]
-        F[0, 3] = dt / mass[i, i]
-
-        # Prediction: water that accelerates carries the hull along
+        F[0, 0], F[0, 1], F[0, 2], F[0, 3] = (
+            1.0 - slope,
+            slope,
+            given_B[i] * dt / mass[i, i],
+            dt / mass[i, i],
+        )
         Pi = F @ P[i] @ F.T.copy()
         walk = noise[1] * dt
         Pi[0, 0] += walk
@@ -264,39 +193,28 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
         Pi[1, 1] += walk
         Pi[2, 2] += noise[2] * dt
         Pi[3, 3] += noise[3] * mass[i, i] ** 2 * dt
-
-        # Update by the measured velocity
         s = Pi[0, 0] + noise[0]
         for j in range(4):
             K[j] = Pi[j, 0] / s
         for j in range(4):
             for k in range(4):
                 P[i, j, k] = Pi[j, k] - K[j] * s * K[k]
-
-        dv[i] = K[0] * error[i]
-        dc[i] = K[1] * error[i]
-        dd[i] = K[3] * error[i]
+        dv[i], dc[i], dd[i] = K[0] * error[i], K[1] * error[i], K[3] * error[i]
         gain[i] = min(max(gain[i] + K[2] * error[i], -0.5), 0.5)
-
-    # Corrections in world axes
     v_W += R_WB @ dv
     current_W += R_WB @ dc
     offset_W += R_WB @ dd
 
 
 @kernel
-def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
-    """Step of the moment observer: `w_B` tracks the measured rate, by the moment `moment_B`."""
-    turning = hull.turning
-    inverse_turning = hull.inverse_turning
-    pace = hull.moment_bandwidth * dt
-    linear = hull.linear[3:]
-    quadratic = hull.quadratic[3:]
-    spin = np.empty(3)
-    net = np.empty(3)
-    error = np.empty(3)
-
-    # Net moment: drag and gyroscopic moment of the measured rate
+def _observe_turning(hull, w_WB_B, given_B, other_B, dt, state):
+    """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance
+    that this takes.
+    """
+    w_B, moment_B = state.w_B, state.moment_B
+    turning, inverse_turning, pace = hull.turning, hull.inverse_turning, hull.moment_bandwidth * dt
+    linear, quadratic = hull.linear[3:], hull.quadratic[3:]
+    spin, net, error = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
         spin[i] = turning[i, 0] * w_WB_B[0] + turning[i, 1] * w_WB_B[1] + turning[i, 2] * w_WB_B[2]
     for i in range(3):
@@ -304,8 +222,6 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
         drag = (linear[i] + quadratic[i] * abs(w_WB_B[i])) * w_WB_B[i]
         gyroscopic = w_WB_B[j] * spin[k] - w_WB_B[k] * spin[j]
         net[i] = given_B[3 + i] + other_B[3 + i] + moment_B[i] - drag - gyroscopic
-
-    # Predicted rate and its error
     for i in range(3):
         w_B[i] += dt * (
             inverse_turning[i, 0] * net[0]
@@ -314,8 +230,6 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
         )
         error[i] = w_WB_B[i] - w_B[i]
         w_B[i] += min(1.0, 2.0 * pace) * error[i]
-
-    # Moment that takes the error away
     for i in range(3):
         moment_B[i] += (
             pace**2

@@ -22,6 +22,7 @@ from uuv.controllers.estimation.tip_force_kernels import (
     SenseTiming,
     Tare,
     add_to_tare,
+    contact_wrench,
     estimate_tip_force,
     feel_by_torques,
     find_sigma,
@@ -31,7 +32,7 @@ from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels.slots import Slot, empty_slot
 from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
-from uuv.sim.interfaces.spatial import Array, skew
+from uuv.sim.interfaces.spatial import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,11 +91,11 @@ class ContactState:
         self.record.sigma_G[:] = estimate.sigma_G
 
     def wrench_B(self) -> Array:
-        """Contact wrench (6,) [N, N m] on the hull through the arm, at its origin in hull axes."""
-        contact_B = np.zeros(6)
-        contact_B[:3] = self.sensed.f_B
-        contact_B[3:] = skew(self.sensed.X_BG[:3, 3]) @ self.sensed.f_B
-
+        """Contact wrench (6,) [N, N m] on the hull through the arm, at the hull's origin in hull
+        axes.
+        """
+        contact_B = np.empty(6)
+        contact_wrench(self.sensed.X_BG, self.sensed.f_B, contact_B)
         return contact_B
 
 
@@ -120,23 +121,22 @@ class ContactEstimator(Protocol):
 
 
 class TorqueResidual:
-    """Common part of the estimators: the arm's motion, and its torques beyond the model's."""
+    """Common part of the estimators: the arm's motion, and its torques less those of the model
+    without contact.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float
     ) -> None:
-        self._arm = arm
-        self._tuning = tuning
-        self._vehicle = Vehicle.of(model)
+        self._arm, self._tuning, self._vehicle = arm, tuning, Vehicle.of(model)
         self.timing = SenseTiming(period, tuning.acceleration_filter, tuning.force_filter)
         self._slow_ticks = max(1, round(tuning.hover_period / period))
 
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction."""
-        n = self._arm.n
-        believed = self._arm.parameters
+        n, own = self._arm.n, self._arm.parameters
         return ContactState(
-            arm=believed._replace(numbers=believed.numbers.copy()),
+            arm=own._replace(numbers=own.numbers.copy()),
             record=ContactRecord(
                 sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
                 tare=Tare.start(n),
@@ -154,15 +154,14 @@ class TorqueResidual:
     def _sense(
         self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array
     ) -> float:
-        """Force into `f_tip_W`, motion and residual into `state.sensed`; returns the normal one."""
-        e = estimate
-        floor = state.floor
+        """Force from the torque sensors into `f_tip_W`, motion and residual into `state.sensed`;
+        the normal force.
+        """
+        e, floor = estimate, state.floor
         if e.tau_doubt is not None:
             floor = np.hypot(floor, e.tau_doubt)
-
         readings = (e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, current_W, e.q, e.qd, e.tau)
         errors = (state.bias, floor, self._tuning.torques.share)
-
         return estimate_tip_force(
             tuple(state.arm), readings, errors, self.timing, tuple(state.sensed), f_tip_W
         )
@@ -177,7 +176,9 @@ class TorqueResidual:
 
 
 class TorqueSensors(TorqueResidual):
-    """Contact force from torque sensors on the gear outputs, with the payload identified."""
+    """Contact force from torque sensors on the gear outputs; the payload is identified while the
+    arm unfolds.
+    """
 
     def __init__(
         self,
@@ -202,18 +203,15 @@ class TorqueSensors(TorqueResidual):
         """
         tuning = tuning or ArmTuning()
         super().__init__(model, arm or ArmDynamics(model, water_error=water_error), tuning, period)
-
         self._period = period
         self._payload = PayloadIdentification(self._arm)
         self._force_share = share = min(1.0, period / tuning.force_filter)
-
         gears = FrictionTracking(
             armature=np.array(self._vehicle.armature),
             damping=np.array(self._vehicle.joint_damping),
             most=tuning.gears.excess * (friction or self._vehicle.dry_friction).stiction,
             share=min(1.0, period / tuning.gears.filter),
         )
-
         self.gains = FeelGains(
             timing=self.timing,
             noise=tuning.torques.share,
@@ -264,7 +262,8 @@ class TorqueSensors(TorqueResidual):
         find_sigma(self.gains, estimate.tau, state.record)
 
     def sense(self, state: ContactState, estimate: StateEstimate, drives: DriveState) -> None:
-        """Force, friction and motion of one sample, without tare and payload; the sigma stays.
+        """Force, friction and motion of one sample, without tare and payload; the sigma stays as it
+        is.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -279,16 +278,15 @@ class TorqueSensors(TorqueResidual):
         feel_by_torques(state.arm, self.gains, readings, doubt, drives.tau, state.record)
 
     def weigh(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
-        """Identify the payload while the arm unfolds; adopt it at the first tool pose.
+        """Identify the payload while the arm unfolds; adopt it at the first tool pose, still free
+        of contact.
 
         Args:
             state: as `sense` left it; changed in place.
             estimate: of the vehicle now.
             reference: says when the arm begins its work.
         """
-        sensed = state.sensed
-        payload = state.own
-
+        sensed, payload = state.sensed, state.own
         if reference.X_WG is not None:
             state.excess = self._payload.excess(payload)
             state.arm.numbers[:] = self._payload.weighed(state.excess).numbers

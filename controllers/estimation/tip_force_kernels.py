@@ -115,6 +115,23 @@ def add_to_tare(tare, tau_e, bias):
 
 
 @kernel
+def contact_wrench(X_BG, f_B, wrench_B):
+    """Contact wrench on the hull through the arm, at the hull's origin in hull axes.
+
+    Args:
+        X_BG: (4, 4) tip pose in the hull's frame.
+        f_B: (3,) [N] force of the world on the tip, hull axes.
+        wrench_B: (6,) [N, N m] output.
+    """
+    lever_B = np.zeros((3, 3))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        lever_B[i, j], lever_B[i, k] = -X_BG[k, 3], X_BG[j, 3]
+    wrench_B[:3] = f_B
+    wrench_B[3:] = lever_B @ f_B
+
+
+@kernel
 def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
     """Filtered force of the world on the tip from torque sensors less the arm model.
 

@@ -13,7 +13,7 @@ drag, and cancels it. The observer replaces an integral term. It uses the thrust
 saturation causes no windup.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -22,24 +22,103 @@ from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.estimation.disturbance_observer import (
     DisturbanceObserver,
     DisturbanceObserverState,
+    ObservedHull,
+    observe,
+    unknown_wrench,
 )
 from uuv.controllers.tuning import HULL, ObserverDeviations
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.rotations import log_of_rotation
 from uuv.sim.interfaces.messages import StateEstimate
-from uuv.sim.interfaces.spatial import Array, checked, log_so3, readonly, skew
+from uuv.sim.interfaces.spatial import Array, checked, readonly, skew
 
 _STILL = readonly(np.zeros(3))
 
 
-@dataclass(slots=True, eq=False)
-class StationKeepingState:
-    """State of station keeping."""
+class StationKeepingState(NamedTuple):
+    """State of station keeping; arrays, changed in place."""
 
     observer: DisturbanceObserverState
     # (6,) [N, N m] mean wrench of the thrusters since the last step; the demand, unless overwritten
     given_B: Array
+
+
+class StationGains(NamedTuple):
+    """Constants of station keeping."""
+
+    stiffness: float  # [1/s^2]
+    damping: float  # [1/s]
+    inertia: Array  # (6, 6) [kg, kg m, kg m^2] with the arm's, hull axes at the hull's origin
+    static: Array  # (6, 3) weight and buoyancy, times the unit vector up in hull axes
+    hull: ObservedHull  # without the arm
+
+
+class HullMotion(NamedTuple):
+    """Estimated motion of the hull."""
+
+    X_WB: Array  # (4, 4) pose
+    v_B: Array  # (3,) [m/s] velocity, hull axes
+    w_B: Array  # (3,) [rad/s] angular velocity, hull axes
+
+
+class HullTarget(NamedTuple):
+    """Motion of the hull wanted."""
+
+    X_WB: Array  # (4, 4) pose
+    v_W: Array  # (3,) [m/s] its velocity, W
+    w_W: Array  # (3,) [rad/s] its angular velocity, W
+
+
+@kernel
+def keep_station(gains, state, motion, target, arm_B, dt):
+    """Wrench (6,) [N, N m] that the thrusters should put on the hull, hull axes at its origin.
+
+    Args:
+        gains: `StationGains`.
+        state: `StationKeepingState`; updated, with the demand as the wrench given.
+        motion: `HullMotion` now.
+        target: `HullTarget`.
+        arm_B: (6,) [N, N m] wrench of the arm on the hull, hull axes, to be cancelled.
+        dt: [s] since the last step.
+    """
+    R_WB = motion.X_WB[:3, :3].copy()
+    static_B = gains.static @ R_WB[2]
+    wrenches = state.given_B, arm_B, static_B
+    observe(gains.hull, state.observer, (R_WB, motion.v_B, motion.w_B), wrenches, dt)
+
+    # Feedback.
+    p_error_B = R_WB.T @ (target.X_WB[:3, 3] - motion.X_WB[:3, 3])
+    turn_error_B = log_of_rotation(R_WB.T @ target.X_WB[:3, :3].copy())
+    v_wanted_B, w_wanted_B = R_WB.T @ target.v_W, R_WB.T @ target.w_W
+    acceleration = np.empty(6)
+    for i in range(3):
+        v_error, w_error = v_wanted_B[i] - motion.v_B[i], w_wanted_B[i] - motion.w_B[i]
+        acceleration[i] = gains.stiffness * p_error_B[i] + gains.damping * v_error
+        acceleration[3 + i] = gains.stiffness * turn_error_B[i] + gains.damping * w_error
+
+    # Feedforward.
+    unknown_B = unknown_wrench(gains.hull, state.observer, R_WB, v_wanted_B, state.given_B)
+    wrench_B = gains.inertia @ acceleration - static_B - arm_B - unknown_B
+    state.given_B[:] = wrench_B
+    return wrench_B
+
+
+@kernel
+def through_water(state, motion):
+    """Velocity of the hull relative to the water (6,) [m/s, rad/s], hull axes.
+
+    Args:
+        state: `StationKeepingState`.
+        motion: `HullMotion` now.
+    """
+    flow_B = motion.X_WB[:3, :3].copy().T @ state.observer.current_W
+    nu_B = np.empty(6)
+    for i in range(3):
+        nu_B[i], nu_B[3 + i] = motion.v_B[i] - flow_B[i], motion.w_B[i]
+    return nu_B
 
 
 class StationKeeping:
@@ -82,16 +161,13 @@ class StationKeeping:
                 "the hull has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec"
             )
         own = hull_inertia(model, vehicle.hull, 1.0 + water_error)
-        # (6, 6) [kg, kg m, kg m^2] with the arm's, hull axes at the hull's origin
-        self.inertia = own.copy()
+        self.inertia = own.copy()  # (6, 6) of `StationGains`
         if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(
             model.body_mass[vehicle.hull]
         ):
             arm = ArmDynamics(model, water_error=water_error)
         if arm is not None:
             self.inertia += _arm_inertia(arm, vehicle.q_home)
-        self._stiffness = frequency**2  # [1/s^2]
-        self._damping = 2.0 * damping * frequency  # [1/s]
         gravity = -float(model.opt.gravity[2])
         mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
         water = hydrodynamics.without_forms(
@@ -109,7 +185,13 @@ class StationKeeping:
             density * water.volume * water.center_of_buoyancy
             - mass * np.array(model.body_ipos[vehicle.hull])
         )
-        self._static = np.vstack([net * np.eye(3), skew(righting)])  # (6, 3), times up in hull axes
+        self.gains = StationGains(
+            stiffness=float(frequency**2),
+            damping=float(2.0 * damping * frequency),
+            inertia=self.inertia,
+            static=np.vstack([net * np.eye(3), skew(righting)]),
+            hull=self._observer.hull,
+        )
 
     def init(self) -> StationKeepingState:
         """Initial state: no current known, no thrust given."""
@@ -119,7 +201,7 @@ class StationKeeping:
         """Weight and buoyancy of the hull alone at attitude `R_WB` (3, 3): wrench (6,) [N, N m],
         hull axes.
         """
-        return self._static @ R_WB[2]
+        return self.gains.static @ R_WB[2]
 
     def current(self, state: StationKeepingState) -> Array:
         """Estimated current (3,) [m/s] in W, also during contact.
@@ -132,8 +214,7 @@ class StationKeeping:
 
     def through_water(self, state: StationKeepingState, estimate: StateEstimate) -> Array:
         """Velocity of the hull relative to the water (6,) [m/s, rad/s], hull axes."""
-        through = estimate.v_WB_B - estimate.X_WB[:3, :3].T @ state.observer.current_W
-        return np.concatenate([through, estimate.w_WB_B])
+        return through_water(state, motion_of(estimate))
 
     def step(
         self,
@@ -147,8 +228,8 @@ class StationKeeping:
     ) -> Array:
         """Wrench (6,) [N, N m] that the thrusters should put on the hull, hull axes.
 
-        Sets `state.given_B` to this same array. A caller that knows better what the thrusters will
-        give until the next step assigns another.
+        It is left in `state.given_B` too. A caller that knows better what the thrusters will give
+        until the next step writes that there.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -163,24 +244,15 @@ class StationKeeping:
         Returns:
             The wrench (6,) [N, N m], hull axes at the hull's origin.
         """
-        R_WB, v_B, w_B = estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B
-        static = self.static_wrench(R_WB)
-        self._observer.step(state.observer, R_WB, v_B, w_B, state.given_B, arm_wrench_B, static, dt)
-        p_error = X_WB_wanted[:3, 3] - estimate.X_WB[:3, 3]
-        turn_error = log_so3(R_WB.T @ X_WB_wanted[:3, :3])
-        acceleration = np.concatenate(
-            [
-                self._stiffness * (R_WB.T @ p_error)
-                + self._damping * (R_WB.T @ v_WB_W_wanted - v_B),
-                self._stiffness * turn_error + self._damping * (R_WB.T @ w_WB_W_wanted - w_B),
-            ]
-        )
-        unknown = self._observer.unknown(
-            state.observer, R_WB, R_WB.T @ v_WB_W_wanted, state.given_B
-        )
-        wrench = self.inertia @ acceleration - static - arm_wrench_B - unknown
-        state.given_B = wrench
-        return wrench
+        wanted = (np.array(part) for part in (X_WB_wanted, v_WB_W_wanted, w_WB_W_wanted))
+        target, arm_B = HullTarget(*wanted), np.array(arm_wrench_B)
+        return keep_station(self.gains, state, motion_of(estimate), target, arm_B, float(dt))
+
+
+def motion_of(estimate: StateEstimate) -> HullMotion:
+    """Motion of the hull in a message; copies."""
+    e = estimate
+    return HullMotion(np.array(e.X_WB), np.array(e.v_WB_B), np.array(e.w_WB_B))
 
 
 def quickness(model: mujoco.MjModel) -> float:

@@ -9,7 +9,8 @@ current would carry the vehicle onto the object.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -20,8 +21,8 @@ from uuv.controllers.hull.priorities import PRIORITIES_AFTER_LOSS
 from uuv.controllers.tuning import SAFETY
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at
-from uuv.models.water.thrusters import curves
-from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
 # [rad], slides [m], from the folded arm's joint angles, up to which the tool is near nothing
@@ -36,15 +37,61 @@ class DepartureStage:
     thrusters: Array  # (m,) normalised propeller speed in [-1, 1]
 
 
-@dataclass(slots=True, eq=False)
-class HullBalance:
-    """Means of what balances the hull, over some `SAFETY.balance_time`."""
+class HeldHull(NamedTuple):
+    """Means of what holds the hull, over some `SAFETY.balance_time`; arrays, changed in place."""
 
-    time: float = -math.inf  # [s] of the newest command
-    step: object = None  # what tells that command of the hull from the next
-    # (m,) [N] steady, in still water; empty: none yet
-    thrust: Array = field(default_factory=lambda: np.zeros(0))
-    force_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [N] of the contact
+    begun: np.ndarray  # (1,) bool: there has been a command
+    time: Array  # (1,) [s] of the newest one
+    thrust: Array  # (m,) [N] steady, in still water
+    force_W: Array  # (3,) [N] of the contact
+    touches: np.ndarray  # (1,) bool: the tool is to touch something
+    set_force_W: Array  # (3,) [N] of the contact, where the estimate has none
+
+    @classmethod
+    def start(cls, thrusters: int) -> "HeldHull":
+        """No command yet of so many thrusters."""
+        return cls(
+            begun=np.zeros(1, dtype=np.bool_),
+            time=np.zeros(1),
+            thrust=np.zeros(thrusters),
+            force_W=np.zeros(3),
+            touches=np.zeros(1, dtype=np.bool_),
+            set_force_W=np.zeros(3),
+        )
+
+    def refer(self, reference: Reference) -> None:
+        """Take the contact that is wanted under the set points of the commands that follow."""
+        self.touches[0] = reference.set_force > 0.0 or reference.force_control
+        X_WG = reference.X_WG
+        self.set_force_W[:] = 0.0 if X_WG is None else -reference.set_force * X_WG[:3, 2]
+
+
+@kernel
+def follow(curves, balance_time, command, time, held):
+    """Take a new command of the hull into the means of what holds it.
+
+    Args:
+        curves: of the thrusters.
+        balance_time: [s] of the means.
+        command: `Commanded`, finite. Its contact counts while the tool is to touch something; where
+            it is unknown, the set force does.
+        time: [s] of it.
+        held: `HeldHull`; updated.
+    """
+    estimated, wanted = np.isfinite(command.f_W.sum()), np.isfinite(held.set_force_W.sum())
+    share = 1.0
+    if held.begun[0]:
+        share = 1.0 - math.exp(-max(time - held.time[0], 0.0) / balance_time)
+    for i in range(3):
+        force = 0.0
+        if held.touches[0] and (estimated or wanted):
+            force = command.f_W[i] if estimated else held.set_force_W[i]
+        held.force_W[i] += share * (force - held.force_W[i])
+    for i in range(curves.shape[0]):
+        thrust = thrust_at(curves[i], command.thrusters[i])
+        held.thrust[i] += share * (thrust - held.thrust[i])
+    held.time[0] = time
+    held.begun[0] = True
 
 
 class BlindDeparture:
@@ -62,55 +109,30 @@ class BlindDeparture:
             ConfigurationError: the thrusters do not span all six directions.
         """
         self._arm, self._allocation = arm, Allocation(vehicle)
-        self._B, self._curves = np.array(vehicle.thruster_wrench), curves(vehicle.thruster_table)
+        self._B = np.array(vehicle.thruster_wrench)
         self._q_home = np.array(vehicle.q_home)
         self._mass = float(model.body_subtreemass[vehicle.hull])
 
-    def follow(
-        self, balance: HullBalance, command: Command, reference: Reference, time: float
-    ) -> None:
-        """Take each new command of the hull into its balance.
-
-        Args:
-            balance: changed in place.
-            command: finite. Its estimate of the contact counts while the tool is to touch
-                something; where it is unknown, the set force does.
-            reference: set points that it follows.
-            time: [s] of it.
-        """
-        step = time if command.hull_load is None else command.hull_load
-        if step == balance.step:
-            return
-        thrust = np.array(
-            [thrust_at(*one) for one in zip(self._curves, command.thrusters, strict=True)]
-        )
-        force_W = _contact_force(command, reference)
-        if balance.thrust.size:
-            share = 1.0 - math.exp(-max(time - balance.time, 0.0) / SAFETY.balance_time)
-            thrust = balance.thrust + share * (thrust - balance.thrust)
-            force_W = balance.force_W + share * (force_W - balance.force_W)
-        balance.time, balance.step, balance.thrust, balance.force_W = time, step, thrust, force_W
-
     def stages(
-        self, balance: HullBalance, sound: StateEstimate, lost: tuple[int, ...]
+        self, held: HeldHull, sound: StateEstimate, lost: tuple[int, ...]
     ) -> tuple[DepartureStage, ...]:
         """Stages of the departure in their order, at most two; none before the first sound command.
 
         Args:
-            balance: what has held the hull until now.
+            held: what has held the hull until now.
             sound: the last sound estimate.
             lost: indices of thrusters that are not to be used.
         """
-        if not balance.thrust.size:
+        if not held.begun[0]:
             return ()
         R_BW, up_W, held_B = (
             sound.X_WB[:3, :3].T,
             np.array([0.0, 0.0, 1.0]),
-            self._B @ balance.thrust,
+            self._B @ held.thrust,
         )
         legs = [(SAFETY.leave_time, up_W), (SAFETY.leave_time + SAFETY.rise_time, up_W)]
         if self._arm is not None and np.abs(sound.q - self._q_home).max() > _FOLDED:
-            X_BG, force_B = self._arm.tip(sound.q)[0], R_BW @ balance.force_W
+            X_BG, force_B = self._arm.tip(sound.q)[0], R_BW @ held.force_W
             held_B += np.append(force_B, np.cross(X_BG[:3, 3], force_B))
             off_W = -R_BW.T @ X_BG[:3, 2]
             up_W = ascent_direction(off_W)
@@ -129,19 +151,6 @@ class BlindDeparture:
             wrench_B = held_B + np.append(push_B if found else push_B + braking_B, np.zeros(3))
             found.append(DepartureStage(until, allocation.command(allocation.thrust(wrench_B))))
         return tuple(found)
-
-
-def _contact_force(command: Command, reference: Reference) -> Array:
-    """Contact force (3,) [N], W, that the thrusts are to balance; zero where none is meant to
-    be.
-    """
-    if reference.set_force > 0.0 or reference.force_control:
-        X_WG = reference.X_WG
-        set_force_W = np.zeros(3) if X_WG is None else -reference.set_force * X_WG[:3, 2]
-        for force_W in (command.contact.force_W, set_force_W):
-            if math.isfinite(force_W[0] + force_W[1] + force_W[2]):
-                return force_W
-    return np.zeros(3)
 
 
 def ascent_direction(normal_W: Array) -> Array:

@@ -26,12 +26,22 @@ from them.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from uuv.controllers.hull.station_keeping import hull_inertia
+from uuv.controllers.safety.hull_residuals import (
+    BEGAN,
+    MISSED,
+    NOBODY,
+    HullBalance,
+    HullBalanceModel,
+    HullLimits,
+    HullResiduals,
+    HullSeen,
+    balance_hull,
+)
 from uuv.controllers.safety.joint_residuals import (
     JointResidualModel,
     JointResiduals,
@@ -42,64 +52,34 @@ from uuv.controllers.safety.thruster_probe import ProbeState, ThrusterProbe, is_
 from uuv.controllers.tuning import FaultLimits
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
-from uuv.models.water.thruster_curves import thrust_at, thrust_in_flow
+from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
-from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
-_SLACK = 1.2  # [-] by which a thruster that is stuck may seem to give more than it can
 _FOLLOWED = 1.0  # [s] after a stuck thruster was found, for which what it gives is followed
 # [-] share of the thrust asked for, below which a failed thruster counts as giving none
 _DEAD = 0.2
-
-
-class HullResiduals(NamedTuple):
-    """Momentum balance of the hull, and the propellers as predicted; arrays, changed in place."""
-
-    speed: Array  # (m,) [-] predicted propeller speeds, normalised
-    passed: Array  # (m,) [-] command after the slew limit
-    thrusters: Array  # (m,) [-] last command
-    nu_slow: Array  # (6,) [m/s, rad/s] filtered, hull axes
-    rest: Array  # (6,) [N, N m] drag and gyroscopic terms less thrust and arm wrench, filtered
-    missing: Array  # (6,) [N, N m] unexplained wrench on the hull
-    missing_usual: Array  # (6,) [N, N m] its average
-    # (3,) [m/s] average of the estimated current; that of now also holds part of what a fault does
-    current_W: Array
-    inflow: Array  # (m,) [m/s] speed of advance through that current along the thrust
-    thrust: Array  # (m,) [N] predicted, in the inflow
-    thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
-    lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
-
-
-class _HullModel(NamedTuple):
-    inertia: Array  # (6, 6) with added mass
-    added: Array  # (6, 6)
-    linear: Array  # (6, 6)
-    quadratic: Array  # (6,)
-    curves: Array  # of the thrusters
-    lags: Array  # (m, 2) time constant [s], slew rate [1/s]
-    loss: Array  # (m,) [N s/m] of thrust by inflow
-    advance: Array  # (6, m) levers of the inflow
-    B: Array  # (6, m) wrench of unit thrusts
-    ends: Array  # (m, 2) [N] full thrust astern and ahead
-    scale: Array  # (6,) that converts moments to forces
 
 
 @dataclass(slots=True, eq=False)
 class FaultDetectionState:
     """State of fault detection; arrays change in place."""
 
-    began: float  # [s] of the first estimate
     joints: JointResiduals
     hull: HullResiduals
-    hull_time: float  # [s] of the last momentum balance of the hull
     asked: Array  # (m,) last thruster commands of the controller
     load_seen: HullLoad | None = None  # of the last momentum balance, to recognise a new one
     probe: ProbeState | None = None  # of a thruster under suspicion
     # [s] for each thruster, when a probe last found it sound
     cleared: list[float] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)  # found so far
+
+    @property
+    def began(self) -> float:
+        """Time [s] of the first estimate."""
+        return float(self.hull.numbers[BEGAN])
 
     def has(self, kind: FaultKind, index: int = -1) -> bool:
         """True if a fault of this kind, on the part with this index, has been found."""
@@ -142,7 +122,11 @@ class FaultDetection:
         water = hydrodynamics.without_forms(
             model.body_user[vehicle.hull], "fault detection's model of the hull"
         )
-        self._hull = hull = _HullModel(
+        B = np.array(vehicle.thruster_wrench)
+        scale = np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3])
+        force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(scale[:, None] * B, 2))
+        self._telling = telling = moment > limits.thruster_moment * force
+        model_of_hull = HullBalanceModel(
             inertia=hull_inertia(model, vehicle.hull, 1.0),
             added=np.array(water.added_mass),
             linear=np.array(water.linear_damping),
@@ -151,44 +135,25 @@ class FaultDetection:
             lags=np.array(table[:, [TIME_CONSTANT, SLEW_RATE]]),
             loss=np.array(table[:, INFLOW_LOSS]),
             advance=inflow_levers(table, vehicle.thruster_wrench),
-            B=np.array(vehicle.thruster_wrench),
+            B=B,
             ends=np.array(
                 [[thrust_at(curve, end) for end in (-1.0, 1.0)] for curve in curves(table)]
-            ),
-            scale=np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3]),
+            ).reshape(-1, 2),
+            scale=scale,
+            confirm=np.where(telling, limits.thruster_confirm, limits.current_confirm),
+            limits=_hull_limits(limits),
         )
-        force, moment = (
-            np.linalg.norm(part, axis=0) for part in np.vsplit(hull.scale[:, None] * hull.B, 2)
-        )
-        telling = moment > limits.thruster_moment * force
-        self._telling = telling
-        self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
-        self._probe = ThrusterProbe(hull.curves, hull.lags, hull.loss, limits)
+        self.hull: HullBalanceModel = as_annotated(model_of_hull)
+        self._probe = ThrusterProbe(self.hull.curves, self.hull.lags, self.hull.loss, limits)
 
     def init(self, estimate: StateEstimate) -> FaultDetectionState:
         """Initial state at the first `estimate`: no faults."""
         m = len(self._vehicle.thruster_names)
-        thruster, six = (lambda: np.zeros(m)), (lambda: np.zeros(6))
         return FaultDetectionState(
-            began=estimate.time,
-            hull_time=estimate.time,
-            asked=thruster(),
-            cleared=[-np.inf] * m,
             joints=JointResiduals.start(estimate.q, estimate.qd, estimate.tau),
-            hull=HullResiduals(
-                speed=thruster(),
-                passed=thruster(),
-                thrusters=thruster(),
-                nu_slow=six(),
-                rest=six(),
-                missing=six(),
-                missing_usual=six(),
-                current_W=np.zeros(3),
-                inflow=thruster(),
-                thrust=thruster(),
-                thrust_usual=thruster(),
-                lost_for=thruster(),
-            ),
+            hull=HullResiduals.start(m, estimate.time),
+            asked=np.zeros(m),
+            cleared=[-np.inf] * m,
         )
 
     def step(
@@ -211,69 +176,71 @@ class FaultDetection:
         seen = (estimate.q, estimate.qd, estimate.tau)
         suspect = update_residuals(tuple(self.joints), seen, age, warm, tuple(state.joints))
         state.joints.tau_motor[:] = command.joint_torque
-        return self.judge(state, estimate, command, suspect=warm and suspect)
+        balance = self.balance(state, estimate, command.hull_load)
+        thrusters = command.thrusters
+        return self.judge(state, estimate, thrusters, suspect=warm and suspect, balance=balance)
 
     def judge(
         self,
         state: FaultDetectionState,
         estimate: StateEstimate,
-        command: Command,
+        thrusters: Array,
         *,
         suspect: bool,
+        balance: HullBalance | None,
     ) -> tuple[Fault, ...]:
-        """All faults after a sample; `suspect`: the residuals of the joints need evaluation."""
+        """All faults after a sample.
+
+        Args:
+            state: of the detection, with the residuals of now; changed in place.
+            estimate: of the vehicle now.
+            thrusters: (m,) commands of the controller.
+            suspect: the residuals of the joints need evaluation.
+            balance: of the hull's momentum, where one was taken.
+        """
         if suspect:
             self.judge_joints(state, estimate.time)
         if not estimate.vision_age > self.limits.vision_age:  # also where the age is unknown (nan)
             state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
         else:
             state.add(Fault(kind=FaultKind.VISION, part="", index=-1, time=estimate.time))
-        self.judge_hull(state, estimate, command)
+        if balance is not None:
+            self._judge_hull(state, estimate, thrusters, balance)
         return tuple(state.faults)
 
-    def judge_hull(
-        self, state: FaultDetectionState, estimate: StateEstimate, command: Command
-    ) -> None:
-        """Balance the hull's momentum, and register a thruster as lost that explains what is
-        missing.
-
-        Args:
-            state: of the detection; changed in place.
-            estimate: of the vehicle now.
-            command: nothing is done unless its `hull_load` is new.
-        """
-        load = command.hull_load
+    def balance(
+        self, state: FaultDetectionState, estimate: StateEstimate, load: HullLoad | None
+    ) -> HullBalance | None:
+        """Balance of the hull's momentum under a `load`; None unless that is new."""
         if load is None or load is state.load_seen:
-            return
+            return None
         state.load_seen = load
+        e = estimate
+        moving = (np.array(part) for part in (e.X_WB, e.v_WB_B, e.w_WB_B))
+        seen = HullSeen(float(e.time), *moving, np.array(load.current_W), load.arm_wrench_B.copy())
+        return HullBalance(*balance_hull(self.hull, seen, state.hull))
+
+    def _judge_hull(
+        self,
+        state: FaultDetectionState,
+        estimate: StateEstimate,
+        thrusters: Array,
+        balance: HullBalance,
+    ) -> None:
+        """Register what navigation and a balance of the hull's momentum tell of."""
         state.faults.extend(
-            found for found in sensor_faults(estimate) if not state.has(found.kind, found.index)
+            fault for fault in sensor_faults(estimate) if not state.has(fault.kind, fault.index)
         )
-        dt = estimate.time - state.hull_time
-        state.hull_time = estimate.time
-        if dt <= 0.0:
+        if balance.dt <= 0.0:
             return
-        state.hull.current_W[:] += self._learning(state, estimate.time, dt) * (
-            load.current_W - state.hull.current_W
-        )
-        seen = (
-            estimate.X_WB[:3, :3],
-            estimate.v_WB_B,
-            estimate.w_WB_B,
-            load.current_W,
-            load.arm_wrench_B,
-        )
-        _hull(self._hull, seen, dt, self.limits.hull_time, state.hull)
-        warm = estimate.time - state.began > self.limits.warm_up
         probe = state.probe
-        self._learn_or_suspect(
-            state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm
-        )
+        if balance.suspect != NOBODY:
+            self._accuse(state, balance.suspect, estimate.time)
         if probe is not None:
-            self._go_on_probing(state, probe, estimate.time, dt)
+            self._go_on_probing(state, probe, estimate.time, balance.dt)
         self._refine(state, estimate.time)
-        state.asked[:] = command.thrusters
-        state.hull.thrusters[:] = self.sent(state, command.thrusters)
+        state.asked[:] = thrusters
+        state.hull.thrusters[:] = self.sent(state, thrusters)
 
     def sent(self, state: FaultDetectionState, thrusters: Array) -> Array:
         """Commands (m,) to the thrusters, `thrusters` (m,) of the controller with the doublet of a
@@ -293,12 +260,12 @@ class FaultDetection:
                 and time - fault.time < _FOLLOWED
             ):
                 gives = float(hull.thrust[fault.index]) + self._along(hull, fault.index)
-                ends = self._hull.ends[fault.index]
+                ends = self.hull.ends[fault.index]
                 state.faults[k] = replace(fault, thrust=float(np.clip(gives, *ends)))
 
     def _along(self, hull: HullResiduals, thruster: int) -> float:
         """Unusual part of the missing wrench along the column of a thruster [N]."""
-        column, scale = self._hull.scale * self._hull.B[:, thruster], self._hull.scale
+        column, scale = self.hull.scale * self.hull.B[:, thruster], self.hull.scale
         return float(column @ (scale * (hull.missing - hull.missing_usual)) / (column @ column))
 
     def _go_on_probing(
@@ -390,145 +357,38 @@ class FaultDetection:
         gives = (
             0.0
             if abs(gives) < _DEAD * abs(thrust)
-            else float(np.clip(gives, *self._hull.ends[thruster]))
+            else float(np.clip(gives, *self.hull.ends[thruster]))
         )
         kind, name = FaultKind.THRUSTER, self._vehicle.thruster_names[thruster]
         state.add(
             Fault(kind=kind, part=name, index=thruster, time=time, figures=figures, thrust=gives)
         )
 
-    def _learning(self, state: FaultDetectionState, time: float, dt: float) -> float:
-        """Weight of a sample of `dt` [s] in the averages: a plain mean at first, then of the
-        learning time.
-        """
-        return min(1.0, dt / min(self.limits.hull_learning_time, max(time - state.began, dt)))
-
-    def _learn_or_suspect(
-        self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool
-    ) -> None:
-        limits, hull = self.limits, state.hull
-        size, asked, changed, best, missed = _explain(self._hull, hull, limits.thruster_leftover)
-        bound = (
-            limits.hull_force
-            + limits.hull_share * asked
-            + limits.hull_change * changed
-            + limits.hull_speed * speed
-        )
-        low, high = limits.thruster_loss
-        thrust = float(hull.thrust[best])
-        # Lost, or stuck at another thrust than is asked for.
-        suspect = best >= 0 and (
-            low * abs(thrust) < missed * np.sign(thrust) < high * abs(thrust) or size > bound
-        )
-        # A residual that no thruster loss explains, however large, is model drift and enters the
-        # average.
-        if not warm or size < 0.7 * bound or not suspect:
-            learn = self._learning(state, time, dt)
-            hull.missing_usual[:] += learn * (hull.missing - hull.missing_usual)
-            hull.thrust_usual[:] += learn * (hull.thrust - hull.thrust_usual)
-        lost_for = float(hull.lost_for[best]) + dt if warm and suspect and size > bound else 0.0
-        hull.lost_for[:] = 0.0
-        if lost_for > 0.0:
-            hull.lost_for[best] = lost_for
-            if lost_for < self._confirm[best] or state.has(FaultKind.THRUSTER, best):
-                return
-            if not self._telling[best]:
-                if state.probe is None and time - state.cleared[best] > limits.probe_again:
-                    state.probe = self._probe.begin(best, time, hull.passed, hull.speed)
-            else:
-                figures = f"gave {thrust - missed:.0f} N where {thrust:.0f} N were asked for"
-                self._fail(state, best, time, figures, thrust, missed)
+    def _accuse(self, state: FaultDetectionState, thruster: int, time: float) -> None:
+        """Register a thruster that explains what is missing as lost, or probe it first."""
+        if state.has(FaultKind.THRUSTER, thruster):
+            return
+        hull = state.hull
+        if not self._telling[thruster]:
+            if state.probe is None and time - state.cleared[thruster] > self.limits.probe_again:
+                state.probe = self._probe.begin(thruster, time, hull.passed, hull.speed)
+            return
+        thrust, missed = float(hull.thrust[thruster]), float(hull.numbers[MISSED])
+        figures = f"gave {thrust - missed:.0f} N where {thrust:.0f} N were asked for"
+        self._fail(state, thruster, time, figures, thrust, missed)
 
 
-@kernel
-def _hull(model, seen, dt, time, residuals):
-    """Unexplained wrench on the hull, `residuals.missing` (6,) [N, N m], after thrusts commanded
-    for `dt` [s].
-
-    Weight and righting moment of the hull change slowly and are left to the average.
-
-    Args:
-        model: `_HullModel`.
-        seen: attitude R_WB, velocities v_B and w_B, current in W, and wrench of the arm on the
-            hull.
-        dt: [s] since the last balance.
-        time: [s] of the filter.
-        residuals: `HullResiduals`; updated.
-    """
-    R_WB, v_B, w_B, current_W, arm_wrench_B = seen
-    inertia, lags, B, r = model.inertia, model.lags, model.B, residuals
-    nu, relative, advancing, force = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
-    for i in range(3):
-        nu[i], nu[3 + i] = v_B[i], w_B[i]
-        relative[i], relative[3 + i] = v_B[i], w_B[i]
-        advancing[i], advancing[3 + i] = v_B[i], w_B[i]
-        for j in range(3):
-            relative[i] -= R_WB[j, i] * current_W[j]
-            advancing[i] -= R_WB[j, i] * r.current_W[j]
-    p = inertia @ nu + model.added @ (relative - nu)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        force[i] = w_B[j] * p[k] - w_B[k] * p[j]
-        force[3 + i] = (
-            w_B[j] * p[3 + k] - w_B[k] * p[3 + j] + relative[j] * p[k] - relative[k] * p[j]
-        )
-    for i in range(6):
-        force[i] += model.quadratic[i] * abs(relative[i]) * relative[i] - arm_wrench_B[i]
-        for j in range(6):
-            force[i] += model.linear[i, j] * relative[j]
-    for t in range(r.speed.shape[0]):
-        wanted = min(max(r.thrusters[t], -1.0), 1.0)
-        if lags[t, 1] > 0.0:
-            wanted = min(max(wanted, r.passed[t] - lags[t, 1] * dt), r.passed[t] + lags[t, 1] * dt)
-        r.passed[t] = wanted
-        decay = np.exp(-dt / lags[t, 0]) if lags[t, 0] > 0.0 else 0.0
-        r.speed[t] = wanted + (r.speed[t] - wanted) * decay
-        inflow = 0.0
-        for i in range(6):
-            inflow += model.advance[i, t] * advancing[i]
-        r.inflow[t] = inflow
-        r.thrust[t] = thrust_in_flow(model.curves[t], model.loss[t], inflow, r.speed[t])
-        for i in range(6):
-            force[i] -= B[i, t] * r.thrust[t]
-    lag = min(1.0, dt / time)
-    rate = (nu - r.nu_slow) / time
-    for i in range(6):
-        r.nu_slow[i] += lag * (nu[i] - r.nu_slow[i])
-        r.rest[i] += lag * (force[i] - r.rest[i])
-    gained = inertia @ rate
-    for i in range(6):
-        r.missing[i] = gained[i] + r.rest[i]
-
-
-@kernel
-def _explain(model, residuals, leftover):
-    """Attribute the unusual part of the missing wrench to the thruster that explains it best.
-
-    Returns the size [N] of the unusual part, moments scaled; the sum of all thrusts [N], and how
-    much of it differs from the usual [N]; then the thruster, -1 if each leaves more than the share
-    `leftover` or would have to give more than it can, and the missing part of its thrust [N].
-    """
-    scale, B, missing, usual = model.scale, model.B, residuals.missing, residuals.missing_usual
-    thrust = residuals.thrust
-    best, missed = -1, 0.0
-    square, asked, changed = 0.0, 0.0, 0.0
-    for k in range(6):
-        square += (scale[k] * (missing[k] - usual[k])) ** 2
-    size = np.sqrt(square)
-    least = leftover * size
-    for t in range(thrust.shape[0]):
-        asked += abs(thrust[t])
-        changed += abs(thrust[t] - residuals.thrust_usual[t])
-        along, own = 0.0, 0.0
-        for k in range(6):
-            column = scale[k] * B[k, t]
-            along += column * scale[k] * (missing[k] - usual[k])
-            own += column * column
-        lost, left = -along / own, 0.0
-        for k in range(6):
-            left += (scale[k] * (missing[k] - usual[k]) + lost * scale[k] * B[k, t]) ** 2
-        left = np.sqrt(left)
-        gives = thrust[t] - lost
-        if left < least and _SLACK * model.ends[t, 0] <= gives <= _SLACK * model.ends[t, 1]:
-            best, missed, least = t, lost, left
-    return size, asked, changed, best, missed
+def _hull_limits(limits: FaultLimits) -> HullLimits:
+    least_loss, most_loss = limits.thruster_loss
+    return HullLimits(
+        warm_up=limits.warm_up,
+        time=limits.hull_time,
+        learning_time=limits.hull_learning_time,
+        leftover=limits.thruster_leftover,
+        force=limits.hull_force,
+        share=limits.hull_share,
+        change=limits.hull_change,
+        speed=limits.hull_speed,
+        least_loss=least_loss,
+        most_loss=most_loss,
+    )

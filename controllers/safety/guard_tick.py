@@ -1,14 +1,22 @@
-"""Tick of the safety wrapper: a controller by its address, between checks of what it sees and does.
+"""Tick of the safety wrapper: a controller by its address, between checks on both its sides.
 
-`SafetyWrapper.step` and the compiled ticks of the loop both call it. What a sound tick needs stands
-here; verdicts on residuals and on the hull are a slot in Python, which is called where there is
-something to judge.
+`SafetyWrapper.step` and the compiled ticks of the loop both call it. All residuals stand here:
+those of the joints at each tick, those of the hull at each of its steps. Verdicts are a slot in
+Python, which is called where a residual is beyond its bound, or a fault or a probe goes on.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from uuv.controllers.safety.blind_departure import HeldHull, follow
+from uuv.controllers.safety.hull_residuals import (
+    NOBODY,
+    HullBalanceModel,
+    HullResiduals,
+    HullSeen,
+    balance_hull,
+)
 from uuv.controllers.safety.joint_residuals import (
     JointResidualModel,
     JointResiduals,
@@ -26,7 +34,11 @@ FRESH = 1  # not 0: the time of the estimate has advanced
 SUSPECT = 2  # not 0: a residual of the joints' sensors needs evaluation
 FAULTY = 3  # not 0: a fault has been found
 JUDGED = 4  # steps of the hull that were judged
-NUMBERS = 5  # number of entries
+FOLLOWED = 5  # steps of the hull that the means for a departure know
+BALANCE_DT = 6  # [s] of `HullBalance`, of the present tick; nan: there was none in it
+ACCUSED = 7  # suspect of that
+PROBING = 8  # not 0: a thruster is being probed
+NUMBERS = 9  # number of entries
 
 
 class GuardLimits(NamedTuple):
@@ -35,6 +47,7 @@ class GuardLimits(NamedTuple):
     old_imu: float  # [s] age of the inertial unit's sample from which on there is no estimate
     vision_age: float  # [s] from which on vision is lost
     warm_up: float  # [s] after which residuals count
+    balance_time: float  # [s] of the means of what holds the hull
 
 
 class GuardRecord(NamedTuple):
@@ -42,11 +55,16 @@ class GuardRecord(NamedTuple):
 
     limits: GuardLimits
     model: JointResidualModel
+    hull_model: HullBalanceModel
     inner: int  # address of the wrapped controller's tick
     memory: int  # address of what that works on
     estimate: int  # address of the box of the estimate
     command: Commanded  # of the wrapped controller
+    thrusters: Array  # (m,) sent, with the doublet of a probe
     residuals: JointResiduals
+    hull: HullResiduals
+    asked: Array  # (m,) thruster commands of the controller at the last balance
+    held: HeldHull
     judge: Slot
     numbers: Array  # (NUMBERS,)
 
@@ -81,6 +99,9 @@ def guard_tick(box, estimate):
         return answer
     if not (np.isfinite(command.tau).all() and np.isfinite(command.thrusters).all()):
         return BROKEN
+    if command.hull_steps[0] != numbers[FOLLOWED]:
+        numbers[FOLLOWED] = command.hull_steps[0]
+        follow(guard.hull_model.curves, limits.balance_time, command, e.time[0], guard.held)
     if numbers[FRESH] == 0.0:
         return answer
 
@@ -90,15 +111,42 @@ def guard_tick(box, estimate):
     look = update_residuals(guard.model, (e.q, e.qd, e.tau), age, warm, guard.residuals)
     for j in range(command.tau.shape[0]):
         guard.residuals.tau_motor[j] = command.tau[j]
-
-    # Verdicts, where there is something to judge.
     numbers[SUSPECT] = warm and look
+
+    # Residuals of the hull, and verdicts, where there is something to judge.
+    stepped = command.hull_steps[0] != numbers[JUDGED]
+    numbers[JUDGED] = command.hull_steps[0]
+    hull_doubtful = _balance(guard, e, stepped)
     doubtful = numbers[SUSPECT] != 0.0 or numbers[FAULTY] != 0.0 or e.ages[0] > limits.vision_age
-    if doubtful or command.hull_steps[0] != numbers[JUDGED]:
+    if doubtful or hull_doubtful:
         judged = call(guard.judge)
         if judged != FINE:
             return judged
+    elif stepped:
+        for i in range(command.thrusters.shape[0]):
+            guard.thrusters[i] = command.thrusters[i]
+            if numbers[BALANCE_DT] > 0.0:
+                guard.asked[i] = guard.hull.thrusters[i] = command.thrusters[i]
     return answer
+
+
+@kernel
+def _balance(guard, e, stepped):
+    """Balance of the hull, if it has `stepped`; True where it needs a verdict."""
+    numbers, command = guard.numbers, guard.command
+    numbers[BALANCE_DT], numbers[ACCUSED] = np.nan, NOBODY
+    if not stepped or np.isnan(command.arm_wrench_B[0]):
+        return stepped and numbers[PROBING] != 0.0
+    load_W, load_B = command.current_W, command.arm_wrench_B
+    seen = HullSeen(e.time[0], e.X_WB, e.v_WB_B, e.w_WB_B, load_W, load_B)
+    numbers[BALANCE_DT], suspect = balance_hull(guard.hull_model, seen, guard.hull)
+    numbers[ACCUSED] = suspect
+
+    # What navigation says of its sensors: the checks of `sensor_checks`.
+    off = np.isfinite(e.ages[3])
+    for i in range(3):
+        off = off or e.gyro_off_B[i] != 0.0 or e.attitude_off_B[i] != 0.0
+    return off or suspect != NOBODY or numbers[PROBING] != 0.0
 
 
 @kernel

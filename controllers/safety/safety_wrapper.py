@@ -27,14 +27,16 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.safety.blind_departure import BlindDeparture, DepartureStage, HullBalance
+from uuv.controllers.safety.blind_departure import BlindDeparture, DepartureStage, HeldHull
 from uuv.controllers.safety.fault_detection import FaultDetection, FaultDetectionState
 from uuv.controllers.safety.guard_tick import (
+    ACCUSED,
+    BALANCE_DT,
     BEGAN,
     FAULTY,
     FRESH,
-    JUDGED,
     NUMBERS,
+    PROBING,
     SUSPECT,
     GuardLimits,
     GuardRecord,
@@ -42,6 +44,7 @@ from uuv.controllers.safety.guard_tick import (
     guard_box,
     guard_tick,
 )
+from uuv.controllers.safety.hull_residuals import HullBalance
 from uuv.controllers.tuning import SAFETY, FaultLimits
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -89,9 +92,9 @@ class SafetyWrapperState:
     command: Command  # the last finite one
     thrusters: Array  # (m,) sent, with the doublet of a probe
     commanded: Commanded  # of a wrapped controller in Python
+    held: HeldHull  # what a blind departure would need
     blind_for: float = 0.0  # [s] without a sound estimate, or command
     stopped: Fault | None = None  # the reason for a stop; None: not stopped
-    balance: HullBalance = field(default_factory=HullBalance)
     lost: tuple[int, ...] = ()  # thrusters not to be used, by index
     departure: tuple[DepartureStage, ...] = ()  # from the stop on
     numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `GuardRecord`
@@ -158,6 +161,7 @@ class SafetyWrapper:
             command=still,
             thrusters=np.zeros(self._thrusters),
             commanded=commanded(n, self._thrusters),
+            held=HeldHull.start(self._thrusters),
         )
 
     def step(
@@ -204,21 +208,6 @@ class SafetyWrapper:
         """The tick of `state`, which sees `inputs`; None before the first sound estimate."""
         return None if state.health is None else GuardTick(self, state, inputs)
 
-    def follow(
-        self, state: SafetyWrapperState, command: Command, reference: Reference, time: float
-    ) -> None:
-        """Keep what a blind departure would need.
-
-        Args:
-            state: of the wrapper; changed in place.
-            command: of the wrapped controller, finite.
-            reference: of the planner.
-            time: [s] of it.
-        """
-        if self._departure is not None:
-            self._departure.follow(state.balance, command, reference, time)
-            state.lost = reference.lost_thrusters
-
     def passed(
         self,
         state: SafetyWrapperState,
@@ -244,7 +233,6 @@ class SafetyWrapper:
             command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
             if fresh:
                 health.joints.tau_motor[:] = command.joint_torque
-        self.follow(state, command, reference, estimate.time)
         if health.probe is not None:
             command = replace(command, thrusters=self.health.sent(health, command.thrusters))
         state.sound, state.command, state.blind_for = (
@@ -333,7 +321,7 @@ class SafetyWrapper:
                 kind=kind, part="", index=-1, time=state.sound.time + state.blind_for
             )
             if self._departure is not None:
-                state.departure = self._departure.stages(state.balance, state.sound, state.lost)
+                state.departure = self._departure.stages(state.held, state.sound, state.lost)
         if state.stopped is None:
             return replace(state.command, faults=faults)
         return replace(
@@ -406,7 +394,10 @@ class GuardTick:
 
     def refer(self, reference: Reference) -> None:
         """Take the set points of the ticks that follow, each at a new time."""
-        self._state.numbers[FRESH] = 1.0
+        state = self._state
+        state.numbers[FRESH] = 1.0
+        state.held.refer(reference)
+        state.lost = reference.lost_thrusters
         self._inner.refer(reference)
 
     def ready(self, reference: Reference) -> bool:
@@ -449,13 +440,23 @@ class GuardTick:
         health = self._wrapper.health
         limits = health.limits
         return GuardRecord(
-            limits=GuardLimits(SAFETY.old_imu, limits.vision_age, limits.warm_up),
+            limits=GuardLimits(
+                old_imu=SAFETY.old_imu,
+                vision_age=limits.vision_age,
+                warm_up=limits.warm_up,
+                balance_time=SAFETY.balance_time,
+            ),
             model=health.joints,
+            hull_model=health.hull,
             inner=inner.address,
             memory=inner.memory,
             estimate=self.inputs.address,
             command=inner.command,
+            thrusters=state.thrusters,
             residuals=state.health.joints,
+            hull=state.health.hull,
+            asked=state.health.asked,
+            held=state.held,
             judge=empty_slot()._replace(address=self.slots.add(self._judge)),
             numbers=state.numbers,
         )
@@ -468,17 +469,21 @@ class GuardTick:
         assert health is not None
 
         estimate = self.inputs.seen()
-        reference = self.inputs.reference
-        command = self._inner.done(estimate, reference, FINE)
+        command = self._inner.done(estimate, self.inputs.reference, FINE)
 
         # Sensors and hull.
-        state.numbers[JUDGED] = self._inner.command.hull_steps[0]
-        suspect = bool(state.numbers[SUSPECT])
-        faults = wrapper.health.judge(health, estimate, command, suspect=suspect)
-        state.numbers[FAULTY] = bool(faults)
+        numbers = state.numbers
+        dt, suspect = float(numbers[BALANCE_DT]), int(numbers[ACCUSED])
+        faults = wrapper.health.judge(
+            health,
+            estimate,
+            command.thrusters,
+            suspect=bool(numbers[SUSPECT]),
+            balance=None if math.isnan(dt) else HullBalance(dt, suspect),
+        )
+        numbers[FAULTY], numbers[PROBING] = bool(faults), health.probe is not None
 
-        # What a departure would need, and the doublet of a probe.
-        wrapper.follow(state, command, reference, estimate.time)
+        # The doublet of a probe.
         state.thrusters[:] = wrapper.health.sent(health, command.thrusters)
         return STOPPED if faults else FINE
 

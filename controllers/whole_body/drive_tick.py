@@ -2,7 +2,7 @@
 
 `WorkController.step` and the compiled ticks of the loop both call it, on the record that is the
 controller's state. What can be replaced is a slot (`uuv.sim.interfaces.kernels.slots`): contact
-estimator, the parts of the tool (`tool_tick`), and what comes at the rate of the hull.
+estimator, the parts of the tool (`tool_tick`), and the feedforward to the hull (`hull_step`).
 """
 
 from typing import NamedTuple
@@ -27,6 +27,7 @@ from uuv.controllers.estimation.tip_force_kernels import (
     feel_by_torques,
     find_sigma,
 )
+from uuv.controllers.whole_body.hull_step import HullStepRecord, step_hull
 from uuv.controllers.whole_body.tool_tick import ToolRecord, move_tool
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import Commanded
@@ -62,8 +63,7 @@ class DriveRecord(NamedTuple):
     tool: ToolRecord
     reference: ReferenceRecord
     integral: Array  # (n,) [rad s] of the joint servo
-    current_W: Array  # (3,) [m/s] estimated current
-    hull: Slot  # writes thrusters and current, at the rate of the hull
+    hull: HullStepRecord  # at the rate of the hull
     command: Commanded
     softness: Array  # (1,) [-] given up now along the tool axis
     ticks: np.ndarray  # (1,) so far
@@ -98,7 +98,9 @@ def drive_tick(box, estimate):
             return answer
     _drive(record, e, since)
     if tick % gains.hull_ticks == 0:
-        answer = call(record.hull)
+        answer = step_hull(
+            record.hull, record.contact, record.tool, e, record.reference, record.command
+        )
         if answer != FINE:
             return answer
     record.ticks[0] += 1
@@ -109,9 +111,10 @@ def drive_tick(box, estimate):
 def _feel(record, e):
     """Contact force, friction of the gears, and motion of arm and hull."""
     gains, contact, tau = record.gains, record.contact, record.command.tau
+    current_W = record.command.current_W
     if not gains.feels:
         return call(record.estimator)
-    readings = ArmReadings(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, record.current_W, e.q, e.qd, e.tau)
+    readings = ArmReadings(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, current_W, e.q, e.qd, e.tau)
     feel_by_torques(record.arm, gains.feel, readings, e.tau_doubt, tau, contact)
     if record.estimator.address:
         answer = feel_by_slot(record.estimator, (e.X_WB, e.q, e.qd, e.tau), tau, contact)

@@ -121,12 +121,12 @@ class JointForceController:
                 contact.wrench_B() if in_contact(reference) else np.zeros(6)
             )
             self._hull.step(state.hull, estimate, reference, wrench_B)
-            state.load = HullLoad(arm_wrench_B=wrench_B, current_W=state.hull.current_W)
+            state.load = HullLoad(arm_wrench_B=wrench_B, current_W=state.hull.current_W.copy())
         state.tick += 1
         return state, Command(
             time=estimate.time,
             joint_torque=state.tau,
-            thrusters=state.hull.thrusters,
+            thrusters=state.hull.thrusters.copy(),
             scan=reference.scan,
             contact=contact.estimate,
             hull_load=state.load,

@@ -117,7 +117,7 @@ class CompliantTouch:
         return state, Command(
             time=estimate.time,
             joint_torque=servo.tau,
-            thrusters=state.hull.thrusters,
+            thrusters=state.hull.thrusters.copy(),
             scan=False,
             contact=contact.estimate,
         )

@@ -28,15 +28,19 @@ from uuv.controllers.estimation.tip_force_estimator import (
     DriveState,
     TorqueSensors,
 )
-from uuv.controllers.hull.hull_control import (
+from uuv.controllers.hull.feedforward import (
+    CONTACT_B,
+    FEEDFORWARD_VALUES,
+    LEFT_OUT_B,
+    WRENCH_B,
     ArmLoad,
     ArmWrench,
     Feedforward,
-    HullControl,
-    HullControlState,
 )
+from uuv.controllers.hull.hull_control import HullControl, HullControlState
 from uuv.controllers.tuning import DRIVE_PERIOD, HULL, ArmTuning, ObserverDeviations
 from uuv.controllers.whole_body.drive_tick import DriveGains, DriveRecord, drive_box, drive_tick
+from uuv.controllers.whole_body.hull_step import HullStepRecord, LoggedStep
 from uuv.controllers.whole_body.tool_control import (
     DriftCorrection,
     ForceLaw,
@@ -49,6 +53,7 @@ from uuv.sim.interfaces.kernels.control import Commanded, Inputs, Unsaved, comma
 from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.kernels.slots import (
     PythonSlots,
+    Slot,
     address_of_box,
     address_of_kernel,
     empty_slot,
@@ -74,11 +79,12 @@ class WorkControllerState:
     hull: HullControlState
     command: Commanded
     reference: ReferenceRecord
-    current_W: Array  # (3,) [m/s] estimated current
     softness: Array  # (1,) [-] share of the stiffness that is given up now along the tool axis
     ticks: np.ndarray  # (1,) so far
+    logged: LoggedStep
+    # Messages of the last step of the hull, after so many: its loads, and what nobody decides on
+    told_steps: int = 0
     hull_load: HullLoad | None = None
-    # of the last step of the hull: what nobody decides on
     log: Mapping[str, Array] = field(default_factory=dict)
     alone: Unsaved["WorkTick"] = field(default_factory=Unsaved)  # tick of `WorkController.step`
 
@@ -136,8 +142,9 @@ class WorkController:
     @property
     def slow(self) -> tuple[str, ...]:
         """Parts in plain Python that every tick calls."""
-        estimator = () if has_slot(self.contact) else (type(self.contact).__name__,)
-        return *estimator, *self.tool.slow
+        parts = self.contact, self._feedforward
+        slow = (type(part).__name__ for part in parts if not has_slot(part))
+        return *slow, *self.tool.slow
 
     @property
     def tunings(self) -> tuple[Any, ...]:
@@ -146,18 +153,23 @@ class WorkController:
 
     def init(self, estimate: StateEstimate) -> WorkControllerState:
         """Initial state: the arm held where it is, thrusters off."""
-        n, contact = len(estimate.q), self.contact.init(estimate)
+        n, contact, tool = len(estimate.q), self.contact.init(estimate), self.tool.init(estimate)
         command = commanded(n, len(self._vehicle.thruster_names))
         return WorkControllerState(
             contact=contact,
-            tool=self.tool.init(estimate),
+            tool=tool,
             integral=np.zeros(n),
             hull=self._hull.init(),
             command=command._replace(f_W=contact.record.f_W, felt=contact.record.felt),
             reference=reference_record(n),
-            current_W=np.zeros(3),
             softness=np.zeros(1),
             ticks=np.zeros(1, dtype=np.int64),
+            logged=LoggedStep(
+                displacement=np.zeros(1),
+                compliance_W=np.zeros(3),
+                q_wanted=np.zeros(n),
+                ik_error=tool.motion.ik_error.copy(),
+            ),
         )
 
     def tick_on(self, state: WorkControllerState, inputs: Inputs) -> "WorkTick":
@@ -185,27 +197,24 @@ class WorkController:
         answer = tick.slots.check(drive_tick(tick.box, tick.inputs.box))
         return state, tick.done(estimate, reference, answer)
 
-    def step_hull(
-        self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
-    ) -> None:
-        """Thrusters: the arm's wrench C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e of [Konoplin
-        2022] is cancelled.
+    def refer(self, state: WorkControllerState, reference: Reference) -> None:
+        """Take the set points of the ticks that follow into the arrays of `state`."""
+        take_reference(state.reference, reference)
+        self._hull.refer(state.hull, reference)
+
+    def told(self, state: WorkControllerState) -> HullLoad | None:
+        """Loads on the hull at its last step, the same message up to the next one; None: none yet.
 
         Args:
-            state: after the joints' part of a step; changed in place.
-            estimate: of the vehicle now.
-            reference: hull pose, set force and mode.
+            state: of `init`, after a step; the log of that step is made too.
         """
-        contact_B = state.contact.wrench_B() if in_contact(reference) else np.zeros(6)
-        arm_wrench_B = state.contact.sensed.wrench_B + contact_B
-        load = ArmLoad(contact_B=contact_B, wrench_B=arm_wrench_B)
-        left_out_B = self._feedforward.left_out(load, state.contact, estimate)
-        fed_B = arm_wrench_B if left_out_B is None else arm_wrench_B - left_out_B
-        self._hull.step(state.hull, estimate, reference, fed_B)
-        state.hull_load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=state.hull.current_W)
-        state.log = _log(state)
-        state.command.thrusters[:], state.current_W[:] = state.hull.thrusters, state.hull.current_W
-        state.command.hull_steps[0] += 1
+        command = state.command
+        if state.told_steps != command.hull_steps[0]:
+            state.told_steps = int(command.hull_steps[0])
+            arm_wrench_B, current_W = command.arm_wrench_B.copy(), command.current_W.copy()
+            state.hull_load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=current_W)
+            state.log = _log(state)
+        return state.hull_load
 
     def record(self, state: WorkControllerState, inputs: Inputs, slots: PythonSlots) -> DriveRecord:
         """The state as the kernel takes it.
@@ -234,14 +243,11 @@ class WorkController:
 
         def feel() -> None:
             tau, qd = state.command.tau, state.tool.motion.qd
-            drives = DriveState(tau=tau, qd_wanted=qd, current_W=state.current_W)
+            drives = DriveState(tau=tau, qd_wanted=qd, current_W=state.command.current_W)
             estimator.step(contact, inputs.seen(), inputs.reference, drives)
 
         def weigh() -> None:
             feeling.weigh(contact, inputs.seen(), inputs.reference)
-
-        def step_hull() -> None:
-            self.step_hull(state, inputs.seen(), inputs.reference)
 
         none = empty_slot()
         by_slot = feeling.slot(contact) if by_sensors else none._replace(address=slots.add(feel))
@@ -254,12 +260,31 @@ class WorkController:
             tool=self.tool.record(state.tool, inputs, slots, contact.sensed),
             reference=state.reference,
             integral=state.integral,
-            current_W=state.current_W,
-            hull=none._replace(address=slots.add(step_hull)),
+            hull=HullStepRecord(
+                hull=self._hull.record(state.hull),
+                feedforward=self._feedforward_slot(state, inputs, slots),
+                log=state.logged,
+            ),
             command=state.command,
             softness=state.softness,
             ticks=state.ticks,
         )
+
+    def _feedforward_slot(
+        self, state: WorkControllerState, inputs: Inputs, slots: PythonSlots
+    ) -> Slot:
+        part = self._feedforward
+        if has_slot(part):
+            return part.slot(None)
+        values = np.zeros(FEEDFORWARD_VALUES)
+
+        def leave_out() -> None:
+            contact_B, wrench_B = values[CONTACT_B:WRENCH_B], values[WRENCH_B:LEFT_OUT_B]
+            load = ArmLoad(contact_B=contact_B.copy(), wrench_B=wrench_B.copy())
+            left_out_B = part.left_out(load, state.contact, inputs.seen())
+            values[LEFT_OUT_B:] = 0.0 if left_out_B is None else left_out_B
+
+        return Slot(slots.add(leave_out), np.zeros(0), values)
 
 
 class WorkTick:
@@ -279,7 +304,7 @@ class WorkTick:
     def refer(self, reference: Reference) -> None:
         """Take the set points of the ticks that follow."""
         self.inputs.reference = reference
-        take_reference(self._state.reference, reference)
+        self._controller.refer(self._state, reference)
 
     def ready(self, reference: Reference) -> bool:
         """False where a frame is asked for."""
@@ -293,13 +318,14 @@ class WorkTick:
         """
         state = self._state
         self._controller.tool.checked(state.tool, answer)
+        load = self._controller.told(state)
         return Command(
             time=estimate.time,
             joint_torque=state.command.tau.copy(),
-            thrusters=state.hull.thrusters,
+            thrusters=state.command.thrusters.copy(),
             scan=reference.scan,
             contact=state.contact.estimate,
-            hull_load=state.hull_load,
+            hull_load=load,
             believed=state.log,
         )
 
@@ -311,13 +337,13 @@ def in_contact(reference: Reference) -> bool:
 
 def _log(state: WorkControllerState) -> dict[str, Array]:
     """What nobody decides on, by name."""
-    tool, excess = state.tool, state.contact.excess
+    logged, excess = state.logged, state.contact.excess
     log = {
-        "displacement": np.array([tool.k]),
-        "compliance_W": np.array(tool.compliance.offset_W),
-        "hover_wrench_B": state.hull.wanted_B,
-        "q_wanted": tool.motion.q.copy(),
+        "displacement": logged.displacement.copy(),
+        "compliance_W": logged.compliance_W.copy(),
+        "hover_wrench_B": state.hull.wanted_B.copy(),
+        "q_wanted": logged.q_wanted.copy(),
     }
-    if not np.isnan(tool.motion.ik_error[0]):
-        log["ik_error"] = tool.motion.ik_error.copy()
+    if not np.isnan(logged.ik_error[0]):
+        log["ik_error"] = logged.ik_error.copy()
     return log if excess is None else log | {"arm_excess": excess}

@@ -59,6 +59,8 @@ class ReferenceRecord(NamedTuple):
 
     time: Array  # (1,) [s]
     X_WB: Array  # (4, 4) hull pose to hold
+    v_WB_W: Array  # (3,) [m/s] its velocity
+    w_WB_W: Array  # (3,) [rad/s] its angular velocity
     X_WG: Array  # (4, 4) tool pose to follow
     v_WG_W: Array  # (3,) [m/s]
     w_WG_W: Array  # (3,) [rad/s]
@@ -97,6 +99,8 @@ def reference_record(joints: int) -> ReferenceRecord:
     return ReferenceRecord(
         time=np.zeros(1),
         X_WB=np.eye(4),
+        v_WB_W=np.zeros(3),
+        w_WB_W=np.zeros(3),
         X_WG=np.eye(4),
         v_WG_W=np.zeros(3),
         w_WG_W=np.zeros(3),
@@ -129,7 +133,11 @@ def take_reference(record: ReferenceRecord, reference: Reference) -> None:
     r = reference
     record.time[0] = r.time
     record.flags[:] = r.X_WG is not None, r.force_control, r.tare, r.compliant, r.standing
+
+    # Hull.
     record.X_WB[:] = r.X_WB
+    record.v_WB_W[:] = r.v_WB_W
+    record.w_WB_W[:] = r.w_WB_W
 
     # Tool.
     if r.X_WG is not None:

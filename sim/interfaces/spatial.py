@@ -7,7 +7,7 @@ body-frame origin, in body axes.
 
 import math
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -388,12 +388,17 @@ def exp_so3(phi: ArrayLike) -> Array:
 
 def log_so3(R: Array) -> Array:
     """Rotation vector (3,) [rad] of `R`, of length in [0, pi]; exact near 0 and near pi."""
-    w, x, y, z = _quaternion(R)
+    return np.array(rotation_vector_of(quaternion_of(R.tolist())))
+
+
+def rotation_vector_of(quaternion: Sequence[float]) -> tuple[float, float, float]:
+    """Rotation vector [rad] of a unit quaternion (w, x, y, z); compiled code calls it too."""
+    w, x, y, z = quaternion
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
     sine = math.sqrt(x * x + y * y + z * z)
     scale = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, w) / sine
-    return np.array([scale * x, scale * y, scale * z])
+    return scale * x, scale * y, scale * z
 
 
 def rotation_angle(R_a: Array, R_b: Array) -> float:
@@ -418,11 +423,12 @@ def quat_wxyz_from_rotation(R: Array) -> Array:
     """Unit quaternion (w, x, y, z) of `R`; by the largest component [Shepperd 1978], so it is exact
     near pi.
     """
-    return np.array(_quaternion(R))
+    return np.array(quaternion_of(R.tolist()))
 
 
-def _quaternion(R: Array) -> tuple[float, float, float, float]:
-    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R.tolist()
+def quaternion_of(rows: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z) of the three rows of a rotation; compiled code calls it too."""
+    (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rows
     trace = r00 + r11 + r22
     if trace >= max(r00, r11, r22):
         w, x, y, z = 1.0 + trace, r21 - r12, r02 - r20, r10 - r01

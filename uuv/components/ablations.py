@@ -9,7 +9,7 @@ import mujoco
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.position_force import NominalStiffness
-from uuv.controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
+from uuv.controllers.hull.feedforward import Term, WithoutCompensation, WithoutTerms
 from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
 from uuv.controllers.whole_body.tool_control import FromReference
 from uuv.models.vehicle import Vehicle

@@ -36,6 +36,8 @@ class Commanded(NamedTuple):
     thrusters: Array  # (m,) normalised
     f_W: Array  # (3,) [N] force of the world on the tip, W
     felt: Array  # (1,) [N] normal force
+    arm_wrench_B: Array  # (6,) [N, N m] of `HullLoad`; nan: not reported
+    current_W: Array  # (3,) [m/s] of `HullLoad`
     hull_steps: np.ndarray  # (1,) steps of the hull so far
 
 
@@ -46,6 +48,8 @@ def commanded(joints: int, thrusters: int) -> Commanded:
         thrusters=np.zeros(thrusters),
         f_W=np.full(3, np.nan),
         felt=np.full(1, np.nan),
+        arm_wrench_B=np.full(6, np.nan),
+        current_W=np.zeros(3),
         hull_steps=np.zeros(1, dtype=np.int64),
     )
 
@@ -202,8 +206,11 @@ class PythonControl:
         """Take over a command; False if it has another shape than the vehicle."""
         out = self.command
         before = None if self.last is None else self.last.hull_load
-        if command.hull_load is None or command.hull_load is not before:
+        load = command.hull_load
+        if load is None or load is not before:
             out.hull_steps[0] += 1
+        out.arm_wrench_B[:] = np.nan if load is None else load.arm_wrench_B
+        out.current_W[:] = 0.0 if load is None else load.current_W
         self.last = command
 
         # The plant refuses another shape.

@@ -15,6 +15,7 @@ from uuv.components.contact_parts import as_published
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.estimation.load_observer import MomentumObserver
+from uuv.controllers.hull.feedforward import WithoutCompensation
 from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
@@ -174,6 +175,37 @@ def test_each_method_left_out_changes_the_command_it_is_about(method):
     of_the_tool = method in ("drift-correction", "force-control")
     assert np.array_equal(usual[:, N:-4], changed[:, N:-4]) == of_the_tool
     assert not np.array_equal(usual[:, :N], changed[:, :N])
+
+
+class HomeAlone:
+    """`WithoutCompensation` in plain Python."""
+
+    def __init__(self, home_B: np.ndarray) -> None:
+        self.home_B, self.seen = home_B, []
+
+    def left_out(self, load, contact, estimate):
+        self.seen.append(estimate.time)
+        return load.wrench_B - self.home_B
+
+
+def test_a_feedforward_has_the_same_bits_as_kernel_and_in_python():
+    """It is called at each step of the hull, with the estimate of that tick, and is named."""
+    rows, q_home = inputs(7, 60), np.array(VEHICLE.q_home)
+    arm = ArmDynamics(OWN)
+    compiled = WorkController(OWN, feedforward=WithoutCompensation(arm, q_home))
+    plain = HomeAlone(arm.wrench_at_rest(q_home))
+    python = WorkController(OWN, feedforward=plain)
+    one, other = commands(compiled, rows), commands(python, rows)
+    assert np.array_equal(one, other)
+    assert plain.seen == [estimate.time for estimate, _ in rows[::10]]
+    assert (compiled.slow, python.slow) == ((), ("HomeAlone",))
+    assert not np.array_equal(one, commands(WorkController(OWN), rows))
+
+
+def test_what_a_feedforward_raises_comes_out_as_it_is():
+    controller = WorkController(OWN, feedforward=HomeAlone(np.zeros(7)))
+    with pytest.raises(ValueError, match="broadcast"):
+        commands(controller, inputs(7, 2))
 
 
 def test_nothing_left_out_is_the_usual_controller():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uuv import models
-from uuv.controllers.estimation.disturbance_observer import DisturbanceObserver
+from uuv.controllers.estimation.disturbance_observer import DisturbanceObserver, observe
 from uuv.controllers.hull.station_keeping import StationKeeping
 from uuv.models import hydrodynamics as coefficients
 from uuv.sim import hydrodynamics
@@ -155,7 +155,7 @@ def test_a_hull_that_tumbles_freely_is_pushed_by_no_moment():
     )
     state, told, spun = observer.init(), [], []
     for _ in range(500):
-        observer.step(state, np.eye(3), NONE, w, nothing, nothing, nothing, DT)
+        observe(observer.hull, state, (np.eye(3), NONE, w), (nothing, nothing, nothing), DT)
         told.append(state.moment_B.copy())
         spun.append(np.cross(w, turning @ w))
         for _ in range(20):

@@ -11,14 +11,8 @@ import pytest
 from scipy.optimize import linprog, lsq_linear, nnls
 
 from uuv import models
-from uuv.controllers.hull.allocation import (
-    AXES,
-    Allocation,
-    bounded,
-    nearest_thrusts,
-    normal_equations,
-    preloads,
-)
+from uuv.controllers.hull.allocation import AXES, Allocation
+from uuv.controllers.hull.thruster_gaps import bounded, nearest_thrusts, normal_equations, preloads
 from uuv.controllers.tuning import HULL
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters

@@ -12,13 +12,14 @@ from at_rest import at_rest
 from held_thrusters import HeldThrusters
 from uuv import models
 from uuv.controllers.hull.allocation import Allocation
-from uuv.controllers.hull.hull_control import HullControl, ThrusterLead
+from uuv.controllers.hull.hull_control import HullControl
+from uuv.controllers.hull.thruster_lead import ThrusterLead
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import INFLOW_LOSS, LEAST, SLEW_RATE, TIME_CONSTANT, curves
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Reference, WorkState
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, pose
 
 DT, STEP = 0.02, 0.002  # [s] of the hover, of the physics
 STILL = np.zeros(6)
@@ -290,3 +291,42 @@ def test_depth_is_kept_when_a_dead_heave_thruster_meets_a_stuck_surge_thruster()
     wanted = float(state.wanted_B[2])
     assert wanted > 50.0
     assert (vehicle.thruster_wrench @ given)[2] > 0.5 * wanted
+
+
+class Halved(Allocation):
+    """An allocation of one's own."""
+
+    def thrust(self, wrench_B: Array) -> Array:
+        """Half of the usual thrusts."""
+        return 0.5 * super().thrust(wrench_B)
+
+
+class Eager(ThrusterLead):
+    """A lead of one's own."""
+
+    def step(self, state: Any, wanted: Array, nu_r_B: Array, dt: float) -> Array:
+        """No lead at all."""
+        return wanted
+
+
+@pytest.mark.parametrize("part", ["allocation", "lead"])
+def test_a_part_that_the_compiled_loop_would_not_call_is_refused(vehicle, part):
+    model = models.load("uuv_puma").compile()
+    own = Halved(vehicle) if part == "allocation" else Eager(vehicle)
+    with pytest.raises(ConfigurationError, match=f"control of the hull: {type(own).__name__} over"):
+        HullControl(model, **{part: own})
+
+
+def test_the_allocation_follows_the_thrusters_that_are_lost():
+    """Lost, stuck and sound again: each step is that of a control that knew no other reference."""
+    model = models.load("uuv_puma").compile()
+    control, X_WB = HullControl(model), pose(p=[0.3, -0.2, 0.1])
+    losses = [((), ()), ((1,), (0.0,)), ((1,), (60.0,)), ((0, 1), (0.0, -90.0)), ((), ())]
+    for before in losses:
+        for lost, thrust in losses:
+            state, fresh = control.init(), control.init()
+            control.refer(state, hold(lost_thrusters=before[0], lost_thrust=before[1]))
+            asked = replace(hold(lost_thrusters=lost, lost_thrust=thrust), X_WB=X_WB)
+            command = control.step(state, at_rest(), asked, np.zeros(6))
+            assert np.array_equal(command, control.step(fresh, at_rest(), asked, np.zeros(6)))
+            assert np.array_equal(command[list(lost)], np.zeros(len(lost)))

@@ -53,7 +53,7 @@ def run(
         wanted = hover.step(state, estimate(X, nu), np.eye(4), np.zeros(3), NONE, DT)
         thrust = allocation.thrust(wanted)
         if told:
-            state.given_B = B @ thrust
+            state.given_B[:] = B @ thrust
         R = X[:3, :3]
         # no water: no drag
         nu = nu + DT * np.linalg.solve(hover.inertia, B @ thrust + hover.static_wrench(R))

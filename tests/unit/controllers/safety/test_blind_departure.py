@@ -14,14 +14,16 @@ from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.safety.blind_departure import (
     BlindDeparture,
     DepartureStage,
-    HullBalance,
+    HeldHull,
     ascent_direction,
+    follow,
 )
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import HULL, SAFETY
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import FORWARD, curves
+from uuv.sim.interfaces.kernels.control import commanded
 from uuv.sim.interfaces.messages import (
     Command,
     ContactEstimate,
@@ -87,10 +89,18 @@ def stages(
     sound: StateEstimate, reference: Reference, *commands: Command
 ) -> tuple[DepartureStage, ...]:
     """Stages after `commands`."""
-    departure, balance = BlindDeparture(MODEL, VEHICLE, ARM), HullBalance()
+    held = held_by(reference, *commands)
+    return BlindDeparture(MODEL, VEHICLE, ARM).stages(held, sound, reference.lost_thrusters)
+
+
+def held_by(reference: Reference, *commands: Command) -> HeldHull:
+    """What holds the hull after `commands`."""
+    held, seen, thrust = HeldHull.start(M), commanded(N, M), curves(VEHICLE.thruster_table)
+    held.refer(reference)
     for command in commands:
-        departure.follow(balance, command, reference, command.time)
-    return departure.stages(balance, sound, reference.lost_thrusters)
+        seen.thrusters[:], seen.f_W[:] = command.thrusters, command.contact.force_W
+        follow(thrust, SAFETY.balance_time, seen, command.time, held)
+    return held
 
 
 def thrusts(commands: Array) -> Array:
@@ -182,9 +192,8 @@ def test_with_the_arm_folded_or_without_one_the_hull_rises_and_is_braked_first()
     sound = replace(sound, q=np.array(VEHICLE.q_home) + 0.1, v_WB_B=v_B)
     up_B = sound.X_WB[:3, :3].T @ [0.0, 0.0, 1.0]
     brake = PUSH / SAFETY.leave_acceleration * v_B / SAFETY.leave_time
-    balance, without_arm = HullBalance(), BlindDeparture(MODEL, VEHICLE, None)
-    without_arm.follow(balance, command, reference, 0.0)
-    for found in (stages(sound, reference, command), without_arm.stages(balance, sound, ())):
+    held, without_arm = held_by(reference, command), BlindDeparture(MODEL, VEHICLE, None)
+    for found in (stages(sound, reference, command), without_arm.stages(held, sound, ())):
         for stage, force_B in zip(found, (PUSH * up_B - brake, PUSH * up_B), strict=True):
             wrench = pushed(sound, command, np.zeros(3), stage.thrusters)
             assert np.allclose(wrench, np.append(force_B, np.zeros(3)), rtol=0.0, atol=1e-9)

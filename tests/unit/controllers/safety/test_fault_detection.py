@@ -10,9 +10,9 @@ import pytest
 
 from at_rest import at_rest
 from uuv import models
-from uuv.controllers.hull.hull_control import ThrusterLead
 from uuv.controllers.hull.station_keeping import hull_inertia
-from uuv.controllers.safety.fault_detection import FaultDetection
+from uuv.controllers.hull.thruster_lead import ThrusterLead
+from uuv.controllers.safety.fault_detection import FaultDetection, FaultDetectionState
 from uuv.controllers.tuning import FaultLimits
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
@@ -203,6 +203,14 @@ def in_flow(thruster: int, command: float, nu_r_B: Array) -> float:
     )
 
 
+def judge_hull(
+    health: FaultDetection, state: FaultDetectionState, estimate: StateEstimate, command: Command
+) -> None:
+    """Balance of the hull alone."""
+    balance = health.balance(state, estimate, command.hull_load)
+    health.judge(state, estimate, command.thrusters, suspect=False, balance=balance)
+
+
 def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any):
     """What the controller asks for on top, so that a current takes nothing, is not a thrust that is
     missing.
@@ -223,7 +231,7 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
             command = Command(
                 time=t, joint_torque=np.zeros(N), thrusters=commands, scan=False, hull_load=load
             )
-            health.judge_hull(state, at_rest(time=float(t), X_WB=X_WB, w_WB_B=w), command)
+            judge_hull(health, state, at_rest(time=float(t), X_WB=X_WB, w_WB_B=w), command)
         return state.hull.missing
 
     drag = missing(np.zeros(M), np.zeros(6))
@@ -243,7 +251,7 @@ def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, wi
         command = Command(
             time=t, joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False, hull_load=load
         )
-        health.judge_hull(state, at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
+        judge_hull(health, state, at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
 
     water = hydrodynamics.unpack(MODEL.body_user[VEHICLE.hull])
     nu, flow = np.concatenate([v, w]), np.concatenate([X_WB[:3, :3].T @ current_W, np.zeros(3)])

@@ -8,10 +8,12 @@ import pytest
 
 from uuv import models
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.safety.blind_departure import BlindDeparture, HullBalance
+from uuv.controllers.safety.blind_departure import BlindDeparture, HeldHull, follow
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import SAFETY, FaultLimits
 from uuv.models.vehicle import Vehicle
+from uuv.models.water.thrusters import curves
+from uuv.sim.interfaces.kernels.control import commanded
 from uuv.sim.interfaces.messages import (
     AbortCode,
     Command,
@@ -107,10 +109,12 @@ def kinds(command: Command) -> list[FaultKind]:
 
 def departing() -> Array:
     """Thrusters (m,) of a departure, after commands of `Inner`."""
-    balance, departure = HullBalance(), BlindDeparture(MODEL, VEHICLE, ArmDynamics(MODEL))
+    departure = BlindDeparture(MODEL, VEHICLE, ArmDynamics(MODEL))
     command = Inner().step(0, estimate(0), REFERENCE)[1]
-    departure.follow(balance, command, REFERENCE, 0.0)
-    return departure.stages(balance, estimate(0), ())[0].thrusters
+    held, seen = HeldHull.start(M), commanded(N, M)
+    seen.thrusters[:] = command.thrusters
+    follow(curves(VEHICLE.thruster_table), SAFETY.balance_time, seen, 0.0, held)
+    return departure.stages(held, estimate(0), ())[0].thrusters
 
 
 def test_a_sound_run_passes_untouched():

@@ -336,8 +336,8 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
                 R[2, 0] * normals[v, u, 0] + R[2, 1] * normals[v, u, 1] + R[2, 2] * normals[v, u, 2]
             )
             if n0 == n0:
-                # Along the ray the surface is at 1 / seen; the distance along the normal is n . ray
-                # (z - 1 / seen).
+                # Along the ray the surface is at 1 / measured; the distance along the normal is
+                # n . ray (z - 1 / measured).
                 ray = (n0 * x + n1 * y + n2 * z) / z
                 if abs(ray) > 0.2:
                     # [1/m^2] inverse depth per distance along the normal

@@ -53,6 +53,7 @@ class Optics:
             raise ConfigurationError(
                 f"depth camera: {width} x {height} px with focal {focal} px is no camera"
             )
+
         if self.calibration is not None and self.port is None:
             raise ConfigurationError(
                 "depth camera: a calibration corrects for a port; there is none"
@@ -73,18 +74,14 @@ OPTICS = Optics()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthCameraState:
-    """State of the camera's noise; a frame depends on it and the truth only, so a run can be
-    replayed.
-    """
+    """State of the noise; a frame depends on it and the truth only, so a run can be replayed."""
 
     seed: int
     frame: int
 
 
 class DepthCamera:
-    """Depth camera fixed to a body of a compiled model; delivers one frame per request (`period`
-    0).
-    """
+    """Depth camera fixed to a body of a compiled model; one frame per request (`period` 0)."""
 
     period = 0.0  # [s], on request
 
@@ -122,6 +119,7 @@ class DepthCamera:
             )
         if not delay >= 0.0:
             raise ConfigurationError(f"depth camera: delay must not be negative, got {delay}")
+
         self.delay = delay
         self._hull = body_id(model, hull, "depth camera")
         self._X_BC = checked_pose(X_BC, "X_BC")
@@ -216,9 +214,7 @@ class DepthCamera:
     def step(
         self, state: DepthCameraState, truth: BodyPoses
     ) -> tuple[DepthCameraState, DepthImage]:
-        """One frame of the world at `truth`; the same state and truth always give the same
-        frame.
-        """
+        """One frame of the world at `truth`; the same state and truth give the same frame."""
         depth, cosine = self.render(truth.xpos, truth.xmat)
         if self._noise is not None:
             depth = add_noise(
@@ -228,15 +224,16 @@ class DepthCamera:
                 self._noise,
                 np.random.default_rng([state.seed, state.frame]),
             )
+
         depth = depth.astype(np.float64)
         depth[~((depth >= self._range[0]) & (depth <= self._range[1]))] = np.nan
         depth.setflags(write=False)
+
         image = DepthImage(time=float(truth.time), depth=depth, K=self._K, X_BC=self._X_BC_said)
         return DepthCameraState(seed=state.seed, frame=state.frame + 1), image
 
     def render(self, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Noise-free depth image; with a port, the depth that the calibration computes from exact
-        disparities.
+        """Noise-free depth; with a port, what the calibration computes from exact disparities.
 
         Args:
             xpos: Body origins (nbody, 3) [m] in W.
@@ -252,4 +249,5 @@ class DepthCamera:
             with np.errstate(invalid="ignore"):  # 0 times inf where nothing is hit
                 points = self._rays.origins + depth[..., None] * self._rays.directions
             depth = self._reader.depth(points)
+
         return depth, cosine

@@ -54,8 +54,7 @@ _BOX_FACES = np.array(
 
 
 def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
-    """Triangles of any geom except a plane; curved primitives are within SAGITTA of the true
-    surface.
+    """Triangles of any geom but a plane; curved primitives are within SAGITTA of the true surface.
 
     Args:
         model: Compiled model.
@@ -69,6 +68,7 @@ def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
     """
     kinds = mujoco.mjtGeom
     kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom]
+
     if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF):
         mesh = model.geom_dataid[geom]
         start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
@@ -77,10 +77,13 @@ def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
             model.mesh_vert[start : start + count].astype(np.float64),
             model.mesh_face[first : first + faces].astype(np.int64),
         )
+
     if kind == kinds.mjGEOM_BOX:
         return _BOX_CORNERS * size, _BOX_FACES
     if kind == kinds.mjGEOM_HFIELD:
         return _height_field(model, int(model.geom_dataid[geom]))
+
+    # Surfaces of revolution.
     if kind == kinds.mjGEOM_SPHERE:
         return _lathe(*_half_circle(size[0], size[0]), size[0])
     if kind == kinds.mjGEOM_ELLIPSOID:
@@ -95,6 +98,7 @@ def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
         z = np.concatenate([z[: middle + 1] - size[1], z[middle:] + size[1]])
         radius = np.concatenate([radius[: middle + 1], radius[middle:]])
         return _lathe(z, radius, size[0])
+
     raise ConfigurationError(
         f"geom {model.geom(geom).name!r} has a type that has no surface here: {kind}"
     )
@@ -127,11 +131,14 @@ def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
         ],
         -1,
     )
+
+    # Two triangles a side between neighbouring rings.
     i = np.arange(sides)
     j = (i + 1) % sides
     low = (np.arange(len(z) - 1) * sides)[:, None]
     first = np.stack([low + i, low + j, low + sides + i], -1).reshape(-1, 3)
     second = np.stack([low + j, low + sides + j, low + sides + i], -1).reshape(-1, 3)
+
     vertices, faces = rings.reshape(-1, 3), np.vstack([first, second])
     corner = vertices[faces]
     area = np.linalg.norm(
@@ -145,8 +152,11 @@ def _height_field(model: mujoco.MjModel, field: int) -> tuple[Array, np.ndarray]
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     start = int(model.hfield_adr[field])
     half_x, half_y, top, _ = model.hfield_size[field]
+
     x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
     z = top * model.hfield_data[start : start + rows * columns]
+
+    # Each cell is divided along the diagonal from corner a to corner c.
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = (
         index[:-1, :-1].ravel(),

@@ -30,8 +30,7 @@ _ALONG = 1e-3  # [s] before and after, between which the acceleration of a flow 
 
 @kernel
 def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
-    """First-order filter of the columns of `signal` (N, 3), in place, with its `state` (3,); as
-    scipy.signal.lfilter.
+    """Filter of first order on the columns of `signal` (N, 3), in place, as scipy.signal.lfilter.
 
     SciPy's takes as long to import as a fifth of the program.
     """
@@ -44,9 +43,7 @@ def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wave:
-    """Regular wave of long length: the water around the vehicle swings to and fro along one
-    direction.
-    """
+    """Regular wave of long length: the water swings to and fro along one direction."""
 
     amplitude_W: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] of the velocity, world axes
     frequency: float = 0.1  # [Hz]
@@ -133,16 +130,19 @@ class Current:
             )
         a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
         self._gain, self._pole = float(b), float(a)
+
         # Stationary start: standard deviations of both filter states for unit white noise (gain b
         # and pole a, twice), from Lyapunov's equation; scaled so that the second state has the
         # gust's.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
+
         rows = _BLOCK if self._varies else 1
         self.velocity, self.acceleration = np.tile(self._mean, (rows, 1)), np.zeros((rows, 3))
         self.row = np.array([rows, 1] if self._varies else [0, 0])  # none is generated yet
         self._filters, self._generated = np.zeros((2, 3)), 0
         self._before = np.zeros(3)  # [m/s] gust and wave at the last step generated
+
         if self._blows:
             assert rng is not None
             now, other = rng.standard_normal((2, 3))
@@ -197,9 +197,7 @@ class Current:
 
     @property
     def timestep(self) -> float | None:
-        """Step of the plant [s] that it was made for; None for a steady current, which suits any
-        step.
-        """
+        """Step of the plant [s] that it was made for; None for a steady one, which suits any."""
         return self._dt if self._varies or self.profile is not None else None
 
     def _refill(self) -> None:
@@ -238,9 +236,7 @@ class Current:
         self._ticks = steps
 
     def ready(self) -> int:
-        """Number of steps that may now be taken from the rows; generates new ones after the
-        last.
-        """
+        """Number of steps that may now be taken from the rows; generates more at their end."""
         if not self._varies:
             return sys.maxsize
         if self.row[0] == _BLOCK:
@@ -248,13 +244,12 @@ class Current:
         return _BLOCK - int(self.row[0])
 
     def step(self) -> tuple[Array, Array]:
-        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the plant's next step,
-        world axes.
-        """
+        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] for the plant's next step, W axes."""
         self.ready()
         at = self.row[0]
         velocity, acceleration = self.velocity[at].copy(), self.acceleration[at].copy()
         self.row[0] += self.row[1]
+
         if self.profile is None:
             return velocity, acceleration
         share, growth = self.profile(self._ticks * self._dt)
@@ -267,7 +262,7 @@ class Current:
         The acceleration is that of the water which passes: along its path, by differences.
 
         Args:
-            p_W: Place (3,) [m] of the hull's origin in W.
+            p_W: Position (3,) [m] of the hull's origin in W.
             time: [s] since the start of the run.
         """
         velocity, acceleration = self.step()
@@ -311,8 +306,7 @@ def _product(first: Profile, second: Profile) -> Profile:
 
 
 def _check_profile(profile: Profile) -> None:
-    """Refuses a profile without two numbers, or with a rate that differs from the factor's at most
-    of some times.
+    """Refuse a profile without two numbers, or whose rate is not its factor's at most times.
 
     A profile may have steps and bends, so that a single time proves nothing.
     """

@@ -34,7 +34,7 @@ class FlowField(ABC):
         """Velocity (3,) [m/s] of the water in world axes, what the current has elsewhere left out.
 
         Args:
-            p_W: Place (3,) [m] in W; a copy.
+            p_W: Position (3,) [m] in W; a copy.
             time: [s] since the start of the run.
         """
 
@@ -85,7 +85,7 @@ def placed_in(model: "mujoco.MjModel", flows: Sequence[FlowField]) -> tuple[Flow
 
 
 def total_velocity(flows: Sequence[FlowField], p_W: Array, time: float) -> Array:
-    """Sum (3,) [m/s] of the velocities of flow fields at a place (3,) [m] and a time [s].
+    """Sum (3,) [m/s] of the velocities of flow fields at a position (3,) [m] and a time [s].
 
     Raises:
         ConfigurationError: One gives something else than three finite numbers.

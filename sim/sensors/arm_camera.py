@@ -173,8 +173,10 @@ def predict(
     # Normals of the surface, by gradients of the inverse depth.
     inverse_depth = np.where(good, 1.0 / np.where(good, depth, 1.0), np.nan)
     wv, wu = np.gradient(inverse_depth, GRID)
-    f, z = camera.focal, depth
-    u, v = f * rays[..., 0], f * rays[..., 1]
+    f = camera.focal
+    z = depth
+    u = f * rays[..., 0]
+    v = f * rays[..., 1]
     normals = -np.stack([f * wu, f * wv, inverse_depth - u * wu - v * wv], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     shaped = good & np.isfinite(normals).all(axis=-1)
@@ -183,7 +185,9 @@ def predict(
     share = (1.0 - water.cloud) * GRID**2 / CELL
 
     # Texture: gradient of the intensity relative to its mean, against noise.
-    p, n, zg = points[good], -rays[good], z[good]
+    p = points[good]
+    n = -rays[good]
+    zg = z[good]
     cosine = np.clip(
         np.abs(np.sum(np.where(shaped[..., None], normals, 0.0)[good] * n, axis=1)), 0.3, 1.0
     )
@@ -202,7 +206,9 @@ def predict(
         H_texture += np.einsum("n,ni,nj->ij", weight, row, row)
 
     # Shape: distance along the normal, in inverse depth.
-    p, n, zs = points[shaped], normals[shaped], z[shaped]
+    p = points[shaped]
+    n = normals[shaped]
+    zs = z[shaped]
     dimmed = (
         camera.stereo.disparity_sigma
         / (f * camera.stereo.baseline)
@@ -301,15 +307,15 @@ class ArmCamera:
                 f"arm camera: period must be > 0 and delay >= 0, got {period} and {delay}"
             )
 
-        self.period, self.delay = period, delay
-        self.camera, self.conditions = camera or SmallStereo(), conditions or ViewConditions()
+        self.period = period
+        self.delay = delay
+        self.camera = camera or SmallStereo()
+        self.conditions = conditions or ViewConditions()
         self._errors = errors or fitted()
 
         link, X_LG = site_on_body(model, tip, "arm camera")
-        self._link, self._surface = (
-            body_id(model, link, "arm camera"),
-            body_id(model, surface, "arm camera"),
-        )
+        self._link = body_id(model, link, "arm camera")
+        self._surface = body_id(model, surface, "arm camera")
         self.X_LC = X_LG @ (beside_tool() if X_GC is None else X_GC)
         self._texture = Texture.of(0, self.conditions.texture)
 
@@ -337,7 +343,8 @@ class ArmCamera:
     ) -> tuple[ArmCameraState, SurfaceMotionMeasurement | None]:
         """One picture; None while no surface is in range, or the picture is lost."""
         X_WC, X_OC = self.camera_pose(truth)
-        time, rng = float(truth.time), state.rng
+        time = float(truth.time)
+        rng = state.rng
         water = Turbidity(
             attenuation=self.conditions.attenuation,
             cloud=silt(state, self.conditions, time, self.period),
@@ -399,7 +406,9 @@ class ArmCamera:
     @staticmethod
     def _new_key(state: ArmCameraState, time: float, X_OC: Array) -> None:
         """The present picture becomes the key."""
-        state.key_time, state.X_OK, state.tracking = time, X_OC, True
+        state.key_time = time
+        state.X_OK = X_OC
+        state.tracking = True
         state.key_error = state.rng.standard_normal(3)
 
 
@@ -440,10 +449,13 @@ def silt(state: Any, conditions: ViewConditions, time: float, period: float) -> 
         time: [s]
         period: [s] between two pictures.
     """
-    comes, share, lasts = state.rng.uniform(), state.rng.uniform(), state.rng.exponential()
+    comes = state.rng.uniform()
+    share = state.rng.uniform()
+    lasts = state.rng.exponential()
 
     if comes < conditions.cloud_rate * period:
-        state.cloud, state.cloud_until = share, time + conditions.cloud_time * lasts
+        state.cloud = share
+        state.cloud_until = time + conditions.cloud_time * lasts
     return state.cloud if time < state.cloud_until else 0.0
 
 

@@ -45,7 +45,9 @@ class Optics:
     calibration: PortCalibration | None = None
 
     def __post_init__(self) -> None:
-        width, height, focal = self.width, self.height, self.focal
+        width = self.width
+        height = self.height
+        focal = self.focal
         whole = all(
             isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height)
         )
@@ -125,12 +127,10 @@ class DepthCamera:
         self._X_BC = checked_pose(X_BC, "X_BC")
         self._range = range_limits
         self._noise = noise
-        calibration, port, width, height = (
-            optics.rectified,
-            optics.port,
-            optics.width,
-            optics.height,
-        )
+        calibration = optics.rectified
+        port = optics.port
+        width = optics.width
+        height = optics.height
         f = calibration.focal
         self._K = readonly([[f, 0, 0.5 * (width - 1)], [0, f, 0.5 * (height - 1)], [0, 0, 1]])
         self._X_BC_said = self._X_BC
@@ -139,7 +139,8 @@ class DepthCamera:
         v, u = np.indices((height, width))
         tangents = np.stack([(u - self._K[0, 2]) / f, (v - self._K[1, 2]) / f], axis=-1)
         # With unit z component the ray parameter is the depth along the optical axis.
-        start, way = None, np.concatenate([tangents, np.ones((height, width, 1))], axis=-1)
+        start = None
+        way = np.concatenate([tangents, np.ones((height, width, 1))], axis=-1)
         self._reader: StereoReader | None = None
         if port is not None:
             self._X_BC_said = readonly(self._X_BC @ pose(None, [0.0, 0.0, calibration.center]))

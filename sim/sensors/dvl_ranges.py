@@ -108,8 +108,10 @@ class DvlRanges:
         self, state: np.random.Generator, truth: BodyPoses
     ) -> tuple[np.random.Generator, DvlRangesMeasurement]:
         """Measure the slant ranges."""
-        beams, axes = self.beams, self.beams.axes()
-        xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
+        beams = self.beams
+        axes = self.beams.axes()
+        xpos = np.asarray(truth.xpos)
+        R_W = np.asarray(truth.xmat).reshape(-1, 3, 3)
         X_WD = pose(R_W[self.body], xpos[self.body]) @ pose(p=self.p_BD)
         hit, _ = self.world.cast(
             X_WD, Rays.of(axes[None, :, None].astype(np.float32), NEAR), xpos, R_W

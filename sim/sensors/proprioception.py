@@ -40,7 +40,8 @@ class SensorState:
     def normal(self, count: int) -> Array:
         """Next `count` standard normal numbers of the stream."""
         if self.used + count > len(self.drawn):
-            self.drawn, self.used = self.rng.standard_normal(max(_BLOCK, count)), 0
+            self.drawn = self.rng.standard_normal(max(_BLOCK, count))
+            self.used = 0
         self.used += count
         return self.drawn[self.used - count : self.used]
 
@@ -101,8 +102,10 @@ class FastState:
                 self.record[name] = getattr(sensor, name)
         self.stated: Any = None  # noise by the data sheet, attached to every measurement
 
-        self._rng, self._count = rng, 0
-        self._drawn, self._used = self.record["drawn"][0], self.record["used"]
+        self._rng = rng
+        self._count = 0
+        self._drawn = self.record["drawn"][0]
+        self._used = self.record["used"]
         self._used[0] = _BLOCK
 
     @property
@@ -184,7 +187,8 @@ class Encoders:
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, EncoderMeasurement]:
         """Measure joint angles and velocities."""
         n = len(truth.q)
-        q, qd = np.empty(n), np.empty(n)
+        q = np.empty(n)
+        qd = np.empty(n)
 
         encode(state.draw(n), truth.q, truth.qd, q, qd)
         return state, EncoderMeasurement(time=truth.time, q=q, qd=qd)
@@ -317,7 +321,9 @@ class Imu:
 
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, ImuMeasurement]:
         """Measure specific force, angular velocity and attitude."""
-        force_B, w_B, R = np.empty(3), np.empty(3), np.empty((3, 3))
+        force_B = np.empty(3)
+        w_B = np.empty(3)
+        R = np.empty((3, 3))
         sense_motion(state.draw(9), truth.R_WB, truth.acceleration, truth.w_WB_B, force_B, w_B, R)
         return state, ImuMeasurement(
             time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R, noise=state.stated
@@ -338,8 +344,10 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
         w_read: (3,) [rad/s] result, in B.
         R_read: (3, 3) result.
     """
-    sensor, phi = record[0], np.empty(3)
-    bias, noise = sensor.bias, sensor.drawn[sensor.used : sensor.used + 9]
+    sensor = record[0]
+    phi = np.empty(3)
+    bias = sensor.bias
+    noise = sensor.drawn[sensor.used : sensor.used + 9]
     sensor.used += 9
 
     # Specific force and angular velocity in hull axes; error of the attitude.
@@ -356,9 +364,11 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
     # Second order in the error, which is below a milliradian: within 1e-10 of a rotation, far below
     # the noise.
     for j in range(3):
-        k, m = (j + 1) % 3, (j + 2) % 3
+        k = (j + 1) % 3
+        m = (j + 2) % 3
         own = 1.0 - 0.5 * (phi[k] ** 2 + phi[m] ** 2)
-        next_, last = phi[m] + 0.5 * phi[j] * phi[k], 0.5 * phi[j] * phi[m] - phi[k]
+        next_ = phi[m] + 0.5 * phi[j] * phi[k]
+        last = 0.5 * phi[j] * phi[m] - phi[k]
         for i in range(3):
             R_read[i, j] = R_WB[i, j] * own + R_WB[i, k] * next_ + R_WB[i, m] * last
 

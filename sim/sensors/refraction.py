@@ -254,7 +254,8 @@ def _tangent(rho: float, z: float, port: _Port) -> float:
         square = s * s
         glass = n_glass * n_glass * (1.0 + square) - square
         water = n_water * n_water * (1.0 + square) - square
-        root_glass, root_water = np.sqrt(glass), np.sqrt(water)
+        root_glass = np.sqrt(glass)
+        root_water = np.sqrt(water)
         off = s * (distance + thickness / root_glass + depth / root_water) - rho
 
         # d(s / sqrt(n^2 (1 + s^2) - s^2)) / ds = n^2 / (...)^(3/2)
@@ -282,7 +283,10 @@ def _tangents(rho: np.ndarray, z: np.ndarray, port: _Port) -> np.ndarray:
 @kernel
 def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
     """Depth (H, W) [m] of points (H, W, 3) [m]; see `StereoReader`."""
-    scale, k1, k2, baseline = reader.scale, reader.k1, reader.k2, reader.baseline
+    scale = reader.scale
+    k1 = reader.k1
+    k2 = reader.k2
+    baseline = reader.baseline
     rows, columns = points.shape[:2]
     result = np.full((rows, columns), np.inf, dtype=np.float32)
 

@@ -119,7 +119,8 @@ class SonarNoise:
             )
 
 
-BEAMS, NOISE = SonarBeams(), SonarNoise()
+BEAMS = SonarBeams()
+NOISE = SonarNoise()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +179,9 @@ class Sonar:
         self.delay = delay
         self._body = body_id(model, body, "sonar")
         self._X_BS = checked_pose(X_BS, "X_BS")
-        self._beams, self._noise, self._range = beams, noise, range_limits
+        self._beams = beams
+        self._noise = noise
+        self._range = range_limits
         self._world = visible.world(model, "sonar")
         self._axes = beams.axes()
 
@@ -237,7 +240,8 @@ class Sonar:
         Raises:
             ConfigurationError: The bodies have no poses yet, or `X_WS` is no pose.
         """
-        xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
+        xpos = np.asarray(truth.xpos)
+        R_W = np.asarray(truth.xmat).reshape(-1, 3, 3)
         if not R_W[0].any():
             raise ConfigurationError(
                 "sonar: the bodies have no poses yet; call mujoco.mj_kinematics(model, data) first"
@@ -309,7 +313,8 @@ def _strongest(
         for j in range(columns):
             best = 0.0
             for k in range(rays):
-                power, moment = 0.0, 0.0
+                power = 0.0
+                moment = 0.0
                 for m in range(rays):
                     gap = distance[i, j, m] - distance[i, j, k]
                     if gap >= 0.0 and gap < cell:

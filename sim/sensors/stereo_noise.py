@@ -154,5 +154,6 @@ def _mix_edges(disparity: np.ndarray, probability: float, rng: np.random.Generat
         second = first + step
 
         swap = rng.random(len(first)) < 0.5
-        pixel, other = np.where(swap, second, first), np.where(swap, first, second)
+        pixel = np.where(swap, second, first)
+        other = np.where(swap, first, second)
         flat[pixel] += rng.random(len(first), dtype=np.float32) * (flat[other] - flat[pixel])

@@ -48,7 +48,8 @@ class SmallStereo:
     def rays(self, step: int = 1) -> Array:
         """Directions (h, w, 3) in C with unit z, of every `step`-th pixel."""
         v, u = np.mgrid[step // 2 : self.height : step, step // 2 : self.width : step]
-        x, y = (u - 0.5 * (self.width - 1)) / self.focal, (v - 0.5 * (self.height - 1)) / self.focal
+        x = (u - 0.5 * (self.width - 1)) / self.focal
+        y = (v - 0.5 * (self.height - 1)) / self.focal
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 

@@ -38,7 +38,9 @@ class DriftingTorqueSensors:
         Raises:
             ConfigurationError: A number is not finite or out of range.
         """
-        self.sound, self.period, self.delay = sensors, sensors.period, sensors.delay
+        self.sound = sensors
+        self.period = sensors.period
+        self.delay = sensors.delay
 
         self._sigma = finite_number(sigma, "torque sensors: sigma [N m]", least=0.0)
         self._kept = float(

@@ -195,10 +195,12 @@ class VisibleWorld:
             Distance to the first surface in lengths of the ray's direction, and cosine of the angle
             of incidence there. Both have the rays' shape and float32; inf and 1 without a hit.
         """
-        way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
+        way = rays.directions.reshape(-1, 3)
+        start = rays.origins.reshape(-1, 3)
         distance = np.full(len(way), np.inf, dtype=np.float32)
         cosine = np.ones(len(way), dtype=np.float32)
-        R_WS, p_WS = X_WS[:3, :3], X_WS[:3, 3]
+        R_WS = X_WS[:3, :3]
+        p_WS = X_WS[:3, 3]
 
         if self._static is not None:
             clusters = self._static.clusters
@@ -208,7 +210,8 @@ class VisibleWorld:
             self._cast_chosen(self._static.scene, X_FS, rays, tiles, distance, cosine)
 
         for X_WG, size in self._planes:
-            R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
+            R_SG = R_WS.T @ X_WG[:3, :3]
+            p_SG = R_WS.T @ (X_WG[:3, 3] - p_WS)
             _draw_plane(R_SG, p_SG, size, way, start, rays.near, distance, cosine)
         if self._moving:
             self._cast_moving(
@@ -249,7 +252,8 @@ class VisibleWorld:
             return
 
         near = rays.near
-        way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
+        way = rays.directions.reshape(-1, 3)
+        start = rays.origins.reshape(-1, 3)
         origins, directions = _gathered(way, start, chosen, near)
 
         turn = X_FS[:3, :3].T.astype(np.float32)
@@ -375,7 +379,8 @@ def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> 
     chord = np.zeros(count)
     np.maximum.at(chord, tile, np.linalg.norm(unit - axis[tile], axis=1))
 
-    origin, spread = np.repeat(start[:1].astype(np.float64), count, axis=0), np.zeros(count)
+    origin = np.repeat(start[:1].astype(np.float64), count, axis=0)
+    spread = np.zeros(count)
     if len(start) > 1:
         number = np.bincount(tile, minlength=count)[:, None]
         origin = np.column_stack([np.bincount(tile, start[:, i], count) for i in range(3)]) / number

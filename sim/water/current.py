@@ -213,7 +213,9 @@ class Current:
             )
         self.velocity[:] = self._mean + varying
         self.acceleration[:] = np.diff(varying, axis=0, prepend=self._before[None]) / self._dt
-        self._before, self._generated, self.row[0] = varying[-1], self._generated + _BLOCK, 0
+        self._before = varying[-1]
+        self._generated = self._generated + _BLOCK
+        self.row[0] = 0
 
     def save(self) -> dict[str, Any]:
         """All that changes, as it is: to be copied before the next step."""
@@ -247,7 +249,8 @@ class Current:
         """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] for the plant's next step, W axes."""
         self.ready()
         at = self.row[0]
-        velocity, acceleration = self.velocity[at].copy(), self.acceleration[at].copy()
+        velocity = self.velocity[at].copy()
+        acceleration = self.acceleration[at].copy()
         self.row[0] += self.row[1]
 
         if self.profile is None:
@@ -299,7 +302,8 @@ def _product(first: Profile, second: Profile) -> Profile:
     """Both factors."""
 
     def both(time: float) -> tuple[float, float]:
-        (share, growth), (factor, rate) = first(time), second(time)
+        share, growth = first(time)
+        factor, rate = second(time)
         return share * factor, growth * factor + share * rate
 
     return both

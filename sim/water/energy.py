@@ -22,7 +22,8 @@ def damping_wrench(body: BodyHydrodynamics, nu: Array) -> Array:
     Returns:
         Wrenches (n, 6) [N, N m].
     """
-    v, w = nu[:, :3], nu[:, 3:]
+    v = nu[:, :3]
+    w = nu[:, 3:]
     total: Array = -nu @ body.linear_damping.T - body.quadratic_damping * np.abs(nu) * nu
 
     for strip in body.segments:

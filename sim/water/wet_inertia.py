@@ -400,11 +400,9 @@ def _entries(model: mujoco.MjModel, dofs: slice) -> tuple[slice, Indices, Indice
 
 def _moving_dofs(model: mujoco.MjModel) -> list[Indices]:
     """Degrees of freedom that move each body, ascending: its own and those of its ancestors."""
-    parents, starts, counts = (
-        model.body_parentid.tolist(),
-        model.body_dofadr.tolist(),
-        model.body_dofnum.tolist(),
-    )
+    parents = model.body_parentid.tolist()
+    starts = model.body_dofadr.tolist()
+    counts = model.body_dofnum.tolist()
     movers: list[Indices] = [np.zeros(0, dtype=int)]
     for parent, start, count in zip(parents[1:], starts[1:], counts[1:], strict=True):
         inherited = movers[parent]

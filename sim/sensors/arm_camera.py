@@ -120,9 +120,9 @@ class Prediction:
         A = self.texture / texture + self.shape / shape
         A[3:, 3:] += np.eye(3) / ROTATION**2
         marginal = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
-        values, axes = np.linalg.eigh(0.5 * (marginal + marginal.T))
-        values[values < WEAKEST**-2] = 0.0
-        return (axes * values) @ axes.T
+        eigenvalues, axes = np.linalg.eigh(0.5 * (marginal + marginal.T))
+        eigenvalues[eigenvalues < WEAKEST**-2] = 0.0
+        return (axes * eigenvalues) @ axes.T
 
     def factors(self, errors: ErrorModel) -> tuple[float, float]:
         """Factors on the variances of texture and shape in this condition."""
@@ -198,8 +198,8 @@ def predict(
     square = gradient_square(texture, zg / f) * (light / (light + veil)) ** 2
     slope = white / (2.0 * FINE_BLUR**2 * np.sqrt(2.0 * np.pi))
     used = np.exp(-((LEAST_GRADIENT * slope) ** 2) / (square + slope**2))  # in both pictures
-    value = white / (2.0 * FINE_BLUR * np.sqrt(np.pi)) * np.sqrt(2.0)
-    weight = share * used * square / value**2
+    sigma = white / (2.0 * FINE_BLUR * np.sqrt(np.pi)) * np.sqrt(2.0)
+    weight = share * used * square / sigma**2
 
     H_texture = np.zeros((6, 6))
     for row in (_image_rows(p, zg, f, 0), _image_rows(p, zg, f, 1)):
@@ -391,8 +391,10 @@ class ArmCamera:
         self, state: ArmCameraState, information_C: Array, drawn: tuple[Array, Array]
     ) -> Array:
         """Error (3,) [m] of the position, camera axes; part of it is common to a key's pictures."""
-        values, axes = np.linalg.eigh(information_C)
-        spread = np.where(values > OBSERVED, 1.0 / np.sqrt(np.maximum(values, OBSERVED)), 0.0)
+        eigenvalues, axes = np.linalg.eigh(information_C)
+        spread = np.where(
+            eigenvalues > OBSERVED, 1.0 / np.sqrt(np.maximum(eigenvalues, OBSERVED)), 0.0
+        )
 
         common = self._errors.common
         normal = np.sqrt(common) * state.key_error + np.sqrt(1.0 - common) * drawn[0]
@@ -400,7 +402,7 @@ class ArmCamera:
             normal = normal * self._errors.outlier_factor
 
         return axes @ (spread * (axes.T @ normal)) + np.where(
-            values.max() > OBSERVED, self._errors.bias, 0.0
+            eigenvalues.max() > OBSERVED, self._errors.bias, 0.0
         )
 
     @staticmethod
@@ -470,8 +472,8 @@ def tool_in_view(model: mujoco.MjModel, link: int, X_LC: Array, rays: Rays) -> A
         if int(model.body_parentid[body]) in carried:
             carried.add(body)
 
-    own = VisibleWorld(model, exclude=set(range(model.nbody)) - carried)
+    carried_world = VisibleWorld(model, exclude=set(range(model.nbody)) - carried)
     R_W = data.xmat.reshape(-1, 3, 3)
     X_WC = pose(R_W[link], data.xpos[link]) @ X_LC
-    depth, _ = own.cast(X_WC, rays, data.xpos, R_W)
+    depth, _ = carried_world.cast(X_WC, rays, data.xpos, R_W)
     return depth.astype(np.float64)

@@ -128,17 +128,19 @@ class FastState:
 
 def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
     """Raise ConfigurationError unless numbers of `sensor` are finite and >= 0, `above` > 0."""
-    for item in fields(sensor):
-        if item.type is not float:
+    for entry in fields(sensor):
+        if entry.type is not float:
             continue
 
-        name = f"{type(sensor).__name__} {item.name}"
-        value = number(getattr(sensor, item.name), name)
+        name = f"{type(sensor).__name__} {entry.name}"
+        figure = number(getattr(sensor, entry.name), name)
 
-        if not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or item.name not in above)):
-            bound = "> 0" if item.name in above else ">= 0"
-            raise ConfigurationError(f"{name}: must be finite and {bound}, got {value}")
-        object.__setattr__(sensor, item.name, value)
+        if not (
+            np.isfinite(figure) and figure >= 0.0 and (figure > 0.0 or entry.name not in above)
+        ):
+            bound = "> 0" if entry.name in above else ">= 0"
+            raise ConfigurationError(f"{name}: must be finite and {bound}, got {figure}")
+        object.__setattr__(sensor, entry.name, figure)
 
 
 def _constant(rng: np.random.Generator, count: int) -> Array:
@@ -366,11 +368,11 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
     for j in range(3):
         k = (j + 1) % 3
         m = (j + 2) % 3
-        own = 1.0 - 0.5 * (phi[k] ** 2 + phi[m] ** 2)
+        diagonal = 1.0 - 0.5 * (phi[k] ** 2 + phi[m] ** 2)
         next_ = phi[m] + 0.5 * phi[j] * phi[k]
         last = 0.5 * phi[j] * phi[m] - phi[k]
         for i in range(3):
-            R_read[i, j] = R_WB[i, j] * own + R_WB[i, k] * next_ + R_WB[i, m] * last
+            R_read[i, j] = R_WB[i, j] * diagonal + R_WB[i, k] * next_ + R_WB[i, m] * last
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -472,9 +474,9 @@ class VisionDrift:
         """Measure the position of the hull and advance the slow error."""
         p = truth.p_WB + state.error + self.noise * state.noise.normal(3)
         if self.bias > 0.0:
-            kept = np.exp(-self.period / self.bias_time)
-            state.error = kept * state.error + self.bias * np.sqrt(
-                1.0 - kept**2
+            decay = np.exp(-self.period / self.bias_time)
+            state.error = decay * state.error + self.bias * np.sqrt(
+                1.0 - decay**2
             ) * state.walk.standard_normal(3)
 
         return state, VisionMeasurement(

@@ -65,13 +65,13 @@ class FlatPort:
         square = (t**2).sum(axis=-1, keepdims=True)
         glass = t / np.sqrt(self.n_glass**2 * (1.0 + square) - square)
         water = t / np.sqrt(self.n_water**2 * (1.0 + square) - square)
-        one = np.ones_like(square)
+        unit_z = np.ones_like(square)
 
         start = np.concatenate(
-            [self.distance * t + self.thickness * glass, (self.distance + self.thickness) * one],
+            [self.distance * t + self.thickness * glass, (self.distance + self.thickness) * unit_z],
             axis=-1,
         )
-        return start, np.concatenate([water, one], axis=-1)
+        return start, np.concatenate([water, unit_z], axis=-1)
 
     def tangent(self, radius: ArrayLike, z: ArrayLike) -> Array:
         """Tangent in air of the ray from a point in water.
@@ -165,25 +165,25 @@ def in_water(
     way = port.rays([corner / focal, 0.0])[1][0]
     z = np.asarray(ranges, dtype=np.float64)[:, None]
     radius = z * way * np.linspace(0.02, 1.0, 50)
-    seen = focal * port.tangent(radius, z)
+    image_radius = focal * port.tangent(radius, z)
 
     def fit(center: float) -> tuple[Array, float]:
         t = radius / (z - center)
         # The number of pixels at a radius is proportional to it.
         weight = np.sqrt(radius / z).ravel()
         A = np.stack([t, t**3, t**5], axis=-1).reshape(-1, 3) * weight[:, None]
-        solution = np.linalg.lstsq(A, weight * seen.ravel(), rcond=None)[0]
-        return solution, float(np.square(A @ solution - weight * seen.ravel()).sum())
+        solution = np.linalg.lstsq(A, weight * image_radius.ravel(), rcond=None)[0]
+        return solution, float(np.square(A @ solution - weight * image_radius.ravel()).sum())
 
     center = 0.0
     if move_center:
         from scipy import optimize
 
         span = port.distance + port.thickness
-        found = optimize.minimize_scalar(
+        optimum = optimize.minimize_scalar(
             lambda c: fit(c)[1], bounds=(-span, span), options={"xatol": 1e-7}
         )
-        center = float(found.x)
+        center = float(optimum.x)
 
     (f, f_k1, f_k2), _ = fit(center)
     return PortCalibration(focal=float(f), k1=float(f_k1 / f), k2=float(f_k2 / f), center=center)
@@ -274,10 +274,10 @@ def _tangent(rho: float, z: float, port: _Port) -> float:
 
 @kernel
 def _tangents(rho: np.ndarray, z: np.ndarray, port: _Port) -> np.ndarray:
-    result = np.empty(len(rho))
+    tangents = np.empty(len(rho))
     for i in range(len(rho)):
-        result[i] = _tangent(rho[i], z[i], port)
-    return result
+        tangents[i] = _tangent(rho[i], z[i], port)
+    return tangents
 
 
 @kernel
@@ -288,7 +288,7 @@ def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
     k2 = reader.k2
     baseline = reader.baseline
     rows, columns = points.shape[:2]
-    result = np.full((rows, columns), np.inf, dtype=np.float32)
+    depth = np.full((rows, columns), np.inf, dtype=np.float32)
 
     for i in range(rows):
         for j in range(columns):
@@ -310,6 +310,6 @@ def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
 
             difference = reader.tangent_x[j] - (t * x / rho if rho > 0.0 else 0.0)
             if difference > 0.0:
-                result[i, j] = baseline / difference
+                depth[i, j] = baseline / difference
 
-    return result
+    return depth

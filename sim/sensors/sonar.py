@@ -307,7 +307,7 @@ def _strongest(
     The range is the mean of the echo's rays.
     """
     rows, columns, rays = distance.shape
-    result = np.full((rows, columns), np.inf)
+    ranges = np.full((rows, columns), np.inf)
 
     for i in range(rows):
         for j in range(columns):
@@ -318,11 +318,11 @@ def _strongest(
                 for m in range(rays):
                     gap = distance[i, j, m] - distance[i, j, k]
                     if gap >= 0.0 and gap < cell:
-                        one = weight[m] * cosine[i, j, m]
-                        power += one
-                        moment += one * distance[i, j, m]
+                        ray_power = weight[m] * cosine[i, j, m]
+                        power += ray_power
+                        moment += ray_power * distance[i, j, m]
                 if power > best:
                     best = power
-                    result[i, j] = moment / power
+                    ranges[i, j] = moment / power
 
-    return result
+    return ranges

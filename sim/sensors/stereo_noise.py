@@ -87,11 +87,11 @@ def add_noise(
     if noise.flying > 0.0:
         _mix_edges(disparity, noise.flying, rng)
 
-    seen = disparity > 0.0
+    matched = disparity > 0.0
     contrast = None
     if noise.attenuation > 0.0:
         contrast = np.exp(
-            -noise.attenuation * np.where(seen, depth, 0.0) * _ray_lengths(depth.shape, focal)
+            -noise.attenuation * np.where(matched, depth, 0.0) * _ray_lengths(depth.shape, focal)
         )
 
     # Correlated error, the larger the less contrast there is.
@@ -103,17 +103,17 @@ def add_noise(
 
     if contrast is not None:
         x, y = (_smooth_noise(depth.shape, noise.correlation, rng) for _ in range(2))
-        seen &= 0.5 * (x * x + y * y) * contrast**2 >= noise.least_contrast**2
+        matched &= 0.5 * (x * x + y * y) * contrast**2 >= noise.least_contrast**2
 
     if noise.disparity_step > 0.0:
         disparity = np.rint(disparity / np.float32(noise.disparity_step)) * np.float32(
             noise.disparity_step
         )
-    seen &= (disparity > 0.0) & (cosine >= np.cos(noise.max_incidence))
+    matched &= (disparity > 0.0) & (cosine >= np.cos(noise.max_incidence))
 
-    result = np.full_like(depth, np.inf)
-    np.divide(np.float32(focal * noise.baseline), disparity, out=result, where=seen)
-    return result
+    measured = np.full_like(depth, np.inf)
+    np.divide(np.float32(focal * noise.baseline), disparity, out=measured, where=matched)
+    return measured
 
 
 def _smooth_noise(

@@ -129,8 +129,8 @@ def expose(
         The picture.
     """
     exact, cosine = hits
-    seen = np.isfinite(exact)
-    depth = np.where(seen, exact, 1.0).astype(np.float64)
+    on_surface = np.isfinite(exact)
+    depth = np.where(on_surface, exact, 1.0).astype(np.float64)
     points = transform_points(X_TC, (camera.rays() * depth[..., None]).reshape(-1, 3))
 
     # The object's texture, lit by the lamp, and the veil of the water [Jaffe 1990].
@@ -142,11 +142,13 @@ def expose(
 
     reflected = ALBEDO * np.clip(1.0 + texture.contrast * pattern.reshape(depth.shape), 0.0, None)
     light = (LAMP_RANGE / depth) ** 2 * cosine * np.exp(-2.0 * water.attenuation * depth)
-    veil = BACKSCATTER * -np.expm1(-2.0 * water.attenuation * np.where(seen, depth, camera.far))
-    image = np.where(seen, reflected * light, 0.0) + veil
+    veil = BACKSCATTER * -np.expm1(
+        -2.0 * water.attenuation * np.where(on_surface, depth, camera.far)
+    )
+    image = np.where(on_surface, reflected * light, 0.0) + veil
 
     noisy = add_noise(
-        np.where(seen, exact, np.inf).astype(np.float32),
+        np.where(on_surface, exact, np.inf).astype(np.float32),
         cosine.astype(np.float32),
         camera.focal,
         replace(camera.stereo, attenuation=water.attenuation),
@@ -175,10 +177,10 @@ def _cloud(
     away = np.hypot((v - middle[0]) * lobes[0], (u - middle[1]) * lobes[1])
     hidden = away <= np.quantile(away, share)
 
-    own = Texture.of(int(rng.integers(2**31)), 0.3, band=(8.0, 40.0), count=12)
+    silt = Texture.of(int(rng.integers(2**31)), 0.3, band=(8.0, 40.0), count=12)
     flat = np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)]).astype(np.float64)
     drift = BACKSCATTER * (
-        1.0 + own.contrast * _waves(flat, np.zeros(u.size), own.waves).reshape(shape)
+        1.0 + silt.contrast * _waves(flat, np.zeros(u.size), silt.waves).reshape(shape)
     )
     return hidden, drift
 

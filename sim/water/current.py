@@ -36,9 +36,9 @@ def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
     """
     for k in range(len(signal)):
         for i in range(3):
-            value = state[i] + gain * signal[k, i]
-            signal[k, i] = value
-            state[i] = pole * value
+            output = state[i] + gain * signal[k, i]
+            signal[k, i] = output
+            state[i] = pole * output
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,9 +145,9 @@ class Current:
 
         if self._blows:
             assert rng is not None
-            now, other = rng.standard_normal((2, 3))
-            self._before[:] = gust * now
-            self._filters[:] = a * first * (now + a * other), a * self._before
+            start, other = rng.standard_normal((2, 3))
+            self._before[:] = gust * start
+            self._filters[:] = a * first * (start + a * other), a * self._before
         if self._wave is not None:
             self._before += self._wave.velocity(np.array([-dt]))[0]
 
@@ -220,7 +220,7 @@ class Current:
     def save(self) -> dict[str, Any]:
         """All that changes, as it is: to be copied before the next step."""
         stays = ("profile", "flows")
-        return {name: value for name, value in vars(self).items() if name not in stays}
+        return {name: attribute for name, attribute in vars(self).items() if name not in stays}
 
     def resume(self, saved: dict[str, Any], steps: int) -> None:
         """Go on from what `save` of an equal current returned; profile and flow fields stay.
@@ -229,12 +229,12 @@ class Current:
             saved: A copy of it.
             steps: That the plant has taken from the current.
         """
-        for name, value in saved.items():
+        for name, attribute in saved.items():
             array = getattr(self, name)
             if isinstance(array, np.ndarray) and array.flags.writeable:
-                array[...] = value
+                array[...] = attribute
             else:
-                setattr(self, name, value)
+                setattr(self, name, attribute)
         self._ticks = steps
 
     def ready(self) -> int:

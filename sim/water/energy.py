@@ -74,9 +74,9 @@ def largest_power(body: BodyHydrodynamics) -> tuple[float, Array] | None:
         )
         best = near[int(np.argmax(np.sum(near * damping_wrench(body, near), axis=1)))]
 
-    found = float(best @ damping_wrench(body, best[None])[0])
+    power_in = float(best @ damping_wrench(body, best[None])[0])
     gross = (
         sum(float(np.abs(form.terms[:, 4]).sum()) for form in cross)
         * float(np.linalg.norm(best)) ** 3
     )
-    return (found, best) if found > _SHARE * gross else None
+    return (power_in, best) if power_in > _SHARE * gross else None

@@ -100,10 +100,10 @@ def total_velocity(flows: Sequence[FlowField], p_W: Array, time: float) -> Array
 
         # One line now, instead of a motion that diverges.
         if velocity.shape != (3,) or not np.isfinite(velocity).all():
-            place = ", ".join(f"{x:.3f}" for x in p_W)
+            position = ", ".join(f"{x:.3f}" for x in p_W)
             raise ConfigurationError(
                 f"flow {type(flow).__name__}: velocity must be (3,) finite numbers [m/s], "
-                f"got {shown(answer)} at ({place}) m, {time:.3f} s"
+                f"got {shown(answer)} at ({position}) m, {time:.3f} s"
             )
         total += velocity
     return total

@@ -108,10 +108,10 @@ class BlockSums:
         bodies = self.bodies_of[block]
         columns = [np.tile(self._local(i), 6) for i in bodies]
         ends = np.cumsum([0, *(len(self.movers[i]) for i in bodies for _ in range(6))])
-        values = [self._jacobians[i].ravel() for i in bodies]
+        entries = [self._jacobians[i].ravel() for i in bodies]
 
         return csr_array(
-            (np.concatenate(values), np.concatenate(columns), ends),
+            (np.concatenate(entries), np.concatenate(columns), ends),
             shape=(6 * len(bodies), self.count(block)),
         )
 

@@ -75,7 +75,7 @@ def usable_cloud(
             f"{what}: points must be (n, 3) numbers [m], got shape {positions.shape}"
         )
 
-    finite = np.isfinite(positions).all(axis=1)
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
     outward = None
     notes: list[str] = []
     if normals is not None:

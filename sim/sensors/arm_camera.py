@@ -57,14 +57,12 @@ _EXPONENTS = {"schema": {"items": {"minimum": -100, "maximum": 100}}}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorModel:
-    """Errors of the tracker in units of the prediction, fitted to rendered pairs by
-    `fit_arm_camera.py`.
+    """Errors of the tracker in units of the prediction, fitted by `fit_arm_camera.py`.
 
-    The variance of texture is exp(texture . x) times the predicted one, that of shape exp(shape .
-    x). The condition x
-    is: 1, shift since the key over the width of the view, share of the view hidden by silt,
-    logarithm of the ratio of gradient to noise. A picture is lost with probability 1 / (1 +
-    exp(-lost . x)).
+    The fit is to rendered pairs. The variance of texture is exp(texture . x) times the predicted
+    one, that of shape exp(shape . x). The condition x is: 1, shift since the key over the width of
+    the view, share of the view hidden by silt, logarithm of the ratio of gradient to noise. A
+    picture is lost with probability 1 / (1 + exp(-lost . x)).
     """
 
     texture: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
@@ -99,8 +97,7 @@ def fitted() -> ErrorModel:
 
 
 def beside_tool() -> Array:
-    """Default pose X_GC (4, 4) of the camera in tool axes: 11 cm beside the tool axis, 17 cm behind
-    the face.
+    """Default pose X_GC (4, 4) of the camera: 11 cm beside the tool axis, 17 cm behind the face.
 
     It looks at the surface 5 cm beside the contact, 0.33 rad from the tool axis.
     """
@@ -119,15 +116,13 @@ class Prediction:
     range: float  # [m] median depth; NaN without a surface
 
     def information(self, texture: float, shape: float) -> Array:
-        """Information (3, 3) [1/m^2] of the position, camera axes, with these factors on the
-        variances.
-        """
+        """Information (3, 3) [1/m^2] of the position, camera axes, by factors on the variances."""
         A = self.texture / texture + self.shape / shape
         A[3:, 3:] += np.eye(3) / ROTATION**2
         marginal = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
-        values, axes = np.linalg.eigh(0.5 * (marginal + marginal.T))
-        values[values < WEAKEST**-2] = 0.0
-        return (axes * values) @ axes.T
+        eigenvalues, axes = np.linalg.eigh(0.5 * (marginal + marginal.T))
+        eigenvalues[eigenvalues < WEAKEST**-2] = 0.0
+        return (axes * eigenvalues) @ axes.T
 
     def factors(self, errors: ErrorModel) -> tuple[float, float]:
         """Factors on the variances of texture and shape in this condition."""
@@ -174,33 +169,46 @@ def predict(
             seen=0.0,
             range=float("nan"),
         )
+
+    # Normals of the surface, by gradients of the inverse depth.
     inverse_depth = np.where(good, 1.0 / np.where(good, depth, 1.0), np.nan)
     wv, wu = np.gradient(inverse_depth, GRID)
-    f, z = camera.focal, depth
-    u, v = f * rays[..., 0], f * rays[..., 1]
+    f = camera.focal
+    z = depth
+    u = f * rays[..., 0]
+    v = f * rays[..., 1]
     normals = -np.stack([f * wu, f * wv, inverse_depth - u * wu - v * wv], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     shaped = good & np.isfinite(normals).all(axis=-1)
+
     points = rays * np.where(good, z, 0.0)[..., None]
     share = (1.0 - water.cloud) * GRID**2 / CELL
+
     # Texture: gradient of the intensity relative to its mean, against noise.
-    p, n, zg = points[good], -rays[good], z[good]
+    p = points[good]
+    n = -rays[good]
+    zg = z[good]
     cosine = np.clip(
         np.abs(np.sum(np.where(shaped[..., None], normals, 0.0)[good] * n, axis=1)), 0.3, 1.0
     )
+
     light = ALBEDO * (LAMP_RANGE / zg) ** 2 * cosine * np.exp(-2.0 * water.attenuation * zg)
     veil = BACKSCATTER * -np.expm1(-2.0 * water.attenuation * zg)
     white = camera.intensity_noise / (light + veil)
     square = gradient_square(texture, zg / f) * (light / (light + veil)) ** 2
     slope = white / (2.0 * FINE_BLUR**2 * np.sqrt(2.0 * np.pi))
     used = np.exp(-((LEAST_GRADIENT * slope) ** 2) / (square + slope**2))  # in both pictures
-    value = white / (2.0 * FINE_BLUR * np.sqrt(np.pi)) * np.sqrt(2.0)
-    weight = share * used * square / value**2
+    sigma = white / (2.0 * FINE_BLUR * np.sqrt(np.pi)) * np.sqrt(2.0)
+    weight = share * used * square / sigma**2
+
     H_texture = np.zeros((6, 6))
     for row in (_image_rows(p, zg, f, 0), _image_rows(p, zg, f, 1)):
         H_texture += np.einsum("n,ni,nj->ij", weight, row, row)
+
     # Shape: distance along the normal, in inverse depth.
-    p, n, zs = points[shaped], normals[shaped], z[shaped]
+    p = points[shaped]
+    n = normals[shaped]
+    zs = z[shaped]
     dimmed = (
         camera.stereo.disparity_sigma
         / (f * camera.stereo.baseline)
@@ -210,20 +218,20 @@ def predict(
     unit = 1.0 / (np.where(np.abs(along) > 0.2, along, np.inf) * zs**2)
     row = np.concatenate([n * unit[:, None], np.cross(p, n) * unit[:, None]], axis=1)
     H_shape = np.einsum("n,ni,nj->ij", share / dimmed**2, row, row)
+
     range_m = float(np.median(zg))
     ratio = float(np.log(np.sqrt(np.maximum(np.mean(square), 1e-12)) / np.mean(slope)))
     condition = np.array(
         [1.0, shift * f / (range_m * camera.width), water.cloud, np.clip(ratio, -2.0, 4.0)]
     )
+
     return Prediction(
         texture=H_texture, shape=H_shape, condition=condition, seen=seen, range=range_m
     )
 
 
 def gradient_square(texture: Texture, pixel: Array) -> Array:
-    """Mean square (n,) of the gradient of a texture along one image axis [1/px^2], by footprint
-    (n,) [m] of a pixel.
-    """
+    """Mean square (n,) [1/px^2] of a texture's gradient on one image axis; pixels of (n,) [m]."""
     # of the wave number along one axis, mean over directions
     square = np.sum(texture.waves[:, :3] ** 2, axis=1) / 3.0
     phase = square[:, None] * pixel**2
@@ -298,18 +306,22 @@ class ArmCamera:
             raise ConfigurationError(
                 f"arm camera: period must be > 0 and delay >= 0, got {period} and {delay}"
             )
-        self.period, self.delay = period, delay
-        self.camera, self.conditions = camera or SmallStereo(), conditions or ViewConditions()
+
+        self.period = period
+        self.delay = delay
+        self.camera = camera or SmallStereo()
+        self.conditions = conditions or ViewConditions()
         self._errors = errors or fitted()
+
         link, X_LG = site_on_body(model, tip, "arm camera")
-        self._link, self._surface = (
-            body_id(model, link, "arm camera"),
-            body_id(model, surface, "arm camera"),
-        )
+        self._link = body_id(model, link, "arm camera")
+        self._surface = body_id(model, surface, "arm camera")
         self.X_LC = X_LG @ (beside_tool() if X_GC is None else X_GC)
         self._texture = Texture.of(0, self.conditions.texture)
+
         rays = self.camera.rays(GRID)
         self._rays = Rays.of(rays, self.camera.near)
+
         vehicle = [
             b for b in range(model.nbody) if model.body_rootid[b] == model.body_rootid[self._link]
         ]
@@ -331,7 +343,8 @@ class ArmCamera:
     ) -> tuple[ArmCameraState, SurfaceMotionMeasurement | None]:
         """One picture; None while no surface is in range, or the picture is lost."""
         X_WC, X_OC = self.camera_pose(truth)
-        time, rng = float(truth.time), state.rng
+        time = float(truth.time)
+        rng = state.rng
         water = Turbidity(
             attenuation=self.conditions.attenuation,
             cloud=silt(state, self.conditions, time, self.period),
@@ -339,6 +352,8 @@ class ArmCamera:
         depth, _ = self._world.cast(
             X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3)
         )
+
+        # Prediction of an alignment with the key picture.
         X_KC = inverse(state.X_OK) @ X_OC
         view = predict(
             self.camera,
@@ -348,6 +363,7 @@ class ArmCamera:
             water,
             float(np.hypot(X_KC[0, 3], X_KC[1, 3])) if state.tracking else 0.0,
         )
+
         chance = view.chance_lost(self._errors)
         drawn = rng.standard_normal(3), rng.uniform(size=2)
         if drawn[1][0] < chance:
@@ -358,6 +374,7 @@ class ArmCamera:
         if not state.tracking:
             self._new_key(state, time, X_OC)
             return state, _message(truth, time, np.eye(4), np.zeros((3, 3)))
+
         information_C = view.information(*view.factors(self._errors))
         error = self._error(state, information_C, drawn)
         information_C = with_scale(information_C, X_KC, self.conditions.scale)
@@ -365,6 +382,7 @@ class ArmCamera:
         read = X_KC.copy()
         read[:3, 3] = (1.0 + state.scale) * X_KC[:3, 3] + R @ error
         message = _message(truth, time, read, R @ information_C @ R.T, key_time=state.key_time)
+
         if leaves_key(self.camera, X_KC, view.range):
             self._new_key(state, time, X_OC)
         return state, message
@@ -372,23 +390,27 @@ class ArmCamera:
     def _error(
         self, state: ArmCameraState, information_C: Array, drawn: tuple[Array, Array]
     ) -> Array:
-        """Error (3,) [m] of the position, camera axes: part of it common to all pictures of the
-        key.
-        """
-        values, axes = np.linalg.eigh(information_C)
-        spread = np.where(values > OBSERVED, 1.0 / np.sqrt(np.maximum(values, OBSERVED)), 0.0)
+        """Error (3,) [m] of the position, camera axes; part of it is common to a key's pictures."""
+        eigenvalues, axes = np.linalg.eigh(information_C)
+        spread = np.where(
+            eigenvalues > OBSERVED, 1.0 / np.sqrt(np.maximum(eigenvalues, OBSERVED)), 0.0
+        )
+
         common = self._errors.common
         normal = np.sqrt(common) * state.key_error + np.sqrt(1.0 - common) * drawn[0]
         if drawn[1][1] < self._errors.outliers:
             normal = normal * self._errors.outlier_factor
+
         return axes @ (spread * (axes.T @ normal)) + np.where(
-            values.max() > OBSERVED, self._errors.bias, 0.0
+            eigenvalues.max() > OBSERVED, self._errors.bias, 0.0
         )
 
     @staticmethod
     def _new_key(state: ArmCameraState, time: float, X_OC: Array) -> None:
         """The present picture becomes the key."""
-        state.key_time, state.X_OK, state.tracking = time, X_OC, True
+        state.key_time = time
+        state.X_OK = X_OC
+        state.tracking = True
         state.key_error = state.rng.standard_normal(3)
 
 
@@ -406,18 +428,14 @@ def _message(
 
 
 def with_scale(information: Array, X_KC: Array, scale: float) -> Array:
-    """Information (3, 3), camera axes, less what an unknown scale takes of it: variance (scale x
-    motion)^2 along it.
-    """
+    """Information (3, 3), camera axes, with the variance (scale x motion)^2 of an unknown scale."""
     d = scale * (X_KC[:3, :3].T @ X_KC[:3, 3])
     taken = information @ d
     return information - np.outer(taken, taken) / (1.0 + d @ taken)
 
 
 def leaves_key(camera: SmallStereo, X_KC: Array, range_m: float) -> bool:
-    """True if the view has moved so far from its key picture that the present one shall be the
-    key.
-    """
+    """True if the view has moved so far from its key picture that the present one shall be it."""
     across = float(np.hypot(X_KC[0, 3], X_KC[1, 3])) * camera.focal / (range_m * camera.width)
     along = abs(float(X_KC[2, 3])) / range_m
     turn = float(np.arccos(np.clip(0.5 * (np.trace(X_KC[:3, :3]) - 1.0), -1.0, 1.0)))
@@ -425,8 +443,7 @@ def leaves_key(camera: SmallStereo, X_KC: Array, range_m: float) -> bool:
 
 
 def silt(state: Any, conditions: ViewConditions, time: float, period: float) -> float:
-    """Share of the view that silt hides now; clouds come as a Poisson process and last for an
-    exponential time.
+    """Share of the view that silt hides now; clouds are a Poisson process, of exponential times.
 
     Args:
         state: With `rng`, `cloud` and `cloud_until`, changed in place.
@@ -434,25 +451,29 @@ def silt(state: Any, conditions: ViewConditions, time: float, period: float) -> 
         time: [s]
         period: [s] between two pictures.
     """
-    comes, share, lasts = state.rng.uniform(), state.rng.uniform(), state.rng.exponential()
+    comes = state.rng.uniform()
+    share = state.rng.uniform()
+    lasts = state.rng.exponential()
+
     if comes < conditions.cloud_rate * period:
-        state.cloud, state.cloud_until = share, time + conditions.cloud_time * lasts
+        state.cloud = share
+        state.cloud_until = time + conditions.cloud_time * lasts
     return state.cloud if time < state.cloud_until else 0.0
 
 
 def tool_in_view(model: mujoco.MjModel, link: int, X_LC: Array, rays: Rays) -> Array:
-    """Depth (h, w) [m] of the last link and the tool that it carries in the camera's view; inf
-    where they are not.
-    """
+    """Depth (h, w) [m] of the last link and its tool in the camera's view; inf elsewhere."""
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
     mujoco.mj_kinematics(model, data)
+
     carried = {link}
     for body in range(link + 1, model.nbody):
         if int(model.body_parentid[body]) in carried:
             carried.add(body)
-    own = VisibleWorld(model, exclude=set(range(model.nbody)) - carried)
+
+    carried_world = VisibleWorld(model, exclude=set(range(model.nbody)) - carried)
     R_W = data.xmat.reshape(-1, 3, 3)
     X_WC = pose(R_W[link], data.xpos[link]) @ X_LC
-    depth, _ = own.cast(X_WC, rays, data.xpos, R_W)
+    depth, _ = carried_world.cast(X_WC, rays, data.xpos, R_W)
     return depth.astype(np.float64)

@@ -45,7 +45,9 @@ class Optics:
     calibration: PortCalibration | None = None
 
     def __post_init__(self) -> None:
-        width, height, focal = self.width, self.height, self.focal
+        width = self.width
+        height = self.height
+        focal = self.focal
         whole = all(
             isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height)
         )
@@ -53,6 +55,7 @@ class Optics:
             raise ConfigurationError(
                 f"depth camera: {width} x {height} px with focal {focal} px is no camera"
             )
+
         if self.calibration is not None and self.port is None:
             raise ConfigurationError(
                 "depth camera: a calibration corrects for a port; there is none"
@@ -73,18 +76,14 @@ OPTICS = Optics()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthCameraState:
-    """State of the camera's noise; a frame depends on it and the truth only, so a run can be
-    replayed.
-    """
+    """State of the noise; a frame depends on it and the truth only, so a run can be replayed."""
 
     seed: int
     frame: int
 
 
 class DepthCamera:
-    """Depth camera fixed to a body of a compiled model; delivers one frame per request (`period`
-    0).
-    """
+    """Depth camera fixed to a body of a compiled model; one frame per request (`period` 0)."""
 
     period = 0.0  # [s], on request
 
@@ -122,17 +121,16 @@ class DepthCamera:
             )
         if not delay >= 0.0:
             raise ConfigurationError(f"depth camera: delay must not be negative, got {delay}")
+
         self.delay = delay
         self._hull = body_id(model, hull, "depth camera")
         self._X_BC = checked_pose(X_BC, "X_BC")
         self._range = range_limits
         self._noise = noise
-        calibration, port, width, height = (
-            optics.rectified,
-            optics.port,
-            optics.width,
-            optics.height,
-        )
+        calibration = optics.rectified
+        port = optics.port
+        width = optics.width
+        height = optics.height
         f = calibration.focal
         self._K = readonly([[f, 0, 0.5 * (width - 1)], [0, f, 0.5 * (height - 1)], [0, 0, 1]])
         self._X_BC_said = self._X_BC
@@ -141,7 +139,8 @@ class DepthCamera:
         v, u = np.indices((height, width))
         tangents = np.stack([(u - self._K[0, 2]) / f, (v - self._K[1, 2]) / f], axis=-1)
         # With unit z component the ray parameter is the depth along the optical axis.
-        start, way = None, np.concatenate([tangents, np.ones((height, width, 1))], axis=-1)
+        start = None
+        way = np.concatenate([tangents, np.ones((height, width, 1))], axis=-1)
         self._reader: StereoReader | None = None
         if port is not None:
             self._X_BC_said = readonly(self._X_BC @ pose(None, [0.0, 0.0, calibration.center]))
@@ -216,9 +215,7 @@ class DepthCamera:
     def step(
         self, state: DepthCameraState, truth: BodyPoses
     ) -> tuple[DepthCameraState, DepthImage]:
-        """One frame of the world at `truth`; the same state and truth always give the same
-        frame.
-        """
+        """One frame of the world at `truth`; the same state and truth give the same frame."""
         depth, cosine = self.render(truth.xpos, truth.xmat)
         if self._noise is not None:
             depth = add_noise(
@@ -228,15 +225,16 @@ class DepthCamera:
                 self._noise,
                 np.random.default_rng([state.seed, state.frame]),
             )
+
         depth = depth.astype(np.float64)
         depth[~((depth >= self._range[0]) & (depth <= self._range[1]))] = np.nan
         depth.setflags(write=False)
+
         image = DepthImage(time=float(truth.time), depth=depth, K=self._K, X_BC=self._X_BC_said)
         return DepthCameraState(seed=state.seed, frame=state.frame + 1), image
 
     def render(self, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Noise-free depth image; with a port, the depth that the calibration computes from exact
-        disparities.
+        """Noise-free depth; with a port, what the calibration computes from exact disparities.
 
         Args:
             xpos: Body origins (nbody, 3) [m] in W.
@@ -252,4 +250,5 @@ class DepthCamera:
             with np.errstate(invalid="ignore"):  # 0 times inf where nothing is hit
                 points = self._rays.origins + depth[..., None] * self._rays.directions
             depth = self._reader.depth(points)
+
         return depth, cosine

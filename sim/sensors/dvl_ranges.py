@@ -108,19 +108,25 @@ class DvlRanges:
         self, state: np.random.Generator, truth: BodyPoses
     ) -> tuple[np.random.Generator, DvlRangesMeasurement]:
         """Measure the slant ranges."""
-        beams, axes = self.beams, self.beams.axes()
-        xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
+        beams = self.beams
+        axes = self.beams.axes()
+        xpos = np.asarray(truth.xpos)
+        R_W = np.asarray(truth.xmat).reshape(-1, 3, 3)
         X_WD = pose(R_W[self.body], xpos[self.body]) @ pose(p=self.p_BD)
         hit, _ = self.world.cast(
             X_WD, Rays.of(axes[None, :, None].astype(np.float32), NEAR), xpos, R_W
         )
+
         ranges = hit.reshape(-1).astype(np.float64) * (
             1.0 + beams.noise * state.standard_normal(beams.count)
         )
+
+        # Beams without an echo, failed ones, and echoes out of range.
         silent = state.random(beams.count) < beams.dropouts
         silent[[beam - 1 for beam in beams.dead]] = True
         silent |= ~((ranges >= beams.limits[0]) & (ranges <= beams.limits[1]))
         ranges[silent] = np.nan
+
         return state, DvlRangesMeasurement(
             time=float(truth.time),
             ranges=readonly(ranges),

@@ -40,7 +40,8 @@ class SensorState:
     def normal(self, count: int) -> Array:
         """Next `count` standard normal numbers of the stream."""
         if self.used + count > len(self.drawn):
-            self.drawn, self.used = self.rng.standard_normal(max(_BLOCK, count)), 0
+            self.drawn = self.rng.standard_normal(max(_BLOCK, count))
+            self.used = 0
         self.used += count
         return self.drawn[self.used - count : self.used]
 
@@ -81,9 +82,7 @@ IMU = np.dtype(
 
 
 class FastState:
-    """State of a sensor that samples at every step of the loop: a record for its compiled function,
-    and a stream.
-    """
+    """State of a sensor that samples at every step of the loop: a compiled record, and a stream."""
 
     __slots__ = ("_count", "_drawn", "_rng", "_used", "record", "stated")
 
@@ -102,8 +101,11 @@ class FastState:
             if hasattr(sensor, name) and name != "bias":
                 self.record[name] = getattr(sensor, name)
         self.stated: Any = None  # noise by the data sheet, attached to every measurement
-        self._rng, self._count = rng, 0
-        self._drawn, self._used = self.record["drawn"][0], self.record["used"]
+
+        self._rng = rng
+        self._count = 0
+        self._drawn = self.record["drawn"][0]
+        self._used = self.record["used"]
         self._used[0] = _BLOCK
 
     @property
@@ -116,9 +118,7 @@ class FastState:
         return int(_BLOCK - self._used[0]) // max(self._count, 1)
 
     def draw(self, count: int) -> Array:
-        """Make sure that noise of `count` numbers is drawn for the next sample, and return the
-        record.
-        """
+        """Make sure that noise of `count` numbers is drawn for the next sample; the record."""
         self._count = count
         if self._used[0] + count > _BLOCK:
             self._rng.standard_normal(out=self._drawn)
@@ -127,24 +127,24 @@ class FastState:
 
 
 def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
-    """Raise ConfigurationError unless all numbers of `sensor` are finite and >= 0, and those named
-    in `above` > 0.
-    """
-    for item in fields(sensor):
-        if item.type is not float:
+    """Raise ConfigurationError unless numbers of `sensor` are finite and >= 0, `above` > 0."""
+    for entry in fields(sensor):
+        if entry.type is not float:
             continue
-        name = f"{type(sensor).__name__} {item.name}"
-        value = number(getattr(sensor, item.name), name)
-        if not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or item.name not in above)):
-            bound = "> 0" if item.name in above else ">= 0"
-            raise ConfigurationError(f"{name}: must be finite and {bound}, got {value}")
-        object.__setattr__(sensor, item.name, value)
+
+        name = f"{type(sensor).__name__} {entry.name}"
+        figure = number(getattr(sensor, entry.name), name)
+
+        if not (
+            np.isfinite(figure) and figure >= 0.0 and (figure > 0.0 or entry.name not in above)
+        ):
+            bound = "> 0" if entry.name in above else ">= 0"
+            raise ConfigurationError(f"{name}: must be finite and {bound}, got {figure}")
+        object.__setattr__(sensor, entry.name, figure)
 
 
 def _constant(rng: np.random.Generator, count: int) -> Array:
-    """Standard normal numbers of a stream separate from the noise, so that drawing them does not
-    change the noise.
-    """
+    """Standard normal numbers of a stream of their own: drawing them leaves the noise as it is."""
     return rng.spawn(1)[0].standard_normal(count)
 
 
@@ -189,7 +189,8 @@ class Encoders:
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, EncoderMeasurement]:
         """Measure joint angles and velocities."""
         n = len(truth.q)
-        q, qd = np.empty(n), np.empty(n)
+        q = np.empty(n)
+        qd = np.empty(n)
 
         encode(state.draw(n), truth.q, truth.qd, q, qd)
         return state, EncoderMeasurement(time=truth.time, q=q, qd=qd)
@@ -257,8 +258,7 @@ class JointTorqueSensors:
 
 @kernel
 def transmit(record, tau_drive, tau_friction, armature, qdd, damping, qd, tau_read):
-    """Sample the torque at the gear outputs: drive torque less rotor inertia, gear friction and
-    damping.
+    """Sample the torque at the gear outputs: the drive's less rotor inertia, friction, damping.
 
     Args:
         record: (1,) of TORQUE_SENSORS.
@@ -271,6 +271,7 @@ def transmit(record, tau_drive, tau_friction, armature, qdd, damping, qd, tau_re
         tau_read: (n,) [N m] result.
     """
     sensor = record[0]
+
     for j in range(len(tau_read)):
         true = tau_drive[j] + tau_friction[j] - armature[j] * qdd[j] - damping[j] * qd[j]
         noise = sensor.noise * sensor.drawn[sensor.used + j]
@@ -280,9 +281,7 @@ def transmit(record, tau_drive, tau_friction, armature, qdd, damping, qd, tau_re
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imu:
-    """Inertial unit with fibre-optic gyros: specific force, angular velocity and attitude at the
-    hull's origin.
-    """
+    """Inertial unit with fibre-optic gyros: specific force, rate, attitude at the hull's origin."""
 
     period: float = 0.002  # [s]
     delay: float = 0.0  # [s]
@@ -306,6 +305,7 @@ class Imu:
         errors = np.concatenate(
             [self.acceleration_bias * bias[:3], self.attitude_bias * bias[3:], rate]
         )
+
         state = FastState(IMU, self, rng, errors)
         state.stated = ImuNoise(
             acceleration=_white(self.acceleration_noise, self.acceleration_resolution),
@@ -323,7 +323,9 @@ class Imu:
 
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, ImuMeasurement]:
         """Measure specific force, angular velocity and attitude."""
-        force_B, w_B, R = np.empty(3), np.empty(3), np.empty((3, 3))
+        force_B = np.empty(3)
+        w_B = np.empty(3)
+        R = np.empty((3, 3))
         sense_motion(state.draw(9), truth.R_WB, truth.acceleration, truth.w_WB_B, force_B, w_B, R)
         return state, ImuMeasurement(
             time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R, noise=state.stated
@@ -344,9 +346,13 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
         w_read: (3,) [rad/s] result, in B.
         R_read: (3, 3) result.
     """
-    sensor, phi = record[0], np.empty(3)
-    bias, noise = sensor.bias, sensor.drawn[sensor.used : sensor.used + 9]
+    sensor = record[0]
+    phi = np.empty(3)
+    bias = sensor.bias
+    noise = sensor.drawn[sensor.used : sensor.used + 9]
     sensor.used += 9
+
+    # Specific force and angular velocity in hull axes; error of the attitude.
     for i in range(3):
         force = bias[i] + sensor.acceleration_noise * noise[i]
         for j in range(3):
@@ -356,14 +362,17 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
             w_B[i] + bias[6 + i] + sensor.rate_noise * noise[3 + i], sensor.rate_resolution
         )
         phi[i] = bias[3 + i] + sensor.attitude_noise * noise[6 + i]
+
     # Second order in the error, which is below a milliradian: within 1e-10 of a rotation, far below
     # the noise.
     for j in range(3):
-        k, m = (j + 1) % 3, (j + 2) % 3
-        own = 1.0 - 0.5 * (phi[k] ** 2 + phi[m] ** 2)
-        next_, last = phi[m] + 0.5 * phi[j] * phi[k], 0.5 * phi[j] * phi[m] - phi[k]
+        k = (j + 1) % 3
+        m = (j + 2) % 3
+        diagonal = 1.0 - 0.5 * (phi[k] ** 2 + phi[m] ** 2)
+        next_ = phi[m] + 0.5 * phi[j] * phi[k]
+        last = 0.5 * phi[j] * phi[m] - phi[k]
         for i in range(3):
-            R_read[i, j] = R_WB[i, j] * own + R_WB[i, k] * next_ + R_WB[i, m] * last
+            R_read[i, j] = R_WB[i, j] * diagonal + R_WB[i, k] * next_ + R_WB[i, m] * last
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -419,6 +428,7 @@ class PressureDepth:
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, PressureMeasurement]:
         """Measure pressure and depth."""
         depth = -float(truth.p_WB[2] + truth.R_WB[2] @ self.p_BS)
+
         # above the surface there is air
         water = self.water_density * self.gravity * max(depth, 0.0)
         pressure = self.surface + water + state.bias + self.noise * state.normal(1)
@@ -438,9 +448,7 @@ class WanderState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisionDrift:
-    """Position of the hull relative to the scene from the cameras: delayed, with white and
-    Gauss-Markov errors.
-    """
+    """Position of the hull in the scene by cameras: delayed, white and Gauss-Markov errors."""
 
     period: float = 0.1  # [s]
     delay: float = 0.1  # [s]
@@ -466,10 +474,11 @@ class VisionDrift:
         """Measure the position of the hull and advance the slow error."""
         p = truth.p_WB + state.error + self.noise * state.noise.normal(3)
         if self.bias > 0.0:
-            kept = np.exp(-self.period / self.bias_time)
-            state.error = kept * state.error + self.bias * np.sqrt(
-                1.0 - kept**2
+            decay = np.exp(-self.period / self.bias_time)
+            state.error = decay * state.error + self.bias * np.sqrt(
+                1.0 - decay**2
             ) * state.walk.standard_normal(3)
+
         return state, VisionMeasurement(
             time=truth.time, p_WB=_quantised(p, self.resolution), noise=state.noise.stated
         )

@@ -1,5 +1,4 @@
-"""Stereo pair behind a flat port: Snell's law for each pixel, and the pinhole calibration of the
-refracted image.
+"""Stereo pair behind a flat port: Snell's law by pixel, and pinhole calibration of its image.
 
 Both cameras look through the same flat port, whose normal is their optical axis. A ray that leaves
 the lens at the tangent s continues in water at the tangent s_w = s / sqrt(n^2 (1 + s^2) - s^2),
@@ -66,12 +65,13 @@ class FlatPort:
         square = (t**2).sum(axis=-1, keepdims=True)
         glass = t / np.sqrt(self.n_glass**2 * (1.0 + square) - square)
         water = t / np.sqrt(self.n_water**2 * (1.0 + square) - square)
-        one = np.ones_like(square)
+        unit_z = np.ones_like(square)
+
         start = np.concatenate(
-            [self.distance * t + self.thickness * glass, (self.distance + self.thickness) * one],
+            [self.distance * t + self.thickness * glass, (self.distance + self.thickness) * unit_z],
             axis=-1,
         )
-        return start, np.concatenate([water, one], axis=-1)
+        return start, np.concatenate([water, unit_z], axis=-1)
 
     def tangent(self, radius: ArrayLike, z: ArrayLike) -> Array:
         """Tangent in air of the ray from a point in water.
@@ -91,7 +91,8 @@ class FlatPort:
         )
         if not np.all(depth > self.distance + self.thickness):
             raise ConfigurationError("flat port: points must lie in the water, beyond the port")
-        # copies, for a view warns when it is written
+
+        # Copies: a view warns when it is written.
         flat = _tangents(np.array(rho).ravel(), np.array(depth).ravel(), self.numbers)
         return flat.reshape(rho.shape)
 
@@ -123,9 +124,7 @@ class PortCalibration:
             )
 
     def raw(self, tangents: ArrayLike, focal: float) -> Array:
-        """Tangents (..., 2) in the air behind the port for rectified ones; `focal` [px] is that of
-        the lens.
-        """
+        """Tangents (..., 2) in the air behind the port, of rectified ones; lens of `focal` [px]."""
         t = np.asarray(tangents, dtype=np.float64)
         square = (t**2).sum(axis=-1, keepdims=True)
         return t * (self.focal / focal) * (1.0 + square * (self.k1 + square * self.k2))
@@ -143,8 +142,7 @@ def in_water(
     ranges: Sequence[float] = (0.5, 1.0, 2.0),
     move_center: bool = True,
 ) -> PortCalibration:
-    """Pinhole with distortion that best fits calibration boards seen through `port`; least squares
-    in pixels.
+    """Pinhole with distortion that best fits boards seen through `port`; least squares in pixels.
 
     Args:
         port: The flat port.
@@ -163,35 +161,36 @@ def in_water(
         raise ConfigurationError(
             f"calibration: focal, corner and ranges must be positive, got {focal}, {corner}"
         )
+
     way = port.rays([corner / focal, 0.0])[1][0]
     z = np.asarray(ranges, dtype=np.float64)[:, None]
     radius = z * way * np.linspace(0.02, 1.0, 50)
-    seen = focal * port.tangent(radius, z)
+    image_radius = focal * port.tangent(radius, z)
 
     def fit(center: float) -> tuple[Array, float]:
         t = radius / (z - center)
         # The number of pixels at a radius is proportional to it.
         weight = np.sqrt(radius / z).ravel()
         A = np.stack([t, t**3, t**5], axis=-1).reshape(-1, 3) * weight[:, None]
-        solution = np.linalg.lstsq(A, weight * seen.ravel(), rcond=None)[0]
-        return solution, float(np.square(A @ solution - weight * seen.ravel()).sum())
+        solution = np.linalg.lstsq(A, weight * image_radius.ravel(), rcond=None)[0]
+        return solution, float(np.square(A @ solution - weight * image_radius.ravel()).sum())
 
     center = 0.0
     if move_center:
         from scipy import optimize
 
         span = port.distance + port.thickness
-        found = optimize.minimize_scalar(
+        optimum = optimize.minimize_scalar(
             lambda c: fit(c)[1], bounds=(-span, span), options={"xatol": 1e-7}
         )
-        center = float(found.x)
+        center = float(optimum.x)
+
     (f, f_k1, f_k2), _ = fit(center)
     return PortCalibration(focal=float(f), k1=float(f_k1 / f), k2=float(f_k2 / f), center=center)
 
 
 class StereoReader(NamedTuple):
-    """Depth that stereo reads through a flat port; both cameras look through it, and `baseline` is
-    between them.
+    """Depth that stereo reads through a flat port, with `baseline` between the two cameras.
 
     Both images are rectified by one calibration. Depth is baseline / (difference of the rectified x
     tangents).
@@ -236,21 +235,18 @@ class StereoReader(NamedTuple):
         )
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Depth (H, W) [m], float32, of points (H, W, 3) [m] in the left camera's frame; inf for
-        points at infinity.
-        """
+        """Depth (H, W) [m], float32, of points (H, W, 3) [m] in the left camera; else inf."""
         return _read(np.ascontiguousarray(points, dtype=np.float64), self)
 
 
 @kernel
 def _tangent(rho: float, z: float, port: _Port) -> float:
-    """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), which
-    grows with s.
-    """
+    """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), rising."""
     distance, thickness, n_glass, n_water = port
     if rho == 0.0:
         return 0.0
     depth = z - distance - thickness
+
     # The sum is concave, and the start, from its slope at the axis, lies below the root: Newton
     # does not overshoot.
     s = rho / (distance + thickness / n_glass + depth / n_water)
@@ -258,14 +254,17 @@ def _tangent(rho: float, z: float, port: _Port) -> float:
         square = s * s
         glass = n_glass * n_glass * (1.0 + square) - square
         water = n_water * n_water * (1.0 + square) - square
-        root_glass, root_water = np.sqrt(glass), np.sqrt(water)
+        root_glass = np.sqrt(glass)
+        root_water = np.sqrt(water)
         off = s * (distance + thickness / root_glass + depth / root_water) - rho
+
         # d(s / sqrt(n^2 (1 + s^2) - s^2)) / ds = n^2 / (...)^(3/2)
         slope = (
             distance
             + thickness * n_glass * n_glass / (glass * root_glass)
             + depth * n_water * n_water / (water * root_water)
         )
+
         step = off / slope
         s -= step
         if abs(step) < 1e-13 * (1.0 + s):
@@ -275,18 +274,22 @@ def _tangent(rho: float, z: float, port: _Port) -> float:
 
 @kernel
 def _tangents(rho: np.ndarray, z: np.ndarray, port: _Port) -> np.ndarray:
-    result = np.empty(len(rho))
+    tangents = np.empty(len(rho))
     for i in range(len(rho)):
-        result[i] = _tangent(rho[i], z[i], port)
-    return result
+        tangents[i] = _tangent(rho[i], z[i], port)
+    return tangents
 
 
 @kernel
 def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
     """Depth (H, W) [m] of points (H, W, 3) [m]; see `StereoReader`."""
-    scale, k1, k2, baseline = reader.scale, reader.k1, reader.k2, reader.baseline
+    scale = reader.scale
+    k1 = reader.k1
+    k2 = reader.k2
+    baseline = reader.baseline
     rows, columns = points.shape[:2]
-    result = np.full((rows, columns), np.inf, dtype=np.float32)
+    depth = np.full((rows, columns), np.inf, dtype=np.float32)
+
     for i in range(rows):
         for j in range(columns):
             x, y, z = points[i, j, 0] - baseline, points[i, j, 1], points[i, j, 2]
@@ -294,6 +297,8 @@ def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
                 continue
             rho = np.sqrt(x * x + y * y)
             s = _tangent(rho, z, reader.port)
+
+            # Rectified tangent, by Newton's method on the distortion.
             t = s / scale
             for _ in range(_STEPS):
                 square = t * t
@@ -302,7 +307,9 @@ def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
                 t -= step
                 if abs(step) < 1e-12:
                     break
+
             difference = reader.tangent_x[j] - (t * x / rho if rho > 0.0 else 0.0)
             if difference > 0.0:
-                result[i, j] = baseline / difference
-    return result
+                depth[i, j] = baseline / difference
+
+    return depth

@@ -3,10 +3,9 @@
 It can be mounted on any body of any compiled model (primitives, meshes, height fields, visual-only
 geoms):
 
-    # S has OpenCV axes: x right, y down, z ahead
-    sonar = Sonar(model, "world", X_WS)
-    points_S = sonar.ping(data, rng)                    # (H, W, 3) [m], NaN without an echo
-    points_S = sonar.ping(data, rng, X_WS=elsewhere)    # the same sonar at another pose
+    sonar = Sonar(model, "world", X_WS)  # S has OpenCV axes: x right, y down, z ahead
+    points_S = sonar.ping(data, np.random.default_rng(0))  # (H, W, 3) [m], NaN without an echo
+    points_S = sonar.ping(data, rng, X_WS=elsewhere)  # the same sonar at another pose
 
 It is also a `uuv.sim.interfaces.protocols.Sensor` for the step loop, with messages `SonarScan`.
 """
@@ -32,8 +31,7 @@ _ON_RING = 6  # number of rays on the ring
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarBeams:
-    """Grid of beams, evenly spaced in azimuth (columns, about y) and elevation (rows), and the echo
-    that each reports.
+    """Grid of beams, even in azimuth (columns, about y) and elevation (rows), and their echoes.
 
     The range of the "first" echo is that of the nearest surface in the beam. That of the
     "strongest" is that of the largest area across the beam within one range cell.
@@ -54,6 +52,7 @@ class SonarBeams:
             raise ConfigurationError(
                 f"sonar: needs whole rows and columns of beams, got {self.rows} x {self.columns}"
             )
+
         for name in ("elevation", "azimuth"):
             if not 0.0 <= getattr(self, name) < np.deg2rad(175.0):
                 raise ConfigurationError(
@@ -79,6 +78,7 @@ class SonarBeams:
         right = (
             np.linspace(-0.5, 0.5, self.columns) * self.azimuth if self.columns > 1 else np.zeros(1)
         )
+
         elevation, azimuth = np.meshgrid(down, right, indexing="ij")
         return np.stack(
             [
@@ -119,14 +119,13 @@ class SonarNoise:
             )
 
 
-BEAMS, NOISE = SonarBeams(), SonarNoise()
+BEAMS = SonarBeams()
+NOISE = SonarNoise()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarState:
-    """State of the sonar's noise; a ping depends on it and the truth only, so a run can be
-    replayed.
-    """
+    """State of the noise; a ping depends on it and the truth only, so a run can be replayed."""
 
     seed: int
     ping: int
@@ -176,18 +175,23 @@ class Sonar:
             )
         if not delay >= 0.0:
             raise ConfigurationError(f"sonar: delay must not be negative, got {delay}")
+
         self.delay = delay
         self._body = body_id(model, body, "sonar")
         self._X_BS = checked_pose(X_BS, "X_BS")
-        self._beams, self._noise, self._range = beams, noise, range_limits
+        self._beams = beams
+        self._noise = noise
+        self._range = range_limits
         self._world = visible.world(model, "sonar")
         self._axes = beams.axes()
+
         # Two axes across each beam, for the rays on the ring.
         right = np.stack(
             [self._axes[..., 2], np.zeros(self._axes.shape[:2]), -self._axes[..., 0]], axis=-1
         )
         self._right = right / np.linalg.norm(right, axis=-1, keepdims=True)
         self._down = np.cross(self._axes, self._right)
+
         # Two-way share of the beam's power on its axis and on each ray of the ring.
         ring = 0.5 ** (2.0 * _RING**2)
         self._weight = np.array([1.0] + [ring] * _ON_RING) / (1.0 + _ON_RING * ring)
@@ -217,9 +221,7 @@ class Sonar:
         return SonarState(seed=int(rng.integers(2**63)), ping=0)
 
     def step(self, state: SonarState, truth: BodyPoses) -> tuple[SonarState, SonarScan]:
-        """One ping of the world at `truth`; the same state and truth always give the same
-        echoes.
-        """
+        """One ping of the world at `truth`; the same state and truth give the same echoes."""
         points = self.ping(truth, np.random.default_rng([state.seed, state.ping]))
         scan = SonarScan(time=float(truth.time), points=points, X_BS=self._X_BS)
         return SonarState(seed=state.seed, ping=state.ping + 1), scan
@@ -238,14 +240,18 @@ class Sonar:
         Raises:
             ConfigurationError: The bodies have no poses yet, or `X_WS` is no pose.
         """
-        xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
+        xpos = np.asarray(truth.xpos)
+        R_W = np.asarray(truth.xmat).reshape(-1, 3, 3)
         if not R_W[0].any():
             raise ConfigurationError(
                 "sonar: the bodies have no poses yet; call mujoco.mj_kinematics(model, data) first"
             )
+
         mounted = pose(R_W[self._body], xpos[self._body]) @ self._X_BS
         X = mounted if X_WS is None else checked_pose(X_WS, "X_WS")
         distance, cosine = self._world.cast(X, Rays.of(self._directions(rng), NEAR), xpos, R_W)
+
+        # No echo at grazing incidence; of each beam the nearest or the strongest.
         least = np.cos(self._noise.max_incidence) if self._noise is not None else 0.0
         distance[cosine < least] = np.inf
         cell = self._noise.range_cell if self._noise is not None else 0.0
@@ -253,6 +259,7 @@ class Sonar:
             r = distance.min(axis=2).astype(np.float64)
         else:
             r = _strongest(distance, cosine, self._weight, max(cell, 1e-3))
+
         if self._noise is not None:
             r = self._with_errors(r, self._noise, rng)
         r[~((r >= self._range[0]) & (r <= self._range[1]))] = np.nan
@@ -265,11 +272,14 @@ class Sonar:
         off = np.zeros((*shape, 2))
         if self._noise is not None and self._noise.pointing > 0.0:
             off = self._noise.pointing * width * rng.standard_normal((*shape, 2))
+
         if width == 0.0:
             return self._axes[:, :, None].astype(np.float32)
+
         angle = np.arange(_ON_RING) * (2.0 * np.pi / _ON_RING)
         within = 0.5 * width * _RING * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         offsets = off[:, :, None] + np.concatenate([np.zeros((1, 2)), within])
+
         rays = (
             self._axes[:, :, None]
             + np.tan(offsets[..., :1]) * self._right[:, :, None]
@@ -297,19 +307,22 @@ def _strongest(
     The range is the mean of the echo's rays.
     """
     rows, columns, rays = distance.shape
-    result = np.full((rows, columns), np.inf)
+    ranges = np.full((rows, columns), np.inf)
+
     for i in range(rows):
         for j in range(columns):
             best = 0.0
             for k in range(rays):
-                power, moment = 0.0, 0.0
+                power = 0.0
+                moment = 0.0
                 for m in range(rays):
                     gap = distance[i, j, m] - distance[i, j, k]
                     if gap >= 0.0 and gap < cell:
-                        one = weight[m] * cosine[i, j, m]
-                        power += one
-                        moment += one * distance[i, j, m]
+                        ray_power = weight[m] * cosine[i, j, m]
+                        power += ray_power
+                        moment += ray_power * distance[i, j, m]
                 if power > best:
                     best = power
-                    result[i, j] = moment / power
-    return result
+                    ranges[i, j] = moment / power
+
+    return ranges

@@ -46,6 +46,7 @@ class StereoNoise:
                 raise ConfigurationError(
                     f"stereo noise: {name} must not be negative, got {getattr(self, name)}"
                 )
+
         if not self.baseline > 0.0:
             raise ConfigurationError(
                 f"stereo noise: baseline must be positive, got {self.baseline}"
@@ -80,43 +81,49 @@ def add_noise(
     Returns:
         Depth (height, width) [m].
     """
+    # Flying pixels mix the disparities at an edge.
     with np.errstate(divide="ignore"):
         disparity = np.float32(focal * noise.baseline) / depth
     if noise.flying > 0.0:
         _mix_edges(disparity, noise.flying, rng)
-    seen = disparity > 0.0
+
+    matched = disparity > 0.0
     contrast = None
     if noise.attenuation > 0.0:
         contrast = np.exp(
-            -noise.attenuation * np.where(seen, depth, 0.0) * _ray_lengths(depth.shape, focal)
+            -noise.attenuation * np.where(matched, depth, 0.0) * _ray_lengths(depth.shape, focal)
         )
+
+    # Correlated error, the larger the less contrast there is.
     if noise.disparity_sigma > 0.0:
         error = np.float32(noise.disparity_sigma) * _smooth_noise(
             depth.shape, noise.correlation, rng
         )
         disparity += error if contrast is None else error / np.maximum(contrast, np.float32(1e-6))
+
     if contrast is not None:
         x, y = (_smooth_noise(depth.shape, noise.correlation, rng) for _ in range(2))
-        seen &= 0.5 * (x * x + y * y) * contrast**2 >= noise.least_contrast**2
+        matched &= 0.5 * (x * x + y * y) * contrast**2 >= noise.least_contrast**2
+
     if noise.disparity_step > 0.0:
         disparity = np.rint(disparity / np.float32(noise.disparity_step)) * np.float32(
             noise.disparity_step
         )
-    seen &= (disparity > 0.0) & (cosine >= np.cos(noise.max_incidence))
-    result = np.full_like(depth, np.inf)
-    np.divide(np.float32(focal * noise.baseline), disparity, out=result, where=seen)
-    return result
+    matched &= (disparity > 0.0) & (cosine >= np.cos(noise.max_incidence))
+
+    measured = np.full_like(depth, np.inf)
+    np.divide(np.float32(focal * noise.baseline), disparity, out=measured, where=matched)
+    return measured
 
 
 def _smooth_noise(
     shape: tuple[int, ...], correlation: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Normal numbers of variance 1, correlated over `correlation` [px]; periodic, so the border is
-    no exception.
-    """
+    """Normal numbers of variance 1, correlated over `correlation` [px]; periodic at the border."""
     noise = rng.standard_normal(shape, dtype=np.float32)
     if correlation == 0.0:
         return noise
+
     # White noise through a Gaussian of width s is correlated as exp(-r^2 / (4 s^2)).
     width = 0.5 * correlation
     middle = int(3.0 * width) + 1
@@ -145,6 +152,8 @@ def _mix_edges(disparity: np.ndarray, probability: float, rng: np.random.Generat
         first = row * width + column
         first = first[rng.random(len(first)) < probability]
         second = first + step
+
         swap = rng.random(len(first)) < 0.5
-        pixel, other = np.where(swap, second, first), np.where(swap, first, second)
+        pixel = np.where(swap, second, first)
+        other = np.where(swap, first, second)
         flat[pixel] += rng.random(len(first), dtype=np.float32) * (flat[other] - flat[pixel])

@@ -1,6 +1,4 @@
-"""Survey of the site: where the object stands is known beforehand, and told when a scan is asked
-for.
-"""
+"""Survey of the site: the object's pose is known beforehand, and reported when asked for."""
 
 from typing import Any
 
@@ -15,7 +13,7 @@ from uuv.sim.plant.truth import Truth
 
 
 class Survey:
-    """Sensor that tells the object's exact pose in W; for control work without perception."""
+    """Sensor that reports the object's exact pose in W; for control work without perception."""
 
     period = 0.0  # [s] on request
     delay = 0.0  # [s]

@@ -13,49 +13,24 @@ _BOX_CORNERS = np.array(
 )
 _BOX_FACES = np.array(
     [
-        0,
-        1,
-        3,
-        0,
-        3,
-        2,
-        4,
-        6,
-        7,
-        4,
-        7,
-        5,
-        0,
-        4,
-        5,
-        0,
-        5,
-        1,
-        2,
-        3,
-        7,
-        2,
-        7,
-        6,
-        0,
-        2,
-        6,
-        0,
-        6,
-        4,
-        1,
-        5,
-        7,
-        1,
-        7,
-        3,
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
     ]
-).reshape(-1, 3)
+)
 
 
 def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
-    """Triangles of any geom except a plane; curved primitives are within SAGITTA of the true
-    surface.
+    """Triangles of any geom but a plane; curved primitives are within SAGITTA of the true surface.
 
     Args:
         model: Compiled model.
@@ -68,19 +43,26 @@ def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
         ConfigurationError: The type has no surface.
     """
     kinds = mujoco.mjtGeom
-    kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom]
+    kind = kinds(int(model.geom_type[geom]))
+    size = model.geom_size[geom]
+
     if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF):
         mesh = model.geom_dataid[geom]
-        start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        first, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+        start = model.mesh_vertadr[mesh]
+        count = model.mesh_vertnum[mesh]
+        first = model.mesh_faceadr[mesh]
+        faces = model.mesh_facenum[mesh]
         return (
             model.mesh_vert[start : start + count].astype(np.float64),
             model.mesh_face[first : first + faces].astype(np.int64),
         )
+
     if kind == kinds.mjGEOM_BOX:
         return _BOX_CORNERS * size, _BOX_FACES
     if kind == kinds.mjGEOM_HFIELD:
         return _height_field(model, int(model.geom_dataid[geom]))
+
+    # Surfaces of revolution.
     if kind == kinds.mjGEOM_SPHERE:
         return _lathe(*_half_circle(size[0], size[0]), size[0])
     if kind == kinds.mjGEOM_ELLIPSOID:
@@ -95,6 +77,7 @@ def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
         z = np.concatenate([z[: middle + 1] - size[1], z[middle:] + size[1]])
         radius = np.concatenate([radius[: middle + 1], radius[middle:]])
         return _lathe(z, radius, size[0])
+
     raise ConfigurationError(
         f"geom {model.geom(geom).name!r} has a type that has no surface here: {kind}"
     )
@@ -127,12 +110,16 @@ def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
         ],
         -1,
     )
+
+    # Two triangles a side between neighbouring rings.
     i = np.arange(sides)
     j = (i + 1) % sides
     low = (np.arange(len(z) - 1) * sides)[:, None]
     first = np.stack([low + i, low + j, low + sides + i], -1).reshape(-1, 3)
     second = np.stack([low + j, low + sides + j, low + sides + i], -1).reshape(-1, 3)
-    vertices, faces = rings.reshape(-1, 3), np.vstack([first, second])
+
+    vertices = rings.reshape(-1, 3)
+    faces = np.vstack([first, second])
     corner = vertices[faces]
     area = np.linalg.norm(
         np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
@@ -142,17 +129,19 @@ def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
 
 def _height_field(model: mujoco.MjModel, field: int) -> tuple[Array, np.ndarray]:
     """Upper surface of a height field, triangulated as in MuJoCo."""
-    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    rows = int(model.hfield_nrow[field])
+    columns = int(model.hfield_ncol[field])
     start = int(model.hfield_adr[field])
     half_x, half_y, top, _ = model.hfield_size[field]
+
     x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
     z = top * model.hfield_data[start : start + rows * columns]
+
+    # Each cell is divided along the diagonal from corner a to corner c.
     index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = (
-        index[:-1, :-1].ravel(),
-        index[:-1, 1:].ravel(),
-        index[1:, 1:].ravel(),
-        index[1:, :-1].ravel(),
-    )
+    a = index[:-1, :-1].ravel()
+    b = index[:-1, 1:].ravel()
+    c = index[1:, 1:].ravel()
+    d = index[1:, :-1].ravel()
     faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return np.column_stack([x.ravel(), y.ravel(), z]), faces

@@ -1,5 +1,4 @@
-"""Rendered pictures of a small stereo camera with a lamp in turbid water: intensity and measured
-depth, by ray casting.
+"""Pictures of a small stereo camera with a lamp in turbid water: intensity and measured depth.
 
 Surfaces carry a solid texture: a sum of plane waves with random directions and phases,
 band-limited, fixed to the object. It stands for paint, rust and growth. The lamp is beside the
@@ -49,7 +48,8 @@ class SmallStereo:
     def rays(self, step: int = 1) -> Array:
         """Directions (h, w, 3) in C with unit z, of every `step`-th pixel."""
         v, u = np.mgrid[step // 2 : self.height : step, step // 2 : self.width : step]
-        x, y = (u - 0.5 * (self.width - 1)) / self.focal, (v - 0.5 * (self.height - 1)) / self.focal
+        x = (u - 0.5 * (self.width - 1)) / self.focal
+        y = (v - 0.5 * (self.height - 1)) / self.focal
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
@@ -76,6 +76,7 @@ class Texture:
         rng = np.random.default_rng(seed)
         way = rng.standard_normal((count, 3))
         way /= np.linalg.norm(way, axis=1, keepdims=True)
+
         number = (
             2.0 * np.pi / np.exp(rng.uniform(float(np.log(band[0])), float(np.log(band[1])), count))
         )
@@ -128,31 +129,39 @@ def expose(
         The picture.
     """
     exact, cosine = hits
-    seen = np.isfinite(exact)
-    depth = np.where(seen, exact, 1.0).astype(np.float64)
+    on_surface = np.isfinite(exact)
+    depth = np.where(on_surface, exact, 1.0).astype(np.float64)
     points = transform_points(X_TC, (camera.rays() * depth[..., None]).reshape(-1, 3))
+
+    # The object's texture, lit by the lamp, and the veil of the water [Jaffe 1990].
     pattern = np.zeros(len(points))
     if texture.contrast > 0.0:
         pattern = _waves(
             points, np.repeat(BLUR / camera.focal, len(points)) * depth.ravel(), texture.waves
         )
+
     reflected = ALBEDO * np.clip(1.0 + texture.contrast * pattern.reshape(depth.shape), 0.0, None)
     light = (LAMP_RANGE / depth) ** 2 * cosine * np.exp(-2.0 * water.attenuation * depth)
-    veil = BACKSCATTER * -np.expm1(-2.0 * water.attenuation * np.where(seen, depth, camera.far))
-    image = np.where(seen, reflected * light, 0.0) + veil
+    veil = BACKSCATTER * -np.expm1(
+        -2.0 * water.attenuation * np.where(on_surface, depth, camera.far)
+    )
+    image = np.where(on_surface, reflected * light, 0.0) + veil
+
     noisy = add_noise(
-        np.where(seen, exact, np.inf).astype(np.float32),
+        np.where(on_surface, exact, np.inf).astype(np.float32),
         cosine.astype(np.float32),
         camera.focal,
         replace(camera.stereo, attenuation=water.attenuation),
         rng,
     )
+
     if water.cloud > 0.0:
         hidden, drift = _cloud(depth.shape, water.cloud, rng)
         image = np.where(hidden, drift, image)
         noisy = np.where(
             hidden, np.where(rng.random(depth.shape) < 0.5, np.inf, 0.5 * noisy), noisy
         )
+
     image = image + camera.intensity_noise * rng.standard_normal(depth.shape)
     good = (noisy >= camera.near) & (noisy <= camera.far)
     return Picture(image.astype(np.float32), np.where(good, noisy, np.nan).astype(np.float32))
@@ -167,10 +176,11 @@ def _cloud(
     lobes = rng.uniform(0.7, 1.3, 2)
     away = np.hypot((v - middle[0]) * lobes[0], (u - middle[1]) * lobes[1])
     hidden = away <= np.quantile(away, share)
-    own = Texture.of(int(rng.integers(2**31)), 0.3, band=(8.0, 40.0), count=12)
+
+    silt = Texture.of(int(rng.integers(2**31)), 0.3, band=(8.0, 40.0), count=12)
     flat = np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)]).astype(np.float64)
     drift = BACKSCATTER * (
-        1.0 + own.contrast * _waves(flat, np.zeros(u.size), own.waves).reshape(shape)
+        1.0 + silt.contrast * _waves(flat, np.zeros(u.size), silt.waves).reshape(shape)
     )
     return hidden, drift
 
@@ -180,6 +190,7 @@ def _waves(points, blur, waves):
     """Sum of plane waves of variance 1 at `points` (N, 3), seen with a Gaussian blur (N,) [m]."""
     out = np.zeros(len(points))
     scale = np.sqrt(2.0 / len(waves))
+
     for k in range(len(waves)):
         a, b, c, phase = waves[k]
         square = 0.5 * (a * a + b * b + c * c)

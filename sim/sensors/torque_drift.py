@@ -1,6 +1,4 @@
-"""Joint torque sensors with coloured noise and drift, around sensors with white noise and a
-constant bias.
-"""
+"""Joint torque sensors with coloured noise and drift, around sensors with a constant bias."""
 
 from dataclasses import dataclass, replace
 
@@ -23,9 +21,7 @@ class DriftState:
 
 
 class DriftingTorqueSensors:
-    """Torque sensors (`uuv.sim.interfaces.protocols.Sensor`) whose reading also wanders and
-    drifts.
-    """
+    """Torque sensors (`uuv.sim.interfaces.protocols.Sensor`) whose reading wanders and drifts."""
 
     def __init__(
         self, sensors: JointTorqueSensors, *, sigma: float, time: float, drift: float
@@ -42,7 +38,10 @@ class DriftingTorqueSensors:
         Raises:
             ConfigurationError: A number is not finite or out of range.
         """
-        self.sound, self.period, self.delay = sensors, sensors.period, sensors.delay
+        self.sound = sensors
+        self.period = sensors.period
+        self.delay = sensors.delay
+
         self._sigma = finite_number(sigma, "torque sensors: sigma [N m]", least=0.0)
         self._kept = float(
             np.exp(-sensors.period / finite_number(time, "torque sensors: time [s]", above=0.0))
@@ -61,6 +60,7 @@ class DriftingTorqueSensors:
         if state.coloured is None or state.rate is None:
             state.rate = self._drift * state.walk.standard_normal(count)
             state.coloured = self._sigma * state.walk.standard_normal(count)
+
         error = state.coloured + state.rate * sound.time
         state.coloured = self._kept * state.coloured + self._sigma * np.sqrt(
             1.0 - self._kept**2

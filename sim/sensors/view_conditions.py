@@ -1,6 +1,4 @@
-"""What a camera on the arm sees beside the object's shape: a value, read without the camera's
-kernels.
-"""
+"""What a camera on the arm sees beside the object's shape, read without the camera's kernels."""
 
 from dataclasses import dataclass
 

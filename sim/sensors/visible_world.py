@@ -30,9 +30,7 @@ _CLUSTER = 16  # smallest number of triangles in a cluster
 
 
 class BodyPoses(Protocol):
-    """World poses of all bodies: `uuv.sim.plant.truth.Truth`, or an MjData after
-    `mj_kinematics`.
-    """
+    """World poses of all bodies: `uuv.sim.plant.truth.Truth`, or MjData after `mj_kinematics`."""
 
     @property
     def time(self) -> float:
@@ -79,10 +77,12 @@ class Rays:
             if origins is None
             else np.ascontiguousarray(origins, dtype=np.float32)
         )
+
         height, width = way.shape[:2]
         columns = -(-width // _TILE)
         tile = (np.arange(height)[:, None] // _TILE) * columns + np.arange(width) // _TILE
         tile = np.repeat(tile.ravel(), int(np.prod(way.shape[2:-1])))
+
         return cls(
             way,
             start,
@@ -94,9 +94,7 @@ class Rays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Visible:
-    """What a sensor can see of a model; transparent geoms (alpha 0), flexes and skins are invisible
-    to all.
-    """
+    """What a sensor can see; transparent geoms (alpha 0), flexes and skins are invisible to all."""
 
     exclude: Collection[str] = ()  # names of invisible bodies
     groups: Collection[int] = VISIBLE_GROUPS  # visible geom groups
@@ -119,9 +117,7 @@ ALL = Visible()
 
 
 class VisibleWorld:
-    """Visible surfaces of a model for ray casting: static ones in one scene, each moving body in a
-    scene of its own.
-    """
+    """Visible surfaces of a model for ray casting: static ones in one scene, moving ones apart."""
 
     def __init__(
         self,
@@ -149,6 +145,7 @@ class VisibleWorld:
         static: list[tuple[Array, np.ndarray]] = []
         moving: dict[int, list[tuple[Array, np.ndarray]]] = {}
         self._planes: list[tuple[Array, Array]] = []  # pose in W, half lengths
+
         for geom in range(model.ngeom):
             body = int(model.geom_bodyid[geom])
             if (
@@ -163,6 +160,7 @@ class VisibleWorld:
                 # Kept in closed form: triangles could not be infinite.
                 self._planes.append((X_WB @ X_BG, model.geom_size[geom].copy()))
                 continue
+
             vertices, faces = tessellate(model, geom)
             # Bodies without joints are part of the world, unless a mocap root moves them.
             fixed = model.body_weldid[body] == 0 and model.body_mocapid[model.body_rootid[body]] < 0
@@ -172,12 +170,12 @@ class VisibleWorld:
                 static.append(part)
             else:
                 moving.setdefault(body, []).append(part)
+
         self._static: _Surface | None = None
         self._middle_W = np.zeros(3)
         if static:
             vertices, faces = joined(static)
-            # Embree uses single precision, which far from W's origin is too coarse: 0.1 mm at 3 km
-            # of depth.
+            # Embree's single precision is too coarse far from W's origin: 0.1 mm at 3 km.
             self._middle_W = vertices.mean(axis=0)
             self._static = _Surface(0, vertices, faces, self._middle_W)
         self._moving = [_Surface(body, *joined(parts)) for body, parts in moving.items()]
@@ -197,23 +195,29 @@ class VisibleWorld:
             Distance to the first surface in lengths of the ray's direction, and cosine of the angle
             of incidence there. Both have the rays' shape and float32; inf and 1 without a hit.
         """
-        way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
+        way = rays.directions.reshape(-1, 3)
+        start = rays.origins.reshape(-1, 3)
         distance = np.full(len(way), np.inf, dtype=np.float32)
         cosine = np.ones(len(way), dtype=np.float32)
-        R_WS, p_WS = X_WS[:3, :3], X_WS[:3, 3]
+        R_WS = X_WS[:3, :3]
+        p_WS = X_WS[:3, 3]
+
         if self._static is not None:
             clusters = self._static.clusters
             centers = (clusters[:, :3] - p_WS) @ R_WS
             tiles = _meetings(rays.cone, _spheres(centers, clusters[:, 3]))
             X_FS = pose(R_WS, p_WS - self._middle_W)
             self._cast_chosen(self._static.scene, X_FS, rays, tiles, distance, cosine)
+
         for X_WG, size in self._planes:
-            R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
+            R_SG = R_WS.T @ X_WG[:3, :3]
+            p_SG = R_WS.T @ (X_WG[:3, 3] - p_WS)
             _draw_plane(R_SG, p_SG, size, way, start, rays.near, distance, cosine)
         if self._moving:
             self._cast_moving(
                 X_WS, rays, xpos, np.asarray(xmat).reshape(-1, 3, 3), distance, cosine
             )
+
         shape = rays.directions.shape[:-1]
         return distance.reshape(shape), cosine.reshape(shape)
 
@@ -226,9 +230,7 @@ class VisibleWorld:
         distance: np.ndarray,
         cosine: np.ndarray,
     ) -> None:
-        """Cast on the moving bodies, each in its own frame B, and merge into `distance` and
-        `cosine` (N,).
-        """
+        """Cast on the moving bodies, in their frames B; merge into `distance` and `cosine` (N,)."""
         for part in self._moving:
             X_BS = inverse(pose(R_W[part.body], xpos[part.body])) @ X_WS
             centers = (part.clusters[:, :3] - X_BS[:3, 3]) @ X_BS[:3, :3]
@@ -244,15 +246,16 @@ class VisibleWorld:
         distance: np.ndarray,
         cosine: np.ndarray,
     ) -> None:
-        """Cast the rays of the chosen tiles (T,) on `scene` (frame F); merge into `distance`,
-        `cosine` (N,).
-        """
+        """Cast rays of the chosen tiles (T,) on `scene`, frame F; merge into the last two (N,)."""
         chosen = np.flatnonzero(tiles[rays.tile])
         if not len(chosen):
             return
+
         near = rays.near
-        way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
+        way = rays.directions.reshape(-1, 3)
+        start = rays.origins.reshape(-1, 3)
         origins, directions = _gathered(way, start, chosen, near)
+
         turn = X_FS[:3, :3].T.astype(np.float32)
         directions = directions @ turn
         hit = scene.cast(origins @ turn + X_FS[:3, 3].astype(np.float32), directions)
@@ -349,14 +352,13 @@ def _cluster_size(faces: np.ndarray) -> int:
 
 
 def _clusters(vertices: Array, faces: np.ndarray) -> Array:
-    """Bounding spheres (C, 4), centre and radius [m], of runs of triangles that follow each
-    other.
-    """
+    """Bounding spheres (C, 4), centre and radius [m], of runs of successive triangles."""
     first = np.arange(0, len(faces), _cluster_size(faces))
     corners = vertices[faces]
     low = np.minimum.reduceat(corners.min(axis=1), first)
     high = np.maximum.reduceat(corners.max(axis=1), first)
     center = 0.5 * (low + high)
+
     away = np.linalg.norm(
         corners - center[np.arange(len(faces)) // _cluster_size(faces)][:, None], axis=2
     ).max(axis=1)
@@ -368,20 +370,22 @@ def _spheres(centers: Array, radii: Array) -> np.ndarray:
 
 
 def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> np.ndarray:
-    """Bounding cones (T, 8) of the rays (N, 3) of each tile, with the sphere that holds their
-    origins.
-    """
+    """Bounding cones (T, 8) of the rays (N, 3) of each tile, with the spheres of their origins."""
     unit = way / np.linalg.norm(way, axis=1, keepdims=True)
     axis = np.column_stack([np.bincount(tile, unit[:, i], count) for i in range(3)])
     axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
+
     # By the chord: in single precision the cosine of a narrow cone does not resolve its angle.
     chord = np.zeros(count)
     np.maximum.at(chord, tile, np.linalg.norm(unit - axis[tile], axis=1))
-    origin, spread = np.repeat(start[:1].astype(np.float64), count, axis=0), np.zeros(count)
+
+    origin = np.repeat(start[:1].astype(np.float64), count, axis=0)
+    spread = np.zeros(count)
     if len(start) > 1:
         number = np.bincount(tile, minlength=count)[:, None]
         origin = np.column_stack([np.bincount(tile, start[:, i], count) for i in range(3)]) / number
         np.maximum.at(spread, tile, np.linalg.norm(start - origin[tile], axis=1))
+
     half = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) + 1e-4
     return np.column_stack([origin, spread + 1e-4, axis, half])
 
@@ -398,12 +402,13 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
                 spheres[j, 1] - cones[i, 1],
                 spheres[j, 2] - cones[i, 2],
             )
+
             reach = spheres[j, 3] + cones[i, 3]
             along = x * cones[i, 4] + y * cones[i, 5] + z * cones[i, 6]
             square = x * x + y * y + z * z
             beside = np.sqrt(max(square - along * along, 0.0))
-            # The nearest point of the cone is its apex, or else on its mantle, at the distance of
-            # the first sum.
+
+            # Nearest is the cone's apex, or its mantle at the distance of the first sum.
             if (
                 square <= reach * reach
                 or cones[i, 7] >= 0.5 * np.pi
@@ -414,6 +419,7 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
             ):
                 tiles[i] = True
                 break
+
     return tiles
 
 
@@ -465,25 +471,26 @@ def _draw_plane(
     distance: np.ndarray,
     cosine: np.ndarray,
 ) -> None:
-    """Intersect the rays with a one-sided plane geom, as in MuJoCo; half lengths `size` of 0 are
-    infinite.
-    """
+    """Intersect rays with a one-sided plane geom, as in MuJoCo; half lengths of 0 are infinite."""
     common = len(start) == 1
     for ray in range(len(way)):
         x, y, z = way[ray, 0], way[ray, 1], way[ray, 2]
         descent = -(x * R_SG[0, 2] + y * R_SG[1, 2] + z * R_SG[2, 2])
         if descent <= 0.0:
             continue
+
         source = 0 if common else ray
         a, b, c = start[source, 0] - p_SG[0], start[source, 1] - p_SG[1], start[source, 2] - p_SG[2]
         height = a * R_SG[0, 2] + b * R_SG[1, 2] + c * R_SG[2, 2]
         t = height / descent
         if height <= 0.0 or t < near or t >= distance[ray]:
             continue
+
         a, b, c = a + t * x, b + t * y, c + t * z
         if size[0] > 0.0 and abs(a * R_SG[0, 0] + b * R_SG[1, 0] + c * R_SG[2, 0]) > size[0]:
             continue
         if size[1] > 0.0 and abs(a * R_SG[0, 1] + b * R_SG[1, 1] + c * R_SG[2, 1]) > size[1]:
             continue
+
         distance[ray] = t
         cosine[ray] = descent / np.sqrt(x * x + y * y + z * z)

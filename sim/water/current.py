@@ -30,23 +30,20 @@ _ALONG = 1e-3  # [s] before and after, between which the acceleration of a flow 
 
 @kernel
 def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
-    """First-order filter of the columns of `signal` (N, 3), in place, with its `state` (3,); as
-    scipy.signal.lfilter.
+    """Filter of first order on the columns of `signal` (N, 3), in place, as scipy.signal.lfilter.
 
     SciPy's takes as long to import as a fifth of the program.
     """
     for k in range(len(signal)):
         for i in range(3):
-            value = state[i] + gain * signal[k, i]
-            signal[k, i] = value
-            state[i] = pole * value
+            output = state[i] + gain * signal[k, i]
+            signal[k, i] = output
+            state[i] = pole * output
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wave:
-    """Regular wave of long length: the water around the vehicle swings to and fro along one
-    direction.
-    """
+    """Regular wave of long length: the water swings to and fro along one direction."""
 
     amplitude_W: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] of the velocity, world axes
     frequency: float = 0.1  # [Hz]
@@ -133,21 +130,24 @@ class Current:
             )
         a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
         self._gain, self._pole = float(b), float(a)
+
         # Stationary start: standard deviations of both filter states for unit white noise (gain b
         # and pole a, twice), from Lyapunov's equation; scaled so that the second state has the
         # gust's.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
+
         rows = _BLOCK if self._varies else 1
         self.velocity, self.acceleration = np.tile(self._mean, (rows, 1)), np.zeros((rows, 3))
         self.row = np.array([rows, 1] if self._varies else [0, 0])  # none is generated yet
         self._filters, self._generated = np.zeros((2, 3)), 0
         self._before = np.zeros(3)  # [m/s] gust and wave at the last step generated
+
         if self._blows:
             assert rng is not None
-            now, other = rng.standard_normal((2, 3))
-            self._before[:] = gust * now
-            self._filters[:] = a * first * (now + a * other), a * self._before
+            start, other = rng.standard_normal((2, 3))
+            self._before[:] = gust * start
+            self._filters[:] = a * first * (start + a * other), a * self._before
         if self._wave is not None:
             self._before += self._wave.velocity(np.array([-dt]))[0]
 
@@ -197,9 +197,7 @@ class Current:
 
     @property
     def timestep(self) -> float | None:
-        """Step of the plant [s] that it was made for; None for a steady current, which suits any
-        step.
-        """
+        """Step of the plant [s] that it was made for; None for a steady one, which suits any."""
         return self._dt if self._varies or self.profile is not None else None
 
     def _refill(self) -> None:
@@ -215,12 +213,14 @@ class Current:
             )
         self.velocity[:] = self._mean + varying
         self.acceleration[:] = np.diff(varying, axis=0, prepend=self._before[None]) / self._dt
-        self._before, self._generated, self.row[0] = varying[-1], self._generated + _BLOCK, 0
+        self._before = varying[-1]
+        self._generated = self._generated + _BLOCK
+        self.row[0] = 0
 
     def save(self) -> dict[str, Any]:
         """All that changes, as it is: to be copied before the next step."""
         stays = ("profile", "flows")
-        return {name: value for name, value in vars(self).items() if name not in stays}
+        return {name: attribute for name, attribute in vars(self).items() if name not in stays}
 
     def resume(self, saved: dict[str, Any], steps: int) -> None:
         """Go on from what `save` of an equal current returned; profile and flow fields stay.
@@ -229,18 +229,16 @@ class Current:
             saved: A copy of it.
             steps: That the plant has taken from the current.
         """
-        for name, value in saved.items():
+        for name, attribute in saved.items():
             array = getattr(self, name)
             if isinstance(array, np.ndarray) and array.flags.writeable:
-                array[...] = value
+                array[...] = attribute
             else:
-                setattr(self, name, value)
+                setattr(self, name, attribute)
         self._ticks = steps
 
     def ready(self) -> int:
-        """Number of steps that may now be taken from the rows; generates new ones after the
-        last.
-        """
+        """Number of steps that may now be taken from the rows; generates more at their end."""
         if not self._varies:
             return sys.maxsize
         if self.row[0] == _BLOCK:
@@ -248,13 +246,13 @@ class Current:
         return _BLOCK - int(self.row[0])
 
     def step(self) -> tuple[Array, Array]:
-        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the plant's next step,
-        world axes.
-        """
+        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] for the plant's next step, W axes."""
         self.ready()
         at = self.row[0]
-        velocity, acceleration = self.velocity[at].copy(), self.acceleration[at].copy()
+        velocity = self.velocity[at].copy()
+        acceleration = self.acceleration[at].copy()
         self.row[0] += self.row[1]
+
         if self.profile is None:
             return velocity, acceleration
         share, growth = self.profile(self._ticks * self._dt)
@@ -267,7 +265,7 @@ class Current:
         The acceleration is that of the water which passes: along its path, by differences.
 
         Args:
-            p_W: Place (3,) [m] of the hull's origin in W.
+            p_W: Position (3,) [m] of the hull's origin in W.
             time: [s] since the start of the run.
         """
         velocity, acceleration = self.step()
@@ -304,15 +302,15 @@ def _product(first: Profile, second: Profile) -> Profile:
     """Both factors."""
 
     def both(time: float) -> tuple[float, float]:
-        (share, growth), (factor, rate) = first(time), second(time)
+        share, growth = first(time)
+        factor, rate = second(time)
         return share * factor, growth * factor + share * rate
 
     return both
 
 
 def _check_profile(profile: Profile) -> None:
-    """Refuses a profile without two numbers, or with a rate that differs from the factor's at most
-    of some times.
+    """Refuse a profile without two numbers, or whose rate is not its factor's at most times.
 
     A profile may have steps and bends, so that a single time proves nothing.
     """

@@ -64,7 +64,7 @@ class CylinderWake(FlowField):
         return np.array([along, np.cross(axis, along), axis]), speed
 
     def velocity(self, p_W: Array, time: float) -> Array:
-        """The deficit (3,) [m/s] at a place (3,) [m], against the stream; steady."""
+        """The deficit (3,) [m/s] at a position (3,) [m], against the stream; steady."""
         del time
         axes, speed = self._frame
         x, y, s = (axes @ (p_W - np.array(self.place))).tolist()
@@ -104,6 +104,7 @@ def wake_behind(
     others = np.delete(sides, longest)
     if not (np.isfinite(sides).all() and others.mean() > 0.0):
         raise ConfigurationError(f"wake: the object has no extent, its sides are {shown(sides)} m")
+
     middle = X_WO[:3, :3] @ box.mean(axis=0) + X_WO[:3, 3]
     axis = X_WO[:3, longest]
     return CylinderWake(

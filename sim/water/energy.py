@@ -1,6 +1,4 @@
-"""Search for a motion in which the damping of a body feeds energy in, which only its cross terms
-can do.
-"""
+"""Search for a motion in which a body's damping feeds energy in, as only cross terms can."""
 
 import numpy as np
 
@@ -24,8 +22,10 @@ def damping_wrench(body: BodyHydrodynamics, nu: Array) -> Array:
     Returns:
         Wrenches (n, 6) [N, N m].
     """
-    v, w = nu[:, :3], nu[:, 3:]
+    v = nu[:, :3]
+    w = nu[:, 3:]
     total: Array = -nu @ body.linear_damping.T - body.quadratic_damping * np.abs(nu) * nu
+
     for strip in body.segments:
         along = strip.end - strip.start
         length = float(np.linalg.norm(along))
@@ -37,14 +37,14 @@ def damping_wrench(body: BodyHydrodynamics, nu: Array) -> Array:
             force = -strip.normal * np.linalg.norm(across, axis=1)[:, None] * across
             force -= strip.tangential * np.abs(slip) * slip * along / length
             total += 0.5 * float(weight) * length * np.hstack([force, force @ skew(p).T])
+
     for form in body.terms:
         total += form.wrench(v, w, body.added_mass)
     return total
 
 
 def largest_power(body: BodyHydrodynamics) -> tuple[float, Array] | None:
-    """Largest power [W] that damping feeds into the body, and the twist (6,) at which; None if none
-    was found.
+    """Largest power [W] that damping feeds into the body, the twist (6,) at it; None: none found.
 
     Sampled at speeds up to 3 m/s and rad/s: a search, not a proof. Without cross terms there is
     none.
@@ -55,13 +55,16 @@ def largest_power(body: BodyHydrodynamics) -> tuple[float, Array] | None:
     rng = np.random.default_rng(0)
     direction = rng.normal(size=(_SAMPLES, 6))
     involved = np.unique(np.concatenate([form.terms[:, :3].ravel() for form in cross]).astype(int))
+
     # half of them in the components that the terms couple
     direction[::2] *= np.isin(np.arange(6), involved)
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     nu = np.vstack([speed * direction for speed in _SPEEDS])
     power = np.sum(nu * damping_wrench(body, nu), axis=1)
+
     # In proportion to the speed cubed, so that slow motions count as much as fast ones.
     best = nu[int(np.argmax(power / np.linalg.norm(nu, axis=1) ** 3))]
+
     for step in 0.5 ** np.arange(_ROUNDS):
         near = best + step * np.linalg.norm(best) * rng.normal(size=(100, 6)) * np.isin(
             np.arange(6), involved
@@ -70,9 +73,10 @@ def largest_power(body: BodyHydrodynamics) -> tuple[float, Array] | None:
             [best, near * (np.linalg.norm(best) / np.linalg.norm(near, axis=1))[:, None]]
         )
         best = near[int(np.argmax(np.sum(near * damping_wrench(body, near), axis=1)))]
-    found = float(best @ damping_wrench(body, best[None])[0])
+
+    power_in = float(best @ damping_wrench(body, best[None])[0])
     gross = (
         sum(float(np.abs(form.terms[:, 4]).sum()) for form in cross)
         * float(np.linalg.norm(best)) ** 3
     )
-    return (found, best) if found > _SHARE * gross else None
+    return (power_in, best) if power_in > _SHARE * gross else None

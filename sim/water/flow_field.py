@@ -34,7 +34,7 @@ class FlowField(ABC):
         """Velocity (3,) [m/s] of the water in world axes, what the current has elsewhere left out.
 
         Args:
-            p_W: Place (3,) [m] in W; a copy.
+            p_W: Position (3,) [m] in W; a copy.
             time: [s] since the start of the run.
         """
 
@@ -85,7 +85,7 @@ def placed_in(model: "mujoco.MjModel", flows: Sequence[FlowField]) -> tuple[Flow
 
 
 def total_velocity(flows: Sequence[FlowField], p_W: Array, time: float) -> Array:
-    """Sum (3,) [m/s] of the velocities of flow fields at a place (3,) [m] and a time [s].
+    """Sum (3,) [m/s] of the velocities of flow fields at a position (3,) [m] and a time [s].
 
     Raises:
         ConfigurationError: One gives something else than three finite numbers.
@@ -100,10 +100,10 @@ def total_velocity(flows: Sequence[FlowField], p_W: Array, time: float) -> Array
 
         # One line now, instead of a motion that diverges.
         if velocity.shape != (3,) or not np.isfinite(velocity).all():
-            place = ", ".join(f"{x:.3f}" for x in p_W)
+            position = ", ".join(f"{x:.3f}" for x in p_W)
             raise ConfigurationError(
                 f"flow {type(flow).__name__}: velocity must be (3,) finite numbers [m/s], "
-                f"got {shown(answer)} at ({place}) m, {time:.3f} s"
+                f"got {shown(answer)} at ({position}) m, {time:.3f} s"
             )
         total += velocity
     return total

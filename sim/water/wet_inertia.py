@@ -2,9 +2,9 @@
 
 Bodies of different kinematic trees share no degree of freedom, so M + A and the slope of the drag
 are block diagonal, and the cost is linear in the number of trees. A model of up to LARGEST_SMALL
-degrees of freedom is one block all the
-same: the vehicles are such models, and the last digits of their trajectories depend on the rounding
-of the whole inverse. How a block is solved depends on its degrees of freedom:
+degrees of freedom is one block all the same: the vehicles are such models, and the last digits of
+their trajectories depend on the rounding of the whole inverse. How a block is solved depends on its
+degrees of freedom:
 
 - Up to LARGEST_SMALL: by LAPACK.
 - More: by MuJoCo's sparse factor, whose cost is the square of the tree's depth for each degree of
@@ -40,9 +40,7 @@ _LANCZOS_VECTORS = 40
 
 
 class BlockSums:
-    """Sums over the wet bodies of a model in joint space, at a state, as blocks that do not
-    couple.
-    """
+    """Sums over the wet bodies of a model in joint space, at a state, as uncoupled blocks."""
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, bodies: Mapping[int, BodyHydrodynamics]
@@ -79,9 +77,7 @@ class BlockSums:
         self._jacobians = {i: self._at_origin(i) for i in bodies}
 
     def at_center_of_mass(self, body: int) -> Array:
-        """Jacobian (6, n) of the centre of mass of `body`, in world axes, for its block; valid
-        until the next call.
-        """
+        """Jacobian (6, n) of a body's centre of mass, W axes, for its block; till the next call."""
         mujoco.mj_jacBodyCom(self.model, self.data, self._rows[:3], self._rows[3:], body)
         return self._rows[:, self.dofs[self.block_of[body]]]
 
@@ -90,9 +86,7 @@ class BlockSums:
         return self.dofs[block].stop - self.dofs[block].start
 
     def block(self, block: int, matrix_of: Callable[[BodyHydrodynamics], Array]) -> Array:
-        """Sum of J_b^T X_b J_b (n, n) of a block, with X_b (6, 6) in body axes at the body
-        origin.
-        """
+        """Sum of J_b^T X_b J_b (n, n) of a block, X_b (6, 6) in body axes at the body origin."""
         total = np.zeros((self.count(block), self.count(block)))
         for i in self.bodies_of[block]:
             X = matrix_of(self.bodies[i])
@@ -114,9 +108,10 @@ class BlockSums:
         bodies = self.bodies_of[block]
         columns = [np.tile(self._local(i), 6) for i in bodies]
         ends = np.cumsum([0, *(len(self.movers[i]) for i in bodies for _ in range(6))])
-        values = [self._jacobians[i].ravel() for i in bodies]
+        entries = [self._jacobians[i].ravel() for i in bodies]
+
         return csr_array(
-            (np.concatenate(values), np.concatenate(columns), ends),
+            (np.concatenate(entries), np.concatenate(columns), ends),
             shape=(6 * len(bodies), self.count(block)),
         )
 
@@ -173,9 +168,7 @@ class WetInertia:
             ) from error
 
     def of_body(self, body: int) -> Array:
-        """Mobility (6,) of the centre of mass of a movable body along the world axes, linear and
-        angular.
-        """
+        """Mobility (6,) of a movable body's centre of mass along W axes, linear and angular."""
         return self._blocks[self.sums.block_of[body]].mobility(self.sums.at_center_of_mass(body))
 
     def of_dofs(self) -> Array:
@@ -183,17 +176,13 @@ class WetInertia:
         return np.concatenate([block.diagonal() for block in self._blocks])
 
     def along(self, columns: Indices, values: Array) -> float:
-        """Mobility along a row of nv numbers, given by its `columns` and their `values`, such as
-        that of a tendon.
-        """
+        """Mobility along a row of nv numbers, by its `columns` and `values`, such as a tendon's."""
         return sum(
             self._blocks[k].along(dofs, part) for k, dofs, part in self._parts(columns, values)
         )
 
     def accelerations(self, columns: Indices, values: Array) -> Array:
-        """inv(M + A) f of the blocks that a force f touches, given by its `columns` and their
-        `values`.
-        """
+        """inv(M + A) f of the blocks that a force f touches, by its `columns` and `values`."""
         parts = [
             self._blocks[k].solve(dofs, part) for k, dofs, part in self._parts(columns, values)
         ]
@@ -208,9 +197,7 @@ class WetInertia:
         return max(block.largest_rate(slope_of) for block in self._blocks)
 
     def _parts(self, columns: Indices, values: Array) -> Iterator[tuple[int, Indices, Array]]:
-        """Index of each block that a row touches, its columns counted within the block, and their
-        values.
-        """
+        """Index of each block that a row touches, its columns within the block, their values."""
         owners = self.sums.owners[columns]
         for k in np.unique(owners):
             mine = owners == k
@@ -268,9 +255,7 @@ class _SmallBlock:
 
 
 class _LargeBlock:
-    """A block that MuJoCo's sparse factor solves, and whose mobilities are from an inverse if that
-    is not too large.
-    """
+    """A block by MuJoCo's sparse factor; mobilities from an inverse unless that is too large."""
 
     def __init__(self, sums: BlockSums, index: int, block: Array) -> None:
         """Takes `block`, which is a part of the inertia that `sums.data` has the factor of."""
@@ -311,6 +296,7 @@ class _LargeBlock:
         slopes = np.array([slope_of(body) for body in bodies])
         if not slopes.any():
             return 0.0
+
         J = self._sums.stacked(self._index)
         transposed = J.T.tocsr()
 
@@ -333,6 +319,7 @@ class _LargeBlock:
             tol=_RATE_TOLERANCE,
             return_eigenvectors=False,
         )
+
         return float(largest[0])
 
     def _solved(self, rows: Array) -> Array:
@@ -369,6 +356,7 @@ def _factor_by_mujoco(sums: BlockSums, blocks: list[Array]) -> None:
         entries, rows, columns = _entries(sums.model, dofs)
         sums.data.M[entries] = block[rows, columns]
     mujoco.mj_factorM(sums.model, sums.data)
+
     if sums.data.warning[mujoco.mjtWarning.mjWARN_INERTIA].number or not np.all(
         sums.data.qLDiagInv > 0.0
     ):
@@ -382,9 +370,7 @@ def _mobility(inverse: np.ndarray, rows: Array) -> Array:
 
 
 def _square(dofs: Indices) -> tuple[Any, ...]:
-    """Index of the rows and columns `dofs`, ascending, of a matrix; as a view where they are
-    neighbours.
-    """
+    """Index of rows and columns `dofs`, ascending, of a matrix; a view if they are neighbours."""
     if len(dofs) and dofs[-1] - dofs[0] == len(dofs) - 1:
         part = slice(int(dofs[0]), int(dofs[-1]) + 1)
         return part, part
@@ -414,11 +400,9 @@ def _entries(model: mujoco.MjModel, dofs: slice) -> tuple[slice, Indices, Indice
 
 def _moving_dofs(model: mujoco.MjModel) -> list[Indices]:
     """Degrees of freedom that move each body, ascending: its own and those of its ancestors."""
-    parents, starts, counts = (
-        model.body_parentid.tolist(),
-        model.body_dofadr.tolist(),
-        model.body_dofnum.tolist(),
-    )
+    parents = model.body_parentid.tolist()
+    starts = model.body_dofadr.tolist()
+    counts = model.body_dofnum.tolist()
     movers: list[Indices] = [np.zeros(0, dtype=int)]
     for parent, start, count in zip(parents[1:], starts[1:], counts[1:], strict=True):
         inherited = movers[parent]

@@ -103,7 +103,6 @@ def place(table, goal, near_p, q, work):
             - (ex * sx + ey * sy + ez * sz) * (ex * kx + ey * ky + ez * kz)
         )
         across = ex * (sy * kz - sz * ky) + ey * (sz * kx - sx * kz) + ez * (sx * ky - sy * kx)
-
         if near * near + across * across < nothing:
             continue
 
@@ -166,7 +165,6 @@ def align(table, u, t, tolerance, q, work):
             - (ex * ax + ey * ay + ez * az) * (ex * tx + ey * ty + ez * tz)
         )
         across = ex * (ay * tz - az * ty) + ey * (az * tx - ax * tz) + ez * (ax * ty - ay * tx)
-
         if near * near + across * across < nothing:
             continue
 

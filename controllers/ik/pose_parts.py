@@ -92,7 +92,6 @@ def options_good(settings, parts):
         and settings.limit >= 1
         and settings.restarts >= 0
     )
-
     if parts is None:
         return good and settings.tol_p < np.inf and counts(settings.tol_r)
     return good and parts.axis > 0.0 and parts.turn > 0.0
@@ -275,7 +274,6 @@ def turn_about(goal, tip, z, axis2):
     s = two * (z[0] * wx + z[1] * wy + z[2] * wz)
     c = two * cosine + real(0.5) * axis2  # trace R - R22
     length = math.sqrt(s * s + c * c)
-
     if length < real(4.0) * np.finfo(goal.dtype).eps:
         return s - s, s - s
 

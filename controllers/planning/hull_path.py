@@ -165,7 +165,6 @@ def hull_gap_kernel(
             deepest = max(deepest, outside)
             square += max(outside, 0.0) ** 2
         nearest = min(nearest, deepest if deepest < 0.0 else np.sqrt(square))
-
         if nearest < enough:
             break
     return nearest

@@ -157,7 +157,6 @@ class Press(Phase):
         limits = self._limits
         set_force = self._set_force
         felt = now.normal
-
         if now.paused:
             state.since += now.period
         held.set_force = towards(held.set_force, set_force, self._rate * now.period)
@@ -256,7 +255,6 @@ class FollowPath(Phase):
         path = held.line.path
         limits = self._limits
         end = float(path.s[-1])
-
         if self._forces:
             end = min(last for _, last in stretches(path) if last > held.s)
 

@@ -453,7 +453,6 @@ def covering(
             acceleration=job.acceleration,
             turn_rate=job.turn_rate,
         )
-
         if keep.short(_during(move)) is None:
             orbits.append(candidate)
             covered |= more

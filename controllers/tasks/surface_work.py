@@ -176,13 +176,12 @@ class CertainPlace(Phase):
         held.promise = (
             None if target is None else promise(now.estimate, target, limits.tolerance, duration)
         )
-
         if held.promise is None:
             return PhaseEvent.DONE
+
         chance = held.promise.chance
         first = not np.isfinite(state.asked)
         rising = first or chance > state.chance + limits.gain
-
         state.asked = now.time
         state.chance = chance
         if (

@@ -80,7 +80,6 @@ def draw_touches(
             over, seated = (
                 solve(chain, X_AW @ X, q_start, 1e-4, 1e-3) for X in (above, pose(R_WG, nest.p_WN))
             )
-
             if over.converged and seated.converged:
                 reachable.append((over.q, Touch(nest=k, R_WG=R_WG)))
 

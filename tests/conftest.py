@@ -250,8 +250,8 @@ def ended(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
 
 @pytest.fixture
 def script(ended):
-    """`script("experiments.contact.contact", *arguments)`: what
-    scripts/experiments/contact/contact.py does, in this process.
+    """`script("experiments.faults.faults", *arguments)`: what scripts/experiments/faults/faults.py
+    does, in this process.
     """
 
     from uuv.experiment.declaration import experiments_in  # pyarrow, which few tests need

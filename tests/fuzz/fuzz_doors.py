@@ -970,7 +970,6 @@ VERBS = (
 )
 SCRIPTS = (
     "experiments.contact.step_response",
-    "experiments.contact.contact",
     "experiments.kinematics.ik",
     "experiments.seabed.seabed",
     "experiments.contact.tip_force",

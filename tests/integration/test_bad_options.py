@@ -12,7 +12,6 @@ WITH_OUT = (
     "experiments.contact.step_response",
     "experiments.identification.bung",
     "experiments.calibration.calibration",
-    "experiments.contact.contact",
     "experiments.identification.decisions",
     "experiments.toolpath.deformation",
     "experiments.faults.faults",

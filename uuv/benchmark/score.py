@@ -13,7 +13,7 @@ from uuv.benchmark.cases import INSERTION, BenchmarkCase
 from uuv.benchmark.door import EntryProcess, RemoteController, RemoteEstimator
 from uuv.benchmark.entries import Entry
 from uuv.benchmark.wire import Briefing, EntryError
-from uuv.campaigns.contact_study import CRASHED, DAMAGED, force_over_set
+from uuv.campaigns.run_outcome import CRASHED, DAMAGED, force_over_set
 from uuv.components.contact_parts import estimator
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.experiment import Row, Summary, Table

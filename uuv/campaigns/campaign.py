@@ -13,6 +13,12 @@ value and as a file.
     "site.current" = { direction = [0.0, 0.4] }
     "perturbations.Pad.stiffness" = { log_uniform = [1e4, 1e6] }
 
+    [grid]
+    "task.path" = ["longitudinal", "transverse"]
+
+    [versions."without fusion"]
+    "control.without" = ["fusion"]
+
     [metrics]
     names = ["contact.force_error_rms_n"]
 
@@ -20,7 +26,6 @@ docs/campaigns.md lists all keys.
 """
 
 import copy
-import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -31,13 +36,14 @@ import numpy as np
 
 from uuv import jobs
 from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
+from uuv.campaigns.run_outcome import figure_names
 from uuv.experiment.drawn_cases import DrawnCase, read_cases
 from uuv.experiment.worker import Limits
 from uuv.scenario import Scenario
 from uuv.scenario_file import as_dict, assigned, from_dict, put, read_scenario, refuse_code
 from uuv.sim.evaluation import schema_files
 from uuv.sim.interfaces.documents import inside, named, toml_of
-from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import folder_name
 from uuv.sim.interfaces.spatial import finite_number, shown, whole_number
 from uuv.sim.interfaces.streams import Streams
@@ -46,9 +52,7 @@ from uuv.sim.runs.run_folder import FORMAT_KEY
 
 _MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
 EXPERIMENT = "campaign"  # whose cases a file of drawn ones holds
-_TRACE = 2000  # characters of a traceback that a row keeps
 _SEEDS = ("perturbation_seed", "seed")  # drawn for every run
-FAILED, CRASHED = "not set up", "crashed"  # states of a run that ended with an error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +71,13 @@ class Campaign:
     bounds: Mapping[str, float] = field(default_factory=dict)
     kept: float | None = None  # share of the runs that must keep them; None: no verdict
     limits: Limits = field(default_factory=Limits)
+    # values by dotted key that the cases take in turn, those of the first key fastest
+    grid: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    # the same draws once more, with values by dotted key; by name of the version
+    versions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    version_cases: int | None = None  # first cases that are run in the versions; None: all
+    also: Mapping[str, float] = field(default_factory=dict)  # bounds that do not decide
+    never: tuple[str, ...] = ()  # classes or reasons of an end that no run may have
 
     def __post_init__(self) -> None:
         whole_number(self.cases, "cases", least=1, most=_MOST_CASES)
@@ -77,16 +88,52 @@ class Campaign:
             )
         if self.kept is not None:
             finite_number(self.kept, "kept", least=0.0, most=1.0)
+        if self.version_cases is not None:
+            whole_number(self.version_cases, "version_cases", least=1)
+        self._check_metrics()
+        for name in self.distributions:
+            _checked_key(self.base, name)
+        self._check_grid()
+        for version in ("", *self.versions):
+            try:
+                self.runs_of(self.drawn(1), version)[0].scenario()
+            except ConfigurationError as error:
+                place = f"versions: {version}: " if version else ""
+                raise ConfigurationError(f"{place}{error}") from error
+
+    def _check_grid(self) -> None:
+        """Refuses what the cases cannot take in turn."""
+        taken: set[str] = {*self.distributions}
+        for names, values in self.grid.items():
+            if not values:
+                raise ConfigurationError(f"grid: {names}: at least one value is needed")
+            keys = keys_of(names)
+            for key in keys:
+                _checked_key(self.base, key)
+                if key in taken:
+                    raise ConfigurationError(f"grid: {key} is drawn or taken twice")
+                taken.add(key)
+            for value in values:
+                if keys[1:] and not (isinstance(value, list) and len(value) == len(keys)):
+                    raise ConfigurationError(
+                        f"grid: {names}: must be lists of {len(keys)} values, got {shown(value)}"
+                    )
+
+    def _check_metrics(self) -> None:
+        """Refuses names of metrics that the base's task lacks, and bounds that are no numbers."""
         allowed = metric_names(self.base)
-        for name in (*self.metrics, *self.bounds):
+        for name in self.names:
             if name not in allowed:
                 known = ", ".join(sorted(allowed)) + did_you_mean(name, sorted(allowed))
                 raise ConfigurationError(f"no metric {shown(name)}; this task has {known}")
-        for name, bound in self.bounds.items():
-            finite_number(bound, f"bounds: {name}")
-        for name in self.distributions:
-            _checked_key(self.base, name)
-        self.runs(1)[0].scenario()
+        for table, bounds in (("bounds", self.bounds), ("also", self.also)):
+            for name, bound in bounds.items():
+                finite_number(bound, f"{table}: {name}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Metrics that a row keeps."""
+        return tuple(dict.fromkeys((*self.metrics, *self.bounds, *self.also)))
 
     def drawn(self, cases: int | None = None) -> tuple[DrawnCase, ...]:
         """What is drawn for each run of the campaign, or for its first `cases`, by dotted key."""
@@ -97,20 +144,51 @@ class Campaign:
         for case, parameters in enumerate(values[:cases]):
             streams = Streams(self.seed, case)
             seeds = {name: int(streams[name].integers(2**31)) for name in _SEEDS}
-            runs.append(DrawnCase(case=case, values={**seeds, **parameters}))
+            taken = self._of_grid(case)
+            runs.append(DrawnCase(case=case, values={**seeds, **taken, **parameters}))
         return tuple(runs)
 
+    def _of_grid(self, case: int) -> dict[str, Any]:
+        """Values of the grid that a case takes."""
+        taken: dict[str, Any] = {}
+        for names, values in self.grid.items():
+            case, at = divmod(case, len(values))
+            keys = keys_of(names)
+            together = values[at] if keys[1:] else [values[at]]
+            taken |= zip(keys, together, strict=True)
+        return taken
+
     def runs(self, cases: int | None = None) -> list["CampaignRun"]:
-        """The runs of the campaign, or those of its first `cases`."""
+        """The runs of the campaign, or those of its first `cases`, without its versions."""
         return self.runs_of(self.drawn(cases))
 
-    def runs_of(self, drawn: Iterable[DrawnCase]) -> list["CampaignRun"]:
-        """Runs of cases that were drawn, by this campaign or elsewhere."""
-        nested, metrics = as_dict(self.base), tuple(dict.fromkeys((*self.metrics, *self.bounds)))
+    def runs_of(self, drawn: Iterable[DrawnCase], version: str = "") -> list["CampaignRun"]:
+        """Runs of cases that were drawn, by this campaign or elsewhere, in a version of `versions`;
+        "": as the campaign describes them.
+        """
+        nested, changed = as_dict(self.base), self.versions[version] if version else {}
         return [
-            CampaignRun(case=case.case, base=nested, values=case.values, metrics=metrics)
+            CampaignRun(
+                case=case.case,
+                base=nested,
+                values=case.values,
+                metrics=self.names,
+                version=version,
+                changed=changed,
+            )
             for case in drawn
         ]
+
+    def all_runs(self, drawn: Sequence[DrawnCase]) -> list["CampaignRun"]:
+        """Runs of drawn cases, and of the first of them in each version."""
+        repeated = drawn[: self.version_cases]
+        versions = [run for name in self.versions for run in self.runs_of(repeated, name)]
+        return self.runs_of(drawn) + versions
+
+
+def keys_of(names: str) -> list[str]:
+    """Keys of an entry of the grid; those that a comma joins take their values together."""
+    return [name.strip() for name in names.split(",")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,6 +199,8 @@ class CampaignRun:
     base: Mapping[str, Any]  # tables of the scenario
     values: Mapping[str, Any]  # by dotted key
     metrics: tuple[str, ...]  # dotted names
+    version: str = ""  # name of a version of the campaign; empty: none
+    changed: Mapping[str, Any] = field(default_factory=dict)  # values of that version
 
     def scenario(self) -> Scenario:
         """Its scenario.
@@ -129,7 +209,7 @@ class CampaignRun:
             ConfigurationError: A value is not allowed.
         """
         nested = copy.deepcopy(dict(self.base))
-        for name, value in self.values.items():
+        for name, value in {**self.values, **self.changed}.items():
             put(nested, name, value)
         return from_dict(nested)
 
@@ -150,8 +230,8 @@ def read_campaign(
             is none of those allowed; the message names them.
     """
     path = Path(file)
-    document = toml_of(path, "campaign")
     what = named(path, "campaign")
+    document = _document(path)
     refuse_code(document, what, trust=trust)
     try:
         content = _READER.made(_CampaignFile, document)
@@ -189,84 +269,15 @@ def read_drawn(
     return drawn
 
 
-def one_run(task: CampaignRun) -> dict[str, Any]:
-    """Row of a run; an error of the run is part of the row."""
-    from uuv.assembly import assemble
-    from uuv.runner import run
-
-    row = failed_row(task, "")
-    try:
-        built = assemble(task.scenario())
-        row["drawn"] = dict(built.drawn)
-        metrics = run(built).assessment.metrics
-    except UuvError as error:
-        return row | {"code": type(error).__name__, "failed": [str(error)]}
-    except Exception as error:
-        trace = traceback.format_exc()[-_TRACE:]
-        return row | {"state": CRASHED, "code": type(error).__name__, "failed": [trace]}
-    own = metrics["run"]
-    return row | {
-        "state": own["state"],
-        "code": own["abort"] or "",
-        "accepted": metrics["accepted"],
-        "failed": list(metrics["failed"]),
-        "trajectory_sha256": own["trajectory_sha256"],
-        "metrics": {name: _at(metrics, name) for name in task.metrics},
-    }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _CampaignRow:
-    """Entries of a row of a campaign that a summary or a comparison reads."""
-
-    case: int
-    values: Mapping[str, Any]
-    state: str
-    metrics: Mapping[str, float | bool | None]
-    drawn: Mapping[str, Any] = field(default_factory=dict)
-    code: str = ""
-    accepted: bool = False
-    failed: list[str] = field(default_factory=list)
-
-
-def checked_row(row: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A row of a campaign as it was read from a file.
-
-    Raises:
-        ConfigurationError: It is none.
-    """
-    TableReader("a row of a campaign", passes_unknown=True).made(_CampaignRow, row)
-    return row
-
-
-def crashed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
-    """Row of a run that was ended from outside for `reason`: time, memory, death of its process."""
-    return failed_row(task, reason) | {"state": CRASHED}
-
-
-def failed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
-    """Row of a run that could not be begun for `reason`."""
-    return {
-        "case": task.case,
-        "values": dict(task.values),
-        "drawn": {},
-        "state": FAILED,
-        "code": reason,
-        "accepted": False,
-        "failed": [reason] if reason else [],
-        "trajectory_sha256": None,
-        "metrics": {},
-    }
-
-
 @cache
 def _schema(schema: str) -> Mapping[str, Any]:
     return schema_files.GENERATED[schema]()
 
 
 def metric_names(scenario: Scenario) -> frozenset[str]:
-    """Dotted names of the numbers and verdicts that metrics.json of a run of `scenario` holds."""
-    return frozenset(_numbers(_schema(scenario.task.schema)["properties"], ""))
+    """Dotted names of the numbers and verdicts of a run of `scenario` that a row may keep."""
+    of_metrics = _numbers(_schema(scenario.task.schema)["properties"], "")
+    return frozenset((*of_metrics, *figure_names(scenario)))
 
 
 def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:
@@ -280,13 +291,6 @@ def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:
     return [name for name in found if name != FORMAT_KEY and not name.startswith("timings.")]
 
 
-def _at(nested: Any, name: str) -> Any:
-    """Value at a dotted name; None where the run gave none."""
-    for key in name.split("."):
-        nested = nested.get(key) if isinstance(nested, Mapping) else None
-    return nested
-
-
 def _checked_key(base: Scenario, name: str) -> None:
     """Refuses a parameter that the campaign sets itself, or that lies in no table of the
     scenario.
@@ -296,6 +300,8 @@ def _checked_key(base: Scenario, name: str) -> None:
     put(as_dict(base), name, None)
 
 
+_LIKE = "like"  # key: another campaign's file, whose keys hold where a file has none
+_OF_VALUES = ("set", "distributions", "grid")  # tables by dotted key of a scenario file
 _WORD = {"schema": {"title": "letters, digits, - and _"}}
 _NAMES = {"schema": {"title": "a list of names", "items": {"title": "a name"}}}
 _BASE = f"{', '.join(jobs.JOBS.names())} or a scenario file (.toml)"
@@ -325,9 +331,54 @@ class _CampaignFile:
     bounds: Mapping[str, float] = field(default_factory=dict)
     kept: float | None = field(default=None, metadata={"schema": {"minimum": 0, "maximum": 1}})
     limits: Limits = field(default_factory=Limits)
+    grid: Mapping[str, list[Any]] = field(default_factory=dict)  # by dotted key
+    versions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    version_cases: int | None = field(default=None, metadata={"schema": {"minimum": 1}})
+    also: Mapping[str, float] = field(default_factory=dict)
+    never: tuple[str, ...] = field(default=(), metadata=_NAMES)
 
 
 _READER = TableReader(places_faults=True)
+
+
+def _document(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Tables of a campaign's file, those of the campaign that it is `like` beneath them.
+
+    Raises:
+        ConfigurationError: A file cannot be read, or is like itself.
+    """
+    document = toml_of(path, "campaign")
+    like = document.pop(_LIKE, None)
+    if like is None:
+        return document
+    what = named(path, "campaign")
+    if not isinstance(like, str):
+        raise ConfigurationError(f"{what}: {_LIKE}: must be a campaign file, got {shown(like)}")
+    if path.resolve() in seen:
+        raise ConfigurationError(f"{what}: {_LIKE}: it is like itself")
+
+    other = _document(path.parent / like, (*seen, path.resolve()))
+    other.pop("name", None)
+    if str(other.get("base", "")).endswith(".toml"):
+        other["base"] = str(Path(like).parent / other["base"])
+    return _joined(other, document)
+
+
+def _joined(other: dict[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
+    """`other` with the tables of `document` in it; a value that this sets, draws or takes in turn
+    is in no other of these tables.
+    """
+    values = [document.get(table) for table in _OF_VALUES]
+    names = [names for table in values if isinstance(table, Mapping) for names in table]
+    ours = {key for entry in names for key in keys_of(entry)}
+    for name in _OF_VALUES:
+        if isinstance(table := other.get(name), Mapping):
+            other[name] = {k: v for k, v in table.items() if ours.isdisjoint(keys_of(k))}
+
+    for key, value in document.items():
+        both = isinstance(value, Mapping) and isinstance(other.get(key), Mapping)
+        other[key] = {**other[key], **value} if both else value
+    return other
 
 
 def _campaign(
@@ -358,6 +409,11 @@ def _campaign(
         bounds=file.bounds,
         kept=file.kept,
         limits=file.limits,
+        grid={key: tuple(each) for key, each in file.grid.items() if key not in changed},
+        versions=file.versions,
+        version_cases=file.version_cases,
+        also=file.also,
+        never=file.never,
     )
 
 

@@ -3,61 +3,62 @@ distributions.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from uuv.campaigns.campaign import Campaign, checked_row
-from uuv.campaigns.sensitivity import worst_ratio
-from uuv.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport
+from uuv.campaigns.campaign import Campaign, keys_of
+from uuv.campaigns.campaign_rows import checked_row
+from uuv.campaigns.campaign_tables import (
+    group_tables,
+    groups,
+    interval,
+    kept,
+    kept_and_also,
+    reliability,
+    reliability_table,
+    version_tables,
+    versions,
+)
+from uuv.campaigns.run_outcome import CLASSES, KEPT
+from uuv.campaigns.sensitivity import Factor, worst_ratio
+from uuv.campaigns.sensitivity_report import MISSED, WORST, SensitivityReport, label
+from uuv.campaigns.verdicts import class_of, is_done, outcome, reasons, severity, within
 from uuv.experiment import Row, Summary, Table
 from uuv.sim.evaluation.intervals import share_interval
-from uuv.sim.interfaces.palette import BLUE, VERMILION, WIDTH
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.palette import (
+    BLUE,
+    FAINT,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    WIDTH,
+)
+from uuv.sim.interfaces.spatial import Array
 
-KEPT = "kept"
+_QUANTILES = ("low", "median", "high", "very_high", "largest")  # 5, 50, 95, 99 and 100 %
+_COLORS = (BLUE, ORANGE, GREEN, PURPLE, SKY)  # of parts of the runs
+_CLASS_COLORS = dict(zip(CLASSES, (BLUE, ORANGE, PURPLE, FAINT, VERMILION, INK, SKY), strict=True))
+_SCATTERED = 3  # bounded metrics that are drawn over each parameter
+_DOTS = 5  # scatter plots beside each other
 _PANELS = 3  # histograms beside each other
 _LONG_TAIL = 30.0  # ratio of the 99 % to the median beyond which a histogram's axis is logarithmic
 _SHOWN = 3  # cases of an outcome that the table names
-
-
-def outcome(row: Row, bounds: Mapping[str, float]) -> str:
-    """Kept; missed, with the metrics beyond their bounds; or the state and code in which a run
-    ended.
-
-    Without bounds the verdict of the run decides. A metric without a value is missed.
-    """
-    if row["state"] != "done":
-        return ": ".join(filter(None, (row["state"], row["code"])))
-    if not bounds:
-        return KEPT if row["accepted"] else MISSED
-    missed = beyond(row, bounds)
-    return f"{MISSED}: {', '.join(missed)}" if missed else KEPT
-
-
-def beyond(row: Row, bounds: Mapping[str, float]) -> list[str]:
-    """Metrics of a run that are beyond their bounds, or have no value."""
-    values = row["metrics"]
-    return [
-        name for name, most in bounds.items() if values.get(name) is None or values[name] > most
-    ]
-
-
-def reasons(row: Row, bounds: Mapping[str, float]) -> list[str]:
-    """Why a run is not kept: each metric beyond its bound, or the state and code in which it
-    ended.
-    """
-    said = outcome(row, bounds)
-    if said == KEPT:
-        return []
-    return beyond(row, bounds) if row["state"] == "done" and bounds else [said]
 
 
 def sensitivities(rows: Sequence[Row], campaign: Campaign) -> SensitivityReport:
     """Sensitivity of the worst ratio to a bound, of kept or missed, and of each metric, to all that
     was drawn.
     """
-    done = [row["state"] == "done" for row in rows]
+    # Of values that change together the first stands for all: a regression cannot part them.
+    together = {key for names in campaign.grid for key in keys_of(names)[1:]}
+    done = [is_done(row) for row in rows]
     ratios = [
         worst_ratio(row["metrics"], campaign.bounds) if ended else np.inf
         for row, ended in zip(rows, done, strict=True)
@@ -68,13 +69,19 @@ def sensitivities(rows: Sequence[Row], campaign: Campaign) -> SensitivityReport:
             [np.nan if (value := row["metrics"].get(name)) is None else value for row in rows],
             dtype=float,
         )
-        for name in _names(campaign)
+        for name in campaign.names
     }
     return SensitivityReport.of(
-        [{**row["values"], **row["drawn"]} for row in rows],
+        [_draws(row, together) for row in rows],
         {**({WORST: np.array(ratios)} if campaign.bounds else {}), MISSED: missed, **figures},
         [reasons(row, campaign.bounds) for row in rows],
     )
+
+
+def _draws(row: Row, left_out: Set[str]) -> dict[str, Any]:
+    """What was drawn for a run, by name."""
+    draws = {**row["values"], **row["drawn"]}
+    return {name: value for name, value in draws.items() if name not in left_out}
 
 
 def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
@@ -88,63 +95,87 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     for row in rows:  # --page sums up what is there, whoever has made it
         checked_row(row)
     replay = f"uuv campaign {file} --replay"
-    outcomes = [outcome(row, campaign.bounds) for row in rows]
-    counts = Counter(outcomes).most_common()
-    kept = outcomes.count(KEPT)
-    low, high = share_interval(kept, len(rows))
-    share = kept / len(rows)
-    failed = None
-    if campaign.kept is not None:
-        failed = (
-            [f"{share:.1%} of the runs kept the bounds, not {campaign.kept:.1%}"]
-            if share < campaign.kept
-            else []
-        )
-    first = {
-        name: [row["case"] for row, one in zip(rows, outcomes, strict=True) if one == name]
-        for name, _ in counts
-    }
-    found = sensitivities(rows, campaign)
-    tables = [
-        Table(
-            title="Outcomes",
-            columns=("outcome", "runs", "cases", "replay"),
-            rows=[
-                (
-                    name,
-                    str(count),
-                    ", ".join(map(str, first[name][:_SHOWN])) + (", ..." if count > _SHOWN else ""),
-                    f"{replay} {first[name][0]}",
-                )
-                for name, count in counts
-            ],
-        ),
-        *_distributions(rows, campaign),
-        *found.tables(),
-    ]
-    interval = (
-        f"{kept} of {len(rows)} runs kept: {share:.1%}, 95 % interval {low:.1%} to "
+    plain = [row for row in rows if not row.get("version")]
+    if not plain:
+        raise ConfigurationError("no row of the campaign itself, of its versions only")
+
+    # What came of the runs.
+    verdicts = [outcome(row, campaign.bounds) for row in plain]
+    number, share = verdicts.count(KEPT), verdicts.count(KEPT) / len(plain)
+    low, high = share_interval(number, len(plain))
+    lines = [
+        f"{number} of {len(plain)} runs kept: {share:.1%}, 95 % interval {low:.1%} to "
         f"{high:.1%} (Wilson)"
-    )
+    ]
+    if campaign.also:
+        wished = ", ".join(f"{name} at most {most:g}" for name, most in campaign.also.items())
+        lines.append(f"{kept_and_also(plain, campaign)} of the kept also have {wished}")
+
+    # What tells kept from missed, and what a version changes.
+    found = sensitivities(plain, campaign)
+    bins, compared = reliability(plain, campaign), versions(rows, campaign)
     return Summary(
         metrics={
-            "runs": len(rows),
+            "runs": len(plain),
             "bounds": dict(campaign.bounds),
             "replay": replay,
-            "kept": {"runs": kept, "share": share, "low": low, "high": high},
-            "outcomes": dict(counts),
-            "metrics": {name: _quantiles(_values(rows, name)) for name in _names(campaign)},
+            "kept": {"runs": number, "share": share, "low": low, "high": high},
+            "kept_and_also": kept_and_also(plain, campaign),
+            "outcomes": dict(Counter(verdicts).most_common()),
+            "metrics": {name: _quantiles(_values(plain, name)) for name in campaign.names},
+            "by": {
+                name: {
+                    value: {"runs": len(part), "kept": kept(part, campaign)}
+                    for value, part in parts.items()
+                }
+                for name, parts in groups(plain, campaign)
+            },
+            "reliability": bins,
+            "versions": compared,
             "sensitivity": found.metrics,
         },
-        tables=tables,
-        lines=[interval, *found.lines],
-        pictures=_pictures(rows, campaign, found),
-        failed=failed,
+        tables=[
+            _outcomes(plain, verdicts, replay),
+            *group_tables(plain, campaign),
+            *_distributions(plain, campaign),
+            *reliability_table(bins),
+            *version_tables(compared),
+            *found.tables(),
+        ],
+        lines=[*lines, *found.lines],
+        pictures=_pictures(plain, campaign, found),
+        failed=_failed(verdicts, campaign),
     )
 
 
-def _names(campaign: Campaign) -> list[str]:
-    return list(dict.fromkeys((*campaign.metrics, *campaign.bounds)))
+def _outcomes(rows: Sequence[Row], verdicts: Sequence[str], replay: str) -> Table:
+    """Outcomes in order of severity, with the first of their cases."""
+    counts = Counter(verdicts)
+    cells = []
+    for verdict in sorted(counts, key=lambda each: (severity(each), -counts[each], each)):
+        cases = [row["case"] for row, each in zip(rows, verdicts, strict=True) if each == verdict]
+        named = ", ".join(map(str, cases[:_SHOWN])) + (", ..." if len(cases) > _SHOWN else "")
+        share = f"{len(cases) / len(rows):.1%}"
+        of_all = interval(len(cases), len(rows))
+        cells.append((verdict, str(len(cases)), share, of_all, named, f"{replay} {cases[0]}"))
+    columns = ("outcome", "runs", "share", "95 % interval", "cases", "replay")
+    return Table(title="Outcomes", columns=columns, rows=cells)
+
+
+def _failed(verdicts: Sequence[str], campaign: Campaign) -> list[str] | None:
+    """Why the campaign is not accepted; None: it has no verdict."""
+    if campaign.kept is None and not campaign.never:
+        return None
+    share = verdicts.count(KEPT) / len(verdicts)
+    failed = []
+    if campaign.kept is not None and share < campaign.kept:
+        failed.append(f"{share:.1%} of the runs kept the bounds, not {campaign.kept:.1%}")
+
+    # A class of ends, or a reason.
+    for word in campaign.never:
+        if count := sum(word in (class_of(each), each.partition(": ")[2]) for each in verdicts):
+            failed.append(f"{count} runs ended by what never may be: {word}")
+    return failed
 
 
 def _values(rows: Sequence[Row], name: str) -> list[float]:
@@ -152,71 +183,149 @@ def _values(rows: Sequence[Row], name: str) -> list[float]:
 
 
 def _quantiles(values: Sequence[float]) -> dict[str, float | int | None]:
-    found = np.quantile(values, (0.05, 0.5, 0.95, 1.0)) if values else [None] * 4
-    return {
-        "runs": len(values),
-        **dict(zip(("low", "median", "high", "largest"), found, strict=True)),
-    }
+    figures = np.quantile(values, (0.05, 0.5, 0.95, 0.99, 1.0)) if values else [None] * 5
+    return {"runs": len(values), **dict(zip(_QUANTILES, figures, strict=True))}
 
 
 def _distributions(rows: Sequence[Row], campaign: Campaign) -> list[Table]:
     lines = []
-    for name in _names(campaign):
-        found = _quantiles(_values(rows, name))
-        figures = [
-            "-" if found[key] is None else f"{found[key]:.4g}"
-            for key in ("low", "median", "high", "largest")
-        ]
-        bound = f"{campaign.bounds[name]:g}" if name in campaign.bounds else ""
-        lines.append((name, str(found["runs"]), *figures, bound))
-    columns = ("metric", "runs", "5 %", "median", "95 %", "largest", "bound")
-    return [Table(title="Metrics", columns=columns, rows=lines)] if lines else []
+    bounds = {**campaign.also, **campaign.bounds}
+    for name in campaign.names:
+        quantiles = _quantiles(_values(rows, name))
+        figures = [_figure(quantiles[key]) for key in _QUANTILES]
+        bound, inside = "", ""
+        if name in bounds:
+            count = sum(within(row, name, bounds[name]) for row in rows)
+            bound, inside = f"{bounds[name]:g}", f"{count / len(rows):.1%}"
+        lines.append((name, str(quantiles["runs"]), *figures, bound, inside))
+    columns = ("metric", "runs", "5 %", "median", "95 %", "99 %", "largest", "bound", "within")
+    caption = "Within: of all runs; one that ended before it gave the metric is not."
+    return [Table(title="Metrics", columns=columns, rows=lines, caption=caption)] if lines else []
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
 
 
 def _pictures(
     rows: Sequence[Row], campaign: Campaign, found: SensitivityReport
 ) -> Iterator[tuple[str, str, Figure]]:
-    names = [name for name in _names(campaign) if _values(rows, name)]
+    names = [name for name in campaign.names if _values(rows, name)]
     if names:
         yield (
             "Distributions",
-            "Runs by the value of each metric. Dashed: the bound. A run without a value is in no "
-            "bar.",
-            histogram_figure({name: _values(rows, name) for name in names}, campaign.bounds),
+            "Runs by the value of each metric, coloured by the first key that the cases take in "
+            "turn. Dashed: the bound. A run without a value is in no bar.",
+            histogram_figure(_parts(rows, campaign, names), campaign.bounds),
         )
+        for name in [name for name in names if name in campaign.bounds][:_SCATTERED]:
+            yield (
+                f"{name} over what was drawn",
+                "One dot a run, by its class.",
+                scatter_figure(rows, name, campaign.bounds, found.factors),
+            )
     yield from found.pictures()
 
 
-def histogram_figure(values: Mapping[str, Sequence[float]], bounds: Mapping[str, float]) -> Figure:
+def _parts(
+    rows: Sequence[Row], campaign: Campaign, names: Sequence[str]
+) -> dict[str, dict[str, list[float]]]:
+    """Values of metrics by name, and by the value of the first key that the cases take in turn."""
+    parts = next((parts for _, parts in groups(rows, campaign)), {"": list(rows)})
+    return {name: {value: _values(part, name) for value, part in parts.items()} for name in names}
+
+
+def histogram_figure(
+    values: Mapping[str, Mapping[str, Sequence[float]]], bounds: Mapping[str, float]
+) -> Figure:
     """Histogram of each metric with its bound; logarithmic where the largest values are far above
     the median.
+
+    Args:
+        values: Of each metric, by the part of the runs that they are of.
+        bounds: By metric.
     """
     lines = -(-len(values) // _PANELS)
     figure = Figure(figsize=(WIDTH, 0.3 + 2.1 * lines), layout="constrained")
     panels = figure.subplots(lines, _PANELS, squeeze=False)
     for axes in panels.flat[len(values) :]:
         axes.set_visible(False)
-    for axes, (name, given) in zip(panels.flat, values.items(), strict=False):
-        found = np.asarray(given, dtype=np.float64)
-        low, median, high = np.quantile(found, (0.0, 0.5, 0.99))
-        count = int(np.clip(np.sqrt(len(found)) * 2, 5, 40))
-        if low > 0.0 and high > _LONG_TAIL * median:
-            axes.set_xscale("log")
-            edges = np.geomspace(low, found.max() * (1.0 + 1e-9), count + 1)
-        elif found.min() < found.max():
-            edges = np.histogram_bin_edges(found, count)
-        else:  # one bar around the only value
-            edges = median + (abs(median) or 1.0) * np.array([-0.05, 0.05])
-            axes.set_xlim(*(median + (abs(median) or 1.0) * np.array([-0.5, 0.5])))
-        axes.hist(found, edges, color=BLUE, edgecolor="white", linewidth=0.4)
+
+    for axes, (name, parts) in zip(panels.flat, values.items(), strict=False):
+        edges = _edges(axes, np.concatenate([*map(np.asarray, parts.values())]))
+        colors = [_COLORS[k % len(_COLORS)] for k in range(len(parts))]
+        axes.hist(
+            list(parts.values()),
+            edges,
+            color=colors,
+            label=list(parts),
+            stacked=True,
+            edgecolor="white",
+            linewidth=0.4,
+        )
         if name in bounds:
             axes.axvline(bounds[name], color=VERMILION, linewidth=1.1, linestyle="--")
-        axes.set_xlabel(f"{name}, {len(given)} runs", fontsize=8)
+        axes.set_xlabel(f"{name}, {sum(map(len, parts.values()))} runs", fontsize=8)
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
         axes.yaxis.get_major_locator().set_params(integer=True)
         if axes.get_xscale() == "linear":
             axes.locator_params(axis="x", nbins=4)
+
+    if len(next(iter(values.values()))) > 1:
+        panels[0, 0].legend(frameon=False, fontsize=7)
     for axes in panels[:, 0]:
         axes.set_ylabel("runs", fontsize=9)
+    return figure
+
+
+def _edges(axes: Any, values: Array) -> Array:
+    """Edges of the bars of a histogram; sets a logarithmic axis, or the limits around one value."""
+    low, median, high = np.quantile(values, (0.0, 0.5, 0.99))
+    count = int(np.clip(np.sqrt(len(values)) * 2, 5, 40))
+    if low > 0.0 and high > _LONG_TAIL * median:
+        axes.set_xscale("log")
+        return np.geomspace(low, values.max() * (1.0 + 1e-9), count + 1)
+    if values.min() < values.max():
+        return np.histogram_bin_edges(values, count)
+    # One bar around the only value.
+    width = abs(median) or 1.0
+    axes.set_xlim(*(median + width * np.array([-0.5, 0.5])))
+    return median + width * np.array([-0.05, 0.05])
+
+
+def scatter_figure(
+    rows: Sequence[Row], name: str, bounds: Mapping[str, float], factors: Sequence[Factor]
+) -> Figure:
+    """Scatter plots of a metric over each drawn number, coloured by class.
+
+    Args:
+        rows: Of the runs.
+        name: Of the metric.
+        bounds: Of the campaign.
+        factors: What was drawn; those of several columns are left out.
+    """
+    classes = np.array([class_of(outcome(row, bounds)) for row in rows])
+    value = np.array([row["metrics"].get(name) for row in rows], dtype=np.float64)
+    single = [factor for factor in factors if factor.columns.shape[1] == 1]
+
+    lines = max(1, -(-len(single) // _DOTS))
+    figure = Figure(figsize=(WIDTH, 0.5 + 1.8 * lines), layout="constrained")
+    panels = figure.subplots(lines, _DOTS, sharey=True, squeeze=False)
+    for axes in panels.flat[len(single) :]:
+        axes.set_visible(False)
+
+    for axes, factor in zip(panels.flat, single, strict=False):
+        drawn = factor.columns[:, 0]
+        for verdict in sorted({*classes.tolist()}, key=severity):
+            mine = classes == verdict
+            color = _CLASS_COLORS.get(verdict, INK)
+            axes.scatter(drawn[mine], value[mine], s=9, color=color, label=verdict, alpha=0.75)
+        if np.nanmin(drawn) > 0.0 and np.nanmax(drawn) > _LONG_TAIL * np.nanmin(drawn):
+            axes.set_xscale("log")
+        axes.set_xlabel(label(factor.name), fontsize=7)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=7)
+    if single:
+        panels[0, 0].legend(frameon=False, fontsize=7)
     return figure

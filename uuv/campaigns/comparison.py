@@ -2,21 +2,20 @@
 verdicts.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import binomtest, wilcoxon
 
-from uuv.campaigns.campaign import checked_row
-from uuv.campaigns.campaign_report import KEPT, outcome
-from uuv.campaigns.sensitivity import RESAMPLES
+from uuv.campaigns.campaign_rows import checked_row
+from uuv.campaigns.paired import PairedMetric, mcnemar
+from uuv.campaigns.run_outcome import KEPT
 from uuv.campaigns.sensitivity_report import shown_p
+from uuv.campaigns.verdicts import outcome
 from uuv.experiment import Row, Summary, Table, read_rows
 from uuv.experiment.row_log import METRICS
-from uuv.sim.evaluation.intervals import bootstrap_interval
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.palette import BLUE, FAINT, INK, WIDTH
@@ -54,6 +53,7 @@ class Finished:
             raise ConfigurationError(
                 f"{folder}: holds no campaign that came to its end: {error}"
             ) from error
+        rows = [row for row in rows if not row.get("version")]
         by_case = {row["case"]: row for row in rows}
         if len(by_case) < len(rows):
             raise ConfigurationError(
@@ -68,52 +68,6 @@ class _About:
 
     bounds: Mapping[str, float]
     replay: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PairedMetric:
-    """A metric in the runs that both campaigns have, B less A."""
-
-    name: str
-    pairs: int  # runs with a value in both
-    median_a: float
-    median_b: float
-    median: float  # of the differences
-    low: float
-    high: float  # bootstrap interval of it
-    p: float  # Wilcoxon's signed ranks, two-sided; 1 if nothing differs
-    less: int  # runs in which B is below A
-    equal: int
-    more: int
-
-    @classmethod
-    def of(cls, name: str, a: Array, b: Array, rng: np.random.Generator) -> "PairedMetric":
-        """The metric from its values (pairs,) in both campaigns, at least one."""
-        change = b - a
-        interval = bootstrap_interval(np.median, change, rng=rng, resamples=RESAMPLES)
-        return cls(
-            name=name,
-            pairs=len(change),
-            median_a=float(np.median(a)),
-            median_b=float(np.median(b)),
-            median=float(np.median(change)),
-            low=interval.low,
-            high=interval.high,
-            p=float(wilcoxon(change).pvalue) if change.any() else 1.0,
-            less=int((change < 0.0).sum()),
-            equal=int((change == 0.0).sum()),
-            more=int((change > 0.0).sum()),
-        )
-
-
-def mcnemar(a: Iterable[bool], b: Iterable[bool]) -> tuple[int, int, float]:
-    """Pairs that are true in A alone, in B alone, and the exact two-sided p that they differ by
-    chance only.
-    """
-    pairs = list(zip(a, b, strict=True))
-    only_a, only_b = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
-    p = float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0
-    return only_a, only_b, p
 
 
 def compared(a: Finished, b: Finished) -> Summary:

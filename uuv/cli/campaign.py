@@ -16,11 +16,12 @@ from uuv.cli.carry_out import METRICS, Assignments, run_job, values_of
 from uuv.cli.json_output import file_alone
 from uuv.experiment.options import HarnessOptions, at_least
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.command_line import RunOptions
 from uuv.start import parse
 
 if TYPE_CHECKING:
-    from uuv.campaigns.campaign import CampaignRun
+    from uuv.campaigns.campaign import Campaign, CampaignRun
     from uuv.experiment import Row
 
 
@@ -45,6 +46,8 @@ class CampaignOptions(HarnessOptions):
     needs no leave."""
     only: int | None = None
     """Do only the run of this number, if it is missing."""
+    version: str = ""
+    """With --only or --replay: the run in this version of the file's [versions]."""
     replay: int | None = None
     """Do the run of this number again with full recording, in a folder of its own; the same
     trajectory to the bit."""
@@ -59,6 +62,8 @@ class CampaignOptions(HarnessOptions):
         at_least(self, cases=1, only=0, replay=0)
         if (self.only is not None) + (self.replay is not None) + self.page > 1:
             raise ConfigurationError("--only, --replay and --page: one of them")
+        if self.version and self.only is None and self.replay is None:
+            raise ConfigurationError("--version: only with --only or --replay")
         if self.drawn is not None and self.seed is not None:
             raise ConfigurationError("--drawn and --seed: one of them; these cases are drawn")
 
@@ -82,10 +87,11 @@ def campaign(options: CampaignOptions, started: float) -> int:
     Raises:
         UuvError: The file or an option is wrong, or the folder is of no use.
     """
-    from uuv.campaigns.campaign import EXPERIMENT, crashed_row, one_run, read_campaign, read_drawn
+    from uuv.campaigns.campaign import EXPERIMENT, read_campaign, read_drawn
     from uuv.experiment.drawn_cases import write_cases
     from uuv.inputs import check_inputs
 
+    # The campaign, and what of it is typed.
     values = values_of(options.set)
     described = read_campaign(options.file, values, trust=options.trust)
     changed = {
@@ -96,33 +102,55 @@ def campaign(options: CampaignOptions, started: float) -> int:
     typed += ["--trust"] if options.trust else []
     typed += ["--set", *map(shlex.quote, values)] if values else []
 
+    # Its cases.
+    drawn = described.drawn()
     if options.drawn is not None:
         typed.append(f"--drawn {shlex.quote(str(options.drawn))}")
         drawn = read_drawn(options.drawn, described, values)[: options.cases]
-    else:
-        drawn = described.drawn()
     if options.write_drawn is not None:
         write_cases(options.write_drawn, EXPERIMENT, drawn)
         return 0
 
-    runs = described.runs_of(drawn)
+    # Its runs: one again, one alone, or all.
+    runs = described.all_runs(drawn)
     if options.replay is not None:
-        run = one_of(runs, options.replay)
-        scenario = replace(run.scenario(), name=f"{described.name}/case_{run.case:04d}")
-        return run_job(
-            scenario, RunOptions(out=options.out), started, f", case {run.case} of {described.name}"
-        )
+        return replay(one_of(runs, options.replay, options.version), described, options, started)
     if not options.page:
         check_inputs(runs[0].scenario())
+    if options.only is not None:
+        runs = [one_of(runs, options.only, options.version)]
+    return carry_out(runs, described, options, " ".join((shlex.quote(str(options.file)), *typed)))
+
+
+def replay(
+    run: "CampaignRun", described: "Campaign", options: CampaignOptions, started: float
+) -> int:
+    """Does a run again with all its output; returns the exit code."""
+    folder = f"case_{run.case:04d}" + f"_{run.version}".rstrip("_").replace(" ", "_")
+    scenario = replace(run.scenario(), name=f"{described.name}/{folder}")
+    which = f", case {run.case} of {described.name}"
+    return run_job(scenario, RunOptions(out=options.out), started, which)
+
+
+def carry_out(
+    runs: "list[CampaignRun]", described: "Campaign", options: CampaignOptions, file: str
+) -> int:
+    """Runs what is missing, or nothing with --page, and sums up; returns the exit code.
+
+    Args:
+        runs: Of the campaign.
+        described: The campaign.
+        options: Of the command line.
+        file: Its file, and the options that change it, for the replay commands.
+    """
     from uuv.campaigns.campaign_report import summarise
+    from uuv.campaigns.campaign_rows import crashed_row, one_run
     from uuv.experiment import Study
 
     study = Study(
-        cases=runs if options.only is None else [one_of(runs, options.only)],
+        cases=runs,
         run_one=one_run,
-        summarise=partial(
-            summarise, campaign=described, file=" ".join((shlex.quote(str(options.file)), *typed))
-        ),
+        summarise=partial(summarise, campaign=described, file=file),
         failed=crashed_row,
         line=line,
     )
@@ -132,19 +160,26 @@ def campaign(options: CampaignOptions, started: float) -> int:
     return study.carry_out(described.name, options, title, described.limits)
 
 
-def one_of(runs: "list[CampaignRun]", case: int) -> "CampaignRun":
-    """The run of a number.
+def one_of(runs: "list[CampaignRun]", case: int, version: str) -> "CampaignRun":
+    """The run of a number in a version; "": as the campaign describes it.
 
     Raises:
         ConfigurationError: There is none.
     """
-    for run in runs:
-        if run.case == case:
-            return run
-    most = max(run.case for run in runs)
-    raise ConfigurationError(f"case: allowed up to {most}, those that are drawn, got {case}")
+    versions = dict.fromkeys(run.version for run in runs)
+    if version not in versions:
+        known = ", ".join(filter(None, versions)) or "none"
+        raise ConfigurationError(f"--version: allowed {known}, got {shown(version)}")
+    numbers = [run.case for run in runs if run.version == version]
+    if case not in numbers:
+        raise ConfigurationError(f"case: allowed up to {max(numbers)}, as drawn, got {case}")
+    return next(run for run in runs if run.version == version and run.case == case)
 
 
 def line(row: "Row") -> str:
-    """Line about a run that did not finish its work; empty for others."""
-    return "" if row["state"] == "done" else f"case {row['case']:4d}  {row['state']}: {row['code']}"
+    """Line about a run that did not finish its work; empty for others and for versions."""
+    from uuv.campaigns.run_outcome import DONE
+
+    if row["ended"] == DONE or row["version"]:
+        return ""
+    return f"case {row['case']:4d}  {row['ended']}: {row['code']}"

@@ -9,8 +9,8 @@ import numpy as np
 from experiments.faults.fault_cases import ASCENT, PHASES, PUSH, Trace, run_branched
 from experiments.faults.fault_picture import draw
 from uuv import jobs
-from uuv.campaigns.contact_study import DAMAGE
 from uuv.experiment import Row, Summary, Table
+from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import one_of
 

@@ -12,14 +12,14 @@ from uuv.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
-from uuv.campaigns.contact_study import PATHS, PathName
 from uuv.experiment.options import StudyOptions
 from uuv.jobs import clean_barrel
 from uuv.sim.runs.run_folder import RUNS
 
 NAME = "study_faults"
+PathName = Literal["longitudinal", "transverse"]
 
 
 PhaseName = Literal["scan", "close-in", "approach", "press", "work", "unload", "retreat", "ascent"]
@@ -31,7 +31,7 @@ class Options(StudyOptions):
 
     runs: int = 1
     """Number of runs on each path, with seeds from --seed on; each is branched into all cases."""
-    paths: tuple[PathName, ...] = PATHS
+    paths: tuple[PathName, ...] = get_args(PathName)
     """Paths of clean_barrel."""
     only: tuple[str, ...] = ()
     """Run only cases whose names contain one of these words."""

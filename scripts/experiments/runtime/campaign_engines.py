@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from uuv.campaigns.campaign import Campaign, CampaignRun, crashed_row, one_run, read_campaign
+from uuv.campaigns.campaign import Campaign, CampaignRun, read_campaign
+from uuv.campaigns.campaign_rows import crashed_row, one_run
 from uuv.experiment import Row, Study, StudyOptions, Summary, Table, read_rows
 from uuv.experiment.engines import EngineName, engine_for
 from uuv.experiment.harness import key_of

@@ -7,7 +7,7 @@ import pytest
 
 from experiments.faults.fault_cases import AT_WORK, PUSH, Trace
 from experiments.faults.fault_figures import figures, summarise
-from uuv.campaigns.contact_study import DAMAGE
+from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.interfaces.messages import WorkState
 
 

@@ -13,15 +13,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from uuv import write_scenario
 from uuv.campaigns import campaign_report
-from uuv.campaigns.campaign import (
-    EXPERIMENT,
-    Campaign,
-    CampaignRun,
-    one_run,
-    read_campaign,
-    read_drawn,
-)
+from uuv.campaigns.campaign import EXPERIMENT, Campaign, CampaignRun, read_campaign, read_drawn
+from uuv.campaigns.campaign_rows import one_run
 from uuv.campaigns.distributions import DESIGNS, Design, Distribution, drawn
 from uuv.experiment import Summary
 from uuv.experiment.drawn_cases import DrawnCase, write_cases
@@ -165,8 +160,6 @@ def test_a_value_of_a_file_that_is_not_allowed_is_told_with_its_case(tmp_path):
 
 
 def test_a_scenario_file_may_be_the_base(tmp_path):
-    from uuv import write_scenario
-
     write_scenario(clean_barrel(quick=True, path="transverse"), tmp_path / "base.toml")
     text = FILE.replace('"clean-barrel"', '"base.toml"').replace("quick = true\n", "")
     assert (
@@ -175,7 +168,29 @@ def test_a_scenario_file_may_be_the_base(tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["contact", "contact_quick"])
+def test_a_campaign_like_another_has_its_own_values_in_place_of_those(tmp_path):
+    """A value that it sets is not drawn; the base of the other is found from its own folder."""
+    (tmp_path / "first").mkdir()
+    write_scenario(clean_barrel(quick=True), tmp_path / "first" / "base.toml")
+    text = FILE.replace('"clean-barrel"', '"base.toml"').replace("quick = true\n", "")
+    (tmp_path / "first" / "first.toml").write_text(text)
+    campaign = read(
+        tmp_path,
+        'like = "first/first.toml"\ncases = 2\n[set]\n"perturbations.Pad.stiffness" = 3e4\n'
+        '[grid]\n"site.gust" = [0.01, 0.02]\n',
+    )
+    assert (campaign.name, campaign.cases, campaign.bounds) == ("mine", 2, {"contact.lost_s": 0.0})
+    scenarios = [run.scenario() for run in campaign.runs()]
+    assert [scenario.perturbation(Pad).stiffness for scenario in scenarios] == [3e4, 3e4]
+    assert [scenario.site.gust for scenario in scenarios] == [0.01, 0.02]
+    assert scenarios[0].belief.water_error == 0.0
+    assert list(campaign.distributions) == ["site.current"]
+
+    with pytest.raises(ConfigurationError, match="like: it is like itself"):
+        read(tmp_path, 'like = "mine.toml"\n')
+
+
+@pytest.mark.parametrize("name", ["ablation", "contact", "contact_quick", "versions", "waves"])
 def test_examples_can_be_read(root, name):
     campaign = read_campaign(root / f"scripts/campaigns/{name}.toml")
     assert campaign.name == name
@@ -268,6 +283,14 @@ def test_examples_can_be_read(root, name):
             r"metrics.names\[0\]: must be a name, "
             r"got 1",
         ),
+        ("[set]", "[grid]\n'site.gust' = []\n[set]", r"grid: site.gust: at least one value"),
+        ("[set]", "[grid]\n'site.current' = [[0, 0, 0]]\n[set]", r"site.current is drawn or taken"),
+        ("[set]", "[grid]\n'site.gust, seed' = [0.1]\n[set]", r"'seed' cannot be drawn"),
+        ("[set]", "[grid]\n'site.gust, task.least' = [0.1]\n[set]", r"lists of 2 values, got 0.1"),
+        ("[set]", "[versions.x]\n'control.with' = 1\n[set]", r"versions: x: .*has no 'with'"),
+        ("[set]", "[also]\n'contact.luck' = 1.0\n[set]", r"no metric 'contact.luck'"),
+        ("cases = 4", "cases = 4\nversion_cases = 0", r"version_cases"),
+        ("cases = 4", "cases = 4\nlike = 3", r"like: must be a campaign file, got 3"),
         ("[set]", "[set", r"cannot be read"),
     ],
 )
@@ -360,7 +383,9 @@ def test_shares_and_quantiles_of_many_runs(tmp_path):
 
     found = summed(0.0)
     force = found.metrics["metrics"]["contact.force_error_rms_n"]
-    assert force == {"runs": 21, "low": 1.0, "median": 10.0, "high": 19.0, "largest": 20.0}
+    assert force == pytest.approx(
+        {"runs": 21, "low": 1.0, "median": 10.0, "high": 19.0, "very_high": 19.8, "largest": 20.0}
+    )
     assert found.metrics["kept"]["runs"] == 20
     assert found.failed == []
     assert summed(0.1).failed == ["90.5% of the runs kept the bounds, not 95.2%"]
@@ -396,7 +421,7 @@ def test_the_page_shows_what_explains_the_misses(tmp_path):
     assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["p"] < 1e-4
     assert {"contact.lost_s", "abort: jammed", "any reason"} == {reason for reason, _ in moved}
     summary.write_page(tmp_path / "report.html", "T", {}, "")
-    assert (tmp_path / "report.html").read_text().count("<img") == 3
+    assert (tmp_path / "report.html").read_text().count("<img") == 4
 
 
 # -- the command -----------------------------------------------------------------------------------

@@ -1,0 +1,104 @@
+"""What came of a run: how it ended, in classes, and figures that its metrics.json does not hold."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uuv.scenario import Scenario
+from uuv.sim.evaluation.bounds import DAMAGE
+from uuv.sim.interfaces.errors import HydrodynamicsError, UuvError
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.loop.recording import Recording
+from uuv.tasks.surface_work import SurfaceWorkTask
+
+if TYPE_CHECKING:
+    from uuv.runner import Run
+
+# How a run ends; a run that is done is kept, or has missed a bound.
+DONE, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED = (
+    "done",
+    "broken off",
+    "refused",
+    "damage",
+    "diverged",
+    "crashed",
+)
+KEPT, MISSED = "kept", "missed"
+CLASSES = (KEPT, MISSED, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED)  # by severity
+_APPROACHED = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
+
+OVER_SET, UNFOLDING = "contact.force_over_set", "hull.unfolding_max_m"
+OBJECT_SIGMA = "uncertainty.object_sigma_m"
+SURFACE_FIGURES = (OVER_SET, UNFOLDING, OBJECT_SIGMA)  # of work on a surface
+
+
+def ending(outcome: "Run", figures: Mapping[str, Any]) -> tuple[str, str]:
+    """Class and reason of the end of a run; the reason is empty if it is done.
+
+    Damage comes before an abort, and what is not finite before both.
+
+    Args:
+        outcome: The run.
+        figures: Its figures by dotted name, those of `surface_figures` among them.
+    """
+    numbers = [value for value in figures.values() if isinstance(value, int | float)]
+    if not np.isfinite(numbers).all():
+        return DIVERGED, "a figure is not finite"
+    if (figures.get(OVER_SET) or 0.0) > DAMAGE:
+        return DAMAGED, f"force above {DAMAGE:g} times the set one"
+    if figures["run.collision_s"]:
+        return DAMAGED, "the vehicle touched what it should not"
+
+    final = outcome.recording.final
+    if final.state is WorkState.DONE:
+        return DONE, ""
+    begun = outcome.recording.within(*_APPROACHED, *outcome.assembly.placed.begun).any()
+    reason = "not done in time" if final.abort is None else final.abort.value
+    return (BROKEN if begun else REFUSED), reason
+
+
+def ending_by(error: Exception) -> tuple[str, str]:
+    """Class and reason of a run that an error has ended."""
+    if isinstance(error, HydrodynamicsError):
+        return DIVERGED, "motion blew up"
+    return (REFUSED if isinstance(error, UuvError) else CRASHED), type(error).__name__
+
+
+def surface_figures(outcome: "Run") -> dict[str, float | None]:
+    """SURFACE_FIGURES of a run by name; empty for other work."""
+    task, recording = outcome.scenario.task, outcome.recording
+    if not isinstance(task, SurfaceWorkTask):
+        return {}
+    promise = recording.promise
+    return {
+        OVER_SET: force_over_set(recording, task.forces[0]) if task.forces else None,
+        UNFOLDING: unfolding(recording),
+        OBJECT_SIGMA: None if promise is None else promise.object_sigma,
+    }
+
+
+def figure_names(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the figures of `surface_figures` of a scenario's runs."""
+    return SURFACE_FIGURES if isinstance(scenario.task, SurfaceWorkTask) else ()
+
+
+def force_over_set(recording: Recording, first: float) -> float:
+    """Greatest ratio of the true normal force to the set force; before the work the set force is
+    `first` [N].
+    """
+    before = np.where(recording.within(WorkState.WORK), 0.0, first)
+    set_force = np.maximum(recording["set_force"].scalar, before)
+    return float((recording["contact_most"].scalar / np.maximum(set_force, 1.0)).max())
+
+
+def unfolding(recording: Recording) -> float | None:
+    """Largest distance [m] of the hull from its constant reference while the arm moves to its
+    work; None if it never does.
+    """
+    resting = np.all(np.diff(recording["p_WB_reference"].value, axis=0) == 0.0, axis=1)
+    still = np.append(resting, True) & recording.within(WorkState.CLOSE_IN, WorkState.TARE)
+    if not still.any():
+        return None
+    off = recording["p_WB"].value[still] - recording["p_WB_reference"].value[still]
+    return float(np.linalg.norm(off, axis=1).max())

@@ -20,20 +20,45 @@ from uuv.sim.interfaces.spatial import Array
 
 Record = Mapping[str, Any]  # a row, with plain values where its columns have tables
 Kind = Literal[
-    "value", "mean", "median", "p95", "largest", "least", "rms", "total", "count", "spread", "share"
+    "value",
+    "mean",
+    "median",
+    "p10",
+    "p90",
+    "p95",
+    "largest",
+    "least",
+    "rms",
+    "sem",
+    "total",
+    "count",
+    "spread",
+    "share",
 ]
 _NUMBERS: dict[str, Callable[[Array], float]] = {
     "mean": lambda values: float(values.mean()),
     "median": lambda values: float(np.median(values)),
+    "p10": lambda values: float(np.quantile(values, 0.1)),
+    "p90": lambda values: float(np.quantile(values, 0.9)),
     "p95": lambda values: float(np.quantile(values, 0.95)),
     "largest": lambda values: float(values.max()),
     "least": lambda values: float(values.min()),
     "rms": lambda values: float(np.sqrt(np.mean(values**2))),
+    "sem": lambda values: float(values.std(ddof=1) / np.sqrt(len(values))),
     "total": lambda values: float(values.sum()),
 }
 _SHARE_DIGITS = 1  # decimals of a share in %
 _SPREAD = ("median", "p95", "largest")
-_WORDS = {"p95": "95 %", "spread": "median, 95 %, largest", "value": "", "share": "", "count": ""}
+_WORDS = {
+    "p10": "10 %",
+    "p90": "90 %",
+    "p95": "95 %",
+    "sem": "standard error",
+    "spread": "median, 95 %, largest",
+    "value": "",
+    "share": "",
+    "count": "",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +130,7 @@ class Statistic:
 
         if self.kind == "count":
             return {"count": sum(map(bool, values))}
-        if not values:
+        if not values or (self.kind == "sem" and len(values) < 2):
             return {}
         if self.kind == "value":
             return {"value": values[0] if len(values) == 1 else values}
@@ -162,9 +187,10 @@ def stat(
     """Statistic of a column, or of a function of a row.
 
     Args:
-        kind: value (of the one row), mean, median, p95, largest, least, rms, total, count (how many
-            are true), spread (median, 95 %, largest) or share (how many are true among those that
-            have a value, with its 95 % interval).
+        kind: value (of the one row), mean, median, p10, p90 or p95 (quantiles), largest, least,
+            rms, sem (standard error of the mean), total, count (how many are true), spread (median,
+            95 %, largest) or share (how many are true among those that have a value, with its 95 %
+            interval).
         of: Name of a column, or a function of a row.
         label: What tables call it; default: the label of the column and the kind.
         unit: Unit of a function's value; default: that of the column.

@@ -1,51 +1,117 @@
-"""Study: wrong inputs of a calibration that are refused, and right ones that are accepted.
+"""Verdicts on calibrations of simulated arms: wrong inputs refused, right ones accepted.
 
-Each simulated arm has workshop errors and touches three points; each --real folder holds a folder a
-position, in it a file for each socket. Every kind of wrong input is made of the touches of each
-arm. A wrong input counts as accepted wrongly if it is accepted, the arm differs from that of the
-right input, and no line of the verdict says that such touches cannot tell it.
+Each arm has errors of manufacture and touches three points. Every kind of wrong input is made of
+the touches of each arm. A wrong input counts as accepted wrongly if it is accepted, the arm differs
+from that of the right input, and no line of the verdict says that such touches cannot tell it.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
-from uuv.experiment.options import StudyOptions, at_least
+import numpy as np
+
+from experiments.calibration.verdict import (
+    KINDS,
+    RIGHT_LENGTHS,
+    VerdictRow,
+    verdict_of,
+    verdict_page,
+)
+from experiments.calibration.wrong_inputs import Input
+from uuv.arm_identification.calibration_case import nominal
+from uuv.arm_identification.simulated_touches import simulated
+from uuv.calib.simulation import HAND_NOISE
+from uuv.experiment import experiment
+from uuv.experiment.options import at_least
+
+ARMS = (
+    "panda",
+    "gen3",
+    "iiwa7",
+    "xarm7",
+    "ur10e",
+    "ur5",
+    "irb140",
+    "jaco",
+    "general6r",
+    "stanford",
+)
 
 
-@dataclass(kw_only=True)
-class Options(StudyOptions):
-    """Arms whose touches are spoilt."""
+@dataclass(frozen=True, kw_only=True)
+class JudgedArms:
+    """Which arms, and what is wrong with their input."""
 
-    runs: int = 10
-    """Number of simulated arms whose inputs are made wrong."""
-    right_runs: int = 20
-    """Number of simulated arms whose right inputs are judged."""
-    real: tuple[Path, ...] = ()
-    """Folders of real arms' touches."""
-    real_arm: str = "panda"
-    """Published arm that touched."""
+    kind: str
+    """Input: right, or a kind of wrong one."""
+    wrong_arms: int = 10
+    """Number of arms whose inputs are made wrong."""
+    right_arms: int = 20
+    """Number of arms whose right inputs are judged."""
     seed: int = 100
     """Seed of the first arm."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        at_least(self, right_runs=0)
+        at_least(self, wrong_arms=0, right_arms=0)
 
 
-def main() -> int:
-    """Runs or resumes the study and returns the exit code."""
-    options = parse(Options)
-    from experiments.calibration.verdict_study import cases, summarise, verdict_of
-    from uuv.experiment import Study
+@dataclass(frozen=True, kw_only=True)
+class VerdictCase:
+    """One input of one simulated arm."""
 
-    every = tuple(
-        cases(options.runs, options.right_runs, options.seed, options.real, options.real_arm)
+    kind: str
+    arm: str
+    pin: str
+    seed: int
+
+
+def cases(arms: JudgedArms) -> Iterator[VerdictCase]:
+    """The input of each arm."""
+    count = arms.right_arms if arms.kind in RIGHT_LENGTHS else arms.wrong_arms
+    for k in range(count):
+        yield VerdictCase(
+            kind=arms.kind,
+            arm=ARMS[k % len(ARMS)],
+            pin="straight" if k % 2 else "off-axis",
+            seed=arms.seed + k,
+        )
+
+
+@experiment(
+    "calibration_verdicts",
+    vary={"kind": KINDS},
+    cases=cases,
+    quick={"wrong_arms": 1, "right_arms": 1},
+)
+def calibration_verdicts(case: VerdictCase) -> VerdictRow:
+    """Calibrates one arm from one input."""
+    right = _touched(case.arm, case.pin, case.seed)
+    return verdict_of(case.kind, f"{case.arm} {case.seed}, {case.pin} pin", right, ())
+
+
+@lru_cache(maxsize=4)
+def _touched(arm: str, pin: str, seed: int) -> Input:
+    """What a simulated arm touched, as it is."""
+    source = nominal(arm, Path(), None, None)
+    case = simulated(
+        source,
+        points=3,
+        touches=21,
+        noise=HAND_NOISE,
+        pin=pin,
+        known=True,
+        errors=seed,
+        rng=np.random.default_rng(seed),
     )
-    study = Study(cases=every, run_one=verdict_of, summarise=summarise)
-    return study.carry_out("study_verdicts", options, "Verdicts on wrong and right calibrations")
+    pairs = tuple((f"p{i}", f"p{j}", length) for i, j, length, _ in case.distances)
+    return Input(source=source, series=case.touches.series, distances=pairs)
 
+
+calibration_verdicts.page = verdict_page()
 
 if __name__ == "__main__":
-    run_scenario(main)
+    run_scenario(calibration_verdicts.main)

@@ -354,7 +354,7 @@ def test_wild_touches_change_nothing(off_axis: list[Array], count: int, size: fl
     seen = compare(
         truth.tips(q, np.zeros(3)), {name: arm.tips(q, np.zeros(3)) for name, arm in arms.items()}
     )
-    # at most 1.26 over the 80 draws of experiments/calibration/calibration.py
+    # at most 1.26 over the 80 draws of experiments/calibration/effects.py
     assert seen["found"].rms < 1.5 * seen["clean"].rms
     if size > 0.01:
         assert seen["plain"].rms > 3.0 * seen["found"].rms  # measured 6.9

@@ -219,6 +219,17 @@ def test_a_table_has_statistics_by_group_and_over_all():
     assert "reach, mean: 1 of 6 rows have no value" in table.caption
 
 
+def test_quantiles_and_the_standard_error_of_the_mean():
+    """Of 0 to 10 the quantiles are 1 and 9, and the standard error is sqrt(11 / 11) = 1."""
+    rows = [{"reach": 1.0 * k} for k in range(11)]
+    cells = {
+        kind: stat(kind, lambda row: row["reach"], kind).cell(rows)
+        for kind in ("p10", "p90", "sem")
+    }
+    assert cells == {"p10": "1", "p90": "9", "sem": "1"}
+    assert stat("sem", lambda row: row["reach"], "sem").cell(rows[:1]) == "-"
+
+
 def test_columns_with_keys_make_a_line_or_a_column_for_each_key():
     page = Page().table("Down", by="ground", columns=[stat("total", "bounces")])
     page.table("Across", by="ball", across="ground", columns=[stat("total", "bounces")])

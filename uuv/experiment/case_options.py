@@ -5,6 +5,7 @@ they ask for.
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, make_dataclass
 from itertools import product
+from pathlib import Path
 from typing import Any, get_type_hints
 
 from uuv.experiment.options import HarnessOptions
@@ -13,15 +14,17 @@ from uuv.sim.runs.help_texts import help_texts
 
 SEED = "seed"
 RUNS = "runs"
-_NAMES_OF_OPTIONS = {entry.name for entry in fields(HarnessOptions)} | {RUNS}
-
-
 @dataclass(kw_only=True)
 class ExperimentOptions(HarnessOptions):
     """Options of every experiment, beside those of its cases."""
 
     run: bool = True
     """Run the cases that are missing (--no-run: the page of the rows that are there)."""
+    drawn: Path | None = None
+    """Run the cases in this file instead, which other options do not change."""
+
+
+_NAMES_OF_OPTIONS = {entry.name for entry in fields(ExperimentOptions)} | {RUNS}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,6 +25,7 @@ from typing import Any, Generic, TypeVar, get_type_hints
 from uuv.catalogue import EXPERIMENTS
 from uuv.experiment.case_options import CaseSpace, ExperimentOptions
 from uuv.experiment.columns import ResultColumn, check_names, columns_of
+from uuv.experiment.drawn_cases import made_cases
 from uuv.experiment.harness import Study, Summary, key_of
 from uuv.experiment.local_processes import NO_LIMITS
 from uuv.experiment.page import Page
@@ -188,9 +189,13 @@ class Experiment(Generic[Case, Outcome]):
         """The cases that options ask for, as a study.
 
         Raises:
-            ConfigurationError: They ask for none, or a value is not allowed.
+            ConfigurationError: They ask for none, a value is not allowed, or a file of drawn cases
+                is of another experiment.
         """
-        cases = self.space.cases(options)
+        if options.drawn is None:
+            cases = self.space.cases(options)
+        else:
+            cases = made_cases(options.drawn, self.name, self.case)
         if not cases:
             raise ConfigurationError(f"experiment {self.name}: these options ask for no case")
         return Study(

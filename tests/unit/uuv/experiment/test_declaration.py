@@ -5,7 +5,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import pytest
 
 from uuv.experiment import Page, column, experiment, read_rows, stat
 from uuv.experiment.declaration import experiments_in
+from uuv.experiment.drawn_cases import DrawnCase, write_cases
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 
 
@@ -90,6 +91,20 @@ def test_seeds_go_round_the_combinations_or_are_paired_with_all():
 def test_a_function_makes_the_cases_of_options_of_its_own():
     cases = volleys.space.cases(volleys.options_with({"speeds": (1.5, 2.5)}))
     assert [case.speed for case in cases] == [1.5, 2.5]
+
+
+def test_drawn_cases_are_run_in_place_of_those_of_the_options(tmp_path: Path):
+    """Two kept throws, one of them of a ball that is none of the default ones."""
+    cases = [Throw(ball="green", speed=0.1 + 0.2, seed=9), Throw(ball="red", seed=3)]
+    drawn = [DrawnCase(case=k, values=asdict(case)) for k, case in enumerate(cases)]
+    file = tmp_path / "cases.json"
+
+    write_cases(file, "throws", drawn)
+    assert throws.study(throws.options_with({"drawn": file, "runs": 1})).cases == cases
+
+    write_cases(file, "catches", drawn)
+    with pytest.raises(ConfigurationError, match="experiment: allowed throws, got 'catches'"):
+        throws.study(throws.options_with({"drawn": file}))
 
 
 @pytest.mark.parametrize(

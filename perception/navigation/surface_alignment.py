@@ -231,7 +231,7 @@ def _step(H: Array, g: Array, turn: Array, moved: Array, rotation_sigma: float) 
     b[3:] += 1.0 / rotation_sigma**2 * turn
     A[:3, :3] += np.eye(3) / WEAKEST**2
     b[:3] += moved / WEAKEST**2
-    return -np.linalg.solve(A, b)
+    return np.asarray(-np.linalg.solve(A, b), dtype=np.float64)
 
 
 def _information(H: Array, rotation_sigma: float) -> Array:

@@ -174,53 +174,19 @@ def predict(
     inverse_depth = np.where(good, 1.0 / np.where(good, depth, 1.0), np.nan)
     wv, wu = np.gradient(inverse_depth, GRID)
     f = camera.focal
-    z = depth
     u = f * rays[..., 0]
     v = f * rays[..., 1]
     normals = -np.stack([f * wu, f * wv, inverse_depth - u * wu - v * wv], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     shaped = good & np.isfinite(normals).all(axis=-1)
 
-    points = rays * np.where(good, z, 0.0)[..., None]
-    share = (1.0 - water.cloud) * GRID**2 / CELL
+    points = rays * np.where(good, depth, 0.0)[..., None]
+    slant = np.sum(np.where(shaped[..., None], normals, 0.0)[good] * -rays[good], axis=1)
+    cosine = np.clip(np.abs(slant), 0.3, 1.0)
+    H_texture, ratio = _texture_information(camera, texture, water, points[good], cosine)
+    H_shape = _shape_information(camera, water, points[shaped], normals[shaped])
 
-    # Texture: gradient of the intensity relative to its mean, against noise.
-    p = points[good]
-    n = -rays[good]
-    zg = z[good]
-    cosine = np.clip(
-        np.abs(np.sum(np.where(shaped[..., None], normals, 0.0)[good] * n, axis=1)), 0.3, 1.0
-    )
-
-    light = ALBEDO * (LAMP_RANGE / zg) ** 2 * cosine * np.exp(-2.0 * water.attenuation * zg)
-    veil = BACKSCATTER * -np.expm1(-2.0 * water.attenuation * zg)
-    white = camera.intensity_noise / (light + veil)
-    square = gradient_square(texture, zg / f) * (light / (light + veil)) ** 2
-    slope = white / (2.0 * FINE_BLUR**2 * np.sqrt(2.0 * np.pi))
-    used = np.exp(-((LEAST_GRADIENT * slope) ** 2) / (square + slope**2))  # in both pictures
-    sigma = white / (2.0 * FINE_BLUR * np.sqrt(np.pi)) * np.sqrt(2.0)
-    weight = share * used * square / sigma**2
-
-    H_texture = np.zeros((6, 6))
-    for row in (_image_rows(p, zg, f, 0), _image_rows(p, zg, f, 1)):
-        H_texture += np.einsum("n,ni,nj->ij", weight, row, row)
-
-    # Shape: distance along the normal, in inverse depth.
-    p = points[shaped]
-    n = normals[shaped]
-    zs = z[shaped]
-    dimmed = (
-        camera.stereo.disparity_sigma
-        / (f * camera.stereo.baseline)
-        * np.exp(water.attenuation * zs)
-    )
-    along = np.sum(n * p, axis=1) / zs
-    unit = 1.0 / (np.where(np.abs(along) > 0.2, along, np.inf) * zs**2)
-    row = np.concatenate([n * unit[:, None], np.cross(p, n) * unit[:, None]], axis=1)
-    H_shape = np.einsum("n,ni,nj->ij", share / dimmed**2, row, row)
-
-    range_m = float(np.median(zg))
-    ratio = float(np.log(np.sqrt(np.maximum(np.mean(square), 1e-12)) / np.mean(slope)))
+    range_m = float(np.median(depth[good]))
     condition = np.array(
         [1.0, shift * f / (range_m * camera.width), water.cloud, np.clip(ratio, -2.0, 4.0)]
     )
@@ -228,6 +194,61 @@ def predict(
     return Prediction(
         texture=H_texture, shape=H_shape, condition=condition, seen=seen, range=range_m
     )
+
+
+def _texture_information(
+    camera: SmallStereo, texture: Texture, water: Turbidity, p: Array, cosine: Array
+) -> tuple[Array, float]:
+    """Information (6, 6) from the gradient of the intensity, relative to its mean, against noise.
+
+    Args:
+        camera: The camera.
+        texture: Of the surface.
+        water: Optical conditions.
+        p: (n, 3) [m] points of the surface, camera axes.
+        cosine: (n,) of the angle of incidence.
+
+    Returns:
+        The information, and the logarithm of the ratio of gradient to noise.
+    """
+    f = camera.focal
+    zg = np.ascontiguousarray(p[:, 2])
+    light = ALBEDO * (LAMP_RANGE / zg) ** 2 * cosine * np.exp(-2.0 * water.attenuation * zg)
+    veil = BACKSCATTER * -np.expm1(-2.0 * water.attenuation * zg)
+    white = camera.intensity_noise / (light + veil)
+
+    square = gradient_square(texture, zg / f) * (light / (light + veil)) ** 2
+    slope = white / (2.0 * FINE_BLUR**2 * np.sqrt(2.0 * np.pi))
+    used = np.exp(-((LEAST_GRADIENT * slope) ** 2) / (square + slope**2))  # in both pictures
+    sigma = white / (2.0 * FINE_BLUR * np.sqrt(np.pi)) * np.sqrt(2.0)
+    weight = _share(water) * used * square / sigma**2
+
+    H = np.zeros((6, 6))
+    for row in (_image_rows(p, zg, f, 0), _image_rows(p, zg, f, 1)):
+        H += np.einsum("n,ni,nj->ij", weight, row, row)
+    return H, float(np.log(np.sqrt(np.maximum(np.mean(square), 1e-12)) / np.mean(slope)))
+
+
+def _shape_information(camera: SmallStereo, water: Turbidity, p: Array, n: Array) -> Array:
+    """Information (6, 6) from the distance of points (m, 3) along normals (m, 3), camera axes.
+
+    It is that of their inverse depth.
+    """
+    zs = np.ascontiguousarray(p[:, 2])
+    dimmed = (
+        camera.stereo.disparity_sigma
+        / (camera.focal * camera.stereo.baseline)
+        * np.exp(water.attenuation * zs)
+    )
+    along = np.sum(n * p, axis=1) / zs
+    unit = 1.0 / (np.where(np.abs(along) > 0.2, along, np.inf) * zs**2)
+    row = np.concatenate([n * unit[:, None], np.cross(p, n) * unit[:, None]], axis=1)
+    return np.einsum("n,ni,nj->ij", _share(water) / dimmed**2, row, row)
+
+
+def _share(water: Turbidity) -> float:
+    """Independent errors per ray of the grid, less those that silt hides."""
+    return (1.0 - water.cloud) * GRID**2 / CELL
 
 
 def gradient_square(texture: Texture, pixel: Array) -> Array:

@@ -124,16 +124,13 @@ class Current:
         self._blows = gust > 0.0
         self._wave = wave if any(wave.amplitude_W) else None
         self._varies = self._blows or self._wave is not None
-        if self._wave is not None and not wave.frequency * dt * _FEWEST < 1.0:
-            raise ConfigurationError(
-                f"wave of {wave.frequency} Hz: its period must be above {_FEWEST:g} steps of {dt} s"
-            )
+        if self._wave is not None:
+            _check_wave(wave, dt)
         a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
         self._gain, self._pole = float(b), float(a)
 
-        # Stationary start: standard deviations of both filter states for unit white noise (gain b
-        # and pole a, twice), from Lyapunov's equation; scaled so that the second state has the
-        # gust's.
+        # Stationary start, by Lyapunov's equation: deviations of both filter states for unit white
+        # noise (gain b and pole a, twice), scaled so that the second state has the gust's.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
 
@@ -295,6 +292,14 @@ def _check_gusts(gust: float, rng: object, time_constant: float, dt: float) -> N
             f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no "
             "more than "
             f"{_LONGEST:.0e} of them"
+        )
+
+
+def _check_wave(wave: Wave, dt: float) -> None:
+    """Refuse a wave with too few steps of `dt` [s] in its period."""
+    if not wave.frequency * dt * _FEWEST < 1.0:
+        raise ConfigurationError(
+            f"wave of {wave.frequency} Hz: its period must be above {_FEWEST:g} steps of {dt} s"
         )
 
 

@@ -187,10 +187,12 @@ def stat(
     """Statistic of a column, or of a function of a row.
 
     Args:
-        kind: value (of the one row), mean, median, p10, p90 or p95 (quantiles), largest, least,
-            rms, sem (standard error of the mean), total, count (how many are true), spread (median,
-            95 %, largest) or share (how many are true among those that have a value, with its 95 %
-            interval).
+        kind: value (of the one row), mean, median, largest, least, rms, total, or one of these.
+            p10, p90, p95: a quantile.
+            sem: the standard error of the mean.
+            count: how many are true.
+            share: how many are true among those that have a value, with its 95 % interval.
+            spread: median, 95 % and largest.
         of: Name of a column, or a function of a row.
         label: What tables call it; default: the label of the column and the kind.
         unit: Unit of a function's value; default: that of the column.

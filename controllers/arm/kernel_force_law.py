@@ -53,6 +53,7 @@ class KernelForceLaw(ForceDisplacement):
             raise ConfigurationError(
                 f"numbers of the force law: must be at least 1, got {self.numbers}"
             )
+
         name = getattr(self.law, "__name__", repr(self.law))
         limited = _of_pointers(kernel(self.law), self.numbers, self.speed, self.limit)
         compiled = slot_function(limited, f"force law {name}")

@@ -3,7 +3,9 @@
 [Konoplin 2022] feeds C_F = D_F + A f_e forward as one. Here, with the equations of
 `uuv.controllers.arm.inverse_dynamics`:
 
-    wrench = weight and buoyancy + dynamic (rigid inertia) + hydrodynamic (added mass and drag) + contact
+    wrench = weight and buoyancy + dynamic + hydrodynamic + contact
+
+"dynamic" is the rigid inertia, "hydrodynamic" added mass and drag.
 """
 
 import numpy as np
@@ -13,9 +15,7 @@ from uuv.sim.interfaces.spatial import Array
 
 
 class WrenchTerms:
-    """Single terms of the arm's wrench (6,) [N, N m] on the hull, at the hull's origin in hull
-    axes.
-    """
+    """Terms of the arm's wrench (6,) [N, N m] on the hull, at the hull's origin in hull axes."""
 
     def __init__(self, arm: ArmDynamics) -> None:
         self._wet = arm.parameters

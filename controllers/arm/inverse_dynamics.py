@@ -133,10 +133,12 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         tau: (n,) [N m] output: torques at the gear outputs.
         wrench_B: (6,) [N, N m] output: wrench of the arm on the hull at its origin, hull axes.
     """
-    layout, numbers, stations = arm.layout, arm.numbers, arm.stations
-    q, qd, qdd = joints.q, joints.qd, joints.qdd
+    layout, numbers, stations = arm
+    q, qd, qdd = joints
     nb = layout.shape[1]
-    parent, kind, column = layout[0], layout[1], layout[2]
+    parent = layout[0]
+    kind = layout[1]
+    column = layout[2]
 
     # Views of the packed numbers, in the order of `_OF_BODIES`
     axis = numbers[0 : 3 * nb].reshape(nb, 3)
@@ -151,13 +153,16 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     buoyancy = numbers[106 * nb : 107 * nb]
     cob = numbers[107 * nb : 110 * nb].reshape(nb, 3)
     origin = numbers[110 * nb : 113 * nb].reshape(nb, 3)
-    gravity, p_tip = numbers[113 * nb : 113 * nb + 3], numbers[113 * nb + 3 : 113 * nb + 6]
+    gravity = numbers[113 * nb : 113 * nb + 3]
+    p_tip = numbers[113 * nb + 3 : 113 * nb + 6]
     R_tip = numbers[113 * nb + 6 : 113 * nb + 15].reshape(3, 3)
     tip_body = layout[3, 0]
 
     # Motion of the hull
     R_WB = hull[:9].reshape(3, 3)
-    nu_B, nudot_B, v_current_W = hull[9:15], hull[15:21], hull[21:24]
+    nu_B = hull[9:15]
+    nudot_B = hull[15:21]
+    v_current_W = hull[21:24]
 
     # Views of the working memory
     R = work[: 9 * nb].reshape(nb, 3, 3)
@@ -166,16 +171,12 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     nu = work[21 * nb : 27 * nb].reshape(nb, 6)
     nudot = work[27 * nb : 33 * nb].reshape(nb, 6)
     force = work[33 * nb : 39 * nb].reshape(nb, 6)
-    t1, t2, t3 = (
-        work[39 * nb : 39 * nb + 3],
-        work[39 * nb + 3 : 39 * nb + 6],
-        work[39 * nb + 6 : 39 * nb + 9],
-    )
-    v_r, mom, a_r = (
-        work[39 * nb + 9 : 39 * nb + 15],
-        work[39 * nb + 15 : 39 * nb + 21],
-        work[39 * nb + 21 : 39 * nb + 27],
-    )
+    t1 = work[39 * nb : 39 * nb + 3]
+    t2 = work[39 * nb + 3 : 39 * nb + 6]
+    t3 = work[39 * nb + 6 : 39 * nb + 9]
+    v_r = work[39 * nb + 9 : 39 * nb + 15]
+    mom = work[39 * nb + 15 : 39 * nb + 21]
+    a_r = work[39 * nb + 21 : 39 * nb + 27]
 
     # Forward pass: motion of each body, and the force that it takes
     for b in range(nb):
@@ -183,32 +184,28 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
 
         # Joint: rotation and position of this body in its parent (Rodrigues about a fixed axis, or
         # a slide).
-        k, u = kind[b], axis[b]
+        k = kind[b]
+        u = axis[b]
         angle = q[column[b]] if column[b] >= 0 else 0.0
         rate = qd[column[b]] if column[b] >= 0 else 0.0
         accel = qdd[column[b]] if column[b] >= 0 else 0.0
-        Rb, pb = R[b], p[b]
+        Rb = R[b]
+        pb = p[b]
         for i in range(3):
             pb[i] = p0[b, i]
 
         if k == _HINGE:
             c, s = np.cos(angle), np.sin(angle)
             d = 1.0 - c
-            e00, e01, e02 = (
-                c + d * u[0] * u[0],
-                d * u[0] * u[1] - s * u[2],
-                d * u[0] * u[2] + s * u[1],
-            )
-            e10, e11, e12 = (
-                d * u[1] * u[0] + s * u[2],
-                c + d * u[1] * u[1],
-                d * u[1] * u[2] - s * u[0],
-            )
-            e20, e21, e22 = (
-                d * u[2] * u[0] - s * u[1],
-                d * u[2] * u[1] + s * u[0],
-                c + d * u[2] * u[2],
-            )
+            e00 = c + d * u[0] * u[0]
+            e01 = d * u[0] * u[1] - s * u[2]
+            e02 = d * u[0] * u[2] + s * u[1]
+            e10 = d * u[1] * u[0] + s * u[2]
+            e11 = c + d * u[1] * u[1]
+            e12 = d * u[1] * u[2] - s * u[0]
+            e20 = d * u[2] * u[0] - s * u[1]
+            e21 = d * u[2] * u[1] + s * u[0]
+            e22 = c + d * u[2] * u[2]
 
             for i in range(3):
                 x, y, z = R0[b, i, 0], R0[b, i, 1], R0[b, i, 2]
@@ -231,7 +228,8 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         for i in range(3):
             for j in range(3):
                 R_W[b, i, j] = R_up[i, 0] * Rb[0, j] + R_up[i, 1] * Rb[1, j] + R_up[i, 2] * Rb[2, j]
-        v, a = nu[b], nudot[b]
+        v = nu[b]
+        a = nudot[b]
 
         _cross(nu_up[3:], pb, t1)
         _cross(acc_up[3:], pb, t2)
@@ -265,7 +263,8 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
 
         # Rigid body: force = m (vdot + w x v + wdot x c + w x (w x c)) - m g.
         f = force[b]
-        w, c_b = v[3:], com[b]
+        w = v[3:]
+        c_b = com[b]
         _rotate_back(R_W[b], gravity, t3)
         _cross(w, v[:3], t1)
         for i in range(3):
@@ -407,7 +406,8 @@ def tip_kinematics(arm, work, X_BG, J_B):
         X_BG: (4, 4) output: tip pose in the hull's frame.
         J_B: (6, n) output: Jacobian of the tip, linear over angular, hull axes.
     """
-    layout, numbers = arm.layout, arm.numbers
+    layout = arm.layout
+    numbers = arm.numbers
     nb = layout.shape[1]
     R = work[: 9 * nb].reshape(nb, 3, 3)
     p = work[9 * nb : 12 * nb].reshape(nb, 3)
@@ -426,12 +426,14 @@ def tip_kinematics(arm, work, X_BG, J_B):
     t = work[39 * nb : 39 * nb + 3]
     b = layout[3, 0]
     while b >= 0:
-        column, kind = layout[2, b], layout[1, b]
+        column = layout[2, b]
+        kind = layout[1, b]
         if column >= 0:
             if kind == _HINGE:
                 _cross(axis[b], X_BG[:3, 3], t)
                 for i in range(3):
-                    J_B[i, column], J_B[3 + i, column] = t[i], axis[b, i]
+                    J_B[i, column] = t[i]
+                    J_B[3 + i, column] = axis[b, i]
             else:
                 for i in range(3):
                     J_B[i, column] = axis[b, i]
@@ -469,8 +471,10 @@ def inverse_dynamics(arm, joints, hull, wrench_tip):
     Returns:
         Torques and wrench, as in `newton_euler`.
     """
-    arm, joints = ArmParameters(*arm), JointMotion(*joints)
-    tau, wrench_B = np.empty(joints.q.shape[0]), np.empty(6)
+    arm = ArmParameters(*arm)
+    joints = JointMotion(*joints)
+    tau = np.empty(joints.q.shape[0])
+    wrench_B = np.empty(6)
 
     newton_euler(arm, joints, hull, wrench_tip, workspace(arm.layout), tau, wrench_B)
     return tau, wrench_B
@@ -478,8 +482,12 @@ def inverse_dynamics(arm, joints, hull, wrench_tip):
 
 @kernel
 def _tip(arm, q):
-    arm, n = ArmParameters(*arm), q.shape[0]
-    rest, work, X_BG, J_B = np.zeros(n), workspace(arm.layout), np.empty((4, 4)), np.empty((6, n))
+    arm = ArmParameters(*arm)
+    n = q.shape[0]
+    rest = np.zeros(n)
+    work = workspace(arm.layout)
+    X_BG = np.empty((4, 4))
+    J_B = np.empty((6, n))
 
     newton_euler(
         arm, JointMotion(q, rest, rest), np.zeros(24), np.zeros(6), work, np.empty(n), np.empty(6)
@@ -517,12 +525,15 @@ class ArmDynamics:
         share = 1.0 + finite_number(water_error, "water_error", above=-1.0)
         self._tree, self.joint_names, rows = _read_tree(model, vehicle, passive, share)
         tree = self._tree
-        nb, self.n = len(tree.parent), len(self.joint_names)
+        nb = len(tree.parent)
+        self.n = len(self.joint_names)
 
         if not rows:
             raise ConfigurationError("the hull carries no other body: there is no arm")
 
-        tip_row, R_tip, p_tip = 0, np.eye(3).ravel(), np.zeros(3)
+        tip_row = 0
+        R_tip = np.eye(3).ravel()
+        p_tip = np.zeros(3)
         if vehicle.tip >= 0:  # otherwise all bodies are fixed to the hull, and there is no tip
             tip_row = rows[int(model.site_bodyid[vehicle.tip])]
             mujoco.mju_quat2Mat(R_tip, model.site_quat[vehicle.tip])
@@ -547,7 +558,9 @@ class ArmDynamics:
         Raises:
             KeyError: another name.
         """
-        nb, views, first = len(self._tree.parent), {}, 0
+        nb = len(self._tree.parent)
+        views = {}
+        first = 0
 
         for name, width in _OF_BODIES.items():
             views[name] = numbers[first : first + nb * width].reshape(nb, width)
@@ -610,7 +623,8 @@ class ArmDynamics:
 
     def wrench_at_rest(self, q: Array) -> Array:
         """Wrench (6,) [N, N m] of the arm on the hull at `q` (n,), both at rest and level."""
-        rest, none = np.zeros(self.n), np.zeros(6)
+        rest = np.zeros(self.n)
+        none = np.zeros(6)
         return self.inverse(
             q,
             rest,
@@ -624,7 +638,8 @@ class ArmDynamics:
 
     def inertia(self, q: Array) -> Array:
         """Joint-space inertia (n, n) at `q` (n,), hull held, with added mass but not the rotors."""
-        rest, none = np.zeros(self.n), np.zeros(6)
+        rest = np.zeros(self.n)
+        none = np.zeros(6)
 
         def torque(qdd: Array) -> Array:
             return self.inverse(

@@ -101,7 +101,9 @@ class JointServo:
     """Computed-torque servo of the arm's joints."""
 
     def __init__(self, vehicle: Vehicle, tuning: ArmTuning, period: float) -> None:
-        self._tuning, self._period, self._n = tuning, period, vehicle.joints.size
+        self._tuning = tuning
+        self._period = period
+        self._n = vehicle.joints.size
         self.drives = Drives(
             gains=tuning.servo_gains,
             armature=np.array(vehicle.armature),
@@ -195,19 +197,27 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
     Returns:
         The drive torques (n,) [N m].
     """
-    arm, drives = ArmParameters(*arm), Drives(*drives)
-    seen, wanted, soft, borne = (
-        SeenArm(*seen),
-        JointTarget(*wanted),
-        SoftAxis(*soft),
-        BorneLoad(*borne),
-    )
+    arm = ArmParameters(*arm)
+    drives = Drives(*drives)
+    seen = SeenArm(*seen)
+    wanted = JointTarget(*wanted)
+    soft = SoftAxis(*soft)
+    borne = BorneLoad(*borne)
 
     gains = drives.gains
-    stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
-    q, qd, yielding, softness = seen.q, seen.qd, soft.yielding, soft.softness
+    stiffness = gains[0]
+    damper = gains[1]
+    integrator = gains[2]
+    most = gains[3]
+    q = seen.q
+    qd = seen.qd
+    yielding = soft.yielding
+    softness = soft.softness
     n = q.shape[0]
-    error, qdd, tau, wrench_B = np.empty(n), np.empty(n), np.empty(n), np.empty(6)
+    error = np.empty(n)
+    qdd = np.empty(n)
+    tau = np.empty(n)
+    wrench_B = np.empty(6)
 
     # Angle errors, and the part of them along the tool axis
     along = 0.0
@@ -270,9 +280,12 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
         speed_limit: [rad/s] of the fastest joint; the others are slowed down with it.
         out: fields of `ResolvedMotion`, in a tuple; written.
     """
-    tool, out = ToolTarget(*tool), ResolvedMotion(*out)
+    tool = ToolTarget(*tool)
+    out = ResolvedMotion(*out)
     tip_B, J_B = tip
-    qd, qdd, yielding = out.qd, out.qdd, out.yielding
+    qd = out.qd
+    qdd = out.qdd
+    yielding = out.yielding
     X_BW = np.eye(4)
 
     # tool relative to the hull: velocity, acceleration; and 1 m along its axis
@@ -289,7 +302,11 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
 
     # Less the motion of the hull, which carries the tool
     if drift:
-        p, v, w, a, b = X_BG[:3, 3], hull[9:12], hull[12:15], hull[15:18], hull[18:21]
+        p = X_BG[:3, 3]
+        v = hull[9:12]
+        w = hull[12:15]
+        a = hull[15:18]
+        b = hull[18:21]
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             wanted[0, i] -= v[i] + w[j] * p[k] - w[k] * p[j]
@@ -305,7 +322,9 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
     else:
         # The axis as it is: a joint that turns the tool about it would else seem to tilt it, and
         # spin.
-        z, rest, held = tip_B[:3, 2].copy(), np.zeros(n), np.zeros(n, dtype=np.bool_)
+        z = tip_B[:3, 2].copy()
+        rest = np.zeros(n)
+        held = np.zeros(n, dtype=np.bool_)
         prioritised(J_B, z, wanted[0], DAMPING, rest, held, qd)
         prioritised(J_B, z, wanted[1], DAMPING, rest, held, qdd)
         prioritised(J_B, z, wanted[2], DAMPING, rest, held, yielding[1])

@@ -166,12 +166,11 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
         The displacement k [m].
     """
     if np.isnan(numbers[SET_FORCE]):
-        numbers[SET_FORCE], numbers[EXPECTED], numbers[ERROR] = (
-            set_force,
-            set_force,
-            set_force - felt,
-        )
-        numbers[FELT], numbers[DISPLACED] = felt, numbers[K]
+        numbers[SET_FORCE] = set_force
+        numbers[EXPECTED] = set_force
+        numbers[ERROR] = set_force - felt
+        numbers[FELT] = felt
+        numbers[DISPLACED] = numbers[K]
 
     # Error against the force expected, and what it teaches of the surface
     numbers[EXPECTED] += min(1.0, dt / gains.response) * (set_force - numbers[EXPECTED])
@@ -183,7 +182,8 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
     integral = gains.bandwidth * (servo_compliance + numbers[COMPLIANCE])  # [m/(N s)] gain
     proportional = integral * gains.proportional_time  # [m/N] gain
     rate = (error - numbers[ERROR]) / dt
-    numbers[SET_FORCE], numbers[ERROR] = set_force, error
+    numbers[SET_FORCE] = set_force
+    numbers[ERROR] = error
     numbers[INTEGRAL] += integral * error * dt + numbers[COMPLIANCE] * change
     k_wanted = numbers[INTEGRAL] + proportional * (error + gains.derivative_time * rate)
 
@@ -212,7 +212,8 @@ def _learn(gains, numbers, felt, change, dt):
     sums = numbers[SUMS:]
     sums[0] = sums[0] * (1.0 - dt / gains.memory) + dt
     gain = dt / sums[0]
-    dF, dk = numbers[FELT] - sums[1], numbers[DISPLACED] - sums[2]
+    dF = numbers[FELT] - sums[1]
+    dk = numbers[DISPLACED] - sums[2]
     sums[1] += gain * dF
     sums[2] += gain * dk
     sums[3] += gain * ((1.0 - gain) * dF * dF - sums[3])
@@ -227,7 +228,9 @@ def _learn(gains, numbers, felt, change, dt):
 def let_go(numbers, most, inwards):
     """Step of `ForceDisplacement.release`, by at most `most` [m]; returns the displacement [m]."""
     numbers[K] -= min(max(numbers[K], -most if inwards else 0.0), most)
-    numbers[INTEGRAL], numbers[ERROR], numbers[SET_FORCE] = numbers[K], 0.0, np.nan
+    numbers[INTEGRAL] = numbers[K]
+    numbers[ERROR] = 0.0
+    numbers[SET_FORCE] = np.nan
     return numbers[K]
 
 

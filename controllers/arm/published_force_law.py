@@ -87,7 +87,8 @@ class PublishedForceLaw(PublishedForceTuning):
         """
         most = self.speed * dt
         state.k -= min(max(state.k, -most if inwards else 0.0), most)
-        state.integral, state.error = state.k, None
+        state.integral = state.k
+        state.error = None
         return state.k
 
 
@@ -148,7 +149,8 @@ class TangentialForceLoop(PublishedForceTuning):
     def release(self, state: TangentialState, dt: float) -> Array:
         """Return the offset (3,) [m] to zero at `speed`, with the loop open, in `dt` [s]."""
         state.offset_W = state.offset_W - _shortened(state.offset_W, self.speed * dt)
-        state.integral_W, state.error_W = state.offset_W, None
+        state.integral_W = state.offset_W
+        state.error_W = None
         return state.offset_W
 
 

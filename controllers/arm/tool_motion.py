@@ -18,7 +18,8 @@ from uuv.controllers.tuning import ArmTuning
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-_POSITION, _ORIENTATION = 1e-6, 1e-5  # [m], [rad] tolerances of the inverse kinematics
+_POSITION = 1e-6  # [m] tolerance of the inverse kinematics
+_ORIENTATION = 1e-5  # [rad] tolerance of the inverse kinematics
 _STEPS = 4000  # [-] most iterations of the inverse kinematics
 
 
@@ -120,8 +121,11 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         False, with the motion unchanged, for a target that is no pose; the tool pose (4, 4) in the
         arm's base.
     """
-    track, out, tool = ToolTracking(*tracking), ToolMotion(*motion), ToolTarget(*target)
-    n, dt = out.q.shape[0], track.period
+    track = ToolTracking(*tracking)
+    out = ToolMotion(*motion)
+    tool = ToolTarget(*target)
+    n = out.q.shape[0]
+    dt = track.period
 
     # Tool pose now, and the motion that it asks of the arm
     X_WG = extrapolated(tool.X_WG, tool.v_WG_W, tool.w_WG_W, since, displaced[0], displaced[1])
@@ -138,7 +142,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     )
 
     # Inverse kinematics on the branch of the last angles
-    trail, q = out.chain[:0].reshape(0, 1), np.empty(n)
+    trail = out.chain[:0].reshape(0, 1)
+    q = np.empty(n)
     if track.solver:
         errors = np.empty(2)
         code = solve_at(
@@ -151,7 +156,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
             q,
             errors,
         )
-        error_p, error_r = errors[0], errors[1]
+        error_p = errors[0]
+        error_r = errors[1]
     else:
         settings = Settings(
             HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False
@@ -166,7 +172,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     # the hull stands a little off the place that the held angles were computed for
     if out.holding[0]:
         for j in range(n):
-            out.offset[j], out.offset_rate[j] = out.q[j] - q[j], out.qd[j] - resolved.qd[j]
+            out.offset[j] = out.q[j] - q[j]
+            out.offset_rate[j] = out.qd[j] - resolved.qd[j]
         out.holding[0] = False
 
     out.q[:], out.qd[:], out.offset[:], out.offset_rate[:] = bumpless(
@@ -179,7 +186,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         track.speed_limit * dt,
         dt,
     )
-    out.ik_error[0], out.ik_error[1] = error_p, error_r
+    out.ik_error[0] = error_p
+    out.ik_error[1] = error_r
     return True, resolved.X_AG
 
 
@@ -238,8 +246,12 @@ def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
         Angles and speeds wanted, remaining offset and its rate, (n,) each.
     """
     n = q.shape[0]
-    wanted, speed, left, rate = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    fade, farthest = np.exp(-dt / blend_time), 0.0
+    wanted = np.empty(n)
+    speed = np.empty(n)
+    left = np.empty(n)
+    rate = np.empty(n)
+    fade = np.exp(-dt / blend_time)
+    farthest = 0.0
 
     for j in range(n):
         pull = (offset_rate[j] + offset[j] / blend_time) * dt

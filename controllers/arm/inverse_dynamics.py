@@ -768,8 +768,14 @@ def _stations(model: mujoco.MjModel, rows: dict[int, int], water_scale: float) -
             length = float(np.linalg.norm(along))
             for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
                 share = water_scale * 0.5 * weight * length
-                place = strip.start + 0.5 * (1.0 + node) * along
+                position = strip.start + 0.5 * (1.0 + node) * along
                 stations.append(
-                    [row, *place, *(along / length), share * strip.normal, share * strip.tangential]
+                    [
+                        row,
+                        *position,
+                        *(along / length),
+                        share * strip.normal,
+                        share * strip.tangential,
+                    ]
                 )
     return np.array(stations).reshape(-1, 9)

@@ -289,13 +289,13 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
     X_BW = np.eye(4)
 
     # tool relative to the hull: velocity, acceleration; and 1 m along its axis
-    wanted = np.zeros((3, 6))
+    twists = np.zeros((3, 6))
     for i in range(3):
         for j in range(3):
             X_BW[i, j] = X_WB[j, i]
             X_BW[i, 3] -= X_WB[j, i] * X_WB[j, 3]
-            wanted[0, i] += X_WB[j, i] * tool.v_WG_W[j]
-            wanted[0, 3 + i] += X_WB[j, i] * tool.w_WG_W[j]
+            twists[0, i] += X_WB[j, i] * tool.v_WG_W[j]
+            twists[0, 3 + i] += X_WB[j, i] * tool.w_WG_W[j]
 
     X_BG = X_BW @ tool.X_WG
     out.X_AG[:, :] = X_AB @ X_BG
@@ -309,25 +309,25 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
         b = hull[18:21]
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
-            wanted[0, i] -= v[i] + w[j] * p[k] - w[k] * p[j]
-            wanted[0, 3 + i] -= w[i]
-            wanted[1, i] = -(a[i] + w[j] * v[k] - w[k] * v[j] + b[j] * p[k] - b[k] * p[j])
-            wanted[1, 3 + i] = -b[i]
+            twists[0, i] -= v[i] + w[j] * p[k] - w[k] * p[j]
+            twists[0, 3 + i] -= w[i]
+            twists[1, i] = -(a[i] + w[j] * v[k] - w[k] * v[j] + b[j] * p[k] - b[k] * p[j])
+            twists[1, 3 + i] = -b[i]
 
-    wanted[2, :3] = X_BG[:3, 2]
+    twists[2, :3] = X_BG[:3, 2]
 
     n = qd.shape[0]
     if n == 6:
-        _all_at_once(J_B, wanted, qd, qdd, yielding)
+        _all_at_once(J_B, twists, qd, qdd, yielding)
     else:
         # The axis as it is: a joint that turns the tool about it would else seem to tilt it, and
         # spin.
         z = tip_B[:3, 2].copy()
         rest = np.zeros(n)
         held = np.zeros(n, dtype=np.bool_)
-        prioritised(J_B, z, wanted[0], DAMPING, rest, held, qd)
-        prioritised(J_B, z, wanted[1], DAMPING, rest, held, qdd)
-        prioritised(J_B, z, wanted[2], DAMPING, rest, held, yielding[1])
+        prioritised(J_B, z, twists[0], DAMPING, rest, held, qd)
+        prioritised(J_B, z, twists[1], DAMPING, rest, held, qdd)
+        prioritised(J_B, z, twists[2], DAMPING, rest, held, yielding[1])
 
     # Tip along its axis by each joint, and the fastest joint
     fastest = 0.0

@@ -99,22 +99,22 @@ def _of_pointers(law: Any, size: int, speed: float, limit: float) -> Callable[[A
 
     def limited(memory: Any, values: Any) -> int:
         numbers = carray(memory, NUMBERS + size)
-        asked = carray(values, VALUES)
-        most = speed * asked[LASTING]
-        if asked[LOOP] != CLOSED:
-            asked[ANSWER] = let_go(numbers, most, asked[LOOP] == INWARDS)
+        packed = carray(values, VALUES)
+        most = speed * packed[LASTING]
+        if packed[LOOP] != CLOSED:
+            packed[ANSWER] = let_go(numbers, most, packed[LOOP] == INWARDS)
             return FINE
 
         # The law, from a memory of zeros whenever the loop closes.
-        kept = numbers[NUMBERS:]
+        law_memory = numbers[NUMBERS:]
         if np.isnan(numbers[SET_FORCE]):
-            kept[:] = 0.0
-        numbers[SET_FORCE] = asked[ASKED]
-        k = law(kept, asked[ASKED], asked[MEASURED], asked[SOFT], asked[LASTING])
+            law_memory[:] = 0.0
+        numbers[SET_FORCE] = packed[ASKED]
+        k = law(law_memory, packed[ASKED], packed[MEASURED], packed[SOFT], packed[LASTING])
 
         # Its limits.
         k = min(max(k, numbers[K] - most), numbers[K] + most)
-        asked[ANSWER] = numbers[K] = min(max(k, -limit), limit)
+        packed[ANSWER] = numbers[K] = min(max(k, -limit), limit)
         return FINE
 
     return limited

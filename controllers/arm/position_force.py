@@ -277,13 +277,13 @@ class NominalStiffness(ForceDisplacement):
 def _nominal(stiffness: float, speed: float) -> Any:
     def law(memory: Any, values: Any) -> int:
         numbers = carray(memory, NUMBERS)
-        asked = carray(values, VALUES)
-        if asked[LOOP] == CLOSED:
-            numbers[K] = asked[ASKED] / stiffness
+        packed = carray(values, VALUES)
+        if packed[LOOP] == CLOSED:
+            numbers[K] = packed[ASKED] / stiffness
         else:
-            let_go(numbers, speed * asked[LASTING], asked[LOOP] == INWARDS)
+            let_go(numbers, speed * packed[LASTING], packed[LOOP] == INWARDS)
 
-        asked[ANSWER] = numbers[K]
+        packed[ANSWER] = numbers[K]
         return FINE
 
     return slot_function(law)

@@ -138,11 +138,11 @@ class TangentialForceLoop(PublishedForceTuning):
         rate = np.zeros(3) if state.error_W is None else (error - state.error_W) / dt
         state.error_W = error
         state.integral_W = state.integral_W + self.integral * dt * error
-        wanted = self.proportional * error + state.integral_W + self.derivative * rate
+        unlimited = self.proportional * error + state.integral_W + self.derivative * rate
 
-        offset = state.offset_W + _shortened(wanted - state.offset_W, self.speed * dt)
+        offset = state.offset_W + _shortened(unlimited - state.offset_W, self.speed * dt)
         offset = _shortened(offset, self.limit)
-        state.integral_W = state.integral_W + offset - wanted
+        state.integral_W = state.integral_W + offset - unlimited
         state.offset_W = offset
         return offset
 

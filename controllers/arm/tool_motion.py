@@ -215,10 +215,10 @@ def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
     for j in range(3):
         a, b, d = X_WG[0, j], X_WG[1, j], X_WG[2, j]
         along = c * (x * a + y * b + z * d)
-        kept = 1.0 - c * angle**2
-        out[0, j] = kept * a + s * (y * d - z * b) + along * x
-        out[1, j] = kept * b + s * (z * a - x * d) + along * y
-        out[2, j] = kept * d + s * (x * b - y * a) + along * z
+        direct = 1.0 - c * angle**2
+        out[0, j] = direct * a + s * (y * d - z * b) + along * x
+        out[1, j] = direct * b + s * (z * a - x * d) + along * y
+        out[2, j] = direct * d + s * (x * b - y * a) + along * z
 
     for i in range(3):
         out[i, 3] += since * v_WG_W[i] + k * out[i, 2] + offset_W[i]
@@ -246,7 +246,7 @@ def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
         Angles and speeds wanted, remaining offset and its rate, (n,) each.
     """
     n = q.shape[0]
-    wanted = np.empty(n)
+    angle = np.empty(n)
     speed = np.empty(n)
     left = np.empty(n)
     rate = np.empty(n)
@@ -257,12 +257,12 @@ def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
         pull = (offset_rate[j] + offset[j] / blend_time) * dt
         rate[j] = fade * (offset_rate[j] - pull / blend_time)
         left[j] = fade * (offset[j] + pull)
-        wanted[j] = q[j] + left[j]
+        angle[j] = q[j] + left[j]
         speed[j] = qd[j] + rate[j]
-        farthest = max(farthest, abs(wanted[j] - q_last[j]))
+        farthest = max(farthest, abs(angle[j] - q_last[j]))
 
     if farthest > most:
         for j in range(n):
-            wanted[j] = q_last[j] + (wanted[j] - q_last[j]) * most / farthest
+            angle[j] = q_last[j] + (angle[j] - q_last[j]) * most / farthest
 
-    return wanted, speed, left, rate
+    return angle, speed, left, rate

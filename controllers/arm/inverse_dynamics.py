@@ -13,33 +13,16 @@ The sum is the load of the body's joint; it is passed down from tip to base. In 
 these are the inverse dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from uuv.models import hydrodynamics
+from uuv.controllers.arm.arm_tree import HINGE, OF_BODIES, SLIDE, read_tree
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number
-
-_FIXED, _HINGE, _SLIDE = 0, 1, 2  # joint kinds
-_OF_BODIES = {
-    "axis": 3,
-    "R0": 9,
-    "p0": 3,
-    "mass": 1,
-    "com": 3,
-    "inertia": 9,
-    "added": 36,
-    "linear": 36,
-    "quadratic": 6,
-    "buoyancy": 1,
-    "cob": 3,
-    "origin": 3,
-}  # count of each parameter per body, in the order of the packed block that the kernels read
+from uuv.sim.interfaces.spatial import Array, finite_number
 
 
 class ArmParameters(NamedTuple):
@@ -58,36 +41,6 @@ class JointMotion(NamedTuple):
     q: Array  # (n,) [rad, m] coordinates
     qd: Array  # (n,) [rad/s, m/s] speeds
     qdd: Array  # (n,) [rad/s^2, m/s^2] accelerations
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tree:
-    """Bodies of the arm, parents first; row i of every array is body i."""
-
-    parent: np.ndarray  # (nb,) row of the parent, -1 for the hull
-    kind: np.ndarray  # (nb,) _FIXED, _HINGE or _SLIDE
-    column: np.ndarray  # (nb,) index into q, or -1
-    axis: Array  # (nb, 3) joint axis in body axes
-    # (nb, 3, 3) body in parent at q = 0; joints that are no coordinates stay at their qpos0
-    R0: Array
-    p0: Array  # (nb, 3) joint frame in the parent's joint frame, likewise [m]
-    mass: Array  # (nb,) [kg]
-    com: Array  # (nb, 3) [m]
-    inertia: Array  # (nb, 3, 3) about the joint frame's origin [kg m^2]
-    added: Array  # (nb, 6, 6)
-    linear: Array  # (nb, 6, 6)
-    quadratic: Array  # (nb, 6)
-    buoyancy: Array  # (nb,) displaced mass rho V [kg]
-    cob: Array  # (nb, 3) [m]
-    # (nb, 3) the body's own origin in its joint frame [m]; the coefficients refer to it
-    origin: Array
-    # (ns, 9): row of the body, position (3), unit axis (3), normal and tangential drag [N/(m/s)^2]
-    stations: Array
-
-    def packed(self, gravity: Array, R_tip: Array, p_tip: Array) -> Array:
-        """Pack all parameters into one block: of the bodies, gravity, tip position and rotation."""
-        blocks = [*(getattr(self, name) for name in _OF_BODIES), gravity, p_tip, R_tip]
-        return np.concatenate([np.ravel(block) for block in blocks])
 
 
 @kernel
@@ -119,8 +72,8 @@ def workspace(layout):
 def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     """Recursive Newton-Euler: forward pass for motion, backward pass for forces.
 
-    The tree comes as one packed block of numbers (`_Tree.packed`): passing thirty arrays costs more
-    than the computation.
+    The tree comes as one packed block of numbers (`ArmTree.packed`): passing thirty arrays costs
+    more than the computation.
 
     Args:
         arm: `ArmParameters`.
@@ -140,7 +93,7 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     kind = layout[1]
     column = layout[2]
 
-    # Views of the packed numbers, in the order of `_OF_BODIES`
+    # Views of the packed numbers, in the order of `OF_BODIES`
     axis = numbers[0 : 3 * nb].reshape(nb, 3)
     R0 = numbers[3 * nb : 12 * nb].reshape(nb, 3, 3)
     p0 = numbers[12 * nb : 15 * nb].reshape(nb, 3)
@@ -194,7 +147,7 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         for i in range(3):
             pb[i] = p0[b, i]
 
-        if k == _HINGE:
+        if k == HINGE:
             c, s = np.cos(angle), np.sin(angle)
             d = 1.0 - c
             e00 = c + d * u[0] * u[0]
@@ -216,7 +169,7 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
             for i in range(3):
                 for j in range(3):
                     Rb[i, j] = R0[b, i, j]
-            if k == _SLIDE:
+            if k == SLIDE:
                 _rotate(Rb, u, t1)
                 for i in range(3):
                     pb[i] += t1[i] * angle
@@ -237,7 +190,7 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
             t1[i] += nu_up[i]
             t2[i] += acc_up[i]
 
-        if k == _SLIDE:  # the lever p(q) changes at rate R u qd
+        if k == SLIDE:  # the lever p(q) changes at rate R u qd
             _rotate(Rb, u, t3)
             x, y, z = t3[0] * rate, t3[1] * rate, t3[2] * rate
             t2[0] += nu_up[4] * z - nu_up[5] * y
@@ -249,14 +202,14 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         _rotate_back(Rb, t2, a[:3])
         _rotate_back(Rb, acc_up[3:], a[3:])
 
-        if k == _HINGE:  # d/dt(R^T x) = R^T xdot - (u qd) x R^T x
+        if k == HINGE:  # d/dt(R^T x) = R^T xdot - (u qd) x R^T x
             _cross(u, v[:3], t1)
             _cross(u, v[3:], t2)
             for i in range(3):
                 a[i] -= rate * t1[i]
                 a[3 + i] += u[i] * accel - rate * t2[i]
                 v[3 + i] += u[i] * rate
-        elif k == _SLIDE:
+        elif k == SLIDE:
             for i in range(3):
                 v[i] += u[i] * rate
                 a[i] += u[i] * accel
@@ -376,7 +329,7 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     for b in range(nb - 1, -1, -1):
         f = force[b]
         if column[b] >= 0:
-            first = 3 if kind[b] == _HINGE else 0
+            first = 3 if kind[b] == HINGE else 0
             tau[column[b]] = (
                 axis[b, 0] * f[first] + axis[b, 1] * f[first + 1] + axis[b, 2] * f[first + 2]
             )
@@ -429,7 +382,7 @@ def tip_kinematics(arm, work, X_BG, J_B):
         column = layout[2, b]
         kind = layout[1, b]
         if column >= 0:
-            if kind == _HINGE:
+            if kind == HINGE:
                 _cross(axis[b], X_BG[:3, 3], t)
                 for i in range(3):
                     J_B[i, column] = t[i]
@@ -523,7 +476,7 @@ class ArmDynamics:
         """
         vehicle = Vehicle.of(model)
         share = 1.0 + finite_number(water_error, "water_error", above=-1.0)
-        self._tree, self.joint_names, rows = _read_tree(model, vehicle, passive, share)
+        self._tree, self.joint_names, rows = read_tree(model, vehicle, passive, share)
         tree = self._tree
         nb = len(tree.parent)
         self.n = len(self.joint_names)
@@ -562,14 +515,14 @@ class ArmDynamics:
         views = {}
         first = 0
 
-        for name, width in _OF_BODIES.items():
+        for name, width in OF_BODIES.items():
             views[name] = numbers[first : first + nb * width].reshape(nb, width)
             first += nb * width
         return tuple(views[name] for name in names)
 
     def weightless(self, numbers: Array) -> None:
         """Set gravity to zero in a packed block `numbers`, which also removes buoyancy."""
-        first = len(self._tree.parent) * sum(_OF_BODIES.values())
+        first = len(self._tree.parent) * sum(OF_BODIES.values())
         numbers[first : first + 3] = 0.0
 
     def inverse(
@@ -654,128 +607,3 @@ class ArmDynamics:
             )[0]
 
         return np.column_stack([torque(unit) for unit in np.eye(self.n)]) - torque(rest)[:, None]
-
-
-def _read_tree(
-    model: mujoco.MjModel, vehicle: Vehicle, passive: bool, water_scale: float
-) -> tuple[_Tree, tuple[str, ...], dict[int, int]]:
-    """Bodies carried by the hull, names of the joints that are coordinates, row of each body."""
-    bodies = [b for b in range(vehicle.hull + 1, model.nbody) if _carried(model, b, vehicle.hull)]
-    rows = {body: row for row, body in enumerate(bodies)}
-    nb = len(bodies)
-    tree = _Tree(
-        parent=np.full(nb, -1, dtype=np.int64),
-        kind=np.zeros(nb, dtype=np.int64),
-        column=np.full(nb, -1, dtype=np.int64),
-        axis=np.zeros((nb, 3)),
-        R0=np.zeros((nb, 3, 3)),
-        p0=np.zeros((nb, 3)),
-        mass=np.zeros(nb),
-        com=np.zeros((nb, 3)),
-        inertia=np.zeros((nb, 3, 3)),
-        added=np.zeros((nb, 6, 6)),
-        linear=np.zeros((nb, 6, 6)),
-        quadratic=np.zeros((nb, 6)),
-        buoyancy=np.zeros(nb),
-        cob=np.zeros((nb, 3)),
-        origin=np.zeros((nb, 3)),
-        stations=_stations(model, rows, water_scale),
-    )
-
-    names: list[str] = []
-    driven = set(vehicle.joints.tolist())
-    R = np.empty(9)
-
-    for body, row in rows.items():
-        if model.body_jntnum[body] > 1:
-            raise ConfigurationError(
-                f"body {model.body(body).name!r} of the arm has more than one joint"
-            )
-
-        # Joint, if it is a coordinate
-        anchor = np.zeros(3)
-        if model.body_jntnum[body]:
-            joint = int(model.body_jntadr[body])
-            kind = int(model.jnt_type[joint])
-            if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                raise ConfigurationError(
-                    f"joint {model.joint(joint).name!r} of the arm must be a hinge or a slide"
-                )
-            anchor = np.array(model.jnt_pos[joint])
-            if joint in driven or passive:
-                tree.kind[row] = _HINGE if kind == mujoco.mjtJoint.mjJNT_HINGE else _SLIDE
-                tree.column[row] = len(names)
-                tree.axis[row] = model.jnt_axis[joint]
-                names.append(model.joint(joint).name)
-
-        # The joint frame lies at the joint's anchor, parallel to the body's axes.
-        tree.origin[row] = -anchor
-        parent = int(model.body_parentid[body])
-        mujoco.mju_quat2Mat(R, model.body_quat[body])
-        tree.R0[row] = R.reshape(3, 3)
-        tree.p0[row] = model.body_pos[body] + tree.R0[row] @ anchor
-
-        if parent != vehicle.hull:
-            tree.parent[row] = rows[parent]
-            tree.p0[row] += tree.origin[rows[parent]]
-
-        if tree.column[row] >= 0:  # MuJoCo states the pose of a body at qpos0 (`ref`)
-            at_rest = model.qpos0[model.jnt_qposadr[model.body_jntadr[body]]] * tree.axis[row]
-            if tree.kind[row] == _HINGE:
-                tree.R0[row] = tree.R0[row] @ exp_so3(-at_rest)
-            else:
-                tree.p0[row] -= tree.R0[row] @ at_rest
-
-        # Rigid body
-        tree.mass[row] = model.body_mass[body]
-        com = model.body_ipos[body] - anchor
-        tree.com[row] = com
-        mujoco.mju_quat2Mat(R, model.body_iquat[body])
-        principal = R.reshape(3, 3)
-        tree.inertia[row] = principal @ np.diag(
-            model.body_inertia[body]
-        ) @ principal.T + model.body_mass[body] * (com @ com * np.eye(3) - np.outer(com, com))
-
-        # Water
-        if hydrodynamics.carries(model.body_user[body]):
-            water = hydrodynamics.without_forms(
-                model.body_user[body], "the controller's model of the arm"
-            )
-            tree.added[row] = water_scale * water.added_mass
-            tree.linear[row] = water_scale * water.linear_damping
-            tree.quadratic[row] = water_scale * water.quadratic_damping
-            tree.buoyancy[row] = hydrodynamics.water_density(model) * water.volume
-            tree.cob[row] = water.center_of_buoyancy
-
-    return tree, tuple(names), rows
-
-
-def _carried(model: mujoco.MjModel, body: int, hull: int) -> bool:
-    """True if `hull` is an ancestor of `body`."""
-    while body > hull:
-        body = int(model.body_parentid[body])
-    return body == hull
-
-
-def _stations(model: mujoco.MjModel, rows: dict[int, int], water_scale: float) -> Array:
-    """Gauss-Legendre stations (ns, 9) of all drag strips, as in `ArmParameters`."""
-    stations: list[list[float]] = []
-    for body, row in rows.items():
-        if not hydrodynamics.carries(model.body_user[body]):
-            continue
-        for strip in hydrodynamics.unpack(model.body_user[body]).segments:
-            along = strip.end - strip.start
-            length = float(np.linalg.norm(along))
-            for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
-                share = water_scale * 0.5 * weight * length
-                position = strip.start + 0.5 * (1.0 + node) * along
-                stations.append(
-                    [
-                        row,
-                        *position,
-                        *(along / length),
-                        share * strip.normal,
-                        share * strip.tangential,
-                    ]
-                )
-    return np.array(stations).reshape(-1, 9)

@@ -52,8 +52,8 @@ DEPTH = 6  # sweeps that the Anderson acceleration remembers
 # takes the next weight, for a pose that converges slowly with one often converges fast with
 # another.
 SWEEP_WEIGHT = 0.01
-LIGHTER = 0.003  # the same of every second restart of three
-HEAVIER = 0.03  # the same of every third one
+LIGHTER = 0.003  # the same of the first restart, the fourth, ...
+HEAVIER = 0.03  # of the second, the fifth, ...
 SWEEP_WINDOW = 10  # [sweeps] a stall: in so many the objective does not
 SWEEP_FACTOR = 0.8  # fall to this times itself
 # Near singular configurations the objective falls slowly. Below CLOSE the stall factor is therefore

@@ -91,6 +91,7 @@ def read_tree(
         _set_pose(tree, row, model, body, anchor, parent)
         _set_inertia(tree, row, model, body, anchor)
         _set_water(tree, row, model, body, water_scale)
+
     return tree, tuple(names), rows
 
 
@@ -198,6 +199,7 @@ def _stations(model: mujoco.MjModel, rows: dict[int, int], water_scale: float) -
     for body, row in rows.items():
         if not hydrodynamics.carries(model.body_user[body]):
             continue
+
         for strip in hydrodynamics.unpack(model.body_user[body]).segments:
             along = strip.end - strip.start
             length = float(np.linalg.norm(along))
@@ -213,4 +215,5 @@ def _stations(model: mujoco.MjModel, rows: dict[int, int], water_scale: float) -
                         share * strip.tangential,
                     ]
                 )
+
     return np.array(stations).reshape(-1, 9)

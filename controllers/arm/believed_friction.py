@@ -24,8 +24,7 @@ def dry_friction(coulomb, stiction, stribeck_speed, width, qd, friction):
 
 @kernel
 def dry_friction_sigma(coulomb, stiction, width, known, qd, sigma):
-    """Standard deviation of the dry friction torque: at rest 0.6 of stiction, in motion the unknown
-    share of Coulomb's.
+    """Standard deviation of dry friction: 0.6 of stiction at rest, the unknown share in motion.
 
     Args:
         coulomb: (n,) [N m] Coulomb friction.

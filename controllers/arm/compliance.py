@@ -1,5 +1,4 @@
-"""Lateral compliance: an admittance that lets the tool yield to lateral forces and centre itself in
-a hole.
+"""Lateral compliance: an admittance by which the tool yields sideways and centres in a hole.
 
 It acts beside the displacement k of [Konoplin 2022]. The displacement controls the force along the
 tool axis to its set value; the admittance controls the force across the axis to zero. The tool's
@@ -143,10 +142,12 @@ def give_way(gains, numbers, f_W, z_WG, dt, gently):
     numbers[GENTLE] = gently
     side = f_W - np.dot(f_W, z_WG) * z_WG
     size = np.sqrt(np.dot(side, side))
+
     if size > gains.dead_band:
         most = min(gains.gentle_speed, gains.speed) if gently else gains.speed
         rate = min(gains.admittance * (size - gains.dead_band), most)
         offset = numbers[:3] + side * (rate * dt / size)
+
         length = np.sqrt(np.dot(offset, offset))
         numbers[:3] = offset * min(1.0, gains.limit / max(length, gains.limit))
 
@@ -156,6 +157,7 @@ def come_back(gains, numbers, dt):
     """Step of `LateralCompliance.release`; the arguments are those of `give_way`."""
     offset = numbers[:3]
     length = np.sqrt(np.dot(offset, offset))
+
     if length > 0.0:
         gentle = numbers[GENTLE] != 0.0
         speed = min(gains.gentle_speed, gains.release_speed) if gentle else gains.release_speed

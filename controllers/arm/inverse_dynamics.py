@@ -13,33 +13,16 @@ The sum is the load of the body's joint; it is passed down from tip to base. In 
 these are the inverse dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from uuv.models import hydrodynamics
+from uuv.controllers.arm.arm_tree import HINGE, OF_BODIES, SLIDE, read_tree
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number
-
-_FIXED, _HINGE, _SLIDE = 0, 1, 2  # joint kinds
-_OF_BODIES = {
-    "axis": 3,
-    "R0": 9,
-    "p0": 3,
-    "mass": 1,
-    "com": 3,
-    "inertia": 9,
-    "added": 36,
-    "linear": 36,
-    "quadratic": 6,
-    "buoyancy": 1,
-    "cob": 3,
-    "origin": 3,
-}  # count of each parameter per body, in the order of the packed block that the kernels read
+from uuv.sim.interfaces.spatial import Array, finite_number
 
 
 class ArmParameters(NamedTuple):
@@ -58,38 +41,6 @@ class JointMotion(NamedTuple):
     q: Array  # (n,) [rad, m] coordinates
     qd: Array  # (n,) [rad/s, m/s] speeds
     qdd: Array  # (n,) [rad/s^2, m/s^2] accelerations
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tree:
-    """Bodies of the arm, parents first; row i of every array is body i."""
-
-    parent: np.ndarray  # (nb,) row of the parent, -1 for the hull
-    kind: np.ndarray  # (nb,) _FIXED, _HINGE or _SLIDE
-    column: np.ndarray  # (nb,) index into q, or -1
-    axis: Array  # (nb, 3) joint axis in body axes
-    # (nb, 3, 3) body in parent at q = 0; joints that are no coordinates stay at their qpos0
-    R0: Array
-    p0: Array  # (nb, 3) joint frame in the parent's joint frame, likewise [m]
-    mass: Array  # (nb,) [kg]
-    com: Array  # (nb, 3) [m]
-    inertia: Array  # (nb, 3, 3) about the joint frame's origin [kg m^2]
-    added: Array  # (nb, 6, 6)
-    linear: Array  # (nb, 6, 6)
-    quadratic: Array  # (nb, 6)
-    buoyancy: Array  # (nb,) displaced mass rho V [kg]
-    cob: Array  # (nb, 3) [m]
-    # (nb, 3) the body's own origin in its joint frame [m]; the coefficients refer to it
-    origin: Array
-    # (ns, 9): row of the body, position (3), unit axis (3), normal and tangential drag [N/(m/s)^2]
-    stations: Array
-
-    def packed(self, gravity: Array, R_tip: Array, p_tip: Array) -> Array:
-        """Pack all parameters into one block: those of the bodies, then gravity, tip position and
-        tip rotation.
-        """
-        blocks = [*(getattr(self, name) for name in _OF_BODIES), gravity, p_tip, R_tip]
-        return np.concatenate([np.ravel(block) for block in blocks])
 
 
 @kernel
@@ -121,8 +72,8 @@ def workspace(layout):
 def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     """Recursive Newton-Euler: forward pass for motion, backward pass for forces.
 
-    The tree comes as one packed block of numbers (`_Tree.packed`): passing thirty arrays costs more
-    than the computation.
+    The tree comes as one packed block of numbers (`ArmTree.packed`): passing thirty arrays costs
+    more than the computation.
 
     Args:
         arm: `ArmParameters`.
@@ -135,10 +86,14 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         tau: (n,) [N m] output: torques at the gear outputs.
         wrench_B: (6,) [N, N m] output: wrench of the arm on the hull at its origin, hull axes.
     """
-    layout, numbers, stations = arm.layout, arm.numbers, arm.stations
-    q, qd, qdd = joints.q, joints.qd, joints.qdd
+    layout, numbers, stations = arm
+    q, qd, qdd = joints
     nb = layout.shape[1]
-    parent, kind, column = layout[0], layout[1], layout[2]
+    parent = layout[0]
+    kind = layout[1]
+    column = layout[2]
+
+    # Views of the packed numbers, in the order of `OF_BODIES`
     axis = numbers[0 : 3 * nb].reshape(nb, 3)
     R0 = numbers[3 * nb : 12 * nb].reshape(nb, 3, 3)
     p0 = numbers[12 * nb : 15 * nb].reshape(nb, 3)
@@ -151,56 +106,60 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     buoyancy = numbers[106 * nb : 107 * nb]
     cob = numbers[107 * nb : 110 * nb].reshape(nb, 3)
     origin = numbers[110 * nb : 113 * nb].reshape(nb, 3)
-    gravity, p_tip = numbers[113 * nb : 113 * nb + 3], numbers[113 * nb + 3 : 113 * nb + 6]
+    gravity = numbers[113 * nb : 113 * nb + 3]
+    p_tip = numbers[113 * nb + 3 : 113 * nb + 6]
     R_tip = numbers[113 * nb + 6 : 113 * nb + 15].reshape(3, 3)
     tip_body = layout[3, 0]
+
+    # Motion of the hull
     R_WB = hull[:9].reshape(3, 3)
-    nu_B, nudot_B, v_current_W = hull[9:15], hull[15:21], hull[21:24]
+    nu_B = hull[9:15]
+    nudot_B = hull[15:21]
+    v_current_W = hull[21:24]
+
+    # Views of the working memory
     R = work[: 9 * nb].reshape(nb, 3, 3)
     p = work[9 * nb : 12 * nb].reshape(nb, 3)
     R_W = work[12 * nb : 21 * nb].reshape(nb, 3, 3)
     nu = work[21 * nb : 27 * nb].reshape(nb, 6)
     nudot = work[27 * nb : 33 * nb].reshape(nb, 6)
     force = work[33 * nb : 39 * nb].reshape(nb, 6)
-    t1, t2, t3 = (
-        work[39 * nb : 39 * nb + 3],
-        work[39 * nb + 3 : 39 * nb + 6],
-        work[39 * nb + 6 : 39 * nb + 9],
-    )
-    v_r, mom, a_r = (
-        work[39 * nb + 9 : 39 * nb + 15],
-        work[39 * nb + 15 : 39 * nb + 21],
-        work[39 * nb + 21 : 39 * nb + 27],
-    )
+    t1 = work[39 * nb : 39 * nb + 3]
+    t2 = work[39 * nb + 3 : 39 * nb + 6]
+    t3 = work[39 * nb + 6 : 39 * nb + 9]
+    v_r = work[39 * nb + 9 : 39 * nb + 15]
+    mom = work[39 * nb + 15 : 39 * nb + 21]
+    a_r = work[39 * nb + 21 : 39 * nb + 27]
+
+    # Forward pass: motion of each body, and the force that it takes
     for b in range(nb):
         up = parent[b]
+
         # Joint: rotation and position of this body in its parent (Rodrigues about a fixed axis, or
         # a slide).
-        k, u = kind[b], axis[b]
+        k = kind[b]
+        u = axis[b]
         angle = q[column[b]] if column[b] >= 0 else 0.0
         rate = qd[column[b]] if column[b] >= 0 else 0.0
         accel = qdd[column[b]] if column[b] >= 0 else 0.0
-        Rb, pb = R[b], p[b]
+        Rb = R[b]
+        pb = p[b]
         for i in range(3):
             pb[i] = p0[b, i]
-        if k == _HINGE:
+
+        if k == HINGE:
             c, s = np.cos(angle), np.sin(angle)
             d = 1.0 - c
-            e00, e01, e02 = (
-                c + d * u[0] * u[0],
-                d * u[0] * u[1] - s * u[2],
-                d * u[0] * u[2] + s * u[1],
-            )
-            e10, e11, e12 = (
-                d * u[1] * u[0] + s * u[2],
-                c + d * u[1] * u[1],
-                d * u[1] * u[2] - s * u[0],
-            )
-            e20, e21, e22 = (
-                d * u[2] * u[0] - s * u[1],
-                d * u[2] * u[1] + s * u[0],
-                c + d * u[2] * u[2],
-            )
+            e00 = c + d * u[0] * u[0]
+            e01 = d * u[0] * u[1] - s * u[2]
+            e02 = d * u[0] * u[2] + s * u[1]
+            e10 = d * u[1] * u[0] + s * u[2]
+            e11 = c + d * u[1] * u[1]
+            e12 = d * u[1] * u[2] - s * u[0]
+            e20 = d * u[2] * u[0] - s * u[1]
+            e21 = d * u[2] * u[1] + s * u[0]
+            e22 = c + d * u[2] * u[2]
+
             for i in range(3):
                 x, y, z = R0[b, i, 0], R0[b, i, 1], R0[b, i, 2]
                 Rb[i, 0] = x * e00 + y * e10 + z * e20
@@ -210,10 +169,11 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
             for i in range(3):
                 for j in range(3):
                     Rb[i, j] = R0[b, i, j]
-            if k == _SLIDE:
+            if k == SLIDE:
                 _rotate(Rb, u, t1)
                 for i in range(3):
                     pb[i] += t1[i] * angle
+
         # Motion of the joint frame, in its own axes.
         nu_up = nu_B if up < 0 else nu[up]
         acc_up = nudot_B if up < 0 else nudot[up]
@@ -221,40 +181,48 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         for i in range(3):
             for j in range(3):
                 R_W[b, i, j] = R_up[i, 0] * Rb[0, j] + R_up[i, 1] * Rb[1, j] + R_up[i, 2] * Rb[2, j]
-        v, a = nu[b], nudot[b]
+        v = nu[b]
+        a = nudot[b]
+
         _cross(nu_up[3:], pb, t1)
         _cross(acc_up[3:], pb, t2)
         for i in range(3):
             t1[i] += nu_up[i]
             t2[i] += acc_up[i]
-        if k == _SLIDE:  # the lever p(q) changes at rate R u qd
+
+        if k == SLIDE:  # the lever p(q) changes at rate R u qd
             _rotate(Rb, u, t3)
             x, y, z = t3[0] * rate, t3[1] * rate, t3[2] * rate
             t2[0] += nu_up[4] * z - nu_up[5] * y
             t2[1] += nu_up[5] * x - nu_up[3] * z
             t2[2] += nu_up[3] * y - nu_up[4] * x
+
         _rotate_back(Rb, t1, v[:3])
         _rotate_back(Rb, nu_up[3:], v[3:])
         _rotate_back(Rb, t2, a[:3])
         _rotate_back(Rb, acc_up[3:], a[3:])
-        if k == _HINGE:  # d/dt(R^T x) = R^T xdot - (u qd) x R^T x
+
+        if k == HINGE:  # d/dt(R^T x) = R^T xdot - (u qd) x R^T x
             _cross(u, v[:3], t1)
             _cross(u, v[3:], t2)
             for i in range(3):
                 a[i] -= rate * t1[i]
                 a[3 + i] += u[i] * accel - rate * t2[i]
                 v[3 + i] += u[i] * rate
-        elif k == _SLIDE:
+        elif k == SLIDE:
             for i in range(3):
                 v[i] += u[i] * rate
                 a[i] += u[i] * accel
+
         # Rigid body: force = m (vdot + w x v + wdot x c + w x (w x c)) - m g.
         f = force[b]
-        w, c_b = v[3:], com[b]
+        w = v[3:]
+        c_b = com[b]
         _rotate_back(R_W[b], gravity, t3)
         _cross(w, v[:3], t1)
         for i in range(3):
             t1[i] += a[i] - t3[i]  # acceleration of the joint frame less gravity
+
         _cross(a[3:], c_b, t2)
         for i in range(3):
             f[i] = t1[i] + t2[i]
@@ -262,12 +230,15 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         _cross(w, t2, mom[:3])
         for i in range(3):
             f[i] = mass[b] * (f[i] + mom[i])
+
+        # Moment = I wdot + w x (I w) + m c x (acceleration less gravity)
         _cross(c_b, t1, t2)
         _rotate(inertia[b], w, mom[:3])
         _cross(w, mom[:3], t1)
         _rotate(inertia[b], a[3:], mom[3:])
         for i in range(3):
             f[3 + i] = mom[3 + i] + t1[i] + mass[b] * t2[i]
+
         # Water, at the body's own origin o (the joint frame moved by `origin`).
         o = origin[b]
         _rotate_back(R_W[b], v_current_W, t3)
@@ -277,9 +248,12 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
             v_r[i] = v[i] + t1[i] - t3[i]
             v_r[3 + i] = w[i]
             a_r[3 + i] = a[3 + i]
+
         _cross(w, t3, t1)  # a steady current rotates in body axes
         for i in range(3):
             a_r[i] = a[i] + t2[i] + t1[i]
+
+        # Momentum p = A nu_r, which the rotation turns
         for i in range(6):
             total = 0.0
             for j in range(6):
@@ -291,11 +265,15 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         h0, h1, h2 = t1[0], t1[1], t1[2]
         h3, h4, h5 = t2[0] + t3[0], t2[1] + t3[1], t2[2] + t3[2]
         mom[0], mom[1], mom[2], mom[3], mom[4], mom[5] = h0, h1, h2, h3, h4, h5
+
+        # Added mass and damping
         for i in range(6):
             total = mom[i] + quadratic[b, i] * abs(v_r[i]) * v_r[i]
             for j in range(6):
                 total += added[b, i, j] * a_r[j] + linear[b, i, j] * v_r[j]
             mom[i] = total
+
+        # Buoyancy, and all of it in the joint frame
         _rotate_back(R_W[b], gravity, t3)
         for i in range(3):  # buoyancy lifts with -rho V g: the joint must hold it down
             t3[i] *= buoyancy[b]
@@ -305,6 +283,8 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
         for i in range(3):
             f[i] += mom[i]
             f[3 + i] += mom[3 + i] + t1[i] + t2[i]
+
+    # Drag of the strips, at their stations
     for k in range(stations.shape[0]):
         b = int(stations[k, 0])
         w = nu[b, 3:]
@@ -312,6 +292,8 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
             t1[i] = stations[k, 1 + i] + origin[b, i]
         _cross(w, t1, t2)
         _rotate_back(R_W[b], v_current_W, t3)
+
+        # Velocity along and across the strip
         along = 0.0
         for i in range(3):
             t2[i] += nu[b, i] - t3[i]
@@ -321,15 +303,18 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
             t3[i] = t2[i] - along * stations[k, 4 + i]
             across += t3[i] * t3[i]
         across = np.sqrt(across)
+
         for i in range(3):
             t2[i] = (
                 stations[k, 7] * across * t3[i]
                 + stations[k, 8] * abs(along) * along * stations[k, 4 + i]
             )
+
         _cross(t1, t2, t3)
         for i in range(3):
             force[b, i] += t2[i]
             force[b, 3 + i] += t3[i]
+
     # The contact wrench on the tip reduces the load of the joints.
     _rotate(R_tip, wrench_tip[:3], t1)
     _rotate(R_tip, wrench_tip[3:], t2)
@@ -337,18 +322,22 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     for i in range(3):
         force[tip_body, i] -= t1[i]
         force[tip_body, 3 + i] -= t2[i] + t3[i]
+
+    # Backward pass: torque of each joint, and the load that it hands to its parent
     for i in range(6):
         wrench_B[i] = 0.0
     for b in range(nb - 1, -1, -1):
         f = force[b]
         if column[b] >= 0:
-            first = 3 if kind[b] == _HINGE else 0
+            first = 3 if kind[b] == HINGE else 0
             tau[column[b]] = (
                 axis[b, 0] * f[first] + axis[b, 1] * f[first + 1] + axis[b, 2] * f[first + 2]
             )
+
         _rotate(R[b], f[:3], t1)
         _rotate(R[b], f[3:], t2)
         _cross(p[b], t1, t3)
+
         if parent[b] < 0:
             for i in range(3):
                 wrench_B[i] -= t1[i]
@@ -362,8 +351,7 @@ def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
 
 @kernel
 def tip_kinematics(arm, work, X_BG, J_B):
-    """Tip pose in the hull's frame and its Jacobian, from the state that `newton_euler` left in
-    `work`.
+    """Tip pose in the hull's frame and its Jacobian, from what `newton_euler` left in `work`.
 
     Args:
         arm: `ArmParameters`.
@@ -371,7 +359,8 @@ def tip_kinematics(arm, work, X_BG, J_B):
         X_BG: (4, 4) output: tip pose in the hull's frame.
         J_B: (6, n) output: Jacobian of the tip, linear over angular, hull axes.
     """
-    layout, numbers = arm.layout, arm.numbers
+    layout = arm.layout
+    numbers = arm.numbers
     nb = layout.shape[1]
     R = work[: 9 * nb].reshape(nb, 3, 3)
     p = work[9 * nb : 12 * nb].reshape(nb, 3)
@@ -379,35 +368,43 @@ def tip_kinematics(arm, work, X_BG, J_B):
     p_tip = numbers[113 * nb + 3 : 113 * nb + 6]
     R_tip = numbers[113 * nb + 6 : 113 * nb + 15].reshape(3, 3)
     J_B[:, :] = 0.0
+
     # From the tip inward: tip pose relative to each body, and the columns of all joints rotated
     # along.
     X_BG[:3, :3] = R_tip
     X_BG[:3, 3] = p_tip
     X_BG[3, :3] = 0.0
     X_BG[3, 3] = 1.0
+
     t = work[39 * nb : 39 * nb + 3]
     b = layout[3, 0]
     while b >= 0:
-        column, kind = layout[2, b], layout[1, b]
+        column = layout[2, b]
+        kind = layout[1, b]
         if column >= 0:
-            if kind == _HINGE:
+            if kind == HINGE:
                 _cross(axis[b], X_BG[:3, 3], t)
                 for i in range(3):
-                    J_B[i, column], J_B[3 + i, column] = t[i], axis[b, i]
+                    J_B[i, column] = t[i]
+                    J_B[3 + i, column] = axis[b, i]
             else:
                 for i in range(3):
                     J_B[i, column] = axis[b, i]
+
+        # Pose and columns in the frame of the parent
         for j in range(J_B.shape[1]):
             for first in (0, 3):
                 x, y, z = J_B[first, j], J_B[first + 1, j], J_B[first + 2, j]
                 for i in range(3):
                     J_B[first + i, j] = R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z
+
         for j in range(4):
             x, y, z = X_BG[0, j], X_BG[1, j], X_BG[2, j]
             for i in range(3):
                 X_BG[i, j] = R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z
         for i in range(3):
             X_BG[i, 3] += p[b, i]
+
         b = layout[0, b]
 
 
@@ -427,26 +424,34 @@ def inverse_dynamics(arm, joints, hull, wrench_tip):
     Returns:
         Torques and wrench, as in `newton_euler`.
     """
-    arm, joints = ArmParameters(*arm), JointMotion(*joints)
-    tau, wrench_B = np.empty(joints.q.shape[0]), np.empty(6)
+    arm = ArmParameters(*arm)
+    joints = JointMotion(*joints)
+    tau = np.empty(joints.q.shape[0])
+    wrench_B = np.empty(6)
+
     newton_euler(arm, joints, hull, wrench_tip, workspace(arm.layout), tau, wrench_B)
     return tau, wrench_B
 
 
 @kernel
 def _tip(arm, q):
-    arm, n = ArmParameters(*arm), q.shape[0]
-    rest, work, X_BG, J_B = np.zeros(n), workspace(arm.layout), np.empty((4, 4)), np.empty((6, n))
+    arm = ArmParameters(*arm)
+    n = q.shape[0]
+    rest = np.zeros(n)
+    work = workspace(arm.layout)
+    X_BG = np.empty((4, 4))
+    J_B = np.empty((6, n))
+
     newton_euler(
         arm, JointMotion(q, rest, rest), np.zeros(24), np.zeros(6), work, np.empty(n), np.empty(6)
     )
+
     tip_kinematics(arm, work, X_BG, J_B)
     return X_BG, J_B
 
 
 class ArmDynamics:
-    """Inverse dynamics of a vehicle's arm: joint torques and the arm's wrench on the hull for a
-    given motion of both.
+    """Inverse dynamics of a vehicle's arm: joint torques, and the arm's wrench on the hull.
 
     `parameters` is the arm as the kernels of this module take it. Nothing here changes after the
     set-up.
@@ -471,16 +476,22 @@ class ArmDynamics:
         """
         vehicle = Vehicle.of(model)
         share = 1.0 + finite_number(water_error, "water_error", above=-1.0)
-        self._tree, self.joint_names, rows = _read_tree(model, vehicle, passive, share)
+        self._tree, self.joint_names, rows = read_tree(model, vehicle, passive, share)
         tree = self._tree
-        nb, self.n = len(tree.parent), len(self.joint_names)
+        nb = len(tree.parent)
+        self.n = len(self.joint_names)
+
         if not rows:
             raise ConfigurationError("the hull carries no other body: there is no arm")
-        tip_row, R_tip, p_tip = 0, np.eye(3).ravel(), np.zeros(3)
+
+        tip_row = 0
+        R_tip = np.eye(3).ravel()
+        p_tip = np.zeros(3)
         if vehicle.tip >= 0:  # otherwise all bodies are fixed to the hull, and there is no tip
             tip_row = rows[int(model.site_bodyid[vehicle.tip])]
             mujoco.mju_quat2Mat(R_tip, model.site_quat[vehicle.tip])
             p_tip = model.site_pos[vehicle.tip] + tree.origin[tip_row]
+
         self.parameters = ArmParameters(
             layout=np.stack([tree.parent, tree.kind, tree.column, np.full(nb, tip_row)]),
             numbers=tree.packed(np.array(model.opt.gravity), R_tip, p_tip),
@@ -488,8 +499,7 @@ class ArmDynamics:
         )
 
     def of_bodies(self, numbers: Array, *names: str) -> tuple[Array, ...]:
-        """Views (nb, k) of parameters of each body in a packed block `numbers`, for changes to the
-        believed arm.
+        """Views (nb, k) of parameters of each body in a packed block `numbers`, to change the arm.
 
         Names and widths k:
 
@@ -501,15 +511,18 @@ class ArmDynamics:
         Raises:
             KeyError: another name.
         """
-        nb, views, first = len(self._tree.parent), {}, 0
-        for name, width in _OF_BODIES.items():
+        nb = len(self._tree.parent)
+        views = {}
+        first = 0
+
+        for name, width in OF_BODIES.items():
             views[name] = numbers[first : first + nb * width].reshape(nb, width)
             first += nb * width
         return tuple(views[name] for name in names)
 
     def weightless(self, numbers: Array) -> None:
         """Set gravity to zero in a packed block `numbers`, which also removes buoyancy."""
-        first = len(self._tree.parent) * sum(_OF_BODIES.values())
+        first = len(self._tree.parent) * sum(OF_BODIES.values())
         numbers[first : first + 3] = 0.0
 
     def inverse(
@@ -545,27 +558,26 @@ class ArmDynamics:
         hull[:9] = R_WB.ravel()
         hull[9:15] = nu_B
         hull[15:21] = a_B  # converted to the time derivative of the components of nu_B: a - w x v
+
         v0, v1, v2, w0, w1, w2 = nu_B
         hull[15] -= w1 * v2 - w2 * v1
         hull[16] -= w2 * v0 - w0 * v2
         hull[17] -= w0 * v1 - w1 * v0
+
         hull[21:] = v_current_W
         # writable: for others the kernel were compiled again
         q, qd, qdd = np.array((q, qd, qdd), dtype=np.float64)
         return inverse_dynamics(tuple(self.parameters), (q, qd, qdd), hull, wrench_tip_G)
 
     def tip(self, q: Array) -> tuple[Array, Array]:
-        """Tip pose X_BG (4, 4) in the hull's frame and its Jacobian (6, n), hull axes, at joint
-        angles `q` (n,).
-        """
+        """Tip pose X_BG (4, 4) and its Jacobian (6, n), hull axes, at joint angles `q` (n,)."""
         # writable, as in `inverse`
         return _tip(tuple(self.parameters), np.array(q, dtype=np.float64))
 
     def wrench_at_rest(self, q: Array) -> Array:
-        """Wrench (6,) [N, N m] of the arm on the hull at joint angles `q` (n,), both at rest and
-        level.
-        """
-        rest, none = np.zeros(self.n), np.zeros(6)
+        """Wrench (6,) [N, N m] of the arm on the hull at `q` (n,), both at rest and level."""
+        rest = np.zeros(self.n)
+        none = np.zeros(6)
         return self.inverse(
             q,
             rest,
@@ -578,10 +590,9 @@ class ArmDynamics:
         )[1]
 
     def inertia(self, q: Array) -> Array:
-        """Joint-space inertia (n, n) at `q` (n,) with the hull held; includes added mass, not the
-        rotors.
-        """
-        rest, none = np.zeros(self.n), np.zeros(6)
+        """Joint-space inertia (n, n) at `q` (n,), hull held, with added mass but not the rotors."""
+        rest = np.zeros(self.n)
+        none = np.zeros(6)
 
         def torque(qdd: Array) -> Array:
             return self.inverse(
@@ -596,114 +607,3 @@ class ArmDynamics:
             )[0]
 
         return np.column_stack([torque(unit) for unit in np.eye(self.n)]) - torque(rest)[:, None]
-
-
-def _read_tree(
-    model: mujoco.MjModel, vehicle: Vehicle, passive: bool, water_scale: float
-) -> tuple[_Tree, tuple[str, ...], dict[int, int]]:
-    """Bodies carried by the hull as arrays, names of the joints that are coordinates, row of each
-    MuJoCo body.
-    """
-    bodies = [b for b in range(vehicle.hull + 1, model.nbody) if _carried(model, b, vehicle.hull)]
-    rows = {body: row for row, body in enumerate(bodies)}
-    nb = len(bodies)
-    tree = _Tree(
-        parent=np.full(nb, -1, dtype=np.int64),
-        kind=np.zeros(nb, dtype=np.int64),
-        column=np.full(nb, -1, dtype=np.int64),
-        axis=np.zeros((nb, 3)),
-        R0=np.zeros((nb, 3, 3)),
-        p0=np.zeros((nb, 3)),
-        mass=np.zeros(nb),
-        com=np.zeros((nb, 3)),
-        inertia=np.zeros((nb, 3, 3)),
-        added=np.zeros((nb, 6, 6)),
-        linear=np.zeros((nb, 6, 6)),
-        quadratic=np.zeros((nb, 6)),
-        buoyancy=np.zeros(nb),
-        cob=np.zeros((nb, 3)),
-        origin=np.zeros((nb, 3)),
-        stations=_stations(model, rows, water_scale),
-    )
-    names: list[str] = []
-    driven = set(vehicle.joints.tolist())
-    R = np.empty(9)
-    for body, row in rows.items():
-        if model.body_jntnum[body] > 1:
-            raise ConfigurationError(
-                f"body {model.body(body).name!r} of the arm has more than one joint"
-            )
-        anchor = np.zeros(3)
-        if model.body_jntnum[body]:
-            joint = int(model.body_jntadr[body])
-            kind = int(model.jnt_type[joint])
-            if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-                raise ConfigurationError(
-                    f"joint {model.joint(joint).name!r} of the arm must be a hinge or a slide"
-                )
-            anchor = np.array(model.jnt_pos[joint])
-            if joint in driven or passive:
-                tree.kind[row] = _HINGE if kind == mujoco.mjtJoint.mjJNT_HINGE else _SLIDE
-                tree.column[row] = len(names)
-                tree.axis[row] = model.jnt_axis[joint]
-                names.append(model.joint(joint).name)
-        # The joint frame lies at the joint's anchor, parallel to the body's axes.
-        tree.origin[row] = -anchor
-        parent = int(model.body_parentid[body])
-        mujoco.mju_quat2Mat(R, model.body_quat[body])
-        tree.R0[row] = R.reshape(3, 3)
-        tree.p0[row] = model.body_pos[body] + tree.R0[row] @ anchor
-        if parent != vehicle.hull:
-            tree.parent[row] = rows[parent]
-            tree.p0[row] += tree.origin[rows[parent]]
-        if tree.column[row] >= 0:  # MuJoCo states the pose of a body at qpos0 (`ref`)
-            at_rest = model.qpos0[model.jnt_qposadr[model.body_jntadr[body]]] * tree.axis[row]
-            if tree.kind[row] == _HINGE:
-                tree.R0[row] = tree.R0[row] @ exp_so3(-at_rest)
-            else:
-                tree.p0[row] -= tree.R0[row] @ at_rest
-        tree.mass[row] = model.body_mass[body]
-        com = model.body_ipos[body] - anchor
-        tree.com[row] = com
-        mujoco.mju_quat2Mat(R, model.body_iquat[body])
-        principal = R.reshape(3, 3)
-        tree.inertia[row] = principal @ np.diag(
-            model.body_inertia[body]
-        ) @ principal.T + model.body_mass[body] * (com @ com * np.eye(3) - np.outer(com, com))
-        if hydrodynamics.carries(model.body_user[body]):
-            water = hydrodynamics.without_forms(
-                model.body_user[body], "the controller's model of the arm"
-            )
-            tree.added[row] = water_scale * water.added_mass
-            tree.linear[row] = water_scale * water.linear_damping
-            tree.quadratic[row] = water_scale * water.quadratic_damping
-            tree.buoyancy[row] = hydrodynamics.water_density(model) * water.volume
-            tree.cob[row] = water.center_of_buoyancy
-    return tree, tuple(names), rows
-
-
-def _carried(model: mujoco.MjModel, body: int, hull: int) -> bool:
-    """True if `hull` is an ancestor of `body`."""
-    while body > hull:
-        body = int(model.body_parentid[body])
-    return body == hull
-
-
-def _stations(model: mujoco.MjModel, rows: dict[int, int], water_scale: float) -> Array:
-    """Gauss-Legendre stations of all drag strips, (ns, 9): row, position (3) [m], axis (3), normal,
-    tangential drag.
-    """
-    stations: list[list[float]] = []
-    for body, row in rows.items():
-        if not hydrodynamics.carries(model.body_user[body]):
-            continue
-        for strip in hydrodynamics.unpack(model.body_user[body]).segments:
-            along = strip.end - strip.start
-            length = float(np.linalg.norm(along))
-            for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
-                share = water_scale * 0.5 * weight * length
-                place = strip.start + 0.5 * (1.0 + node) * along
-                stations.append(
-                    [row, *place, *(along / length), share * strip.normal, share * strip.tangential]
-                )
-    return np.array(stations).reshape(-1, 9)

@@ -1,5 +1,4 @@
-"""Joint servo: computed torque at the rate of the drives, tool motion against the drifting hull,
-gear friction.
+"""Joint servo: computed torque at the rate of the drives, tool motion against the drifting hull.
 
 The kernels are compiled as a whole, since they run at the rate of the drives. Their dynamics are
 those of `uuv.controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They
@@ -102,7 +101,9 @@ class JointServo:
     """Computed-torque servo of the arm's joints."""
 
     def __init__(self, vehicle: Vehicle, tuning: ArmTuning, period: float) -> None:
-        self._tuning, self._period, self._n = tuning, period, vehicle.joints.size
+        self._tuning = tuning
+        self._period = period
+        self._n = vehicle.joints.size
         self.drives = Drives(
             gains=tuning.servo_gains,
             armature=np.array(vehicle.armature),
@@ -129,8 +130,7 @@ class JointServo:
         wanted: JointTarget,
         borne: BorneLoad,
     ) -> Array:
-        """Torques (n,) [N m] of the drives for one period, as stiff along the tool axis as across
-        it.
+        """Torques (n,) [N m] of the drives for one period; the tool axis is as stiff as the others.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -181,8 +181,7 @@ def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
 
 @kernel
 def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
-    """Drive torques for the wanted joint motion: computed torque with PID on the joints, and a
-    compliant tool axis.
+    """Drive torques for a joint motion: computed torque with PID, and a compliant tool axis.
 
     The integral of a drive at its torque limit is frozen.
 
@@ -198,22 +197,35 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
     Returns:
         The drive torques (n,) [N m].
     """
-    arm, drives = ArmParameters(*arm), Drives(*drives)
-    seen, wanted, soft, borne = (
-        SeenArm(*seen),
-        JointTarget(*wanted),
-        SoftAxis(*soft),
-        BorneLoad(*borne),
-    )
+    arm = ArmParameters(*arm)
+    drives = Drives(*drives)
+    seen = SeenArm(*seen)
+    wanted = JointTarget(*wanted)
+    soft = SoftAxis(*soft)
+    borne = BorneLoad(*borne)
+
     gains = drives.gains
-    stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
-    q, qd, yielding, softness = seen.q, seen.qd, soft.yielding, soft.softness
+    stiffness = gains[0]
+    damper = gains[1]
+    integrator = gains[2]
+    most = gains[3]
+    q = seen.q
+    qd = seen.qd
+    yielding = soft.yielding
+    softness = soft.softness
     n = q.shape[0]
-    error, qdd, tau, wrench_B = np.empty(n), np.empty(n), np.empty(n), np.empty(6)
+    error = np.empty(n)
+    qdd = np.empty(n)
+    tau = np.empty(n)
+    wrench_B = np.empty(6)
+
+    # Angle errors, and the part of them along the tool axis
     along = 0.0
     for j in range(n):
         error[j] = wanted.q[j] + wanted.age * wanted.qd[j] - q[j]
         along += yielding[0, j] * error[j]
+
+    # Accelerations by PID, with less stiffness along the tool axis
     for j in range(n):
         qdd[j] = (
             wanted.qdd[j]
@@ -221,6 +233,8 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
             + damper * (wanted.qd[j] - qd[j])
             + integrator * integral[j]
         )
+
+    # Computed torque
     newton_euler(
         arm,
         JointMotion(q, qd, qdd),
@@ -230,6 +244,8 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
         tau,
         wrench_B,
     )
+
+    # Rotors and gears, within the limits
     for j in range(n):
         tau[j] += drives.armature[j] * qdd[j] + drives.damping[j] * qd[j] + borne.friction[j]
         if abs(tau[j]) > drives.limits[j]:
@@ -240,13 +256,13 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
                 error[j] - (along * yielding[1, j] if softness > 0.0 else 0.0)
             )
             integral[j] = min(max(grown, -most), most)
+
     return tau
 
 
 @kernel
 def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
-    """Re-aiming, p*_C = R^T (p*_O - r) in [Konoplin 2022]: tool pose in the arm's base, and its
-    joint rates.
+    """Re-aiming, p*_C = R^T (p*_O - r) [Konoplin 2022]: tool pose in the arm's base, joint rates.
 
     Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular
     postures. Of an arm with other than six joints they are by priorities. With `drift` the motion
@@ -264,45 +280,63 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
         speed_limit: [rad/s] of the fastest joint; the others are slowed down with it.
         out: fields of `ResolvedMotion`, in a tuple; written.
     """
-    tool, out = ToolTarget(*tool), ResolvedMotion(*out)
+    tool = ToolTarget(*tool)
+    out = ResolvedMotion(*out)
     tip_B, J_B = tip
-    qd, qdd, yielding = out.qd, out.qdd, out.yielding
+    qd = out.qd
+    qdd = out.qdd
+    yielding = out.yielding
     X_BW = np.eye(4)
+
     # tool relative to the hull: velocity, acceleration; and 1 m along its axis
-    wanted = np.zeros((3, 6))
+    twists = np.zeros((3, 6))
     for i in range(3):
         for j in range(3):
             X_BW[i, j] = X_WB[j, i]
             X_BW[i, 3] -= X_WB[j, i] * X_WB[j, 3]
-            wanted[0, i] += X_WB[j, i] * tool.v_WG_W[j]
-            wanted[0, 3 + i] += X_WB[j, i] * tool.w_WG_W[j]
+            twists[0, i] += X_WB[j, i] * tool.v_WG_W[j]
+            twists[0, 3 + i] += X_WB[j, i] * tool.w_WG_W[j]
+
     X_BG = X_BW @ tool.X_WG
     out.X_AG[:, :] = X_AB @ X_BG
+
+    # Less the motion of the hull, which carries the tool
     if drift:
-        p, v, w, a, b = X_BG[:3, 3], hull[9:12], hull[12:15], hull[15:18], hull[18:21]
+        p = X_BG[:3, 3]
+        v = hull[9:12]
+        w = hull[12:15]
+        a = hull[15:18]
+        b = hull[18:21]
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
-            wanted[0, i] -= v[i] + w[j] * p[k] - w[k] * p[j]
-            wanted[0, 3 + i] -= w[i]
-            wanted[1, i] = -(a[i] + w[j] * v[k] - w[k] * v[j] + b[j] * p[k] - b[k] * p[j])
-            wanted[1, 3 + i] = -b[i]
-    wanted[2, :3] = X_BG[:3, 2]
+            twists[0, i] -= v[i] + w[j] * p[k] - w[k] * p[j]
+            twists[0, 3 + i] -= w[i]
+            twists[1, i] = -(a[i] + w[j] * v[k] - w[k] * v[j] + b[j] * p[k] - b[k] * p[j])
+            twists[1, 3 + i] = -b[i]
+
+    twists[2, :3] = X_BG[:3, 2]
+
     n = qd.shape[0]
     if n == 6:
-        _all_at_once(J_B, wanted, qd, qdd, yielding)
+        _all_at_once(J_B, twists, qd, qdd, yielding)
     else:
         # The axis as it is: a joint that turns the tool about it would else seem to tilt it, and
         # spin.
-        z, rest, held = tip_B[:3, 2].copy(), np.zeros(n), np.zeros(n, dtype=np.bool_)
-        prioritised(J_B, z, wanted[0], DAMPING, rest, held, qd)
-        prioritised(J_B, z, wanted[1], DAMPING, rest, held, qdd)
-        prioritised(J_B, z, wanted[2], DAMPING, rest, held, yielding[1])
+        z = tip_B[:3, 2].copy()
+        rest = np.zeros(n)
+        held = np.zeros(n, dtype=np.bool_)
+        prioritised(J_B, z, twists[0], DAMPING, rest, held, qd)
+        prioritised(J_B, z, twists[1], DAMPING, rest, held, qdd)
+        prioritised(J_B, z, twists[2], DAMPING, rest, held, yielding[1])
+
+    # Tip along its axis by each joint, and the fastest joint
     fastest = 0.0
     for j in range(n):
         yielding[0, j] = 0.0
         for i in range(3):
             yielding[0, j] += J_B[i, j] * X_BG[i, 2]
         fastest = max(fastest, abs(qd[j]))
+
     if fastest > speed_limit:  # all alike: the tool lags on its way, and does not leave it
         for j in range(n):
             qd[j] *= speed_limit / fastest
@@ -310,9 +344,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
 
 @kernel
 def _all_at_once(J_B, wanted, qd, qdd, yielding):
-    """Joint speeds, accelerations and motion along the tool axis for the twists `wanted` (3, 6),
-    damped.
-    """
+    """Joint speeds, accelerations and motion along the tool axis for `wanted` (3, 6), damped."""
     # J^T (J J^T + damping)^-1 by Cholesky in place: a call of LAPACK costs more than these sums.
     A = J_B @ J_B.T.copy()
     for i in range(6):
@@ -322,6 +354,7 @@ def _all_at_once(J_B, wanted, qd, qdd, yielding):
             for k in range(j):
                 total -= A[i, k] * A[j, k]
             A[i, j] = np.sqrt(total) if i == j else total / A[j, j]
+
     for row in wanted:
         for i in range(6):
             for k in range(i):
@@ -331,6 +364,7 @@ def _all_at_once(J_B, wanted, qd, qdd, yielding):
             for k in range(i + 1, 6):
                 row[i] -= A[k, i] * row[k]
             row[i] /= A[i, i]
+
     for j in range(qd.shape[0]):
         qd[j] = qdd[j] = yielding[1, j] = 0.0
         for i in range(6):

@@ -53,6 +53,7 @@ class KernelForceLaw(ForceDisplacement):
             raise ConfigurationError(
                 f"numbers of the force law: must be at least 1, got {self.numbers}"
             )
+
         name = getattr(self.law, "__name__", repr(self.law))
         limited = _of_pointers(kernel(self.law), self.numbers, self.speed, self.limit)
         compiled = slot_function(limited, f"force law {name}")
@@ -98,22 +99,22 @@ def _of_pointers(law: Any, size: int, speed: float, limit: float) -> Callable[[A
 
     def limited(memory: Any, values: Any) -> int:
         numbers = carray(memory, NUMBERS + size)
-        asked = carray(values, VALUES)
-        most = speed * asked[LASTING]
-        if asked[LOOP] != CLOSED:
-            asked[ANSWER] = let_go(numbers, most, asked[LOOP] == INWARDS)
+        packed = carray(values, VALUES)
+        most = speed * packed[LASTING]
+        if packed[LOOP] != CLOSED:
+            packed[ANSWER] = let_go(numbers, most, packed[LOOP] == INWARDS)
             return FINE
 
         # The law, from a memory of zeros whenever the loop closes.
-        kept = numbers[NUMBERS:]
+        law_memory = numbers[NUMBERS:]
         if np.isnan(numbers[SET_FORCE]):
-            kept[:] = 0.0
-        numbers[SET_FORCE] = asked[ASKED]
-        k = law(kept, asked[ASKED], asked[MEASURED], asked[SOFT], asked[LASTING])
+            law_memory[:] = 0.0
+        numbers[SET_FORCE] = packed[ASKED]
+        k = law(law_memory, packed[ASKED], packed[MEASURED], packed[SOFT], packed[LASTING])
 
         # Its limits.
         k = min(max(k, numbers[K] - most), numbers[K] + most)
-        asked[ANSWER] = numbers[K] = min(max(k, -limit), limit)
+        packed[ANSWER] = numbers[K] = min(max(k, -limit), limit)
         return FINE
 
     return limited

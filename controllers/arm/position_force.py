@@ -1,5 +1,4 @@
-"""Position-force control: displacement k of the tool from the force error [Konoplin 2022, section
-3].
+"""Position-force control: displacement k from the force error [Konoplin 2022, section 3].
 
 The original displaces the tool along the error vector G_f = G_F*_imp - G_F_imp by k, from a PID on
 its length. Friction makes the tangential part of that vector non-zero while the tool moves; a
@@ -97,9 +96,7 @@ class ForceLoopGains(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceDisplacement(ForceLoopTuning):
-    """Integral law from the normal force error to the displacement, with anti-windup, limits, and
-    optional P and D.
-    """
+    """Integral law from normal force error to displacement, with anti-windup, limits, P and D."""
 
     @property
     def closed_loop(self) -> bool:
@@ -171,22 +168,28 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
         The displacement k [m].
     """
     if np.isnan(numbers[SET_FORCE]):
-        numbers[SET_FORCE], numbers[EXPECTED], numbers[ERROR] = (
-            set_force,
-            set_force,
-            set_force - felt,
-        )
-        numbers[FELT], numbers[DISPLACED] = felt, numbers[K]
+        numbers[SET_FORCE] = set_force
+        numbers[EXPECTED] = set_force
+        numbers[ERROR] = set_force - felt
+        numbers[FELT] = felt
+        numbers[DISPLACED] = numbers[K]
+
+    # Error against the force expected, and what it teaches of the surface
     numbers[EXPECTED] += min(1.0, dt / gains.response) * (set_force - numbers[EXPECTED])
     error = numbers[EXPECTED] - felt
     change = set_force - numbers[SET_FORCE]
     _learn(gains, numbers, felt, change, dt)
+
+    # Integral law, with optional P and D
     integral = gains.bandwidth * (servo_compliance + numbers[COMPLIANCE])  # [m/(N s)] gain
     proportional = integral * gains.proportional_time  # [m/N] gain
     rate = (error - numbers[ERROR]) / dt
-    numbers[SET_FORCE], numbers[ERROR] = set_force, error
+    numbers[SET_FORCE] = set_force
+    numbers[ERROR] = error
     numbers[INTEGRAL] += integral * error * dt + numbers[COMPLIANCE] * change
     k_wanted = numbers[INTEGRAL] + proportional * (error + gains.derivative_time * rate)
+
+    # Limits of speed and size
     most = gains.speed * dt
     k = min(max(k_wanted, numbers[K] - most), numbers[K] + most)
     k = min(max(k, -gains.limit), gains.limit)
@@ -197,8 +200,7 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
 
 @kernel
 def _learn(gains, numbers, felt, change, dt):
-    """Update the surface compliance: least-squares slope of k over the measured force while the set
-    force changes.
+    """Update the surface compliance: slope of k over the felt force while the set force changes.
 
     At a constant set force k follows the surface's shape and the drift of the estimated hull pose,
     which are not informative.
@@ -208,14 +210,17 @@ def _learn(gains, numbers, felt, change, dt):
     numbers[DISPLACED] += smooth * (numbers[K] - numbers[DISPLACED])
     if change == 0.0 and abs(numbers[FELT] - felt) < 1.0:
         return
+
     sums = numbers[SUMS:]
     sums[0] = sums[0] * (1.0 - dt / gains.memory) + dt
     gain = dt / sums[0]
-    dF, dk = numbers[FELT] - sums[1], numbers[DISPLACED] - sums[2]
+    dF = numbers[FELT] - sums[1]
+    dk = numbers[DISPLACED] - sums[2]
     sums[1] += gain * dF
     sums[2] += gain * dk
     sums[3] += gain * ((1.0 - gain) * dF * dF - sums[3])
     sums[4] += gain * ((1.0 - gain) * dF * dk - sums[4])
+
     # The prior is a rigid surface: its loop is the slowest, and stable on any surface.
     slope = sums[4] / (sums[3] + gains.prior * gains.prior)
     numbers[COMPLIANCE] = min(max(slope, 0.0), gains.softest)
@@ -223,11 +228,11 @@ def _learn(gains, numbers, felt, change, dt):
 
 @kernel
 def let_go(numbers, most, inwards):
-    """Step of `ForceDisplacement.release`, by at most `most` [m]; returns the displacement k
-    [m].
-    """
+    """Step of `ForceDisplacement.release`, by at most `most` [m]; returns the displacement [m]."""
     numbers[K] -= min(max(numbers[K], -most if inwards else 0.0), most)
-    numbers[INTEGRAL], numbers[ERROR], numbers[SET_FORCE] = numbers[K], 0.0, np.nan
+    numbers[INTEGRAL] = numbers[K]
+    numbers[ERROR] = 0.0
+    numbers[SET_FORCE] = np.nan
     return numbers[K]
 
 
@@ -274,13 +279,13 @@ class NominalStiffness(ForceDisplacement):
 def _nominal(stiffness: float, speed: float) -> Any:
     def law(memory: Any, values: Any) -> int:
         numbers = carray(memory, NUMBERS)
-        asked = carray(values, VALUES)
-        if asked[LOOP] == CLOSED:
-            numbers[K] = asked[ASKED] / stiffness
+        packed = carray(values, VALUES)
+        if packed[LOOP] == CLOSED:
+            numbers[K] = packed[ASKED] / stiffness
         else:
-            let_go(numbers, speed * asked[LASTING], asked[LOOP] == INWARDS)
+            let_go(numbers, speed * packed[LASTING], packed[LOOP] == INWARDS)
 
-        asked[ANSWER] = numbers[K]
+        packed[ANSWER] = numbers[K]
         return FINE
 
     return slot_function(law)

@@ -1,5 +1,4 @@
-"""Force law as published: a PID on the force error displaces the tool along it [Konoplin 2022,
-section 3].
+"""Force law as published: a PID on the force error displaces the tool [Konoplin 2022, section 3].
 
     G_f = G_F*_imp - G_F_imp,    displacement = K_p G_f + K_i int G_f dt + K_d dG_f/dt
 
@@ -11,10 +10,9 @@ gains.
 
 Friction makes the components across the axis differ from zero for as long as the tool moves; the
 integral then drives the tool off its path. The paper also says that the displacement goes "towards
-the surface or away from it", by the sign
-of the difference of the two forces: read so, the component along the axis is the whole law.
-`--published force-law` is the first reading, `normal-force-law` the second. The paper gives no
-gains. Those here are fixed, whatever the surface.
+the surface or away from it", by the sign of the difference of the two forces: read so, the
+component along the axis is the whole law. `--published force-law` is the first reading,
+`normal-force-law` the second. The paper gives no gains. Those here are fixed, whatever the surface.
 """
 
 from dataclasses import dataclass, field
@@ -69,6 +67,7 @@ class PublishedForceLaw(PublishedForceTuning):
         state.error = error
         state.integral += self.integral * error * dt
         k_wanted = self.proportional * error + state.integral + self.derivative * rate
+
         k = min(max(k_wanted, state.k - self.speed * dt), state.k + self.speed * dt)
         k = min(max(k, -self.limit), self.limit)
         state.integral += k - k_wanted  # anti-windup: back-calculation from the limited output
@@ -88,7 +87,8 @@ class PublishedForceLaw(PublishedForceTuning):
         """
         most = self.speed * dt
         state.k -= min(max(state.k, -most if inwards else 0.0), most)
-        state.integral, state.error = state.k, None
+        state.integral = state.k
+        state.error = None
         return state.k
 
 
@@ -102,9 +102,7 @@ class TangentialState(ComplianceState):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TangentialForceLoop(PublishedForceTuning):
-    """Components across the tool axis, whose set force is zero: a `SideDisplacement` of the tool's
-    control.
-    """
+    """Components across the tool axis, whose set force is zero: a `SideDisplacement`."""
 
     def init(self) -> TangentialState:
         """Initial state: no offset."""
@@ -140,19 +138,19 @@ class TangentialForceLoop(PublishedForceTuning):
         rate = np.zeros(3) if state.error_W is None else (error - state.error_W) / dt
         state.error_W = error
         state.integral_W = state.integral_W + self.integral * dt * error
-        wanted = self.proportional * error + state.integral_W + self.derivative * rate
-        offset = state.offset_W + _shortened(wanted - state.offset_W, self.speed * dt)
+        unlimited = self.proportional * error + state.integral_W + self.derivative * rate
+
+        offset = state.offset_W + _shortened(unlimited - state.offset_W, self.speed * dt)
         offset = _shortened(offset, self.limit)
-        state.integral_W = state.integral_W + offset - wanted
+        state.integral_W = state.integral_W + offset - unlimited
         state.offset_W = offset
         return offset
 
     def release(self, state: TangentialState, dt: float) -> Array:
-        """Return the offset (3,) [m] to zero at `speed`, with the loop open; `dt` [s] since the
-        last step.
-        """
+        """Return the offset (3,) [m] to zero at `speed`, with the loop open, in `dt` [s]."""
         state.offset_W = state.offset_W - _shortened(state.offset_W, self.speed * dt)
-        state.integral_W, state.error_W = state.offset_W, None
+        state.integral_W = state.offset_W
+        state.error_W = None
         return state.offset_W
 
 

@@ -1,5 +1,4 @@
-"""Joint motion wanted between the planner's steps: tool pose to joint angles, compiled for its
-rate.
+"""Joint motion between the planner's steps: tool pose to joint angles, compiled for its rate.
 
 One step extrapolates the tool pose, displaces it, and resolves it into the arm's base. MKPS solves
 the inverse kinematics on the branch of the last angles. The jump where the arm began to follow a
@@ -19,7 +18,8 @@ from uuv.controllers.tuning import ArmTuning
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-_POSITION, _ORIENTATION = 1e-6, 1e-5  # [m], [rad] tolerances of the inverse kinematics
+_POSITION = 1e-6  # [m] tolerance of the inverse kinematics
+_ORIENTATION = 1e-5  # [rad] tolerance of the inverse kinematics
 _STEPS = 4000  # [-] most iterations of the inverse kinematics
 
 
@@ -121,8 +121,13 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         False, with the motion unchanged, for a target that is no pose; the tool pose (4, 4) in the
         arm's base.
     """
-    track, out, tool = ToolTracking(*tracking), ToolMotion(*motion), ToolTarget(*target)
-    n, dt = out.q.shape[0], track.period
+    track = ToolTracking(*tracking)
+    out = ToolMotion(*motion)
+    tool = ToolTarget(*target)
+    n = out.q.shape[0]
+    dt = track.period
+
+    # Tool pose now, and the motion that it asks of the arm
     X_WG = extrapolated(tool.X_WG, tool.v_WG_W, tool.w_WG_W, since, displaced[0], displaced[1])
     resolved = ResolvedMotion(np.empty((4, 4)), np.empty(n), out.qdd, out.yielding)
     resolve_tool_motion(
@@ -135,7 +140,10 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         track.speed_limit,
         resolved,
     )
-    trail, q = out.chain[:0].reshape(0, 1), np.empty(n)
+
+    # Inverse kinematics on the branch of the last angles
+    trail = out.chain[:0].reshape(0, 1)
+    q = np.empty(n)
     if track.solver:
         errors = np.empty(2)
         code = solve_at(
@@ -148,7 +156,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
             q,
             errors,
         )
-        error_p, error_r = errors[0], errors[1]
+        error_p = errors[0]
+        error_r = errors[1]
     else:
         settings = Settings(
             HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False
@@ -156,13 +165,17 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         code, _, _, error_p, error_r = solve_keep(
             out.chain, resolved.X_AG, out.q, settings, None, trail, q
         )
+
     if code >= BAD_TARGET:
         return False, resolved.X_AG
+
     # the hull stands a little off the place that the held angles were computed for
     if out.holding[0]:
         for j in range(n):
-            out.offset[j], out.offset_rate[j] = out.q[j] - q[j], out.qd[j] - resolved.qd[j]
+            out.offset[j] = out.q[j] - q[j]
+            out.offset_rate[j] = out.qd[j] - resolved.qd[j]
         out.holding[0] = False
+
     out.q[:], out.qd[:], out.offset[:], out.offset_rate[:] = bumpless(
         q,
         resolved.qd,
@@ -173,7 +186,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         track.speed_limit * dt,
         dt,
     )
-    out.ik_error[0], out.ik_error[1] = error_p, error_r
+    out.ik_error[0] = error_p
+    out.ik_error[1] = error_r
     return True, resolved.X_AG
 
 
@@ -196,14 +210,16 @@ def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
     s = 1.0 - angle**2 / 6.0 if angle < 1e-6 else np.sin(angle) / angle  # Rodrigues
     c = 0.5 - angle**2 / 24.0 if angle < 1e-6 else (1.0 - np.cos(angle)) / angle**2
     x, y, z = since * w_WG_W[0], since * w_WG_W[1], since * w_WG_W[2]
+
     out = X_WG.copy()
     for j in range(3):
         a, b, d = X_WG[0, j], X_WG[1, j], X_WG[2, j]
         along = c * (x * a + y * b + z * d)
-        kept = 1.0 - c * angle**2
-        out[0, j] = kept * a + s * (y * d - z * b) + along * x
-        out[1, j] = kept * b + s * (z * a - x * d) + along * y
-        out[2, j] = kept * d + s * (x * b - y * a) + along * z
+        direct = 1.0 - c * angle**2
+        out[0, j] = direct * a + s * (y * d - z * b) + along * x
+        out[1, j] = direct * b + s * (z * a - x * d) + along * y
+        out[2, j] = direct * d + s * (x * b - y * a) + along * z
+
     for i in range(3):
         out[i, 3] += since * v_WG_W[i] + k * out[i, 2] + offset_W[i]
     return out
@@ -230,16 +246,23 @@ def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
         Angles and speeds wanted, remaining offset and its rate, (n,) each.
     """
     n = q.shape[0]
-    wanted, speed, left, rate = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    fade, farthest = np.exp(-dt / blend_time), 0.0
+    angle = np.empty(n)
+    speed = np.empty(n)
+    left = np.empty(n)
+    rate = np.empty(n)
+    fade = np.exp(-dt / blend_time)
+    farthest = 0.0
+
     for j in range(n):
         pull = (offset_rate[j] + offset[j] / blend_time) * dt
         rate[j] = fade * (offset_rate[j] - pull / blend_time)
         left[j] = fade * (offset[j] + pull)
-        wanted[j] = q[j] + left[j]
+        angle[j] = q[j] + left[j]
         speed[j] = qd[j] + rate[j]
-        farthest = max(farthest, abs(wanted[j] - q_last[j]))
+        farthest = max(farthest, abs(angle[j] - q_last[j]))
+
     if farthest > most:
         for j in range(n):
-            wanted[j] = q_last[j] + (wanted[j] - q_last[j]) * most / farthest
-    return wanted, speed, left, rate
+            angle[j] = q_last[j] + (angle[j] - q_last[j]) * most / farthest
+
+    return angle, speed, left, rate

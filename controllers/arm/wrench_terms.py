@@ -15,9 +15,7 @@ from uuv.sim.interfaces.spatial import Array
 
 
 class WrenchTerms:
-    """Single terms of the arm's wrench (6,) [N, N m] on the hull, at the hull's origin in hull
-    axes.
-    """
+    """Terms of the arm's wrench (6,) [N, N m] on the hull, at the hull's origin in hull axes."""
 
     def __init__(self, arm: ArmDynamics) -> None:
         self._wet = arm.parameters

@@ -1,1 +1,1 @@
-"""Estimation: contact force, disturbances of the hull, load, payload and friction."""
+"""Estimation: contact force, disturbances on the hull, load, payload and friction."""

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from uuv.controllers.arm.arm_tree import HINGE
 from uuv.controllers.arm.believed_friction import dry_friction, dry_friction_sigma
 from uuv.controllers.arm.inverse_dynamics import (
     ArmDynamics,
@@ -42,8 +43,6 @@ from uuv.sim.interfaces.spatial import Array, fitting
 
 # [rad/s] width of the sign change of dry friction: five times the noise of the encoders' speed
 SMOOTHING = 1e-3
-# joint kind of hinges in `layout` of uuv.controllers.arm.inverse_dynamics; other joints are slides
-_HINGE = 1
 
 
 class GearModel(NamedTuple):
@@ -292,7 +291,7 @@ def momentum(arm, work, p_joint, turning):
             for i in range(3):
                 j, k = (i + 1) % 3, (i + 2) % 3
                 about = w[j] * u[k] - w[k] * u[j]
-                if kind[b] == _HINGE:
+                if kind[b] == HINGE:
                     p_joint[at] += u[i] * h[b, 3 + i]
                     turning[at] += h[b, i] * (v[j] * u[k] - v[k] * u[j]) + h[b, 3 + i] * about
                 else:

@@ -34,13 +34,13 @@ from uuv.sim.interfaces.kernels import kernel
 # columns of a joint's row of `table`
 KIND = 0  # HINGE, SLIDE or PANTOGRAPH
 OFFSET = 1  # [rad] constant part of the turn about z
-COS_ALPHA = 2
-SIN_ALPHA = 3
+COS_ALPHA = 2  # of the turn about x, to the next joint axis
+SIN_ALPHA = 3  # likewise
 LINK = 4  # link vector [scaled], three columns; of a pantograph link the part that swings
 LOWER = 7  # [rad] or [m]
 UPPER = 8  # [rad] or [m]
-COS_OFFSET = 9
-SIN_OFFSET = 10
+COS_OFFSET = 9  # of the constant turn about z
+SIN_OFFSET = 10  # likewise
 AFTER = 11  # part of a pantograph link that does not swing [scaled], three columns
 COLUMNS = 14  # their number
 HEAD = 2  # rows of `table` before those of the joints

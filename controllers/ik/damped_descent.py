@@ -61,16 +61,14 @@ from uuv.controllers.ik.sweeps import sweep
 DAMPING = 0.1  # share of the squared error that is the damping
 LONG_STEP = 1.5  # [rad] longest step of a joint
 SHORT_STEP = 0.5  # [rad] the same while keeping the branch
-# corners of the limits tried as last starts, and the largest number of joints for that
-CORNERS = 4
-CORNERED = 10
+CORNERS = 4  # corners of the limits tried as last starts
+CORNERED = 10  # largest number of joints for that
 # [rad] or [m] beyond the limits, from where a solution that ignored them is drawn onto them
 BEYOND = 1.0
 FAR = 0.1  # squared error of a start, above which a sweep before the descent pays off
 FAR_WEIGHT = 0.1  # [1/rad^2] weight of the tool axes against the scaled position in that sweep
-# [steps], [1] a descent stalls if its error does not halve in four steps
-STALL_WINDOW = 4
-STALL_FACTOR = 0.5
+STALL_WINDOW = 4  # [steps] a descent stalls if in so many its error does not
+STALL_FACTOR = 0.5  # fall to this times itself
 SETTLE_STEPS = 200  # largest number of steps of `settle`
 SETTLE_GAIN = 1e-7  # relative gain in squared error, under which a step of `settle` counts as quiet
 TRADES = 12  # largest number of times that `trade` changes the weights

@@ -52,16 +52,15 @@ DEPTH = 6  # sweeps that the Anderson acceleration remembers
 # takes the next weight, for a pose that converges slowly with one often converges fast with
 # another.
 SWEEP_WEIGHT = 0.01
-LIGHTER = 0.003
-HEAVIER = 0.03
-# a stall: in 10 sweeps the objective does not fall to 0.8 times itself
-SWEEP_WINDOW = 10
-SWEEP_FACTOR = 0.8
+LIGHTER = 0.003  # the same of the first restart, the fourth, ...
+HEAVIER = 0.03  # of the second, the fifth, ...
+SWEEP_WINDOW = 10  # [sweeps] a stall: in so many the objective does not
+SWEEP_FACTOR = 0.8  # fall to this times itself
 # Near singular configurations the objective falls slowly. Below CLOSE the stall factor is therefore
 # CLOSE_FACTOR, and an accelerated step may raise the objective by up to the factor LENIENT.
 CLOSE = 1e-5
-CLOSE_FACTOR = 0.95
-LENIENT = 20.0
+CLOSE_FACTOR = 0.95  # in place of SWEEP_FACTOR
+LENIENT = 20.0  # factor of the objective
 SHORT_WAY = 0.5  # [rad] joint motion up to which the branch counts as kept without a test
 
 

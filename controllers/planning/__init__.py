@@ -1,1 +1,1 @@
-"""Motion planning of the hull: placement, paths, trajectories, height above the seabed."""
+"""Motion planning of the hull: placement, paths past the object, trajectories, work height."""

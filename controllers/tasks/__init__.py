@@ -1,1 +1,1 @@
-"""Planners of an intervention as tables of phases: contact work, insertion, inspection, seabed."""
+"""Planners as tables of phases: contact work, insertion, inspection, seabed work, touching."""

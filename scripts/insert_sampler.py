@@ -2,8 +2,8 @@
 
 The vehicle knows the manifold's shape and roughly where it is. It keeps station, takes a depth
 frame, identifies the manifold and moves the sampler before the hole. The insertion is
-force-controlled along the axis and compliant across it. With --trials N, the N seeds from --seed on
-run on all cores, and a table gives the success rate.
+force-controlled along the axis and compliant across it. `uuv campaign
+scripts/campaigns/insertion.toml` runs it over many seeds, with the success rate.
 
 The same as `uuv run insert-sampler`.
 """

@@ -219,7 +219,6 @@ class Task(ABC):
     spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
     schema: ClassVar[str] = "metrics"  # of metrics.json, in sim/schemas
     looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
-    over_seeds: ClassVar[bool] = False  # `uuv.campaigns.task_trials` sums up its figures
     heeds: ClassVar[Collection[str]] = ()  # words of a scenario's further options that it uses
 
     @property

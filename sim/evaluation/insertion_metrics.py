@@ -5,16 +5,14 @@ the advance. Both are means over the loop's steps, from departure from the stand
 it.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from uuv.sim.evaluation.metrics import Assessment, Requirement
 from uuv.sim.evaluation.run_metrics import run_schema
-from uuv.sim.evaluation.schemas import metric, unmeasured
-from uuv.sim.evaluation.statistics import crashed_run, spread, verdicts
+from uuv.sim.evaluation.schemas import metric
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array, checked, inverse
 
@@ -190,31 +188,3 @@ def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
     return float(np.hypot(p[0], p[1])), float(
         np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true)
     )
-
-
-def crashed(seed: int, reason: str) -> dict[str, Any]:
-    """Metrics of a trial that crashed for `reason`."""
-    nothing = InsertionRunMetrics(
-        identification=unmeasured(HoleMetrics, accepted=False),
-        insertion=unmeasured(InsertionMetrics),
-    )
-    return {**asdict(nothing), **crashed_run(seed, reason)}
-
-
-def summary(
-    trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None = None
-) -> dict[str, Any]:
-    """Success rate with its interval, distributions, and failures by kind, of many trials."""
-    bounds = bounds or InsertionBounds()
-    insertions = [trial["insertion"] for trial in trials]
-    return {
-        **verdicts(trials),
-        "side_force_max_n": spread(one["side_force_max_n"] for one in insertions),
-        "axial_force_max_n": spread(one["axial_force_max_n"] for one in insertions),
-        "depth_m": spread(one["depth_m"] for one in insertions),
-        "time_s": spread(one["time_s"] for one in insertions),
-        "found_aside_m": spread(trial["identification"]["aside_m"] for trial in trials),
-        "found_tilt_rad": spread(trial["identification"]["tilt_rad"] for trial in trials),
-        "searched": sum((one["searched_s"] or 0.0) > 0.0 for one in insertions),
-        "side_force_bound_n": bounds.side_force,
-    }

@@ -42,7 +42,7 @@ from uuv.sim.interfaces.palette import (
 )
 from uuv.sim.interfaces.spatial import Array
 
-_QUANTILES = ("low", "median", "high", "very_high", "largest")  # 5, 50, 95, 99 and 100 %
+_QUANTILES = {"least": 0.0, "low": 0.05, "median": 0.5, "high": 0.95, "top": 0.99, "largest": 1.0}
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE, SKY)  # of parts of the runs
 _CLASS_COLORS = dict(zip(CLASSES, (BLUE, ORANGE, PURPLE, FAINT, VERMILION, INK, SKY), strict=True))
 _SCATTERED = 3  # bounded metrics that are drawn over each parameter
@@ -183,7 +183,8 @@ def _values(rows: Sequence[Row], name: str) -> list[float]:
 
 
 def _quantiles(values: Sequence[float]) -> dict[str, float | int | None]:
-    figures = np.quantile(values, (0.05, 0.5, 0.95, 0.99, 1.0)) if values else [None] * 5
+    shares = [*_QUANTILES.values()]
+    figures = np.quantile(values, shares) if values else [None] * len(shares)
     return {"runs": len(values), **dict(zip(_QUANTILES, figures, strict=True))}
 
 
@@ -198,7 +199,8 @@ def _distributions(rows: Sequence[Row], campaign: Campaign) -> list[Table]:
             count = sum(within(row, name, bounds[name]) for row in rows)
             bound, inside = f"{bounds[name]:g}", f"{count / len(rows):.1%}"
         lines.append((name, str(quantiles["runs"]), *figures, bound, inside))
-    columns = ("metric", "runs", "5 %", "median", "95 %", "99 %", "largest", "bound", "within")
+    shares = ("least", "5 %", "median", "95 %", "99 %", "largest")
+    columns = ("metric", "runs", *shares, "bound", "within")
     caption = "Within: of all runs; one that ended before it gave the metric is not."
     return [Table(title="Metrics", columns=columns, rows=lines, caption=caption)] if lines else []
 

@@ -1,4 +1,4 @@
-"""Carries out what a command describes: one run, or trials over many seeds; and its output."""
+"""Carries out the run that a command describes, and its output."""
 
 import itertools
 from dataclasses import dataclass
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import UseAppendAction
 
 from uuv.cli.json_output import file_alone, folder_of
-from uuv.jobs.command_line import TrialOptions
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
 
@@ -42,7 +41,7 @@ def values_of(assignments: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
 
 
 def run_job(scenario: "Scenario", options: RunOptions, started: float, after: str = "") -> int:
-    """Checks the inputs of a job, then runs it once, or over many seeds where options ask for it.
+    """Checks the inputs of a job, then runs it.
 
     What runs it is imported, and compiled, only after the check.
 
@@ -61,10 +60,6 @@ def run_job(scenario: "Scenario", options: RunOptions, started: float, after: st
     from uuv.inputs import check_inputs
 
     check_inputs(scenario, options.longest)
-    if isinstance(options, TrialOptions) and options.trials:
-        from uuv.campaigns.task_trials import command_trials
-
-        return command_trials(scenario, options.trials, options)
     from uuv.command import command
 
     return command(scenario, options, started, after)
@@ -86,6 +81,6 @@ def run_printed(
     from uuv.sim.interfaces.documents import json_of
 
     metrics = json_of(folder / METRICS, "metrics")
-    failed = "; ".join(metrics.get("failed", ()))  # trials may have no bounds
+    failed = "; ".join(metrics["failed"])
     print(f"{f'not accepted: {failed}' if failed else 'accepted'}\n{folder}")
     return code

@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 from uuv import jobs
 from uuv.cli.carry_out import Assignments, Output, run_printed, values_of
 from uuv.cli.main import VERBS, present_spelling
-from uuv.jobs.command_line import parsed, run_options
+from uuv.jobs.command_line import parsed
 from uuv.kinds import SURVEY
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import RunOptions, as_base, parse
@@ -98,7 +98,7 @@ def run(job: jobs.Job, args: Sequence[str], started: float) -> int:
         values, options = parsed(job, args, EveryJob, _with_task(job(), task))
         scenario = job.scenario(values, lambda base: _with_task(base, task))
     every = as_base(options, EveryJob)
-    of_run = as_base(options, run_options(job))
+    of_run = as_base(options, RunOptions)
     return run_printed(_with_set(scenario, every), of_run, every, started)
 
 

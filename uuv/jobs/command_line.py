@@ -1,42 +1,15 @@
 """Command line of a job: its keyword arguments as options, beside those of every run."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, make_dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Iterable, Sequence
+from dataclasses import field, fields, make_dataclass
+from typing import TYPE_CHECKING, Any
 
-from uuv.experiment.engines import EngineName
-from uuv.experiment.options import at_least
 from uuv.jobs.job import Job, JobOption
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions, parse
 
 if TYPE_CHECKING:  # a help text does without
     from uuv.scenario import Scenario
-
-
-@dataclass(kw_only=True)
-class TrialOptions(RunOptions):
-    """Options of a run that can be repeated over many seeds."""
-
-    groups: ClassVar[Mapping[str, str]] = {"trials": "trials engine workers anew"}
-
-    trials: int = 0
-    """Number of seeds to run, without recording; 0: one run with recording."""
-    engine: EngineName = "processes"
-    """processes: of this machine. ray: a Ray cluster, that of RAY_ADDRESS or one started here
-    (extra cluster)."""
-    workers: int = 0
-    """Processes for the trials; 0: one for each core, 1: this one."""
-    anew: bool = False
-    """Delete the trials in the folder of an earlier command; without it they are resumed."""
-
-    def __post_init__(self) -> None:
-        at_least(self, trials=0, workers=0)
-
-
-def run_options(job: Job) -> type[RunOptions]:
-    """Class of the options of a run of the job that change no figure."""
-    return TrialOptions if job.over_seeds else RunOptions
 
 
 def options_class(
@@ -54,8 +27,7 @@ def options_class(
     Raises:
         ConfigurationError: The job has an option of a word that every run has.
     """
-    of_run = run_options(job)
-    bases = (of_run,) if issubclass(of_run, beside) else (beside, of_run)
+    bases = (RunOptions,) if issubclass(RunOptions, beside) else (beside, RunOptions)
     options = list(job.options(base).values())
 
     # A word with two meanings would be read as one of them.

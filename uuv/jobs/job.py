@@ -82,11 +82,6 @@ class Job:
         return self._text.partition("\nArgs:\n")[0].strip()
 
     @property
-    def over_seeds(self) -> bool:
-        """Whether its figures can be summed up over many seeds."""
-        return self._base({}).task.over_seeds
-
-    @property
     def __signature__(self) -> inspect.Signature:
         """All keyword arguments, for help texts and editors."""
         keyword = inspect.Parameter.KEYWORD_ONLY

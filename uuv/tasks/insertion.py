@@ -39,7 +39,6 @@ class InsertionTask(InsertionSettings, Task):
 
     schema: ClassVar[str] = "insertion"
     looks: ClassVar[bool] = True
-    over_seeds: ClassVar[bool] = True
     hole: Literal["a", "b"] = option("a", "Hole of the manifold.")
     error: tuple[float, float] = option(
         (0.0, 0.0),

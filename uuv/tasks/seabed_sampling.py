@@ -55,7 +55,6 @@ class SeabedSamplingTask(SeabedSettings, Task):
 
     schema: ClassVar[str] = "seabed_work"
     looks: ClassVar[bool] = True
-    over_seeds: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (CAMERA_SITE,)
     heeds: ClassVar[Collection[str]] = ("dead_beams",)
     cloud: str | None = option(

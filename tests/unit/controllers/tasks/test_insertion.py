@@ -19,7 +19,7 @@ from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.objects.manifold import manifold
 from uuv.models.vehicle import Vehicle
 from uuv.models.vehicles import uuv_puma
-from uuv.sim.evaluation.insertion_metrics import crashed, hole_error, summary
+from uuv.sim.evaluation.insertion_metrics import hole_error
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import (
     AbortCode,
@@ -353,37 +353,3 @@ def test_error_of_the_hole_is_across_its_axis(within):
         position, angle = hole_error(X, X_WH)
         within("aside [m]", position - np.hypot(*aside), 1e-12)
         within("tilt [rad]", angle - turn, 1e-9)
-
-
-def test_failures_are_told_apart():
-    def trial(
-        abort: AbortCode | None, state: str = "abort", failed: str = "the run ended"
-    ) -> dict[str, Any]:
-        metrics = crashed(7, "")
-        metrics["run"] |= {"state": state, "abort": abort}
-        return {**metrics, "failed": [failed]}
-
-    trials = [
-        trial(AbortCode.NOT_IDENTIFIED),
-        trial(AbortCode.HOLE_NOT_FOUND),
-        trial(AbortCode.JAMMED),
-        trial(AbortCode.FORCE_LIMIT),
-        trial(None, "done", "side force, peak: 23.10 N, bound 20.00"),
-        crashed(1, "blew up"),
-    ]
-    kinds = [
-        "not identified",
-        "hole not found",
-        "jammed",
-        "force limit",
-        "side force, peak",
-        "crashed",
-    ]
-    assert summary(trials)["failures"] == dict.fromkeys(kinds, 1)
-    good = {**crashed(3, ""), "accepted": True}
-    figures = summary([good, good, crashed(9, "blew up")])
-    assert (figures["accepted"], figures["failures"], figures["failed_seeds"]) == (
-        2,
-        {"crashed": 1},
-        [9],
-    )

@@ -117,11 +117,6 @@ def test_a_verb_of_past_runs_refuses_what_is_none(name: str, verb, tmp_path: Pat
             "outcomes",
         ),
         ("benchmark", ("--entry", "joint PD", "--cases", 1, "--workers", 1), "benchmark"),
-        (
-            "run",
-            ("insert-sampler", "--trials", 1, "--workers", 1, "--quick", "--no-record"),
-            "summary",
-        ),
         ("validate", (), "checks"),
     ],
 )

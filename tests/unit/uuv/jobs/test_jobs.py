@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from uuv import assemble, jobs
-from uuv.campaigns.task_trials import TRIALS
 from uuv.catalogue import things
 from uuv.cli.run_job import EveryJob
 from uuv.controllers.planning.promise import StopLimits
@@ -36,6 +35,8 @@ from uuv.sensors.arm_camera import ArmCameraSetup
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.options import option
 from uuv.site import Barrel, HoleManifold, KnownObject, OpenWater, Site
+from uuv.tasks.insertion import InsertionTask
+from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.station_keeping import StationKeepingTask
 from uuv.tasks.surface_work import SurfaceWorkTask, ToolTurn
 
@@ -330,7 +331,9 @@ def test_an_argument_without_a_type_takes_anything():
 
 
 @pytest.mark.parametrize(
-    "kind", [SurfaceWorkTask, StationKeepingTask, *TRIALS], ids=lambda kind: kind.__name__
+    "kind",
+    [SurfaceWorkTask, StationKeepingTask, InsertionTask, SeabedSamplingTask],
+    ids=lambda kind: kind.__name__,
 )
 def test_what_a_task_heeds_are_options(kind: type[Task]):
     """A word that is none would be passed over in silence."""
@@ -340,10 +343,6 @@ def test_what_a_task_heeds_are_options(kind: type[Task]):
 
 def test_the_list_of_jobs_is_the_registry():
     assert dict(things("job")) == {job.name: job.about for job in ALL}
-
-
-def test_the_tasks_with_trials_are_those_that_can_be_summed_up():
-    assert {type(job().task) for job in ALL if job.over_seeds} == {*TRIALS}
 
 
 def test_a_word_with_two_meanings_is_refused():

@@ -4,7 +4,7 @@ Seen from a vehicle above it a seabed is a height over the ground plane [Konopli
 The cloud is therefore triangulated by Delaunay in that plane. This needs no parameter and no
 normals, gives one height at each place, and a vertical plane cuts its edges in order. Ball pivoting
 leaves holes wherever the density changes. Poisson reconstruction invents soil where nothing was
-measured, which is where a sampler must not go (`scripts/experiments/seabed/seabed.py --speed` has
+measured, which is where a sampler must not go (`scripts/experiments/seabed/seabed_speed.py` has
 the figures). Overhangs are not represented, because the ground under one cannot be reached from
 above either. Two surfaces one above the other are refused.
 

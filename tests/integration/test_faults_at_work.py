@@ -18,24 +18,18 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("scripts")
 def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat():
 
-    from experiments.faults.fault_cases import Trace, run_branched
+    from experiments.faults.fault_cases import AT_WORK, Branch
     from uuv import jobs
 
     scenario = jobs.clean_barrel(seed=0, forces=(90.0,), quick=True, sensor="survey")
-    traces: dict[str, Trace] = {}
+    branch = Branch(scenario, AT_WORK)
+    frozen, lost = map(branch.trace, ("torque sensor 2 frozen", "thruster heave_front dead"))
 
-    def keep(trace: Trace) -> None:
-        traces[trace.case] = trace
-
-    cases = ("torque sensor 2 frozen", "thruster heave_front dead")
-    run_branched(scenario, cases, keep)
-    frozen, lost = (traces[case] for case in cases)
-
-    assert frozen.found[0][1:] == ("torque sensor", "joint2")
-    assert frozen.found[0][0] < 0.1
+    assert frozen.reports[0][1:] == ("torque sensor", "joint2")
+    assert frozen.reports[0][0] < 0.1
     assert frozen.states[-1][1] is WorkState.DONE
-    assert lost.found[0][1:] == ("thruster", "heave_front")
-    assert lost.found[0][0] < 2.0
+    assert lost.reports[0][1:] == ("thruster", "heave_front")
+    assert lost.reports[0][0] < 2.0
     assert [state for _, state, _ in lost.states] == [
         WorkState.WORK,
         WorkState.RETREAT,
@@ -44,10 +38,10 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
     assert "thruster heave_front is lost" in lost.states[-1][2]
     for trace in (frozen, lost):
         assert not trace.blew_up
-        assert not trace.rows[:, 8].any()  # no collision
-        assert trace.rows[:, 10].max() < 1.5 * trace.set_force
-    gone = lost.rows[lost.rows[:, 0] > lost.states[-1][0]]
-    assert not gone[:, 1].any()  # off the object, and it stays off
+        assert not trace.series["collision"].any()
+        assert trace.series["contact_most"].max() < 1.5 * trace.set_force
+    gone = lost.series["time"] > lost.states[-1][0]
+    assert not lost.series["contact_normal"][gone].any()  # off the object, and it stays off
 
 
 @pytest.mark.long
@@ -56,15 +50,14 @@ def test_without_an_estimate_the_hull_leaves_and_does_not_come_back():
     """With the thrusters merely stopped the current holds the tool on the object, here for 2.4
     s.
     """
-    from experiments.faults.fault_cases import Trace, run_branched
+    from experiments.faults.fault_cases import AT_WORK, Branch
     from uuv import jobs
 
-    traces: list[Trace] = []
     scenario = jobs.clean_barrel(path="transverse", seed=0, forces=(90.0,), quick=True)
-    run_branched(scenario, ("IMU silent",), traces.append)
-    (trace,) = traces
-    left = next(time for time, state, _ in trace.states if state is WorkState.RETREAT)
+    trace = Branch(scenario, AT_WORK).trace("IMU silent")
+    time = trace.series["time"]
+    left = next(when for when, state, _ in trace.states if state is WorkState.RETREAT)
     # the thrusters have stopped
-    assert trace.rows[-1, 0] > left + SAFETY.leave_time + SAFETY.rise_time
-    assert not trace.rows[trace.rows[:, 0] > left + 1.0, 10].any()  # 0.59 s measured
-    assert not trace.rows[:, 8].any()
+    assert time[-1] > left + SAFETY.leave_time + SAFETY.rise_time
+    assert not trace.series["contact_most"][time > left + 1.0].any()  # 0.59 s measured
+    assert not trace.series["collision"].any()

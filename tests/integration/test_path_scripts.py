@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.toolpath import path_deviation as paths
+from experiments.toolpath import path_deviation
+from experiments.toolpath.path_deviation import PathScene, TrueSurface, angles
+from experiments.toolpath.paths import PathCase, path_row
 from surface_distance import signed_distance
+from untyped import untyped
 from uuv.jobs import clean_barrel, clean_object
 from uuv.models.meshes.closed_shells import sphere
 from uuv.models.meshes.ply_files import write_ply
@@ -24,7 +27,7 @@ def test_true_surface_of_a_ball(within):
     radius = 0.5
     unit, triangles = sphere(5)
     ball = TargetModel(name="ball", vertices=radius * unit, triangles=triangles)
-    surface = paths.TrueSurface(ball)
+    surface = TrueSurface(ball)
     rng = np.random.default_rng(2)
     outward, aside = rng.standard_normal((2, 20, 3))
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
@@ -34,48 +37,31 @@ def test_true_surface_of_a_ball(within):
     p = (radius + height)[:, None] * outward
     # the sagitta of a side: 0.25 mm
     within("distance [m]", surface.distances(p, -outward) - height, 3e-3)
-    within("normal [rad]", paths.angles(surface.normals(p), outward), 1e-2)
+    within("normal [rad]", angles(surface.normals(p), outward), 1e-2)
     within(
         "distance beside the axis [m]",
         surface.distances(1.2 * radius * outward, x) - 0.2 * radius,
         3e-3,
     )
     on = radius * outward
-    within("mean normal [rad]", paths.angles(surface.mean_normals(on, x, -outward), outward), 1e-2)
-
-
-def test_row_tells_refused_and_unseen():
-    spread = {"rms": 0.001, "max": 0.002}
-    path = {
-        "seen": 0.5,
-        "model_m": {"rms": 0.01, "max": 0.03},
-        "path_m": spread,
-        "unseen_m": {"rms": 0.02, "max": 0.04},
-        "within": 1.0,
-        "tilt_rad": spread,
-        "turn_in_pad_rad": spread,
-    }
-    blind = dict.fromkeys(path) | {"seen": 0.0, "unseen_m": {"rms": 0.05, "max": 0.06}}
-    row = paths.cells_of([path, blind, {"refused": "a hole"}], trials=4)
-    assert row[:8] == ["50%", "25%", "10.0", "30.0", "1.0", "2.0", "100.0%", "60.0"]
-    assert paths.cells_of([{"refused": "a hole"}], trials=1) == ["100%", *["-"] * 10]
+    within("mean normal [rad]", angles(surface.mean_normals(on, x, -outward), outward), 1e-2)
 
 
 def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPatch):
     """Measured: 0.6 to 0.9 mm RMS where the model is 4 to 10 mm off; the tilt of the tool 2.3 to
     2.8 deg RMS.
     """
-    monkeypatch.setattr(paths, "_PATCHES", 1)
+    monkeypatch.setattr(path_deviation, "_PATCHES", 1)
     known = rock()
     path = known.path("across")
     view = (0.0, 0.0, float(path.p[:, 2].mean()) + 1.0)
-    scene = paths.PathScene(known, "fouled", (0.02, 0.03), {"across": path}, view)
-    case = paths.PathCase("rock", 1, looks=4, exact=False, judged=False)
-    found = paths.trial(scene, case)["paths"]["across"]
-    assert found["seen"] == 1.0
-    assert 0.02 - 5e-3 < found["model_m"]["max"] < 0.03 + 5e-3
-    assert found["path_m"]["rms"] < 0.5 * found["model_m"]["rms"]
-    assert found["tilt_rad"]["rms"] < np.deg2rad(10.0)
+    scene = PathScene(known, "fouled", (0.02, 0.03), {"across": path}, view)
+    case = PathCase(object="rock", seed=1, looks=4, judged=False)
+    row = path_row(scene, case)
+    assert untyped(row.seen["across"]) == 1.0
+    assert 0.02 - 5e-3 < untyped(row.model_largest["across"]) < 0.03 + 5e-3
+    assert untyped(row.path_rms["across"]) < 0.5 * untyped(row.model_rms["across"])
+    assert untyped(row.tilt_rms["across"]) < np.deg2rad(10.0)
 
 
 def placed(scenario: Scenario) -> PlacedSurfaceWork:

@@ -47,4 +47,4 @@ def test_study_of_terrains(script, tmp_path):
     runs = read_rows(tmp_path)
     assert [run["kind"] for run in runs] == ["flat", "ripples"]
     for each in runs:
-        assert each["refused"] or each["hull_to_true_ground_m"] > 0.25
+        assert each["refused"] or each["hull_gap"] > 0.25

@@ -14,6 +14,8 @@ from uuv.sim.runs.help_texts import help_texts
 
 SEED = "seed"
 RUNS = "runs"
+
+
 @dataclass(kw_only=True)
 class ExperimentOptions(HarnessOptions):
     """Options of every experiment, beside those of its cases."""

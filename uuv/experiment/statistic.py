@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from uuv.experiment.columns import ResultColumn, known_column, with_unit
-from uuv.sim.evaluation.statistics import share_interval
+from uuv.sim.evaluation.intervals import share_interval
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array
 

@@ -1,13 +1,13 @@
-"""Fault cases of a contact job, each of which goes on from one run where the faults begin.
+"""Faults of a contact job, each of which goes on from one run where the faults begin.
 
-The run is not repeated: it is saved at the onsets, and goes on from there with one fault after the
+The run is not repeated: it is saved at the onset, and goes on from there with one fault after the
 other. At work the faults begin at full push, in other phases shortly after their begin.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -80,14 +80,15 @@ DOUBLED = "current doubled in 1 s"
 FARTHER, NEARER = "found 8 cm too deep", "found 5 cm too high"
 AT_START = (FARTHER, NEARER)  # these begin before the scan
 
-
-# RETREAT while the force is ramped down, and after an earlier fault
-UNLOAD, ASCENT = "unload", "ascent"
-AT_WORK, RETREATING = str(WorkState.WORK), str(WorkState.RETREAT)
-PHASES = (
-    *map(str, (WorkState.SCAN, WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS)),
-    *(AT_WORK, UNLOAD, RETREATING, ASCENT),
-)
+PhaseName = Literal["scan", "close-in", "approach", "press", "work", "unload", "retreat", "ascent"]
+PHASES: tuple[PhaseName, ...] = get_args(PhaseName)
+SETTLE = str(WorkState.SETTLE)  # phase of AT_START
+AT_WORK = str(WorkState.WORK)
+RETREATING = str(WorkState.RETREAT)
+UNLOAD = "unload"  # RETREAT while the force is ramped down
+ASCENT = "ascent"  # RETREAT after an earlier fault
+# State up to which the run to a phase is compiled, where it has another name.
+_STATE_BEFORE = {UNLOAD: RETREATING, ASCENT: AT_WORK}
 _EARLIER = 4  # thruster whose loss at work begins the ascent: a heave thruster
 
 
@@ -101,35 +102,40 @@ class Trace:
     fault.
     """
 
-    case: str
-    phase: str  # one of PHASES, in which the fault began
-    began: float  # [s] onset, from the start of the run
+    fault: str
+    phase: str  # SETTLE or one of PHASES, in which the fault began
     set_force: float  # [N] at the onset
     thruster_names: tuple[str, ...]
-    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from its pose at the onset [m],
-    # tilt [rad], collision, least and greatest contact of a substep [N], thrusts [N]
-    rows: Array
-    states: list[tuple[float, WorkState, str]]
-    # time, kind and part of each fault that FaultDetection found
-    found: list[tuple[float, str, str]]
-    blew_up: str = ""
+
+    # (N,) each: time [s], contact_normal, contact_least, contact_most (of a substep), felt,
+    # set_force [N], tilt [rad], collision; moved (N, 3) [m] from the hull's pose at the onset in W,
+    # thrust (N, m) [N]
+    series: Mapping[str, Array]
+    states: list[tuple[float, WorkState, str]]  # each from its first step on, with its note
+    reports: list[tuple[float, str, str]]  # time, kind and part of each fault that was detected
+    blew_up: str = ""  # message of the error that ended the run
 
 
 class TraceRecorder:
     """Observer that records the trace, and ends the run in time."""
 
-    def __init__(self, case: str, first: Moment, phase: str) -> None:
-        self._case, self._began, self._phase = case, float(first.truth.time), phase
-        self._first = first.tick
+    def __init__(self, fault: str, first: Moment, phase: str) -> None:
+        self._fault = fault
+        self._phase = phase
         at_work = phase in (AT_WORK, UNLOAD, RETREATING, ASCENT)
-        self._longest = LONGEST if at_work and case not in AT_START else _LONGER
+        self._longest = LONGEST if at_work else _LONGER
+
+        # what the trace is relative to
+        self._first = first.tick
+        self._began = float(first.truth.time)
         self._set = first.reference.set_force
         self._p_WB = np.array(first.truth.p_WB)
         self._up = np.array(first.truth.R_WB[2])
-        self.states: list[tuple[float, WorkState, str]] = []
-        self.found: list[tuple[float, str, str]] = []
-        self._rows: list[tuple[float, ...]] = []
         self._names = first.truth.vehicle.thruster_names
+
+        self._states: list[tuple[float, WorkState, str]] = []
+        self._reports: list[tuple[float, str, str]] = []
+        self._steps: list[dict[str, Any]] = []
         self._over = np.inf
 
     def observe(self, moment: Moment) -> None:
@@ -140,87 +146,92 @@ class TraceRecorder:
         """
         if moment.tick == self._first:
             return
-        truth, reference = moment.truth, moment.reference
+        truth = moment.truth
+        reference = moment.reference
         time = truth.time - self._began
-        if not self.states or reference.state is not self.states[-1][1]:
-            self.states.append((time, reference.state, reference.note))
+
+        # what the vehicle does, and what it reports
+        if not self._states or reference.state is not self._states[-1][1]:
+            self._states.append((time, reference.state, reference.note))
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 self._over = time
         for fault in moment.command.faults:
-            if (str(fault.kind), fault.part) not in (one[1:] for one in self.found):
-                self.found.append((time, str(fault.kind), fault.part))
+            if (str(fault.kind), fault.part) not in (report[1:] for report in self._reports):
+                self._reports.append((time, str(fault.kind), fault.part))
+
+        # what happens to it
         tilt = float(np.arccos(np.clip(truth.R_WB[2] @ self._up, -1.0, 1.0)))
-        self._rows.append(
-            (
-                time,
-                truth.contact_normal,
-                moment.command.contact.normal,
-                reference.set_force,
-                *(truth.p_WB - self._p_WB),
-                tilt,
-                float(truth.collision),
-                truth.contact_least,
-                truth.contact_most,
-                *truth.thrust,
-            )
+        self._steps.append(
+            {
+                "time": time,
+                "contact_normal": truth.contact_normal,
+                "contact_least": truth.contact_least,
+                "contact_most": truth.contact_most,
+                "felt": moment.command.contact.normal,
+                "set_force": reference.set_force,
+                "moved": truth.p_WB - self._p_WB,
+                "tilt": tilt,
+                "collision": float(truth.collision),
+                "thrust": np.array(truth.thrust),
+            }
         )
         if time > self._over + LINGER or time > self._longest:
             raise CaseDoneError
 
     def trace(self, blew_up: str = "") -> Trace:
         """The trace up to now; `blew_up` is the message of an error that ended the run."""
+        names = self._steps[0] if self._steps else ()
         return Trace(
-            case=self._case,
+            fault=self._fault,
             phase=self._phase,
-            began=self._began,
             set_force=self._set,
             thruster_names=self._names,
-            rows=np.array(self._rows),
-            states=self.states,
-            found=self.found,
+            series={name: np.array([step[name] for step in self._steps]) for name in names},
+            states=self._states,
+            reports=self._reports,
             blew_up=blew_up,
         )
 
 
-class Branching:
-    """Finds the steps of a run at which the faults begin, one in each phase.
+class PhaseBegin:
+    """Finds the step of a run at which the fault of a phase begins.
 
     Args:
-        phases: In which they begin.
+        phase: Of PHASES.
         force: [N] set force of the job.
         timestep: [s] of the loop.
     """
 
-    def __init__(self, phases: tuple[str, ...], force: float, timestep: float) -> None:
-        self._ascending = ASCENT in phases
-        self._full, self._timestep = _FULL * force, timestep
-        self._ready, self._now = 0.0, str(WorkState.SETTLE)
-        self.left = set(phases)  # those to come
-        self.phase = ""  # the one that was found
+    def __init__(self, phase: str, force: float, timestep: float) -> None:
+        self._phase = phase
+        self._full = _FULL * force
+        self._timestep = timestep
+        self._steps = 0  # for which the phase has lasted, the first one not counted
+        self._now = SETTLE
 
     def begins(self, moment: Moment) -> bool:
-        """True if faults begin at this step, in `phase` then."""
+        """True if the fault begins at this step."""
         reference = moment.reference
-        phase = self._named(reference)
-        at_work = phase == AT_WORK
-        begun = phase in self.left and (not at_work or reference.set_force >= self._full)
-        self._ready = self._ready + 1.0 if begun and phase == self._now else 0.0
-        self._now = phase
-        if self._ready * self._timestep <= (_HELD if at_work else _BEGUN):
-            return False
-        self.left.remove(phase)
-        self.phase = phase
-        return True
+        at_work = self._phase == AT_WORK
+        before = self._now
+        self._now = self._phase_of(reference)
 
-    def _named(self, reference: Reference) -> str:
+        lasts = self._now == before == self._phase
+        lasts &= not at_work or reference.set_force >= self._full
+        self._steps = self._steps + 1 if lasts else 0
+        return self._steps * self._timestep > (_HELD if at_work else _BEGUN)
+
+    def _phase_of(self, reference: Reference) -> str:
         """Phase of PHASES, or the state of the work where it is none of them."""
         if reference.state is not WorkState.RETREAT:
             return str(reference.state)
-        return ASCENT if self._ascending else UNLOAD if reference.set_force > 0.0 else RETREATING
+        if self._phase == ASCENT:
+            return ASCENT
+        return UNLOAD if reference.set_force > 0.0 else RETREATING
 
 
 def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """Arguments of `ThrusterFault` by case."""
+    """Arguments of `ThrusterFault` by fault."""
     dead = {f"thruster {name} dead": {"thruster": i} for i, name in enumerate(names)}
     stuck = {
         f"thruster {name} stuck {how}": {"thruster": i, "stuck": True, "command": command}
@@ -230,19 +241,9 @@ def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     return {**dead, **stuck, f"thruster {names[0]} at 60 %": {"thruster": 0, "share": 0.6}}
 
 
-def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list[str]:
-    """Names of the cases that contain one of the words `only`; all if it is empty.
-
-    Raises:
-        ConfigurationError: No case matches.
-    """
-    names = [NOTHING, *thruster_cases(thruster_names), DOUBLED, *SENSORS, *AT_START]
-    chosen = [name for name in names if not only or any(part in name for part in only)]
-    if not chosen:
-        raise ConfigurationError(
-            f"--only {' '.join(only)}: there is no such case; there are {', '.join(names)}"
-        )
-    return chosen
+def fault_names(thruster_names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of all faults of a vehicle with these thrusters."""
+    return (NOTHING, *thruster_cases(thruster_names), DOUBLED, *SENSORS, *AT_START)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -251,34 +252,29 @@ class _Job:
 
     plant: FaultyPlant
     parts: Parts
-    onsets: Mapping[str, Onset]  # of each case
+    onsets: Mapping[str, Onset]  # of each fault
     earlier: Onset  # of the loss that begins the ascent
-    force: float  # [N] first set force
     built: Assembly
 
     @classmethod
-    def of(cls, scenario: Scenario, only: tuple[str, ...], *, ascending: bool) -> "_Job":
+    def of(cls, scenario: Scenario, *, ascending: bool) -> "_Job":
         """The job of a scenario.
 
         Args:
             scenario: Surface work.
-            only: Parts of names of the cases; empty: all.
             ascending: A heave thruster is lost at work.
-
-        Raises:
-            ConfigurationError: No case matches.
         """
         built = assemble(scenario)
         names = built.plant.vehicle.thruster_names
-        chosen, force = chosen_cases(names, only), first_force(scenario)
         onsets = {
-            name: Onset(duration=SENSORS[name][2] if name in SENSORS else np.inf) for name in chosen
+            name: Onset(duration=SENSORS[name][2] if name in SENSORS else np.inf)
+            for name in fault_names(names)
         }
-        earlier = Onset(state=WorkState.WORK, force=_FULL * force, after=_HELD)
+        earlier = Onset(state=WorkState.WORK, force=_FULL * first_force(scenario), after=_HELD)
 
-        how = thruster_cases(names)
         lost = [
-            faults.ThrusterFault(onset=onsets[name], **how[name]) for name in how if name in onsets
+            faults.ThrusterFault(onset=onsets[name], **how)
+            for name, how in thruster_cases(names).items()
         ]
         if ascending:
             lost.append(faults.ThrusterFault(thruster=_EARLIER, onset=earlier))
@@ -287,30 +283,65 @@ class _Job:
             parts=_with_faults(built.parts, onsets),
             onsets=onsets,
             earlier=earlier,
-            force=force,
             built=built,
         )
 
     def begin(self, *observers: Observer) -> Rollout:
         """A run from the start; each has the same random numbers."""
         built = replace(self.built, noise=deepcopy(self.built.noise))
-        doubled = self.onsets.get(DOUBLED)
-        profile = None if doubled is None else faults.changing(doubled, 2.0, 1.0)
+        profile = faults.changing(self.onsets[DOUBLED], 2.0, 1.0)
         built.plant.reset(current=built.current(profile), X_WB=built.X_WB)
         return Rollout(self.plant, self.parts, built.noise, [self.earlier, *observers])
 
-    def trace(self, states: Any, tracer: TraceRecorder, onset: Onset) -> Trace:
-        """Goes on from a saved run with one fault.
 
-        Args:
-            states: Copy of those of the run and of `earlier`, which is used up.
-            tracer: Records the case.
-            onset: Of its fault, which begins now.
-        """
-        run = self.begin(tracer)
+def _with_faults(parts: Parts, onsets: Mapping[str, Onset]) -> Parts:
+    """Parts whose sensors and finder have the faults."""
+    sensors = []
+    for sensor in parts.sensors:
+        for name, (kind, fault, _) in SENSORS.items():
+            if type(getattr(sensor, "sound", sensor)) is kind:
+                sensor = FaultySensor(sensor, fault, onsets[name])
+        sensors.append(sensor)
+
+    finder = parts.finder
+    assert finder is not None
+    for name, depth in ((FARTHER, -0.08), (NEARER, 0.05)):
+        finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
+    return replace(parts, sensors=sensors, finder=finder)
+
+
+class Branch:
+    """A run up to the onset of a phase, which goes on from there with one fault after the other.
+
+    Args:
+        scenario: Surface work.
+        phase: SETTLE, before the scan, or one of PHASES; before ASCENT a heave thruster is lost.
+
+    Raises:
+        ConfigurationError: The job does not come to that phase.
+    """
+
+    def __init__(self, scenario: Scenario, phase: str) -> None:
+        self._phase = phase
+        job = _Job.of(scenario, ascending=phase == ASCENT)
+        run = job.begin()
+        self._first = _at_onset(run, job, scenario, phase)
+
+        # The first step stays as it is: what goes on from there is another job.
+        states = {"run": run.save(), "earlier": job.earlier.save()}
+        self._states = Snapshot(states, "the state of the run")
+        self._job = _Job.of(scenario, ascending=phase == ASCENT)
+
+    def trace(self, fault: str) -> Trace:
+        """Goes on with one fault, which begins now."""
+        recorder = TraceRecorder(fault, self._first, self._phase)
+        states = self._states.copy()
+        run = self._job.begin(recorder)
         run.resume(states["run"])
-        self.earlier.resume(states["earlier"])
-        onset.begin(float(self.plant.plant.truth.time))
+        self._job.earlier.resume(states["earlier"])
+
+        onset = self._job.onsets[fault]
+        onset.begin(float(self._job.plant.plant.truth.time))
         blew_up = ""
         try:
             run_on(run, _WHOLE, until=never)
@@ -319,74 +350,28 @@ class _Job:
         except Exception as error:
             blew_up = f"{type(error).__name__}: {error}"
         onset.resume(np.inf)
-        return tracer.trace(blew_up)
+        return recorder.trace(blew_up)
 
 
-def _with_faults(parts: Parts, onsets: Mapping[str, Onset]) -> Parts:
-    """Parts whose sensors and finder have the faults of the cases."""
-    sensors = []
-    for sensor in parts.sensors:
-        for name, (kind, fault, _) in SENSORS.items():
-            if name in onsets and type(getattr(sensor, "sound", sensor)) is kind:
-                sensor = FaultySensor(sensor, fault, onsets[name])
-        sensors.append(sensor)
-    finder = parts.finder
-    assert finder is not None
-    for name, depth in ((FARTHER, -0.08), (NEARER, 0.05)):
-        if name in onsets:
-            finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
-    return replace(parts, sensors=sensors, finder=finder)
-
-
-def run_branched(
-    scenario: Scenario,
-    only: tuple[str, ...],
-    said: Callable[[Trace], None],
-    phases: tuple[str, ...] = (AT_WORK,),
-) -> None:
-    """Runs the job up to the onsets, and from there once for each case.
-
-    Args:
-        scenario: Surface work.
-        only: Parts of names of the cases to run; empty: all.
-        said: Called with the trace of each case.
-        phases: In which the faults begin; ASCENT only alone, for its run has an earlier fault.
+def _at_onset(run: Rollout, job: _Job, scenario: Scenario, phase: str) -> Moment:
+    """Runs a job up to the onset of a phase, its first step if that is SETTLE.
 
     Raises:
-        ConfigurationError: No case matches, or the job does not come to the first of the phases.
+        ConfigurationError: It does not come to it.
     """
-    job, branch = (_Job.of(scenario, only, ascending=ASCENT in phases) for _ in range(2))
-    at_start = [case for case in job.onsets if case in AT_START]
-    later = [case for case in job.onsets if case not in AT_START]
+    if phase == SETTLE:
+        return run_on(run, _WHOLE, until=never, pause=lambda _: True)
 
-    def go_on(run: Rollout, moment: Moment, phase: str, cases: list[str]) -> None:
-        states = {"run": run.save(), "earlier": job.earlier.save()}
-        saved_here = Snapshot(states, "fault study: the state of the run")
-        for case in cases:
-            tracer = TraceRecorder(case, moment, phase)
-            said(branch.trace(saved_here.copy(), tracer, branch.onsets[case]))
-
-    if at_start:
-        run = job.begin()
-        first = run_on(run, _WHOLE, until=never, pause=lambda _: True)
-        go_on(run, first, str(WorkState.SETTLE), at_start)
-    if not later:
-        return
-
-    # Compiled up to the first of the phases, and from there with every fault in the job.
-    start = saved(scenario, min(map(_state_of, phases), key=list(WorkState).index), full=False)
-    run = job.begin()
+    # Compiled up to the state of the phase, and from there with every fault in the job.
+    start = saved(scenario, _STATE_BEFORE.get(phase, phase), full=False)
     start.resume(run, None, [job.earlier])
-    branching = Branching(phases, job.force, job.plant.timestep)
-    branching.begins(run.decide())  # it counts the steps of a phase from the first one on
-    while branching.left:
-        moment = run_on(run, _WHOLE, until=never, pause=branching.begins)
-        if run.stage is not Stage.COMMANDED:
-            return
-        go_on(run, moment, branching.phase, later)
+    begin = PhaseBegin(phase, first_force(scenario), job.plant.timestep)
+    begin.begins(run.decide())  # it counts the steps of a phase from the first one on
+    moment = run_on(run, _WHOLE, until=never, pause=begin.begins)
 
-
-def _state_of(phase: str) -> WorkState:
-    """State of the work in which a phase of PHASES is, or comes."""
-    late = {UNLOAD: WorkState.RETREAT, ASCENT: WorkState.WORK}
-    return late[phase] if phase in late else WorkState(phase)
+    if run.stage is not Stage.COMMANDED:
+        raise ConfigurationError(
+            f"phase: {phase} was not reached; the run ended at {moment.truth.time:.1f} s in "
+            f"{moment.reference.state}"
+        )
+    return moment

@@ -1,15 +1,11 @@
-"""Tool paths on fouled and dented objects against their true surface: one scene, and the table of
-many.
-"""
+"""Fouled and dented objects: their scenes, and tool paths against their true surface."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from uuv.experiment import Row, Summary, Table
 from uuv.models.meshes.closed_shells import vertex_normals
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.ray_casting import RayScene
@@ -26,7 +22,7 @@ from uuv.models.objects.targets import (
     vertical,
 )
 from uuv.perception.clouds.scan import Scan
-from uuv.perception.finding.target_finder import Frame, with_fused_frames
+from uuv.perception.finding.target_finder import Frame
 from uuv.perception.registration.identification import Identification, identify
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.toolpath.path_deviation import deviate
@@ -37,9 +33,6 @@ from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
 from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.depth_camera import NOISE, DepthCamera
 from uuv.sim.sensors.stereo_noise import StereoNoise
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 BOUND = 0.003  # [m] allowed distance of the path from the true surface
 _AHEAD = 0.08  # [m] before the path, where rays to the true surface start
@@ -76,9 +69,10 @@ class PathScene:
         near = np.vstack([path.p for path in self.paths.values()])
         deform = getattr(deformed, self.kind)
         true = deform(self.known, streams["deformation"], _PATCHES, self.height, near)
+
         eye = np.array(self.view) + streams["camera"].uniform(-0.15, 0.15, 3)
         X_TC = pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye)
-        return true, looks_at(true.target, X_TC, count, noise, streams)
+        return true, frames_of(true.target, X_TC, count, noise, streams)
 
 
 _BARREL = (
@@ -103,7 +97,7 @@ class _PathPoses:
     xmat: Array
 
 
-def looks_at(
+def frames_of(
     target: TargetModel, X_TC: Array, count: int, noise: StereoNoise | None, streams: Streams
 ) -> list[Frame]:
     """Depth frames of an object from a camera that sways about a pose and knows where it is.
@@ -123,14 +117,15 @@ def looks_at(
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+
     truth = _PathPoses(time=0.0, xpos=data.xpos, xmat=data.xmat)
-    looks: list[Frame] = []
+    frames: list[Frame] = []
     for k in range(count):
         X = X_TC @ pose(p=_SWAY * streams[f"sway {k}"].standard_normal(3))
         camera = DepthCamera(model, "world", X, noise=noise)
         _, image = camera.step(camera.init(streams[f"noise {k}"]), truth)
-        looks.append(Frame(scan=Scan.from_depth(image), X_WS=X))
-    return looks
+        frames.append(Frame(scan=Scan.from_depth(image), X_WS=X))
+    return frames
 
 
 class TrueSurface:
@@ -187,202 +182,87 @@ def angles(a: Array, b: Array) -> Array:
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
 
 
-@dataclass(frozen=True)
-class PathCase:
-    """One scene with one seed; a case of the study."""
-
-    scene: str  # of SCENES
-    seed: int
-    looks: int  # depth frames whose median the path is planned on
-    exact: bool  # exact depth
-    judged: bool  # plan only on accepted identifications
+def identified(known: TargetModel, frame: Frame, streams: Streams) -> Identification:
+    """Identification of an object in a frame, from a drawn coarse detection."""
+    approach, orientation = coarse_detection(inverse(frame.X_WS), streams["detection"])
+    return identify(frame.scan, ModelSurface.of(known), approach, orientation)
 
 
-def run(case: PathCase) -> Row:
-    """Row of one case: see `trial`."""
-    return {"object": case.scene, **trial(SCENES[case.scene], case)}
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PathFigures:
+    """Deviations of one path, over its seen part if not said otherwise; None: there is none."""
+
+    refused: str = ""  # why no path was planned
+    seen: float | None = None  # share of the path
+    model_rms: float | None = None  # [m] distance of the undeformed model from the true surface
+    model_largest: float | None = None
+    path_rms: float | None = None  # [m] that of the path
+    path_largest: float | None = None
+    within: float | None = None  # share of the seen part that is within BOUND
+    unseen_largest: float | None = None  # [m] of the path where it is not seen
+    tilt_rms: float | None = None  # [rad] of the tool against the true normal
+    tilt_largest: float | None = None
+    turn_rms: float | None = None  # [rad] of the mean normal within the pad against that at its tip
+    profile: Mapping[str, list[float]] | None = None  # arc length [m], distance [m], and seen
 
 
-def trial(scene: PathScene, case: PathCase) -> Row:
-    """Identification error, and the deviations of each path of a scene."""
-    streams = Streams(case.seed)
-    true, looks = scene.seen(streams, case.looks, None if case.exact else NOISE)
-    X_CT = inverse(looks[-1].X_WS)
-    approach, orientation = coarse_detection(X_CT, streams["detection"])
-    found = identify(looks[-1].scan, ModelSurface.of(scene.known), approach, orientation)
-    position, angle = scene.known.symmetry.error(found.X_sensor_target, X_CT)
-    result: Row = {
-        "seed": case.seed,
-        "accepted": found.accepted,
-        "reason": found.reason,
-        "position_error_m": position,
-        "orientation_error_rad": angle,
-        "paths": {},
-    }
-    if case.judged and not found.accepted:
-        return result
-    found = with_fused_frames(replace(found, accepted=True), looks)
-    surface = TrueSurface(true.target)
-    for name, path in scene.paths.items():
-        result["paths"][name] = _of_path(found, path, surface, inverse(X_CT))
-    return result
-
-
-def _of_path(
-    found: Identification, path: ModelPath, surface: TrueSurface, X_TS: Array
-) -> dict[str, Any]:
-    try:
-        planned = plan_path(found, path)
-    except PerceptionError as error:
-        return {"refused": str(error)}
-    carried = carry(found.X_sensor_target, densified(path))
-    assert found.evidence is not None
-    deviation = deviate(found.evidence, found.surface, found.X_sensor_target, carried, 0.05, 0.06)
-    share = np.linspace(0.0, 1.0, len(planned.s))
-    seen = (
-        np.interp(share, np.linspace(0.0, 1.0, len(carried.p)), deviation.seen.astype(float)) > 0.5
-    )
-    model_T, tool_T = (
-        carry(X_TS, carried),
-        carry(X_TS, ModelPath(p=planned.p, a=planned.z, b=planned.x)),
-    )
-    model = surface.distances(model_T.p, model_T.a)
-    off = surface.distances(tool_T.p, tool_T.a)
-    normal = surface.normals(tool_T.p)
-    return {
-        "seen": float(seen.mean()),
-        "model_m": _spread(model[deviation.seen]),
-        "path_m": _spread(off[seen]),
-        "unseen_m": _spread(off[~seen]),
-        "within": float(np.mean(np.abs(off[seen]) < BOUND)) if seen.any() else None,
-        "tilt_rad": _spread(angles(-tool_T.a, normal)[seen]),
-        "turn_in_pad_rad": _spread(
-            angles(surface.mean_normals(tool_T.p, tool_T.b, tool_T.a), normal)[seen]
-        ),
-        "profile": {
-            "s": planned.s[::4].tolist(),
-            "off": off[::4].tolist(),
-            "seen": seen[::4].tolist(),
-        },
-    }
-
-
-def _spread(values: Array) -> dict[str, float] | None:
-    """RMS and largest magnitude of `values`; None if empty."""
-    if not len(values):
-        return None
-    return {"rms": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
-
-
-def cells_of(paths: list[dict[str, Any]], trials: int) -> list[str]:
-    """Cells of the table for one path of one object: `paths` planned or refused, in `trials`
-    scenes.
-    """
-
-    def both(name: str, scale: float) -> list[str]:
-        spreads = [path[name] for path in planned if path[name] is not None]
-        if not spreads:
-            return ["-", "-"]
-        rms = np.sqrt(np.mean([spread["rms"] ** 2 for spread in spreads]))
-        return [f"{scale * rms:.1f}", f"{scale * max(spread['max'] for spread in spreads):.1f}"]
-
-    mm, deg = 1e3, float(np.degrees(1.0))
-    planned = [path for path in paths if "refused" not in path]
-    within = [path["within"] for path in planned if path["within"] is not None]
-    return [
-        f"{1.0 - len(planned) / trials:.0%}",
-        f"{np.mean([path['seen'] for path in planned]):.0%}" if planned else "-",
-        *both("model_m", mm),
-        *both("path_m", mm),
-        f"{np.mean(within):.1%}" if within else "-",
-        both("unseen_m", mm)[1],
-        *both("tilt_rad", deg),
-        both("turn_in_pad_rad", deg)[0],
-    ]
-
-
-def summarise(rows: list[Row], looks: str) -> Summary:
-    """Table by object and path; the bound is that of all seen parts of all paths.
+def path_figures(
+    identification: Identification, path: ModelPath, surface: TrueSurface, X_TS: Array
+) -> PathFigures:
+    """Plans a path and compares it with the true surface.
 
     Args:
-        rows: Rows of all scenes.
-        looks: Number and kind of the depth frames, for the title.
+        identification: Of the object, with the fused frames.
+        path: On the undeformed model.
+        surface: The true one, in T.
+        X_TS: (4, 4) true pose of the sensor in T.
     """
-    results = {name: [row for row in rows if row["object"] == name] for name in SCENES}
-    trials = len(rows) // len(SCENES)
-    cells = [
-        (name, path, *cells_of([each["paths"][path] for each in found if each["paths"]], trials))
-        for name, found in results.items()
-        for path in SCENES[name].paths
-    ]
-    planned = [path for row in rows for path in row["paths"].values()]
-    worst = max((path["path_m"]["max"] for path in planned if path.get("path_m")), default=None)
-    failed = (
-        []
-        if worst is not None and worst < BOUND
-        else [f"off the true surface: {_mm(worst)}, allowed {_mm(BOUND)}"]
-    )
-    table = Table(
-        title=f"Paths on the true surface, {trials} seeds from {rows[0]['seed']}, {looks}; RMS "
-        "and largest",
-        caption="model, path (where seen) and unseen: off the true surface in mm; tilt of the "
-        "tool and turn of the "
-        "true normal within the pad, where seen, in deg",
-        columns=(*_COLUMNS, "tilt", "max", "turn"),
-        rows=cells,
-        labels=2,
-    )
-    return Summary(
-        metrics={"worst_m": worst}, tables=[table], pictures=_pictures(results), failed=failed
-    )
+    try:
+        planned = plan_path(identification, path)
+    except PerceptionError as error:
+        return PathFigures(refused=str(error))
 
+    # Which part of the path is seen.
+    X_ST = identification.X_sensor_target
+    carried = carry(X_ST, densified(path))
+    assert identification.evidence is not None
+    deviation = deviate(identification.evidence, identification.surface, X_ST, carried, 0.05, 0.06)
+    share = np.linspace(0.0, 1.0, len(planned.s))
+    along = np.linspace(0.0, 1.0, len(carried.p))
+    seen = np.interp(share, along, deviation.seen.astype(float)) > 0.5
 
-_COLUMNS = (
-    "object",
-    "path",
-    "refused",
-    "seen",
-    "model",
-    "max",
-    "path",
-    "max",
-    "<= 3",
-    "unseen max",
-)
+    # Model and path off the true surface.
+    model_T = carry(X_TS, carried)
+    tool_T = carry(X_TS, ModelPath(p=planned.p, a=planned.z, b=planned.x))
+    model = surface.distances(model_T.p, model_T.a)[deviation.seen]
+    distance = surface.distances(tool_T.p, tool_T.a)
 
-
-def _mm(value: float | None) -> str:
-    return "no path" if value is None else f"{1e3 * value:.1f} mm"
-
-
-def _pictures(results: dict[str, list[Row]]) -> Iterator[tuple[str, str, "Figure"]]:
-    yield (
-        "Paths",
-        "Distance of every path from the true surface, where seen; grey: the bound.",
-        picture(results),
+    # The tool against the normal.
+    normal = surface.normals(tool_T.p)
+    tilt = angles(-tool_T.a, normal)[seen]
+    turn = angles(surface.mean_normals(tool_T.p, tool_T.b, tool_T.a), normal)[seen]
+    return PathFigures(
+        seen=float(seen.mean()),
+        model_rms=_rms(model),
+        model_largest=_largest(model),
+        path_rms=_rms(distance[seen]),
+        path_largest=_largest(distance[seen]),
+        within=float(np.mean(np.abs(distance[seen]) < BOUND)) if seen.any() else None,
+        unseen_largest=_largest(distance[~seen]),
+        tilt_rms=_rms(tilt),
+        tilt_largest=_largest(tilt),
+        turn_rms=_rms(turn),
+        profile={
+            "s": planned.s[::4].tolist(),
+            "distance": distance[::4].tolist(),
+            "seen": seen[::4].tolist(),
+        },
     )
 
 
-def picture(results: dict[str, list[Row]]) -> "Figure":
-    """Plots the distance of every planned path from the true surface."""
-    from matplotlib.figure import Figure
+def _rms(values: Array) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
-    figure = Figure(figsize=(9, 2.4 * len(results)), layout="constrained")
-    for axes, (name, trials) in zip(
-        np.atleast_1d(figure.subplots(len(results))), results.items(), strict=True
-    ):
-        for found in trials:
-            for k, path in enumerate(found["paths"].values()):
-                if "profile" in path:
-                    seen = np.array(path["profile"]["seen"])
-                    off = 1e3 * np.where(seen, path["profile"]["off"], np.nan)
-                    axes.plot(path["profile"]["s"], off, color=f"C{k}", linewidth=0.8)
-        axes.axhspan(-1e3 * BOUND, 1e3 * BOUND, color="0.9")
-        axes.set(title=f"{name}; grey: the bound", ylabel="off the true surface [mm]")
-        names = next((list(found["paths"]) for found in trials if found["paths"]), [])
-        for k, path_name in enumerate(names):
-            axes.plot([], [], color=f"C{k}", label=path_name)
-        if names:
-            axes.legend(fontsize="small", loc="upper right")
-    figure.supxlabel("along the path [m], where seen; a line a seed")
-    return figure
+
+def _largest(values: Array) -> float | None:
+    return float(np.abs(values).max()) if len(values) else None

@@ -2,12 +2,12 @@
 check switched off.
 """
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from experiments.faults.quiet_runs import CURRENT, GUST, WAVE, WORKERS, draw, summarise
+from experiments.faults.false_alarms import CURRENT, GUST, WAVE, WORKERS, draw, false_alarms
 from untyped import untyped
 from uuv import assemble, jobs
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -16,8 +16,9 @@ from uuv.sim.interfaces.messages import FaultKind
 
 def row(run: int, *faults: str, **more):
     """Row of a run of the default vehicle that was done, not repeated without the check."""
-    usual = {"vehicle": "uuv_puma", "job": "tap", "ended": "done", "why": "", "touched": True}
-    return {"run": run, **usual, "faults": [*faults], "digest": "a", "paired": False, **more}
+    end = {"ended": "done", "why": "", "touched": True, "faults": [*faults], "digest": "a"}
+    case = asdict(draw(7, run)) | {"vehicle": "uuv_puma", "job": "tap"}
+    return {**case, **end, "unchecked": None, "same": None, **more}
 
 
 def test_the_draw_takes_every_job_of_every_vehicle_within_its_seas():
@@ -47,20 +48,21 @@ def test_the_scenario_of_a_case_has_its_sea():
 
 
 def test_a_gyro_or_an_attitude_that_is_named_fails_the_study_and_another_fault_is_counted():
-    sound = summarise([row(0), row(1, "thruster sway", ended="thruster lost")])
+    sound = false_alarms.summary([row(0), row(1, "thruster sway", ended="thruster lost")])
     assert sound.accepted
-    assert sound.metrics["other_faults"] == 1
-    assert sound.metrics["left"] == 1
+    (table,) = sound.tables
+    assert table.rows[-1] == ["all", "2", "1", "0", "1", "0", "0", "1"]
+
     for kind in (FaultKind.GYRO, FaultKind.ATTITUDE):
-        named = row(2, f"{kind.value} x", paired=True, unchecked_ended="done", unchecked_digest="b")
-        summary = summarise([row(0), named | {"ended": "attitude wrong"}])
+        unchecked = {"ended": "done", "digest": "b"}
+        paired = row(2, f"{kind.value} x", ended="attitude wrong", unchecked=unchecked, same=False)
+        summary = false_alarms.summary([row(0), paired])
         assert not summary.accepted
-        assert summary.metrics["paired"] == {
-            "runs": 1,
-            "same": 0,
-            "left": 1,
-            "left_without_check": 0,
-        }
+        assert [line.split(":")[0] for line in summary.lines] == ["run 2, uuv_puma, tap"]
+        ((same, left, left_without),) = summary.tables[1].rows
+        assert same.startswith("0.0 (")
+        assert same.endswith("of 1")
+        assert (left, left_without) == ("1", "0")
 
 
 def test_navigation_does_without_the_check_where_it_is_left_out():

@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.navigation.arm_camera_errors import KeyCase, pairs_of, run, squared
+from experiments.navigation.arm_camera_errors import KeyCase
+from experiments.navigation.arm_camera_fit import pairs_of, squared, to_toml
+from experiments.navigation.fit_arm_camera import fit_arm_camera
 from uuv.perception.navigation import surface_alignment
 from uuv.sensors.rendered_arm_camera import RenderedArmCamera
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -244,16 +246,17 @@ def test_the_error_model_holds_on_pictures_that_it_was_not_fitted_to():
     """
     model = fitted()
     parameters = np.concatenate([model.texture, model.shape])
-    pairs = [
-        pair
-        for pair in pairs_of([run(KeyCase(4242, number)) for number in range(20)])
-        if not pair.lost
-    ]
+    rows = [fit_arm_camera.row(KeyCase(draws=4242, seed=number)) for number in range(20)]
+    pairs = [pair for pair in pairs_of(rows) if not pair.lost]
     judged = np.array([squared(pair, parameters) for pair in pairs])
     assert len(pairs) > 30
     inside = judged[judged[:, 0] < 28.0]
     assert len(inside) >= 0.93 * len(judged)
     assert inside[:, 0].sum() / inside[:, 1].sum() == pytest.approx(1.0, abs=0.4)
+
+
+def test_the_table_of_the_package_is_written_by_the_fit():
+    assert to_toml(fitted()) == arm_camera.TABLE.read_text()
 
 
 def test_sensor_and_tracker_mean_the_same_by_observed():

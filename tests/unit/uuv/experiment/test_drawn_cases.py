@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.faults.fault_figures import BranchedCase
-from experiments.faults.quiet_runs import SoundCase
+from experiments.faults.false_alarms import SoundCase
+from experiments.faults.faults import FaultCase
 from experiments.identification.unseen.scenes import build
 from experiments.identification.unseen.study import UnseenTrial
 from uuv.campaigns.campaign import read_campaign, read_drawn
@@ -69,8 +69,8 @@ def test_the_cases_that_the_project_keeps_can_be_run(root: Path):
     home = root / EXPERIMENTS
     contact = read_campaign(root / "scripts" / "campaigns" / "contact.toml")
     assert len(read_drawn(home / "contact" / "drawn_cases.json", contact)) == 60
-    assert len(made_cases(home / "faults" / "drawn_cases.json", "faults", BranchedCase)) == 40
-    sound = made_cases(home / "faults" / "drawn_false_alarms.json", "false alarms", SoundCase)
+    assert len(made_cases(home / "faults" / "drawn_cases.json", "faults", FaultCase)) == 40
+    sound = made_cases(home / "faults" / "drawn_false_alarms.json", "false_alarms", SoundCase)
     assert len({case.scenario().seed for case in sound}) == 40
 
     unseen = home / "identification" / "unseen" / "drawn_cases.json"

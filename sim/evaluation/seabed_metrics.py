@@ -248,10 +248,15 @@ def _core(recording: "Recording", truth: TrueGround) -> CoreMetrics:
     push = truth.push
     if push is None:
         raise ConfigurationError("core: no push was set")
-    held, inside = recording.within(WorkState.WORK), recording.within(*IN_THE_SOIL)
-    force, depth = recording["contact_normal"].scalar, tip_depth(recording, truth.ground)
-    least, most = recording["contact_least"].scalar, recording["contact_most"].scalar
+
+    held = recording.within(WorkState.WORK)
+    inside = recording.within(*IN_THE_SOIL)
+    force = recording["contact_normal"].scalar
+    depth = tip_depth(recording, truth.ground)
+    least = recording["contact_least"].scalar
+    most = recording["contact_most"].scalar
     error = np.maximum(np.abs(most[held] - push), np.abs(least[held] - push)) / push
+
     return CoreMetrics(
         push_set_n=push,
         push_mean_n=float(force[held].mean()),
@@ -268,6 +273,7 @@ def _drag(recording: "Recording", truth: TrueGround) -> DragMetrics:
     error = path_error(recording)
     depth = tip_depth(recording, truth.ground)[work]
     force = np.linalg.norm(recording["contact_force"].value[work], axis=1)
+
     return DragMetrics(
         depth_set_m=truth.depth,
         depth_error_max_m=None if error is None else float(np.abs(error.normal).max()),
@@ -287,13 +293,12 @@ def tip_depth(recording: "Recording", ground: Seabed) -> Array:
 
 
 def hull_in_the_soil(recording: "Recording") -> dict[str, float | None]:
-    """Peak rise, sinking and excursion of the hull from its position when the tool first met the
-    soil.
-    """
+    """Peak rise, sinking and excursion of the hull since the tool first met the soil."""
     inside = recording.within(*IN_THE_SOIL)
     touched = np.flatnonzero(inside & (recording["contact_normal"].scalar != 0.0))
     if not touched.size:
         return {"rise_max_m": None, "sink_max_m": None, "excursion_max_m": None}
+
     inside[: touched[0]] = False
     moved = recording["p_WB"].value[inside] - recording["p_WB"].value[touched[0]]
     return {
@@ -304,11 +309,11 @@ def hull_in_the_soil(recording: "Recording") -> dict[str, float | None]:
 
 
 def hull_gap(recording: "Recording", truth: TrueGround) -> float:
-    """Smallest distance [m] of the hull's box from the true ground over the whole run; 0 if they
-    intersect.
-    """
+    """Smallest distance [m] of the hull's box from the true ground in the run; 0: they meet."""
     every = max(1, round(_GAP_EVERY / recording.timestep))
-    ground, box = truth.ground.mesh()[0], truth.hull_box
+    ground = truth.ground.mesh()[0]
+    box = truth.hull_box
+
     least = np.inf
     for p_WB, quat_wxyz in zip(
         recording["p_WB"].value[::every], recording["quat_WB_wxyz"].value[::every], strict=True
@@ -317,4 +322,5 @@ def hull_gap(recording: "Recording", truth: TrueGround) -> float:
         p_B = (ground - p_WB) @ R_WB
         outside = np.maximum(0.0, np.maximum(box[0] - p_B, p_B - box[1]))
         least = min(least, float((outside**2).sum(axis=1).min()))
+
     return float(np.sqrt(least))

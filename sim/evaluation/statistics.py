@@ -1,6 +1,4 @@
-"""Statistics over many trials of one task: success rate with interval, distributions of metrics,
-kinds of failure.
-"""
+"""Statistics over many trials: success rate with interval, distributions, kinds of failure."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

@@ -22,6 +22,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import (
     Array,
+    Indices,
     checked,
     inverse,
     pose,
@@ -163,25 +164,7 @@ def assess_inspection(
     """
     bounds = bounds or InspectionBounds()
     flown = np.flatnonzero(recording.within(WorkState.WORK))
-    figures = unmeasured(InspectionMetrics, distance_set_m=truth.distance)
-    if len(flown):
-        every = max(1, round(0.1 / recording.timestep))
-        levels = [each[::every] for each in np.split(flown, np.flatnonzero(np.diff(flown) > 1) + 1)]
-        X_WC = camera_poses(recording, truth, levels[0])
-        off, view = off_and_view(X_WC, truth)
-        step = max(1, round(_EVERY / 0.1))
-        views = np.concatenate([camera_poses(recording, truth, each[::step]) for each in levels])
-        figures = InspectionMetrics(
-            distance_set_m=truth.distance,
-            distance_rms_m=float(np.sqrt(np.mean(off**2))),
-            distance_max_m=float(np.abs(off).max()),
-            view_max_rad=float(view.max()),
-            ends_m=float(np.linalg.norm(X_WC[-1, :3, 3] - X_WC[0, :3, 3])),
-            seen_share=seen_share(views, truth),
-            coverage=coverage(views, truth),
-            levels=len(levels),
-            flown_s=float(len(flown) * recording.timestep),
-        )
+    figures = _flight_figures(recording, truth, flown)
 
     mm = 1e3
     degrees = float(np.degrees(1.0))
@@ -211,6 +194,33 @@ def assess_inspection(
 
     metrics = InspectionRunMetrics(inspection=figures, mesh=mesh)
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
+
+
+def _flight_figures(
+    recording: "Recording", truth: TrueInspection, flown: Indices
+) -> InspectionMetrics:
+    """Figures of the samples `flown`; without any, none but the set distance."""
+    if not len(flown):
+        return unmeasured(InspectionMetrics, distance_set_m=truth.distance)
+
+    every = max(1, round(0.1 / recording.timestep))
+    levels = [each[::every] for each in np.split(flown, np.flatnonzero(np.diff(flown) > 1) + 1)]
+    X_WC = camera_poses(recording, truth, levels[0])
+    off, view = off_and_view(X_WC, truth)
+    step = max(1, round(_EVERY / 0.1))
+    views = np.concatenate([camera_poses(recording, truth, each[::step]) for each in levels])
+
+    return InspectionMetrics(
+        distance_set_m=truth.distance,
+        distance_rms_m=float(np.sqrt(np.mean(off**2))),
+        distance_max_m=float(np.abs(off).max()),
+        view_max_rad=float(view.max()),
+        ends_m=float(np.linalg.norm(X_WC[-1, :3, 3] - X_WC[0, :3, 3])),
+        seen_share=seen_share(views, truth),
+        coverage=coverage(views, truth),
+        levels=len(levels),
+        flown_s=float(len(flown) * recording.timestep),
+    )
 
 
 def mesh_figures(measured: MeasuredSurface, truth: TrueInspection) -> MeshMetrics:

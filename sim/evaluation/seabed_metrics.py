@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
 _GAP_EVERY = 0.5  # [s] between evaluations of the hull's distance from the ground
+_MM = 1e3  # [mm/m]
+_PERCENT = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,41 +158,41 @@ def assess_seabed_work(
     gap = hull_gap(recording, truth)
     hull = SoilHullMetrics(**hull_in_the_soil(recording), ground_gap_m=gap)
     metrics = SeabedMetrics(surface=surface, core=core, drag=drag, hull=hull)
-    mm, percent = 1e3, 100.0
-    if truth.push is not None:
-        of_core = core or unmeasured(CoreMetrics)
-        of_tool = (
-            Requirement(
-                "push, worst while held", of_core.push_error_share, bounds.push, "%", percent
-            ),
-            Requirement("push, peak", of_core.push_max_n, None, "N"),
-            Requirement("depth of the core", of_core.depth_m, None, "mm", mm),
-        )
-    else:
-        of_drag = drag or unmeasured(DragMetrics)
-        of_tool = (
-            Requirement("depth error, peak", of_drag.depth_error_max_m, bounds.depth, "mm", mm),
-            Requirement("aside of the profile, peak", of_drag.side_max_m, bounds.side, "mm", mm),
-            Requirement(
-                "depth under the true surface, error, peak",
-                of_drag.true_depth_error_max_m,
-                None,
-                "mm",
-                mm,
-            ),
-            Requirement("force on the tool, peak", of_drag.force_max_n, None, "N"),
-        )
+
+    of_tool = _core_checks(core, bounds) if truth.push is not None else _drag_checks(drag, bounds)
     checks = (
         Requirement(
-            "target's height, of what is allowed", surface.target_error_share, 1.0, "%", percent
+            "target's height, of what is allowed", surface.target_error_share, 1.0, "%", _PERCENT
         ),
-        Requirement("target's height, error", surface.target_error_max_m, None, "mm", mm),
+        Requirement("target's height, error", surface.target_error_max_m, None, "mm", _MM),
         *of_tool,
-        Requirement("hull, rise", hull.rise_max_m, bounds.rise, "mm", mm),
-        Requirement("hull, excursion", hull.excursion_max_m, None, "mm", mm),
-        Requirement("hull over the true ground, least", gap, None, "mm", mm),
+        Requirement("hull, rise", hull.rise_max_m, bounds.rise, "mm", _MM),
+        Requirement("hull, excursion", hull.excursion_max_m, None, "mm", _MM),
+        Requirement("hull over the true ground, least", gap, None, "mm", _MM),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
+
+
+def _core_checks(core: CoreMetrics | None, bounds: SeabedBounds) -> tuple[Requirement, ...]:
+    """Requirements of a core; None: it was not measured."""
+    core = core or unmeasured(CoreMetrics)
+    return (
+        Requirement("push, worst while held", core.push_error_share, bounds.push, "%", _PERCENT),
+        Requirement("push, peak", core.push_max_n, None, "N"),
+        Requirement("depth of the core", core.depth_m, None, "mm", _MM),
+    )
+
+
+def _drag_checks(drag: DragMetrics | None, bounds: SeabedBounds) -> tuple[Requirement, ...]:
+    """Requirements of a drag; None: it was not measured."""
+    drag = drag or unmeasured(DragMetrics)
+    true_error = drag.true_depth_error_max_m
+    return (
+        Requirement("depth error, peak", drag.depth_error_max_m, bounds.depth, "mm", _MM),
+        Requirement("aside of the profile, peak", drag.side_max_m, bounds.side, "mm", _MM),
+        Requirement("depth under the true surface, error, peak", true_error, None, "mm", _MM),
+        Requirement("force on the tool, peak", drag.force_max_n, None, "N"),
+    )
 
 
 _OF_CORE = ("push_error_share", "push_max_n", "depth_m")

@@ -1,6 +1,4 @@
-"""Error of the true contact force from the set one, and whether every commanded level of force was
-judged.
-"""
+"""Error of the true contact force from the set one; whether each commanded level was judged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,9 +22,7 @@ RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a
 
 
 def unsettled(ramp: float) -> float:
-    """Time [s] from the beginning of a change of the set force that lasts `ramp` [s], until its
-    error counts.
-    """
+    """Time [s] from the start of a change of the set force of `ramp` [s] until its error counts."""
     return max(SETTLING, ramp + AFTER_RAMP)
 
 
@@ -51,7 +47,8 @@ class ForceSteps:
     @classmethod
     def of(cls, recording: "Recording") -> Self:
         """The steps of a run; its error counts within the work state only."""
-        time, set_force = recording["set_force"].time, recording["set_force"].scalar
+        time = recording["set_force"].time
+        set_force = recording["set_force"].scalar
         changed = np.concatenate([[True], np.diff(set_force) != 0.0])
         last_change = np.maximum.accumulate(np.where(changed, time, -np.inf))
 
@@ -62,7 +59,8 @@ class ForceSteps:
         ends = np.append(starts[1:], len(set_force)) - 1
         ramp_ends = last_change[ends]
 
-        since, until = time[starts][part], ramp_ends[part]
+        since = time[starts][part]
+        until = ramp_ends[part]
         settled = (time - since >= SETTLING - 1e-9) & (time - until >= AFTER_RAMP - 1e-9)
         return cls(part, set_force[ends][part], settled & recording.within(WorkState.WORK))
 
@@ -74,17 +72,21 @@ def contact_figures(recording: "Recording") -> ContactMetrics:
     are of the physics steps within them. If the reference ramps to a new set force, the error is
     relative to the end of the ramp, and counts from `unsettled` on.
     """
-    work, set_force = recording.within(WorkState.WORK), recording["set_force"].scalar
+    work = recording.within(WorkState.WORK)
+    set_force = recording["set_force"].scalar
     if not work.any() or not set_force[work].any():  # no force was commanded
         return unmeasured(ContactMetrics, segments=[])
-    steps, dt = ForceSteps.of(recording), recording.timestep
+
+    steps = ForceSteps.of(recording)
+    dt = recording.timestep
     least = recording["contact_least"].scalar
     lost = is_lost(least) & work
     error = recording["contact_normal"].scalar - steps.force
     peak = force_peak(least, recording["contact_most"].scalar, steps.force)
 
     def figures(where: np.ndarray) -> dict[str, float | None]:
-        e, worst = error[where & steps.settled], peak[where & steps.settled]
+        e = error[where & steps.settled]
+        worst = peak[where & steps.settled]
         return {
             "force_error_rms_n": float(np.sqrt(np.mean(e**2))) if e.size else None,
             "force_error_max_n": float(worst.max()) if e.size else None,
@@ -104,6 +106,7 @@ def contact_figures(recording: "Recording") -> ContactMetrics:
                 judged=long_enough(judged_s),
             )
         )
+
     across = np.linalg.norm(tangential(recording, "contact_force")[work], axis=1)
     return ContactMetrics(
         **figures(work),
@@ -123,14 +126,17 @@ def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[st
     Returns:
         The lines; none where every level lasted for JUDGED.
     """
-    s, work = recording["path_s"].scalar, recording.within(WorkState.WORK)
+    s = recording["path_s"].scalar
+    work = recording.within(WorkState.WORK)
     length = float(s[work].max(initial=0.0))
     if not forces or length == 0.0:
         return ()
+
     steps = ForceSteps.of(recording)
     part = np.minimum((s / length * len(forces)).astype(int), len(forces) - 1)
 
-    lines, asked = [], levels(forces)
+    lines = []
+    asked = levels(forces)
     for number, level in enumerate(asked, 1):
         there = (part >= level.first) & (part < level.end)
         rows = steps.settled & there & (np.abs(steps.force - level.force) < 1e-6)
@@ -141,6 +147,7 @@ def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[st
                 f"set force of {level.force:g} N, {which}: judged for {judged_s:.2f} s, less than "
                 f"{JUDGED:g} s"
             )
+
     return tuple(lines)
 
 
@@ -162,10 +169,9 @@ def levels(forces: Sequence[float]) -> list[ForceLevel]:
 
 
 def tangential(recording: "RecordedSeries", name: str) -> Array:
-    """Part (N, 3) [N] of the force `name`, "contact_force" or "felt_force", across the tool axis;
-    W.
-    """
-    force, axis = recording[name].value, recording["tool_axis"].value
+    """Part (N, 3) [N] of `name`, "contact_force" or "felt_force", across the tool axis; W."""
+    force = recording[name].value
+    axis = recording["tool_axis"].value
     return force - np.sum(force * axis, axis=1, keepdims=True) * axis
 
 

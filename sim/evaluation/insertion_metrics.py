@@ -56,7 +56,7 @@ class TrueHole:
         return np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
 
     def tips(self, tip_W: Array) -> Array:
-        """Places (N, 3) [m] in axes of the hole."""
+        """Positions (N, 3) [m] in axes of the hole."""
         return self._in_hole(tip_W - self.X_WH[:3, 3])
 
     def _in_hole(self, v_W: Array) -> Array:
@@ -67,7 +67,7 @@ class TrueHole:
         return v_W[:, :1] * rows[0] + v_W[:, 1:2] * rows[1] + v_W[:, 2:] * rows[2]
 
     def within_wall(self, tip_H: Array) -> np.ndarray:
-        """Mask (N,) of the places (N, 3) [m], in axes of the hole, that lie within its wall."""
+        """Mask (N,) of positions (N, 3) [m], in axes of the hole, that lie within its wall."""
         return np.linalg.norm(tip_H[:, :2], axis=1) < self.radius
 
 
@@ -140,7 +140,8 @@ def assess_insertion(
         The assessment.
     """
     bounds = bounds or InsertionBounds()
-    at_hole, inside = recording.within(*AT_THE_HOLE), recording.within(*_INSIDE)
+    at_hole = recording.within(*AT_THE_HOLE)
+    inside = recording.within(*_INSIDE)
     tip_H = truth.tips(recording["p_pad"].value)
     side, axial = truth.forces(recording["contact_force"].value)
     in_bore = inside & (tip_H[:, 2] > 0.0) & truth.within_wall(tip_H)
@@ -151,6 +152,7 @@ def assess_insertion(
         return float(values[at_hole].max()) if at_hole.any() else None
 
     position, angle = (None, None) if found_X_WH is None else hole_error(found_X_WH, truth.X_WH)
+
     insertion = InsertionMetrics(
         clearance_m=truth.radius - truth.tool_radius,
         depth_asked_m=truth.depth,
@@ -162,9 +164,12 @@ def assess_insertion(
         searched_s=float(recording.within(WorkState.SEARCH).sum() * recording.timestep),
         tip_at_end_m=out,
     )
+
     found = HoleMetrics(accepted=found_X_WH is not None, aside_m=position, tilt_rad=angle)
     metrics = InsertionRunMetrics(identification=found, insertion=insertion)
-    mm, degrees = 1e3, float(np.degrees(1.0))
+
+    mm = 1e3
+    degrees = float(np.degrees(1.0))
     checks = (
         Requirement("hole as found, off its axis", position, None, "mm", mm),
         Requirement("hole as found, tilt", angle, None, "deg", degrees),
@@ -180,11 +185,10 @@ def assess_insertion(
 
 
 def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
-    """Error of an identified hole: distance of its mouth from the true axis [m], and angle between
-    the axes [rad].
-    """
+    """Distance [m] of an identified hole's mouth from the true axis; angle [rad] of the axes."""
     p = inverse(X_WH_true) @ np.append(X_WH[:3, 3], 1.0)
-    z, z_true = X_WH[:3, 2], X_WH_true[:3, 2]
+    z = X_WH[:3, 2]
+    z_true = X_WH_true[:3, 2]
     return float(np.hypot(p[0], p[1])), float(
         np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true)
     )

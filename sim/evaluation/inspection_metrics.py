@@ -4,8 +4,8 @@ Distance is from the true camera to the outline of the true object as seen from 
 object's height. The view angle is between the camera's horizontal direction and that to the nearest
 point of the outline. A surface sample is seen if from some pose of the flight it was in the image,
 facing the camera, and not occluded by the object. With several levels, distance and view are those
-of the first. Coverage refers to what is visible at all from places
-where hull and arm keep their clearance: undersides, and what lies on the seabed, do not count.
+of the first. Coverage refers to what is visible at all from places where hull and arm keep their
+clearance: undersides, and what lies on the seabed, do not count.
 """
 
 from dataclasses import dataclass, field
@@ -22,6 +22,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import (
     Array,
+    Indices,
     checked,
     inverse,
     pose,
@@ -163,26 +164,10 @@ def assess_inspection(
     """
     bounds = bounds or InspectionBounds()
     flown = np.flatnonzero(recording.within(WorkState.WORK))
-    figures = unmeasured(InspectionMetrics, distance_set_m=truth.distance)
-    if len(flown):
-        every = max(1, round(0.1 / recording.timestep))
-        levels = [each[::every] for each in np.split(flown, np.flatnonzero(np.diff(flown) > 1) + 1)]
-        X_WC = camera_poses(recording, truth, levels[0])
-        off, view = off_and_view(X_WC, truth)
-        step = max(1, round(_EVERY / 0.1))
-        views = np.concatenate([camera_poses(recording, truth, each[::step]) for each in levels])
-        figures = InspectionMetrics(
-            distance_set_m=truth.distance,
-            distance_rms_m=float(np.sqrt(np.mean(off**2))),
-            distance_max_m=float(np.abs(off).max()),
-            view_max_rad=float(view.max()),
-            ends_m=float(np.linalg.norm(X_WC[-1, :3, 3] - X_WC[0, :3, 3])),
-            seen_share=seen_share(views, truth),
-            coverage=coverage(views, truth),
-            levels=len(levels),
-            flown_s=float(len(flown) * recording.timestep),
-        )
-    mm, degrees = 1e3, float(np.degrees(1.0))
+    figures = _flight_figures(recording, truth, flown)
+
+    mm = 1e3
+    degrees = float(np.degrees(1.0))
     checks = (
         Requirement("distance, RMS error", figures.distance_rms_m, bounds.distance_rms, "mm", mm),
         Requirement("distance, peak error", figures.distance_max_m, bounds.distance, "mm", mm),
@@ -198,6 +183,7 @@ def assess_inspection(
         ),
         Requirement("time on the way around", figures.flown_s, None, "s"),
     )
+
     mesh = None if measured is None else mesh_figures(measured, truth)
     if mesh is not None:
         checks = (
@@ -205,14 +191,43 @@ def assess_inspection(
             Requirement("mesh off the true surface, median", mesh.true_p50_m, None, "mm", mm),
             Requirement("mesh off the true surface, 95 %", mesh.true_p95_m, bounds.mesh, "mm", mm),
         )
+
     metrics = InspectionRunMetrics(inspection=figures, mesh=mesh)
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
+
+
+def _flight_figures(
+    recording: "Recording", truth: TrueInspection, flown: Indices
+) -> InspectionMetrics:
+    """Figures of the samples `flown`; without any, none but the set distance."""
+    if not len(flown):
+        return unmeasured(InspectionMetrics, distance_set_m=truth.distance)
+
+    every = max(1, round(0.1 / recording.timestep))
+    levels = [each[::every] for each in np.split(flown, np.flatnonzero(np.diff(flown) > 1) + 1)]
+    X_WC = camera_poses(recording, truth, levels[0])
+    off, view = off_and_view(X_WC, truth)
+    step = max(1, round(_EVERY / 0.1))
+    views = np.concatenate([camera_poses(recording, truth, each[::step]) for each in levels])
+
+    return InspectionMetrics(
+        distance_set_m=truth.distance,
+        distance_rms_m=float(np.sqrt(np.mean(off**2))),
+        distance_max_m=float(np.abs(off).max()),
+        view_max_rad=float(view.max()),
+        ends_m=float(np.linalg.norm(X_WC[-1, :3, 3] - X_WC[0, :3, 3])),
+        seen_share=seen_share(views, truth),
+        coverage=coverage(views, truth),
+        levels=len(levels),
+        flown_s=float(len(flown) * recording.timestep),
+    )
 
 
 def mesh_figures(measured: MeasuredSurface, truth: TrueInspection) -> MeshMetrics:
     """Figures of a measured surface, which is in the object's frame as the vehicle found it."""
     if not len(measured.vertices):
         return unmeasured(MeshMetrics, vertices=0)
+
     from uuv.models.meshes.nearest_surface import NearestSurface
 
     off = (
@@ -239,7 +254,8 @@ def camera_poses(recording: "Recording", truth: TrueInspection, rows: np.ndarray
     Returns:
         X_WC (n, 4, 4).
     """
-    p, quat = recording["p_WB"].value[rows], recording["quat_WB_wxyz"].value[rows]
+    p = recording["p_WB"].value[rows]
+    quat = recording["quat_WB_wxyz"].value[rows]
     return np.array(
         [pose(rotation_from_quat_wxyz(q), at) @ truth.X_BC for q, at in zip(quat, p, strict=True)]
     )
@@ -258,6 +274,7 @@ def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
     vertices = transform_points(truth.X_WT, truth.target.vertices)
     from scipy.spatial import ConvexHull
 
+    # Nearest points of the outline, as seen from above.
     outline = vertices[ConvexHull(vertices[:, :2]).vertices, :2]
     side = np.roll(outline, -1, axis=0) - outline
     off = X_WC[:, None, :2, 3] - outline
@@ -265,10 +282,13 @@ def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
         np.einsum("nki,ki->nk", off, side) / np.einsum("ki,ki->k", side, side), 0.0, 1.0
     )
     away = off - share[..., None] * side
-    rows, nearest = np.arange(len(away)), np.linalg.norm(away, axis=2).argmin(axis=1)
+
+    rows = np.arange(len(away))
+    nearest = np.linalg.norm(away, axis=2).argmin(axis=1)
     way = -away[rows, nearest]
     level = np.linalg.norm(way, axis=1)
     middle = 0.5 * (vertices[:, 2].min() + vertices[:, 2].max())
+
     axis = X_WC[:, :2, 2]
     cross = axis[:, 0] * way[:, 1] - axis[:, 1] * way[:, 0]
     view = np.abs(np.arctan2(cross, np.einsum("ni,ni->n", axis, way)))
@@ -281,8 +301,7 @@ def seen_share(X_WC: Array, truth: TrueInspection) -> float:
 
 
 def coverage(X_WC: Array, truth: TrueInspection) -> float | None:
-    """Share of the surface visible from the allowed places that the cameras at `X_WC` (n, 4, 4)
-    saw; None if none is.
+    """Share that cameras (n, 4, 4) saw of what is visible from allowed poses; None if none is.
 
     What they saw counts as visible, since the allowed places are a grid.
     """

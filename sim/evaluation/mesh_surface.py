@@ -33,17 +33,19 @@ class Surface:
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         size = np.linalg.norm(cross, axis=1)
         keep = size > 1e-12 * size.max()
-        corners, flat, index = (
-            corners[keep],
-            cross[keep] / size[keep, None],
-            np.asarray(triangles)[keep],
-        )
+        corners = corners[keep]
+        flat = cross[keep] / size[keep, None]
+        index = np.asarray(triangles)[keep]
+
         # Weighted by the corner's angle, the mean does not depend on how a face is triangulated.
         edges = np.roll(corners, -1, axis=1) - corners
         edges /= np.linalg.norm(edges, axis=2, keepdims=True)
         angle = np.arccos(np.clip(-np.sum(edges * np.roll(edges, 1, axis=1), axis=2), -1.0, 1.0))
+
         normals = np.zeros_like(corners)
-        owner, vertex, weight = np.repeat(np.arange(len(index)), 3), index.ravel(), angle.ravel()
+        owner = np.repeat(np.arange(len(index)), 3)
+        vertex = index.ravel()
+        weight = angle.ravel()
         order = np.argsort(vertex, kind="stable")
         groups = np.split(order, np.flatnonzero(np.diff(vertex[order])) + 1)
         rows = normals.reshape(-1, 3)
@@ -51,6 +53,7 @@ class Surface:
             n = flat[owner[group]]
             smooth = (n @ n.T) >= np.cos(crease)
             rows[group] = smooth @ (weight[group, None] * n)
+
         normals /= np.linalg.norm(normals, axis=2, keepdims=True)
         return cls(corners=corners, normals=normals)
 
@@ -65,23 +68,28 @@ class Surface:
         Returns:
             Closest points (N, 3) [m] and normals (N, 3).
         """
-        low, high = self.corners.min(axis=1), self.corners.max(axis=1)
-        found, normals = np.empty_like(points), np.empty_like(points)
+        low = self.corners.min(axis=1)
+        high = self.corners.max(axis=1)
+        found = np.empty_like(points)
+        normals = np.empty_like(points)
         best = 0
+
         for i, point in enumerate(points):
-            # The last triangle bounds the distance; only triangles whose bounding box is nearer
-            # need be tested.
+            # The last triangle bounds the distance: only boxes that are nearer need be tested.
             held = self.corners[best]
             reach = np.linalg.norm(_closest_barycentric(held[None], point)[0] @ held - point)
             gap = np.maximum(np.maximum(low - point, point - high), 0.0)
             near = np.flatnonzero(np.einsum("tk,tk->t", gap, gap) <= (reach + 1e-12) ** 2)
+
             weights = _closest_barycentric(self.corners[near], point)
             candidates = np.einsum("tk,tkj->tj", weights, self.corners[near])
             choice = int(np.argmin(np.sum((candidates - point) ** 2, axis=1)))
+
             best = int(near[choice])
             found[i] = candidates[choice]
             normal = weights[choice] @ self.normals[best]
             normals[i] = normal / np.linalg.norm(normal)
+
         return found, normals
 
 
@@ -95,48 +103,63 @@ def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
     Returns:
         Closest points (N, 3) [m] and arc lengths (N,) [m].
     """
-    start, edge = curve[:-1], np.diff(curve, axis=0)
+    start = curve[:-1]
+    edge = np.diff(curve, axis=0)
     length = np.linalg.norm(edge, axis=1)
     arc = np.concatenate([[0.0], np.cumsum(length)])
-    best, found, at = np.full(len(points), np.inf), np.empty_like(points), np.empty(len(points))
+
+    best = np.full(len(points), np.inf)
+    found = np.empty_like(points)
+    at = np.empty(len(points))
+
     for i in range(len(edge)):
         if length[i] == 0.0:
             continue
         share = np.clip((points - start[i]) @ edge[i] / length[i] ** 2, 0.0, 1.0)
         candidate = start[i] + share[:, None] * edge[i]
         distance = np.sum((points - candidate) ** 2, axis=1)
+
         closer = distance < best
-        best[closer], found[closer], at[closer] = (
-            distance[closer],
-            candidate[closer],
-            (arc[i] + share * length[i])[closer],
-        )
+        best[closer] = distance[closer]
+        found[closer] = candidate[closer]
+        at[closer] = (arc[i] + share * length[i])[closer]
+
     return found, at
 
 
 def _closest_barycentric(corners: Array, point: Array) -> Array:
-    """Barycentric weights (T, 3) of the point closest to `point` (3,) in each triangle `corners`
-    (T, 3, 3).
-    """
+    """Barycentric weights (T, 3) of the points of triangles (T, 3, 3) closest to `point` (3,)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    ab, ac, ap = b - a, c - a, point - a
-    d11, d12, d22 = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
-    e1, e2 = _dot(ab, ap), _dot(ac, ap)
+    ab = b - a
+    ac = c - a
+    ap = point - a
+    d11 = _dot(ab, ab)
+    d12 = _dot(ab, ac)
+    d22 = _dot(ac, ac)
+    e1 = _dot(ab, ap)
+    e2 = _dot(ac, ap)
+
     area = d11 * d22 - d12**2
-    v, w = (d22 * e1 - d12 * e2) / area, (d11 * e2 - d12 * e1) / area
+    v = (d22 * e1 - d12 * e2) / area
+    w = (d11 * e2 - d12 * e1) / area
     weights = np.stack([1.0 - v - w, v, w], axis=1)
+
     outside = np.flatnonzero(weights.min(axis=1) < 0.0)
     best = np.full(len(outside), np.inf)
     # outside the face, the closest point lies on one of its edges
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        start, edge = corners[outside, i], corners[outside, j] - corners[outside, i]
+        start = corners[outside, i]
+        edge = corners[outside, j] - corners[outside, i]
         share = np.clip(_dot(point - start, edge) / _dot(edge, edge), 0.0, 1.0)
         distance = np.sum((start + share[:, None] * edge - point) ** 2, axis=1)
+
         closer = distance < best
         best[closer] = distance[closer]
         rows = outside[closer]
         weights[rows] = 0.0
-        weights[rows, i], weights[rows, j] = 1.0 - share[closer], share[closer]
+        weights[rows, i] = 1.0 - share[closer]
+        weights[rows, j] = share[closer]
+
     return weights
 
 

@@ -1,6 +1,4 @@
-"""JSON Schema of a dataclass of metrics: types from its annotations, units from its names, notes
-from `metric`.
-"""
+"""JSON Schema of a metrics dataclass: types by annotations, units by names, notes of `metric`."""
 
 import types
 from collections.abc import Iterable, Mapping
@@ -63,9 +61,7 @@ def schema_of(kinds: Iterable[type], title: str, description: str) -> dict[str, 
 
 
 def unmeasured(kind: type[Metrics], **known: Any) -> Metrics:
-    """Metrics of a run that ended before they could be measured: None in all fields but those that
-    are `known`.
-    """
+    """Metrics of a run that ended before they were measured: None in all fields but `known`."""
     names = [each.name for each in fields(cast(Any, kind))]
     return kind(**{name: known.get(name) for name in names})
 
@@ -86,11 +82,13 @@ def _object(kind: type) -> dict[str, Any]:
             **({"unit": unit} if unit else {}),
             **own,
         }
+
     required = [
         each.name
         for each in fields(kind)
         if each.default is MISSING and each.default_factory is MISSING
     ]
+
     return {
         "type": "object",
         "additionalProperties": False,

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
 _GAP_EVERY = 0.5  # [s] between evaluations of the hull's distance from the ground
+_MM = 1e3  # [mm/m]
+_PERCENT = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,43 +156,82 @@ def assess_seabed_work(
     gap = hull_gap(recording, truth)
     hull = SoilHullMetrics(**hull_in_the_soil(recording), ground_gap_m=gap)
     metrics = SeabedMetrics(surface=surface, core=core, drag=drag, hull=hull)
-    mm, percent = 1e3, 100.0
-    if truth.push is not None:
-        of_core = core or unmeasured(CoreMetrics)
-        of_tool = (
-            Requirement(
-                "push, worst while held", of_core.push_error_share, bounds.push, "%", percent
-            ),
-            Requirement("push, peak", of_core.push_max_n, None, "N"),
-            Requirement("depth of the core", of_core.depth_m, None, "mm", mm),
-        )
-    else:
-        of_drag = drag or unmeasured(DragMetrics)
-        of_tool = (
-            Requirement("depth error, peak", of_drag.depth_error_max_m, bounds.depth, "mm", mm),
-            Requirement("aside of the profile, peak", of_drag.side_max_m, bounds.side, "mm", mm),
-            Requirement(
-                "depth under the true surface, error, peak",
-                of_drag.true_depth_error_max_m,
-                None,
-                "mm",
-                mm,
-            ),
-            Requirement("force on the tool, peak", of_drag.force_max_n, None, "N"),
-        )
+
+    of_tool = _core_checks(core, bounds) if truth.push is not None else _drag_checks(drag, bounds)
     checks = (
         Requirement(
-            "target's height, of what is allowed", surface.target_error_share, 1.0, "%", percent
+            "target's height, of what is allowed", surface.target_error_share, 1.0, "%", _PERCENT
         ),
-        Requirement("target's height, error", surface.target_error_max_m, None, "mm", mm),
+        Requirement("target's height, error", surface.target_error_max_m, None, "mm", _MM),
         *of_tool,
-        Requirement("hull, rise", hull.rise_max_m, bounds.rise, "mm", mm),
-        Requirement("hull, excursion", hull.excursion_max_m, None, "mm", mm),
-        Requirement("hull over the true ground, least", gap, None, "mm", mm),
+        Requirement("hull, rise", hull.rise_max_m, bounds.rise, "mm", _MM),
+        Requirement("hull, excursion", hull.excursion_max_m, None, "mm", _MM),
+        Requirement("hull over the true ground, least", gap, None, "mm", _MM),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 
 
+<<<<<<< HEAD
+=======
+def _core_checks(core: CoreMetrics | None, bounds: SeabedBounds) -> tuple[Requirement, ...]:
+    """Requirements of a core; None: it was not measured."""
+    core = core or unmeasured(CoreMetrics)
+    return (
+        Requirement("push, worst while held", core.push_error_share, bounds.push, "%", _PERCENT),
+        Requirement("push, peak", core.push_max_n, None, "N"),
+        Requirement("depth of the core", core.depth_m, None, "mm", _MM),
+    )
+
+
+def _drag_checks(drag: DragMetrics | None, bounds: SeabedBounds) -> tuple[Requirement, ...]:
+    """Requirements of a drag; None: it was not measured."""
+    drag = drag or unmeasured(DragMetrics)
+    true_error = drag.true_depth_error_max_m
+    return (
+        Requirement("depth error, peak", drag.depth_error_max_m, bounds.depth, "mm", _MM),
+        Requirement("aside of the profile, peak", drag.side_max_m, bounds.side, "mm", _MM),
+        Requirement("depth under the true surface, error, peak", true_error, None, "mm", _MM),
+        Requirement("force on the tool, peak", drag.force_max_n, None, "N"),
+    )
+
+
+_OF_CORE = ("push_error_share", "push_max_n", "depth_m")
+_OF_DRAG = (
+    "depth_error_max_m",
+    "side_max_m",
+    "true_depth_error_max_m",
+    "true_depth_error_rms_m",
+    "force_max_n",
+)
+
+
+def crashed(seed: int, reason: str) -> dict[str, Any]:
+    """Metrics of a trial that crashed for `reason`."""
+    nothing = SeabedMetrics(
+        surface=unmeasured(TargetMetrics, accepted=False),
+        core=None,
+        drag=None,
+        hull=unmeasured(SoilHullMetrics),
+    )
+    return {**asdict(nothing), **crashed_run(seed, reason)}
+
+
+def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Success rate with its interval, distributions, and failures by kind, of many trials."""
+
+    def of(part: str, key: str) -> dict[str, float] | None:
+        return spread(trial[part][key] for trial in trials if trial[part] is not None)
+
+    return {
+        **verdicts(trials),
+        "target_error_share": of("surface", "target_error_share"),
+        **{key: of("core", key) for key in _OF_CORE},
+        **{key: of("drag", key) for key in _OF_DRAG},
+        **{key: of("hull", key) for key in ("rise_max_m", "excursion_max_m", "ground_gap_m")},
+    }
+
+
+>>>>>>> air2
 def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> TargetMetrics:
     """Error of the target heights from the true ground, at the ends of the path."""
     if found is None or found.path is None:
@@ -210,10 +251,15 @@ def _core(recording: "Recording", truth: TrueGround) -> CoreMetrics:
     push = truth.push
     if push is None:
         raise ConfigurationError("core: no push was set")
-    held, inside = recording.within(WorkState.WORK), recording.within(*IN_THE_SOIL)
-    force, depth = recording["contact_normal"].scalar, tip_depth(recording, truth.ground)
-    least, most = recording["contact_least"].scalar, recording["contact_most"].scalar
+
+    held = recording.within(WorkState.WORK)
+    inside = recording.within(*IN_THE_SOIL)
+    force = recording["contact_normal"].scalar
+    depth = tip_depth(recording, truth.ground)
+    least = recording["contact_least"].scalar
+    most = recording["contact_most"].scalar
     error = np.maximum(np.abs(most[held] - push), np.abs(least[held] - push)) / push
+
     return CoreMetrics(
         push_set_n=push,
         push_mean_n=float(force[held].mean()),
@@ -230,6 +276,7 @@ def _drag(recording: "Recording", truth: TrueGround) -> DragMetrics:
     error = path_error(recording)
     depth = tip_depth(recording, truth.ground)[work]
     force = np.linalg.norm(recording["contact_force"].value[work], axis=1)
+
     return DragMetrics(
         depth_set_m=truth.depth,
         depth_error_max_m=None if error is None else float(np.abs(error.normal).max()),
@@ -249,13 +296,12 @@ def tip_depth(recording: "Recording", ground: Seabed) -> Array:
 
 
 def hull_in_the_soil(recording: "Recording") -> dict[str, float | None]:
-    """Peak rise, sinking and excursion of the hull from its position when the tool first met the
-    soil.
-    """
+    """Peak rise, sinking and excursion of the hull since the tool first met the soil."""
     inside = recording.within(*IN_THE_SOIL)
     touched = np.flatnonzero(inside & (recording["contact_normal"].scalar != 0.0))
     if not touched.size:
         return {"rise_max_m": None, "sink_max_m": None, "excursion_max_m": None}
+
     inside[: touched[0]] = False
     moved = recording["p_WB"].value[inside] - recording["p_WB"].value[touched[0]]
     return {
@@ -266,11 +312,11 @@ def hull_in_the_soil(recording: "Recording") -> dict[str, float | None]:
 
 
 def hull_gap(recording: "Recording", truth: TrueGround) -> float:
-    """Smallest distance [m] of the hull's box from the true ground over the whole run; 0 if they
-    intersect.
-    """
+    """Smallest distance [m] of the hull's box from the true ground in the run; 0: they meet."""
     every = max(1, round(_GAP_EVERY / recording.timestep))
-    ground, box = truth.ground.mesh()[0], truth.hull_box
+    ground = truth.ground.mesh()[0]
+    box = truth.hull_box
+
     least = np.inf
     for p_WB, quat_wxyz in zip(
         recording["p_WB"].value[::every], recording["quat_WB_wxyz"].value[::every], strict=True
@@ -279,4 +325,5 @@ def hull_gap(recording: "Recording", truth: TrueGround) -> float:
         p_B = (ground - p_WB) @ R_WB
         outside = np.maximum(0.0, np.maximum(box[0] - p_B, p_B - box[1]))
         least = min(least, float((outside**2).sum(axis=1).min()))
+
     return float(np.sqrt(least))

@@ -6,10 +6,12 @@ until it is out again. For a dragged tool, depth and side errors are relative to
 Its depth under the true surface, which includes the error of the scan, is reported separately.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from uuv.sim.evaluation.statistics import crashed_run, spread, verdicts
 
 from uuv.models.site.seabed import Seabed
 from uuv.sim.evaluation.metrics import Assessment, Requirement, path_error
@@ -171,8 +173,6 @@ def assess_seabed_work(
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 
 
-<<<<<<< HEAD
-=======
 def _core_checks(core: CoreMetrics | None, bounds: SeabedBounds) -> tuple[Requirement, ...]:
     """Requirements of a core; None: it was not measured."""
     core = core or unmeasured(CoreMetrics)
@@ -231,7 +231,6 @@ def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
->>>>>>> air2
 def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> TargetMetrics:
     """Error of the target heights from the true ground, at the ends of the path."""
     if found is None or found.path is None:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean, one_line
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 _FLOAT64 = np.dtype(np.float64)
 

@@ -35,6 +35,9 @@ from uuv.sim.plant.faults import (
 from uuv.sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
 from uuv.tasks.surface_work import first_force
 
+PathName = Literal["longitudinal", "transverse"]
+PATHS: tuple[PathName, ...] = get_args(PathName)
+
 NAN = float("nan")
 PUSH = 90.0  # [N] set force at which the faults begin
 _FULL = 0.999  # share of the set force from which the push counts as full

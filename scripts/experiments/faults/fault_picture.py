@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from uuv.campaigns.contact_study import PathName
 
-from experiments.faults.fault_cases import AT_WORK, Branch, Trace
+from experiments.faults.fault_cases import AT_WORK, Branch, PathName, Trace
 from experiments.faults.faults import FaultCase, scenario_of
 from uuv.sim.interfaces.files import folder_given
 from uuv.sim.interfaces.palette import BLUE, CYCLE, FAINT, INK, ORANGE, VERMILION

@@ -15,14 +15,15 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
-from uuv.campaigns.contact_study import DAMAGE, PATHS, PathName
 
 from experiments.faults.fault_cases import (
     AT_START,
+    PATHS,
     PHASES,
     PUSH,
     SETTLE,
     Branch,
+    PathName,
     PhaseName,
     Trace,
     fault_names,
@@ -31,6 +32,7 @@ from uuv import jobs, models
 from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.models.vehicle import Vehicle
 from uuv.scenario import Scenario
+from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import one_of

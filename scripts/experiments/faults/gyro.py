@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-from uuv.campaigns.contact_study import PATHS, PathName
-
+from experiments.faults.fault_cases import PATHS, PathName
 from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.jobs import clean_barrel
 from uuv.perturbations.loop import SensorFailure

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from uuv.campaigns.contact_study import DAMAGE
 
 from experiments.faults.fault_cases import AT_WORK, PUSH, SETTLE, Trace
 from experiments.faults.fault_picture import draw
 from experiments.faults.faults import FaultCase, FaultRow, faults, figures, group_of
+from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array

@@ -6,12 +6,10 @@ until it is out again. For a dragged tool, depth and side errors are relative to
 Its depth under the true surface, which includes the error of the scan, is reported separately.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from uuv.sim.evaluation.statistics import crashed_run, spread, verdicts
 
 from uuv.models.site.seabed import Seabed
 from uuv.sim.evaluation.metrics import Assessment, Requirement, path_error
@@ -150,9 +148,9 @@ def assess_seabed_work(
         The assessment.
     """
     bounds = bounds or SeabedBounds()
-    found = recording.targets[-1] if recording.targets else None
+    target = recording.targets[-1] if recording.targets else None
     worked = truth.push is not None, recording.within(WorkState.WORK).any()
-    surface = _surface(found, truth, bounds)
+    surface = _surface(target, truth, bounds)
     core = _core(recording, truth) if worked == (True, True) else None
     drag = _drag(recording, truth) if worked == (False, True) else None
     gap = hull_gap(recording, truth)
@@ -193,42 +191,6 @@ def _drag_checks(drag: DragMetrics | None, bounds: SeabedBounds) -> tuple[Requir
         Requirement("depth under the true surface, error, peak", true_error, None, "mm", _MM),
         Requirement("force on the tool, peak", drag.force_max_n, None, "N"),
     )
-
-
-_OF_CORE = ("push_error_share", "push_max_n", "depth_m")
-_OF_DRAG = (
-    "depth_error_max_m",
-    "side_max_m",
-    "true_depth_error_max_m",
-    "true_depth_error_rms_m",
-    "force_max_n",
-)
-
-
-def crashed(seed: int, reason: str) -> dict[str, Any]:
-    """Metrics of a trial that crashed for `reason`."""
-    nothing = SeabedMetrics(
-        surface=unmeasured(TargetMetrics, accepted=False),
-        core=None,
-        drag=None,
-        hull=unmeasured(SoilHullMetrics),
-    )
-    return {**asdict(nothing), **crashed_run(seed, reason)}
-
-
-def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Success rate with its interval, distributions, and failures by kind, of many trials."""
-
-    def of(part: str, key: str) -> dict[str, float] | None:
-        return spread(trial[part][key] for trial in trials if trial[part] is not None)
-
-    return {
-        **verdicts(trials),
-        "target_error_share": of("surface", "target_error_share"),
-        **{key: of("core", key) for key in _OF_CORE},
-        **{key: of("drag", key) for key in _OF_DRAG},
-        **{key: of("hull", key) for key in ("rise_max_m", "excursion_max_m", "ground_gap_m")},
-    }
 
 
 def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> TargetMetrics:

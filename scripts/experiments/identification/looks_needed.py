@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from experiments.identification.decision_rates import surface_of
-from experiments.identification.decision_scenes import draw
 from uuv.clouds.object_scenes import ObjectScene
+from uuv.clouds.scene_kinds import draw
 from uuv.experiment import Row, Summary, Table
 from uuv.perception.finding.next_view import ranked_views, views_around
 from uuv.perception.registration.identification import Identification, identify
@@ -38,7 +38,7 @@ class ViewCase:
 
 def run(task: ViewCase) -> Row:
     """Number of looks in each order; no row if the first look suffices."""
-    first = draw(task.name, task.kind, task.seed, task.sensor).scene
+    first = draw(task.name, task.kind, task.seed, task.sensor)
     start = _identified(task, first)
     row: Row = {"object": task.name, "kind": task.kind, "sensor": task.sensor, "seed": task.seed}
     if start.accepted:
@@ -56,7 +56,7 @@ def run(task: ViewCase) -> Row:
                 pick = left[ranked[0]] if ranked else left[0]
             left.remove(pick)
             count, X_CS = count + 1, views[pick]
-            scene = draw(task.name, task.kind, task.seed, task.sensor, X_CS, pick + 1).scene
+            scene = draw(task.name, task.kind, task.seed, task.sensor, X_CS, pick + 1)
             found = _identified(task, scene)
             if found.accepted:
                 right = scene.is_found(found.X_sensor_target)

@@ -11,9 +11,9 @@ from uuv.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 from itertools import cycle, islice
 
-from experiments.identification.decision_scenes import NAMES
 from experiments.identification.looks_needed import KINDS, ViewCase, run, summarise
 from uuv.clouds.object_scenes import CAMERAS
+from uuv.clouds.scene_kinds import NAMES
 from uuv.experiment import Study, StudyOptions
 
 

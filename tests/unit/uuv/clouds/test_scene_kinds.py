@@ -1,0 +1,95 @@
+"""Kinds of scenes show what they are called: checked by rays on the meshes, and by the depth that
+was seen.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.clouds.scene_kinds import KINDS, draw, in_heap, object_of
+from uuv.models.meshes.nearest_surface import NearestSurface
+from uuv.perception.registration.model_surface import ModelSurface
+from uuv.sim.interfaces.errors import ConfigurationError
+
+NAME = "starfish"
+SEED = 11
+
+
+@cache
+def scene_of(kind: str) -> ObjectScene:
+    return draw(NAME, kind, SEED, "white")
+
+
+def before_the_object(scene: ObjectScene) -> float:
+    """Share of the clean object's image in which something nearer than 2 cm before it is seen."""
+    exact = ModelSurface.of(object_of(NAME)).seen(scene.X_CT, scene.scan)[0].depth
+    on = np.isfinite(exact) & np.isfinite(scene.scan.depth)
+    return float((scene.scan.depth[on] < exact[on] - 0.02).mean())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_gives_one_view_for_all_kinds(kind: str):
+    """View and coarse start are those of the clean object: kinds are compared scene by scene."""
+    scene = scene_of(kind)
+    clean = object_scene(NAME, SEED, "white")
+    for field in ("X_CT", "approach", "orientation"):
+        assert np.array_equal(getattr(scene, field), getattr(clean, field)), field
+    assert scene.target.name == NAME
+
+
+def test_a_seed_gives_one_scene():
+    scene = scene_of("hidden")
+    again = draw(NAME, "hidden", SEED, "white")
+    assert np.array_equal(again.scan.depth, scene.scan.depth, equal_nan=True)
+    assert again.hidden == scene.hidden
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounds"), [("hidden", (0.2, 0.53)), ("hidden_most", (0.72, 0.93))]
+)
+def test_the_stated_share_is_hidden(kind: str, bounds: tuple[float, float], within):
+    scene = scene_of(kind)
+    assert bounds[0] <= scene.hidden <= bounds[1]
+    within("share by the depth seen", before_the_object(scene) - scene.hidden, 0.1)  # 0.01
+
+
+def test_nothing_hides_a_clean_object_and_what_is_absent_is_not_seen():
+    assert scene_of("clean").hidden == 0.0
+    assert before_the_object(scene_of("clean")) < 0.01
+    exact = ModelSurface.of(object_of(NAME)).seen(scene_of("absent").X_CT, scene_of("absent").scan)
+    on = np.isfinite(exact[0].depth)
+    assert np.nanmedian((scene_of("absent").scan.depth - exact[0].depth)[on]) > 0.02
+
+
+def test_growth_is_outside_the_object_and_thin():
+    """Points seen of the fouled object lie on the clean surface or outside it, up to a tenth of the
+    radius.
+    """
+    scene = scene_of("fouled")
+    target = object_of(NAME)
+    exact = ModelSurface.of(target).seen(scene.X_CT, scene.scan)[0].depth
+    on = np.isfinite(exact) & np.isfinite(scene.scan.depth)
+    off = (exact - scene.scan.depth)[on]
+    assert np.quantile(off, 0.99) > 0.005
+    assert np.quantile(off, 0.01) > -0.012  # four standard deviations of the noise
+
+
+def test_a_heap_touches_the_object_and_stands_on_the_seabed():
+    """All parts lie above the lowest point of the object; the nearest is in contact with it."""
+    scene = scene_of("heap")
+    target = object_of(NAME)
+    heap, hidden = in_heap(target, scene.X_CT, np.random.default_rng([SEED, 17]))
+    assert hidden == scene.hidden <= 0.6
+    own = len(target.vertices)
+    others = heap.vertices[own:]
+    assert np.allclose(heap.vertices[:own], target.vertices, atol=1e-12)
+    assert len(others) > 0
+    assert others[:, 2].min() >= target.vertices[:, 2].min() - 1e-3
+    assert NearestSurface.of(target.vertices, target.triangles).query(others).distance.min() < 0.01
+
+
+def test_unknown_kinds_are_refused():
+    with pytest.raises(ConfigurationError, match=r"no kind of scene 'buried'.*heap"):
+        draw(NAME, "buried", 0, "white")

@@ -97,6 +97,17 @@ def bootstrap_interval(
     return Bootstrap(float(interval.low), float(interval.high), result.bootstrap_distribution)
 
 
+def ratio_interval(
+    values: Array, base: Array, rng: np.random.Generator, resamples: int = RESAMPLES
+) -> Bootstrap:
+    """Bootstrap of the median of `values` over that of `base`, both (n,) and of the same trials."""
+
+    def ratio(a: Array, b: Array, axis: int) -> Array:
+        return np.median(a, axis=axis) / np.median(b, axis=axis)
+
+    return bootstrap_interval(ratio, values, base, rng=rng, resamples=resamples)
+
+
 def middle(resampled: Array) -> tuple[Array, Array]:
     """Ends of the percentile interval of values (resamples, ...) that a statistic had."""
     low, high = np.quantile(resampled, TAILS, axis=0)

@@ -365,6 +365,7 @@ class _Draw:
             distance * aside / np.linalg.norm(aside),
             angle * axis / np.linalg.norm(axis),
         )
+
         return UnseenScene(
             case=case,
             target=target,

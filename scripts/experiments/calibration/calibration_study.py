@@ -22,7 +22,6 @@ from uuv.experiment import Row, Summary, Table
 from uuv.models.arms import published_arms
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.palette import BLUE, FAINT, VERMILION
 from uuv.sim.interfaces.spatial import Array
 
 ARM, POINTS, TOUCHES = "ur10e", 3, 21  # as in [Yukhimets 2023]
@@ -557,11 +556,13 @@ def _pictures(effects: list[Row], real: list[Row]) -> Iterator[tuple[str, str, F
             least, low, median, high, most = np.quantile(
                 [row["ratio"] for row in mine], [0.0, 0.25, 0.5, 0.75, 1.0]
             )
-            axes.plot([least, most], [place, place], color=BLUE, linewidth=1.0)
-            axes.plot([low, high], [place, place], color=BLUE, linewidth=7.0, solid_capstyle="butt")
+            axes.plot([least, most], [place, place], color="#0072B2", linewidth=1.0)
+            axes.plot(
+                [low, high], [place, place], color="#0072B2", linewidth=7.0, solid_capstyle="butt"
+            )
             axes.plot(median, place, "|", color="#222222", markersize=12, markeredgewidth=2.0)
         axes.set_yticks(range(1, len(groups) + 1), [name for (name,) in groups])
-        axes.axvline(PUBLISHED_RATIO, color=VERMILION, linewidth=1.0)
+        axes.axvline(PUBLISHED_RATIO, color="#D55E00", linewidth=1.0)
         axes.axvline(1.0, color="#999999", linewidth=0.8, linestyle=":")
         axes.invert_yaxis()
         axes.set_xlabel("error of the nominal arm over that of the identified one")
@@ -585,7 +586,11 @@ def _pictures(effects: list[Row], real: list[Row]) -> Iterator[tuple[str, str, F
             places = np.arange(len(names)) + 0.4 * k - 0.2
             label = "trained on it, the others tested" if alone else "tested, trained on the others"
             axes.bar(
-                places, [values[name] for name in names], 0.38, label=label, color=(FAINT, BLUE)[k]
+                places,
+                [values[name] for name in names],
+                0.38,
+                label=label,
+                color=("#999999", "#0072B2")[k],
             )
         axes.set_xticks(range(len(names)), names, rotation=20)
         axes.set_ylabel("held out, RMS [mm]")

@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, transform_points
 
+Shell = tuple[Array, np.ndarray]  # vertices (V, 3) [m] and triangles (T, 3)
+
+SIDES = 48  # of a round shell; the sagitta of a side is 0.2 % of the radius
 _WELD = 1e-7  # [m] distance below which two vertices are merged
 
 
@@ -111,15 +114,34 @@ def sphere(level: int) -> tuple[Array, np.ndarray]:
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), triangles
 
 
+def cylinder(radius: float, height: float, sides: int = SIDES) -> Shell:
+    """Cylinder about z around the origin, `radius` and `height` in [m]."""
+    half = 0.5 * height
+    profile = [(-half, 0.0), (-half, radius), (half, radius), (half, 0.0)]
+    vertices, triangles = revolve(profile, sides)
+    return vertices[:, [1, 2, 0]], triangles
+
+
+def moved(shell: Shell, X: Array) -> Shell:
+    """`shell` at the pose `X` (4, 4)."""
+    return transform_points(X, shell[0]), shell[1]
+
+
+def scaled(shell: Shell, scale: ArrayLike) -> Shell:
+    """`shell` with its axes scaled by `scale`, one positive factor or three."""
+    return shell[0] * np.asarray(scale, dtype=np.float64), shell[1]
+
+
 def joined(parts: Iterable[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray]:
     """Concatenate several meshes (vertices (V, 3), triangles (T, 3)) without welding."""
-    vertices = []
-    triangles = []
+    vertices: list[Array] = []
+    triangles: list[np.ndarray] = []
     count = 0
     for points, faces in parts:
         vertices.append(points)
         triangles.append(faces + count)
         count += len(points)
+
     return np.vstack(vertices), np.vstack(triangles)
 
 
@@ -167,6 +189,13 @@ def volume(vertices: Array, triangles: np.ndarray) -> float:
     """Enclosed volume [m^3]; shells that overlap add up, inverted ones count negative."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def area_centroid(vertices: Array, triangles: np.ndarray) -> Array:
+    """Centroid (3,) [m] of the area of a mesh."""
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return area @ (a + b + c) / (3.0 * area.sum())
 
 
 def vertex_normals(vertices: Array, triangles: np.ndarray) -> Array:

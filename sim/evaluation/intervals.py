@@ -1,11 +1,14 @@
-"""Intervals of 95 % of shares, medians and other statistics, all by SciPy."""
+"""Intervals of 95 % of shares, medians and other statistics, all by SciPy.
+
+SciPy's statistics cost a second to import: the functions do so when they are called, since every
+job's metrics come by this module.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import binomtest, bootstrap, quantile_test
 
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
@@ -35,6 +38,9 @@ def share_interval(
     """
     if not 0 <= good <= of or of < 1:
         raise ConfigurationError(f"share: expected 0 <= good <= of, of > 0; got {good} of {of}")
+
+    from scipy.stats import binomtest
+
     interval = binomtest(good, of).proportion_ci(LEVEL, method)
     return float(interval.low), float(interval.high)
 
@@ -43,6 +49,8 @@ def median_interval(values: Array) -> tuple[float, float] | None:
     """Interval of the median by order statistics, whatever the distribution; None: too few
     values (n,), fewer than six.
     """
+    from scipy.stats import quantile_test
+
     if not len(values):
         return None
     interval = quantile_test(values, q=0.0, p=0.5).confidence_interval(LEVEL)
@@ -82,6 +90,8 @@ def bootstrap_interval(
         value = float(statistic(*samples, axis=0))
         return Bootstrap(value, value, np.full(resamples, value))
 
+    from scipy.stats import bootstrap
+
     result = bootstrap(
         samples,
         statistic,
@@ -95,6 +105,17 @@ def bootstrap_interval(
     )
     interval = result.confidence_interval
     return Bootstrap(float(interval.low), float(interval.high), result.bootstrap_distribution)
+
+
+def ratio_interval(
+    values: Array, base: Array, rng: np.random.Generator, resamples: int = RESAMPLES
+) -> Bootstrap:
+    """Bootstrap of the median of `values` over that of `base`, both (n,) and of the same trials."""
+
+    def ratio(a: Array, b: Array, axis: int) -> Array:
+        return np.median(a, axis=axis) / np.median(b, axis=axis)
+
+    return bootstrap_interval(ratio, values, base, rng=rng, resamples=resamples)
 
 
 def middle(resampled: Array) -> tuple[Array, Array]:

@@ -118,7 +118,7 @@ def figure(title: str, about: str, drawing: Drawing) -> Html:
     The SVG is embedded as an image, since the element ids of inline SVGs would clash.
     """
     svg = io.BytesIO()
-    # Without the date two drawings of one result are equal to the byte.
+    # The page says when a result was made, where that matters; its figures do not.
     drawing.savefig(svg, format="svg", dpi=160, metadata={"Date": None})
     data = base64.b64encode(svg.getvalue()).decode("ascii")
 

@@ -1,3 +1,3 @@
-"""Commands on point clouds: options, reports and pictures of identification, deformation map and
-seabed path.
+"""Seeded scenes with an object, and commands on point clouds: options, reports and pictures of
+identification, deformation map and seabed path.
 """

@@ -2,7 +2,8 @@
 coarse start pose.
 
 The world frame is the camera's frame C. A seed gives the same scene for every sensor, so that
-sensors and methods can be compared scene by scene.
+sensors and methods can be compared scene by scene. `scene_kinds` makes scenes that are right or
+wrong in a known way, and `placing` puts bodies beside, on and before each other.
 """
 
 from collections.abc import Mapping
@@ -32,6 +33,7 @@ from uuv.sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise
 from uuv.sim.sensors.sonar import BEAMS, NOISE, Sonar, SonarBeams, SonarNoise
 
 FOCAL = 554.0  # [px] focal length of an image of 640 x 480
+RANGES = (1.0, 2.0)  # [m] from the camera to the object
 # Objects whose centre does not show their height: camera aim p_T [m], elevations [rad].
 _AIM = {"pile": ((0.0, 0.0, 0.2), (-0.25, 0.5))}
 # Default range of the camera's elevation above the horizon of T [rad].
@@ -117,6 +119,7 @@ class ObjectScene:
     approach: Array  # (3,) [m] coarse position of the target's centre, in C
     orientation: Array  # (3, 3) coarse rotation of T in C
     range_m: float  # [m] from the camera to the point that it is aimed at
+    hidden: float = 0.0  # share of the object's image behind others
 
     def error(self, X_CT: Array) -> tuple[float, float]:
         """Error of an estimated pose (4, 4) in C, modulo the declared symmetry.
@@ -154,7 +157,7 @@ def object_scene(
     seed: int,
     sensor: str = "stereo",
     *,
-    ranges: tuple[float, float] = (1.0, 2.0),
+    ranges: tuple[float, float] = RANGES,
     start_error: tuple[float, float] = (0.3, np.deg2rad(45.0)),
     gap: tuple[float, float] | None = (0.05, 0.4),
     there: TargetModel | None = None,
@@ -191,41 +194,86 @@ def object_scene(
     target = target_of(target) if isinstance(target, str) else target
     if sensor not in SENSORS:
         raise ConfigurationError(f"no sensor {sensor!r}; there are {sorted(SENSORS)}")
-    view, ground, noise, start = (np.random.default_rng([seed, part]) for part in range(4))
-    aim, heights = _AIM.get(target.name, (target.center, _CLIMB))
-    range_m = float(view.uniform(*ranges))
-    X_CT = _view(view, np.asarray(aim), range_m, heights)
+
+    # what is where
+    X_CT, range_m = seeded_view(target, seed, ranges)
     if X_CN is not None:
         X_CT = inverse(X_CN) @ X_CT
-    if look:
-        noise = np.random.default_rng([seed, 2, look])
     shown = there or target
-
     spec = mujoco.MjSpec()
     if not absent:
         shown.add_to(spec, X_CT, felt=False)
     if gap is not None:
-        floor = _lowest(shown) - float(ground.uniform(*gap))
-        _add_seabed(spec, X_CT, floor)
-        for _ in range(_STONES):
-            _add_stone(spec, ground, X_CT, shown, floor)
+        _add_surroundings(spec, np.random.default_rng([seed, 1]), X_CT, shown, gap)
+
+    # the frame
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+    noise = np.random.default_rng([seed, 2, look] if look else [seed, 2])
+    scan = SENSORS[sensor].look(model, data, noise)
 
-    aside, axis = start.normal(size=(2, 3))
-    distance, angle = start.uniform(size=2) * start_error
-    approach = transform_points(X_CT, target.center) + distance * aside / np.linalg.norm(aside)
+    approach, orientation = _coarse_start(target, X_CT, seed, start_error)
     return ObjectScene(
         target=target,
         sensor=SENSORS[sensor],
         seed=seed,
-        scan=SENSORS[sensor].look(model, data, noise),
+        scan=scan,
         X_CT=readonly(X_CT),
-        approach=readonly(approach),
-        orientation=readonly(exp_so3(angle * axis / np.linalg.norm(axis)) @ X_CT[:3, :3]),
+        approach=approach,
+        orientation=orientation,
         range_m=range_m,
     )
+
+
+def seeded_view(
+    target: TargetModel, seed: int, ranges: tuple[float, float] = RANGES
+) -> tuple[Array, float]:
+    """Pose X_CT (4, 4) of the object in the view of `seed`, and its range [m] within `ranges`,
+    whatever else is in the scene.
+    """
+    rng = np.random.default_rng([seed, 0])
+    aim, climb = _AIM.get(target.name, (target.center, _CLIMB))
+    range_m = float(rng.uniform(*ranges))
+    return _view(rng, np.asarray(aim), range_m, climb), range_m
+
+
+def _coarse_start(
+    target: TargetModel, X_CT: Array, seed: int, most: tuple[float, float]
+) -> tuple[Array, Array]:
+    """What `coarse_pose` gives with errors of at most `most` [m], [rad]."""
+    rng = np.random.default_rng([seed, 3])
+    aside, axis = rng.normal(size=(2, 3))
+    distance, angle = rng.uniform(size=2) * most
+    shift = distance * aside / np.linalg.norm(aside)
+    return coarse_pose(target, X_CT, shift, angle * axis / np.linalg.norm(axis))
+
+
+def camera_pose(eye: Array, at: Array, roll: float = 0.0) -> Array:
+    """Pose X_CF (4, 4) of a frame F with z up, seen by a camera.
+
+    Args:
+        eye: (3,) [m] position of the camera in F.
+        at: (3,) [m] point in F on its optical axis.
+        roll: [rad] about that axis, from a level image.
+    """
+    z = at - eye
+    R_FC = rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0])) @ exp_so3([0.0, 0.0, roll])
+    return inverse(pose(R_FC, eye))
+
+
+def coarse_pose(target: TargetModel, X_CT: Array, shift: Array, turn: Array) -> tuple[Array, Array]:
+    """What a coarse detection says of an object: position (3,) [m] of its centre and rotation
+    (3, 3) of T, in C.
+
+    Args:
+        target: The object.
+        X_CT: (4, 4) its true pose.
+        shift: (3,) [m] error of the position, in C.
+        turn: (3,) [rad] error of the attitude as a rotation vector, in C.
+    """
+    approach = transform_points(X_CT, target.center) + shift
+    return readonly(approach), readonly(exp_so3(turn) @ X_CT[:3, :3])
 
 
 def _view(
@@ -238,11 +286,7 @@ def _view(
     heading, up, roll = rng.uniform([-np.pi, low, -_ROLL], [np.pi, high, _ROLL])
     flat = np.sqrt(1.0 - up**2)
     p_TC = aim + range_m * np.array([flat * np.cos(heading), flat * np.sin(heading), up])
-    at = aim + rng.normal(0.0, 0.03, 3)
-    z = at - p_TC
-    return inverse(
-        pose(rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0])) @ exp_so3([0.0, 0.0, roll]), p_TC)
-    )
+    return camera_pose(p_TC, aim + rng.normal(0.0, 0.03, 3), roll)
 
 
 def _lowest(target: TargetModel) -> float:
@@ -255,7 +299,22 @@ def _lowest(target: TargetModel) -> float:
     return min([float(target.vertices[:, 2].min()), *stand])
 
 
-def _add_seabed(spec: mujoco.MjSpec, X_CT: Array, height: float) -> None:
+def _add_surroundings(
+    spec: mujoco.MjSpec,
+    rng: np.random.Generator,
+    X_CT: Array,
+    shown: TargetModel,
+    gap: tuple[float, float],
+) -> None:
+    """A seabed below what is in the object's place, and stones on it."""
+    floor = _lowest(shown) - float(rng.uniform(*gap))
+    add_seabed(spec, X_CT, floor)
+    for _ in range(_STONES):
+        _add_stone(spec, rng, X_CT, shown, floor)
+
+
+def add_seabed(spec: mujoco.MjSpec, X_CT: Array, height: float) -> None:
+    """Add a level seabed at z_T = `height` [m]."""
     spec.worldbody.add_geom(
         name="seabed",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
@@ -271,14 +330,17 @@ def _add_stone(
     """An ellipsoid half in the seabed beside the object, so that it neither touches nor hides
     it.
     """
+    center_C = transform_points(X_CT, target.center)
     for _ in range(20):
         size = rng.uniform(0.03, 0.15, 3)
-        reach = target.radius + _CLEAR + float(size.max())
-        away, heading = reach + rng.uniform(0.0, 0.5), rng.uniform(-np.pi, np.pi)
+        away = target.radius + _CLEAR + float(size.max()) + rng.uniform(0.0, 0.5)
+        heading = rng.uniform(-np.pi, np.pi)
         p_T = np.array(
             [*(target.center[:2] + away * np.array([np.cos(heading), np.sin(heading)])), floor]
         )
-        p_C, center_C = transform_points(X_CT, p_T), transform_points(X_CT, target.center)
+        p_C = transform_points(X_CT, p_T)
+
+        # Behind the object, or beside it in the image.
         apart = np.arccos(
             np.clip(p_C @ center_C / (np.linalg.norm(p_C) * np.linalg.norm(center_C)), -1.0, 1.0)
         )

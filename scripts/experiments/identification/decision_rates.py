@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from experiments.identification.decision_scenes import KINDS, draw, object_of, wrong_poses
+from uuv.clouds.scene_kinds import KINDS, draw, object_of, wrong_poses
 from uuv.experiment import Row, Summary, Table
 from uuv.perception.registration.identification import identify
 from uuv.perception.registration.model_surface import ModelSurface
@@ -41,8 +41,8 @@ def run(task: DecisionCase) -> Row:
     """The decisions of one scene: on the identified pose first, then on the poses that are forced
     wrong.
     """
-    drawn, surface = draw(task.name, task.kind, task.seed, task.sensor), surface_of(task.name)
-    scene = drawn.scene
+    scene = draw(task.name, task.kind, task.seed, task.sensor)
+    surface = surface_of(task.name)
     found = identify(
         scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model
     )
@@ -58,7 +58,7 @@ def run(task: DecisionCase) -> Row:
             "right": there and scene.is_found(found.X_sensor_target),
             "position_m": position,
             "angle_deg": float(np.rad2deg(angle)),
-            "hidden": drawn.hidden,
+            "hidden": scene.hidden,
             "q_m": None
             if found.evidence is None
             else published_criterion(found.evidence, surface, found.X_sensor_target).q_m,

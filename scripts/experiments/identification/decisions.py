@@ -17,9 +17,11 @@ from dataclasses import dataclass
 from itertools import cycle, islice
 
 from experiments.identification.decision_rates import DecisionCase, run, summarise
-from experiments.identification.decision_scenes import KINDS, NAMES
 from uuv.clouds.object_scenes import CAMERAS
+from uuv.clouds.scene_kinds import NAMES
 from uuv.experiment import Study, StudyOptions
+
+KINDS = ("clean", "hidden", "fouled", "hidden_most", "other", "absent")
 
 
 @dataclass(kw_only=True)

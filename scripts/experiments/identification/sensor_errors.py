@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from uuv.clouds.object_scenes import add_seabed, camera_pose
 from uuv.experiment import Row, Summary, Table
 from uuv.models.objects.target_model import TargetModel
 from uuv.models.objects.targets import barrel
@@ -16,14 +17,7 @@ from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
 from uuv.perception.registration.identification import identify
 from uuv.sim.interfaces.messages import DepthImage, SonarScan
-from uuv.sim.interfaces.spatial import (
-    Array,
-    exp_so3,
-    inverse,
-    pose,
-    quat_wxyz_from_rotation,
-    rotation_from_z,
-)
+from uuv.sim.interfaces.spatial import Array, exp_so3
 from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 from uuv.sim.sensors.refraction import FlatPort, in_air, in_water
@@ -42,6 +36,7 @@ CAMERAS: Mapping[str, Optics] = {
     ),
     "port, in water": Optics(port=PORT),
 }
+FLOOR = 0.5  # [m] of the seabed below the axis of the barrel
 SONAR = "sonar"
 OF_SONAR = sonar_model(BEAMS.pitch)
 
@@ -72,15 +67,11 @@ def scene(
     p_TS = distance * np.array(
         [np.cos(climb) * np.cos(heading), np.cos(climb) * np.sin(heading), np.sin(climb)]
     )
-    X_ST = inverse(pose(rotation_from_z(-p_TS, np.cross(-p_TS, [0.0, 0.0, 1.0])), p_TS))
+    X_ST = camera_pose(p_TS, np.zeros(3))
+
     spec = mujoco.MjSpec()
     target.add_to(spec, X_ST)
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 0.1],
-        pos=X_ST[:3, 3] - 0.5 * X_ST[:3, 2],
-        quat=quat_wxyz_from_rotation(X_ST[:3, :3]),
-    )
+    add_seabed(spec, X_ST, -FLOOR)
     return spec.compile(), X_ST
 
 

@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 
 from experiments.identification.decision_rates import surface_of
-from experiments.identification.decision_scenes import NAMES, draw
 from uuv.clouds.object_scenes import CAMERAS, ObjectScene
+from uuv.clouds.scene_kinds import NAMES, draw
 from uuv.experiment import Page, column, experiment, stat
 from uuv.perception.finding.next_view import ranked_views, views_around
 from uuv.perception.registration.identification import Identification, identify
@@ -56,7 +56,7 @@ class ViewRow:
 )
 def looks_needed(case: ViewCase) -> ViewRow:
     """Takes views of a scene in each order until one is accepted."""
-    scene = draw(case.object, case.kind, case.seed, case.sensor).scene
+    scene = draw(case.object, case.kind, case.seed, case.sensor)
     start = _identified(case, scene)
     if start.accepted:
         return ViewRow(first=True, right=scene.is_found(start.X_sensor_target))
@@ -87,7 +87,7 @@ def _views_taken(
 
         left.remove(pick)
         X_CS = views[pick]
-        scene = draw(case.object, case.kind, case.seed, case.sensor, X_CS, pick + 1).scene
+        scene = draw(case.object, case.kind, case.seed, case.sensor, X_CS, pick + 1)
         last = _identified(case, scene)
         if last.accepted:
             return 1 + len(views) - len(left), scene.is_found(last.X_sensor_target)

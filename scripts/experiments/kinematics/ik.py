@@ -39,6 +39,7 @@ from uuv.controllers.mkps import Chain, IkOptions, Method, solve, solve_many
 from uuv.models.arms import published_arms as arms
 from uuv.models.arms.published_arms import PublishedArm
 from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.evaluation.intervals import bootstrap_interval, middle, ratio_interval
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, readonly
 from uuv.sim.interfaces.streams import Streams
@@ -281,11 +282,6 @@ def race(case: IkCase, solvers: dict[str, Solver], repeats: int) -> dict[str, tu
     }
 
 
-def spread(values: Array) -> list[float]:
-    """Bounds of the middle 95 %."""
-    return [float(v) for v in np.quantile(values, [0.025, 0.975])]
-
-
 def race_all(options: Options, results: Results, progress: Progress) -> None:
     """Runs every case of every arm, then computes ratios to hybrid with intervals.
 
@@ -301,22 +297,24 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
     for name in options.arms:
         for case in cases(options, name, options.targets):
             found = race(case, contenders(case, options), options.repeats)
-            picks = rng.integers(len(case.targets), size=(RESAMPLES, len(case.targets)))
             hybrid = found["hybrid"][1]
-            base = np.median(hybrid[picks], axis=1)
+
+            # All solvers of a case are compared over the same resamples of its targets.
+            seed = rng.integers(2**32)
             for method, (share, times) in found.items():
-                resampled = np.median(times[picks], axis=1) / base
+                interval = ratio_interval(times, hybrid, np.random.default_rng(seed), RESAMPLES)
                 ratio = float(np.median(times) / np.median(hybrid))
                 row = {"method": method, "rate": share, "median_us": float(np.median(times))}
                 row |= {
                     "p95_us": float(np.quantile(times, 0.95)),
                     "ratio": ratio,
-                    "ratio_95": spread(resampled),
+                    "ratio_95": [interval.low, interval.high],
                 }
                 results.race.append(case.told() | row)
                 key = (str(case.degrees), "warm" if case.warm else "cold", case.bar, method)
-                logs.setdefault(key, {})[name] = math.log(ratio), np.log(resampled)
+                logs.setdefault(key, {})[name] = math.log(ratio), np.log(interval.resampled)
             progress.advance(bar)
+
     for (degrees, start, accuracy, method), by_arm in logs.items():
         for scope, wanted in (("goal arms", GOAL_ARMS), ("all arms", options.arms)):
             chosen = [by_arm[name] for name in wanted if name in by_arm]
@@ -332,7 +330,8 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
                     "arms": len(chosen),
                     "ratio": math.exp(float(np.mean([log for log, _ in chosen]))),
                 }
-                row["ratio_95"] = spread(np.exp(np.mean([logs for _, logs in chosen], axis=0)))
+                means = np.exp(np.mean([logs for _, logs in chosen], axis=0))
+                row["ratio_95"] = [float(end) for end in middle(means)]
                 results.ratios.append(row)
 
 
@@ -355,18 +354,19 @@ def kernel(case: IkCase, rounds: int) -> dict[str, Any]:
     for _ in range(rounds + 1):
         begin = clock()
         many(memory, case.targets, case.starts, settings, 0, count, q, out)
-        middle = clock()
+        between = clock()
         solve_all(dh, slides, limits, tool, case.targets, case.starts.copy(), *bar, J, A, X)
-        pairs.append((middle - begin, clock() - middle))
+        pairs.append((between - begin, clock() - between))
     ours, theirs = 1e6 / count * np.array(pairs[1:]).T  # the first round warms up
-    picks = np.random.default_rng(0).integers(rounds, size=(RESAMPLES, rounds))
+    draws = np.random.default_rng(0)
+    interval = bootstrap_interval(np.median, theirs / ours, rng=draws, resamples=RESAMPLES)
     return case.told() | {
         "hybrid_us": float(np.median(ours)),
         "baseline_us": float(np.median(theirs)),
         "hybrid_best_us": float(ours.min()),
         "baseline_best_us": float(theirs.min()),
         "ratio": float(np.median(theirs / ours)),
-        "ratio_95": spread(np.median((theirs / ours)[picks], axis=1)),
+        "ratio_95": [interval.low, interval.high],
     }
 
 

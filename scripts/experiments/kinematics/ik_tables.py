@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uuv.experiment import Table
+from uuv.sim.interfaces.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from uuv.sim.interfaces.spatial import Array
 
 # Goals for a peer's time over hybrid's, cold and warm: geometric mean over the goals' arms at bar
@@ -22,7 +23,6 @@ RATIO_GOALS = {
 }
 KERNEL_GOALS = {"PUMA 560": {"cold": 8.0, "warm": 3.0}}  # [us]
 STARTS = ("cold", "warm")
-BLUE, ORANGE, GREEN, VERMILION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"
 _COLORS = {
     "hybrid": BLUE,
     "jacobian_free": GREEN,

@@ -35,6 +35,7 @@ from rich.table import Table
 from uuv.controllers.mkps import Chain, IkOptions, IkResult, Method, solve
 from uuv.models.arms import published_arms
 from uuv.models.arms.servo_drives import Servo, rest, servo_model
+from uuv.sim.interfaces.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
@@ -54,7 +55,7 @@ METHODS: tuple[Method, ...] = ("plain", "jacobian_free", "hybrid")
 GOALS = ("F_R [m]", "F_alpha1 [rad]", "F_alpha2 [rad]")
 # by motion: label, values, results by method
 Runs = dict[str, tuple[str, Array, dict[Method, list[IkResult]]]]
-_CURVES = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000", "#999999")
+_CURVES = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, "#000000", "#999999")
 
 
 @dataclass

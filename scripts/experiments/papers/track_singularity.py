@@ -32,14 +32,14 @@ from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, rgb
 from uuv.sim.interfaces.spatial import Array, pose, rotation_angle
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.saving import write_json
 from uuv.start import new_folder, parse, run_scenario
 
 AT_LOCK = np.radians([90.0, 0.0, -30.0, 60.0, 62.64, 90.0, 0.0])  # [rad]; `lock` refines the fifth
-BLUE, ORANGE = (0, 114, 178), (230, 159, 0)
-_CURVES = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
+_CURVES = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, "#000000")
 
 
 @dataclass
@@ -163,7 +163,7 @@ def write_log(
     with ArmLog(file, f"{arm.title}: gimbal lock", blueprint, view=view) as log:
         log.line("path", path[:, :3, 3], (240, 228, 66), 0.02)
         time = runs[names[0]].time
-        for (name, run), color in zip(runs.items(), (ORANGE, BLUE), strict=True):
+        for (name, run), color in zip(runs.items(), (rgb(ORANGE), rgb(BLUE)), strict=True):
             log.arm(name, arm, time, run.q, color, stride=2)
             log.series(f"speed_{name}", [f"joint {i + 1}" for i in range(arm.n)], time, run.qd)
         log.series(

@@ -13,24 +13,30 @@ from typing import TypeVar
 import numpy as np
 
 from experiments.identification.unseen.solids import (
-    Solid3,
     ball,
     circle,
-    cylinder,
     extruded,
     hexagon,
     inside,
     mirrored,
-    moved,
     rectangle,
     ring,
-    scaled,
     skinned,
     swept,
     tube,
     turned,
 )
-from uuv.models.meshes.closed_shells import box, joined, sphere
+from uuv.clouds.placing import any_rotation
+from uuv.models.meshes.closed_shells import (
+    Shell,
+    area_centroid,
+    box,
+    cylinder,
+    joined,
+    moved,
+    scaled,
+    sphere,
+)
 from uuv.models.objects.target_model import Symmetry, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, rotation_from_z
@@ -106,20 +112,6 @@ def unseen_shape(kind: str, rng: Rng, extent: tuple[float, float] = EXTENT) -> U
     )
 
 
-def area_centroid(vertices: Array, triangles: np.ndarray) -> Array:
-    """Centroid (3,) [m] of the area of a mesh."""
-    a, b, c = vertices[triangles].transpose(1, 0, 2)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return area @ (a + b + c) / (3.0 * area.sum())
-
-
-def any_rotation(rng: Rng) -> Array:
-    """Rotation (3, 3), uniform over all."""
-    q = rng.normal(size=4)
-    w, v = q[0], q[1:]
-    return exp_so3(2.0 * np.arctan2(np.linalg.norm(v), w) * v / np.linalg.norm(v))
-
-
 def _pick(rng: Rng, *choices: Choice) -> Choice:
     """One of `choices`, each as likely as the others."""
     return choices[int(rng.integers(len(choices)))]
@@ -184,7 +176,7 @@ def _holes(rng: Rng, outline: Array, count: int, least: float) -> list[Array]:
     return holes
 
 
-def _plate(rng: Rng, least: float) -> Solid3:
+def _plate(rng: Rng, least: float) -> Shell:
     """Plate with holes, and sometimes ribs on one side."""
     outline = _outline(rng)
     thick = max(least, _spread(rng, 0.015, 0.12))
@@ -203,7 +195,7 @@ def _plate(rng: Rng, least: float) -> Solid3:
     return joined(parts)
 
 
-def _pipe(rng: Rng, least: float) -> Solid3:
+def _pipe(rng: Rng, least: float) -> Shell:
     """Pipe, straight or bent, with branches and collars."""
     r = max(2.0 * least, rng.uniform(0.06, 0.17))
     bore, deep = r * rng.uniform(0.6, 0.85), rng.uniform(0.05, 0.1)
@@ -267,13 +259,13 @@ def _bend(rng: Rng, deep: float) -> Array:
     return np.array(points)
 
 
-def _collar(rng: Rng, r: float) -> Solid3:
+def _collar(rng: Rng, r: float) -> Shell:
     """Flange ring around a pipe of radius `r` along z."""
     wide, half = r * rng.uniform(1.35, 1.8), 0.5 * rng.uniform(0.03, 0.06)
     return ring(np.array([[0.97 * r, -half], [wide, -half], [wide, half], [0.97 * r, half]]))
 
 
-def _flange(rng: Rng, least: float) -> Solid3:
+def _flange(rng: Rng, least: float) -> Shell:
     """Flange with a hub and bolts; some bolts may be missing, and a lug may break the symmetry."""
     thick, bore = max(least, _spread(rng, 0.05, 0.2)), rng.uniform(0.1, 0.24)
     count = int(rng.integers(4, 13))
@@ -309,7 +301,7 @@ def _flange(rng: Rng, least: float) -> Solid3:
     return joined(parts)
 
 
-def _bar(a: Array, b: Array, width: float, is_round: bool) -> Solid3:
+def _bar(a: Array, b: Array, width: float, is_round: bool) -> Shell:
     """Bar between two points, a little longer than their distance, so that bars join in corners."""
     way = b - a
     z = way / np.linalg.norm(way)
@@ -321,7 +313,7 @@ def _bar(a: Array, b: Array, width: float, is_round: bool) -> Solid3:
     return moved(bar, pose(R, 0.5 * (a + b)))
 
 
-def _frame(rng: Rng, least: float) -> Solid3:
+def _frame(rng: Rng, least: float) -> Shell:
     """Frame of bars along the edges of a box or wedge, with braces; some bars may be missing."""
     width = max(least, _spread(rng, 0.025, 0.09))
     is_round = bool(rng.random() < 0.5)
@@ -350,7 +342,7 @@ def _frame(rng: Rng, least: float) -> Solid3:
     return joined(parts)
 
 
-def _spring(rng: Rng, least: float) -> Solid3:
+def _spring(rng: Rng, least: float) -> Shell:
     """Helical spring, cylindrical or conical, open, hooked or with flat ends."""
     coils = _pick(rng, 3.0, 4.0, 5.5, 7.0, rng.uniform(2.5, 9.0))
     wire = max(0.6 * least, rng.uniform(0.1, 0.3) / coils)
@@ -371,7 +363,7 @@ def _spring(rng: Rng, least: float) -> Solid3:
     return swept(path, circle(wire, 12))
 
 
-def _grid(rng: Rng, least: float) -> Solid3:
+def _grid(rng: Rng, least: float) -> Shell:
     """Periodic object: grating, ladder, rack of fins, or stacked discs; an element may be
     missing.
     """
@@ -409,7 +401,7 @@ def _grid(rng: Rng, least: float) -> Solid3:
     return joined([base, *(box([2.0 * wide, height, thick], [0.0, 0.5 * height, h]) for h in z)])
 
 
-def _pebble(rng: Rng, _least: float) -> Solid3:
+def _pebble(rng: Rng, _least: float) -> Shell:
     """Smooth stone: an ellipsoid with broad bumps and hollows."""
     directions, triangles = sphere(4)
     radius = np.ones(len(directions))
@@ -420,7 +412,7 @@ def _pebble(rng: Rng, _least: float) -> Solid3:
     return scaled((np.maximum(radius, 0.3)[:, None] * directions, triangles), axes)
 
 
-def _extrusion(rng: Rng, least: float) -> Solid3:
+def _extrusion(rng: Rng, least: float) -> Shell:
     """Profile of constant section: angle, tee, channel, beam, gear, star or a smooth curve."""
     form = _pick(rng, "angle", "tee", "channel", "beam", "gear", "star", "curve")
     wall, width = max(0.08, 1.2 * least), rng.uniform(0.5, 1.0)
@@ -460,9 +452,9 @@ def _section(form: str, wall: float, width: float) -> tuple[list[float], list[fl
     return [-a, a, a, m, m, a, a, -a, -a, -m, -m, -a], [-d, -d, -c, -c, c, c, d, d, c, c, -c, -c]
 
 
-def _union(rng: Rng, least: float) -> Solid3:
+def _union(rng: Rng, least: float) -> Shell:
     """Three to seven random primitives grown onto each other."""
-    parts: list[Solid3] = []
+    parts: list[Shell] = []
     for _ in range(int(rng.integers(3, 8))):
         part = moved(_primitive(rng, least), pose(any_rotation(rng)))
         if parts:
@@ -472,7 +464,7 @@ def _union(rng: Rng, least: float) -> Solid3:
     return joined(parts)
 
 
-def _primitive(rng: Rng, least: float) -> Solid3:
+def _primitive(rng: Rng, least: float) -> Shell:
     a, b, c = np.maximum(rng.uniform(0.08, 0.5, 3), 1.5 * least)
     form = _pick(rng, "box", "box", "cylinder", "cone", "ball", "hoop", "hexagon")
     if form == "box":
@@ -489,7 +481,7 @@ def _primitive(rng: Rng, least: float) -> Solid3:
     return ring(np.array([0.5 * wide, 0.0]) + circle(max(0.06, least), 16))
 
 
-def _chiral(rng: Rng, least: float) -> Solid3:
+def _chiral(rng: Rng, least: float) -> Shell:
     """Object with a hand: propeller, twisted bar, screw, winding stair, or bent bracket."""
     form = _pick(rng, "propeller", "twisted", "screw", "stair", "bracket")
     thick = max(least, rng.uniform(0.02, 0.05))
@@ -533,7 +525,7 @@ def _chiral(rng: Rng, least: float) -> Solid3:
     return joined(parts)
 
 
-KINDS: Mapping[str, Callable[[Rng, float], Solid3]] = {
+KINDS: Mapping[str, Callable[[Rng, float], Shell]] = {
     "plate": _plate,
     "pipe": _pipe,
     "flange": _flange,

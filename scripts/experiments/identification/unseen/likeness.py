@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from experiments.identification.unseen.grammar import UnseenShape, area_centroid
-from uuv.models.meshes.closed_shells import sphere
+from experiments.identification.unseen.grammar import UnseenShape
+from uuv.models.meshes.closed_shells import area_centroid, sphere
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects.target_model import Symmetry

@@ -14,11 +14,22 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from experiments.identification.unseen.grammar import KINDS, UnseenShape, any_rotation, unseen_shape
+from experiments.identification.unseen.grammar import KINDS, UnseenShape, unseen_shape
 from experiments.identification.unseen.likeness import Likeness
-from experiments.identification.unseen.placing import (
+from uuv.clouds.object_scenes import (
+    FOCAL,
+    RANGES,
+    SENSORS,
+    Camera,
+    Imager,
+    ObjectScene,
+    camera_pose,
+    coarse_pose,
+)
+from uuv.clouds.placing import (
     COARSE,
     Body,
+    any_rotation,
     beside,
     heaped,
     hidden_by,
@@ -27,21 +38,10 @@ from experiments.identification.unseen.placing import (
     stone,
     veil,
 )
-from experiments.identification.unseen.solids import Solid3, moved
-from uuv.clouds.object_scenes import FOCAL, SENSORS, Camera, Imager
-from uuv.models.meshes.closed_shells import joined
-from uuv.models.objects.target_model import Symmetry, TargetModel
-from uuv.perception.clouds.scan import Scan
+from uuv.models.meshes.closed_shells import Shell, joined, moved
+from uuv.models.objects.target_model import Symmetry
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
-from uuv.sim.interfaces.spatial import (
-    Array,
-    exp_so3,
-    inverse,
-    pose,
-    readonly,
-    rotation_from_z,
-    transform_points,
-)
+from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly, transform_points
 from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 from uuv.sim.sensors.stereo_noise import StereoNoise
@@ -80,7 +80,6 @@ _DECLARED = 0.5  # share of the targets that declare their geometric symmetry
 _OF_PILE = (0.2, 0.45)  # [m] extents of the objects of a pile
 _APPROACH = 0.3  # [m] largest error of the coarse position
 _TILT = np.deg2rad(45.0)  # [rad] largest error of the coarse attitude
-_RANGES = (1.0, 2.0)  # [m] from the camera to the object
 _VIEW = 2.3  # [radii] least distance, so that the object fits in the image
 _NEAR_SMALL = 6.0  # [extents] largest distance of a small object
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(75.0))  # [rad] of the camera above the horizon
@@ -108,23 +107,15 @@ class UnseenCase:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class UnseenScene:
+class UnseenScene(ObjectScene):
     """One frame with the truth, and what identification is given."""
 
     case: UnseenCase
-    target: TargetModel  # the model that is searched for
     likeness: Likeness  # of its shape to itself
     there: UnseenShape | None  # what stands in its place; None: nothing
-    sensor: Camera | Imager
     model: mujoco.MjModel  # of the scene in C
-    scan: Scan
     exact: Array  # (h, w) [m] depth of the whole scene without noise, inf where there is nothing
     seen: np.ndarray  # (h, w) pixels of an ideal camera that show what is in the object's place
-    X_CT: Array  # (4, 4) true pose of what is in its place
-    approach: Array  # (3,) [m] coarse position of the target's centre, in C
-    orientation: Array  # (3, 3) coarse rotation of T in C
-    range_m: float  # [m] from the camera to the object
-    hidden: float  # share of the object's image that is hidden, 0 if it is absent
     declared: bool  # the target declares its geometric symmetry
 
     @property
@@ -203,7 +194,7 @@ class _Layout:
     likeness: Likeness  # of the shape that is searched for
     there: UnseenShape | None  # in its place
     body: Body  # the object, or where it is absent the one that was taken away
-    visible: Sequence[Solid3]  # everything in the scene, in F
+    visible: Sequence[Shell]  # everything in the scene, in F
     X_CF: Array
     X_FT: Array
 
@@ -321,15 +312,13 @@ class _Draw:
 
     def _camera(self, p_F: Array, radius: float, extent: float) -> Array:
         """X_CF (4, 4) of a camera that looks at `p_F` (3,) [m], or a little beside it."""
-        rng, near = self.streams["camera"], max(_RANGES[0], _VIEW * radius)
-        range_m = rng.uniform(near, max(near + 0.1, min(_RANGES[1], _NEAR_SMALL * extent)))
+        rng, near = self.streams["camera"], max(RANGES[0], _VIEW * radius)
+        range_m = rng.uniform(near, max(near + 0.1, min(RANGES[1], _NEAR_SMALL * extent)))
         up = rng.uniform(*np.sin(_CLIMB))
         heading, roll = rng.uniform([-np.pi, -_ROLL], [np.pi, _ROLL])
         flat = np.sqrt(1.0 - up**2)
         eye = p_F + range_m * np.array([flat * np.cos(heading), flat * np.sin(heading), up])
-        z = p_F + rng.normal(0.0, _ASIDE * range_m, 3) - eye
-        R = rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0])) @ exp_so3([0.0, 0.0, roll])
-        return inverse(pose(R, eye))
+        return camera_pose(eye, p_F + rng.normal(0.0, _ASIDE * range_m, 3), roll)
 
     def _neighbours(self, body: Body, X_CF: Array, ground: float) -> list[Body]:
         """Shapes of the same and other classes beside the object, on the ground; they touch it, or
@@ -384,7 +373,13 @@ class _Draw:
         axis = self._start("turn axis").normal(size=3)
         distance = self._start("approach distance").uniform() * _APPROACH
         angle = self._start("turn angle").uniform() * _TILT
-        approach = transform_points(X_CT, target.center) + distance * aside / np.linalg.norm(aside)
+        approach, orientation = coarse_pose(
+            target,
+            X_CT,
+            distance * aside / np.linalg.norm(aside),
+            angle * axis / np.linalg.norm(axis),
+        )
+
         return UnseenScene(
             case=case,
             target=target,
@@ -396,8 +391,9 @@ class _Draw:
             exact=readonly(exact),
             seen=seen,
             X_CT=readonly(X_CT),
-            approach=readonly(approach),
-            orientation=readonly(exp_so3(angle * axis / np.linalg.norm(axis)) @ X_CT[:3, :3]),
+            seed=case.seed,
+            approach=approach,
+            orientation=orientation,
             range_m=float(np.linalg.norm(X_CT[:3, 3])),
             hidden=hidden,
             declared=declared,
@@ -416,7 +412,7 @@ def _in_view(X_CF: Array, vertices: Array) -> bool:
     return bool(within.mean() >= _IN_VIEW)
 
 
-def _compiled(solids: Sequence[Solid3]) -> mujoco.MjModel:
+def _compiled(solids: Sequence[Shell]) -> mujoco.MjModel:
     """Model of visible meshes in C, fixed in the world."""
     spec = mujoco.MjSpec()
     vertices, triangles = joined(solids)

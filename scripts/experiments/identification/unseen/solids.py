@@ -10,28 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay
 
-from uuv.models.meshes.closed_shells import open_edges, prism, revolve, sphere
+from uuv.models.meshes.closed_shells import SIDES, Shell, open_edges, prism, revolve, sphere
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, transform_points
+from uuv.sim.interfaces.spatial import Array
 
-Solid3 = tuple[Array, np.ndarray]
-
-SIDES = 48  # of a round solid; the sagitta of a side is 0.2 % of the radius
 _STEP = 1e-9  # [m] between two places of a path, below which they are one
 _REFINEMENTS = 6  # halvings of the spacing until a triangulation keeps every edge of the outline
 
 
-def moved(solid: Solid3, X: Array) -> Solid3:
-    """`solid` at the pose `X` (4, 4)."""
-    return transform_points(X, solid[0]), solid[1]
-
-
-def scaled(solid: Solid3, scale: ArrayLike) -> Solid3:
-    """`solid` with its axes scaled by `scale`, one positive factor or three."""
-    return solid[0] * np.asarray(scale, dtype=np.float64), solid[1]
-
-
-def mirrored(solid: Solid3) -> Solid3:
+def mirrored(solid: Shell) -> Shell:
     """Mirror image of `solid` in the plane x = 0, wound outwards."""
     return solid[0] * [-1.0, 1.0, 1.0], solid[1][:, ::-1]
 
@@ -65,7 +52,7 @@ def extruded(
     *,
     twist: float = 0.0,
     layers: int = 1,
-) -> Solid3:
+) -> Shell:
     """Solid of an outline moved along z, from -thickness/2 to thickness/2.
 
     Args:
@@ -134,7 +121,7 @@ def inside(points: Array, loops: Iterable[Array]) -> np.ndarray:
 
 def _lofted(
     loops: Sequence[Array], faces: np.ndarray, thickness: float, twist: float, layers: int
-) -> Solid3:
+) -> Shell:
     """Solid between copies of the triangulated area `loops`, `faces` along z."""
     flat = np.vstack(loops)
     count = len(flat)
@@ -158,7 +145,7 @@ def _lofted(
     return np.vstack(vertices), np.vstack([faces[:, ::-1], faces + layers * count, *walls])
 
 
-def swept(path: Array, profile: Array, scale: ArrayLike = 1.0) -> Solid3:
+def swept(path: Array, profile: Array, scale: ArrayLike = 1.0) -> Shell:
     """Solid of a convex profile moved along a path, closed by flat ends.
 
     The profile turns no more than the path does (parallel transport).
@@ -179,7 +166,7 @@ def swept(path: Array, profile: Array, scale: ArrayLike = 1.0) -> Solid3:
 
 def tube(
     path: Array, radius: float, bore: float = 0.0, depth: int = 0, sides: int = SIDES
-) -> Solid3:
+) -> Shell:
     """Round bar along a path, with a blind bore at both ends.
 
     Args:
@@ -199,7 +186,7 @@ def tube(
     return skinned(rings)
 
 
-def skinned(rings: Array) -> Solid3:
+def skinned(rings: Array) -> Shell:
     """Solid through convex rings (N, M, 3) [m] that are counter-clockwise about the way, closed by
     flat ends.
     """
@@ -239,7 +226,7 @@ def _frames(path: Array) -> Array:
     return frames
 
 
-def ring(profile: Array, sides: int = SIDES) -> Solid3:
+def ring(profile: Array, sides: int = SIDES) -> Shell:
     """Ring of a closed profile (M, 2) [m], rows (radius, z), counter-clockwise, turned about z."""
     angle = np.arange(sides) * (2.0 * np.pi / sides)
     radius, z = profile.T
@@ -264,7 +251,7 @@ def ring(profile: Array, sides: int = SIDES) -> Solid3:
     )
 
 
-def turned(profile: ArrayLike, sides: int = SIDES) -> Solid3:
+def turned(profile: ArrayLike, sides: int = SIDES) -> Shell:
     """Solid of revolution about z of a profile (P, 2) [m], rows (z, radius), that begins and ends
     on the axis.
     """
@@ -272,13 +259,7 @@ def turned(profile: ArrayLike, sides: int = SIDES) -> Solid3:
     return vertices[:, [1, 2, 0]], triangles
 
 
-def cylinder(radius: float, height: float, sides: int = SIDES) -> Solid3:
-    """Cylinder about z around the origin, `radius` and `height` in [m]."""
-    half = 0.5 * height
-    return turned([(-half, 0.0), (-half, radius), (half, radius), (half, 0.0)], sides)
-
-
-def hexagon(radius: float, height: float) -> Solid3:
+def hexagon(radius: float, height: float) -> Shell:
     """Hexagonal prism about z around the origin, such as the head of a bolt; `radius` [m] to its
     edges.
     """
@@ -287,7 +268,7 @@ def hexagon(radius: float, height: float) -> Solid3:
     return prism(low, high)
 
 
-def ball(radius: float) -> Solid3:
+def ball(radius: float) -> Shell:
     """Sphere around the origin, `radius` in [m]."""
     vertices, triangles = sphere(3)
     return radius * vertices, triangles

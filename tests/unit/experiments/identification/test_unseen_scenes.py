@@ -18,14 +18,6 @@ from experiments.identification.unseen.judge import (
     ViewOfObject,
     pose_error,
 )
-from experiments.identification.unseen.placing import (
-    Body,
-    hidden_by,
-    pinhole,
-    resting_attitude,
-    slid,
-    veil,
-)
 from experiments.identification.unseen.scenes import (
     DEPTH_SENSORS,
     HIDDEN,
@@ -38,10 +30,9 @@ from experiments.identification.unseen.scenes import (
     present,
     wrong,
 )
-from experiments.identification.unseen.solids import ball, moved
 from experiments.identification.unseen.study import UnseenTrial, run
 from uuv.clouds.object_scenes import FOCAL
-from uuv.models.meshes.closed_shells import box
+from uuv.clouds.placing import pinhole, resting_attitude
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.perception.clouds.scan import SensorModel
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -205,40 +196,6 @@ def test_a_resting_shape_is_carried_by_what_it_touches():
         # far side.
         angle = np.linspace(0.0, 2.0 * np.pi, 360)
         assert (base @ np.array([np.cos(angle), np.sin(angle)])).max(axis=0).min() >= -1e-6
-
-
-def test_bodies_meet_where_spheres_do(within):
-    """A ball pushed past another at an offset stops where their centres are two radii apart."""
-    rng, radius = np.random.default_rng(0), 0.2
-    first = Body.of(ball(radius), rng)
-    for aside in (0.0, 0.1, 0.3):
-        second = first.moved(np.array([0.0, aside, 0.0]))
-        met = slid(second, [first], np.array([-1.0, 0.0, 0.0]), 0.0)
-        assert met is not None
-        # 0.9 mm: a ball of 1280 triangles
-        within("distance [m]", np.linalg.norm(met.p) - 2.0 * radius, 9e-3)
-        kept = slid(second, [first], np.array([-1.0, 0.0, 0.0]), 0.05)
-        assert kept is not None
-        assert kept.p[0] - met.p[0] == pytest.approx(0.05)
-    assert (
-        slid(first.moved(np.array([0.0, 0.5, 0.0])), [first], np.array([-1.0, 0.0, 0.0]), 0.0)
-        is None
-    )
-
-
-def test_a_veil_hides_what_it_should():
-    rng = np.random.default_rng(1)
-    X_CF = pose(p=[0.0, 0.0, 1.5])  # a camera before the ball
-    body = Body.of(ball(0.3), rng)
-    for share in ((0.005, 0.2), (0.2, 0.6)):
-        before = veil(body, [], X_CF, share, rng)
-        assert before
-        hidden = hidden_by(body, before, X_CF)[1].mean()
-        assert share[0] <= hidden <= share[1]
-    assert veil(body, [], X_CF, (0.0, 0.005), rng) == []
-    wall = Body.of(moved(box([2.0, 2.0, 0.01], np.zeros(3)), pose(p=[0.0, 0.0, -0.5])), rng)
-    assert hidden_by(body, [wall], X_CF)[1].all()
-    assert veil(body, [wall], X_CF, (0.2, 0.6), rng) is None
 
 
 def test_found_means_near_modulo_symmetry():

@@ -5,19 +5,11 @@ simple solids.
 import numpy as np
 import pytest
 
-from experiments.identification.unseen.grammar import (
-    EXTENT,
-    KINDS,
-    UnseenShape,
-    area_centroid,
-    unseen_shape,
-)
+from experiments.identification.unseen.grammar import EXTENT, KINDS, UnseenShape, unseen_shape
 from experiments.identification.unseen.likeness import Likeness
 from experiments.identification.unseen.solids import (
-    Solid3,
     ball,
     circle,
-    cylinder,
     extruded,
     hexagon,
     inside,
@@ -27,7 +19,15 @@ from experiments.identification.unseen.solids import (
     tube,
     turned,
 )
-from uuv.models.meshes.closed_shells import box, joined, open_edges, volume
+from uuv.models.meshes.closed_shells import (
+    Shell,
+    area_centroid,
+    box,
+    cylinder,
+    joined,
+    open_edges,
+    volume,
+)
 from uuv.models.objects.target_model import Symmetry
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3
@@ -35,14 +35,14 @@ from uuv.sim.interfaces.spatial import exp_so3
 PITCH, RACK = 0.12, np.arange(-4, 5)  # [m], numbers of the fins
 
 
-def likeness(solid: Solid3) -> Likeness:
+def likeness(solid: Shell) -> Likeness:
     vertices, triangles = solid
     return Likeness(
         UnseenShape(kind="", vertices=vertices - area_centroid(*solid), triangles=triangles)
     )
 
 
-def spring(coils: float, radius: float = 0.1, wire: float = 0.012) -> Solid3:
+def spring(coils: float, radius: float = 0.1, wire: float = 0.012) -> Shell:
     angle = np.linspace(-np.pi * coils, np.pi * coils, int(24 * coils) + 1)
     path = np.column_stack(
         [radius * np.cos(angle), radius * np.sin(angle), 0.06 * angle / (2.0 * np.pi)]
@@ -83,7 +83,7 @@ def test_every_shell_winds_outwards(kind: str):
         assert volume(vertices, triangles) > 0.0
 
 
-def shells(shape: UnseenShape) -> list[Solid3]:
+def shells(shape: UnseenShape) -> list[Shell]:
     """The connected shells of a shape."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -129,7 +129,7 @@ def test_an_unknown_class_is_refused():
     ],
 )
 def test_solids_are_closed_and_have_their_volume(
-    solid: Solid3, true_volume: float, within_share: float
+    solid: Shell, true_volume: float, within_share: float
 ):
     assert open_edges(solid[1]) == 0
     assert volume(*solid) == pytest.approx(true_volume, rel=within_share)
@@ -183,7 +183,7 @@ def test_inside_counts_a_hole_out():
         "spring",
     ],
 )
-def test_symmetry_is_that_of_the_solid(solid: Solid3, has_axis: bool, rotations: int):
+def test_symmetry_is_that_of_the_solid(solid: Shell, has_axis: bool, rotations: int):
     turn = exp_so3([0.3, -0.8, 0.5])  # it does not stand along the axes
     found = likeness((solid[0] @ turn.T, solid[1]))
     assert orders(found.symmetry) == (has_axis, rotations)
@@ -194,7 +194,7 @@ def test_symmetry_is_that_of_the_solid(solid: Solid3, has_axis: bool, rotations:
 @pytest.mark.parametrize(
     "solid", [box([0.2, 0.3, 0.5], np.zeros(3)), cylinder(0.2, 0.5), hexagon(0.2, 0.5)]
 )
-def test_what_has_a_plane_of_symmetry_is_its_mirror_image(solid: Solid3):
+def test_what_has_a_plane_of_symmetry_is_its_mirror_image(solid: Shell):
     assert likeness(solid).mirror_share == 0.0
 
 

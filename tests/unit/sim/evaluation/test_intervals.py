@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from uuv.sim.evaluation.intervals import bootstrap_interval, median_interval, middle, share_interval
+from uuv.sim.evaluation.intervals import (
+    bootstrap_interval,
+    median_interval,
+    middle,
+    ratio_interval,
+    share_interval,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 
 
@@ -46,16 +52,12 @@ def test_bootstrap_of_paired_samples_draws_them_together(rng):
     """The ratio of medians over resamples of the pairs, drawn here by the same generator."""
     a = rng.lognormal(sigma=0.4, size=41)
     b = a * rng.lognormal(sigma=0.1, size=41)
-
-    def ratio(x, y, axis):
-        return np.median(x, axis=axis) / np.median(y, axis=axis)
-
-    interval = bootstrap_interval(ratio, a, b, rng=np.random.default_rng(7), resamples=500)
+    interval = ratio_interval(a, b, np.random.default_rng(7), 500)
     picks = np.random.default_rng(7).integers(41, size=(500, 41))
     expected = np.median(a[picks], axis=1) / np.median(b[picks], axis=1)
     assert np.array_equal(interval.resampled, expected)
     assert (interval.low, interval.high) == pytest.approx(middle(expected), rel=1e-12)
-    assert interval.low < ratio(a, b, 0) < interval.high
+    assert interval.low < np.median(a) / np.median(b) < interval.high
 
 
 def test_bootstrap_of_one_value_is_that_value_and_of_none_is_refused(rng):

@@ -1,18 +1,27 @@
-"""Test scenes for PoseCheck: the object clean, partly hidden or fouled; another object, none, or
-too little of it.
+"""Kinds of scenes with an object: it is clean, partly hidden, fouled or in a heap; another object
+stands there, none, or too little of it is visible.
 
-Built on the random scenes of `uuv.clouds.object_scenes`; occluders are added as parts of the
-object's stand.
+Built on the scenes of `uuv.clouds.object_scenes`; occluders are added as parts of the object's
+stand, growth and a heap as parts of the mesh that is in its place.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
-from uuv.models.meshes.closed_shells import split, vertex_normals, welded
+from uuv.clouds.object_scenes import ObjectScene, object_scene, seeded_view, target_of
+from uuv.clouds.placing import Body, heaped, hidden_by, pinhole
+from uuv.models.meshes.closed_shells import (
+    area_centroid,
+    joined,
+    moved,
+    split,
+    vertex_normals,
+    welded,
+)
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.objects import targets
 from uuv.models.objects.targets import Solid, TargetModel
@@ -25,22 +34,20 @@ KINDS: Mapping[str, bool] = {  # name: the object is there, and enough of it is 
     "hidden": True,  # 20 to 50 % of its visible part is hidden
     # 30 % of the surface, 10 to 40 mm thick, or at most a tenth of the object's radius
     "fouled": True,
+    "heap": True,  # on the seabed, others on it and beside it; at most 60 % is hidden
     "hidden_most": False,  # 70 to 90 %
     "other": False,  # another object, or the same in another size
     "absent": False,
 }
+_HIDDEN = {"hidden": (0.2, 0.45), "hidden_most": (0.72, 0.85)}  # share of the image, drawn
+_HEAP = 5  # objects of a heap
+_SIZES = (0.4, 1.0)  # of the others, in extents of the object
+_MOST_HIDDEN = 0.6  # share of the object's image in a heap
+_HEAPS = 40  # heaps tried
 UNEVEN = "uneven starfish"
 NAMES: tuple[str, ...] = (*targets.available(), UNEVEN)
 _FINE = 60_000  # largest number of triangles after a subdivision
 _RAYS = 4  # [px] spacing of the rays that measure occlusion
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DecisionScene:
-    """A scene with the share of the object that is hidden."""
-
-    scene: ObjectScene
-    hidden: float  # share of the object's image behind occluders
 
 
 @cache
@@ -57,12 +64,18 @@ def uneven_starfish() -> TargetModel:
     """Starfish whose five arms differ in length by up to 16 %: a turn by 72 deg is nearly a
     symmetry.
     """
-    sides, rings, height = 200, 12, 0.035
+    sides = 200
+    rings = 12
+    height = 0.035  # [m]
+
+    # outline: a disc with arms, each a bump of the radius
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     radius = np.full(sides, 0.055)
     for k, length in enumerate((1.0, 0.93, 1.05, 0.97, 1.08)):
         aside = np.angle(np.exp(1j * (angle - 2.0 * np.pi * k / 5.0)))
         radius = np.maximum(radius, 0.03 + 0.18 * length * np.exp(-((aside / 0.28) ** 2)))
+
+    # rings from the top, where they meet in a point, down to the rim of the flat base
     share = np.arange(1, rings + 1) / rings
     top = np.stack(
         [
@@ -73,11 +86,13 @@ def uneven_starfish() -> TargetModel:
         axis=-1,
     )
     vertices = np.vstack([[[0.0, 0.0, height]], top.reshape(-1, 3), [[0.0, 0.0, 0.0]]])
+
     i = np.arange(sides)
     j = (i + 1) % sides
     faces = [np.column_stack([np.zeros_like(i), 1 + i, 1 + j])]
     for ring in range(rings - 1):
-        inner, outer = 1 + ring * sides, 1 + (ring + 1) * sides
+        inner = 1 + ring * sides
+        outer = inner + sides
         faces += [
             np.column_stack([inner + i, outer + i, outer + j]),
             np.column_stack([inner + i, outer + j, inner + j]),
@@ -89,7 +104,7 @@ def uneven_starfish() -> TargetModel:
 
 def draw(
     name: str, kind: str, seed: int, sensor: str, X_CN: Array | None = None, look: int = 0
-) -> DecisionScene:
+) -> ObjectScene:
     """The scene of `seed`.
 
     Args:
@@ -104,37 +119,33 @@ def draw(
     Raises:
         ConfigurationError: A name is unknown.
     """
-    other = {"X_CN": X_CN, "look": look}
     if kind not in KINDS:
         raise ConfigurationError(f"no kind of scene {kind!r}; there are {sorted(KINDS)}")
-    target, streams = object_of(name), Streams(seed)
-    if kind == "absent":
-        return DecisionScene(
-            scene=object_scene(target, seed, sensor, absent=True, **other), hidden=0.0
-        )
-    if kind == "other":
-        return DecisionScene(
-            scene=object_scene(
-                target, seed, sensor, there=other_than(target, streams["other"]), **other
-            ),
-            hidden=0.0,
-        )
-    if kind == "fouled":
-        thick = min(0.04, 0.1 * target.radius)
-        grown = fouled(target, streams["growth"], (0.25 * thick, thick))
-        return DecisionScene(
-            scene=object_scene(target, seed, sensor, there=grown, **other), hidden=0.0
-        )
-    plain = object_scene(target, seed, sensor)
-    if kind == "clean":
-        return DecisionScene(scene=object_scene(target, seed, sensor, **other), hidden=0.0)
+    target = object_of(name)
+    streams = Streams(seed)
+    shown = target
+    content: dict[str, Any] = {}
+    hidden = 0.0
 
-    share = streams["hidden share"].uniform(*((0.2, 0.45) if kind == "hidden" else (0.72, 0.85)))
-    solids, hidden = occluders(target, plain.X_CT, share, streams["occluders"])
-    shown = replace(target, stand=(*target.stand, *solids))
-    return DecisionScene(
-        scene=object_scene(target, seed, sensor, there=shown, **other), hidden=hidden
-    )
+    match kind:
+        case "absent":
+            content["absent"] = True
+        case "other":
+            shown = other_than(target, streams["other"])
+        case "fouled":
+            thick = min(0.04, 0.1 * target.radius)
+            shown = fouled(target, streams["growth"], (0.25 * thick, thick))
+        case "hidden" | "hidden_most":
+            share = streams["hidden share"].uniform(*_HIDDEN[kind])
+            X_CT, _ = seeded_view(target, seed)
+            solids, hidden = occluders(target, X_CT, share, streams["occluders"])
+            shown = replace(target, stand=(*target.stand, *solids))
+        case "heap":
+            shown, hidden = in_heap(target, seeded_view(target, seed)[0], streams["heap"])
+            content["gap"] = (0.0, 0.0)  # it lies on the seabed
+
+    scene = object_scene(target, seed, sensor, there=shown, X_CN=X_CN, look=look, **content)
+    return replace(scene, hidden=hidden)
 
 
 def other_than(target: TargetModel, rng: np.random.Generator) -> TargetModel:
@@ -166,10 +177,12 @@ def fouled(
     while len(triangles) < _FINE // 4:
         vertices, triangles = split(vertices, triangles, np.ones(len(triangles), dtype=bool), 0.0)
     normals = vertex_normals(vertices, triangles)
+
     growth = np.zeros(len(vertices))
     while (growth > 0.25 * thick[0]).mean() < cover:
         middle = vertices[rng.integers(len(vertices))]
-        width, height = rng.uniform(0.1, 0.25) * target.radius, rng.uniform(*thick)
+        width = rng.uniform(0.1, 0.25) * target.radius
+        height = rng.uniform(*thick)
         distance = np.linalg.norm(vertices - middle, axis=1)
         growth = np.maximum(growth, height * np.exp(-0.5 * (distance / width) ** 4))
     return TargetModel(
@@ -178,6 +191,64 @@ def fouled(
         triangles=triangles,
         stand=target.stand,
     )
+
+
+def in_heap(
+    target: TargetModel, X_CT: Array, rng: np.random.Generator
+) -> tuple[TargetModel, float]:
+    """The object among others that touch it or each other, as one mesh in T.
+
+    The object stands upright. The others come from NAMES, in a size of their own, and are let down
+    on it or pushed against it.
+
+    Args:
+        target: The object.
+        X_CT: (4, 4) its pose in the camera frame.
+        rng: Draws the others and their poses.
+
+    Returns:
+        The heap; share of the object's image that the others hide.
+
+    Raises:
+        ConfigurationError: Every heap that was tried hides too much.
+    """
+    lowest = target.vertices[:, 2].min()
+    X_TF = pose(p=[*target.center[:2], lowest])  # F stands under the object, on the seabed
+    upright = moved((target.vertices, target.triangles), inverse(X_TF))
+    body = Body.of(upright, rng)
+    others = [name for name in NAMES if name != target.name]
+
+    for _ in range(_HEAPS):
+        shapes = [
+            _resized(object_of(str(name)), rng.uniform(*_SIZES) * body.extent)
+            for name in rng.choice(others, _HEAP - 1, replace=False)
+        ]
+        poses = heaped(shapes, rng, around=[body])
+        shells = [
+            moved((shape.vertices, shape.triangles), X_FN)
+            for shape, X_FN in zip(shapes, poses, strict=True)
+        ]
+
+        around = [Body.of(shell, rng) for shell in shells]
+        hidden = float(hidden_by(body, around, X_CT @ X_TF)[1].mean())
+        if hidden <= _MOST_HIDDEN:
+            vertices, triangles = moved(joined([upright, *shells]), X_TF)
+            heap = TargetModel(
+                name=f"{target.name} in a heap", vertices=vertices, triangles=triangles
+            )
+            return heap, hidden
+    raise ConfigurationError(
+        f"{target.name}: each of {_HEAPS} heaps hides more than {_MOST_HIDDEN:.0%} of it"
+    )
+
+
+def _resized(target: TargetModel, extent: float) -> TargetModel:
+    """An object with its largest side `extent` [m] long, the centroid of its surface at the origin
+    of T.
+    """
+    vertices = target.vertices - area_centroid(target.vertices, target.triangles)
+    scale = extent / np.ptp(vertices, axis=0).max()
+    return TargetModel(name=target.name, vertices=scale * vertices, triangles=target.triangles)
 
 
 def occluders(
@@ -195,25 +266,27 @@ def occluders(
         Spheres in T; share that they hide.
     """
     X_TC = inverse(X_CT)
-    x, y = np.meshgrid(
-        (np.arange(0, 640, _RAYS) - 319.5) / 554.0, (np.arange(0, 480, _RAYS) - 239.5) / 554.0
-    )
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
+    rays = pinhole(_RAYS).reshape(-1, 3)
     scene = RayScene(target.vertices, target.triangles)
     t = scene.cast(X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
     seen = rays[np.isfinite(t)] * t[np.isfinite(t), None]
     spread = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
     way = seen / np.linalg.norm(seen, axis=1, keepdims=True)
-    covered, solids = np.zeros(len(seen), dtype=bool), []
+
+    # Spheres are added until they hide enough; one that hides too much is left out.
+    covered = np.zeros(len(seen), dtype=bool)
+    solids: list[Solid] = []
     for k in range(200):
         if covered.mean() >= share:
             break
-        p, nearness = seen[rng.integers(len(seen))], rng.uniform(0.5, 0.8)
-        center, size = nearness * p, nearness * spread * rng.uniform(0.1, 0.4)
-        now = covered | (np.linalg.norm(np.cross(way, center), axis=1) < size)
-        if now.mean() > share + 0.08:
+        p = seen[rng.integers(len(seen))]
+        nearness = rng.uniform(0.5, 0.8)
+        center = nearness * p
+        size = nearness * spread * rng.uniform(0.1, 0.4)
+        with_it = covered | (np.linalg.norm(np.cross(way, center), axis=1) < size)
+        if with_it.mean() > share + 0.08:
             continue
-        covered = now
+        covered = with_it
         X_TS = pose(p=transform_points(X_TC, center))
         solids.append(Solid(name=f"occluder_{k}", kind="sphere", size=(size, 0.0, 0.0), X_TS=X_TS))
     return tuple(solids), float(covered.mean())

@@ -6,14 +6,13 @@ Frame F stands at the object with z up, on or above a level seabed.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from experiments.identification.unseen.grammar import UnseenShape, any_rotation
-from experiments.identification.unseen.solids import Solid3, cylinder, moved, scaled
 from uuv.clouds.object_scenes import FOCAL
-from uuv.models.meshes.closed_shells import box, sphere
+from uuv.models.meshes.closed_shells import Shell, box, cylinder, moved, scaled, sphere
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, rotation_from_z
 
@@ -29,23 +28,44 @@ _SLIGHT = 0.03  # [-] least goal of an occlusion that is wanted
 _VEILS = 60  # occluders tried
 
 
+class Shape(Protocol):
+    """What is placed: a mesh, the centroid of its surface at the origin of its frame T."""
+
+    @property
+    def vertices(self) -> Array:
+        """Vertices (V, 3) [m], in T."""
+        ...
+
+    @property
+    def triangles(self) -> np.ndarray:
+        """Triangles (T, 3), counter-clockwise from outside."""
+        ...
+
+    @property
+    def radius(self) -> float:
+        """Radius [m] of a sphere that holds it."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
     """A body in the scene: its surface, and points on it that look for contact."""
 
     p: Array  # (3,) [m] by which it was moved since it was made
-    _made: Solid3  # in F, before that
+    _shell: Shell  # in F, before that
     _rays: RayScene  # of that surface
     _points: Array  # (n, 3) [m] on that surface
 
     @classmethod
-    def of(cls, solid: Solid3, rng: Rng) -> "Body":
+    def of(cls, solid: Shell, rng: Rng) -> "Body":
         """Body of a solid in F; `rng` draws its points."""
         vertices, triangles = solid
         corner = vertices[triangles]
         area = np.linalg.norm(
             np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
         )
+
+        # uniform over the surface, and besides some of the corners, which often touch first
         which = rng.choice(len(area), _TOUCH, p=area / area.sum())
         points = np.einsum("ni,nij->nj", rng.dirichlet(np.ones(3), _TOUCH), corner[which])
         some = rng.permutation(len(vertices))[:_TOUCH]
@@ -64,9 +84,9 @@ class Body:
         return self._rays.distance(origins - self.p, directions)
 
     @property
-    def solid(self) -> Solid3:
+    def solid(self) -> Shell:
         """Vertices (V, 3) [m] in F, and triangles (T, 3)."""
-        return self._made[0] + self.p, self._made[1]
+        return self._shell[0] + self.p, self._shell[1]
 
     @property
     def points(self) -> Array:
@@ -84,12 +104,21 @@ class Body:
         return float(np.ptp(self.solid[0], axis=0).max())
 
 
-def resting_attitude(shape: UnseenShape, rng: Rng) -> Array:
+def any_rotation(rng: Rng) -> Array:
+    """Rotation (3, 3), uniform over all."""
+    q = rng.normal(size=4)
+    v = q[1:]
+    return exp_so3(2.0 * np.arctan2(np.linalg.norm(v), q[0]) * v / np.linalg.norm(v))
+
+
+def resting_attitude(shape: Shape, rng: Rng) -> Array:
     """Rotation (3, 3) in which a shape rests on flat ground, z up: on a side of its convex hull
     that carries it.
     """
     hull = ConvexHull(shape.vertices)
-    normals, offsets = hull.equations[:, :3], -hull.equations[:, 3]
+    normals = hull.equations[:, :3]
+    offsets = -hull.equations[:, 3]
+
     # The foot of the centroid, which is the origin, must lie on the side. On the nearest side it
     # does.
     way = any_rotation(rng)[0]
@@ -99,6 +128,7 @@ def resting_attitude(shape: UnseenShape, rng: Rng) -> Array:
         for k in np.argsort(-normals @ way)
         if (normals @ (offsets[k] * normals[k]) <= limits).all()
     )
+
     R = rotation_from_z(-down, np.eye(3)[np.argmin(np.abs(down))]).T
     return exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)]) @ R
 
@@ -126,12 +156,18 @@ def slid(body: Body, others: Sequence[Body], way: Array, gap: float) -> Body | N
     return start.moved((free - gap) * way) if np.isfinite(free) else None
 
 
-def heaped(shapes: Sequence[UnseenShape], rng: Rng) -> list[Array]:
+def heaped(shapes: Sequence[Shape], rng: Rng, around: Sequence[Body] = ()) -> list[Array]:
     """Poses X_FT (4, 4) of shapes that touch each other; each is let down on the others, or pushed
     against them.
+
+    Args:
+        shapes: The shapes, in the order in which they come.
+        rng: Draws attitudes and ways.
+        around: Bodies that stand on the ground, z_F = 0, already.
     """
     poses: list[Array] = []
-    bodies: list[Body] = []
+    bodies = list(around)
+
     for shape in shapes:
         R = resting_attitude(shape, rng)
         standing = Body.of((shape.vertices @ R.T, shape.triangles), rng)
@@ -140,6 +176,7 @@ def heaped(shapes: Sequence[UnseenShape], rng: Rng) -> list[Array]:
         if bodies:
             place = _let_down if len(bodies) % 2 == 0 else _pushed
             options = _tried(place, standing, bodies, rng) or _tried(_pushed, standing, bodies, rng)
+
         # The lowest one, and of those on the ground the one nearest to the middle.
         body = min(options, key=_height_and_reach)
         X = pose(R, body.solid[0][0] - R @ shape.vertices[0])
@@ -179,7 +216,7 @@ def _height_and_reach(body: Body) -> tuple[float, float]:
 def beside(
     body: Body,
     others: Sequence[Body],
-    shape: UnseenShape,
+    shape: Shape,
     heading: float,
     gap: float,
     ground: float,
@@ -204,6 +241,7 @@ def beside(
     vertices[:, 2] += ground - vertices[:, 2].min()
     way = np.array([np.cos(heading), np.sin(heading), 0.0])
     start = Body.of((vertices, shape.triangles), rng)
+
     placed = slid(start, [body, *others], -way, gap)
     if placed is None and gap > 0.0:  # it is lower than the body
         placed = start.moved((body.reach + shape.radius + gap) * way)
@@ -237,7 +275,9 @@ def hidden_by(body: Body, others: Sequence[Body], X_CF: Array) -> tuple[Array, n
     ways = pinhole(COARSE).reshape(-1, 3) @ eye[:3, :3].T
     t = body.distance(eye[:3, 3], ways)
     on = np.isfinite(t)
-    ways, t = ways[on], t[on]
+    ways = ways[on]
+    t = t[on]
+
     hidden = np.zeros(len(t), dtype=bool)
     for other in others:
         hidden |= other.distance(eye[:3, 3], ways) < t
@@ -266,23 +306,26 @@ def veil(
     goal = 0.0 if high < _SLIGHT else float(rng.uniform(max(low, _SLIGHT), high - 0.02))
     eye = inverse(X_CF)[:3, 3]
     spread = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
-    found: list[Body] = []
+
+    # Occluders are added until the goal is reached; one that hides too much is left out.
+    occluders: list[Body] = []
     for _ in range(_VEILS):
         if abs(hidden.mean() - goal) < _GOAL and low <= hidden.mean() <= high:
-            return found
+            return occluders
         if hidden.mean() > goal:
             return None
+
         nearness = rng.uniform(0.45, 0.85)
         at = eye + nearness * (seen[rng.integers(len(seen))] - eye)
         new = Body.of(moved(_occluder(rng, nearness * spread), pose(any_rotation(rng), at)), rng)
-        now = hidden | (new.distance(eye, seen - eye) < 1.0)
-        if now.mean() <= goal + 0.8 * _GOAL:
-            hidden = now
-            found.append(new)
+        with_it = hidden | (new.distance(eye, seen - eye) < 1.0)
+        if with_it.mean() <= goal + 0.8 * _GOAL:
+            hidden = with_it
+            occluders.append(new)
     return None
 
 
-def _occluder(rng: Rng, spread: float) -> Solid3:
+def _occluder(rng: Rng, spread: float) -> Shell:
     """Rod, board or stone around the origin that hides a part of an object of that spread [m]."""
     form = ("rod", "board", "stone")[int(rng.integers(3))]
     size = spread * rng.uniform(0.08, 0.45)
@@ -293,24 +336,29 @@ def _occluder(rng: Rng, spread: float) -> Solid3:
     return scaled(sphere(2), size * rng.uniform(0.5, 1.0, 3))
 
 
-def seabed(ground: float, rng: Rng) -> Solid3:
+def seabed(ground: float, rng: Rng) -> Shell:
     """Seabed at height `ground` [m] in F: flat, or with ripples below that height."""
-    count, half = 110, 3.0
+    count = 110  # of lines
+    half = 3.0  # [m] of its side
     grid = np.linspace(-half, half, count)
     x, y = np.meshgrid(grid, grid)
+
     height = np.zeros_like(x)
     if rng.random() < 0.5:
-        deep, length = rng.uniform(0.003, 0.012), rng.uniform(0.25, 0.6)
-        c, s = np.cos(turn := rng.uniform(0.0, np.pi)), np.sin(turn)
+        deep = rng.uniform(0.003, 0.012)
+        length = rng.uniform(0.25, 0.6)
+        turn = rng.uniform(0.0, np.pi)
+        c = np.cos(turn)
+        s = np.sin(turn)
         wave = c * x + s * y + 0.05 * np.sin(3.0 * (c * y - s * x))
         height = deep * (np.sin(2.0 * np.pi * wave / length) - 1.0)
+
+    # two triangles to a cell, from its corners
     index = np.arange(count * count).reshape(count, count)
-    a, b, c, d = (
-        index[:-1, :-1].ravel(),
-        index[:-1, 1:].ravel(),
-        index[1:, 1:].ravel(),
-        index[1:, :-1].ravel(),
-    )
+    a = index[:-1, :-1].ravel()
+    b = index[:-1, 1:].ravel()
+    c = index[1:, 1:].ravel()
+    d = index[1:, :-1].ravel()
     faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return np.column_stack([x.ravel(), y.ravel(), ground + height.ravel()]), faces
 

@@ -62,13 +62,13 @@ class ResultsOfOne:
         no_data = self.experiment.needs_data and not self.has_data
         return f"*no data here*; {self.kept.status}" if no_data else self.kept.status
 
-    def summary(self) -> Summary:
-        """The page for the kept rows.
-
-        Raises:
-            ConfigurationError: They are of another version of the experiment.
-        """
-        return self.experiment.summary(self.kept.rows if self.kept else [])
+    @property
+    def command(self) -> str:
+        """The command that makes its rows."""
+        if self.kept is not None:
+            return self.kept.command
+        file = Path(*self.experiment.__module__.split(".")).with_suffix(".py")
+        return f"./uvw run scripts/{file.as_posix()}"
 
 
 def all_experiments() -> list[Experiment[Any, Any]]:
@@ -114,7 +114,11 @@ def pages(entries: Sequence[ResultsOfOne]) -> dict[Path, str]:
     for subject, group in groupby(entries, key=lambda entry: entry.subject):
         overview.append(f"## {subject.capitalize()}\n")
         for entry in group:
-            summary = entry.summary()
+            if entry.kept is None:
+                overview += _without_rows(entry)
+                continue
+
+            summary = entry.experiment.summary(entry.kept.rows)
             overview += _section(entry, summary)
             texts[Path(PAGES) / f"{entry.experiment.name}.md"] = _page(entry, summary)
 
@@ -140,13 +144,19 @@ def _section(entry: ResultsOfOne, summary: Summary) -> Iterator[str]:
     yield f"{STATUS}{entry.status}\n"
 
 
+def _without_rows(entry: ResultsOfOne) -> Iterator[str]:
+    """An experiment of which nothing is kept: title and command."""
+    yield f"### {entry.experiment.title}\n"
+    yield f"```\n{entry.command}\n```\n"
+    yield f"{STATUS}{entry.status}\n"
+
+
 def _page(entry: ResultsOfOne, summary: Summary) -> str:
     """The page of an experiment."""
     experiment = entry.experiment
     _, _, rest = experiment.about.partition("\n\n")
     parts = [f"# {experiment.title}\n", f"{rest}\n" if rest else ""]
-    if entry.kept is not None:
-        parts.append(f"```\n{entry.kept.command}\n```\n")
+    parts.append(f"```\n{entry.command}\n```\n")
     parts += [f"{_origin(entry)}\n", f"{STATUS}{entry.status}\n"]
 
     if summary.failed:
@@ -161,8 +171,7 @@ def _page(entry: ResultsOfOne, summary: Summary) -> str:
 def _origin(entry: ResultsOfOne) -> str:
     """Sentence about the run that gave the rows."""
     kept = entry.kept
-    if kept is None:
-        return "No rows are kept."
+    assert kept is not None, "a page is of kept rows"
     seeds = f", {kept.seeds}" if kept.seeds else ""
     return f"{len(kept.rows)} runs{seeds}, {kept.date}, commit {kept.commit}."
 

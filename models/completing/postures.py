@@ -26,7 +26,7 @@ from uuv.sim.interfaces.spatial import Array
 DRAWN = 3000  # postures
 VIEW = float(np.radians(25.0))  # half angle of the camera's view that the folded arm keeps clear of
 _RINGS = 3  # of the rays within that angle
-_SPOKES = 8
+_SPOKES = 8  # rays of a ring
 _FARTHEST = 3.0  # [m] to which the view is to be clear
 _ALWAYS = 0.9  # share of postures from which on two touching parts are taken for neighbours
 _TRIED = 400  # postures from which neighbours are recognised

@@ -14,8 +14,8 @@ ARMS = 5  # equal arms, so the symmetry is a turn of 72 deg
 REACH = 0.2  # [m] from the middle to an arm's tip
 WAIST = 0.07  # [m] from the middle to the outline between two arms
 RIM = 0.3  # thickness of the rim, as a share of the middle's
-_AROUND = 36 * ARMS
-_RINGS = 16
+_AROUND = 36 * ARMS  # vertices of a ring
+_RINGS = 16  # of vertices, from the rim to the middle
 
 
 def outline(angle: Array) -> Array:

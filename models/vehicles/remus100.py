@@ -51,7 +51,7 @@ _DEDUCTION = 0.1  # thrust deduction
 _WAKE = 0.944  # advance speed over speed
 _KT = (0.4566, 0.1798)  # thrust coefficient at rest, and at the largest advance number
 _KQ = (0.0700, 0.0312)  # torque coefficient
-_MOST_ADVANCE = 0.6632
+_MOST_ADVANCE = 0.6632  # largest advance number of the tests
 _SHARE = 0.1  # of the propeller's torque that the source applies
 PROPELLER_TIME = 1.0  # [s]
 

@@ -44,8 +44,8 @@ HEADER = 10  # columns before the curve
 STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
 
 # Activations of a thruster: command after the slew limit, propeller speed
-PASSED = 0
-SPEED = 1
+PASSED = 0  # first activation
+SPEED = 1  # second activation
 ACTIVATIONS = 2  # of a thruster
 
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}

@@ -19,7 +19,7 @@ from uuv.sim.interfaces.spatial import Array, rotation_from_quat_wxyz
 
 LARGEST = 20.0  # [m] extent of a geom from which millimetres are supposed
 _SIDES = 64  # of round shapes
-_RINGS = 33
+_RINGS = 33  # of a sphere or ellipsoid
 _KINDS = mujoco.mjtGeom
 _SHAPES = {
     int(_KINDS.mjGEOM_SPHERE): "sphere",

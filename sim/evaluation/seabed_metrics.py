@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
 _GAP_EVERY = 0.5  # [s] between evaluations of the hull's distance from the ground
 _MM = 1e3  # [mm/m]
-_PERCENT = 100.0
+_PERCENT = 100.0  # [%]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

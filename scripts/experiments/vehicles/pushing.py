@@ -17,8 +17,8 @@ from uuv.assembly import assemble
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.hull.allocation import Allocation
 from uuv.controllers.hull.hull_control import HullControl
-from uuv.controllers.hull.thruster_lead import ThrusterLead
 from uuv.controllers.hull.priorities import PRIORITIES
+from uuv.controllers.hull.thruster_lead import ThrusterLead
 from uuv.controllers.tuning import HULL
 from uuv.models.naming import CAMERA_SITE, HOME_KEY, TOOL_GEOM
 from uuv.models.vehicle import Vehicle

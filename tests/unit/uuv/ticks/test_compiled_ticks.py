@@ -162,12 +162,14 @@ def test_a_sensor_that_sends_what_its_channel_does_not_take_is_named():
 
     def later_another(m: Any) -> Any:
         sent.append(m.time)
-        return m if m.time < 0.3 else EncoderMeasurement(time=m.time, q=np.zeros(6), qd=np.zeros(6))
+        return (
+            m if m.time < 0.301 else EncoderMeasurement(time=m.time, q=np.zeros(6), qd=np.zeros(6))
+        )
 
     built = with_imu(assemble(jobs.clean_barrel(quick=True)), OwnImu(later_another))
     with pytest.raises(ConfigurationError, match="'imu': must send ImuMeasurement, sent Encoder"):
         run_through(built, longest=0.5)
-    assert max(sent) == pytest.approx(0.3)
+    assert max(sent) == pytest.approx(0.302)
 
 
 def test_lost_vision_is_found_at_the_same_tick():

@@ -78,7 +78,8 @@ class DisturbanceObserver:
         """
         self._beliefs = beliefs or ObserverDeviations()
         b = self._beliefs
-        mass, turning = inertia[:3, :3].copy(), inertia[3:, 3:].copy()
+        mass = inertia[:3, :3].copy()
+        turning = inertia[3:, 3:].copy()
         self.hull = ObservedHull(
             mass=mass,
             inverse_mass=np.asarray(np.linalg.inv(mass), dtype=np.float64),
@@ -93,7 +94,8 @@ class DisturbanceObserver:
 
     def init(self) -> DisturbanceObserverState:
         """Initial state: no current and no disturbance, with the assumed initial variances."""
-        b, m = self._beliefs, self.hull.mass.diagonal()
+        b = self._beliefs
+        m = self.hull.mass.diagonal()
         P = np.zeros((3, 4, 4))
         for i in range(3):
             P[i] = np.diag([b.velocity_noise**2, b.current**2, b.gain**2, (b.offset * m[i]) ** 2])
@@ -125,7 +127,9 @@ def observe(hull, state, seen, wrenches, dt):
     R_WB, v_B, w_B = seen
     given_B, arm_B, static_B = wrenches
     if not state.begun[0]:
-        state.v_W[:], state.w_B[:], state.begun[0] = R_WB @ v_B, w_B, True
+        state.v_W[:] = R_WB @ v_B
+        state.w_B[:] = w_B
+        state.begun[0] = True
         state.arm_B[:] = arm_B
         return
     other_B = 0.5 * (arm_B + state.arm_B) + static_B
@@ -146,7 +150,8 @@ def unknown_wrench(hull, state, R_WB, v_B, given_B):
         v_B: (3,) [m/s] velocity of the hull, hull axes; its angular velocity is taken as zero.
         given_B: (6,) [N, N m] wrench demanded of the thrusters, hull axes.
     """
-    flow_B, offset_B = R_WB.T @ state.current_W, R_WB.T @ state.offset_W
+    flow_B = R_WB.T @ state.current_W
+    offset_B = R_WB.T @ state.offset_W
     wrench_B = np.empty(6)
     for i in range(3):
         u = v_B[i] - flow_B[i]
@@ -162,29 +167,43 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
     angular velocity.
     """
     R_WB, v_B, turned = seen
-    v_W, current_W, gain, offset_W = state.v_W, state.current_W, state.gain, state.offset_W
+    v_W = state.v_W
+    current_W = state.current_W
+    gain = state.gain
+    offset_W = state.offset_W
     P = state.P
-    mass, inverse_mass, lever, numbers = hull.mass, hull.inverse_mass, hull.lever, hull.noise
-    linear, quadratic = hull.linear, hull.quadratic
+    mass = hull.mass
+    inverse_mass = hull.inverse_mass
+    lever = hull.lever
+    numbers = hull.noise
+    linear = hull.linear
+    quadratic = hull.quadratic
+
+    # Force that is known.
     R_BW = R_WB.T.copy()
-    u, offset = R_BW @ (v_W - current_W), R_BW @ offset_W
+    u = R_BW @ (v_W - current_W)
+    offset = R_BW @ offset_W
     known = given_B[:3] * (1.0 + gain) + other_B[:3] + offset
     for i in range(3):
         known[i] -= (linear[i] + quadratic[i] * abs(u[i])) * u[i]
+
     # Momentum in world axes: rotation adds no further terms, except that of the lever.
     v_W += R_WB @ (inverse_mass @ (dt * known - lever @ turned))
     error = v_B - R_BW @ v_W
-    dv, dc, dd = np.empty(3), np.empty(3), np.empty(3)
+
+    # One filter per axis: prediction, then correction by the velocity.
+    dv = np.empty(3)
+    dc = np.empty(3)
+    dd = np.empty(3)
     noise = numbers * numbers
-    F, K = np.eye(4), np.empty(4)
+    F = np.eye(4)
+    K = np.empty(4)
     for i in range(3):
         slope = (linear[i] + 2.0 * quadratic[i] * abs(u[i])) * dt / mass[i, i]
-        F[0, 0], F[0, 1], F[0, 2], F[0, 3] = (
-            1.0 - slope,
-            slope,
-            given_B[i] * dt / mass[i, i],
-            dt / mass[i, i],
-        )
+        F[0, 0] = 1.0 - slope
+        F[0, 1] = slope
+        F[0, 2] = given_B[i] * dt / mass[i, i]
+        F[0, 3] = dt / mass[i, i]
         Pi = F @ P[i] @ F.T.copy()
         walk = noise[1] * dt
         Pi[0, 0] += walk
@@ -193,13 +212,16 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
         Pi[1, 1] += walk
         Pi[2, 2] += noise[2] * dt
         Pi[3, 3] += noise[3] * mass[i, i] ** 2 * dt
+
         s = Pi[0, 0] + noise[0]
         for j in range(4):
             K[j] = Pi[j, 0] / s
         for j in range(4):
             for k in range(4):
                 P[i, j, k] = Pi[j, k] - K[j] * s * K[k]
-        dv[i], dc[i], dd[i] = K[0] * error[i], K[1] * error[i], K[3] * error[i]
+        dv[i] = K[0] * error[i]
+        dc[i] = K[1] * error[i]
+        dd[i] = K[3] * error[i]
         gain[i] = min(max(gain[i] + K[2] * error[i], -0.5), 0.5)
     v_W += R_WB @ dv
     current_W += R_WB @ dc
@@ -211,10 +233,16 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, state):
     """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance
     that this takes.
     """
-    w_B, moment_B = state.w_B, state.moment_B
-    turning, inverse_turning, pace = hull.turning, hull.inverse_turning, hull.moment_bandwidth * dt
-    linear, quadratic = hull.linear[3:], hull.quadratic[3:]
-    spin, net, error = np.empty(3), np.empty(3), np.empty(3)
+    w_B = state.w_B
+    moment_B = state.moment_B
+    turning = hull.turning
+    inverse_turning = hull.inverse_turning
+    pace = hull.moment_bandwidth * dt
+    linear = hull.linear[3:]
+    quadratic = hull.quadratic[3:]
+    spin = np.empty(3)
+    net = np.empty(3)
+    error = np.empty(3)
     for i in range(3):
         spin[i] = turning[i, 0] * w_WB_B[0] + turning[i, 1] * w_WB_B[1] + turning[i, 2] * w_WB_B[2]
     for i in range(3):

@@ -66,20 +66,19 @@ class AllocationRecord(NamedTuple):
 def allocation_record(thrusters: int) -> AllocationRecord:
     """Record of so many thrusters, to be filled by `take_allocation`."""
     m = thrusters
-    six, square, each = np.zeros((6, m)), np.zeros((m, m)), np.zeros((4, m))
     return AllocationRecord(
         numbers=np.zeros(_NUMBERS, dtype=np.int64),
-        B=six,
+        B=np.zeros((6, m)),
         order=np.zeros(6, dtype=np.int64),
-        rows=six.copy(),
+        rows=np.zeros((6, m)),
         starts=np.zeros(7, dtype=np.int64),
         inverse=np.zeros((m, 6)),
-        effort=each[0].copy(),
-        low=each[1].copy(),
-        high=each[2].copy(),
-        least=each[3].copy(),
+        effort=np.zeros(m),
+        low=np.zeros(m),
+        high=np.zeros(m),
+        least=np.zeros(m),
         patterns=np.zeros((MOST_PATTERNS, m), dtype=np.int64),
-        H=square,
+        H=np.zeros((m, m)),
         right=np.zeros((m, 6)),
     )
 
@@ -94,11 +93,13 @@ def take_allocation(record: AllocationRecord, allocation: AllocationRecord) -> N
 def allocate(allocation, wrench_B):
     """Thrusts (m,) [N] for a wrench (6,) [N, N m]: see `Allocation.thrust`."""
     a = allocation
-    axes, spans = a.numbers[_AXES], a.numbers[_SPANS]
+    axes = a.numbers[_AXES]
+    spans = a.numbers[_SPANS]
     thrust = a.inverse @ wrench_B
 
     # Within all bounds, else by levels.
-    m, fits = thrust.shape[0], spans != 0
+    m = thrust.shape[0]
+    fits = spans != 0
     for i in range(m):
         fits = fits and a.low[i] <= thrust[i] <= a.high[i]
     if not fits:
@@ -173,9 +174,14 @@ class Allocation:
         B = np.where(lost, 0.0, vehicle.thruster_wrench)
         B[np.abs(B) < _ROUNDING * np.abs(B).max(initial=0.0)] = 0.0  # noise would raise the rank
         order = np.array([axis for level in levels for axis in level])
-        axes, rows, starts = len(order), B[order], np.cumsum([0, *map(len, levels)])
-        r.B[:], r.order[:axes], r.rows[:axes] = B, order, rows
-        r.starts[: len(starts)], r.starts[len(starts) :] = starts, axes
+        axes = len(order)
+        rows = B[order]
+        starts = np.cumsum([0, *map(len, levels)])
+        r.B[:] = B
+        r.order[:axes] = order
+        r.rows[:axes] = rows
+        r.starts[: len(starts)] = starts
+        r.starts[len(starts) :] = axes
         r.inverse[:, order] = np.linalg.pinv(rows / effort) / effort[:, None]
         r.effort[:] = effort
 
@@ -268,12 +274,14 @@ class Allocation:
             ConfigurationError: a name is not in `AXES`.
         """
         free = {_axis(name) for name in spoiling}
-        most, r = np.zeros((6, 2)), self.record
+        most = np.zeros((6, 2))
+        r = self.record
         for axis in range(6):
             others = [i for i in range(6) if i != axis and i not in free]
             A = r.B[[*others, axis]]
             for column, sign in enumerate((-1.0, 1.0)):
-                b, x = np.zeros(len(A)), np.zeros(len(r.low))
+                b = np.zeros(len(A))
+                x = np.zeros(len(r.low))
                 b[-1] = sign * _BEYOND * float(np.abs(A[-1]) @ np.maximum(-r.low, r.high))
                 solve_levels(A, b, np.array([0, len(others), len(A)]), r.effort, r.low, r.high, x)
                 most[axis, column] = A[-1] @ x

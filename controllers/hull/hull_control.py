@@ -152,7 +152,8 @@ class HullControl:
         """
         vehicle = Vehicle.of(model)
         self.station = StationKeeping(model, arm, water_error=water_error)
-        self._period, self._thrusters = period, len(vehicle.thruster_names)
+        self._period = period
+        self._thrusters = len(vehicle.thruster_names)
         self._columns = np.array(vehicle.thruster_wrench)
         self._full = np.array([thrust_at(curve, 1.0) for curve in curves(vehicle.thruster_table)])
         self._lead = lead or ThrusterLead(vehicle)
@@ -267,7 +268,9 @@ class HullTick:
 
     def run(self, estimate: StateEstimate, reference: Reference, arm_wrench_B: Array) -> None:
         """`control_hull` on copies of these."""
-        e, r, work = estimate, reference, self._work
+        e = estimate
+        r = reference
+        work = self._work
         for mine, value in zip(work.motion, (e.X_WB, e.v_WB_B, e.w_WB_B), strict=True):
             mine[...] = value
         for mine, value in zip(work.target, (r.X_WB, r.v_WB_W, r.w_WB_W), strict=True):

@@ -92,10 +92,12 @@ def keep_station(gains, state, motion, target, arm_B, dt):
     # Feedback.
     p_error_B = R_WB.T @ (target.X_WB[:3, 3] - motion.X_WB[:3, 3])
     turn_error_B = log_of_rotation(R_WB.T @ target.X_WB[:3, :3].copy())
-    v_wanted_B, w_wanted_B = R_WB.T @ target.v_W, R_WB.T @ target.w_W
+    v_wanted_B = R_WB.T @ target.v_W
+    w_wanted_B = R_WB.T @ target.w_W
     acceleration = np.empty(6)
     for i in range(3):
-        v_error, w_error = v_wanted_B[i] - motion.v_B[i], w_wanted_B[i] - motion.w_B[i]
+        v_error = v_wanted_B[i] - motion.v_B[i]
+        w_error = w_wanted_B[i] - motion.w_B[i]
         acceleration[i] = gains.stiffness * p_error_B[i] + gains.damping * v_error
         acceleration[3 + i] = gains.stiffness * turn_error_B[i] + gains.damping * w_error
 
@@ -117,7 +119,8 @@ def through_water(state, motion):
     flow_B = motion.X_WB[:3, :3].copy().T @ state.observer.current_W
     nu_B = np.empty(6)
     for i in range(3):
-        nu_B[i], nu_B[3 + i] = motion.v_B[i] - flow_B[i], motion.w_B[i]
+        nu_B[i] = motion.v_B[i] - flow_B[i]
+        nu_B[3 + i] = motion.w_B[i]
     return nu_B
 
 
@@ -155,41 +158,37 @@ class StationKeeping:
             if not checked([value], (1,), f"hover {name}")[0] > 0.0:
                 raise ConfigurationError(f"hover {name}: must be > 0, got {value}")
         checked([water_error], (1,), "hover water_error")
+
+        # Inertia, the arm at home.
         vehicle = Vehicle.of(model)
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
             raise ConfigurationError(
                 "the hull has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec"
             )
-        own = hull_inertia(model, vehicle.hull, 1.0 + water_error)
-        self.inertia = own.copy()  # (6, 6) of `StationGains`
+        of_hull = hull_inertia(model, vehicle.hull, 1.0 + water_error)
+        self.inertia = of_hull.copy()  # (6, 6) of `StationGains`
         if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(
             model.body_mass[vehicle.hull]
         ):
             arm = ArmDynamics(model, water_error=water_error)
         if arm is not None:
             self.inertia += _arm_inertia(arm, vehicle.q_home)
-        gravity = -float(model.opt.gravity[2])
-        mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
+
+        # Drag of the hull.
         water = hydrodynamics.without_forms(
             model.body_user[vehicle.hull], "station keeping's model of the hull"
         )
         self._observer = DisturbanceObserver(
-            own,
+            of_hull,
             (1.0 + water_error) * water.linear_damping.diagonal(),
             (1.0 + water_error) * water.quadratic_damping,
             beliefs,
-        )
-        net = gravity * (density * water.volume - mass)  # [N] up
-        # Moment of weight and buoyancy = righting x (unit vector up, hull axes).
-        righting = gravity * (
-            density * water.volume * water.center_of_buoyancy
-            - mass * np.array(model.body_ipos[vehicle.hull])
         )
         self.gains = StationGains(
             stiffness=float(frequency**2),
             damping=float(2.0 * damping * frequency),
             inertia=self.inertia,
-            static=np.vstack([net * np.eye(3), skew(righting)]),
+            static=_static(model, vehicle.hull),
             hull=self._observer.hull,
         )
 
@@ -244,8 +243,9 @@ class StationKeeping:
         Returns:
             The wrench (6,) [N, N m], hull axes at the hull's origin.
         """
-        wanted = (np.array(part) for part in (X_WB_wanted, v_WB_W_wanted, w_WB_W_wanted))
-        target, arm_B = HullTarget(*wanted), np.array(arm_wrench_B)
+        parts = (np.array(part) for part in (X_WB_wanted, v_WB_W_wanted, w_WB_W_wanted))
+        target = HullTarget(*parts)
+        arm_B = np.array(arm_wrench_B)
         return keep_station(self.gains, state, motion_of(estimate), target, arm_B, float(dt))
 
 
@@ -253,6 +253,21 @@ def motion_of(estimate: StateEstimate) -> HullMotion:
     """Motion of the hull in a message; copies."""
     e = estimate
     return HullMotion(np.array(e.X_WB), np.array(e.v_WB_B), np.array(e.w_WB_B))
+
+
+def _static(model: mujoco.MjModel, hull: int) -> Array:
+    """Weight and buoyancy of the hull (6, 3), as in `StationGains`."""
+    gravity = -float(model.opt.gravity[2])
+    mass = float(model.body_mass[hull])
+    water = hydrodynamics.unpack(model.body_user[hull])
+    displaced = hydrodynamics.water_density(model) * water.volume
+    net = gravity * (displaced - mass)  # [N] up
+
+    # Moment of weight and buoyancy = righting x (unit vector up, hull axes).
+    righting = gravity * (
+        displaced * water.center_of_buoyancy - mass * np.array(model.body_ipos[hull])
+    )
+    return np.vstack([net * np.eye(3), skew(righting)])
 
 
 def quickness(model: mujoco.MjModel) -> float:
@@ -283,14 +298,16 @@ def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
         The inertia (6, 6) [kg, kg m, kg m^2], linear over angular.
     """
     water = hydrodynamics.unpack(model.body_user[hull])
-    m, c = float(model.body_mass[hull]), np.array(model.body_ipos[hull])
+    m = float(model.body_mass[hull])
+    c = np.array(model.body_ipos[hull])
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, model.body_iquat[hull])
     principal = R.reshape(3, 3)
     S = skew(c)
     rigid = np.zeros((6, 6))
     rigid[:3, :3] = m * np.eye(3)
-    rigid[:3, 3:], rigid[3:, :3] = -m * S, m * S
+    rigid[:3, 3:] = -m * S
+    rigid[3:, :3] = m * S
     rigid[3:, 3:] = principal @ np.diag(model.body_inertia[hull]) @ principal.T - m * S @ S
     return rigid + water_scale * water.added_mass
 

@@ -77,7 +77,9 @@ def bounded(H, c, low, high, x):
     """
     m = c.shape[0]
     at = np.zeros(m, dtype=np.int8)
-    L, z, free = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64)
+    L = np.empty((m, m))
+    z = np.empty(m)
+    free = np.empty(m, dtype=np.int64)
     scale = 0.0
     for i in range(m):
         scale = max(scale, abs(c[i]), H[i, i] * max(abs(low[i]), abs(high[i])))
@@ -91,19 +93,26 @@ def bounded(H, c, low, high, x):
                 free[count] = i
                 count += 1
         _solve_free(H, c, x, free, count, L, z)
-        if first:  # initial active set: the variables whose free minimum lies beyond their bounds
+
+        # Initial active set: the variables whose free minimum lies beyond their bounds.
+        if first:
             first = False
             outside = False
             for i in range(m):
                 x[i] = min(max(z[i], low[i]), high[i])
                 if z[i] < low[i]:
-                    at[i], outside = -1, True
+                    at[i] = -1
+                    outside = True
                 elif z[i] > high[i]:
-                    at[i], outside = 1, True
+                    at[i] = 1
+                    outside = True
             if outside:
                 continue
             return steps
-        share, hit = 1.0, -1
+
+        # As far towards it as the bounds allow.
+        share = 1.0
+        hit = -1
         for a in range(count):
             i = free[a]
             if z[a] < low[i]:
@@ -113,7 +122,8 @@ def bounded(H, c, low, high, x):
             else:
                 continue
             if s < share or hit < 0:
-                share, hit = max(s, 0.0), i
+                share = max(s, 0.0)
+                hit = i
         for a in range(count):
             i = free[a]
             x[i] += share * (z[a] - x[i])
@@ -123,7 +133,10 @@ def bounded(H, c, low, high, x):
             at[hit] = -1 if x[hit] - low[hit] < high[hit] - x[hit] else 1
             x[hit] = low[hit] if at[hit] < 0 else high[hit]
             continue
-        worst, release = 1e-13 * scale, -1
+
+        # At the minimum: the bound that is best set free.
+        worst = 1e-13 * scale
+        release = -1
         for i in range(m):
             if at[i] == 0 or low[i] == high[i]:
                 continue
@@ -132,7 +145,8 @@ def bounded(H, c, low, high, x):
                 slope += H[i, j] * x[j]
             pull = -slope if at[i] < 0 else slope
             if pull > worst:
-                worst, release = pull, i
+                worst = pull
+                release = i
         if release < 0:
             break
         at[release] = 0
@@ -189,24 +203,32 @@ def nearest_thrusts(H, c, low, high, least, patterns):
         Thrusts (m,) [N].
     """
     m = c.shape[0]
-    x, y = np.zeros(m), np.zeros(m)
+    x = np.zeros(m)
+    y = np.zeros(m)
     bounded(H, c, low, high, x)
     free = _cost(H, c, x)
-    from_, to = low.copy(), high.copy()
+    from_ = low.copy()
+    to = high.copy()
     enough = 0.0
     for i in range(m):
         enough = max(enough, 1e-6 * H[i, i] * least[i] ** 2)
     met = False
+
+    # One thruster after another, the nearest to an existing thrust first.
     while True:
-        nearest, which = np.inf, -1
+        nearest = np.inf
+        which = -1
         for i in range(m):
             if from_[i] == to[i] or abs(x[i]) >= least[i] * (1.0 - 1e-9):
                 continue
             distance = min(abs(x[i]), least[i] - abs(x[i])) / least[i]
             if distance < nearest:
-                nearest, which = distance, i
+                nearest = distance
+                which = i
         if which < 0:
             break
+
+        # At first all sign patterns.
         if not met:
             for row in range(patterns.shape[0]):
                 for i in range(m):
@@ -214,11 +236,16 @@ def nearest_thrusts(H, c, low, high, least, patterns):
                 bounded(H, c, from_, to, y)
                 if _cost(H, c, y) - free <= enough:
                     return y
-            from_[:], to[:] = low, high
+            from_[:] = low
+            to[:] = high
             met = True
+
+        # Its branch.
         branch = 0 if abs(x[which]) < 0.5 * least[which] else int(np.sign(x[which]))
         _limit(branch, low[which], high[which], least[which], from_, to, which)
         bounded(H, c, from_, to, x)
+
+    # Single changes of branch, while they lower the cost.
     best = _cost(H, c, x)
     for _ in range(_ROUNDS if met else 0):
         better = False
@@ -233,7 +260,8 @@ def nearest_thrusts(H, c, low, high, least, patterns):
                 bounded(H, c, from_, to, y)
                 cost = _cost(H, c, y)
                 if cost < best - 1e-12 * abs(best):
-                    best, better = cost, True
+                    best = cost
+                    better = True
                     x[:] = y
                 else:
                     _limit(kept, low[i], high[i], least[i], from_, to, i)
@@ -248,7 +276,8 @@ def _limit(branch, low, high, least, from_, to, i):
     forward.
     """
     if least == 0.0:  # it has no gap
-        from_[i], to[i] = low, high
+        from_[i] = low
+        to[i] = high
         return
     from_[i] = low if branch < 0 else least if branch > 0 else 0.0
     to[i] = high if branch > 0 else -least if branch < 0 else 0.0

@@ -157,8 +157,13 @@ def static_commands(model, thrust, nu_r_B):
 @kernel
 def lead_commands(model, state, wanted, nu_r_B, dt, command):
     """Commands (m,) for the next `dt`: see `ThrusterLead.step`; `model` is `Propellers`."""
-    curve, B, advance, response = model.curves, model.B, model.advance, model.response
-    passed, speed, given_B = state.passed, state.speed, state.given_B
+    curve = model.curves
+    B = model.B
+    advance = model.advance
+    response = model.response
+    passed = state.passed
+    speed = state.speed
+    given_B = state.given_B
     given_B[:] = 0.0
     for i in range(wanted.shape[0]):
         lag, slew, loss = model.figures[i]
@@ -172,7 +177,8 @@ def lead_commands(model, state, wanted, nu_r_B, dt, command):
         # Speed of the propeller, and its mean thrust until the next step.
         most = slew * dt if slew > 0.0 else np.inf
         passed[i] += min(max(command[i] - passed[i], -most), most)
-        inflow, mean = _inflow(advance, i, nu_r_B), 0.0
+        inflow = _inflow(advance, i, nu_r_B)
+        mean = 0.0
         for part in range(_PARTS):
             n = passed[i]
             if lag > 0.0:

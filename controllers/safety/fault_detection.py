@@ -215,9 +215,14 @@ class FaultDetection:
         if load is None or load is state.load_seen:
             return None
         state.load_seen = load
-        e = estimate
-        moving = (np.array(part) for part in (e.X_WB, e.v_WB_B, e.w_WB_B))
-        seen = HullSeen(float(e.time), *moving, np.array(load.current_W), load.arm_wrench_B.copy())
+        seen = HullSeen(
+            time=float(estimate.time),
+            X_WB=np.array(estimate.X_WB),
+            v_B=np.array(estimate.v_WB_B),
+            w_B=np.array(estimate.w_WB_B),
+            current_W=np.array(load.current_W),
+            arm_wrench_B=np.array(load.arm_wrench_B),
+        )
         return HullBalance(*balance_hull(self.hull, seen, state.hull))
 
     def _judge_hull(
@@ -265,7 +270,8 @@ class FaultDetection:
 
     def _along(self, hull: HullResiduals, thruster: int) -> float:
         """Unusual part of the missing wrench along the column of a thruster [N]."""
-        column, scale = self.hull.scale * self.hull.B[:, thruster], self.hull.scale
+        column = self.hull.scale * self.hull.B[:, thruster]
+        scale = self.hull.scale
         return float(column @ (scale * (hull.missing - hull.missing_usual)) / (column @ column))
 
     def _go_on_probing(
@@ -306,9 +312,11 @@ class FaultDetection:
         frozen = joints.same > np.maximum(least, limits.frozen_factor * joints.longest)
         torque = frozen[0] | (joints.beyond > limits.torque_confirm)
         encoder = frozen[1] | (np.abs(joints.slip) > limits.encoder_slip)
-        torque_off, encoder_off = joints.excess - joints.usual, joints.slip
+        torque_off = joints.excess - joints.usual
+        encoder_off = joints.slip
         for j in np.flatnonzero(torque | encoder).tolist():
-            name, still = self._vehicle.joint_names[j], 1e3 * self._period * joints.same[:, j]
+            name = self._vehicle.joint_names[j]
+            still = 1e3 * self._period * joints.same[:, j]
             if torque[j]:
                 said = (
                     f"stood still for {still[0]:.0f} ms"
@@ -338,7 +346,8 @@ class FaultDetection:
             time: [s] of the readings.
         """
         for j in np.flatnonzero(wrong).tolist():
-            kind, name = FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j]
+            kind = FaultKind.TORQUE_SENSOR
+            name = self._vehicle.joint_names[j]
             state.add(Fault(kind=kind, part=name, index=j, time=time, figures="reading not finite"))
 
     def _fail(
@@ -359,7 +368,8 @@ class FaultDetection:
             if abs(gives) < _DEAD * abs(thrust)
             else float(np.clip(gives, *self.hull.ends[thruster]))
         )
-        kind, name = FaultKind.THRUSTER, self._vehicle.thruster_names[thruster]
+        kind = FaultKind.THRUSTER
+        name = self._vehicle.thruster_names[thruster]
         state.add(
             Fault(kind=kind, part=name, index=thruster, time=time, figures=figures, thrust=gives)
         )
@@ -373,7 +383,8 @@ class FaultDetection:
             if state.probe is None and time - state.cleared[thruster] > self.limits.probe_again:
                 state.probe = self._probe.begin(thruster, time, hull.passed, hull.speed)
             return
-        thrust, missed = float(hull.thrust[thruster]), float(hull.numbers[MISSED])
+        thrust = float(hull.thrust[thruster])
+        missed = float(hull.numbers[MISSED])
         figures = f"gave {thrust - missed:.0f} N where {thrust:.0f} N were asked for"
         self._fail(state, thruster, time, figures, thrust, missed)
 

@@ -121,7 +121,8 @@ def balance_hull(model, seen, residuals):
     Returns:
         The fields of `HullBalance`.
     """
-    r, limits = residuals, model.limits
+    r = residuals
+    limits = model.limits
     dt = seen.time - r.numbers[BALANCED]
     r.numbers[BALANCED] = seen.time
     if dt <= 0.0:
@@ -148,7 +149,8 @@ def _suspect(model, v_B, dt, learn, warm, r):
     # Lost, or stuck at another thrust than is asked for.
     suspect = False
     if best >= 0:
-        size_asked, short = abs(r.thrust[best]), missed * np.sign(r.thrust[best])
+        size_asked = abs(r.thrust[best])
+        short = missed * np.sign(r.thrust[best])
         lost = limits.least_loss * size_asked < short < limits.most_loss * size_asked
         suspect = lost or size > bound
 
@@ -184,15 +186,27 @@ def find_missing(model, seen, dt, r):
         dt: [s] since the last balance.
         r: `HullResiduals`; updated.
     """
-    R_WB, v_B, w_B, current_W = seen.X_WB, seen.v_B, seen.w_B, seen.current_W
-    inertia, lags, B, time = model.inertia, model.lags, model.B, model.limits.time
+    R_WB = seen.X_WB
+    v_B = seen.v_B
+    w_B = seen.w_B
+    current_W = seen.current_W
+    inertia = model.inertia
+    lags = model.lags
+    B = model.B
+    time = model.limits.time
 
     # Motion, momentum and its change by drag and turning.
-    nu, relative, advancing, force = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    nu = np.empty(6)
+    relative = np.empty(6)
+    advancing = np.empty(6)
+    force = np.empty(6)
     for i in range(3):
-        nu[i], nu[3 + i] = v_B[i], w_B[i]
-        relative[i], relative[3 + i] = v_B[i], w_B[i]
-        advancing[i], advancing[3 + i] = v_B[i], w_B[i]
+        nu[i] = v_B[i]
+        nu[3 + i] = w_B[i]
+        relative[i] = v_B[i]
+        relative[3 + i] = w_B[i]
+        advancing[i] = v_B[i]
+        advancing[3 + i] = w_B[i]
         for j in range(3):
             relative[i] -= R_WB[j, i] * current_W[j]
             advancing[i] -= R_WB[j, i] * r.current_W[j]
@@ -243,10 +257,16 @@ def _explain(model, residuals, leftover):
     much of it differs from the usual [N]; then the thruster, -1 if each leaves more than the share
     `leftover` or would have to give more than it can, and the missing part of its thrust [N].
     """
-    scale, B, missing, usual = model.scale, model.B, residuals.missing, residuals.missing_usual
+    scale = model.scale
+    B = model.B
+    missing = residuals.missing
+    usual = residuals.missing_usual
     thrust = residuals.thrust
-    best, missed = -1, 0.0
-    square, asked, changed = 0.0, 0.0, 0.0
+    best = -1
+    missed = 0.0
+    square = 0.0
+    asked = 0.0
+    changed = 0.0
     for k in range(6):
         square += (scale[k] * (missing[k] - usual[k])) ** 2
     size = np.sqrt(square)
@@ -254,16 +274,20 @@ def _explain(model, residuals, leftover):
     for t in range(thrust.shape[0]):
         asked += abs(thrust[t])
         changed += abs(thrust[t] - residuals.thrust_usual[t])
-        along, own = 0.0, 0.0
+        along = 0.0
+        own = 0.0
         for k in range(6):
             column = scale[k] * B[k, t]
             along += column * scale[k] * (missing[k] - usual[k])
             own += column * column
-        lost, left = -along / own, 0.0
+        lost = -along / own
+        left = 0.0
         for k in range(6):
             left += (scale[k] * (missing[k] - usual[k]) + lost * scale[k] * B[k, t]) ** 2
         left = np.sqrt(left)
         gives = thrust[t] - lost
         if left < least and _SLACK * model.ends[t, 0] <= gives <= _SLACK * model.ends[t, 1]:
-            best, missed, least = t, lost, left
+            best = t
+            missed = lost
+            least = left
     return size, asked, changed, best, missed

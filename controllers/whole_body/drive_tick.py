@@ -86,8 +86,10 @@ def drive_tick(box, estimate):
     Returns:
         FINE, NO_POSE, or the answer of a slot that failed.
     """
-    record, e = box.record, estimate.record
-    gains, tick = record.gains, record.ticks[0]
+    record = box.record
+    e = estimate.record
+    gains = record.gains
+    tick = record.ticks[0]
     answer = _feel(record, e)
     if answer != FINE:
         return answer
@@ -110,7 +112,9 @@ def drive_tick(box, estimate):
 @kernel
 def _feel(record, e):
     """Contact force, friction of the gears, and motion of arm and hull."""
-    gains, contact, tau = record.gains, record.contact, record.command.tau
+    gains = record.gains
+    contact = record.contact
+    tau = record.command.tau
     current_W = record.command.current_W
     if not gains.feels:
         return call(record.estimator)
@@ -136,8 +140,10 @@ def _feel(record, e):
 @kernel
 def _drive(record, e, since):
     """Joint torques, `since` ticks after the last motion of the tool."""
-    gains, reference = record.gains, record.reference
-    motion, sensed = record.tool.motion, record.contact.sensed
+    gains = record.gains
+    reference = record.reference
+    motion = record.tool.motion
+    sensed = record.contact.sensed
     controlled = reference.flags[CONTROLLED]
     presses = controlled and gains.closed_loop
 
@@ -158,7 +164,8 @@ def _drive(record, e, since):
 
     # Servo.
     target = JointTarget(motion.q, motion.qd, motion.qdd, since * gains.period)
-    seen, soft = SeenArm(e.q, e.qd, sensed.hull), SoftAxis(motion.yielding, softness)
+    seen = SeenArm(e.q, e.qd, sensed.hull)
+    soft = SoftAxis(motion.yielding, softness)
     tau = servo_joints(record.arm, gains.drives, seen, target, soft, borne, record.integral)
     for j in range(tau.shape[0]):
         record.command.tau[j] = tau[j]

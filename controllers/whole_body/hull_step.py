@@ -49,8 +49,10 @@ def step_hull(step, contact, tool, e, reference, command):
     Returns:
         FINE, or the answer of a slot that failed.
     """
-    sensed, hull = contact.sensed, step.hull
-    contact_B, fed_B = np.zeros(6), np.empty(6)
+    sensed = contact.sensed
+    hull = step.hull
+    contact_B = np.zeros(6)
+    fed_B = np.empty(6)
     if reference.set_force[0] > 0.0 or reference.flags[CONTROLLED]:
         contact_wrench(sensed.X_BG, sensed.f_B, contact_B)
     for k in range(6):
@@ -61,7 +63,8 @@ def step_hull(step, contact, tool, e, reference, command):
     if step.feedforward.address:
         values = step.feedforward.values
         for k in range(6):
-            values[CONTACT_B + k], values[WRENCH_B + k] = contact_B[k], command.arm_wrench_B[k]
+            values[CONTACT_B + k] = contact_B[k]
+            values[WRENCH_B + k] = command.arm_wrench_B[k]
         answer = call(step.feedforward)
         if answer != FINE:
             return answer
@@ -77,7 +80,9 @@ def step_hull(step, contact, tool, e, reference, command):
     command.hull_steps[0] += 1
 
     # Log.
-    log, motion, side = step.log, tool.motion, tool.side.values
+    log = step.log
+    motion = tool.motion
+    side = tool.side.values
     log.displacement[0] = tool.numbers[K]
     log.compliance_W[:] = side[compliance.OFFSET : compliance.OFFSET + 3]
     log.q_wanted[:] = motion.q

@@ -83,7 +83,7 @@ class WorkControllerState:
     ticks: np.ndarray  # (1,) so far
     logged: LoggedStep
     # Messages of the last step of the hull, after so many: its loads, and what nobody decides on
-    told_steps: int = 0
+    reported_steps: int = 0
     hull_load: HullLoad | None = None
     log: Mapping[str, Array] = field(default_factory=dict)
     alone: Unsaved["WorkTick"] = field(default_factory=Unsaved)  # tick of `WorkController.step`
@@ -131,6 +131,8 @@ class WorkController:
             model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift
         )
         self._vehicle = Vehicle.of(model)
+
+        # Parts that are the same for all.
         self.servo = JointServo(self._vehicle, tuning, DRIVE_PERIOD)
         self.task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
         self.hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
@@ -202,15 +204,15 @@ class WorkController:
         take_reference(state.reference, reference)
         self._hull.refer(state.hull, reference)
 
-    def told(self, state: WorkControllerState) -> HullLoad | None:
+    def reported(self, state: WorkControllerState) -> HullLoad | None:
         """Loads on the hull at its last step, the same message up to the next one; None: none yet.
 
         Args:
             state: of `init`, after a step; the log of that step is made too.
         """
         command = state.command
-        if state.told_steps != command.hull_steps[0]:
-            state.told_steps = int(command.hull_steps[0])
+        if state.reported_steps != command.hull_steps[0]:
+            state.reported_steps = int(command.hull_steps[0])
             arm_wrench_B, current_W = command.arm_wrench_B.copy(), command.current_W.copy()
             state.hull_load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=current_W)
             state.log = _log(state)
@@ -224,7 +226,11 @@ class WorkController:
             inputs: what the ticks see.
             slots: where parts in plain Python go.
         """
-        contact, tuning, estimator = state.contact, self.tuning, self.contact
+        contact = state.contact
+        tuning = self.tuning
+        estimator = self.contact
+
+        # Gains.
         by_sensors = has_slot(estimator)
         feeling: Any = estimator if by_sensors else self._torque_sensors
         force_law: Any = self.tool.force_law
@@ -241,6 +247,7 @@ class WorkController:
             period=self.period,
         )
 
+        # Parts in Python.
         def feel() -> None:
             tau, qd = state.command.tau, state.tool.motion.qd
             drives = DriveState(tau=tau, qd_wanted=qd, current_W=state.command.current_W)
@@ -249,6 +256,7 @@ class WorkController:
         def weigh() -> None:
             feeling.weigh(contact, inputs.seen(), inputs.reference)
 
+        # Record.
         none = empty_slot()
         by_slot = feeling.slot(contact) if by_sensors else none._replace(address=slots.add(feel))
         return DriveRecord(
@@ -318,7 +326,7 @@ class WorkTick:
         """
         state = self._state
         self._controller.tool.checked(state.tool, answer)
-        load = self._controller.told(state)
+        load = self._controller.reported(state)
         return Command(
             time=estimate.time,
             joint_torque=state.command.tau.copy(),

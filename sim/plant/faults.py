@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from uuv.models.water.thruster_curves import command_for, thrust_at
 from uuv.models.water.thrusters import curves
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels.slots import gives_kernel
 from uuv.sim.interfaces.messages import Command, ImuMeasurement, Measurement, Target
 from uuv.sim.interfaces.protocols import Sensor, TargetFinder
 from uuv.sim.interfaces.spatial import Array, checked, exp_so3, readonly
@@ -201,6 +202,11 @@ class FaultySensor:
         inner = self._sensor.init(rng)
         # spawned last, so that the sensor's streams do not change
         return FaultySensorState(inner, rng.spawn(1)[0])
+
+    def channel(self) -> str:
+        """Place of its measurements among those of every tick, as the wrapped sensor has it."""
+        sensor: Any = self._sensor
+        return sensor.channel() if gives_kernel(sensor, "channel") else ""
 
     def resume(
         self, fresh: FaultySensorState, saved: Any, last: Measurement | None

@@ -45,7 +45,7 @@ def test_every_type_of_the_list_is_read_and_told_the_same(jobs):
 def test_a_kernel_stands_after_those_that_it_calls_and_the_ticks_are_among_them(jobs):
     assert all(before < row for row, job in enumerate(jobs) for before in job.after)
     for caller, called in (
-        ("uuv.ticks.compiled_ticks:run_ticks", "uuv.ticks.compiled_ticks:perceive"),
+        ("uuv.ticks.tick_kernels:run_ticks", "uuv.ticks.tick_kernels:perceive"),
         (
             "uuv.controllers.safety.guard_tick:guard_tick",
             "uuv.controllers.safety.guard_tick:finite",

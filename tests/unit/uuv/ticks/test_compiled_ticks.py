@@ -5,6 +5,7 @@ several at a time.
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from uuv.perturbations.wake import Wake
 from uuv.runner import run_through
 from uuv.scenario import LONGEST, Control
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import FaultKind
+from uuv.sim.interfaces.messages import EncoderMeasurement, FaultKind
 from uuv.sim.loop import recording
 from uuv.sim.loop.logged_columns import EVERY_STEP
 from uuv.sim.sensors.proprioception import Dvl, Imu
@@ -91,6 +92,84 @@ def test_a_plant_with_parts_in_python_has_the_same_bits(perturbation, slow):
     one, other = digests(scenario, 1.5)
     assert one == other
     assert run_through(assemble(scenario), longest=0.05).slow_parts == (slow,)
+
+
+@pytest.mark.parametrize(
+    "failures",
+    [
+        [SensorFailure(sensor="encoders", effect="lost", at=0.4)],
+        [SensorFailure(sensor="imu", effect="lost", at=0.4)],
+        [
+            SensorFailure(sensor="torque", effect="frozen", field="tau", index=2, at=0.3),
+            SensorFailure(sensor="torque", effect="offset", field="tau", value=2.0, at=0.2),
+            SensorFailure(sensor="encoders", effect="frozen", field="qd", index=1, at=0.4),
+            SensorFailure(sensor="imu", effect="turned", index=2, value=0.01, rate=0.1, at=0.5),
+        ],
+    ],
+    ids=["no encoders", "no imu", "all three, one twice"],
+)
+def test_a_run_with_faulty_sensors_of_every_tick_has_the_same_bits(failures):
+    scenario = replace(jobs.clean_barrel(quick=True), perturbations=tuple(failures))
+    one, other = digests(scenario, 0.9)
+    assert one == other != sound_digest()
+    slow = run_through(assemble(scenario), longest=0.05).slow_parts
+    assert slow == ("FaultySensor",) * len({failure.sensor for failure in failures})
+
+
+@cache
+def sound_digest() -> str:
+    """Digest of the first 0.9 s without a failure."""
+    built = assemble(jobs.clean_barrel(quick=True), full=True)
+    recorded = run_through(built, longest=0.9).recording
+    return recorded.digest(recorded.series)
+
+
+class OwnImu:
+    """An inertial unit of one's own, without a record, that measures as the usual one."""
+
+    period, delay = 0.002, 0.0
+
+    def __init__(self, sends: Callable[[Any], Any] = lambda measurement: measurement) -> None:
+        self._usual, self._sends = Imu(), sends
+
+    def channel(self) -> str:
+        """Of the inertial unit."""
+        return "imu"
+
+    def init(self, rng: np.random.Generator) -> list[Any]:
+        """Its state."""
+        return [self._usual.init(rng)]
+
+    def step(self, state: list[Any], truth: Any) -> tuple[list[Any], Any]:
+        """What it sends."""
+        state[0], measurement = self._usual.step(state[0], truth)
+        return state, self._sends(measurement)
+
+
+def with_imu(built: Assembly, imu: Any) -> Assembly:
+    sensors = [imu if isinstance(each, Imu) else each for each in built.parts.sensors]
+    return replace(built, loop=replace(built.loop, parts=replace(built.parts, sensors=sensors)))
+
+
+def test_a_sensor_of_ones_own_of_every_tick_has_the_bits_of_the_usual_one():
+    scenario = jobs.clean_barrel(quick=True)
+    one, other = digests(scenario, 0.9, lambda built: with_imu(built, OwnImu()))
+    assert one == other == sound_digest()
+
+
+def test_a_sensor_that_sends_what_its_channel_does_not_take_is_named():
+    sent: list[float] = []
+
+    def later_another(m: Any) -> Any:
+        sent.append(m.time)
+        return (
+            m if m.time < 0.301 else EncoderMeasurement(time=m.time, q=np.zeros(6), qd=np.zeros(6))
+        )
+
+    built = with_imu(assemble(jobs.clean_barrel(quick=True)), OwnImu(later_another))
+    with pytest.raises(ConfigurationError, match="'imu': must send ImuMeasurement, sent Encoder"):
+        run_through(built, longest=0.5)
+    assert max(sent) == pytest.approx(0.302)
 
 
 def test_lost_vision_is_found_at_the_same_tick():
@@ -337,9 +416,6 @@ def test_what_has_no_kernel_is_named():
     assert "0 sensors that sample encoders" in reason(
         plant, replace(parts, sensors=parts.sensors[1:])
     )
-    frozen = SensorFailure(sensor="torque", effect="frozen", field="tau", index=1, at=1.0)
-    loop = assemble(replace(jobs.clean_barrel(quick=True), perturbations=(frozen,))).loop
-    assert "torques" in reason(loop.plant, loop.parts)
     loop = assemble(jobs.clean_barrel(quick=True, without=("fusion",))).loop
     assert "RawNavigation" in reason(loop.plant, loop.parts)
 

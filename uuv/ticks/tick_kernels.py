@@ -1,0 +1,223 @@
+"""Kernel of the loop's ticks: sensors, navigation, controller, recording and plant."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uuv.perception.navigation.filter_kernel import put_out, take_sample
+from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.kernels.control import REFUSED, UNSOUND, Commanded, call_control
+from uuv.sim.interfaces.kernels.record_box import new_box
+from uuv.sim.interfaces.kernels.slots import FINE, call_at
+from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
+from uuv.sim.interfaces.spatial import Array
+from uuv.sim.loop.recording import RecorderRecord, write_row
+from uuv.sim.loop.rollout import Stage
+from uuv.sim.plant.compiled_step import PlantRecord, advance, observe
+from uuv.sim.plant.plant import Plant
+from uuv.sim.plant.readout import COLLISION, LEAST, MOST, NORMAL
+from uuv.sim.sensors.proprioception import encode, sense_motion, transmit
+
+NEW = int(Stage.NEW)
+PLANNED = int(Stage.PLANNED)
+COMMANDED = int(Stage.COMMANDED)
+# Called by other kernels only: entries from Python would take a third of the time of compiling
+# `run_ticks`.
+_WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+class Sensed(NamedTuple):
+    """Memories of the sensors, and the truth that they read; views."""
+
+    encoders: Array  # (1,) of their kind, likewise below
+    torques: Array
+    imu: Array
+    R_WB: Array  # (3, 3)
+    acceleration: Array  # (6,)
+    w_WB_B: Array  # (3,)
+    q: Array  # (n,)
+    qd: Array  # (n,)
+    qdd: Array  # (n,)
+    tau_drive: Array  # (n,)
+    tau_friction: Array  # (n,)
+    armature: Array  # (n,)
+    damping: Array  # (n,)
+
+
+class World(NamedTuple):
+    """Everything that changes at the rate of the drives."""
+
+    plant: PlantRecord
+    sensed: Sensed
+    filter: Array  # (1,) of `filter_kernel.FILTER`
+    sample: ImuRecord
+    joints: JointRecord
+    estimate: EstimateRecord
+    sound: EstimateRecord  # that of the last tick completed
+    control: np.ndarray  # (3,) addresses: of the controller's tick, its memory, the estimate's box
+    command: Commanded
+    rows: RecorderRecord
+    sampled: np.ndarray  # (3,) bool: sensors of `Sensed` that are compiled
+    sensors: int  # address of the slot of the others; 0: there are none
+    referred: np.ndarray  # (1,) index of the present reference in the recording
+    every: int  # ticks in a period of the controller
+    observers: int  # address of the slot of observers that see every tick; 0: there are none
+    present: np.ndarray  # (1,) number of the present tick, for them
+
+
+@kernel
+def box_of(world):
+    """`RecordBox` of a `World`, or of another tuple of records."""
+    return new_box(world)
+
+
+@kernel(nogil=True)
+def run_ticks(box, first, ticks, begun, onward):
+    """Run ticks, from any `Stage` of the first one to any stage of the tick after the last one.
+
+    Args:
+        box: `RecordBox` of a `World`.
+        first: number of the first one in the run.
+        ticks: number of ticks to be completed.
+        begun: stage that the first one has reached; PLANNED: its estimate is made, and the planner
+            has seen it.
+        onward: stage that the tick after the last one shall reach.
+
+    Returns:
+        Number of ticks completed; stage that the next one has reached; answer of the controller.
+    """
+    world = box.record
+    plant = world.plant
+    command = world.command
+    control = world.control
+    estimate = world.estimate
+    stage = begun
+    for done in range(ticks + 1):
+        wanted = onward if done == ticks else COMMANDED
+
+        # Sensors and navigation.
+        if stage < PLANNED and wanted > NEW:
+            if observe(plant):
+                return done, NEW, FINE
+            answer = perceive(world)
+            if answer != FINE:
+                return done, NEW, answer
+            stage = PLANNED
+
+        # Controller.
+        if stage < COMMANDED and wanted == COMMANDED:
+            if (first + done) % world.every == 0:
+                answer = call_control(control[0], control[1], control[2])
+                if answer == UNSOUND:
+                    return done, PLANNED, answer
+                if answer != FINE:
+                    return done, COMMANDED, answer
+                if not (np.isfinite(command.tau).all() and np.isfinite(command.thrusters).all()):
+                    return done, COMMANDED, REFUSED
+            stage = COMMANDED
+        if done == ticks:
+            break
+
+        # Recording, observers of every tick, and plant.
+        record_row(world)
+        if world.observers:
+            world.present[0] = first + done
+            answer = call_at(world.observers, 0, 0)
+            if answer != FINE:
+                return done, COMMANDED, answer
+        _copy(estimate, world.sound)
+        advance(plant, command.tau, command.thrusters)
+        stage = NEW
+    return ticks, stage, FINE
+
+
+@kernel(**_WITHIN)
+def perceive(world):
+    """Samples of the sensors into the filter, and its estimate; the answer of their slot."""
+    s = world.sensed
+    joints = world.joints
+    sample = world.sample
+    if world.sampled[0]:
+        encode(s.encoders, s.q, s.qd, joints.q, joints.qd)
+    if world.sampled[1]:
+        transmit(
+            s.torques, s.tau_drive, s.tau_friction, s.armature, s.qdd, s.damping, s.qd, joints.tau
+        )
+    if world.sampled[2]:
+        force_B = sample.specific_force_B
+        w_B = sample.w_WB_B
+        R_WB = sample.R_WB
+        sense_motion(s.imu, s.R_WB, s.acceleration, s.w_WB_B, force_B, w_B, R_WB)
+    sample.time[0] = world.plant.watch.time[0]
+    if world.sensors:
+        answer = call_at(world.sensors, 0, 0)
+        if answer != FINE:
+            return answer
+    take_sample(world.filter, sample)
+    put_out(world.filter, joints, world.estimate)
+    return FINE
+
+
+@kernel(**_WITHIN)
+def record_row(world):
+    """Write one row of the recording."""
+    contacts = world.plant.readout.contacts
+    command = world.command
+    scalars = (
+        contacts[NORMAL],
+        contacts[LEAST],
+        contacts[MOST],
+        world.plant.drive.saturated[0],
+        contacts[COLLISION] != 0.0,
+    )
+    time = world.plant.watch.time[0]
+    write_row(world.rows, time, scalars, world.referred[0], command.f_W, command.felt[0])
+
+
+@kernel(**_WITHIN)
+def _copy(one, other):
+    """Copy one EstimateRecord into another, by loops: numba compiles them in a tenth of the time of
+    slices.
+    """
+    other.time[0] = one.time[0]
+    other.attitude_sigma[0] = one.attitude_sigma[0]
+    for i in range(4):
+        for j in range(4):
+            other.X_WB[i, j] = one.X_WB[i, j]
+    for i in range(3):
+        other.v_WB_B[i] = one.v_WB_B[i]
+        other.w_WB_B[i] = one.w_WB_B[i]
+        other.a_WB_B[i] = one.a_WB_B[i]
+        other.position_sigma[i] = one.position_sigma[i]
+        other.ages[i] = one.ages[i]
+        other.object_moved_W[i] = one.object_moved_W[i]
+        other.gyro_off_B[i] = one.gyro_off_B[i]
+        other.attitude_off_B[i] = one.attitude_off_B[i]
+    for j in range(one.q.shape[0]):
+        other.q[j] = one.q[j]
+        other.qd[j] = one.qd[j]
+        other.tau[j] = one.tau[j]
+
+
+def sensed_by(plant: Plant, memories: Sequence[np.ndarray]) -> Sensed:
+    """Memories of the sensors of every tick, and the truth of `plant` that they read.
+
+    Args:
+        plant: of the run.
+        memories: of the sensors of _CHANNELS, (1,) each.
+    """
+    truth = plant.truth
+    return Sensed(
+        *memories,
+        R_WB=truth.R_WB,
+        acceleration=truth.acceleration,
+        w_WB_B=truth.w_WB_B,
+        q=truth.q,
+        qd=truth.qd,
+        qdd=truth.qdd,
+        tau_drive=truth.tau_drive,
+        tau_friction=truth.tau_friction,
+        armature=truth.armature,
+        damping=truth.joint_damping,
+    )

@@ -167,8 +167,8 @@ def assess_insertion(
         tip_at_end_m=out,
     )
 
-    found = HoleMetrics(accepted=found_X_WH is not None, aside_m=position, tilt_rad=angle)
-    metrics = InsertionRunMetrics(identification=found, insertion=insertion)
+    hole = HoleMetrics(accepted=found_X_WH is not None, aside_m=position, tilt_rad=angle)
+    metrics = InsertionRunMetrics(identification=hole, insertion=insertion)
 
     mm = 1e3
     degrees = float(np.degrees(1.0))
@@ -213,12 +213,12 @@ def summary(
     insertions = [trial["insertion"] for trial in trials]
     return {
         **verdicts(trials),
-        "side_force_max_n": spread(one["side_force_max_n"] for one in insertions),
-        "axial_force_max_n": spread(one["axial_force_max_n"] for one in insertions),
-        "depth_m": spread(one["depth_m"] for one in insertions),
-        "time_s": spread(one["time_s"] for one in insertions),
+        "side_force_max_n": spread(figures["side_force_max_n"] for figures in insertions),
+        "axial_force_max_n": spread(figures["axial_force_max_n"] for figures in insertions),
+        "depth_m": spread(figures["depth_m"] for figures in insertions),
+        "time_s": spread(figures["time_s"] for figures in insertions),
         "found_aside_m": spread(trial["identification"]["aside_m"] for trial in trials),
         "found_tilt_rad": spread(trial["identification"]["tilt_rad"] for trial in trials),
-        "searched": sum((one["searched_s"] or 0.0) > 0.0 for one in insertions),
+        "searched": sum((figures["searched_s"] or 0.0) > 0.0 for figures in insertions),
         "side_force_bound_n": bounds.side_force,
     }

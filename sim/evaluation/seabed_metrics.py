@@ -150,9 +150,9 @@ def assess_seabed_work(
         The assessment.
     """
     bounds = bounds or SeabedBounds()
-    found = recording.targets[-1] if recording.targets else None
+    target = recording.targets[-1] if recording.targets else None
     worked = truth.push is not None, recording.within(WorkState.WORK).any()
-    surface = _surface(found, truth, bounds)
+    surface = _surface(target, truth, bounds)
     core = _core(recording, truth) if worked == (True, True) else None
     drag = _drag(recording, truth) if worked == (False, True) else None
     gap = hull_gap(recording, truth)

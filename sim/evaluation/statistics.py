@@ -40,7 +40,7 @@ def wilson(good: int, of: int, z: float = 1.96) -> tuple[float, float]:
 
 def spread(values: Iterable[float | None]) -> dict[str, float] | None:
     """Median, 95th percentile, maximum and minimum of the known values; None if there are none."""
-    known = [value for value in values if value is not None]
+    known = [figure for figure in values if figure is not None]
     if not known:
         return None
     return {
@@ -79,7 +79,7 @@ def verdicts(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "share": good / len(trials),
         "share_low": low,
         "share_high": high,
-        "failures": dict(Counter(said for trial in trials if (said := kind_of_failure(trial)))),
+        "failures": dict(Counter(kind for trial in trials if (kind := kind_of_failure(trial)))),
         "failed_seeds": [trial["run"]["seed"] for trial in trials if not trial["accepted"]],
     }
 
@@ -89,7 +89,7 @@ def crashed_run(seed: int, reason: str) -> dict[str, Any]:
     run = unmeasured(RunMetrics, seed=seed, state=CRASHED, note=reason)
     nothing = EveryRun(run=run, accepted=False, failed=[reason], timings=unmeasured(Timings))
     return {
-        name: value
-        for name, value in asdict(nothing).items()
+        name: entry
+        for name, entry in asdict(nothing).items()
         if name not in ("provenance", "start")
     }

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects.targets import TargetModel
@@ -22,7 +23,6 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import (
     Array,
-    Indices,
     checked,
     inverse,
     pose,
@@ -197,7 +197,7 @@ def assess_inspection(
 
 
 def _flight_figures(
-    recording: "Recording", truth: TrueInspection, flown: Indices
+    recording: "Recording", truth: TrueInspection, flown: NDArray[np.intp]
 ) -> InspectionMetrics:
     """Figures of the samples `flown`; without any, none but the set distance."""
     if not len(flown):

@@ -136,13 +136,13 @@ def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[st
     part = np.minimum((s / length * len(forces)).astype(int), len(forces) - 1)
 
     lines = []
-    asked = levels(forces)
-    for number, level in enumerate(asked, 1):
-        there = (part >= level.first) & (part < level.end)
-        rows = steps.settled & there & (np.abs(steps.force - level.force) < 1e-6)
+    stated = levels(forces)
+    for number, level in enumerate(stated, 1):
+        on_level = (part >= level.first) & (part < level.end)
+        rows = steps.settled & on_level & (np.abs(steps.force - level.force) < 1e-6)
         judged_s = float(rows.sum() * recording.timestep)
         if not long_enough(judged_s):
-            which = f"level {number} of {len(asked)}"
+            which = f"level {number} of {len(stated)}"
             lines.append(
                 f"set force of {level.force:g} N, {which}: judged for {judged_s:.2f} s, less than "
                 f"{JUDGED:g} s"

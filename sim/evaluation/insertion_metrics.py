@@ -165,8 +165,8 @@ def assess_insertion(
         tip_at_end_m=out,
     )
 
-    found = HoleMetrics(accepted=found_X_WH is not None, aside_m=position, tilt_rad=angle)
-    metrics = InsertionRunMetrics(identification=found, insertion=insertion)
+    hole = HoleMetrics(accepted=found_X_WH is not None, aside_m=position, tilt_rad=angle)
+    metrics = InsertionRunMetrics(identification=hole, insertion=insertion)
 
     mm = 1e3
     degrees = float(np.degrees(1.0))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects.targets import TargetModel
@@ -22,7 +23,6 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import (
     Array,
-    Indices,
     checked,
     inverse,
     pose,
@@ -197,18 +197,18 @@ def assess_inspection(
 
 
 def _flight_figures(
-    recording: "Recording", truth: TrueInspection, flown: Indices
+    recording: "Recording", truth: TrueInspection, flown: NDArray[np.intp]
 ) -> InspectionMetrics:
     """Figures of the samples `flown`; without any, none but the set distance."""
     if not len(flown):
         return unmeasured(InspectionMetrics, distance_set_m=truth.distance)
 
     every = max(1, round(0.1 / recording.timestep))
-    levels = [each[::every] for each in np.split(flown, np.flatnonzero(np.diff(flown) > 1) + 1)]
+    levels = [level[::every] for level in np.split(flown, np.flatnonzero(np.diff(flown) > 1) + 1)]
     X_WC = camera_poses(recording, truth, levels[0])
     off, view = off_and_view(X_WC, truth)
     step = max(1, round(_EVERY / 0.1))
-    views = np.concatenate([camera_poses(recording, truth, each[::step]) for each in levels])
+    views = np.concatenate([camera_poses(recording, truth, level[::step]) for level in levels])
 
     return InspectionMetrics(
         distance_set_m=truth.distance,
@@ -305,9 +305,9 @@ def coverage(X_WC: Array, truth: TrueInspection) -> float | None:
 
     What they saw counts as visible, since the allowed places are a grid.
     """
-    seen = _seen(X_WC, truth)
-    visible = seen | _seen(truth.allowed, truth)
-    return float(seen.sum() / visible.sum()) if visible.any() else None
+    covered = _seen(X_WC, truth)
+    visible = covered | _seen(truth.allowed, truth)
+    return float(covered.sum() / visible.sum()) if visible.any() else None
 
 
 def _seen(X_WC: Array, truth: TrueInspection) -> np.ndarray:

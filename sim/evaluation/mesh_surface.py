@@ -70,7 +70,7 @@ class Surface:
         """
         low = self.corners.min(axis=1)
         high = self.corners.max(axis=1)
-        found = np.empty_like(points)
+        closest = np.empty_like(points)
         normals = np.empty_like(points)
         best = 0
 
@@ -86,11 +86,11 @@ class Surface:
             choice = int(np.argmin(np.sum((candidates - point) ** 2, axis=1)))
 
             best = int(near[choice])
-            found[i] = candidates[choice]
+            closest[i] = candidates[choice]
             normal = weights[choice] @ self.normals[best]
             normals[i] = normal / np.linalg.norm(normal)
 
-        return found, normals
+        return closest, normals
 
 
 def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
@@ -109,7 +109,7 @@ def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
     arc = np.concatenate([[0.0], np.cumsum(length)])
 
     best = np.full(len(points), np.inf)
-    found = np.empty_like(points)
+    closest = np.empty_like(points)
     at = np.empty(len(points))
 
     for i in range(len(edge)):
@@ -121,10 +121,10 @@ def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
 
         closer = distance < best
         best[closer] = distance[closer]
-        found[closer] = candidate[closer]
+        closest[closer] = candidate[closer]
         at[closer] = (arc[i] + share * length[i])[closer]
 
-    return found, at
+    return closest, at
 
 
 def _closest_barycentric(corners: Array, point: Array) -> Array:

@@ -62,7 +62,7 @@ def schema_of(kinds: Iterable[type], title: str, description: str) -> dict[str, 
 
 def unmeasured(kind: type[Metrics], **known: Any) -> Metrics:
     """Metrics of a run that ended before they were measured: None in all fields but `known`."""
-    names = [each.name for each in fields(cast(Any, kind))]
+    names = [entry.name for entry in fields(cast(Any, kind))]
     return kind(**{name: known.get(name) for name in names})
 
 
@@ -74,19 +74,19 @@ def unit_of(name: str) -> str | None:
 def _object(kind: type) -> dict[str, Any]:
     hints = get_type_hints(kind)
     properties = {}
-    for each in fields(kind):
-        unit = unit_of(each.name)
-        own = dict(each.metadata.get("schema", {}))
-        properties[each.name] = {
-            **_type(hints[each.name]),
+    for entry in fields(kind):
+        unit = unit_of(entry.name)
+        keywords = dict(entry.metadata.get("schema", {}))
+        properties[entry.name] = {
+            **_type(hints[entry.name]),
             **({"unit": unit} if unit else {}),
-            **own,
+            **keywords,
         }
 
     required = [
-        each.name
-        for each in fields(kind)
-        if each.default is MISSING and each.default_factory is MISSING
+        entry.name
+        for entry in fields(kind)
+        if entry.default is MISSING and entry.default_factory is MISSING
     ]
 
     return {
@@ -101,8 +101,8 @@ def _type(hint: Any) -> dict[str, Any]:
     origin, args = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         (inner,) = (arg for arg in args if arg is not type(None))
-        found = _type(inner)
-        return {**found, "type": [found["type"], "null"]}
+        inner_type = _type(inner)
+        return {**inner_type, "type": [inner_type["type"], "null"]}
     if is_dataclass(hint) and isinstance(hint, type):
         return _object(hint)
     if isinstance(origin, type) and issubclass(origin, Mapping):

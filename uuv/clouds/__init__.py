@@ -1,3 +1,1 @@
-"""Commands on point clouds: options, reports and pictures of identification, deformation map and
-seabed path.
-"""
+"""Commands on point clouds: identification, deformation map, seabed path, with their reports."""

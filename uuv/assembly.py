@@ -127,16 +127,20 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     """
     rng, task = np.random.default_rng(scenario.seed), scenario.task
     believed, built, said = believed_and_built(scenario.vehicle, scenario.belief, task)
-    # of the loop; a stiff surface needs a shorter timestep of the physics
+
+    # The loop's timestep; a stiff surface needs a shorter one of the physics.
     timestep = float(built.option.timestep)
     drawn = perturb(built, scenario.perturbations, scenario.perturbation_seed)
     own = OwnVehicle.of(believed, task.spares)
     placed = _placed(scenario, own, rng)
+
+    # The true world, and the start in it, near that of the task unless it needs that one exactly.
     gusts, noise, start, sampling = rng.spawn(4)
     model = _compiled(placed.scene(built), scenario)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     X_WB = placed.X_WB if placed.exact_start else placed.X_WB @ offset
     check_start(model, Vehicle.of(model), X_WB)
+
     substeps = ticks_per_period(timestep, float(model.opt.timestep), "the loop's step")
     plant = Plant(
         model,
@@ -145,10 +149,12 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         reaction_ticks=REACTION_TICKS if full else 0,
         substeps=substeps,
     )
+
     parts = _parts(scenario, placed, own, model, int(sampling.integers(2**31)))
     loop = Loop(plant=plant, parts=parts, observers=placed.observers())
     for perturbation in scenario.perturbations:
         loop = perturbation.on_loop(loop)
+
     return Assembly(
         scenario=scenario,
         placed=placed,

@@ -57,10 +57,12 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
                     headline = source.partition("\n")[0].strip('"')
                     name = file.relative_to(EXPERIMENTS).with_suffix("").as_posix()
                     yield name, headline.removeprefix("Study: ").removeprefix("Benchmark: ")
+
         case "vehicle":
             yield from _vehicles()
         case "arm":
             yield from _arms(HOME / "models" / "arms" / "published_arms.py")
+
         case "object":
             for name in _keys(HOME / "models" / "objects" / "targets.py", "OBJECTS"):
                 file = HOME / "models" / "objects" / f"{name}.py"
@@ -69,6 +71,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             yield from _documented(HOME / "models" / "tools" / "tools.py", "TOOLS")
         case "soil":
             yield from _documented(HOME / "models" / "site" / "soil.py", "SOILS")
+
         case "flow":
             documented = _definitions(HOME / "sim" / "water" / "cylinder_wake.py")
             for name in _keys(HOME / "site.py", "FLOWS"):
@@ -77,10 +80,12 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             documented = _definitions(HOME / "components" / "contact_parts.py")
             for name in _keys(HOME / "kinds.py", "SENSORS"):
                 yield name, documented.get(name, "")
+
         case "controller":
             classes = _definitions(HOME / "controllers" / "whole_body" / "work_controller.py")
             for name in _keys(HOME / "kinds.py", "CONTROLLERS"):
                 yield name, classes["WorkController"]
+
         case "task" | "perturbation":
             folder = HOME / f"{kind}s"
             documented = {}
@@ -89,6 +94,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             listed = folder / ("registry.py" if kind == "task" else "perturbation.py")
             for name, made in _kinds(listed):
                 yield name, documented.get(made, "")
+
     yield from (
         (point.name, f"of {point.value}") for point in entry_points(group=f"{_GROUP}.{kind}")
     )
@@ -109,6 +115,7 @@ def _vehicles() -> Iterator[tuple[str, str]]:
     table = next(
         node for node in ast.walk(_assigned(file, "_MODELS")) if isinstance(node, ast.Dict)
     )
+
     for key, entry in zip(table.keys, table.values, strict=True):
         if isinstance(key, ast.Constant) and isinstance(entry, ast.Call):
             said = next(word.value for word in entry.keywords if word.arg == "source")
@@ -121,9 +128,11 @@ def _arms(file: Path) -> Iterator[tuple[str, str]]:
     entries = (
         list(zip(table.keys, table.values, strict=True)) if isinstance(table, ast.Dict) else []
     )
+
     for node in _tree(file).body:
         if isinstance(node, ast.Assign) and isinstance(at := node.targets[0], ast.Subscript):
             entries.append((at.slice, node.value))
+
     for key, made in entries:
         if isinstance(key, ast.Constant) and isinstance(made, ast.Call):
             title = made.args[0] if made.args else None
@@ -166,6 +175,7 @@ def _assigned(file: Path, variable: str) -> ast.expr:
     for node in _tree(file).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
             continue
+
         names = node.targets if isinstance(node, ast.Assign) else [node.target]
         if any(isinstance(name, ast.Name) and name.id == variable for name in names):
             return node.value

@@ -1,6 +1,4 @@
-"""A run with its user output: visual log, progress, table, report; and the results of a run that
-has ended.
-"""
+"""A run with its user output: visual log, progress, table, report; results of an ended run."""
 
 import math
 import shlex
@@ -47,8 +45,7 @@ def command(
     after: str = "",
     assembled: Callable[..., Assembly] = assemble,
 ) -> int:
-    """Assembles and runs a scenario with progress on screen, and writes its results to a new
-    folder.
+    """Runs a scenario with progress on screen, and writes its results to a new folder.
 
     Args:
         scenario: The description.
@@ -75,12 +72,16 @@ def command(
             f"no run.rrd and report.html{series}: {to_install(LOG)} ({', '.join(lacking)} missing)"
         )
         console.print(said, markup=False, highlight=False, soft_wrap=True)
+
     sensing = scenario.sensing
     if scenario.task.looks and (sensing.sensor != SURVEY or sensing.arm_camera is not None):
         ray_casting.installed()  # or the refusal, before anything is compiled
+
     compiled = first_start.build()
     # before the work: the folder may be unusable
     folder = new_folder(scenario.name, options.out, scenario.seed)
+
+    # Rehearsal, which loads all compiled code.
     trial = assembled(to_rehearse(scenario), full=options.record)
     for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
@@ -88,14 +89,17 @@ def command(
     del trial  # its parts may hold state, and have moved on
 
     assembly = assembled(scenario, full=options.record)
+
     plant, placed = assembly.plant, assembly.placed
     title, longest = placed.title + after, options.longest or placed.longest
     # Before the run, which stores the current in the model.
     made_by = provenance(scenario.name, as_dict(scenario), plant.model)
+
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
     observers: list[Observer] = []
     start = first_start.noted(compiled)
     write_scenario(scenario, folder / SCENARIO_FILE)
+
     log: Any = None
     try:
         if draws or options.view:
@@ -110,24 +114,30 @@ def command(
                 bounds=placed.bounds,
             )
             observers.append(log)
+
         bar = progress(console)
         observers += [placed.story(recorder, log), ProgressPrinter(bar, console)]
         console.print(
             Text(title, style="bold"), f" (ready in {time.perf_counter() - started:.1f} s)"
         )
+
+        # The run, and its results also after a first signal.
         stop = SignalStop()
         with signals(stop.ask):
             with bar:
                 result = run_through(assembly, recorder, observers, longest, stop=stop)
+
             _say_what_is_slow(result, console)
             assessment = assessed(assembly, result).made_by(made_by).started(start)
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
                 log.close()
+
             placed.write_files(folder)
             for each in placed.tables():
                 console.print(each)
             _say(assessment, console)
+
             if options.record:
                 write_series(result.recording, folder)
             if draws:
@@ -136,20 +146,22 @@ def command(
     finally:
         if log is not None:
             log.close()
+
     if stop.asked is not None:
         raise stop.asked
+
     if not result.recording.within(*placed.begun).any():
         why = result.last.reference.note or f"not within {longest:.0f} s"
         met = f"; before that {result.recording.collided}" if result.recording.collided else ""
         raise ConfigurationError(
             f"the work could not begin: {why}{met} (uuv check {scenario.vehicle.vehicle})"
         )
+
     return 0 if assessment.accepted else NOT_ACCEPTED
 
 
 def show(run: Run, folder: str | Path) -> None:
-    """Prints the table of a run, and writes scenario.toml, metrics.json, its series and report.html
-    to `folder`.
+    """Prints the table of a run, and writes scenario, metrics, series and report to `folder`.
 
     The report needs a full recording, as `run(scenario)` makes it, and the extra LOG; else it is
     left out. There is no
@@ -161,6 +173,7 @@ def show(run: Run, folder: str | Path) -> None:
     run.assessment.made_by(provenance(run.scenario.name, as_dict(run.scenario))).write(
         folder / "metrics.json"
     )
+
     _say(run.assessment, PlainConsole())
     write_series(run.recording, folder)
     if run.assembly.full and not absent(LOG):
@@ -172,6 +185,7 @@ def _report(run: Run, folder: Path, title: str) -> None:
 
     tables = as_dict(run.scenario)
     trust = f" {TRUST}" if any(names_of_code(tables)) else ""
+
     write_report(
         folder / "report.html",
         run.recording,
@@ -201,6 +215,7 @@ def _say_what_is_slow(result: RunResult, console: Console) -> None:
 def _say(assessment: Assessment, console: Console) -> None:
     """Prints the table, the pace and the verdict."""
     console.print(results_table(assessment))
+
     simulated, timings = assessment.metrics["run"]["simulated_s"], assessment.metrics["timings"]
     console.print(
         f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, "
@@ -243,6 +258,7 @@ class ProgressPrinter:
             self._console.print(
                 f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False, soft_wrap=True
             )
+
         if moment.tick % self.slow_ticks[0] == 0:
             felt = moment.command.contact.normal
             said = f"{felt:5.1f} N felt" if reference.set_force and math.isfinite(felt) else ""

@@ -100,22 +100,27 @@ def encoded(kind: Any) -> Any:
         UuvError: There is no word for such a type.
     """
     types = numba.types
+
     if isinstance(kind, types.Array):
         flags = ("" if kind.mutable else "readonly ") + ("" if kind.aligned else "unaligned ")
         return {f"{flags}{kind.ndim}{kind.layout}": encoded(kind.dtype)}
     if isinstance(kind, types.Record):
         return {"record": np.lib.format.dtype_to_descr(numpy_support.as_dtype(kind))}
+
     if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
         of = kind.instance_class
         return {f"{of.__module__}:{of.__qualname__}": [encoded(each) for each in kind.types]}
+
     if isinstance(kind, (types.Tuple, types.UniTuple)):
         return [encoded(each) for each in kind.types]
     if isinstance(kind, RecordBoxType):
         return {"box": encoded(kind.field_dict["record"])}
     if isinstance(kind, types.Literal):
         return {"literal": kind.literal_value}
+
     if isinstance(kind, (types.Number, types.Boolean, types.NoneType)):
         return str(kind)
+
     raise UuvError(f"no word for numba's type {kind}")
 
 
@@ -126,6 +131,7 @@ def decoded(value: Any) -> Any:
         return getattr(types, {"bool": "boolean"}.get(value, value))
     if isinstance(value, list):
         return types.BaseTuple.from_types([decoded(each) for each in value])
+
     ((word, inner),) = value.items()
     if word == "record":
         return numba.from_dtype(np.lib.format.descr_to_dtype(_as_descr(inner)))
@@ -133,11 +139,13 @@ def decoded(value: Any) -> Any:
         return RecordBoxType([("record", decoded(inner))])
     if word == "literal":
         return types.literal(inner)
+
     if ":" in word:
         module, name = word.split(":")
         return types.BaseTuple.from_types(
             [decoded(each) for each in inner], getattr(importlib.import_module(module), name)
         )
+
     *flags, form = word.split()
     return types.Array(
         decoded(inner),
@@ -197,6 +205,7 @@ def build() -> int:
     """
     if _config.DISABLE_JIT:
         return 0
+
     rows = jobs()
     lacking = {
         row: job.seconds
@@ -252,6 +261,7 @@ def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
     finally:
         for worker in started:
             worker.end()
+
     if done < len(lacking):
         _say(f"{len(lacking) - done} of {len(lacking)} are left to their first call")
     return done
@@ -259,9 +269,7 @@ def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
 
 @contextlib.contextmanager
 def _progress(seconds: Mapping[int, float], workers: int) -> Iterator[Callable[[int], None]]:
-    """Shows how far the rows with these seconds are: a bar on a terminal, else a line now and
-    then.
-    """
+    """Shows the progress over rows with these seconds: a bar on a terminal, else some lines."""
     whole = sum(seconds.values())
     if sys.stderr.isatty():
         columns = (
@@ -303,8 +311,7 @@ def _in_order(
     submit: Callable[[int], Future[bool]],
     most: int,
 ) -> Iterator[tuple[int, bool]]:
-    """Submit the wanted rows, each after those that it calls, at most `most` at once; the longest
-    way to the end first.
+    """Submit the wanted rows, at most `most` at once, each after its callees, longest way first.
 
     Yields:
         Row, and the result of its future.
@@ -313,14 +320,17 @@ def _in_order(
     for row in reversed(range(len(rows))):
         for before in rows[row].after:
             longest[before] = max(longest[before], rows[before].seconds + longest[row])
+
     left = set(wanted)
     done = set(range(len(rows))) - left
     running = dict[Future[bool], int]()
+
     while left or running:
         ready = [row for row in left if done.issuperset(rows[row].after)]
         for row in sorted(ready, key=lambda row: -longest[row])[: most - len(running)]:
             left.discard(row)
             running[submit(row)] = row
+
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             row = running.pop(future)
             done.add(row)
@@ -339,6 +349,7 @@ def kernels() -> Iterator[tuple[str, Any]]:
 def _work() -> None:
     """Compile the rows of the list that come on stdin."""
     answers, sys.stdout = sys.stdout, sys.stderr
+
     todo = jobs()
     for line in sys.stdin:
         try:

@@ -23,8 +23,7 @@ _MOST_SECONDS = 1e6  # [s] simulated in one run
 
 
 def check_inputs(scenario: Scenario, longest: float | None = None) -> None:
-    """Refuses a scenario that names what there is not, or a file that cannot be read or lacks what
-    the job needs.
+    """Refuses a scenario with unknown names, or files that are unreadable or lack what it needs.
 
     Args:
         scenario: The description.

@@ -50,6 +50,7 @@ def class_of(name: str, option: str) -> Callable[..., Any]:
     module, _, word = name.partition(":")
     if not (module and word):
         raise ConfigurationError(f"{option} {shown(name)}: expected MODULE:CLASS")
+
     try:
         return getattr(importlib.import_module(module), word)
     except (Exception, SystemExit) as error:
@@ -59,19 +60,20 @@ def class_of(name: str, option: str) -> Callable[..., Any]:
 
 
 def where_moved(name: str) -> str:
-    """Where the module of MODULE:ATTRIBUTE is now, if it is of a version whose packages were not
-    yet in `uuv`; or "".
+    """Where the module of MODULE:ATTRIBUTE is now, if it was once outside `uuv`; or "".
 
     A module of the user's own may have the name of one of those packages: it is the user's.
     """
     first, _, rest = name.partition(":")[0].partition(".")
     if first not in _EARLIER:
         return ""
+
     spec = importlib.util.find_spec(first)
     if spec is not None and not any(
         Path(place).is_relative_to(_HOME.parent) for place in _places(spec)
     ):
         return ""
+
     module = ".".join(filter(None, ("" if first == _SCENARIOS else first, rest)))
     file = _HOME.joinpath(*module.split("."))
     if file.with_suffix(".py").is_file() or (file / "__init__.py").is_file():
@@ -85,9 +87,7 @@ def _places(spec: ModuleSpec) -> list[str]:
 
 
 def told(error: BaseException, *ours: str) -> str:
-    """Type and message of a foreign error, and the line that raised it in code outside the files
-    `ours`.
-    """
+    """Type and message of a foreign error, and the line that raised it outside files `ours`."""
     if isinstance(error, SyntaxError) and error.filename:
         where = f" ({error.filename}:{error.lineno})"
     else:
@@ -97,4 +97,5 @@ def told(error: BaseException, *ours: str) -> str:
         ]
         foreign = [place for place in places if not place.startswith((__file__, *ours, "<frozen"))]
         where = f" ({foreign[-1]})" if foreign and "importlib" not in foreign[-1] else ""
+
     return f"{type(error).__name__}: {one_line(str(error), _FOREIGN)}{where}"

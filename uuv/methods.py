@@ -1,6 +1,4 @@
-"""Methods of control and perception by name: those that a run can leave out, those that it can take
-as published.
-"""
+"""Methods of control and perception by name: those that a run can leave out, and published ones."""
 
 from typing import Literal, get_args
 

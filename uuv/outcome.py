@@ -1,6 +1,4 @@
-"""What a run leaves for its assessment: `RunResult`, the pictures of its report, and clouds seen on
-the way.
-"""
+"""What a run leaves for its assessment: `RunResult`, its pictures, and clouds seen on the way."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -49,6 +47,7 @@ class CloudRecorder:
 
         if not isinstance(moment.found, FinderState) or moment.found.last is None:
             return
+
         for name in ("cloud", "model_before", "model_after"):
             points_W = moment.found.in_world(getattr(moment.found.last, name))
             self._recorder.add_cloud(name, points_W)

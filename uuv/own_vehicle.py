@@ -40,8 +40,7 @@ class OwnVehicle:
 
     @classmethod
     def of(cls, spec: mujoco.MjSpec, but: Collection[str] = ()) -> Self:
-        """Compiles `spec` and checks it for every part that work with the arm needs, except those
-        in `but`.
+        """Compiles `spec` and checks it for every part of work with the arm, except those in `but`.
 
         Raises:
             ConfigurationError: Parts are missing; the message names them all and their purpose.
@@ -78,9 +77,7 @@ class OwnVehicle:
         )
 
     def at_work(self) -> "WorkVehicle":
-        """The vehicle as the planners of its work know it; without a camera one that looks ahead is
-        taken.
-        """
+        """The vehicle as the planners of its work know it, with a forward camera if it has none."""
         from uuv.controllers.planning.work_vehicle import WorkVehicle
 
         known = WorkVehicle(vehicle=self.vehicle, chain=self.chain(), hull_box=self.hull_box)
@@ -129,6 +126,7 @@ def vehicle_spec(
     spec = mapped(file)
     if computed:
         complete(spec, trim=file.trim, name=file.name)
+
     if not file.has_tool:
         with_tool(spec, tool, needs)
     if spares is not None:
@@ -152,14 +150,14 @@ def check(spec: mujoco.MjSpec, spares: Collection[str], *, computed: bool = True
 
 
 def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -> mujoco.MjSpec:
-    """`spec` itself with a tool on its tip: `tool`, or the one that a task needs and its own is
-    not.
+    """`spec` itself with a tool on its tip: `tool`, or the one that a task needs.
 
     Raises:
         ConfigurationError: There is no such tool, or no tip for it.
     """
     if tool is not None:
         attachment.attach(spec, TOOLS.load(tool))
+
     elif needs is not None and any(site.name == TIP_SITE for site in spec.sites):
         own = next((geom.type for geom in spec.geoms if geom.name == TOOL_GEOM), None)
         if own is None or own != _SHAPES.get(needs):

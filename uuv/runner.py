@@ -72,12 +72,14 @@ def run(
     """
     if isinstance(scenario, Scenario):
         check_inputs(scenario, longest)
+
     first_start.build()
     start = scenario if isinstance(scenario, SavedRun) else None
     if start is not None and recorder is not None:
         raise ConfigurationError(
             "run: a saved run goes on with its own recorder; leave `recorder` out"
         )
+
     assembly = scenario if isinstance(scenario, Assembly) else _assembled(scenario, full=True)
     result = run_through(assembly, recorder, observers, longest, start=start)
     return Run(assembly=assembly, result=result, assessment=assessed(assembly, result))
@@ -101,6 +103,7 @@ def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool 
     if isinstance(scenario, Scenario):
         check_inputs(scenario)
     first_start.build()
+
     start = scenario if isinstance(scenario, SavedRun) else None
     assembly = _assembled(scenario, full=full)
     wanted = checked_phase(phase, assembly.parts.planner)
@@ -203,6 +206,7 @@ def run_through(
         raise ConfigurationError(
             f"longest [s]: the saved run is at {start.time:.3f} s already, got {longest:g}"
         )
+
     stop = stop or SignalStop()
     began = time.perf_counter()
     begun = _begin(assembly, recorder, [*observers, stop], part_by_part=part_by_part, start=start)
@@ -212,6 +216,7 @@ def run_through(
         if stop.last is None:
             raise
         last = stop.last
+
     by = stop.asked if stop.last is not None else None
     return RunResult(
         recording=begun.recorder.recording(interrupted=by.signal.name if by else ""),
@@ -270,9 +275,7 @@ class SignalStop:
         self.last: Moment | None = None  # moment at which the run was ended
 
     def ask(self, number: int, _frame: Any = None) -> None:
-        """Signal handler: the first signal ends the run after the present step, a second one at
-        once.
-        """
+        """Signal handler: the first signal ends the run after the step, a second one at once."""
         if self.asked is not None:
             raise Interrupted(number)
         self.asked = Interrupted(number)

@@ -55,9 +55,11 @@ class SavedRun:
                 f"saved run: {kind} changes a run from its start; allowed SensorFailure, "
                 "ThrusterFailure"
             )
+
         onset = failure.onset()
         for event in self.past:
             onset.notice(*event)
+
         if onset.began <= self.time:
             raise ConfigurationError(
                 f"saved run: {kind} would have begun at {onset.began:.3f} s, and {self.phase} is "
@@ -96,6 +98,8 @@ class SavedRun:
         for keeper, state in zip(keepers, states, strict=False):
             if state is not None:
                 keeper.resume(state)
+
+        # Added failures have not begun; they notice the events so far.
         for onset in keepers[len(states) :]:
             for event in self.past:
                 onset.notice(*event)
@@ -144,6 +148,7 @@ def checked_phase(name: str, planner: Planner | None = None) -> WorkState:
     """
     works = getattr(planner, "works", WorkState)
     phases = [str(phase) for phase in works if phase not in _ENDS]
+
     if name not in phases:
         whose = "a run" if planner is None else "this task"
         raise ConfigurationError(

@@ -153,6 +153,7 @@ class Sensing:
 
     def __post_init__(self) -> None:
         whole_number(self.looks, "sensing.looks", least=1, most=_MOST_LOOKS)
+
         for name in (
             "vision_period",
             "vision_delay",
@@ -166,6 +167,7 @@ class Sensing:
         """Encoders, torque sensors, IMU, DVL and vision of a drifting hull."""
         from uuv.sim.sensors import proprioception
 
+        # Vision is the only one whose period and delay a scenario sets.
         return [
             proprioception.Encoders(),
             proprioception.JointTorqueSensors(noise=self.torque_noise, bias=self.torque_bias),
@@ -239,9 +241,7 @@ class Task(ABC):
             raise ConfigurationError(_NOT_FOLLOWED)
 
     def least_seconds(self, scenario: "Scenario") -> float:
-        """Time [s] that the work itself takes at least, as it is asked for; 0 where nothing says
-        so.
-        """
+        """Least time [s] of the work as it is asked for; 0 where nothing states it."""
         del scenario
         return 0.0
 
@@ -299,9 +299,7 @@ class PlacedTask(ABC):
         """Adds the site to the spec of the true vehicle, in place, and returns it."""
 
     def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
-        """Sensors that see the site, and the model that perception has of them; None: its
-        default.
-        """
+        """Sensors that see the site, and perception's model of them; None: its default."""
         return [], None
 
     def estimator(self, navigation: Estimator) -> Estimator:
@@ -326,9 +324,7 @@ class PlacedTask(ABC):
         """Planner of the task."""
 
     def controller(self) -> Controller | None:
-        """Controller of a test rig, in place of that of the scenario; None: that of the
-        scenario.
-        """
+        """Controller of a test rig, in place of the scenario's; None: that of the scenario."""
         return None
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":

@@ -72,6 +72,7 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
     what = named(file, "scenario")
     checked_format(found, what)
     found.pop(FORMAT_KEY, None)
+
     refuse_code(found, what, trust=trust)
     try:
         return from_dict(found)
@@ -96,6 +97,7 @@ def refuse_code(document: Any, what: str, *, trust: bool) -> None:
     for name in names_of_code(document):
         if moved := where_moved(name):
             raise ConfigurationError(f"{what}: names {shown(name)}: {moved}")
+
         if trust:
             continue
         raise ConfigurationError(
@@ -139,6 +141,7 @@ def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "-
         ConfigurationError: A key or value is none of those allowed.
     """
     nested = as_dict(scenario)
+
     try:
         for key, value in assigned(assignments).items():
             put(nested, key, value)
@@ -160,6 +163,7 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
+
         if not equals:
             raise ConfigurationError(
                 f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}"
@@ -178,6 +182,8 @@ def put(nested: dict[str, Any], key: str, value: Any) -> None:
         ConfigurationError: The key is in no table of a scenario.
     """
     *tables, last = key.split(".")
+
+    # The table that holds the key.
     table: Any = nested
     if tables[:1] == [PERTURBATIONS]:
         if len(tables) != 2:
@@ -191,8 +197,10 @@ def put(nested: dict[str, Any], key: str, value: Any) -> None:
     else:
         for name in tables:
             table = table.setdefault(name, {}) if isinstance(table, dict) else None
+
     if not isinstance(table, dict):
         raise ConfigurationError(f"no parameter {shown(key)}: it is in no table of a scenario")
+
     if last == KIND and table.get(KIND) != value:
         table.clear()  # another kind has other keys
     table[last] = value
@@ -215,25 +223,23 @@ def _table(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         several = isinstance(value, tuple(registries()))
         kind = {KIND: _kind_of(value)} if several else {}
+
         own = {field.name: getattr(value, field.name) for field in fields(value)}
         return {
             **kind,
             **{name: _table(each) for name, each in own.items() if not _left_out(name, each)},
         }
+
     return [_table(each) for each in value] if isinstance(value, tuple | list) else value
 
 
 def _left_out(name: str, value: Any) -> bool:
-    """True for None, which TOML does not know, and for no perturbations: tables of them can then be
-    appended.
-    """
+    """True for None, which TOML lacks, and for no perturbations, so that tables can be appended."""
     return value is None or (name == "perturbations" and not value)
 
 
 def _kind_of(value: Any) -> str:
-    """Name under which a registry makes the class of `value`; MODULE:CLASS for one that is in
-    none.
-    """
+    """Name under which a registry makes the class of `value`; else MODULE:CLASS."""
     registry = next(known for base, known in registries().items() if isinstance(value, base))
     own = f"{type(value).__module__}:{type(value).__qualname__}"
     return registry.name_of(type(value)) or own

@@ -1,6 +1,4 @@
-"""The site: the object to work on with its true pose, growth and dents, or the seabed; current and
-gusts.
-"""
+"""The site: the work object with pose, growth and dents, or the seabed; current and gusts."""
 
 import math
 from abc import ABC, abstractmethod
@@ -44,9 +42,7 @@ class SiteObject:
     """What there is to work on; the base of all kinds."""
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
-        """True pose X_WT (4, 4): on the seabed 1.5 m below the origin, turned by up to 0.6 rad
-        about z.
-        """
+        """True pose X_WT (4, 4): on the seabed 1.5 m below the origin, up to 0.6 rad about z."""
         return pose(
             exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5]
         )
@@ -63,9 +59,7 @@ class OpenWater(SiteObject):
 
 @dataclass(frozen=True, kw_only=True)
 class Workpiece(SiteObject, ABC):
-    """Object with tool paths on it; growth and dents lie along the path, and the vehicle knows the
-    clean object.
-    """
+    """Object with tool paths, growth and dents along them; the vehicle knows it clean."""
 
     fouled: float = option(
         0.0,
@@ -141,6 +135,7 @@ class Barrel(Workpiece):
             arc_azimuth=self.azimuth,
             corner=self.corner,
         )
+
         made.path(name := path or "longitudinal")
         return made, name
 
@@ -190,14 +185,13 @@ class Pile(Workpiece):
             "ring": lambda: ring(self.arc, self.azimuth, self.height),
             "helix": lambda: helix(self.arc, self.rise, self.azimuth, self.height),
         }
+
         if name not in shapes:
             raise ConfigurationError(f"task.path: allowed {', '.join(shapes)}, got {name!r}")
         return pile({name: shapes[name]()}), name
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
-        """True pose: nearly upright; the vehicle approaches from -x, to within 0.6 rad of azimuth
-        0.
-        """
+        """True pose: nearly upright; approached from -x, within 0.6 rad of azimuth 0."""
         lean = LEAN * rng.standard_normal(3) * [1.0, 1.0, 0.0]
         return pose(
             exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]),
@@ -207,9 +201,7 @@ class Pile(Workpiece):
 
 @dataclass(frozen=True, kw_only=True)
 class KnownObject(Workpiece):
-    """Object of the library by name, those of other packages included, or a mesh file with a line
-    laid over its top.
-    """
+    """Object of the library by name, or a mesh file with a line laid over its top."""
 
     object: str = option(
         "rock", "A name of `uuv list objects`, a mesh file, or MODULE:FUNCTION.", group="object"
@@ -246,13 +238,12 @@ class KnownObject(Workpiece):
         return targets.of(self.object, self.scale)
 
     def target(self, path: str | None) -> "tuple[TargetModel, str]":
-        """The object and the path's name; "over", from above, is `line`, or along x on a mesh
-        without paths.
-        """
+        """The object and the path's name; "over" is `line`, or along x on a mesh without paths."""
         if self.line is not None and path not in (None, OVER):
             raise ConfigurationError(
                 f"task.path {shown(path)} and site.object.line: one of the two"
             )
+
         made = self.model()
         if self.line is not None or not made.paths:
             above, path = (
@@ -261,6 +252,7 @@ class KnownObject(Workpiece):
             )
             lines = (self.line,) if self.line is not None else self._lines_over(made)
             made = made.with_path(OVER, _first_laid(made, lines, above))
+
         name = path or next(iter(made.paths), "none")
         made.path(name)  # raises for an unknown name, and lists the known ones
         return made, name
@@ -276,9 +268,7 @@ class KnownObject(Workpiece):
 def _first_laid(
     made: "TargetModel", lines: Iterable[tuple[float, float, float, float]], above: float
 ) -> "ModelPath":
-    """The first of the lines (x, y of both ends) that lies on the object all along, seen from
-    above.
-    """
+    """The first of the lines (x, y of both ends) that lies wholly on the object, from above."""
     from uuv.perception.toolpath.path_shapes import laid_on, line  # casts rays
 
     refused: ConfigurationError | None = None
@@ -287,6 +277,7 @@ def _first_laid(
             return laid_on(made, line([x0, y0, above], [x1, y1, above]), [0.0, 0.0, -1.0])
         except ConfigurationError as error:
             refused = refused or error
+
     assert refused is not None
     raise ConfigurationError(
         f"{refused}; site.object.line, x0 y0 x1 y1 [m], lays the path elsewhere"
@@ -425,9 +416,7 @@ class Site:
         return max(velocities, key=lambda velocity: float(np.linalg.norm(velocity)))
 
     def pose(self, rng: np.random.Generator) -> Array:
-        """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws stay
-        the same.
-        """
+        """True pose X_WT (4, 4) of the object; drawn even if set, to keep later draws the same."""
         drawn = self.object.draw_pose(rng)
         return drawn if self.X_WT is None else np.array(self.X_WT)
 

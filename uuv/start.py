@@ -1,6 +1,4 @@
-"""First import of every command: refuses what it cannot run on, and makes one line of each
-error.
-"""
+"""First import of every command: refuses unfit systems, and makes one line of each error."""
 
 import sys
 from types import TracebackType

@@ -1,3 +1,1 @@
-"""Identification of the arm: friction of its gears, and the touches that would tell most for its
-calibration.
-"""
+"""Identification of the arm: gear friction, and the most informative calibration touches."""

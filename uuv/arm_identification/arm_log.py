@@ -13,9 +13,7 @@ TIMELINE = "sim_time"
 
 
 class ArmLog:
-    """Writer of one Rerun file, with `view` also to a viewer; a context manager, else call
-    `close`.
-    """
+    """Writer of one Rerun file, with `view` also to a viewer; a context manager, else `close`."""
 
     def __init__(self, file: Path, title: str, blueprint: Any, *, view: bool) -> None:
         import rerun as rr  # slow to import, and needless without a log
@@ -55,6 +53,7 @@ class ArmLog:
         rr = self._rr
         points = np.array([arm.joint_frames(row)[:, :3, 3] for row in q[::stride]])
         strips = [np.vstack([np.zeros(3), row]) for row in points]
+
         size = 0.006 * float(np.linalg.norm(np.diff(strips[0], axis=0), axis=1).sum())
         self._columns(f"world/{name}/links", time[::stride], rr.LineStrips3D.columns(strips=strips))
         self._columns(
@@ -64,6 +63,8 @@ class ArmLog:
                 [points.shape[1]] * len(points)
             ),
         )
+
+        # Colours and sizes do not change.
         style = {"colors": color, "radii": size}
         self._stream.log(f"world/{name}/links", rr.LineStrips3D.from_fields(**style), static=True)
         self._stream.log(

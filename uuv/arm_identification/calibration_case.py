@@ -1,6 +1,4 @@
-"""Input of an arm calibration: the nominal arm, its touches from the user's files, and the loads on
-it.
-"""
+"""Input of an arm calibration: nominal arm, touches from the user's files, and loads."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,9 +54,7 @@ class CalibrationCase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loading:
-    """Weights on the arm, as given on the command line; its base stands upright, or hangs from a
-    vehicle.
-    """
+    """Weights on the arm from the command line; its base stands upright or hangs from a vehicle."""
 
     link_masses: tuple[float, ...] = ()  # [kg] empty: spread evenly along the links
     payload: tuple[float, ...] = ()  # [kg] at the tool, for each point; empty: none
@@ -78,6 +74,7 @@ class Loading:
                 raise ConfigurationError(f"{option}: {wanted} are needed, got {len(given)}")
             for value in given:
                 finite_number(value, f"{option} [kg]", least=0.0, most=1e4)
+
         # a vehicle's arm has its z axis downwards
         down = GRAVITY if source.kind == "mjcf" else -GRAVITY
         return Loads(
@@ -148,11 +145,14 @@ def from_files(
         "units": units,
         "limits": arm.limits,
     }
+
     read = read_touches(touches, **how, beyond="note")
     rest = read_touches(held_out, **how, beyond="note") if held_out else None
     notes = [*source.notes, *read.notes, *(rest.notes if rest else ())]
     for each in filter(None, (read, rest)):
         notes += _beyond(arm, each, limits)
+
+    # Known distances between points, by their indices.
     pairs = []
     for first, second, length in distances:
         for name in (first, second):
@@ -161,6 +161,7 @@ def from_files(
                     f"--distance: no point {name!r}; there are {', '.join(read.names)}"
                 )
         pairs.append((read.names.index(first), read.names.index(second), length, LENGTH_ERROR))
+
     return CalibrationCase(
         title=f"Calibration of {source.path.name}",
         source=source,
@@ -172,8 +173,7 @@ def from_files(
 
 
 def _beyond(arm: SerialArm, read: Touches, limits: Literal["arm", "encoders"]) -> list[str]:
-    """Notes on touches beyond the limits of the arm, which is wrong about them where the touches
-    coincide.
+    """Notes on touches beyond the arm's limits, which are wrong where the touches coincide.
 
     Raises:
         ConfigurationError: They do not coincide, and the encoders are not to be believed.
@@ -186,6 +186,7 @@ def _beyond(arm: SerialArm, read: Touches, limits: Literal["arm", "encoders"]) -
             "--limits encoders if they "
             "are"
         )
+
     return [
         f"{line}: the encoders are believed, the limits of the arm look too narrow"
         for line in read.beyond

@@ -44,6 +44,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         UuvError: The files cannot be read, the options contradict each other, or the arm does not
             reach the points.
     """
+    # Deviations of a simulated arm.
     real = RealEffects(
         compliance=finite_number(
             options.true_compliance, "--true-compliance [rad/(N m)]", least=0.0, most=0.01
@@ -57,28 +58,34 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         )
     if (options.payload or options.link_mass) and not (options.compliance or real.compliance > 0.0):
         raise ConfigurationError("--payload and --link-mass go with --compliance")
+
     source = nominal(options.arm, folder, options.base, options.tip)
     if options.touches:
         if options.touching != "noise":
             raise ConfigurationError("--touches and --touching: one of the two")
         held, units, limits = options.held_out, options.units, options.limits
         return from_files(source, options.touches, held, units, options.distance, limits)
+
     if options.distance or options.held_out:
         raise ConfigurationError("--distance and --held-out go with --touches")
     contact = options.touching != "noise"
     if contact and (options.compliance or real != RealEffects()):
         raise ConfigurationError("--compliance and --true-...: not with touching by contact")
+
+    # Sizes of the simulated session.
     few = options.quick and contact
     points = options.points if options.points is not None else 3 if few or not contact else 4
     poses = options.poses if options.poses is not None else 5 if few else 10 if contact else 21
     whole_number(points, "--points", least=1, most=_MOST_POINTS)
     whole_number(poses, "--poses", least=2, most=_MOST_POSES)
     finite_number(options.noise, "--noise [m]", above=0.0, most=0.1)
+
     errors = whole_number(
         options.seed if options.arm_errors is None else options.arm_errors, "--arm-errors"
     )
     known = options.arm != "ur10e" if options.known_length is None else options.known_length
     pin = options.pin or ("straight" if source.kind == "mjcf" else "off-axis")
+
     if not contact:
         if options.view:
             raise ConfigurationError("--view: nothing moves; with --touching clamped or hovering")
@@ -94,10 +101,12 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
             real=real,
             loading=loading_of(options),
         )
+
     if source.kind != "mjcf":
         raise ConfigurationError(
             f"--touching {options.touching}: needs a vehicle or its MJCF, got --arm {options.arm}"
         )
+
     logs: list[Any] = []
 
     def watch(model: mujoco.MjModel) -> Any:
@@ -120,6 +129,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         touches=poses,
         seed=options.seed,
     )
+
     shown = watch if options.record or options.view else None
     try:
         return by_contact(source, scenario, known=known, rng=rng, watch=shown)
@@ -148,6 +158,7 @@ def plan_touches(
         UuvError: Options contradict each other, files cannot be read, or the arm does not reach
             enough postures.
     """
+    # Options without effect on a plan.
     simulated = {"--touching": options.touching != "noise", "--poses": options.poses is not None}
     judged = {
         "--held-out": bool(options.held_out),
@@ -157,18 +168,21 @@ def plan_touches(
     for name, given in {**simulated, **judged}.items():
         if given:
             raise ConfigurationError(f"--plan and {name}: one of the two")
+
     if options.distance and not options.touches:
         raise ConfigurationError("--distance and --held-out go with --touches")
     points = whole_number(
         3 if options.points is None else options.points, "--points", least=1, most=_MOST_POINTS
     )
     noise = finite_number(options.noise, "--noise [m]", above=0.0, most=0.1)
+
     source = nominal(options.arm, folder, options.base, options.tip)
     so_far = touch_plan.NewPoints(count=points, pin=options.pin, noise=noise)
     if options.touches:
         so_far = from_files(
             source, options.touches, (), options.units, options.distance, options.limits
         )
+
     for note in source.notes if isinstance(so_far, touch_plan.NewPoints) else so_far.notes:
         console.print(note, style="yellow", highlight=False)
     made = touch_plan.planned(
@@ -192,16 +206,20 @@ def calibrate(
         UuvError: As of `case_of`, or the touches do not determine the arm.
     """
     case = case_of(options, folder, rng)
+
     if options.compliance:
         if options.method == "paper":
             raise ConfigurationError("--compliance and --method paper: one of the two")
         case = replace(case, loads=loading_of(options).on(case.source, len(case.touches.series)))
+
     for note in case.notes:
         console.print(note, style="yellow", highlight=False)
+
     outcome = solve(case, free=options.free, prior=dict(options.prior), method=options.method)
     reasons = failed(outcome, options.method)
     _say(case, outcome, console)
     files = _write(case, outcome, options, folder)
+
     console.print(verdict("; ".join(reasons)))
     for line in outcome.examined.untold:
         console.print(f"not told: {line}", style="yellow", highlight=False)
@@ -212,19 +230,19 @@ def calibrate(
 
 
 def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -> None:
-    """Prints the figures of merit, the parameters that changed most and what the touches cannot
-    determine.
-    """
+    """Prints the figures of merit, the parameters that changed most and the undetermined ones."""
     found = outcome.calibration
     console.print(Text(case.title, style="bold"))
     for warning in found.warnings:
         console.print(warning, style="yellow", highlight=False)
+
     table = Table()
     table.add_column("figure")
     table.add_column("value", justify="right")
     for name, value in figures_of_merit(case, outcome):
         table.add_row(Text(name), value)
     console.print(table)
+
     console.print(_most_changed(outcome))
     for group in found.rank.hidden:
         console.print(f"not seen: {group}", highlight=False)
@@ -238,6 +256,7 @@ def _write(
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     source, arm, sha256 = case.source, outcome.arm, case.touches.sha256
     files = write_results(folder, found, source, arm=arm, tcp=outcome.tcp, sha256=sha256, date=date)
+
     if case.truth is not None:
         write_touches(
             folder / "touches", case.touches.names, case.touches.series, source.arm.joint_names

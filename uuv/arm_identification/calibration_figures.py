@@ -28,6 +28,8 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
     ]
     if case.loads is not None:
         out.append(("compliances [µrad/(N m)]", _compliances(found)))
+
+    # Simulated tracker, where the truth is known.
     for label, clouds in (
         ("tracker RMS", outcome.clouds),
         ("tracker RMS, hull's motion left aside", outcome.uncorrected),
@@ -42,9 +44,12 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
                     (f"{label}: a maker's own table [mm]", f"{1e3 * clouds['controller'].rms:.4f}")
                 )
             out.append((f"{label}: ratio", f"{before / max(after, 1e-12):.2f}"))
+
     if outcome.tips is not None:
         before, after = (1e3 * np.sqrt((each**2).mean()) for each in outcome.tips)
         out.append(("tip in the base, RMS: nominal, identified [mm]", f"{before:.3f}, {after:.3f}"))
+
+    # Touches that were held out.
     if outcome.held_out:
         values = 1e3 * np.array(list(outcome.held_out.values()))
         out += [
@@ -57,9 +62,11 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
                 "{:.3f}, {:.3f}".format(*np.median(values, axis=0)),
             )
         )
+
     if outcome.covered is not None and outcome.half_width is not None:
         interval = f"{100.0 * outcome.covered:.1f} %, ± {1e3 * outcome.half_width:.3f}"
         out.append(("held out, within the 95 % interval; its median [mm]", interval))
+
     if case.session is not None:
         session = case.session
         out += [
@@ -71,12 +78,11 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
 
 
 def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, str]]:
-    """Name, change, half of the 95 % interval and unit of those whose change is largest relative to
-    it.
-    """
+    """Name, change, half 95 % interval and unit of the parameters that changed most, relatively."""
     names, changes = fit.names, fit.estimate.changes
     half = fit.quantile() * fit.sigma
     arm = [i for i, group in enumerate(fit.estimate.parameters.groups) if group != "tcp"]
+
     rows = []
     for i in sorted(arm, key=lambda i: -abs(changes[i]) / half[i])[:count]:
         factor, unit = report.shown(fit.estimate.parameters.units[i])
@@ -85,11 +91,10 @@ def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, 
 
 
 def _compliances(found: Calibration) -> str:
-    """Compliance of each joint and half of its 95 % interval; a dash where the loads do not show
-    it.
-    """
+    """Compliance of each joint and half of its 95 % interval; a dash where loads do not show it."""
     half = dict(zip(found.names, found.quantile() * found.sigma, strict=True))
     hidden = {name for group in found.rank_free.hidden for name in group.names}
+
     told = []
     for k, value in enumerate(found.compliance, start=1):
         known = f"c{k}" in half and f"c{k}" not in hidden
@@ -102,6 +107,7 @@ def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
     if not case.distances:
         return "not told: no distance is known"
     longest = max(case.distances, key=lambda one: one[2])
+
     found = outcome.calibration
     i, j, length, deviation = longest
     ends = found.noise / np.sqrt(min(len(found.residuals[i]), len(found.residuals[j])))
@@ -131,6 +137,7 @@ def metrics(
         "seed": seed,
         "accepted": ok,
         "untold": list(outcome.examined.untold),
+        # The touches and the fit to them.
         "touches": {
             "count": sum(len(each) for each in found.residuals),
             "points": len(found.residuals),
@@ -149,6 +156,7 @@ def metrics(
             "compliance_rad_nm": found.compliance.tolist() if case.loads is not None else None,
             "warnings": list(found.warnings),
         },
+        # What the touches determine.
         "rank": {
             "identified": rank.rank,
             "of": rank.total,
@@ -156,6 +164,7 @@ def metrics(
                 {"count": g.count, "names": list(g.names), "reason": g.reason} for g in rank.hidden
             ],
         },
+        # Against the truth, and against touches held out.
         "tracker": {name: clouds[name].rms for name in ("nominal", "identified")}
         if clouds
         else None,
@@ -168,6 +177,7 @@ def metrics(
             name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()
         }
         or None,
+        # Touching by contact, and the result.
         "contact": None
         if session is None
         else {
@@ -195,6 +205,7 @@ def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
     found, series = outcome.calibration, list(outcome.series)
     before = verification.pair_distances([found.nominal.tips(q, found.nominal_tcp) for q in series])
     after = verification.pair_distances(found.touched_tips(series))
+
     return {
         "count": len(before),
         "nominal_mean_m": float(before.mean()),
@@ -204,9 +215,7 @@ def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
 
 
 def _stages(clouds: dict[str, verification.Cloud]) -> dict[str, Any]:
-    """Clouds of flange points against the tracker's through the stages of [Yukhimets 2023, fig. 5
-    to 8].
-    """
+    """Stages of the flange points against the tracker's [Yukhimets 2023, fig. 5 to 8]."""
     tracker = clouds["tracker"]
 
     def stage(name: str) -> dict[str, float]:

@@ -1,6 +1,4 @@
-"""Options of the calibration of an arm, and its inputs, which are read before anything is
-compiled.
-"""
+"""Options of the calibration of an arm, and its inputs, read before anything is compiled."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace

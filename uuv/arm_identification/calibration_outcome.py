@@ -80,6 +80,7 @@ def solve(
     }
     if case.session is not None and case.X_BA is not None:
         return _solved_on_moving_base(case, case.session.hulls, case.X_BA, free, options)
+
     series, arm = list(case.touches.series), case.source.arm
     fit = identify(series, arm, free=list(free) or None, **options)
     outcome = _judged(case, fit, fit.arm, series)
@@ -106,9 +107,7 @@ def _solved_on_moving_base(
     free: Sequence[str],
     options: dict[str, Any],
 ) -> CalibrationOutcome:
-    """As of `solve`, with the poses (m_i, 4, 4) of the hull during the touches as joints of a
-    longer arm.
-    """
+    """As of `solve`, the hull poses (m_i, 4, 4) during the touches being joints of a longer arm."""
     series, arm = list(case.touches.series), case.source.arm
     longer = on_moving_base(arm, X_BA)
     moved = [with_base(q, X) for q, X in zip(series, hulls, strict=True)]
@@ -126,9 +125,7 @@ def _solved_on_moving_base(
 def _examined(
     outcome: CalibrationOutcome, case: CalibrationCase, again: Callable[..., Calibration]
 ) -> CalibrationOutcome:
-    """The outcome with what its touches say against it, which are those of a longer arm where the
-    hull moved.
-    """
+    """The outcome with what its touches say against it; those of a longer arm if the hull moved."""
     fit, series = outcome.calibration, list(outcome.series)
     base = 0 if case.X_BA is None else BASE_JOINTS
     told = Told(names=case.touches.names, distances=case.distances, base_joints=base)
@@ -174,9 +171,7 @@ def _judged(
 def _tip_errors(
     case: CalibrationCase, truth: TrueArm, fit: Calibration, arm: SerialArm
 ) -> tuple[Array, Array]:
-    """Errors (N,) [m] of the tip in the base at all touches, of the nominal and of the identified
-    arm.
-    """
+    """Errors (N,) [m] of the tip in the base at all touches, by nominal and identified arm."""
     q = np.vstack(case.touches.series)
     bent = q if fit.loads is None else fit.deflected(q)
     true = truth.arm.tips(truth.stands_at(q), truth.tcp)
@@ -185,9 +180,7 @@ def _tip_errors(
 
 
 def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Array]) -> list[str]:
-    """Points, used or held out, about which the nominal arm brings the touches closer, beyond
-    chance.
-    """
+    """Points, used or held out, that lie significantly closer by the nominal arm."""
     used = [weights > 0.0 for weights in found.weights]
     sets = [(case.touches.names, series, used, found.touched_tips(series))]
     if case.held_out is not None:
@@ -195,6 +188,7 @@ def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Ar
         every = [np.ones(len(q), dtype=bool) for q in held.series]
         sets.append((held.names, held.series, every, [found.tips(q) for q in held.series]))
     out = []
+
     for names, touched_series, used, tips in sets:
         for name, q, mine, p in zip(names, touched_series, used, tips, strict=True):
             if mine.sum() < 2:
@@ -213,11 +207,11 @@ def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Ar
 def _worse_predicted(
     found: Calibration, series: Sequence[Array], again: Callable[..., Calibration]
 ) -> list[str]:
-    """Whether points left out of the fit, all in turn, lie closer by the nominal arm, beyond
-    chance.
-    """
+    """Whether points left out of the fit in turn lie significantly closer by the nominal arm."""
     if found.loads is not None:
         return []  # its payloads are those of all points
+
+    # Cross-validation over folds of points.
     folds = [range(k, len(series), _FOLDS) for k in range(min(_FOLDS, len(series)))]
     square, degrees = np.zeros(2), 0
     for fold in folds:
@@ -233,6 +227,7 @@ def _worse_predicted(
             both = found.nominal.tips(q, found.nominal_tcp), other.tips(q)
             square += [used.sum() * _scatter(p) ** 2 for p in both]
             degrees += 3 * (int(used.sum()) - 1)
+
     before, after = np.sqrt(square / max(degrees, 1))
     if degrees and after > before * _chance(degrees):
         return [
@@ -243,9 +238,7 @@ def _worse_predicted(
 
 
 def _chance(degrees: int) -> float:
-    """Ratio of two RMS values of so many degrees of freedom each that chance exceeds once in a
-    thousand times.
-    """
+    """Ratio of two RMS values, each of so many degrees of freedom, at the 0.1 % level."""
     return float(np.sqrt(f.isf(1e-3, degrees, degrees)))
 
 
@@ -262,6 +255,7 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
     found, out = outcome.calibration, [str(doubt) for doubt in outcome.examined.doubts]
     if not found.cost < found.cost_nominal:
         out.append("the touches of a point lie no closer than by the nominal arm")
+
     if outcome.clouds and not outcome.clouds["identified"].rms <= outcome.clouds["nominal"].rms:
         out.append("the tracker finds the nominal arm better")
     if outcome.held_out:
@@ -270,6 +264,7 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
             out.append("the touches held out lie no closer than by the nominal arm")
     if outcome.worse:
         out.append(f"the nominal arm is better ({'; '.join(outcome.worse)})")
+
     if method == "map" and not found.converged:
         out.append(f"the fit did not settle in {len(found.history) - 1} steps")
     return out

@@ -1,6 +1,4 @@
-"""Simulated touches of an arm with errors, by hand with noise or by contact, as the input of a
-calibration.
-"""
+"""Simulated touches of an arm with errors, by hand or by contact, as input of a calibration."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -88,6 +86,7 @@ def simulated(
     Raises:
         ReachError: Too few points are reached.
     """
+    # The true arm and its tool point.
     drawing = np.random.default_rng(errors)
     if source.kind == "mjcf":
         arm = dh_geometry.with_errors(source.arm, drawing)
@@ -106,6 +105,7 @@ def simulated(
         else:
             arm = wrong_arm(source.arm, WORKSHOP, drawing)
             title = f"Calibration of {source.path.name}, built with workshop errors {errors}"
+
     series, places = touched(
         arm,
         tcp,
@@ -116,6 +116,8 @@ def simulated(
         noise=noise,
         way=DOWN if hangs else LOOKING_DOWN,
     )
+
+    # Effects beside the kinematics, each with its own random stream.
     sag, gears, unloaded = None, None, None
     if real.compliance > 0.0:
         sag = Sag(compliance=np.full(arm.n, real.compliance), loads=loading.on(source, points))
@@ -125,6 +127,7 @@ def simulated(
     if real.seating > 0.0:
         seats = Seating.draw(real.seating, points, Streams(errors)["seating"])
         series = seats.seat(arm, tcp, series)
+
     series = read_by_encoders(arm, series, sag=sag, gears=gears)
     truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs, sag=unloaded, gears=gears)
     return _simulated_case(title, source, series, places, truth, known, rng)
@@ -153,17 +156,22 @@ def by_contact(
     """
     vehicle = scenario.vehicle
     session, own = touch(scenario, watch)
+
+    # The true arm, as `touch` built it.
     nominal_arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
     true = dh_geometry.with_errors(nominal_arm, np.random.default_rng(vehicle.arm_errors))
     hull = "hovering" if session.hovering else "clamped"
     title = f"Calibration of {vehicle.vehicle} by contact, hull {hull}, errors {vehicle.arm_errors}"
     truth = TrueArm(arm=true, tcp=np.zeros(3), hangs=True)
+
+    # Nests that were touched more than once.
     found = [k for k, one in enumerate(session.series) if len(one) > 1]
     if len(found) < 2:
         raise ConfigurationError("fewer than two nests were found; nothing can be calibrated")
     case = _simulated_case(
         title, source, [session.series[k] for k in found], session.p_WN[found], truth, known, rng
     )
+
     kept = replace(
         session,
         series=tuple(session.series[k] for k in found),
@@ -188,6 +196,7 @@ def _simulated_case(
         i, j = farthest(places)
         length = float(np.linalg.norm(places[i] - places[j])) + LENGTH_ERROR * rng.standard_normal()
         distances = ((i, j, length, LENGTH_ERROR),)
+
     names = tuple(f"point{k + 1}" for k in range(len(series)))
     touches = Touches(series=tuple(readonly(q) for q in series), names=names, sha256="simulated")
     return CalibrationCase(

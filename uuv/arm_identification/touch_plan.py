@@ -1,6 +1,4 @@
-"""Plan of touches: those of many candidate postures that would tell most about an arm, with the
-expected error.
-"""
+"""Plan of touches: the most informative of many candidate postures, with the expected error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,9 +35,7 @@ _TARGETS = 20  # flange points of the moves whose error is expected
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TouchPlan:
-    """Planned touches with the expected RMS error of relative moves of the flange, scale left
-    aside.
-    """
+    """Planned touches with the expected RMS error of relative flange moves, without scale."""
 
     names: tuple[str, ...]  # of the points
     points: Array  # (S, 3) [m] in the arm's base
@@ -73,8 +69,7 @@ def planned(
     prior: dict[str, float],
     rng: np.random.Generator,
 ) -> TouchPlan:
-    """Plans touches of the points touched so far by the arm identified from them, else of drawn
-    points.
+    """Plans touches of the points so far by the arm identified from them, else of drawn points.
 
     Args:
         source: Nominal arm.
@@ -92,7 +87,9 @@ def planned(
     whole_number(count, "--plan", least=1, most=MOST)
     hangs = source.kind == "mjcf"
     how: dict[str, Any] = {"free": list(free) or DEFAULT_FREE, "prior": prior or None}
+
     if isinstance(so_far, NewPoints):
+        # Drawn points, touched by the nominal arm.
         arm, tcp, points = source.arm, _tool(source, so_far.pin), so_far.count
         each = max(_CANDIDATES, -(-_PER_TOUCH * count // points))
         way = DOWN if hangs else LOOKING_DOWN
@@ -103,6 +100,7 @@ def planned(
         names, done = tuple(f"point{k + 1}" for k in range(points)), [np.zeros((0, arm.n))] * points
         how |= {"tcp": tcp, "noise": so_far.noise}
     else:
+        # Points so far, touched by the arm that they identify.
         model = identify(
             so_far.touches.series,
             source.arm,
@@ -119,6 +117,8 @@ def planned(
             "prior": dict(zip(model.names, model.estimate.prior, strict=True)),
             "done": done,
         }
+
+    # Candidates are chosen for the error of the flange in other poses.
     targets = moves(arm, source.arm.limits, hangs, candidates, rng, _TARGETS)
     choice = design(model, candidates, targets=targets, **how)
     return TouchPlan(
@@ -150,8 +150,7 @@ def _without_outliers(found: Calibration, series: Sequence[Array]) -> list[Array
 def _candidates(
     found: Calibration, done: Sequence[Array], limits: Array, each: int, rng: np.random.Generator
 ) -> tuple[list[Array], Array]:
-    """Postures that touch the same points, with the flange within CONE of its mean direction so
-    far.
+    """Postures that touch the same points, the flange within CONE of its mean direction so far.
 
     Returns:
         Joint values (each, n) per point; the points (S, 3) [m] in the arm's base.
@@ -194,6 +193,7 @@ def run(
     count, planned_m = len(made.order), made.found.merit[-1]
     random_m, accepted = float(np.median(made.random)), planned_m < float(np.median(made.random))
     title = f"Plan of {count} touches for {source.path.stem}"
+
     out.print(Text(title, style="bold"), f"with the tool point at {_mm(made.tcp)} mm")
     out.print(_points(made))
     out.print(_touches(made, source))
@@ -204,9 +204,11 @@ def run(
             "The points are examples within reach: touch yours in these postures, as nearly "
             "as they allow."
         )
+
     point_names = [made.names[i] for i, _ in made.order]
     q = np.array([values for _, values in made.order])
     write_touch_list(folder / FILE, point_names, q, source.arm.joint_names, source.arm.joint_types)
+
     figures = {
         "expected_error_m": {
             "before": made.found.before,
@@ -222,8 +224,10 @@ def run(
             )
         ],
     }
+
     content = {"title": title, "seed": seed, "accepted": accepted}
     write_json(folder / "metrics.json", {**content, "plan": figures, "provenance": provenance})
+
     told = "these touches tell no more than random ones; plan more of them"
     out.print(verdict("" if accepted else told))
     out.print(f"written to {folder}/: {FILE}", highlight=False)
@@ -239,6 +243,7 @@ def _points(made: TouchPlan) -> Table:
     table.add_column("point")
     for column in ("x [m]", "y [m]", "z [m]", "touches so far", "planned"):
         table.add_column(Text(column), justify="right")
+
     for name, place, before, series in zip(
         made.names, made.points, made.so_far, made.found.series, strict=True
     ):
@@ -253,6 +258,7 @@ def _touches(made: TouchPlan, source: ArmSource) -> Table:
     table.add_column("point")
     for name in source.arm.joint_names:
         table.add_column(name, justify="right")
+
     last = len(made.order) - 1
     for k, (i, q) in enumerate(made.order):
         cells = np.where(slides, 1e3 * q, np.degrees(q))
@@ -265,6 +271,7 @@ def _errors(made: TouchPlan) -> Table:
     table = Table(title="expected error of moves of the flange", title_justify="left")
     table.add_column("RMS, scale left aside, after")
     table.add_column(Text("[mm]"), justify="right")
+
     before = (
         f"the {sum(made.so_far)} touches so far"
         if any(made.so_far)
@@ -275,6 +282,7 @@ def _errors(made: TouchPlan) -> Table:
         made.found.merit[-1],
         float(np.median(made.random)),
     )
+
     for words, value in (
         (before, made.found.before),
         (f"{count} random touches, median of {len(made.random)} choices", random_m),

@@ -1,6 +1,4 @@
-"""Touching session: the built arm presses a pin into nests under water, the hull clamped or
-hovering.
-"""
+"""Touching session: the built arm presses a pin into nests under water."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
@@ -46,9 +44,7 @@ class Session:
 
 
 class Readings:
-    """Observer of the loop that collects encoder and navigation readings while the sequence holds
-    the pin in a nest.
-    """
+    """Observer that collects encoder and navigation readings while the pin is held in a nest."""
 
     def __init__(self) -> None:
         self.q: dict[int, list[Array]] = {}
@@ -88,6 +84,8 @@ def place_nests(
     X_WA = X_WB @ np.array(vehicle.X_BA)
     drawn = rng.uniform(vehicle.q_limits[:, 0], vehicle.q_limits[:, 1], (200, len(vehicle.joints)))
     reach = max(float(np.linalg.norm(chain.forward(q)[:3, 3])) for q in drawn)
+
+    # Candidates on a grid before the arm, in shares of its reach.
     z = np.array([0.0, 0.0, 1.0])
     candidates = []
     for x in (0.35, 0.5, 0.65):
@@ -100,11 +98,14 @@ def place_nests(
                 except ReachError:
                     continue
                 candidates.append(nest)
+
     if len(candidates) < count:
         raise ReachError(
             f"the arm reaches {len(candidates)} places from enough directions; "
             f"{count} nests are needed"
         )
+
+    # Farthest-point sampling.
     chosen = [candidates[0]]
     while len(chosen) < count:
         gaps = [min(float(np.linalg.norm(c.p_WN - o.p_WN)) for o in chosen) for c in candidates]
@@ -114,9 +115,7 @@ def place_nests(
 
 @dataclass(frozen=True, kw_only=True)
 class _TouchingTask(Task):
-    """Touch nests with a pin in place of the tool; no key of a scenario's file, whose runs may not
-    touch the site.
-    """
+    """Touch nests with a pin as the tool; no kind of a scenario file."""
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     hovering: bool  # station keeping with the thrusters; False: the hull is clamped
@@ -183,16 +182,16 @@ class PlacedTouching(PlacedTask):
         return self.readings
 
     def session(self, simulated_s: float) -> Session:
-        """Readings of the run, without the touches that missed; `simulated_s` [s] is its
-        duration.
-        """
+        """Readings of the run, without missed touches; `simulated_s` [s] is its duration."""
         chain, readings = self.own.chain(), self.readings
         series: list[list[Array]] = [[] for _ in self.nests]
         hulls: list[list[Array]] = [[] for _ in self.nests]
         tips: list[list[Array]] = [[] for _ in self.nests]
         places: list[Array] = []
         missed = 0
+
         for k in range(len(self.nests)):
+            # Mean readings of each touch of the nest, and the tip by the nominal arm.
             mine = [i for i, one in enumerate(self.wanted) if one.nest == k and i in readings.q]
             means = {i: np.mean(readings.q[i], axis=0) for i in mine}
             poses = {i: readings.X_WB[i][len(readings.X_WB[i]) // 2] for i in mine}
@@ -200,16 +199,20 @@ class PlacedTouching(PlacedTask):
                 i: (poses[i] @ self.own.vehicle.X_BA @ chain.forward(means[i]))[:3, 3] for i in mine
             }
             middle = np.median(list(found.values()), axis=0) if found else np.zeros(3)
+
+            # A touch missed if the pin moved, or lies away from the others.
             for i in mine:
                 ends = [chain.forward(readings.q[i][at])[:3, 3] for at in (0, -1)]
                 moves = not self.task.hovering and float(np.linalg.norm(ends[1] - ends[0])) > STILL
                 if moves or float(np.linalg.norm(found[i] - middle)) > MISSED:
                     missed += 1
                     continue
+
                 series[k].append(means[i])
                 hulls[k].append(_mean_pose(readings.X_WB[i]))
                 tips[k].append(np.mean(readings.tip[i], axis=0))
                 places.append(np.mean(readings.hull[i], axis=0))
+
         spread = np.concatenate([np.array(one) - np.mean(one, axis=0) for one in tips if one])
         return Session(
             series=tuple(np.array(one) for one in series),

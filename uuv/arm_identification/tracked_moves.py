@@ -1,6 +1,4 @@
-"""Simulated tracker test of calibrated arms, as in [Yukhimets 2023]: flange points of equal
-attitude.
-"""
+"""Simulated tracker test of calibrated arms [Yukhimets 2023]: flange points of equal attitude."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -29,8 +27,7 @@ MAKERS = {
 def tracked(
     case: CalibrationCase, identified: SerialArm, found: Calibration, rng: np.random.Generator
 ) -> dict[str, verification.Cloud]:
-    """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal
-    attitude, no payload.
+    """Tracker test of each arm model [Yukhimets 2023]: 13 flange points of equal attitude.
 
     The tracker sees the true arm with its gears and sag; models get the joint values that its
     encoders read.
@@ -40,6 +37,7 @@ def tracked(
     q = moves(case.source.arm, truth.arm.limits, truth.hangs, case.touches.series, rng)
     measured = verification.track(truth.arm, truth.stands_at(q), rng)
     none = np.zeros(3)
+
     bent = q if found.loads is None else found.deflected(q)
     clouds = {"nominal": case.source.arm.tips(q, none), "identified": identified.tips(bent, none)}
     if not truth.hangs:  # a bought robot has its maker's own table, with errors
@@ -77,10 +75,12 @@ def moves(
     if not hangs:
         with suppress(ReachError):
             return verification.flange_poses(arm, rng, count, limits=limits)
+
     best: list[Array] = []
     for home in rng.permutation(np.vstack(touched))[:20]:
         X, found = arm.flange(home[None])[0], [home]
         R = np.ascontiguousarray(X[:3, :3])
+
         for _ in range(tries):
             q, goal = home.copy(), X[:3, 3] + 0.15 * arm.reach * rng.uniform(-1.0, 1.0, 3)
             reached = reach(arm, np.zeros(3), goal, R, q)
@@ -90,9 +90,11 @@ def moves(
                 and np.abs(q - home).max() < 0.5 * np.pi
             ):
                 found.append(q)
+
         if len(found) >= count:
             return np.array(found[:count])
         best = max(best, found, key=len)
+
     if len(best) < 4:
         raise ReachError("no box of flange points found within the joint limits")
     return np.array(best)

@@ -1,3 +1,1 @@
-"""Benchmark "UUV contact": seeded cases, a door for controllers in a process of their own, scores
-by the truth.
-"""
+"""Benchmark "UUV contact": seeded cases, controllers in processes of their own, true scores."""

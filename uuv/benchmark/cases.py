@@ -47,6 +47,7 @@ class BenchmarkCase:
         drawn = FirstDraw.of(self.seed, self.index)
         job = FAMILIES[self.family](np.random.default_rng([self.seed, self.index, 1]))
         rigid = self.family == INSERTION  # its tool has no pad, and its finder no path
+
         return Scenario(
             name="contact_benchmark",
             task=job.task,
@@ -124,26 +125,30 @@ def digest(chosen: tuple[BenchmarkCase, ...]) -> str:
 
 
 def _described(case: BenchmarkCase) -> dict[str, Any]:
-    """Scenario of a case under default control, with the keys that there were when the cases were
-    pinned.
-    """
+    """Scenario of a case under default control, with the keys of the pinned cases."""
     scenario = case.scenario(Control())
     described = as_json(scenario)
+
+    # Keys that came later are left out at their defaults, so that the digest stays.
     if not scenario.sensing.follow:
         del described["sensing"]["follow"]
     if scenario.site.flow is None:
         del described["site"]["flow"]
+
     of = described["site"]["object"]
     for later in ("line", "scale"):
         if of.get(later, ...) is None:
             del of[later]
+
     for later in ("tool", "parts"):
         if described["vehicle"].get(later, ...) is None:
             del described["vehicle"][later]
+
     promised = described["task"].get("promise", {})
     for later, usual in (("stops", None), ("most_thrust", MOST_THRUST)):
         if promised.get(later, ...) == usual:
             del promised[later]
+
     return described
 
 

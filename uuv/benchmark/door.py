@@ -55,9 +55,7 @@ _TAIL = 4096  # bytes of the entry's output that are read for its last line
 
 
 class EntryProcess:
-    """Process of an entry, with one connection for its controller and its estimator; a context
-    manager.
-    """
+    """Process of an entry, with one connection for controller and estimator; a context manager."""
 
     def __init__(
         self, briefing: Briefing, *, step_limit: float = STEP_LIMIT, run_limit: float = RUN_LIMIT
@@ -76,12 +74,15 @@ class EntryProcess:
         self._step_limit, self._run_limit = step_limit, run_limit
         # number of answers, [s] in all, [s] longest
         self.steps, self.waited, self.longest = 0, 0.0, 0.0
+
         number, name = tempfile.mkstemp()
         self._output = os.fdopen(number, "w+b")
         os.unlink(name)  # it lives until it is closed
         close_memory()
         # empty: where the benchmark runs, its files are
         self._folder = tempfile.TemporaryDirectory(prefix="entry_")
+
+        # The process, briefed, tells its periods.
         here, there = socket.socketpair()
         with there:
             self._process = subprocess.Popen(
@@ -96,6 +97,7 @@ class EntryProcess:
         # [s] that an answer is waited for, set in the socket; 0: not set yet
         self._socket, self._limit = here, 0.0
         self._connection = Connection(os.dup(here.fileno()))
+
         try:
             told = self._ready(self._told(_pickled(briefing), START_LIMIT)).partition(" ")
             self.controller_period = self._period(told[0])
@@ -137,9 +139,11 @@ class EntryProcess:
         began = time.perf_counter()
         reply = self._told(message, START_LIMIT if first else self._step_limit)
         took = time.perf_counter() - began
+
         self.steps += 1
         if not first:
             self.waited, self.longest = self.waited + took, max(self.longest, took)
+
         if self.waited > self._run_limit:
             raise EntryError(f"the entry took more than {self._run_limit:g} s for its steps")
         return reply
@@ -151,6 +155,7 @@ class EntryProcess:
             wait = struct.pack("ll", seconds, int(1e6 * (limit - seconds)))
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, wait)
             self._limit = limit
+
         try:
             self._connection.send_bytes(message)
             reply = self._connection.recv_bytes()
@@ -161,6 +166,7 @@ class EntryProcess:
             raise EntryError(f"the entry gave no answer for {limit:g} s") from error
         except (OSError, EOFError) as error:
             raise EntryError(f"the entry's process ended{self._last_words()}") from error
+
         if reply[:1] == FAILED:
             raise EntryError(f"the entry raised {one_line(reply[1:].decode(errors='replace'))}")
         return reply
@@ -186,6 +192,7 @@ class EntryProcess:
             code = self._process.wait(_FAREWELL)
         except subprocess.TimeoutExpired:
             return " the connection, and still runs"
+
         size = self._output.seek(0, os.SEEK_END)
         self._output.seek(max(0, size - _TAIL))
         lines = self._output.read().decode(errors="replace").strip().splitlines()
@@ -193,9 +200,7 @@ class EntryProcess:
 
 
 class RemoteController:
-    """Controller of an entry (`uuv.sim.interfaces.protocols.Controller`); its state stays in the
-    entry's process.
-    """
+    """Controller of an entry (`protocols.Controller`); its state stays in the entry's process."""
 
     def __init__(self, process: EntryProcess) -> None:
         vehicle = process.vehicle
@@ -221,15 +226,14 @@ class RemoteController:
             self._reference is None,
             None if reference is self._reference else reference,
         )
+
         self._reference = reference
         reply = self._process.answer(self._estimates.encode(estimate, changed), first=first)
         return state, self._commands.decode(reply, estimate.time)
 
 
 class RemoteEstimator:
-    """Estimator of an entry (`uuv.sim.interfaces.protocols.Estimator`); its state stays in the
-    entry's process.
-    """
+    """Estimator of an entry (`protocols.Estimator`); its state stays in the entry's process."""
 
     def __init__(self, process: EntryProcess) -> None:
         """Ask a process whose briefing names an estimator.
@@ -270,9 +274,7 @@ def close_memory() -> None:
 
 
 def _environment() -> dict[str, str]:
-    """Environment of an entry: where it finds programs, libraries and modules, and how many threads
-    they take.
-    """
+    """Environment of an entry: paths of programs, libraries and modules, and its threads."""
     kept = {
         name: value
         for name, value in os.environ.items()

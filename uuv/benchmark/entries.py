@@ -1,6 +1,4 @@
-"""Entries of the benchmark: controllers by name, those that it begins with, and those of users with
-estimators.
-"""
+"""Entries of the benchmark: controllers by name, its own and those of users with estimators."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -52,10 +50,12 @@ class Entry:
             raise ConfigurationError(
                 f"--entry: allowed {known}, a registered name or MODULE:CLASS, got {shown(name)}"
             )
+
         if not colon and module not in CONTROLLERS:
             known = tuple(dict.fromkeys((*ENTRIES, *CONTROLLERS.names())))
             allowed, meant = f"{', '.join(known)}, or MODULE:CLASS", did_you_mean(name, known)
             raise ConfigurationError(f"--entry: unknown {shown(name)}; there are {allowed}{meant}")
+
         if estimator:
             home, _, brought = estimator.partition(":")
             if not (home and brought):
@@ -63,13 +63,12 @@ class Entry:
                     f"--estimator: expected MODULE:CLASS, got {shown(estimator)}"
                 )
             name += f" with {estimator}"
+
         code = _code(control, estimator)
         return cls(name=name, control=control, estimator=estimator, source="".join(code.values()))
 
     def code(self) -> dict[str, str]:
-        """Digests of the files of its classes, by name as of
-        `uuv.experiment.loaded_code.loaded_files`.
-        """
+        """Digests of the files of its classes, by name as of `loaded_code.loaded_files`."""
         return _code(self.control, self.estimator)
 
 

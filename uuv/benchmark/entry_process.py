@@ -30,9 +30,7 @@ from uuv.sim.interfaces.messages import Reference
 
 
 def main() -> None:
-    """Serves until the simulation closes the connection; an error of the entry ends it with one
-    line.
-    """
+    """Serves until the simulation closes the connection; an error ends it with one line."""
     connection = Connection(int(sys.argv[1]))
     try:
         serve(connection)
@@ -58,17 +56,21 @@ def serve(connection: Connection) -> None:
         if not briefing.estimator
         else [entry, estimator(briefing.estimator, briefing.model)]
     )
+
     for part in made:
         if callable(getattr(part, "brief", None)):
             part.brief(briefing)
     vehicle = Vehicle.of(briefing.model)
     commands = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
     estimates = EstimateCodec(len(vehicle.joints))
+
+    # The simulation waits for the code and the periods before its first message.
     _tell_code(connection)
     connection.send_bytes(READY + " ".join(repr(float(part.period)) for part in made).encode())
     state: Any = None
     navigation: Any = None
     reference: Reference | None = None
+
     while True:
         message = connection.recv_bytes()
         kind = message[:1]
@@ -85,6 +87,7 @@ def serve(connection: Connection) -> None:
             assert reference is not None  # the first message brings one
             state, command = entry.step(state, estimate, reference)
             reply = commands.encode(command)
+
         connection.send_bytes(reply)
 
 

@@ -40,6 +40,7 @@ class FirstDraw:
         rng = np.random.default_rng([seed, index])
         current = _current(rng)
         gust = rng.uniform(0.0, 0.05)
+
         payload = Payload(spread=0.1, trim_error=rng.uniform(-0.1, 0.1))
         pad = Pad(
             friction=rng.uniform(0.1, 0.6),
@@ -55,6 +56,7 @@ class FirstDraw:
             torque_noise=0.01,
             torque_bias=0.5,
         )
+
         perturbation_seed, own_seed = (int(rng.integers(2**31)) for _ in range(2))
         return cls(
             seed=own_seed,

@@ -53,9 +53,7 @@ class ScoredCase:
 
 
 class ThrusterEnergy:
-    """Observer of the ideal energy of the thrusters: c |T|^1.5 of an actuator disc, over thrusters
-    and time.
-    """
+    """Observer of the ideal energy of the thrusters, c |T|^1.5 of an actuator disc."""
 
     slow_ticks = (_SAMPLE_TICKS,)
 
@@ -70,8 +68,7 @@ class ThrusterEnergy:
 
 
 def score(scored: ScoredCase) -> Row:
-    """Runs an entry on a case; a row of JSON types. Every error of the run is a row too, with one
-    line.
+    """Runs an entry on a case; a row of JSON types, with one line for each error of the run.
 
     The entry `door` holds wall times, and is the only one that may differ between two runs.
     """
@@ -87,18 +84,21 @@ def score(scored: ScoredCase) -> Row:
         with entered(scored) as (built, process):
             energy = ThrusterEnergy(built.plant.timestep)
             outcome = run(built, observers=[energy])
+
         if process is not None:
             row["door"] = {
                 "steps": process.steps,
                 "waited_s": process.waited,
                 "longest_s": process.longest,
             }
+
     except EntryError as error:
         return row | {"class": ENTRY_FAILED, "detail": str(error)}
     except UuvError as error:
         return row | {"class": NOT_BEGUN, "detail": str(error)}
     except Exception:
         return row | {"detail": traceback.format_exc()[-500:]}
+
     return row | figures(outcome, energy.energy) | _class(outcome)
 
 
@@ -106,8 +106,7 @@ def score(scored: ScoredCase) -> Row:
 def entered(
     scored: ScoredCase, *, full: bool = False
 ) -> Iterator[tuple[Assembly, EntryProcess | None]]:
-    """Context manager: the case assembled with its entry, and the entry's process; None: it has
-    none.
+    """Context manager: the case assembled with its entry, and the entry's process, if any.
 
     Args:
         scored: Case and entry.
@@ -119,10 +118,12 @@ def entered(
     control = scored.entry.control
     if not scored.in_process:  # the entry's own module is not imported here
         control = replace(control, controller=Control().controller)
+
     built = assemble(scored.case.scenario(control), full=full)
     if scored.in_process:
         yield _in_process(built, scored.entry), None
         return
+
     with _process(built, scored) as process:
         yield behind_door(built, process), process
 
@@ -141,8 +142,7 @@ def _process(built: Assembly, scored: ScoredCase) -> EntryProcess:
 
 
 def behind_door(built: Assembly, process: EntryProcess) -> Assembly:
-    """The assembly with the controller of a process, in the safety wrapper that every controller
-    gets.
+    """The assembly with the controller of a process in the safety wrapper, as every controller.
 
     Args:
         built: Assembled with the default controller.
@@ -171,6 +171,8 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
     """
     metrics, recording = outcome.assessment.metrics, outcome.recording
     off = np.linalg.norm(recording["p_WB"].value - recording["p_WB_reference"].value, axis=1)
+
+    # Force and path: those across the axis of a hole, or those on the surface.
     if "insertion" in metrics:
         force = {
             name: metrics["insertion"][f"side_{name}"] for name in ("force_rms_n", "force_max_n")
@@ -190,6 +192,7 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
             "force_over_set": force_over_set(recording, first_force(outcome.scenario)),
         }
         at_work = recording.within(WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
+
     return {
         **told,
         "excursion_max_m": float(off[at_work].max()) if at_work.any() else None,
@@ -205,14 +208,17 @@ def _class(outcome: Run) -> dict[str, Any]:
     surface = "contact" in metrics
     if surface and force_over_set(recording, first_force(outcome.scenario)) > DAMAGE:
         return {"class": DAMAGED, "detail": f"force above {DAMAGE:g} times the set one"}
+
     if metrics["run"]["collision_s"]:
         return {"class": DAMAGED, "detail": "the vehicle touched what it should not"}
+
     if recording.final.state is not WorkState.DONE:
         begun = recording.within(*outcome.assembly.placed.begun).any()
         return {
             "class": BROKEN if begun else NOT_BEGUN,
             "detail": recording.final.note or "not done in time",
         }
+
     if not metrics["accepted"]:
         return {"class": MISSED, "detail": "; ".join(metrics["failed"])}
     return {"class": KEPT, "detail": ""}
@@ -232,25 +238,24 @@ def share(good: int, of: int) -> dict[str, float]:
 
 
 def median(values: Sequence[float]) -> dict[str, float] | None:
-    """Median with its bootstrap interval of 95 % (percentiles, fixed seed); None without values, no
-    interval with one.
+    """Median with its bootstrap interval of 95 % (fixed seed); None without values.
 
     The median of the runs that gave the figure: runs that broke off early are counted by the share
     kept alone.
     """
     if not values:
         return None
+
     told = {"value": float(np.median(values)), "of": len(values)}
     if len(values) < 2:
         return told
+
     interval = bootstrap_interval(np.median, np.array(values), rng=np.random.default_rng(0))
     return told | {"low": interval.low, "high": interval.high}
 
 
 def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Shares and medians over rows of one entry; force and path without the insertions, whose
-    forces are others.
-    """
+    """Shares and medians over rows of one entry; force and path without the insertions."""
     surface = [row for row in rows if row["family"] != INSERTION]
     by_figure = {
         name: median(
@@ -262,6 +267,7 @@ def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         )
         for name in FIGURES
     }
+
     doors = [row["door"] for row in rows if row["door"]]
     steps = sum(door["steps"] for door in doors)
     return {
@@ -289,12 +295,14 @@ def summary(rows: list[Row], about: Mapping[str, Any]) -> Summary:
     total = totals(rows)
     families = by_family(rows)
     cells = [(name, f"{count['kept']} of {count['runs']}") for name, count in families.items()]
+
     lines = [line(row) for row in rows if row["detail"]]
     if total["step_wall_s"] is not None:
         lines.append(
             f"a step through the door: {1e6 * total['step_wall_s']:.0f} us on average, "
             f"{1e3 * total['step_longest_s']:.1f} ms at most"
         )
+
     return Summary(
         metrics={"benchmark": about, "totals": total, "families": families, "rows": rows},
         tables=[Table(title=f"Kept by {about['entry']}", columns=("family", "kept"), rows=cells)],

@@ -69,6 +69,7 @@ class EstimateCodec:
     def __init__(self, joints: int) -> None:
         shapes = {name: shape or (joints,) for name, shape in _FIELDS.items()}
         ends = len(_NUMBERS) + np.cumsum([np.prod(shape, dtype=int) for shape in shapes.values()])
+
         self._numbers = np.zeros(ends[-1])  # of the message that is being made
         starts = (len(_NUMBERS), *ends[:-1].tolist())
         self._parts = [
@@ -90,9 +91,7 @@ class EstimateCodec:
         return _PLAIN + self._packed(estimate) + more
 
     def decode(self, message: bytes) -> tuple[StateEstimate, Reference | None]:
-        """The estimate of a message, in arrays of its own, and its set points; None: there are no
-        new ones.
-        """
+        """The estimate of a message, in new arrays, and its set points; None: no new ones."""
         if message[:1] == _PICKLED:
             return pickle.loads(message[1:])
         more = message[self._size :]
@@ -106,11 +105,13 @@ class EstimateCodec:
         """
         if not isinstance(estimate, StateEstimate):
             raise TypeError(f"step gave {type(estimate).__name__} in place of a StateEstimate")
+
         for name, _, shape in self._parts:
             if np.shape(getattr(estimate, name)) != shape:
                 raise TypeError(
                     f"{name}: expected shape {shape}, got {np.shape(getattr(estimate, name))}"
                 )
+
         return ESTIMATE + self._packed(estimate)
 
     def decode_reply(self, reply: bytes) -> StateEstimate:
@@ -122,10 +123,12 @@ class EstimateCodec:
         if reply[:1] != ESTIMATE or len(reply) != self._size:
             raise EntryError("the entry answered what is no estimate")
         estimate = self._unpacked(reply[1:])
+
         try:
             checked_pose(estimate.X_WB, "X_WB of the entry's estimate")
         except ConfigurationError as error:
             raise EntryError(str(error)) from error
+
         return estimate
 
     def _packed(self, estimate: StateEstimate) -> bytes:
@@ -143,9 +146,7 @@ class EstimateCodec:
 
 
 class CommandCodec:
-    """Commands of one vehicle as bytes and back; log entries (`Command.believed`) and faults are
-    left out.
-    """
+    """Commands of one vehicle as bytes and back, without log entries (`believed`) and faults."""
 
     def __init__(self, joints: int, thrusters: int) -> None:
         self._joints, self._thrusters = joints, thrusters
@@ -161,14 +162,17 @@ class CommandCodec:
         """
         if not isinstance(command, Command):
             raise TypeError(f"step gave {type(command).__name__} in place of a Command")
+
         for name, size in (("joint_torque", self._joints), ("thrusters", self._thrusters)):
             if np.shape(getattr(command, name)) != (size,):
                 raise TypeError(
                     f"{name}: expected shape ({size},), got {np.shape(getattr(command, name))}"
                 )
+
         load, contact, numbers = command.hull_load, command.contact, self._numbers
         kind = _NO_LOAD if load is None else _SAME_LOAD if load is self._sent else _NEW_LOAD
         self._sent = load
+
         n, m = 2 + self._joints, 2 + self._joints + self._thrusters
         numbers[:2] = command.time, float(command.scan)
         numbers[2:n], numbers[n:m] = command.joint_torque, command.thrusters
@@ -177,6 +181,7 @@ class CommandCodec:
             contact.normal,
             contact.sigma_G,
         )
+
         numbers[m + 7] = kind
         if kind == _NEW_LOAD and load is not None:
             numbers[m + 8 : m + 14], numbers[m + 14 :] = load.arm_wrench_B, load.current_W
@@ -191,19 +196,23 @@ class CommandCodec:
         n, m = self._joints, self._thrusters
         if reply[:1] != COMMAND or len(reply) != 1 + 8 * (_REST + n + m):
             raise EntryError("the entry answered what is no command")
+
         numbers: Array = np.frombuffer(reply[1:]).copy()
         if numbers[0] != time:
             raise EntryError(
                 f"the entry's command is of {numbers[0]:g} s; asked was one of {time:g} s"
             )
+
         torque, thrusters = numbers[2 : 2 + n], numbers[2 + n : 2 + n + m]
         contact, load = numbers[2 + n + m : 9 + n + m], numbers[9 + n + m :]
+
         if load[0] == _NEW_LOAD:
             self._got = HullLoad(arm_wrench_B=load[1:7], current_W=load[7:])
         elif load[0] == _NO_LOAD:
             self._got = None
         elif load[0] != _SAME_LOAD or self._got is None:
             raise EntryError("the entry answered what is no command")
+
         return Command(
             time=time,
             joint_torque=torque,

@@ -1,3 +1,1 @@
-"""Check of a vehicle: its parts, figures and doubts, and what each job says of it before it is
-run.
-"""
+"""Check of a vehicle: its parts, figures and doubts, and the verdict of each job before it runs."""

@@ -82,6 +82,7 @@ def check_vehicle(
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
     name = vehicle.modelname or "vehicle"
+
     try:
         spec = vehicle_spec(vehicle, tool, file)
     except UuvError as error:
@@ -90,6 +91,7 @@ def check_vehicle(
         return VehicleCheck(
             vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),)
         )
+
     return _Check(
         name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), given=True
     ).run(jobs)
@@ -109,12 +111,14 @@ class _Check:
         wet = self._compiled()
         model = wet if wet is not None else self._spec.compile()
         vehicle = self._vehicle(model)
+
         blocked = 0.0
         if vehicle is not None:
             self._described(model, vehicle, wet is not None)
             if vehicle.tip >= 0:
                 blocked = self._arm(model, vehicle, wet is not None)
         usable = vehicle if wet is not None else None
+
         verdicts = tuple(self._verdict(job, model, usable, blocked) for job in jobs)
         return VehicleCheck(
             vehicle=self._name,
@@ -126,6 +130,7 @@ class _Check:
 
     def _parts(self) -> list[VehiclePart]:
         added, found = computed(self._spec), []
+
         for word, name, use, there in parts(self._spec.compile()):
             state = "computed" if name in added else "there" if there else "missing"
             found.append(
@@ -139,12 +144,14 @@ class _Check:
                     if name != "thrusters"
                     else "thrusters (hold the hull)",
                 )
+
         if any(part.state == "missing" for part in found):
             said = (
                 "the model's own names for what is missing go into NAME.parts.yaml beside it, see "
                 "docs/own_vehicle.md"
             )
             self._note("mapping", "note", said)
+
         for name, line in added.items():
             self._note(f"computed-{name}" if not name.startswith("note") else "file", "note", line)
         return found
@@ -192,6 +199,7 @@ class _Check:
         """Trim, thrust and step, and doubts about them."""
         self._findings += doubts.step_doubts(model)
         self._findings += doubts.inertia_doubts(model)
+
         self._findings += doubts.thruster_doubts(vehicle)
         if wet:
             doubted = [
@@ -203,6 +211,7 @@ class _Check:
                 # told by the inertia
                 if each.code != "coefficients" or each.said.partition(":")[0] not in doubted
             ]
+
             self._findings += doubts.stiff_contact(model)
             self._findings += doubts.gravity_doubts(model, vehicle)
         # else trim and currents mean nothing
@@ -218,10 +227,13 @@ class _Check:
             if vehicle.tip >= 0:
                 self._figure("trim in ready", _trim_said(trim_of(model, vehicle, READY_KEY)))
             self._findings += doubts.trim_doubts(trim, weight)
+
         names = vehicle.thruster_names
         if names:
             rank = int(np.linalg.matrix_rank(vehicle.thruster_wrench, tol=1e-6))
             self._figure("thrusters", f"{len(names)}, rank {rank} of 6: {', '.join(names)}")
+
+            # Limits along each axis, and the current that they hold.
             said = []
             for i, axis in enumerate(AXES):
                 back, ahead = authority(vehicle, i)
@@ -230,8 +242,10 @@ class _Check:
                     speed = strongest_current(model, vehicle, i, min(back, ahead))
                     held = f" ({speed:.2f} m/s)" if speed < FASTEST else f" (> {FASTEST:g} m/s)"
                 said.append(f"{axis} -{back:.0f} to {ahead:.0f} {unit}{held}")
+
             self._figure("authority", "; ".join(said[:3]))
             self._figure("", "; ".join(said[3:]))
+
         if wet:
             rate = doubts.drag_rate(model)
             self._figure(
@@ -247,10 +261,12 @@ class _Check:
         """
         search = PostureSearch(model)
         postures = {}
+
         for key in (HOME_KEY, READY_KEY):
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
             if number >= 0:
                 postures[key] = np.array(model.key_qpos[number][vehicle.qpos])
+
         limits = ", ".join(
             f"{name} {low:.2f} to {high:.2f} m {most:.3g} N"
             if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
@@ -264,12 +280,14 @@ class _Check:
             )
         )
         self._figure(f"{len(vehicle.joints)} joints", limits)
+
         home = postures.get(HOME_KEY, np.array(vehicle.q_home))
         self._findings += doubts.posture_doubts(search, postures)
         self._findings += doubts.tool_doubts(model, search, home)
         self._findings += doubts.view_doubts(search, home)
         self._findings += doubts.motor_doubts(model, vehicle)
         self._findings += doubts.light_joints(model, vehicle)
+
         X_BC = doubts.camera_pose(model, vehicle)
         seen = seen_workspace(search, X_BC)
         self._figure(
@@ -277,6 +295,7 @@ class _Check:
             f"{search.reach:.2f} m from the arm's base; {seen:.0%} of a ball of that "
             "width before the camera",
         )
+
         if wet:
             ready = np.array(vehicle.q_ready)
             force = tip_force(model, vehicle, ready)
@@ -292,6 +311,7 @@ class _Check:
             self._findings += doubts.arm_doubts(
                 vehicle, force, max(self._jobs.forces or task.forces)
             )
+
         return search.view_hits(home, doubts.HALF_VIEW)[0]
 
     def _verdict(
@@ -302,15 +322,18 @@ class _Check:
             said = faults[0].said if faults else "no vehicle by the contract"
             code = faults[0].code if faults else "parts"
             return JobVerdict(job=job, promised=False, code=code, said=said)
+
         if not vehicle.thruster_names:
             return JobVerdict(
                 job=job, promised=False, code="parts", said="lacks thrusters (hold the hull)"
             )
+
         for fault in self._findings:
             if fault.level == "fault" and (job in ARM_JOBS or fault.code not in _OF_ARM):
                 return JobVerdict(
                     job=job, promised=False, code=fault.code, said=fault.said, figure=fault.figure
                 )
+
         if job in HOVERING:
             return hover_verdict(job, model)
         assert job in ARM_JOBS

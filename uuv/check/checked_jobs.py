@@ -1,6 +1,4 @@
-"""Jobs for which a vehicle is checked, by name: scenarios of those with the arm, currents of
-station keeping.
-"""
+"""Jobs for which a vehicle is checked: scenarios with the arm, currents of station keeping."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace

@@ -49,6 +49,7 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
             "mapping",
             figure=trim.force,
         )
+
     angle = max(abs(trim.roll), abs(trim.pitch))
     if not angle <= LIST:  # NaN as well: it turns over
         said = "turns over" if not np.isfinite(angle) else f"lists by {np.degrees(angle):.0f} deg"
@@ -67,8 +68,10 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     """Principal inertias that no body can have, or not one of its mass and size."""
     for b in range(1, model.nbody):
         mass, name = float(model.body_mass[b]), model.body(b).name or f"body {b}"
+
         inertia = np.sort(np.array(model.body_inertia[b]))
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == b]
+
         if mass <= 0.0 or not inertia[2] > 0.0:
             continue
         if inertia[2] > 1.001 * (inertia[0] + inertia[1]):
@@ -80,6 +83,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
                 f"{inertia[0] + inertia[1]:.3g}: no body has that",
                 figure=float(inertia[2]),
             )
+
         extent = max(
             (
                 float(np.linalg.norm(model.geom_pos[g] - model.body_ipos[b]))
@@ -88,6 +92,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
             ),
             default=0.0,
         )
+
         gyration = float(np.sqrt(inertia[2] / mass))
         if extent > 0.0 and not SLENDER * extent <= gyration <= BULKY * extent:
             yield VehicleFinding(
@@ -116,6 +121,7 @@ def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
         and float(model.body_mass[b]) > 0.0
         and int(model.body_weldid[b]) not in watered
     ]
+
     if dry:
         yield VehicleFinding(
             code="no-water",
@@ -123,9 +129,11 @@ def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
             said=f"no hydrodynamic coefficients: {', '.join(dry)} ({len(dry)} bodies with mass)",
             figure=float(len(dry)),
         )
+
     for doubt in hydrodynamics.doubts(model):
         if not doubt.startswith("movable bodies without water"):
             yield VehicleFinding(code=_code_of(doubt), level="doubt", said=doubt)
+
     if coefficients.is_wet(model):
         rate = drag_rate(model)
         share = float(model.opt.timestep) * rate
@@ -161,6 +169,7 @@ def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleF
         for b in range(1, model.nbody)
         if model.body_rootid[b] == root and model.body_gravcomp[b] != 0.0
     ]
+
     if light:
         names = ", ".join(model.body(b).name or f"body {b}" for b in light)
         yield VehicleFinding(
@@ -170,6 +179,7 @@ def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleF
             "gravcomp",
             figure=float(model.body_gravcomp[light].max()),
         )
+
     if not model.opt.gravity[2] < 0.0:
         yield VehicleFinding(
             code="gravity",
@@ -201,8 +211,10 @@ def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     for j in range(model.njnt):
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
         dof = int(model.jnt_dofadr[j])
+
         if k <= 0.0 or int(model.jnt_type[j]) != int(mujoco.mjtJoint.mjJNT_SLIDE):
             continue
+
         damping = float(np.asarray(model.dof_damping).reshape(model.nv, -1)[dof, 0])
         if damping < 0.5 * k * dt:
             yield VehicleFinding(
@@ -220,6 +232,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
     B = vehicle.thruster_wrench
     if not B.size:
         return
+
     rank = int(np.linalg.matrix_rank(B, tol=1e-6))
     if rank < 6:
         missing = [
@@ -228,6 +241,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             )
             for v in np.linalg.svd(B)[0].T[rank:]
         ]
+
         yield VehicleFinding(
             code="thruster-rank",
             level="fault",
@@ -236,6 +250,8 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             "righting moment does not stand for a thruster here",
             figure=float(rank),
         )
+
+    # Thrusters that may be reversed: what each axis would gain by turning one round.
     now = [max(authority(vehicle, axis)) for axis in range(6)]
     for i, j in _against(B):
         turned = np.array(B)
@@ -243,10 +259,12 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
         then = [max(authority(vehicle, axis, turned)) for axis in range(6)]
         axis = int(np.argmax(np.array(then) / np.maximum(now, 1e-6)))
         first, second = vehicle.thruster_names[i], vehicle.thruster_names[j]
+
         gain = (
             f"{AXES[axis]} has {now[axis]:.0f}, with {first} turned round {then[axis]:.0f} "
             f"{'N' if axis < 3 else 'N m'}"
         )
+
         yield VehicleFinding(
             code="thruster-against-pair",
             level="doubt",
@@ -298,18 +316,22 @@ def posture_doubts(
                 f"{np.degrees(low[j]):.0f} to {np.degrees(high[j]):.0f}",
                 figure=float(np.degrees(q[j])),
             )
+
         pairs = search.touching(q)
         if pairs:
             touching[key] = q
             named = ", ".join(
                 f"{model.body(a).name} and {model.body(b).name}" for a, b in sorted(pairs)
             )
+
             yield VehicleFinding(
                 code="keyframe-touches",
                 level="doubt",
                 said=f"keyframe {key}: {named} touch ({len(pairs)} pairs)",
                 figure=float(len(pairs)),
             )
+
+    # Joints that would touch less with the other sign of their axis.
     now = search.share_touching()
     turned = [search.share_touching(j) for j in range(len(low))] if now > OFTEN or touching else []
     for j, then in enumerate(turned):
@@ -318,6 +340,7 @@ def posture_doubts(
             for key, q in touching.items()
             if search.is_clear(q * np.where(np.arange(len(q)) == j, -1.0, 1.0))
         ]
+
         if freed or (now > OFTEN and then < FLIPPED * now):
             why = f"{' and '.join(freed)} would be clear, and " if freed else ""
             yield VehicleFinding(
@@ -357,10 +380,12 @@ def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
             int(getattr(model, f"actuator_{word}type")[actuator])
             for word in ("gain", "bias", "dyn")
         )
+
         gain, gear = (
             float(model.actuator_gainprm[actuator, 0]),
             float(model.actuator_gear[actuator, 0]),
         )
+
         if kind != tuple(map(int, kinds)) or gain != 1.0 or gear != 1.0:
             yield VehicleFinding(
                 code="motor",
@@ -381,6 +406,7 @@ def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
     ):
         inertia = float(model.dof_M0[dof])
         gained = float(most) * float(model.opt.timestep) / inertia
+
         if gained > JERKY:
             yield VehicleFinding(
                 code="light-joint",
@@ -404,6 +430,7 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Veh
             f"{vehicle.torque_limits[worst]:.3g} N m in {READY_KEY}, at most {LOADED:.0%}",
             figure=float(force.load[worst]),
         )
+
     if force.along < wanted:
         yield VehicleFinding(
             code="arm-weak",
@@ -422,6 +449,7 @@ def tool_doubts(
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM) < 0:
         return
     tool = int(model.geom_bodyid[model.geom(TOOL_GEOM).id])
+
     if any(tool in pair for pair in search.touching(q)):
         yield VehicleFinding(
             code="tool-touches",

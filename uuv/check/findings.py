@@ -1,6 +1,4 @@
-"""What a check of a vehicle finds: parts, figures, findings with a code, and a verdict for each
-job.
-"""
+"""Result of a vehicle's check: parts, figures, findings with a code, and a verdict per job."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

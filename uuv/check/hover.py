@@ -1,6 +1,4 @@
-"""Ten seconds of station keeping in the check: the plant, the hull's controller and the truth for
-an estimate.
-"""
+"""Ten seconds of station keeping in the check: plant, hull controller, truth as the estimate."""
 
 from dataclasses import dataclass
 
@@ -50,21 +48,27 @@ def hover(
     """
     plant = Plant(model, current=Current(np.array(current_W)))
     vehicle, true = plant.vehicle, plant.observe()
+
+    # The arm holds its home posture; its weight is fed forward to the hull's control.
     q, none = np.array(vehicle.q_home), np.zeros(len(vehicle.joints))
     armed = len(vehicle.joints) > 0
     hold = ArmHold(vehicle, q) if armed else None
     arm_B = ArmDynamics(model).wrench_at_rest(q) if armed else np.zeros(6)
+
     control = HullControl(model, period=_PERIOD)
     state, ticks = control.init(), max(1, round(_PERIOD / plant.timestep))
+
     drift = tilt = turn = rest = quiet = 0.0
     saturated = steps = 0
     limits = RestLimits()
     thrusters = np.zeros(len(vehicle.thruster_names))
+
     try:
         for tick in range(round(SECONDS / plant.timestep)):
             if tick % ticks == 0:
                 estimate = true_estimate(true)
                 thrusters = control.step(state, estimate, _reference(true.time, q), arm_B)
+
             torque = none if hold is None else hold.torque(true)
             plant.step(
                 Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False)
@@ -72,23 +76,30 @@ def hover(
             plant.observe()
             steps += 1
             saturated += bool(true.saturated)
+
             away = float(np.linalg.norm(true.p_WB))
             if not away < _LOST:
                 return HoverFigures(
                     drift=away, tilt=np.pi, saturated=saturated / steps, said="it was driven away"
                 )
+
+            # Rest: slow and near enough, without a break.
             speed, rate = float(np.linalg.norm(true.v_WB_W)), float(np.linalg.norm(true.w_WB_B))
             at_rest = speed <= limits.speed and rate <= limits.turn and away <= limits.error
             quiet = quiet + plant.timestep if at_rest else 0.0
             rest = max(rest, quiet)
+
+            # Figures of the end only, when the start has died out.
             if true.time > _LATE * SECONDS:
                 turn = max(turn, rate)
                 drift = max(drift, away)
                 tilt = max(tilt, float(np.arccos(np.clip(true.R_WB[2, 2], -1.0, 1.0))))
+
     except HydrodynamicsError as error:
         return HoverFigures(
             drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error)
         )
+
     return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps, rest=rest, turn=turn)
 
 

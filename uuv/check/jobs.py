@@ -70,8 +70,10 @@ def _kept(name: str, kept: HoverFigures) -> JobVerdict:
         f"{1e3 * kept.drift:.0f} mm off, {np.degrees(kept.tilt):.1f} deg, "
         f"{kept.saturated:.0%} saturated"
     )
+
     if kept.said:
         return JobVerdict(job=name, promised=False, code="hover", said=kept.said, figure=kept.drift)
+
     bounds = ((kept.drift, DRIFT), (kept.tilt, TILT), (kept.saturated, SATURATED))
     good = all(value <= most for value, most in bounds)
     said = (
@@ -81,6 +83,7 @@ def _kept(name: str, kept: HoverFigures) -> JobVerdict:
             f"{figures}; at most {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
         )
     )
+
     return JobVerdict(
         job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift
     )
@@ -89,11 +92,10 @@ def _kept(name: str, kept: HoverFigures) -> JobVerdict:
 def restless(
     name: str, model: mujoco.MjModel, current: tuple[float, float, float]
 ) -> JobVerdict | None:
-    """Refusal of a vehicle that keeps no station, or never comes to rest, in the current of a job
-    of the arm.
-    """
+    """Refusal of a vehicle that does not keep station, or come to rest, in a job's current."""
     kept, speed = _hovering(model, current), float(np.linalg.norm(current))
     verdict = kept if isinstance(kept, JobVerdict) else _kept(name, kept)
+
     if not verdict.promised:
         return _refused(
             name,
@@ -101,6 +103,7 @@ def restless(
             f"it keeps no station in {speed:.2f} m/s: {verdict.said}",
             verdict.figure,
         )
+
     limits = RestLimits()
     if isinstance(kept, HoverFigures) and kept.rest < limits.time:
         said = (
@@ -109,6 +112,7 @@ def restless(
             f"most {limits.turn:g} is rest; least thrust or dead band of the thrusters?"
         )
         return _refused(name, "rest", said, kept.turn)
+
     return None
 
 
@@ -144,6 +148,7 @@ class ArmJobs:
         if self.forces and ARM_JOBS[name].takes_forces:
             given["forces"] = self.forces
         scenario = ARM_JOBS[name](**given)
+
         # a job with a tool of its own brings it
         tool = self._tool if scenario.task.tool is None else None
         site = replace(scenario.site, flow=self._flow) if self._flow is not None else scenario.site
@@ -160,15 +165,18 @@ class ArmJobs:
             given: Spec of the vehicle in place of the one that its name stands for.
         """
         scenario = self.scenario(name)
+
         task, setup = scenario.task, scenario.vehicle
         try:
             vehicle = setup.vehicle if given is None else given
+
             spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
             model = spec.compile()
             lacking = lacks(model, task.spares)
             if lacking:
                 hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
                 return _refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
+
             own = OwnVehicle.of(spec, task.spares)
             if (refused := ReadyForce.of(scenario, own).refusal(scenario, BEYOND)) is not None:
                 return _refused(name, *refused)
@@ -181,6 +189,7 @@ class ArmJobs:
                 self._rest[key] = restless(name, hydrodynamics.compile(spec.copy()), water)
             if (moving := self._rest[key]) is not None:
                 return replace(moving, job=name)
+
             return _planned(name, scenario, own, spec)
         except UuvError as error:
             return _refused(name, "parts", str(error))
@@ -219,8 +228,10 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         check_start(scene, Vehicle.of(scene), placed.X_WB)
     except ConfigurationError as error:
         return _refused(name, "start", str(error))
+
     current = scenario.site.strongest_water(placed.X_WB[:3, 3])
     speed = float(np.linalg.norm(current))
+
     try:
         placement, share, gap = _stand(placed, current)
     except StrongCurrentError as error:
@@ -228,11 +239,13 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
     except ReachError as error:
         if (refused := ReadyForce.of(scenario, own).refusal(scenario)) is not None:
             return _refused(name, *refused)
+
         joints = len(own.vehicle.joints)
         more = f"; the arm has {joints} joints" if joints < FULL else ""
         return _refused(
             name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None
         )
+
     margin = placement.margin
     if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, own)) > HIDDEN:
         said = (
@@ -240,6 +253,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
             f"most {HIDDEN:.0%}"
         )
         return _refused(name, "view", said, hidden)
+
     if len(own.vehicle.joints) < FULL and margin < SHORT_MARGIN:
         said = (
             f"margin {margin:.2f}; an arm of {len(own.vehicle.joints)} joints needs "
@@ -247,6 +261,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
             "hull's drift with its posture alone"
         )
         return _refused(name, "margin", said, margin)
+
     part = "" if share > 0.999 else f", {share:.0%} of the path"
     return JobVerdict(
         job=name,
@@ -265,21 +280,19 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
 
 
 def _touching(own: OwnVehicle, q: Array) -> str:
-    """Parts of the vehicle whose shapes touch at joint angles `q` (n,); a coarse hull may, and no
-    planner looks.
-    """
+    """Shapes of the vehicle that touch at joint angles `q` (n,); no planner refuses these."""
     pairs = PostureSearch(own.model).touching(q)
     named = sorted(f"{own.model.body(a).name} and {own.model.body(b).name}" for a, b in pairs)
     return f"; where the work begins {', '.join(named)} touch" if named else ""
 
 
 def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
-    """Share of the ground about the first target that the vehicle's own shape hides from its sonar
-    at the start.
-    """
+    """Share of the ground about the first target that the vehicle hides from its sonar at first."""
     model, vehicle = own.model, own.vehicle
     data = folded_at(model, vehicle, placed.start)
     p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]
+
+    # Points on the ground in two rings about the target.
     B = np.array(placed.B_W[0])
     B[2] = float(placed.ground.height(B[None])[0])
     angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
@@ -287,12 +300,14 @@ def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
         B,
         *(B + r * np.array([np.cos(a), np.sin(a), 0.0]) for r in (0.1, 0.2) for a in angles),
     ]
+
     met, nothing = np.zeros(1, dtype=np.int32), -1.0
     hits = [
         mujoco.mj_ray(model, data, p_W, point - p_W, None, 1, vehicle.hull, met) != nothing
         and met[0] >= 0
         for point in about
     ]
+
     return float(np.mean(hits))
 
 
@@ -304,8 +319,7 @@ def _short(said: str) -> str:
 
 
 def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]:
-    """The best place of the hull, the share of the path that is worked from it, and the least gap
-    [m] on the way in.
+    """Best hull pose, share of the path worked from it, and least gap [m] on the way in.
 
     The gap is that of hull and folded arm to the convex hull of the object.
     """
@@ -315,6 +329,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
         target = _target(X_WT, path)
         found, own = placed.standing(target, path, current), placed.own.at_work()
+
         before = lifted(own, found[0].X_WB, placed.X_WB, placed.job().arrival.lift)
         path_in = around(own, placed.target)(target)
         gap = path_in.least_gap([placed.X_WB, *path_in.way(placed.X_WB, before)])
@@ -330,6 +345,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
         )
     else:
         raise ConfigurationError(f"no rule for {type(placed).__name__}")
+
     return found[0], float(found[2]), gap
 
 

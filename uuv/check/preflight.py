@@ -1,6 +1,4 @@
-"""The cheap part of a vehicle's check, before a job starts: what refuses it, and what is
-doubtful.
-"""
+"""The cheap part of a vehicle's check, before a job starts: refusals and doubts."""
 
 import mujoco
 import numpy as np
@@ -42,7 +40,10 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
         return []
     if isinstance(task, SurfaceWorkTask) and task.contactless is not None:
         return []
+
     more = f"; uuv check {scenario.vehicle.vehicle} tells more"
+
+    # Faults of the model, whatever the job.
     for found in (
         *doubts.thruster_doubts(vehicle),
         *doubts.motor_doubts(model, vehicle),
@@ -50,9 +51,11 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
     ):
         if found.level == "fault":
             raise ConfigurationError(f"the work was not begun: {found.said}{more}")
+
     ready = ReadyForce.of(scenario, own)
     if (refused := ready.refusal(scenario, BEYOND)) is not None:
         raise ConfigurationError(f"the work was not begun: {refused[1]}{more}")
+
     search, lines = PostureSearch(model), []
     home = vehicle.q_home
     blocked, body = search.view_hits(home, doubts.HALF_VIEW)
@@ -62,6 +65,8 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
             "itself, most of it on "
             f"{body}{more}"
         )
+
+    # What is doubtful only, one line each.
     if (weak := ready.refusal(scenario)) is not None:
         lines.append(weak[1])
     if _wet(own):

@@ -1,6 +1,4 @@
-"""What a job's push asks of arm, tool and thrusters in the posture `ready`: the cheap part of a
-verdict.
-"""
+"""What a job's push asks of arm, tool and thrusters in `ready`: the cheap part of a verdict."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -40,24 +38,25 @@ class ReadyForce:
         return cls(force=force, bears=tip.along, by=tip.by, spring=_spring_limit(own), used=used)
 
     def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
-        """Code, sentence and figure of what bears the push less than `beyond` times; None: all
-        do.
-        """
+        """Code, sentence and figure of what bears less than `beyond` times the push, or None."""
         if self.spring < self.force:
             said = (
                 f"the tool's spring is at its end at {self.spring:.0f} N, the job sets "
                 f"{self.force:.0f} N"
             )
             return "force", said + _lower(scenario, self.spring), self.spring
+
         if beyond * self.bears < self.force:
             said = (
                 f"the tip bears {self.bears:.0f} N in ready ({self.by}), the job sets "
                 f"{self.force:.0f} N"
             )
             return "force", said + _lower(scenario, self.bears), self.bears
+
         if self.used > beyond:
             said = f"{self.force:.0f} N at the tip in ready ask for {self.used:.0%} of a thruster"
             return "thrust", said + _lower(scenario, self.force / self.used), self.used
+
         return None
 
 
@@ -84,10 +83,13 @@ def push_of(scenario: Scenario) -> float:
 def _spring_limit(own: OwnVehicle) -> float:
     """Force [N] along the tool at which a spring behind it is at its end; inf without one."""
     model, limits = own.model, [np.inf]
+
+    # Bodies from the tool to the hull.
     body, carriers = int(model.geom(TOOL_GEOM).bodyid[0]), []
     while body != own.vehicle.hull and body > 0:
         carriers.append(body)
         body = int(model.body_parentid[body])
+
     for name in own.passive_joints:
         j = model.joint(name).id
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
@@ -96,6 +98,7 @@ def _spring_limit(own: OwnVehicle) -> float:
         )
         if slides and k > 0.0 and model.jnt_limited[j]:
             limits.append(k * float(np.abs(model.jnt_range[j]).max()))
+
     return min(limits)
 
 

@@ -1,6 +1,4 @@
-"""Figures of a vehicle at rest: trim, thrust along each axis, reach, force at the tip, loads of the
-joints.
-"""
+"""Figures of a vehicle at rest: trim, thrust along each axis, reach, tip force, joint loads."""
 
 from dataclasses import dataclass
 
@@ -35,9 +33,7 @@ class Trim:
 
 
 def resting(model: mujoco.MjModel, key: str) -> mujoco.MjData:
-    """State at rest in a keyframe, forces computed; without the keyframe in the model's reference
-    posture.
-    """
+    """State at rest in a keyframe, forces computed; without it in the model's reference posture."""
     data = mujoco.MjData(model)
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
     if number >= 0:
@@ -57,6 +53,7 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
     data = resting(model, key)
     at = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
     wrench = data.qfrc_passive[at] - data.qfrc_bias[at]
+
     root = int(model.body_rootid[vehicle.hull])
     lift = float(wrench[2]) + weight_of(model, vehicle)
     center = data.xmat[vehicle.hull].reshape(3, 3).T @ (
@@ -66,23 +63,25 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
     about_mass = wrench[3:] - np.cross(center, wrench[:3])
     height = _height(model, vehicle, data, lift)
     righting = lift * height
+
     if righting > _SMALL:
         roll, pitch = (float(np.arctan2(moment, righting)) for moment in about_mass[:2])
     else:
         roll = pitch = float("nan")
+
     apart = float(np.linalg.norm(about_mass[:2])) / max(lift, _SMALL)
     return Trim(force=float(wrench[2]), roll=roll, pitch=pitch, height=height, apart=apart)
 
 
 def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:
-    """Height [m] of the centre of buoyancy above that of mass: its lever on the vehicle rolled by a
-    right angle.
-    """
+    """Height [m] of the centre of buoyancy above that of mass: its lever on the rolled vehicle."""
     rolled = mujoco.MjData(model)
     rolled.qpos[:] = data.qpos
     at = vehicle.hull_qpos
     rolled.qpos[at + 3 : at + 7] = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
     mujoco.mj_forward(model, rolled)
+
+    # Moment about the centre of mass, in the hull's frame.
     dof = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
     wrench = rolled.qfrc_passive[dof] - rolled.qfrc_bias[dof]
     R = rolled.xmat[vehicle.hull].reshape(3, 3)
@@ -100,8 +99,7 @@ def bounds_of(vehicle: Vehicle) -> list[tuple[float, float]]:
 
 
 def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[float, float]:
-    """Largest force or moment against and along an axis, all other components being zero; both
-    positive.
+    """Largest force or moment against and along an axis, all others being zero; both positive.
 
     Args:
         vehicle: The vehicle.
@@ -113,10 +111,12 @@ def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[floa
     B = vehicle.thruster_wrench if B is None else B
     if not B.size:
         return 0.0, 0.0
+
     others = np.delete(B, axis, axis=0)
     # what no thruster reaches is zero anyhow
     rank = [row for row in others if np.abs(row).max() > _SMALL]
     equal = {"A_eq": np.array(rank), "b_eq": np.zeros(len(rank))} if rank else {}
+
     found = []
     for sign in (1.0, -1.0):
         solved = linprog(sign * B[axis], bounds=bounds_of(vehicle), **equal)
@@ -146,9 +146,7 @@ def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipForce:
-    """Force that the drives bear at the tip in one posture, beside the arm's own weight in
-    water.
-    """
+    """Force that the drives bear at the tip in one posture, beside the arm's weight in water."""
 
     along: float  # [N] pushed along the tool
     weakest: float  # [N] in the weakest of the directions tried
@@ -162,6 +160,8 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
     """Force at the tip at joint angles `q` (n,), level and at rest."""
     arm, rest, n = ArmDynamics(model), np.zeros(len(q)), len(q)
     still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
+
+    # Torque of the weight alone, and what each newton at the tip adds to it.
     own = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
     per_newton = np.array(
         [
@@ -182,6 +182,7 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
         (most(direction) for direction in spread_directions(_DIRECTIONS)),
         key=lambda found: found[0],
     )
+
     lever = np.abs(per_newton[2])
     felt = lever > _SMALL
     hidden = (
@@ -189,6 +190,7 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
         if n and felt.any()
         else 0.0
     )
+
     return TipForce(
         along=along,
         weakest=weakest,
@@ -210,9 +212,11 @@ def seen_workspace(search: PostureSearch, X_BC: Array) -> float:
 
     radius = 0.5 * search.reach
     centre = X_BC[:3, 3] + radius * X_BC[:3, 2]
+
     shells = np.cbrt((np.arange(_SHELLS) + 0.5) / _SHELLS)  # of equal volume
     points = np.vstack(
         [centre + radius * share * spread_directions(_DIRECTIONS) for share in shells]
     )
+
     away, _ = cKDTree(search.drawn_tips()).query(points)
     return float(np.mean(away < _NEAR * search.reach))

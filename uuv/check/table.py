@@ -1,6 +1,4 @@
-"""The check of a vehicle on a terminal: parts that are not as given, figures, findings, and the
-verdicts.
-"""
+"""The check of a vehicle on a terminal: parts other than given, figures, findings, verdicts."""
 
 from collections.abc import Iterable
 
@@ -26,6 +24,7 @@ def print_check(check: VehicleCheck, console: Console) -> None:
     console.print(Text(check.vehicle, style="bold"))
     if check.parts:
         console.print(_parts(check), soft_wrap=False)
+
     if check.figures:
         table = Table(box=None, show_header=False, pad_edge=False)
         table.add_column(style="dim", no_wrap=True)
@@ -52,6 +51,7 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
         table.add_column()
+
         for each in check.jobs:
             verdict = (
                 Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")

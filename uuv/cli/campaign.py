@@ -1,6 +1,4 @@
-"""`uuv campaign FILE`: many runs of one scenario with drawn parameters, resumed where they
-ended.
-"""
+"""`uuv campaign FILE`: many runs of a scenario with drawn parameters, resumed where they ended."""
 
 import shlex
 import time

@@ -77,6 +77,7 @@ def run_printed(
         return file_alone(work, METRICS)
     if not output.quiet:
         return work()
+
     code, folder = folder_of(work)
     from uuv.sim.interfaces.documents import json_of
 

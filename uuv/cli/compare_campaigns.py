@@ -37,6 +37,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     for folder in (options.a, options.b):
         if not folder.is_dir():
             raise ConfigurationError(f"{folder}: no folder of a campaign")
+
     work = partial(compare_campaigns, options)
     return file_alone(work, METRICS) if options.json else work()
 
@@ -59,6 +60,7 @@ def compare_campaigns(options: CompareCampaignsOptions) -> int:
     made_by = provenance(NAME, options)
     write_json(folder / METRICS, as_json({**summary.metrics, "provenance": made_by}))
     summary.write_page(folder / PAGE, "Comparison of two campaigns", made_by["options"], "")
+
     console = console_of(160)
     summary.print_to(console)
     console.print(f"written to {folder}/", highlight=False)

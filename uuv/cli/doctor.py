@@ -66,6 +66,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         return _empty_kernels()
     if options.kernels:
         return _print_kernels(options.json)
+
     rows = list(_rows())
     sound = not any(state == ABSENT and name in _NEEDED for name, state, _ in rows)
     if options.json:
@@ -113,6 +114,7 @@ def _print_kernels(as_json: bool) -> int:
             f"  {content.files} files, {content.bytes / 1e6:.1f} MB of at most "
             f"{content.limit / 1e6:.0f} MB"
         )
+
         if content.files:
             print(f"  used between {_ago(content.oldest)} and {_ago(content.newest)}")
         if last is not None:
@@ -151,6 +153,7 @@ def _package(module: str, use: str, remedy: str) -> tuple[str, str]:
         return ABSENT, f"{use}; {remedy if error.name == module else error}"
     except (ImportError, OSError) as error:
         return ABSENT, f"{use}; a system library is missing: {str(error).splitlines()[0]}"
+
     try:
         found = version(_PACKAGES.get(module, module))
     except PackageNotFoundError:  # under another name
@@ -159,9 +162,7 @@ def _package(module: str, use: str, remedy: str) -> tuple[str, str]:
 
 
 def rendering() -> tuple[str, str]:
-    """State of MuJoCo's renderer, tried in processes of their own: a missing library may end
-    one.
-    """
+    """State of MuJoCo's renderer, tried in its own processes, which a missing library may end."""
     for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", ""), "egl", "osmesa")):
         tried = {**os.environ, "MUJOCO_GL": backend} if backend else dict(os.environ)
         try:
@@ -179,6 +180,7 @@ def rendering() -> tuple[str, str]:
                 "pictures by OpenGL "
                 f"({f'MUJOCO_GL={backend}' if backend else 'the default backend'})"
             )
+
     return (
         ABSENT,
         "OpenGL: pictures are drawn by ray casting; faster with libosmesa6 (MUJOCO_GL=osmesa) or "
@@ -200,6 +202,7 @@ def _compiled() -> tuple[str, str]:
         return ABSENT, f"each start compiles, one to two minutes: {content.why}"
     if not content.files:
         return ABSENT, "the first run compiles them, which takes one to two minutes, once"
+
     then = "" if last is None else f"; last start: {last.loaded} loaded, {last.compiled} compiled"
     return OK, (
         f"{content.files} in {content.folder}, {content.bytes / 1e6:.0f} MB{then} (--kernels)"

@@ -135,10 +135,12 @@ def main() -> NoReturn:
         rest = args[len(name.split()) :]
         sys.argv = [f"uuv {name}", *rest]
         run_scenario(lambda: importlib.import_module(f"uuv.cli.{verb.module}").main(name, rest))
+
     with quiet_pipe():  # what there is to say needs nothing heavy
         if not args or args[0] in ("-h", "--help", "help"):
             print(f"{USAGE}\n\nuuv VERB --help lists the options of a verb.")
             raise SystemExit(0)
+
         if args[0] == "--version":
             from importlib.metadata import version
 
@@ -166,6 +168,7 @@ def no_verb(args: Sequence[str]) -> str:
     if objects := objects_of(word):
         got = one_line(more[0]) if more else "none"
         return f"{word}: needs one of {', '.join(objects)}, got {got}{did_you_mean(got, objects)}"
+
     first = list(dict.fromkeys(name.partition(" ")[0] for name in VERBS))
     return f"no verb {one_line(word)!r}; there are {', '.join(first)}{did_you_mean(word, first)}"
 

@@ -74,9 +74,7 @@ def feet_of(plan: "SeabedPlan") -> list[tuple["Array", float]]:
 
 
 def figures(plan: "SeabedPlan") -> dict[str, Any]:
-    """Figures of a plan, SI units and radians: of the ground, and of the feet A_i of the
-    targets.
-    """
+    """Figures of a plan, SI units and radians: of the ground, and of the targets' feet A_i."""
     terrain = plan.terrain
     relief = plan.relief
     return {
@@ -104,6 +102,7 @@ def print_plan(plan: "SeabedPlan", console: "Console") -> None:
         f"{1e3 * relief.roughness:.1f} mm; {plan.duration_s:.2f} s",
         highlight=False,
     )
+
     for i, (A, sigma) in enumerate(feet_of(plan), start=1):
         place = f"{A[0]:.4f} {A[1]:.4f} {A[2]:.4f} m, +- {1e3 * sigma:.1f} mm"
         console.print(f"A_{i}: {place}", highlight=False)

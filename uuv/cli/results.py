@@ -47,6 +47,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
     experiments = pages.all_experiments()
     chosen = _chosen(experiments, options)
+
     if options.keep is not None:
         if len(chosen) != 1:
             raise ConfigurationError("--keep: needs --only with the name of its experiment")
@@ -77,6 +78,7 @@ def _chosen(
             raise ConfigurationError(
                 f"--only: no experiment {name!r}; there are {known}{did_you_mean(name, names)}"
             )
+
     chosen = [entry for entry in experiments if not options.only or entry.name in options.only]
     return chosen if options.part is None else chosen[options.part % PARTS :: PARTS]
 

@@ -69,10 +69,12 @@ def main(verb: str, args: Sequence[str]) -> int:
     if name in ("", "-h", "--help"):
         parse(RunVerb, args)  # ends the command, by the help or the refusal
         return 0
+
     if name.endswith(".toml"):
         return _run_file(name, rest, started)
     if TARGET_POSE in args:
         raise ConfigurationError(f"{TARGET_POSE}: a known pose is now --sensor {SURVEY}")
+
     if name.startswith("-"):
         raise ConfigurationError(f"{name}: the name of a job comes first: uuv run NAME [OPTIONS]")
     if name not in jobs.JOBS:

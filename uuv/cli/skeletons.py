@@ -16,9 +16,7 @@ from uuv.sim.runs.command_line import parse
 
 @dataclass(frozen=True, slots=True)
 class Skeleton:
-    """Text of a part and of its test, with NAME for the name, and the option by which a job takes
-    it.
-    """
+    """Text of a part and of its test, with NAME for the name, and the option of a job for it."""
 
     part: str
     test: str
@@ -449,11 +447,13 @@ def main(verb: str, args: Sequence[str]) -> int:
     del verb
     options = parse(NewOptions, args)
     kind, name = options.kind, options.name
+
     if kind not in SKELETONS:
         known = ", ".join(SKELETONS)
         raise ConfigurationError(
             f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, SKELETONS)}"
         )
+
     if (
         not name.isidentifier()
         or keyword.iskeyword(name)
@@ -463,6 +463,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         raise ConfigurationError(
             f"NAME: a module's name in lower case, such as my_{kind}, got {name!r}"
         )
+
     written = write(kind, name, Path())
     use, by = SKELETONS[kind].use.replace("NAME", name), _wrapper()
     print(
@@ -473,9 +474,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _wrapper() -> str:
-    """What stands before a command here: the wrapper of a clone, nothing where the wheel is
-    installed.
-    """
+    """What stands before a command here: the wrapper of a clone; nothing for the wheel."""
     uvw = CHECKOUT / "uvw"
     if not uvw.is_file():
         return ""
@@ -489,9 +488,11 @@ def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:
         ConfigurationError: One of the files is there already.
     """
     skeleton, files = SKELETONS[kind], (folder / f"{name}.py", folder / f"test_{name}.py")
+
     for file in files:
         if file.exists():
             raise ConfigurationError(f"{file} is there already; choose another name")
+
     for file, text in zip(files, (skeleton.part, skeleton.test), strict=True):
         file.write_text(text.replace("NAME", name), encoding="utf-8")
     return files

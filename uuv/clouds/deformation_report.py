@@ -1,6 +1,4 @@
-"""Reports of a deformation map: table of regions, image, coloured point cloud, and figures for
-JSON.
-"""
+"""Reports of a deformation map: table of regions, image, coloured point cloud, figures for JSON."""
 
 from pathlib import Path
 from typing import Any
@@ -26,6 +24,7 @@ def table(made: DeformationMap) -> Table:
     )
     for column in ("", "middle [m]", "extent [mm]", "area [cm2]", "mean [mm]", "largest [mm]"):
         rows.add_column(column, justify="right", no_wrap=True)
+
     for k, region in enumerate(made.regions, start=1):
         middle = ", ".join(f"{value:.3f}" for value in region.p_T)
         extent = f"{1e3 * region.length_m:.0f} x {1e3 * region.width_m:.0f}"
@@ -56,9 +55,7 @@ def figures(made: DeformationMap) -> dict[str, Any]:
 
 
 def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
-    """Image of the deviations in the sensor's view, regions outlined and numbered; pixels not
-    compared are grey.
-    """
+    """Image of the deviations in the sensor's view, regions numbered; not compared is grey."""
     rows, columns = np.nonzero(np.isfinite(made.deviation))
     window = tuple(
         slice(max(0, int(at.min()) - _MARGIN), int(at.max()) + _MARGIN + 1)
@@ -66,13 +63,17 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
     )
     off, label = 1e3 * made.deviation[window], made.label[window]
     depth = made.points_S[window][..., 2]
+
+    # Grey where there was a range, colours where it was compared.
     figure = Figure(figsize=(9, 7), layout="constrained")
     axes = figure.subplots()
     grey = np.full((*off.shape, 4), 1.0)
     grey[np.isfinite(depth)] = (0.8, 0.8, 0.8, 1.0)
     axes.imshow(grey)
+
     most = _most(made)
     shown = axes.imshow(off, cmap=_COLOURS, vmin=-1e3 * most, vmax=1e3 * most, interpolation="none")
+
     for k, region in enumerate(made.regions, start=1):
         inside = label == k
         axes.contour(inside, levels=[0.5], colors="k", linewidths=0.8)
@@ -85,6 +86,7 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
             fontsize="small",
             bbox={"boxstyle": "round", "facecolor": "w", "alpha": 0.8, "linewidth": 0.0},
         )
+
     figure.colorbar(shown, ax=axes, label="off the model, growth positive [mm]", shrink=0.8)
     axes.set(xticks=[], yticks=[], xlabel="as the sensor sees it; grey: not compared")
     figure.suptitle(title, fontsize="medium")
@@ -92,9 +94,7 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
 
 
 def save_cloud(made: DeformationMap, file: Path) -> None:
-    """Writes the compared points in the sensor's frame as a PLY file, with the colours of the
-    image.
-    """
+    """Writes the compared points, sensor frame, as a PLY file in the colours of the image."""
     points, off = made.cloud_S
     write_ply(file, points, colours=np.asarray(_COLOURS(0.5 + 0.5 * off / _most(made)))[:, :3])
 

@@ -1,6 +1,4 @@
-"""Identification of a known object in one cloud, from a file or a simulated scene: options, result,
-report, picture.
-"""
+"""Identification of a known object in one cloud, from a file or a simulated scene."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -78,12 +76,14 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
             out of range.
     """
     R = None if options.rotation is None else exp_so3(np.radians(options.rotation))
+
     if options.cloud is not None:
         cloud = load_cloud(options.cloud, options.scale)
         points = cloud.points.reshape(-1, 3)
         extent = 2.0 * float(
             np.nanmax(np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1))
         )
+
         for name, radius in sizes.items():
             if 2.0 * radius > _TOO_LARGE * extent:
                 raise ConfigurationError(
@@ -91,6 +91,7 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
                     "of them in "
                     "millimetres? Give --scale (of the cloud) or --mesh-scale"
                 )
+
         return Seen(
             cloud.points,
             options.approach,
@@ -99,6 +100,7 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
             [*cloud.notes],
             None,
         )
+
     there = with_growth_and_dents(
         target, options.fouled, options.dented, np.random.default_rng([options.seed, 4])
     )
@@ -116,8 +118,7 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
 def found_in(
     options: IdentificationOptions, target: TargetModel
 ) -> tuple[Identification, list[str]]:
-    """Identifies the object in the cloud or the simulated scene of `options`; also returns notes on
-    input and model.
+    """Identifies the object in the cloud or simulated scene of `options`; also returns notes.
 
     Raises:
         ConfigurationError: The cloud is unusable, its units do not match the object's, or a number
@@ -133,14 +134,14 @@ def found_in(
         seed=options.seed,
         method=options.method,
     )
+
     return found, _notes(options, seen, found)
 
 
 def recognised_in(
     options: IdentificationOptions, models: dict[str, TargetModel]
 ) -> tuple[Recognition, list[str]]:
-    """Finds out which of `models` is in the cloud or the simulated scene of `options`; also returns
-    notes.
+    """Recognises which of `models` is in the cloud or scene of `options`; also returns notes.
 
     Raises:
         ConfigurationError: As `found_in` does, and for another method than that of the library.
@@ -149,13 +150,16 @@ def recognised_in(
         raise ConfigurationError(
             f"--among: models are compared by --method planes only, got {options.method}"
         )
+
     shown = next(iter(models.values())) if options.cloud is not None else targets.of(options.object)
     seen = seen_by(options, shown, {name: model.radius for name, model in models.items()})
+
     # Each model has axes of its own: a coarse attitude is none of theirs.
     orientation = None if options.rotation is None else seen.orientation
     made = recognise(
         seen.cloud, models, seen.approach, orientation, sensor=seen.sensor, seed=options.seed
     )
+
     return made, _notes(options, seen, made.found)
 
 
@@ -163,6 +167,7 @@ def _notes(options: IdentificationOptions, seen: Seen, found: Identification) ->
     notes = [*seen.notes, *([found.model_note] if found.model_note else [])]
     if seen.scene is None:
         return notes
+
     position, angle = seen.scene.error(found.X_sensor_target)
     said = (
         f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at "
@@ -273,12 +278,14 @@ def picture(found: Identification, title: str) -> "Figure":
         (found.cloud, "k", "cloud", 1.0),
     )
     left, right = figure.subplots(1, 2)
+
     for axes, x, name in ((left, 0, "x"), (right, 2, "z")):
         for points, colour, label, size in parts:
             some = points[:: max(1, len(points) // _SHOWN)]
             axes.scatter(some[:, x], some[:, 1], s=size, c=colour, label=label, linewidths=0.0)
         axes.set(aspect="equal", xlabel=f"{name} [m]", ylabel="y [m]")
         axes.invert_yaxis()
+
     figure.legend(
         *left.get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4.0
     )

@@ -1,6 +1,4 @@
-"""Options of the identification of an object in a cloud, and its inputs, which are read before
-anything is compiled.
-"""
+"""Options of the identification of an object in a cloud, and its inputs, read before compiling."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -7,13 +7,14 @@ from uuv.perception.seabed.terrain_path import SeabedPlan
 
 
 def picture(plan: SeabedPlan) -> Figure:
-    """Plan view with the mesh coloured by standard error, and the profile with its axes from the
-    side.
-    """
+    """Plan view with the mesh coloured by standard error, and the profile with its axes."""
     terrain = plan.terrain
     ground, A = terrain.ground(terrain.vertices), terrain.ground(plan.targets.A)
+
     figure = Figure(figsize=(9, 9.5), layout="compressed")
     above, aside = figure.subplots(2, 1, height_ratios=(3, 1.4))
+
+    # The surface, its targets and its profile from above.
     colour = above.tripcolor(
         ground[:, 0], ground[:, 1], terrain.triangles, 1e3 * terrain.sigma, shading="gouraud"
     )
@@ -26,6 +27,8 @@ def picture(plan: SeabedPlan) -> Figure:
             each @ terrain.R_ground.T for each in (plan.profile.T, plan.profile.a, plan.profile.n)
         )
         above.plot(T[:, 0], T[:, 1], "r-", lw=1, label="profile")
+
+        # The profile from the side, over the length along it.
         along = np.concatenate(
             [[0.0], np.cumsum(np.linalg.norm(np.diff(T[:, :2], axis=0), axis=1))]
         )
@@ -37,6 +40,8 @@ def picture(plan: SeabedPlan) -> Figure:
         aside.plot(along, T[:, 2], "k.", ms=4, label="$T_j$")
         way = np.gradient(T[:, :2], axis=0)
         way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
+
+        # Axes of the tool at some points.
         for vectors, shade, label in ((a, "tab:blue", "$a_j$"), (n, "tab:red", "$n_j$")):
             level = np.einsum("ij,ij->i", vectors[:, :2], way)
             some = slice(None, None, max(1, len(T) // 15))
@@ -52,6 +57,7 @@ def picture(plan: SeabedPlan) -> Figure:
                 scale_units="xy",
                 scale=18.0 / along[-1],
             )
+
         aside.plot(along[plan.profile.target], T[plan.profile.target, 2], "r^")
         aside.set(
             aspect="equal", xlabel="along the profile [m]", ylabel="height [m]", title="profile"
@@ -60,5 +66,6 @@ def picture(plan: SeabedPlan) -> Figure:
         half = max(0.75 * float(np.ptp(T[:, 2])), 0.15 * along[-1], 0.06)
         aside.set_ylim(middle - half, middle + half)
         aside.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
     above.legend(fontsize="small", loc="upper right")  # "best" is slow among thousands of points
     return figure

@@ -1,3 +1,1 @@
-"""Parts of a loop: sensors, controller and models of a scenario, and the arm's calibration on
-deck.
-"""
+"""Parts of a loop: sensors, controller and models of a scenario, the arm's deck calibration."""

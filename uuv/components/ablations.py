@@ -1,6 +1,4 @@
-"""Ablations: parts of the controller that take the place of a method that is left out
-(`--without`).
-"""
+"""Ablations: parts of the controller that stand for a method that is left out (`--without`)."""
 
 from collections.abc import Set
 from typing import Any, get_args
@@ -34,6 +32,7 @@ def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[
         parts["force_law"] = NominalStiffness()
     if "drift-correction" in without:
         parts["drift"] = FromReference()
+
     terms: set[Term] = {term for word, term in _TERMS.items() if word in without}
     if terms or "compensation" in without:
         arm = ArmDynamics(own, water_error=water_error)

@@ -56,6 +56,8 @@ def believed_and_built(
     built, found = believed.copy(), "\n".join(computed(believed).values())
     if vehicle.arm_errors is None and not belief.calibrated and belief.arm is None:
         return believed, built, found
+
+    # The true arm, with its errors.
     drawn = OwnVehicle.of(believed, task.spares)
     arm = true = dh_geometry.read(
         drawn.model, ARM_BASE_BODY, TIP_SITE, exclude=drawn.passive_joints
@@ -63,6 +65,8 @@ def believed_and_built(
     if vehicle.arm_errors is not None:
         true = dh_geometry.with_errors(arm, np.random.default_rng(vehicle.arm_errors))
         dh_geometry.move(built, arm, true, ARM_BASE_BODY)
+
+    # The arm as calibrated, which the controller believes.
     known, said = arm, ""
     if belief.calibrated or belief.arm is not None:
         from uuv.components import deck_calibration  # only here: its kernels compile on import
@@ -72,6 +76,7 @@ def believed_and_built(
             known, said = deck_calibration.calibrate_on_deck(arm, true, rng)
         elif belief.arm is not None:
             known, said = deck_calibration.from_file(Path(belief.arm), arm)
+
     if known is not arm:
         dh_geometry.move(believed, arm, known, ARM_BASE_BODY)
     return believed, built, "\n".join(filter(None, (found, said)))
@@ -80,8 +85,7 @@ def believed_and_built(
 def exteroceptive_sensor(
     kind: str, model: mujoco.MjModel, X_BS: Array
 ) -> tuple[Sensor, SensorModel | None]:
-    """The vehicle's depth camera, sonar or registered sensor, and the sensor model that perception
-    uses.
+    """The vehicle's depth camera, sonar or registered sensor, and the model that perception uses.
 
     Args:
         kind: A name of SENSORS.
@@ -114,8 +118,7 @@ def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | No
 
 
 def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
-    """Keyword arguments of `WorkController` for methods as in [Konoplin 2022]; none where none is
-    chosen.
+    """Keyword arguments of `WorkController` for methods of [Konoplin 2022]; none if none is chosen.
 
     Args:
         methods: each one of `uuv.methods.PublishedMethod`.
@@ -154,14 +157,17 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
     parts = ablated(without, own, water_error) | as_published(
         frozenset(control.published), own, water_error
     )
+
     kind = partial(CONTROLLERS.load, name) if ":" not in name else class_of(name, CONTROLLER)
     if ":" not in name:
         CONTROLLERS.resolve(name)
+
     tuning = replace(
         ELASTIC_GEARS if control.elastic_gears else ArmTuning(), inverse_kinematics=control.ik
     )
     if tuning != ArmTuning():
         parts["tuning"] = tuning
+
     made = _made(partial(kind, own, water_error=water_error, **parts), name, CONTROLLER)
     return SafetyWrapper(made, own)
 
@@ -185,6 +191,7 @@ def _made(make: Callable[[], Any], name: str, option: str) -> Any:
     try:
         made = make()
         finite_number(made.period, "period [s]", above=0.0)
+
         lacking = [
             method for method in ("init", "step") if not callable(getattr(made, method, None))
         ]

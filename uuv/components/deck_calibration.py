@@ -1,6 +1,4 @@
-"""Arm calibration on deck before the dive: from simulated touches with a hand's noise, or from a
-file.
-"""
+"""Arm calibration on deck before the dive: by simulated touches, or from a file."""
 
 from pathlib import Path
 
@@ -64,6 +62,7 @@ def touched(
     bounds = np.clip(limits, -np.pi, np.pi)
     postures = simulation.Postures(approach=way, cone=CONE, limits=bounds)
     apart = 0.25 * (arm.reach + float(np.linalg.norm(tcp)))
+
     series: list[Array] = []
     places: list[Array] = []
     for _ in range(PLACES_TRIED):
@@ -84,6 +83,7 @@ def touched(
         places.append(place)
         if len(places) == points:
             return series, np.array(places)
+
     raise ReachError(
         f"the arm reaches {len(places)} places from {touches} directions each; {points} are needed"
     )
@@ -112,6 +112,7 @@ def calibrate_on_deck(
 def summary_line(found: Calibration, length: float) -> str:
     """Summary line of a calibration for the terminal; `length` [m] is the known distance."""
     touches = sum(len(each) for each in found.residuals)
+
     before, after = (
         1e3 * np.sqrt(cost / max(_pairs(found), 1)) for cost in (found.cost_nominal, found.cost)
     )
@@ -144,6 +145,7 @@ def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
             f"belief.arm {file}: joints {', '.join(names)}; the vehicle has "
             f"{', '.join(believed.joint_names)}"
         )
+
     aside = float(np.linalg.norm(source.tcp))
     if aside > OWN_TOOL:
         raise ConfigurationError(

@@ -1,5 +1,4 @@
-"""The vehicle in dm_control: entities, tasks and experts for composer, and the same tasks in
-Gymnasium.
+"""The vehicle in dm_control: entities, tasks and experts for composer, and Gymnasium tasks.
 
     from uuv import environments as composer
 
@@ -24,14 +23,13 @@ _BACKENDS = {"EGL": "egl", "OSMesa": "osmesa"}  # by library, that draw without 
 
 
 def _choose_renderer() -> None:
-    """Without a screen, choose a renderer that needs none; else dm_control takes GLFW, which then
-    warns and fails.
-    """
+    """Without a screen, choose a renderer that needs none: dm_control's GLFW would fail."""
     screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     # by the user, or by dm_control already
     chosen = "MUJOCO_GL" in os.environ or "dm_control" in sys.modules
     if chosen or screen or sys.platform != "linux":
         return
+
     found = (backend for library, backend in _BACKENDS.items() if find_library(library))
     os.environ["MUJOCO_GL"] = next(found, "off")
 

@@ -1,5 +1,4 @@
-"""What an agent commands: thrusters, also with joint torques, a wrench on the hull, joint
-velocities, or the tool.
+"""What an agent commands: thrusters, joint torques or velocities, a wrench, or the tool.
 
 All actions are numbers in [-1, 1]. Thrusters and torques go to the plant as they are. Joint
 velocities and the tool's motion and force are set points of the project's own controllers, which
@@ -92,6 +91,7 @@ class ThrusterSpeeds:
             raise ConfigurationError(
                 "the vehicle has no thrusters, so an agent has nothing to command"
             )
+
         self._arm = ArmHold(own.vehicle, own.vehicle.q_home)
         self._true = TrueState()
         self._thrusters = np.zeros(len(self.names))
@@ -120,8 +120,7 @@ class ThrusterSpeeds:
 
 
 class HullWrench(ThrusterSpeeds):
-    """Force (3,) and moment (3,) on the hull, in hull axes, which the vehicle's allocation gives to
-    the thrusters.
+    """Force (3,) and moment (3,) on the hull, hull axes, which the vehicle allocates to thrusters.
 
     A full action is half of what the thrusters give along or about that axis alone. The arm is held
     folded.
@@ -190,9 +189,7 @@ class ThrustersAndTorques:
 
 
 class Controlled(ABC):
-    """Base of actions that are set points of `WorkController`, which holds the hull where the
-    episode began.
-    """
+    """Base of actions that are set points of `WorkController`, which holds the hull in place."""
 
     names: tuple[str, ...] = ()
 
@@ -208,6 +205,7 @@ class Controlled(ABC):
             raise ConfigurationError(
                 f"{type(self).__name__}: the vehicle has no thrusters to hold it"
             )
+
         self._controller = WorkController(own.model)
         self._true = TrueState()
         self._inputs: Inputs | None = None  # what the controller sees
@@ -231,9 +229,11 @@ class Controlled(ABC):
         """Command of the controller."""
         assert self._inputs is not None  # of `start`
         assert self._state is not None
+
         self._true.take(truth)
         self._inputs.message = None
         estimate = self._inputs.seen()
+
         reference = self.reference(truth.time)
         self._state, self.last = self._controller.step(self._state, estimate, reference)
         return self.last
@@ -244,6 +244,7 @@ class Controlled(ABC):
         state = self._state
         assert inputs is not None  # of `start`
         assert state is not None
+
         tick = self._controller.tick_on(state, inputs)
         asked: list[Reference] = []
 
@@ -281,6 +282,7 @@ class Controlled(ABC):
             "qd": np.zeros_like(self._q),
             "set_force": 0.0,
         }
+
         held |= wanted
         return Reference(
             time=time,
@@ -320,9 +322,7 @@ class JointVelocities(Controlled):
         self._qd = (ahead - self._q) / period
 
     def action_to(self, q: Array, within: float) -> Array:
-        """The action (n,) that would bring the joints to angles (n,) [rad] `within` [s], as far as
-        speeds allow.
-        """
+        """Action (n,) that brings the joints to angles (n,) [rad] `within` [s], within limits."""
         now = self._q if self.estimate is None else self._joints_at(self.estimate.time)
         return np.clip((q - now) / within / self._fastest, -1.0, 1.0)
 
@@ -360,6 +360,7 @@ class ToolTwist(Controlled):
             "force",
             "compliance",
         )
+
         self.largest, self._set_force, self._compliant = largest, 0.0, False
         self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = (
             np.eye(4),
@@ -382,10 +383,13 @@ class ToolTwist(Controlled):
     def take(self, action: Array, period: float) -> None:
         """Take a twist and a force."""
         assert self.estimate is not None
+
+        # The new twist begins where the tool's set point is now.
         self._X_WG = self.tool_at(self.estimate.time)
         self._begin = self.estimate.time
         R_WG = self._X_WG[:3, :3]
         self._v_WG_W, self._w_WG_W = self.SPEED * R_WG @ action[:3], self.TURN * R_WG @ action[3:6]
+
         self._set_force, self._compliant = (
             max(0.0, self.largest * float(action[6])),
             bool(action[7] > 0.0),
@@ -424,8 +428,7 @@ class ToolTwist(Controlled):
         return replace(drive, leash=self.LEASH, done=done)
 
     def action_to(self, X_WG: Array, force: float, compliant: bool, period: float) -> Array:
-        """The action (8,) that brings the set point to a pose (4, 4) within `period` [s], as far as
-        its limits allow.
+        """The action (8,) that brings the set point to a pose (4, 4) in `period` [s], limited.
 
         Args:
             X_WG: (4, 4) tool pose wanted at the end.
@@ -434,10 +437,12 @@ class ToolTwist(Controlled):
             period: [s] of the action.
         """
         assert self.estimate is not None
+
         now = self.tool_at(self.estimate.time)
         R_GW = now[:3, :3].T
         v = R_GW @ (X_WG[:3, 3] - now[:3, 3]) / period / self.SPEED
         w = log_so3(R_GW @ X_WG[:3, :3]) / period / self.TURN
+
         return np.clip(
             np.concatenate([v, w, [force / self.largest, 1.0 if compliant else 0.0]]), -1.0, 1.0
         )

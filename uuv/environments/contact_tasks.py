@@ -1,6 +1,4 @@
-"""Tasks with contact: press at a point, wipe along a path, tap points, insert a sampler into a
-hole.
-"""
+"""Tasks with contact: press at a point, wipe a path, tap points, insert a sampler into a hole."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -33,8 +31,7 @@ NEAR = 0.1  # [m] distance from the place of work at which the reward for being 
 
 
 class ContactTask(VehicleTask):
-    """Base of work on an object that is fixed to the world; the arm begins unfolded before the
-    surface.
+    """Base of work on an object fixed to the world; the arm begins unfolded before the surface.
 
     The goal's numbers: the next place of the path in tool axes (3,) [m], the path's tool axis there
     in tool axes (3,), and the set force [N].
@@ -63,12 +60,15 @@ class ContactTask(VehicleTask):
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.place, self.force = place, force
         self._next: tuple[float, Array] | None = None  # arc length [m] and pose of the next place
+
         self.object = WorkObjectEntity(place.target)
         put(sea, self.object, place.X_WT)
         self.largest_force = DAMAGE * force
         self.bounds = work_bounds(vehicle.own)
+
         self.add_goals(FARTHEST, goal_position=3, goal_axis=3)
         self.add_goals(STRONGEST, goal_force=1)
+
         if self.slides:
             let_slide(sea, vehicle, self.object, speed=ToolTwist.SPEED, force=force)
 
@@ -96,6 +96,7 @@ class ContactTask(VehicleTask):
         """Next place, axis there, and set force."""
         X_WG = self.next_pose()
         R_GW = truth.R_WG.T
+
         return {
             "goal_position": R_GW @ (X_WG[:3, 3] - truth.p_WG),
             "goal_axis": R_GW @ X_WG[:3, 2],
@@ -109,6 +110,7 @@ class ContactTask(VehicleTask):
             float(np.linalg.norm(truth.p_pad - X_WG[:3, 3])),
             float(truth.R_WG[:, 2] @ X_WG[:3, 2]),
         )
+
         bounds = self.bounds
         close = rewards.tolerance(gap, bounds=(0.0, bounds.path_deviation), margin=NEAR)
         return close * rewards.tolerance(
@@ -124,9 +126,7 @@ class ContactTask(VehicleTask):
 
 
 class PressPoint(ContactTask):
-    """Press at a point with a set force: done once it has been held for HELD within the jobs'
-    bounds.
-    """
+    """Press at a point: done once the set force has been held for HELD within the jobs' bounds."""
 
     @cached_property
     def _judge(self) -> PressedAt:
@@ -165,10 +165,9 @@ class WipePath(ContactTask):
         return min(self.judge.s + self.AHEAD, end) if self.judge.s > 0.0 else 0.0
 
     def shaped(self, truth: Truth) -> float:
-        """A third each for being there, for the force there, and for the share of the path that is
-        done.
-        """
+        """A third each for the pose, for the force there, and for the share of the path done."""
         there = self.nearness(truth)
+
         return (
             there + there * self.pressing(truth) + self.judge.s / float(self.place.path.s[-1])
         ) / 3.0
@@ -204,9 +203,7 @@ class TapPoints(ContactTask):
         return self.points[min(self._judge.count, len(self.points) - 1)]
 
     def shaped(self, truth: Truth) -> float:
-        """The share of the points touched, and a part of the next one for being there under the
-        force.
-        """
+        """The share of the points touched, and a part of the next for pose and force there."""
         count = len(self.points)
         there = self.nearness(truth)
         return (
@@ -216,9 +213,7 @@ class TapPoints(ContactTask):
 
 
 class InsertSampler(ContactTask):
-    """Put a sampler into a hole of a manifold to a depth; forces beyond the insertion's bounds
-    spoil it.
-    """
+    """Put a sampler into a hole of a manifold to a depth; forces beyond the bounds spoil it."""
 
     slides = False
 

@@ -1,5 +1,4 @@
-"""Entities of dm_control's composer: the sea, a vehicle with its arm and tool, and an object to
-work on.
+"""Entities of dm_control's composer: the sea, a vehicle with arm and tool, and a work object.
 
     sea, vehicle = Sea(speed=0.2), VehicleEntity("uuv_puma")
     sea.add_free_entity(vehicle)
@@ -98,6 +97,8 @@ class Sea(composer.Arena):
             ConfigurationError: A number is out of range.
         """
         super()._build(name=name)
+
+        # The current: a speed that composer draws is no number to check.
         self._speed = speed if current_W is None else 0.0
         self._gust = finite_number(gust, "gust [m/s]", least=0.0, most=2.0)
         if not isinstance(self._speed, variation.Variation) and not callable(self._speed):
@@ -107,15 +108,19 @@ class Sea(composer.Arena):
         )
         self._mean_W = np.zeros(3) if self._always_W is None else self._always_W
         self._stream: int | None = None
+
         root = self.mjcf_model
         # composer's arena gives mass to frames
         root.compiler.boundmass = root.compiler.boundinertia = 0
         root.option.integrator, root.option.cone = "implicitfast", "elliptic"
         root.option.noslip_iterations = 0  # composer's arena has 5, which take the dry inertia
+
+        # Light, haze and colours of the water.
         root.visual.headlight.set_attributes(ambient=[0.45, 0.45, 0.45], diffuse=[0.5, 0.5, 0.5])
         root.visual.map.set_attributes(znear=0.01, fogstart=4.0, fogend=14.0)
         root.visual.rgba.fog = [0.05, 0.25, 0.33, 1.0]
         root.visual.get_children("global").set_attributes(offwidth=1920, offheight=1080)
+
         sky = {
             "type": "skybox",
             "builtin": "gradient",
@@ -123,6 +128,7 @@ class Sea(composer.Arena):
             "rgb2": [0.01, 0.08, 0.12],
         }
         root.asset.add("texture", name="water", width=64, height=64, **sky)
+
         squares = {
             "type": "2d",
             "builtin": "checker",
@@ -131,6 +137,8 @@ class Sea(composer.Arena):
         }
         root.asset.add("texture", name="sand", width=128, height=128, **squares)
         root.asset.add("material", name="sand", texture="sand", texrepeat=[20, 20])
+
+        # Seabed.
         depth = finite_number(depth, "depth [m]", above=0.0, most=1e3)
         self.seabed = root.worldbody.add(
             "geom",
@@ -140,6 +148,7 @@ class Sea(composer.Arena):
             pos=[0, 0, -depth],
             material="sand",
         )
+
         root.worldbody.add(
             "light", name="sun", directional=True, dir=[0.2, 0.1, -1], diffuse=[0.5, 0.5, 0.5]
         )
@@ -201,7 +210,10 @@ class ToolEntity(composer.Entity):
             if parts.tool is None:
                 raise ConfigurationError(f"vehicle {vehicle!r} has no tool that could be taken off")
             part = parts.tool, parts.folder
+
         self._root = root_of(part[0], "tool", part[1])
+
+        # Camera beside the tool.
         X_GC = beside_tool()
         self.tip.parent.add(
             "camera",
@@ -254,6 +266,7 @@ class ArmEntity(composer.Entity):
             part = parts.arm, parts.folder
             if tool is None and parts.tool is not None and not bare:
                 tool = ToolEntity(vehicle, part=(parts.tool, parts.folder))
+
         self._root, self.tool = root_of(part[0], "arm", part[1]), tool
         if tool is not None:
             self.attach(tool)
@@ -315,6 +328,8 @@ class VehicleEntity(composer.Entity):
         """
         _check_each("sensors", sensors, "init", "step", "period")
         _check_each("perturbations", perturbations, "on_vehicle", "rng")
+
+        # Hull, arm and tool, each a model of its own.
         self.spec = vehicle_spec(vehicle, tool)
         parts: VehicleParts = parts_of(self.spec)
         self._root = root_of(parts.hull, name, parts.folder)
@@ -326,17 +341,22 @@ class VehicleEntity(composer.Entity):
             self.arm: ArmEntity | None = ArmEntity(vehicle, part=own, tool=held, bare=held is None)
         else:
             self.arm = None
+
         self.kind = vehicle
         self.own = OwnVehicle.of(self.spec.copy(), _ANYTHING)
         self._root.size.nuserdata = FLOW.size  # where the plant keeps the current
+
         self._plant: Plant | None = None
         self.command: Command | None = None  # of the next step; None: thrusters and motors off
         self.readings = SensorReadings(sensors)
         self._variation = ModelVariation(self.spec, perturbations) if perturbations else None
+
+        # The arm on its mount, and the cameras.
         if self.arm is not None:
             self.attach(self.arm, self._root.find("site", MOUNT))
         if (camera := self._root.find("site", CAMERA_SITE)) is not None:
             self._add_camera(camera)
+
         self._root.find("body", HULL_BODY).add(
             "camera",
             name="overview",
@@ -346,13 +366,12 @@ class VehicleEntity(composer.Entity):
         )
 
     def _add_camera(self, site: Any) -> None:
-        """A MuJoCo camera at the site of the vehicle's own, whose OpenCV axes are turned by half
-        about x.
-        """
+        """A MuJoCo camera at the site of the vehicle's own, whose OpenCV axes it turns about x."""
         R = np.empty(9)
         own = self.own.model.site(CAMERA_SITE)
         mujoco.mju_quat2Mat(R, own.quat)
         R = R.reshape(3, 3)
+
         site.parent.add(
             "camera", name=CAMERA_SITE, pos=own.pos, xyaxes=[*R[:, 0], *-R[:, 1]], fovy=50.0
         )
@@ -361,9 +380,7 @@ class VehicleEntity(composer.Entity):
         return VehicleObservables(self)
 
     def observe(self, *, sensors: bool) -> None:
-        """Enable the readings of the sensors, and only them, or else the true state of hull, arm
-        and tool.
-        """
+        """Enable the sensors' readings alone, or else the true state of hull, arm and tool."""
         for entity in self.iter_entities():
             of_sensors = getattr(entity.observables, "of_sensors", {})
             for name, each in entity.observables.as_dict(fully_qualified=False).items():
@@ -411,6 +428,7 @@ class VehicleEntity(composer.Entity):
             "tool": self._find("geom", TOOL_GEOM),
             "tool_face": self._find("site", TOOL_FACE_SITE),
         }
+
         return PartNames(**{part: name for part, name in found.items() if name})
 
     def _find(self, kind: str, name: str) -> str:
@@ -440,6 +458,7 @@ class VehicleEntity(composer.Entity):
             else fitting(q, vehicle.qpos.shape, "joint angles [rad]")
         )
         data.qpos[vehicle.qpos] = q
+
         X_WB = pose() if X_WB is None else checked_pose(X_WB, "X_WB")
         at = vehicle.hull_qpos
         data.qpos[at : at + 3], data.qpos[at + 3 : at + 7] = (
@@ -451,17 +470,21 @@ class VehicleEntity(composer.Entity):
         """Give the new model its wet constants, and make the plant over it."""
         model = physics.model.ptr
         physics.legacy_step = False  # contacts of a step are read before the next one replaces them
+
         hydrodynamics.install()
         hydrodynamics.set_constants(model)
         take_last(model, self._root.size.nuserdata)
+
         if self._variation is not None:
             self._variation.bind(model, self._find)
+
         for name in _dry(model):
             warnings.warn(
                 f"the body {name!r} floats freely but has no water: it falls as in a vacuum",
                 PhysicsWarning,
                 2,
             )
+
         self._plant = self._over(physics)
 
     def _over(self, physics: mjcf.Physics) -> Plant:
@@ -478,6 +501,7 @@ class VehicleEntity(composer.Entity):
         if self._variation is not None:
             self._variation.draw(random_state)
             self._plant = self._over(physics)  # thrusters are read from the model
+
         sea = self.parent
         timestep = self.plant.timestep
         current = (
@@ -485,6 +509,7 @@ class VehicleEntity(composer.Entity):
         )
         self.plant.start(current)
         self.command = None
+
         mujoco.mj_step1(physics.model.ptr, physics.data.ptr)
         self.readings.start(self.truth, random_state)
 
@@ -496,6 +521,7 @@ class VehicleEntity(composer.Entity):
                 "vehicle.command: expected a uuv.sim.interfaces.messages.Command, got "
                 f"{type(command).__name__}"
             )
+
         plant.begin(command if command is not None else self._off(plant))
 
     @staticmethod
@@ -523,9 +549,7 @@ class VehicleEntity(composer.Entity):
 
 
 class WorkObjectEntity(composer.Entity):
-    """Object to work on, with its collision shapes: `WorkObjectEntity(target, *, stand=True,
-    name="object")`.
-    """
+    """Object with its shapes: `WorkObjectEntity(target, *, stand=True, name="object")`."""
 
     def _build(self, target: TargetModel, *, stand: bool = True, name: str = "object") -> None:
         """Build the object.
@@ -558,6 +582,7 @@ def _in_parent(site: Any, X: Array) -> Array:
     mujoco.mju_quat2Mat(
         R, np.array([1.0, 0.0, 0.0, 0.0]) if site.quat is None else np.array(site.quat, np.float64)
     )
+
     return (
         pose(R.reshape(3, 3), np.zeros(3) if site.pos is None else np.array(site.pos, np.float64))
         @ X
@@ -575,8 +600,7 @@ def put(sea: Sea, thing: composer.Entity, X_WT: Array) -> Any:
 def let_slide(
     sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity, *, speed: float, force: float
 ) -> None:
-    """Contact of a tool that slides on an object without lifting, as
-    `uuv.models.site.sliding_contact` has it.
+    """Contact of a sliding tool without lifting, as `uuv.models.site.sliding_contact` has it.
 
     Args:
         sea: The arena.
@@ -591,10 +615,13 @@ def let_slide(
     )
     if pad is None:
         raise ConfigurationError(f"vehicle: to slide it needs a tool, a geom named {TOOL_GEOM!r}")
+
     own = vehicle.own.model.geom(TOOL_GEOM)
     root = sea.mjcf_model
     time = friction_time(vehicle.own.model, speed=speed, force=force)
     root.option.impratio = friction_stiffness(time)
+
+    # Pairs take the tool's friction, unless the object's own shapes have priority.
     sliding, spinning, rolling = own.friction
     for geom in thing.geoms:
         if (geom.priority or 0) > own.priority[0] or not geom.name:
@@ -633,6 +660,7 @@ def _dry(model: mujoco.MjModel) -> list[str]:
         tree = np.flatnonzero(np.asarray(model.body_rootid) == model.body_rootid[root])
         if not any(hydrodynamic_rows.carries(model.body_user[body]) for body in tree):
             found.append(model.body(root).name or f"body {root}")
+
     return found
 
 

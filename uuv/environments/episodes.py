@@ -43,14 +43,17 @@ def run_episode(
     """
     moment, total, steps = environment.reset(), 0.0, 0
     task: Any = environment.task
+
     while not moment.last() and not (stop_when_done and getattr(task, "is_success", False)):
         action = policy(moment)
         before = moment.observation
         moment = environment.step(action)
         reward = float(moment.reward or 0.0)
         total, steps = total + reward, steps + 1
+
         if observe is not None:
             observe(before, action, reward)
+
     return Episode(
         total=total,
         steps=steps,
@@ -141,12 +144,14 @@ def record_episodes(
     whole_number(episodes, "episodes", least=1)
     if not Path(file).resolve().parent.is_dir():
         raise ConfigurationError(f"file {shown(str(file))}: its folder does not exist")
+
     done: list[Episode] = []
     writer: Any = None
     names = (environment.action_spec().name or "").replace("\t", ",")
     told = {"task": task, "actions": names, "period_s": str(environment.control_timestep())}
     made: Any = environment.task
     told |= {"vehicle": getattr(getattr(made, "vehicle", None), "kind", "")}
+
     try:
         for number in range(episodes):
             moments: list[tuple[Mapping[str, Any], np.ndarray, float]] = []

@@ -108,8 +108,10 @@ class StationExpert:
         """Set up for a task with thrusters as action."""
         own = task.vehicle.own
         self._task, self._true = task, TrueState()
+
         self._control = HullControl(own.model, period=task.control_timestep)
         self._home = np.array(own.vehicle.q_home)
+
         armed = len(own.vehicle.joints) > 0
         self._arm_B = ArmDynamics(own.model).wrench_at_rest(self._home) if armed else np.zeros(6)
         self._state: HullControlState | None = None
@@ -119,6 +121,8 @@ class StationExpert:
         """Thruster commands."""
         task = self._task
         estimate = self._true.estimate(task.truth)
+
+        # A new episode: the move from the start to the goal.
         if timestep.first() or self._state is None:
             self._state = self._control.init()
             limits = HullMotion()
@@ -131,11 +135,13 @@ class StationExpert:
                 turn_rate=limits.turn_rate,
             )
         assert self._move is not None
+
         X_WB, v_WB_W = (
             self._move.at(estimate.time)
             if not self._move.done(estimate.time)
             else (task.X_WH, _STILL)
         )
+
         reference = Reference(
             time=estimate.time,
             state=WorkState.SETTLE,
@@ -152,6 +158,7 @@ class StationExpert:
             scan=False,
             path_s=0.0,
         )
+
         return np.clip(self._control.step(self._state, estimate, reference, self._arm_B), -1.0, 1.0)
 
 
@@ -162,9 +169,7 @@ def _station(task: HoldStation) -> Policy:
 
 
 class ReachExpert:
-    """Inverse kinematics by MKPS as policy; the joints move towards the solution at the speeds that
-    actions allow.
-    """
+    """Inverse kinematics by MKPS as policy; the joints move to the solution within their speeds."""
 
     def __init__(self, task: ReachPose, actions: JointVelocities) -> None:
         """Set up for a task with joint velocities as action."""
@@ -174,11 +179,14 @@ class ReachExpert:
     def __call__(self, timestep: dm_env.TimeStep) -> Array:
         """Joint velocities towards the goal."""
         actions, truth = self._actions, self._task.truth
+
         X_WA = np.eye(4)
         X_WA[:3, :3], X_WA[:3, 3] = truth.R_WB, truth.p_WB
+
         found = solve(
             self._chain, inverse(X_WA @ self._X_BA) @ self._task.X_WH, truth.q, branch="keep"
         )
+
         return actions.action_to(found.q, 5.0 * self._task.control_timestep)
 
 
@@ -193,9 +201,7 @@ class Align(Phase):
     def __init__(
         self, tip: Callable[[StateEstimate], Array], within: float = 2e-3, seconds: float = 0.3
     ) -> None:
-        """Set up: place (3,) [m] of the tip by an estimate, distance [m] that counts as there, and
-        for how long [s].
-        """
+        """Take the tip's estimated position (3,) [m], its tolerance [m], and the time there [s]."""
         self._tip, self._within, self._seconds = tip, within, seconds
 
     def enter(self, held: Held, now: Context) -> list[float]:
@@ -233,6 +239,7 @@ class WorkExpert:
     def __call__(self, timestep: dm_env.TimeStep) -> Array:
         """Twist and force towards the planner's set point."""
         actions, period = self._actions, self._task.control_timestep
+
         if timestep.first():
             estimate = self._true.estimate(self._task.truth)
             self._planner = TaskPlanner(
@@ -240,13 +247,16 @@ class WorkExpert:
             )
             self._state = self._planner.init(estimate)
             return np.zeros(len(actions.names))
+
         assert actions.estimate is not None
         assert self._planner is not None
         assert self._state is not None
         estimate = self._true.estimate(self._task.truth)
         self._state, asked = self._planner.step(self._state, estimate, None, actions.last)
+
         if asked.X_WG is None:
             return np.zeros(len(actions.names))
+
         X_WG = asked.X_WG.copy()
         X_WG[:3, 3] += period * asked.v_WG_W
         force = asked.set_force if asked.force_control else 0.0
@@ -259,9 +269,7 @@ _OFF = {Reaction.RETREAT: "parked"}  # a phase that gives up
 def _begin(
     task: ContactTask, *, offset: float, depth: float, then: str
 ) -> Iterable[tuple[str, TaskRow]]:
-    """Rows up to the stand-off: the hull comes to rest, the tool goes before the path's first
-    point.
-    """
+    """Rows up to the stand-off: the hull comes to rest, the tool before the path's first point."""
 
     def stand(held: Held, now: Context) -> None:
         del now
@@ -287,6 +295,7 @@ def _pressing(task: ContactTask, then: str) -> Iterable[tuple[str, TaskRow]]:
         "approach",
         TaskRow(contact.GuardedApproach(limits), WorkState.APPROACH, {done: "press"}, _OFF),
     )
+
     press = contact.Press(contact.PressLimits(), task.force, FORCE_RATE)
     yield "press", TaskRow(press, WorkState.PRESS, {done: then}, _OFF)
 
@@ -314,6 +323,7 @@ def _press(task: PressPoint) -> Policy:
 def _wipe(task: WipePath) -> Policy:
     follow = contact.FollowPath(FollowLimits(), (task.force,), FORCE_RATE)
     ends = {PhaseEvent.DONE: "let go", PhaseEvent.MORE: "let go"}
+
     work = TaskRow(follow, WorkState.WORK, ends, _OFF)
     return WorkExpert(
         task,
@@ -332,6 +342,7 @@ def _tap(task: TapPoints) -> Policy:
     done = PhaseEvent.DONE
     move = contact.NextPoint(task.points, FollowLimits(), STANDOFF)
     ends = {PhaseEvent.MORE: "approach", done: "parked"}
+
     rows = [
         *_pressing(task, "dwell"),
         ("dwell", TaskRow(contact.Dwell(TOUCHED), WorkState.WORK, {done: at_once("mark")}, _OFF)),
@@ -351,9 +362,11 @@ def _insert(task: InsertSampler) -> Policy:
         depth=task.hole.depth, inside=insertion.EntryLimits(nose=task.hole.tool_radius)
     )
     rows = insertion.rows_at_hole(job)
+
     begin = _begin(task, offset=0.0, depth=-job.axial.standoff, then="approach")
     table = {**dict(rows), **dict(begin)}
     first = ["stand", *(name for name in table if name != "stand")]
+
     return WorkExpert(task, _wants(task, ToolTwist), [(name, table[name]) for name in first])
 
 

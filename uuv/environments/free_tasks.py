@@ -1,6 +1,4 @@
-"""Tasks without contact: hold station, go to a waypoint, reach a pose with the tool while
-hovering.
-"""
+"""Tasks without contact: hold station, go to a waypoint, reach a pose with the tool."""
 
 from collections.abc import Mapping
 
@@ -123,10 +121,12 @@ class ReachPose(VehicleTask):
         """
         if not len(vehicle.own.vehicle.joints):
             raise ConfigurationError("to reach, the vehicle needs an arm")
+
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self._chain: Chain = vehicle.own.chain()
         self.X_WH = np.eye(4)  # tool pose to reach; its turn about the tool's axis is free
         self._judge = KeptFor(self._there, REACHED_TIME)
+
         self.add_goals(FARTHEST, goal_position=3, goal_turn=3)
 
     @property
@@ -138,12 +138,15 @@ class ReachPose(VehicleTask):
         """The goal, and the arm at another posture near the ready one."""
         vehicle = self.vehicle.own.vehicle
         X_WB = near(MIDDLE, random_state, offset=0.1, turn=0.2)
+
+        # The goal is reachable: the tool's pose at another posture within the limits.
         low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
         n = len(vehicle.joints)
         start, goal = (
             np.clip(vehicle.q_ready + random_state.uniform(-SPREAD, SPREAD, n), low, high)
             for _ in "sg"
         )
+
         self.X_WH = X_WB @ vehicle.X_BA @ self._chain.forward(goal)
         return X_WB, start
 

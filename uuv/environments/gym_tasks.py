@@ -62,16 +62,19 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigurationError(f"render_mode {shown(render_mode)}: allowed rgb_array or None")
+
         self.render_mode = render_mode
         self.environment = (
             suite.load(domain, task, **options) if environment is None else environment
         )
         self.metadata = dict(self.metadata)
         self.metadata["render_fps"] = round(1.0 / self.environment.control_timestep())
+
         action = self.environment.action_spec()
         self.action_space = _box(action)
         stated = self.environment.observation_spec()
         self.observation_space = spaces.Dict({name: _box(spec) for name, spec in stated.items()})
+
         self._over, self._closed = True, False
 
     def reset(
@@ -98,9 +101,11 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
             raise ConfigurationError(
                 "step: the episode is over, or has not begun: call reset() first"
             )
+
         moment = self.environment.step(action)
         self._over = moment.last()
         terminated = moment.last() and moment.discount == 0.0
+
         return (
             dict(moment.observation),
             float(moment.reward or 0.0),

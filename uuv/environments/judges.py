@@ -93,9 +93,7 @@ class SetForce:
 
 
 class PressedAt:
-    """Done once the set force has been held at a point for some time, within the bounds of force
-    and path.
-    """
+    """Done once the set force has been held at a point for a time, within the bounds."""
 
     def __init__(self, at: SetForce, seconds: float) -> None:
         self._at, self._seconds, self._error = at, seconds, at.running()
@@ -117,11 +115,13 @@ class PressedAt:
 
     def _judge(self, touch: ContactStep, dt: float) -> None:
         at, bounds, error = self._at, self._at.bounds, self._error
+
         peak = force_peak(touch.least, touch.most, at.force)
         if peak > bounds.force_error_max or touch.deviation > bounds.path_deviation:
             error.start()
             return
         error.add(touch.normal, touch.least, touch.most, dt)
+
         if error.since < self._seconds:
             return
         if error.missed():
@@ -131,8 +131,7 @@ class PressedAt:
 
 
 class WipedAlong:
-    """Done once the tool has gone along the whole path under the set force, within the bounds of
-    the surface job.
+    """Done once the tool has gone along the whole path, within the bounds of the surface job.
 
     The work begins with the first contact at the path's start under half the set force, and is
     judged once the force is settled. Losing contact, or leaving a bound, spoils it for good.
@@ -178,15 +177,14 @@ class WipedAlong:
             return
         if not wrong and touch.deviation > bound:
             wrong = f"{1e3 * touch.deviation:.1f} mm off the path"
+
         at_end = self.s >= self.REACHED * end
         self.failed = wrong or (error.missed() if at_end else "")
         self.done = at_end and not self.failed
 
 
 class TappedAt:
-    """Done once the tool has touched points of a path one after another, leaving the surface in
-    between.
-    """
+    """Done once the tool has touched points of a path in turn, off the surface in between."""
 
     def __init__(self, along: SetForce, points: Sequence[float], seconds: float) -> None:
         """Take force and path, arc lengths [m] of the points, and the time [s] at each."""
@@ -210,23 +208,24 @@ class TappedAt:
     def _judge(self, touch: ContactStep, dt: float) -> None:
         if self.done:
             return
+
         along = self._along
         if is_lost(touch.least):
             self._away, self._held = True, 0.0
             return
+
         bound = along.bounds.path_deviation
         at_point = abs(touch.s - self._points[self.count]) <= bound and touch.deviation <= bound
         pressed = abs(touch.normal - along.force) <= TAP_ERROR * along.force
         self._held = self._held + dt if at_point and pressed and self._away else 0.0
+
         if self._held >= self._seconds:
             self.count, self._held, self._away = self.count + 1, 0.0, False
             self.done = self.count == len(self._points)
 
 
 class InsertedTo:
-    """Done once the tip has reached a depth in a hole; side or axial force beyond the insertion's
-    bounds spoils it.
-    """
+    """Done once the tip has reached a depth in a hole; force beyond the bounds spoils it."""
 
     def __init__(self, hole: TrueHole, bounds: InsertionBounds | None = None) -> None:
         """Take the hole with the depth to reach."""
@@ -253,10 +252,12 @@ class InsertedTo:
         tip_H = hole.tips(p_W)
         depths = np.where(hole.within_wall(tip_H), tip_H[:, 2], -np.inf).tolist()
         sides, axials = hole.forces(f_W)
+
         for depth, side, axial in zip(depths, sides.tolist(), axials.tolist(), strict=True):
             self.depth = depth
             if self.done or self.failed:
                 continue
+
             if side > bounds.side_force:
                 self.failed = f"side force {side:.0f} N"
             elif abs(axial) > bounds.axial_force:

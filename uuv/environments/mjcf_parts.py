@@ -1,6 +1,4 @@
-"""MJCF of a vehicle for dm_control's composer: the whole, or hull, arm and tool apart, with every
-digit kept.
-"""
+"""MJCF of a vehicle for composer: whole, or hull, arm and tool apart, with every digit kept."""
 
 import copy
 from collections.abc import Iterator
@@ -24,9 +22,7 @@ _JOINED = ("tendon", "equality", "contact", "sensor", "deformable", "skin")
 
 @dataclass(frozen=True, slots=True)
 class VehicleParts:
-    """MJCF of hull, arm and tool, each a model of its own; None: the vehicle has no such part of
-    its own.
-    """
+    """MJCF of hull, arm and tool, each a model; None: the vehicle has no such part."""
 
     hull: str
     arm: str | None
@@ -35,8 +31,7 @@ class VehicleParts:
 
 
 def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
-    """PyMJCF model of an MJCF text, called `name`, without keyframes: they do not fit a larger
-    scene.
+    """PyMJCF model of an MJCF text, without keyframes, which do not fit a larger scene.
 
     Args:
         xml: MJCF.
@@ -54,14 +49,17 @@ def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
             # says how a keyframe was found; PyMJCF would lose the text
             if text.get("name", "").startswith(COMPUTED):
                 custom.remove(text)
+
     for size in document.findall("size"):
         size.attrib.pop("nkey", None)
+
     try:
         root = mjcf.from_xml_string(etree.tostring(document).decode(), model_dir=folder)
     except Exception as error:  # of any type: PyMJCF's parser raises its own
         raise ConfigurationError(
             f"{name}: dm_control cannot read its MJCF: {one_line(str(error), 200)}"
         ) from error
+
     root.model = name
     return root
 
@@ -76,11 +74,13 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
         ConfigurationError: The vehicle has no body `hull`.
     """
     whole, folder = etree.fromstring(exact_xml(spec).encode()), spec.modelfiledir
+
     hull = _named(whole, "body", HULL_BODY)
     if hull is None:
         raise ConfigurationError(f"vehicle: has no body {HULL_BODY!r}, which is to float freely")
     for joint in [*hull.findall("freejoint"), *hull.findall("joint")]:
         hull.remove(joint)
+
     base, tip = _named(whole, "body", ARM_BASE_BODY), _named(whole, "site", TIP_SITE)
     if (
         base is None
@@ -89,9 +89,11 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
         or any(len(section) for name in _JOINED for section in whole.findall(name))
     ):
         return VehicleParts(_text(whole), None, None, folder)
+
     of_tool = _end_of(whole, tip)
     arm = _document(whole, _cut_out(whole, [base]))
     tool = _document(whole, _cut_out(arm, of_tool))
+
     for document in (whole, arm, tool):
         _keep_own_actuators(document)
     return VehicleParts(_text(whole), _text(arm), _text(tool), folder)
@@ -102,6 +104,7 @@ def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Elemen
     driven = {each.get("joint") for each in document.iterfind("actuator/*")}
     pad = _named(document, "body", PAD_BODY)
     found: list[etree._Element] = []
+
     for part in [tip] if pad is None else [tip, pad]:
         at = part
         while not any(joint.get("name") in driven for joint in at.getparent().findall("joint")):
@@ -110,21 +113,22 @@ def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Elemen
                 raise ConfigurationError(
                     f"vehicle: {part.tag} {part.get('name')!r} is carried by no driven joint"
                 )
+
         if at not in found:
             found.append(at)
     return found
 
 
 def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etree._Element]:
-    """Take sibling elements out of a document; a site MOUNT takes their place, that of the first if
-    it is a body.
-    """
+    """Cut sibling elements out of a document; a site MOUNT stands in their place."""
     first = parts[0]
     parent = first.getparent()
     mount = etree.SubElement(parent, "site", name=_free_name(document, MOUNT))
     taken = []
+
     if first.tag == "body":
         mount.attrib.update({key: first.attrib.pop(key) for key in _PLACE if key in first.attrib})
+
     for part in parts:
         inherited = _inherited_class(part)
         if inherited is not None:
@@ -133,13 +137,12 @@ def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etre
         part.getparent().remove(part)
         part.tail = None
         taken.append(part)
+
     return taken
 
 
 def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Element:
-    """A model with the settings, defaults, assets and actuators of `whole`, and the elements of
-    `tree` as its world.
-    """
+    """A model with the settings, assets and actuators of `whole`, and `tree` as its world."""
     document = copy.deepcopy(whole)
     for world in document.findall("worldbody"):
         document.remove(world)
@@ -155,6 +158,7 @@ def _keep_own_actuators(document: etree._Element) -> None:
         for each in document.iterfind(".//worldbody//*")
         if each.get("name")
     }
+
     for section in document.findall("actuator"):
         for actuator in list(section):
             places = [

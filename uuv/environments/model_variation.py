@@ -1,6 +1,4 @@
-"""Perturbations of a vehicle, drawn anew in each episode and written into the compiled model of the
-scene.
-"""
+"""Perturbations of a vehicle, drawn in each episode and written into the compiled scene."""
 
 from collections.abc import Callable, Sequence
 
@@ -37,6 +35,7 @@ class ModelVariation:
                     f"perturbation {type(each).__name__}: acts on scene or loop; an episode "
                     "varies the vehicle alone"
                 )
+
         self._spec, self._perturbations = spec, tuple(perturbations)
         self._nominal = spec.copy().compile()
         self._scene: mujoco.MjModel | None = None
@@ -53,6 +52,8 @@ class ModelVariation:
         """
         own = self._nominal
         self._scene = scene
+
+        # Rows of the same part in vehicle and scene, by kind.
         for kind, word, total in (
             (mujoco.mjtObj.mjOBJ_BODY, "body", own.nbody),
             (mujoco.mjtObj.mjOBJ_JOINT, "joint", own.njnt),
@@ -67,12 +68,15 @@ class ModelVariation:
                     here.append(i)
                     there.append(at)
             self._rows[word] = np.array(here, dtype=np.int64), np.array(there, dtype=np.int64)
+
         dofs = [
             (int(own.jnt_dofadr[a]), int(scene.jnt_dofadr[b]))
             for a, b in zip(*self._rows["joint"], strict=True)
         ]
         own_dofs, scene_dofs = np.array(dofs, dtype=np.int64).reshape(-1, 2).T
         self._rows["dof"] = own_dofs, scene_dofs
+
+        # Contact pairs of the tool, whose friction varies with it.
         tool = mujoco.mj_name2id(scene, mujoco.mjtObj.mjOBJ_GEOM, find("geom", TOOL_GEOM))
         ends = np.column_stack([scene.pair_geom1, scene.pair_geom2])
         self._pairs = (
@@ -90,10 +94,12 @@ class ModelVariation:
         spec = self._spec.copy()
         self.drawn = perturb(spec, self._perturbations, int(random_state.randint(2**31)))
         varied, scene = spec.compile(), self._scene
+
         if varied.opt.timestep != self._nominal.opt.timestep:
             raise ConfigurationError(
                 "perturbation: needs another timestep, which an episode cannot change"
             )
+
         for word, fields in (
             ("body", _OF_BODY),
             ("dof", _OF_DOF),
@@ -104,10 +110,14 @@ class ModelVariation:
             here, there = self._rows[word]
             for field in fields:
                 getattr(scene, field)[there, ...] = getattr(varied, field)[here, ...]
+
         if len(self._pairs):
             sliding, spinning, rolling = varied.geom(TOOL_GEOM).friction
             scene.pair_friction[self._pairs] = [sliding, sliding, spinning, rolling, rolling]
+
+        # Masses of subtrees, which MuJoCo computes at compilation only.
         scene.body_subtreemass[:] = scene.body_mass
         for body in range(scene.nbody - 1, 0, -1):
             scene.body_subtreemass[scene.body_parentid[body]] += scene.body_subtreemass[body]
+
         hydrodynamics.set_constants(scene)

@@ -33,10 +33,12 @@ def picture(
         whole_number(each, "size [px]", least=1, most=most)
         for each, most in zip(size, MOST, strict=True)
     )
+
     model = physics.model.ptr
     names = [model.camera(i).name for i in range(model.ncam)]
     if camera not in names and camera not in range(model.ncam):
         raise ConfigurationError(f"camera {shown(camera)}: there are {', '.join(names)}")
+
     try:
         return physics.render(height, width, camera_id=camera)
     except Exception as error:  # of any type: dm_control's backends raise their own
@@ -66,6 +68,7 @@ def view(environment: Any, policy: Any = None) -> None:
 
 def _no_gl(error: Exception) -> str:
     backend = os.environ.get("MUJOCO_GL", "not set")
+
     why = str(error).strip().splitlines()
     return (
         f"no picture: dm_control finds no GL (MUJOCO_GL is {backend}): install libegl1 for "

@@ -58,11 +58,13 @@ class SensorReadings:
         names = [type(sensor).__name__ for sensor in sensors]
         if len(set(names)) < len(names):
             raise ConfigurationError(f"sensors: each class may come once, got {', '.join(names)}")
+
         for sensor, name in zip(sensors, names, strict=True):
             if not sensor.period > 0.0:
                 raise ConfigurationError(
                     f"sensor {name}: takes pictures on request; use a camera of the physics"
                 )
+
         self.sensors = tuple(sensors)
         self._states: list[Any] = []
         self._newest: list[tuple[float, Measurement | None]] = []
@@ -74,6 +76,7 @@ class SensorReadings:
         self._states = [
             sensor.init(stream) for sensor, stream in zip(self.sensors, streams, strict=True)
         ]
+
         self._newest = [(-1.0, None)] * len(self.sensors)
         for index in range(len(self.sensors)):
             self.read(index, truth)
@@ -83,6 +86,7 @@ class SensorReadings:
         if not self._states:
             self.start(truth, np.random.RandomState(0))
         time, message = self._newest[index]
+
         if truth.time != time:
             self._states[index], measured = self.sensors[index].step(self._states[index], truth)
             message = measured or message
@@ -94,6 +98,7 @@ def readings(vehicle: SensedVehicle) -> dict[str, observable.Observable]:
     """Observables of a vehicle's sensors, by SENSOR_FIELD; for `Observables.add_observable`."""
     found: dict[str, observable.Observable] = {}
     timestep = float(vehicle.own.model.opt.timestep)
+
     for index, sensor in enumerate(vehicle.readings.sensors):
         name = type(sensor).__name__
         every = ticks_per_period(sensor.period, timestep, name)
@@ -102,10 +107,12 @@ def readings(vehicle: SensedVehicle) -> dict[str, observable.Observable]:
             if sensor.delay > 0.0
             else 0
         )
+
         for field in _fields(sensor, vehicle):
             found[f"{_snake(name)}_{field}"] = observable.Generic(
                 _reading(vehicle, index, field), update_interval=every, delay=late
             )
+
     return found
 
 
@@ -145,9 +152,7 @@ class BoundedNumbers(observable.Generic):
     """Observable of numbers (k,) within bounds, which its specification states."""
 
     def __init__(self, read: Callable[[Any], Array], size: int, bound: float) -> None:
-        """Take the callable of the physics, the number of numbers, and their largest magnitude, at
-        which they stop.
-        """
+        """Take the function of the physics, the number of values, and their largest magnitude."""
         super().__init__(lambda physics: np.minimum(np.maximum(read(physics), -bound), bound))
         self._spec = specs.BoundedArray((size,), np.float64, minimum=-bound, maximum=bound)
 
@@ -191,9 +196,7 @@ def _vehicle_of(entity: Any) -> SensedVehicle:
 
 
 class VehicleObservables(composer.Observables):
-    """True state of the hull, and the readings of the vehicle's sensors; all off until they are
-    enabled.
-    """
+    """True state of the hull, and readings of the vehicle's sensors; all off until enabled."""
 
     def __init__(self, entity: Any) -> None:
         super().__init__(entity)
@@ -267,7 +270,5 @@ class ToolObservables(composer.Observables):
 
     @composer.observable
     def contact_force(self) -> observable.Observable:
-        """Force (3,) [N] of the world on the tool, tool axes; its z is negative when the tool
-        presses.
-        """
+        """Force (3,) [N] on the tool, tool axes; z is negative when the tool presses."""
         return _true(self._entity, lambda truth: truth.R_WG.T @ truth.contact_force_W, 3, STRONGEST)

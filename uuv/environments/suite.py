@@ -105,10 +105,12 @@ def _insert(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTa
         raise ConfigurationError(
             f"to insert, the vehicle's tool, its geom {TOOL_GEOM!r}, must be a capsule, the sampler"
         )
+
     radius = float(vehicle.own.model.geom_size[tool, 0])
     block = manifold(radius + CLEARANCE)
     place = place_at_hole(vehicle, block, HOLE, DEPTH)
     bore = block.hole(HOLE)
+
     hole = TrueHole(X_WH=bore.pose(place.X_WT), radius=bore.radius, tool_radius=radius, depth=DEPTH)
     return InsertSampler(_working_sea(place.depth), vehicle, actions, place, hole, sparse=sparse)
 
@@ -187,19 +189,23 @@ def load(
     if not task and isinstance(domain, str) and "/" in domain:
         domain, task = domain.split("/", 1)
     name = f"{domain}/{task}"
+
     if (domain, task) not in TASKS:
         known = tuple("/".join(each) for each in TASKS)
         raise ConfigurationError(
             f"unknown task {shown(name)}; there are {', '.join(known)}{did_you_mean(name, known)}"
         )
+
     entry = TASKS[domain, task]
     kind = actions or entry.actions
     if kind not in ACTIONS:
         raise ConfigurationError(f"unknown actions {shown(kind)}; there are {', '.join(ACTIONS)}")
+
     body = VehicleEntity(vehicle, tool=entry.tool, sensors=sensors, perturbations=perturbations)
     made = entry.make(body, ACTIONS[kind](body.own), sparse)
     if period is not None:
         made.set_period(period)
+
     return environment(
         made, seed=seed, time_limit=entry.time_limit if time_limit is None else time_limit
     )
@@ -208,8 +214,7 @@ def load(
 def environment(
     task: composer.Task, *, seed: Seed = None, time_limit: float = np.inf
 ) -> composer.Environment:
-    """dm_control's environment of a task whose model stays the same in all episodes; observations
-    have no buffer axis.
+    """dm_control's environment of a task whose model stays the same in all episodes.
 
     Args:
         task: Of this package, or one's own.
@@ -223,8 +228,10 @@ def environment(
     limit = number(time_limit, "time_limit [s]")
     if not limit > 0.0:
         raise ConfigurationError(f"time_limit: must be > 0 s, got {time_limit}")
+
     if seed is not None and not isinstance(seed, np.random.RandomState):
         seed = whole_number(seed, "seed", least=0, most=2**32 - 1)
+
     return Environment(
         task,
         # times are sums of steps, a little above or below

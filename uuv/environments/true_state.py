@@ -1,6 +1,4 @@
-"""The true state as an estimate: what controllers inside an environment are given, in place of
-navigation.
-"""
+"""The true state as an estimate: what controllers inside an environment use as navigation."""
 
 import math
 from typing import Any, NamedTuple
@@ -54,6 +52,8 @@ def seeing_box(seeing):
 def take_truth(sight, time, estimate):
     """Write the truth at `time` [s] into an EstimateRecord, torques at the gear outputs."""
     estimate.time[0] = time
+
+    # Rotation into the hull's axes.
     for i in range(3):
         v = a = 0.0
         for j in range(3):
@@ -64,6 +64,7 @@ def take_truth(sight, time, estimate):
         estimate.v_WB_B[i] = v
         estimate.a_WB_B[i] = a
         estimate.w_WB_B[i] = sight.w_WB_B[i]
+
     for j in range(estimate.q.shape[0]):
         estimate.q[j] = sight.q[j]
         estimate.qd[j] = sight.qd[j]
@@ -113,6 +114,7 @@ class TrueState:
 
     def _sight(self, truth: Truth) -> Sight:
         self._torques.draw(len(truth.q))
+
         return Sight(
             torques=self._torques.record,
             R_WB=truth.R_WB,

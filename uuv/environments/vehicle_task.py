@@ -1,6 +1,4 @@
-"""Base of composer tasks with a vehicle: actions, observations, judge, rewards, and when an episode
-ends.
-"""
+"""Base of composer tasks with a vehicle: actions, observations, judge, rewards, end."""
 
 from abc import abstractmethod
 from collections import OrderedDict
@@ -49,12 +47,15 @@ class VehicleTask(composer.Task):
             sparse: Reward success alone.
         """
         self._sea, self.vehicle, self.actions, self._sparse = sea, vehicle, actions, sparse
+
         sea.add_free_entity(vehicle)
         self.set_period(CONTROL_PERIOD)
         vehicle.observe(sensors=bool(vehicle.readings.sensors))
+
         self._goals: OrderedDict[str, observable.Observable] = OrderedDict()
         self._goal: tuple[int, Mapping[str, Array]] | None = None  # step of the plant, and its goal
         self._X_WB = np.eye(4)
+
         self.largest_force = np.inf  # [N] of contact, beyond which it is damage
         self.damage = ""  # what ended the episode before its time
         self._fresh = True  # the controllers have not begun yet
@@ -79,9 +80,7 @@ class VehicleTask(composer.Task):
 
     @abstractmethod
     def begin(self, random_state: Random) -> tuple[Array, Array | None]:
-        """Draw an episode: hull pose X_WB (4, 4) at its start, and joint angles (n,) [rad]; None:
-        folded.
-        """
+        """Draw the first hull pose X_WB (4, 4) and joint angles (n,) [rad]; None: folded."""
 
     # What it has from there
 
@@ -99,9 +98,7 @@ class VehicleTask(composer.Task):
         self._timestep = timestep
 
     def add_goals(self, bound: float, **sizes: int) -> None:
-        """State the numbers that `goal` gives: how many of each name, and their largest
-        magnitude.
-        """
+        """State the numbers that `goal` gives: count and largest magnitude of each name."""
         for name, size in sizes.items():
             self._goals[name] = BoundedNumbers(self._reader(name, size), size, bound)
             self._goals[name].enabled = True
@@ -115,6 +112,7 @@ class VehicleTask(composer.Task):
                 raise ConfigurationError(
                     f"{type(self).__name__}.goal: gives no {name!r}; stated are {stated}"
                 )
+
             return fitting(
                 np.atleast_1d(np.array(goal[name], dtype=np.float64)), (size,), f"goal {name}"
             )
@@ -191,6 +189,7 @@ class VehicleTask(composer.Task):
         judge: Any = self.judge
         if self.in_contact:
             judge.watch_steps(steps, self._timestep)
+
         collided = steps[:, STEP_COLLISION] != 0.0
         most = steps[:, STEP_MOST]
         spoiled = collided | (most > self.largest_force)
@@ -203,7 +202,9 @@ class VehicleTask(composer.Task):
         truth = self.vehicle.truth
         if not self.in_contact:
             self.judge.watch(truth, self.control_timestep)
+
         self._damaged(truth.collision, truth.contact_most)
+
         offset = self._X_WB[:3, :3].T @ (truth.p_WB - self._X_WB[:3, 3])
         if not self.damage and np.abs(offset).max() > BOX:
             self.damage = "out of the box"
@@ -223,6 +224,7 @@ class VehicleTask(composer.Task):
             return 0.0
         if self._sparse:
             return float(self.judge.done)
+
         reward = float(self.shaped(self.truth))
         if not 0.0 <= reward <= 1.0:
             raise ConfigurationError(
@@ -240,8 +242,6 @@ class VehicleTask(composer.Task):
 
 
 def near(X_WB: Array, random_state: Random, *, offset: float, turn: float) -> Array:
-    """A hull pose (4, 4) near another: moved by up to `offset` [m] per axis, turned by up to `turn`
-    [rad] about z.
-    """
+    """A hull pose (4, 4) near another: moved up to `offset` [m] per axis, `turn` [rad] about z."""
     yaw = random_state.uniform(-turn, turn)
     return X_WB @ pose(exp_so3([0.0, 0.0, yaw]), random_state.uniform(-offset, offset, 3))

@@ -1,6 +1,4 @@
-"""Where a vehicle works on an object in an environment: tool path, hull pose and posture, chosen as
-the jobs do.
-"""
+"""Where a vehicle works in an environment: path, hull pose and posture, chosen as jobs do."""
 
 from dataclasses import dataclass
 
@@ -39,9 +37,7 @@ class WorkPlace:
         return ToolLine(path=self.path, placement=self.placement, offset=offset)
 
     def tool_at(self, s: float, depth: float = 0.0) -> Array:
-        """Tool pose X_WG (4, 4) at arc length `s` [m], `depth` [m] below the surface along its
-        axis.
-        """
+        """Tool pose X_WG (4, 4) at arc length `s` [m], `depth` [m] below the surface."""
         return self.line(0.0).at(s, depth)[0]
 
 
@@ -89,6 +85,7 @@ def standing(
 ) -> WorkPlace:
     """Place of work on a tool path in W; as `on_path`."""
     check_parts(own.model, but=("camera", "home", "ready"))
+
     known = own.at_work()
     stand = PathStanding(
         vehicle=known.vehicle,
@@ -100,6 +97,7 @@ def standing(
         floor=scenes.seabed_height(target, X_WT),
         holding=ThrustMargin.of(own.model),
     )
+
     found = Target(
         time=0.0,
         X_WT=X_WT,
@@ -109,5 +107,6 @@ def standing(
         reason="",
         path=path,
     )
+
     placement, worked, _ = stand(found, path)
     return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)

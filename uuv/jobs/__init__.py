@@ -51,6 +51,7 @@ def clean_barrel(
     finite_number(around, "arc [deg]", above=0.0)
     length = 0.2 if quick else Barrel.length
     barrel = Barrel(length=length, arc=float(np.radians(around)))
+
     if path == "transverse":
         task = SurfaceWorkTask(path=path, forces=AROUND, least=min(1.0, 150.0 / around))
     else:
@@ -84,6 +85,7 @@ def clean_pile(
     climb = per_degree * around if rise is None else rise
     length = 0.2 if quick else Pile.length
     pile = Pile(length=length, arc=float(np.radians(around)), rise=climb)
+
     if path == "vertical":
         task = SurfaceWorkTask(path=path, forces=ALONG, range=1.8)
     else:

@@ -1,3 +1,1 @@
-"""Perturbations: deviations of the plant, the scene or the loop from what the controller
-believes.
-"""
+"""Perturbations: deviations of plant, scene or loop from what the controller believes."""

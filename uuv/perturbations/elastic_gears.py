@@ -45,6 +45,7 @@ class ElasticGears(Perturbation):
         limits = np.array(
             [np.abs(np.array(actuators[joint.name].ctrlrange)).max() for joint in joints]
         )
+
         stiffness = self.stiffness * limits / limits.max()
         with keyframes_kept(spec):
             for joint, k in zip(joints, stiffness, strict=True):
@@ -60,15 +61,18 @@ class ElasticGears(Perturbation):
                 )
                 spring.stiffness = first_coefficient(spring.stiffness, k)
                 spring.wrap_joint(name, 1.0)
+
         inertia = _inertia(spec, [joint.name + TWIST for joint in joints])
         for joint, k, own in zip(joints, stiffness, np.diag(inertia), strict=True):
             twist = spec.joint(joint.name + TWIST)
             twist.damping = first_coefficient(twist.damping, 2.0 * self.damping * np.sqrt(k * own))
+
         # Fastest vibration of the twists against each other and against links and motors that are
         # free to move.
         root = np.sqrt(stiffness)
         # [rad^2/s^2]
         fastest = float(np.linalg.eigvalsh(root[:, None] * np.linalg.inv(inertia) * root).max())
+
         timestep = float(spec.option.timestep)
         spec.option.timestep = timestep / np.ceil(
             max(1.0, timestep * np.sqrt(fastest / RESTLESS)) - 1e-9
@@ -77,15 +81,14 @@ class ElasticGears(Perturbation):
 
 
 def _inertia(spec: mujoco.MjSpec, joints: list[str]) -> Array:
-    """Inertia matrix (n, n) [kg m^2] of hinges in the ready posture, with all other joints free to
-    move.
-    """
+    """Inertia matrix (n, n) [kg m^2] of hinges in `ready`, with all other joints free to move."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, READY_KEY)
     if key >= 0:
         mujoco.mj_resetDataKeyframe(model, data, key)
     mujoco.mj_fwdPosition(model, data)
+
     dof = [int(model.jnt_dofadr[model.joint(name).id]) for name in joints]
     response = np.empty((len(dof), model.nv))
     mujoco.mj_solveM(model, data, response, np.eye(model.nv)[dof])

@@ -41,8 +41,10 @@ class MisplacedSurface(Perturbation):
         """Wraps the finder."""
         if not self.offset:
             return loop
+
         if loop.parts.finder is None:
             raise ConfigurationError("MisplacedSurface: this task looks for no object")
+
         return replace(
             loop, parts=replace(loop.parts, finder=ShiftedFinder(loop.parts.finder, self.offset))
         )
@@ -50,9 +52,7 @@ class MisplacedSurface(Perturbation):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftedFinder:
-    """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach
-    direction.
-    """
+    """Wrapper of a TargetFinder that shifts pose and path against the tool's approach direction."""
 
     finder: TargetFinder
     offset: float  # [m] the found surface lies so far before the true one
@@ -77,6 +77,7 @@ class ShiftedFinder:
         state, target = self.finder.step(state, estimate, measurement)
         if target is None or target.path is None:
             return state, target
+
         way = target.path.z[len(target.path.z) // 2]
         X_WT = np.array(target.X_WT)
         X_WT[:3, 3] -= self.offset * way
@@ -99,12 +100,14 @@ class Failure(Perturbation):
             raise ConfigurationError(
                 f"{type(self).__name__}: give `at` [s] or `state`, one of the two"
             )
+
         if self.state is not None and self.state not in (
             states := [str(state) for state in WorkState]
         ):
             raise ConfigurationError(
                 f"{type(self).__name__} state: allowed {', '.join(states)}, got {shown(self.state)}"
             )
+
         self.onset()
 
     def onset(self) -> Onset:
@@ -152,6 +155,7 @@ class ThrusterFailure(Failure):
                 "ThrusterFailure: comes before perturbations that wrap the plant, found "
                 f"{type(sound).__name__}"
             )
+
         index, onset = self._index(sound.vehicle.thruster_names), self.onset()
         fault = ThrusterFault(index, onset, self.share, self.stuck)
         faulty: Any = FaultyPlant(
@@ -190,8 +194,10 @@ class SensorFailure(Failure):
             raise ConfigurationError(
                 f"SensorFailure rate: an offset or a turn grows, not effect {self.effect!r}"
             )
+
         if self.effect != "turned":
             return
+
         finite_number(self.value, "SensorFailure value [rad]")
         if self.sensor != "imu" or self.index not in (0, 1, 2):
             raise ConfigurationError(
@@ -212,6 +218,7 @@ class SensorFailure(Failure):
             else sensor
             for sensor in loop.parts.sensors
         ]
+
         return replace(
             loop,
             parts=replace(loop.parts, sensors=sensors),

@@ -40,6 +40,7 @@ class Pad(Perturbation):
             raise ConfigurationError(
                 f"friction and stiffness are those of a geom {TOOL_GEOM!r} on a slide {PAD_JOINT!r}"
             )
+
         if self.friction is not None:
             geom.priority = 1  # contact pairs take the pad's friction, whatever the surface has
             geom.friction = [self.friction, *np.array(geom.friction)[1:]]
@@ -63,12 +64,14 @@ class Pad(Perturbation):
         contact, softest = _contact_stiffness(drawn, geom, longest), SOFTEST_CONTACT * stiffness
         share = min(1.0, np.sqrt(contact / softest))
         geom.solref = [share * longest, 1.0]
+
         steps = STEPS_PER_SOLREF * timestep / (share * longest)
         sunk = _sunk(WORKING_FORCE, geom, contact / share**2)
         spring, mass = (
             WORKING_FORCE / (WORKING_FORCE / stiffness - sunk),
             float(drawn.body(PAD_BODY).mass[0]),
         )
+
         phase = timestep * np.sqrt(spring / (RESTLESS * mass))
         spec.option.timestep = timestep / np.ceil(max(1.0, steps, phase) - 1e-9)
         old_spring, old_damping = (
@@ -96,8 +99,7 @@ def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: floa
 
 
 def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
-    """Depth [m] of a contact of `geom` under `force` [N], with the stiffness `light` [N/m] at zero
-    depth.
+    """Depth [m] of a contact of `geom` under `force` [N], of stiffness `light` [N/m] at zero depth.
 
     MuJoCo's impedance over depth, by `solimp` (MuJoCo documentation, Modeling, Solver parameters).
     """
@@ -114,6 +116,7 @@ def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
             if under
             else 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1.0)
         )
+
         d = least + share * (most - least)
         return light / low * d / (1.0 - d) * depth - force
 

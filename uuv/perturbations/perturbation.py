@@ -49,14 +49,10 @@ class Perturbation:
     joins: ClassVar[bool] = False
 
     def check_inputs(self, spec: "mujoco.MjSpec") -> None:
-        """Refuses names that the vehicle `spec` has not, before anything is compiled; by default it
-        names none.
-        """
+        """Refuses names that `spec` lacks, before compilation; by default there are none."""
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Changes the true vehicle's spec in place, and returns means of the drawn factors by
-        name.
-        """
+        """Changes the true vehicle's spec in place; returns means of the drawn factors by name."""
         return {}
 
     def on_scene(self, scene: "mujoco.MjSpec") -> None:
@@ -101,6 +97,7 @@ def perturb(
 @cache
 def registry() -> Registry[Perturbation]:
     """All kinds of perturbation, those of other packages included."""
+    # Named by their kinds in a scenario file, imported when one is used.
     kinds = {
         "Water": "uuv.perturbations.vehicle:Water",
         "Payload": "uuv.perturbations.vehicle:Payload",
@@ -119,4 +116,5 @@ def registry() -> Registry[Perturbation]:
         "ThrusterFailure": "uuv.perturbations.loop:ThrusterFailure",
         "SensorFailure": "uuv.perturbations.loop:SensorFailure",
     }
+
     return Registry("perturbation", kinds)

@@ -1,6 +1,4 @@
-"""Perturbations of the sensors' quality: vision that wanders, torque sensors that drift, an
-attitude that is off.
-"""
+"""Perturbations of the sensors: wandering vision, drifting torque sensors, attitude error."""
 
 from dataclasses import dataclass, replace
 
@@ -10,9 +8,7 @@ from uuv.sim.interfaces.spatial import finite_number
 
 @dataclass(frozen=True, kw_only=True)
 class WanderingVision(Perturbation):
-    """The position from vision has a slow error beside its white noise (first-order
-    Gauss-Markov).
-    """
+    """The position from vision has a slow error (first-order Gauss-Markov) beside white noise."""
 
     sigma: float = 3e-3  # [m] standard deviation per axis
     time: float = 60.0  # [s] correlation time
@@ -36,9 +32,7 @@ class WanderingVision(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class DriftingTorque(Perturbation):
-    """The torque sensors have coloured noise (first-order Gauss-Markov) and a drift beside white
-    noise and bias.
-    """
+    """The torque sensors have coloured noise (first-order Gauss-Markov) and a drift besides."""
 
     sigma: float = 0.3  # [N m] standard deviation of the coloured noise, each sensor its own
     time: float = 2.0  # [s] its correlation time
@@ -65,9 +59,7 @@ class DriftingTorque(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeError(Perturbation):
-    """The inertial unit's attitude is off by a constant of this standard deviation; its data sheet
-    says so.
-    """
+    """The inertial unit's attitude has a constant error of this standard deviation, as stated."""
 
     sigma: float = 1.7e-3  # [rad] per axis: 0.1 deg
 

@@ -1,6 +1,4 @@
-"""Perturbations of the object: it is pushed, swings, gives way on a compliant mount, or floats
-freely.
-"""
+"""Perturbations of the object: it is pushed, swings, gives way on a mount, or floats freely."""
 
 from dataclasses import dataclass, replace
 
@@ -25,9 +23,7 @@ _HEAVY = 1e3
 
 @dataclass(frozen=True, kw_only=True)
 class PushedObject(Failure):
-    """The object is displaced at a time, or after the planner enters a state, and stays where it is
-    then.
-    """
+    """The object is displaced at a time, or after the planner enters a state, and stays there."""
 
     by: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] in W
     # [rad] rotation vector in W, about the origin of its model
@@ -105,6 +101,8 @@ class MountedObject(Perturbation):
         """Gives the object mass, water and joints."""
         body, density = _object(scene, type(self).__name__), hydrodynamics.density_of(scene)
         mass, center = self._weigh(scene, body, density)
+
+        # A sphere of the same volume gives added mass and drag.
         radius = (0.75 * mass / density / np.pi) ** (1.0 / 3.0)
         added = ADDED_MASS * mass
         drag = 0.5 * density * DRAG * np.pi * radius**2
@@ -114,8 +112,11 @@ class MountedObject(Perturbation):
             added_mass=np.diag([added] * 3 + [0.0] * 3),
             quadratic_damping=np.array([drag] * 3 + [drag * radius**3] * 3),
         )
+
         hydrodynamics.attach(scene, {TARGET_BODY: water})
         scene.add_exclude(name="object_on_mount", bodyname1=TARGET_BODY, bodyname2="world")
+
+        # A floating object has a free joint, a mounted one springs along the axes of W.
         with keyframes_kept(scene):
             if self.stiffness == 0.0:
                 body.add_freejoint(name=TARGET_BODY)
@@ -143,15 +144,18 @@ class MountedObject(Perturbation):
             raise ConfigurationError(
                 "MountedObject: this object has no solids to take its volume from; give its mass"
             )
+
         for geom in body.geoms:
             geom.mass = 0.0
         if self.mass is not None:
             own = 0.4 * self.mass * (0.75 * self.mass / density / np.pi) ** (2.0 / 3.0)
             body.mass, body.inertia, body.explicitinertial = self.mass, [own] * 3, True
             return self.mass, np.zeros(3)
+
         for geom in solids:
             geom.mass = np.nan
             geom.density = density
+
         alone = scene.copy().compile().body(TARGET_BODY)
         return float(alone.mass[0]), np.array(alone.ipos)
 

@@ -43,19 +43,19 @@ class Water(_Spread):
     spread: float = 0.0  # of each coefficient
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales diagonal coefficients by one factor each, couplings by the geometric mean: all
-        stay semidefinite.
-        """
+        """Scales diagonal coefficients by one factor each, couplings by the geometric mean."""
         from uuv.models import hydrodynamics
 
         if not self.spread:
             return {}
+
         bodies = hydrodynamics.attached(spec)
         hull: dict[str, float] = {}
         for name, body in bodies.items():
             added, linear, quadratic, strip = (
                 _factors(rng, self.spread, size) for size in (6, 6, 6, 2)
             )
+
             bodies[name] = replace(
                 body,
                 added_mass=_scaled(body.added_mass, added),
@@ -72,11 +72,13 @@ class Water(_Spread):
                     )
                 ),
             )
+
             if name == HULL_BODY:
                 hull = {
                     "hull_added_mass": float(added[_TRANSLATION].mean()),
                     "hull_drag": float(quadratic[_TRANSLATION].mean()),
                 }
+
         hydrodynamics.attach(spec, bodies)
         return hull
 
@@ -92,9 +94,7 @@ class Payload(_Spread):
     trim_error: float = 0.0
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales masses and inertias; the hull is ballasted for the nominal arm, less the trim
-        error.
-        """
+        """Scales masses and inertias; hull ballasted for the nominal arm, less the trim error."""
         import mujoco
 
         from uuv.models import hydrodynamics
@@ -106,12 +106,14 @@ class Payload(_Spread):
             raise ConfigurationError(
                 f"a payload varies the arm, but the vehicle has no body named {ARM_BASE_BODY!r}"
             )
+
         parts = [arm, *arm.find_all(mujoco.mjtObj.mjOBJ_BODY)]
         before = sum(float(part.mass) for part in parts)
         for part, factor in zip(parts, _factors(rng, self.spread, len(parts)), strict=True):
             part.mass = factor * float(part.mass)
             part.inertia = factor * np.array(part.inertia)
         after = sum(float(part.mass) for part in parts)
+
         water = hydrodynamics.attached(spec)[HULL_BODY]
         lift = self.trim_error * before / hydrodynamics.density_of(spec)  # [m^3]
         hydrodynamics.attach(spec, {HULL_BODY: replace(water, volume=water.volume + lift)})
@@ -135,6 +137,7 @@ class ThrusterSpread(_Spread):
 
         if not (self.lag or self.gain):
             return {}
+
         carriers = [
             actuator
             for actuator in spec.actuators
@@ -144,16 +147,19 @@ class ThrusterSpread(_Spread):
             _factors(rng, self.lag, len(carriers)),
             _factors(rng, self.gain, len(carriers)),
         )
+
         table = {}
         for actuator, slower, stronger in zip(carriers, lags, gains, strict=True):
             one = thrusters.unpack(np.array(actuator.userdata))
             curve = {}
+
             if one.polynomial is not None:
                 curve["polynomial"] = tuple(
                     tuple(stronger * c for c in side) for side in one.polynomial
                 )
             if one.table is not None:
                 curve["table"] = (one.table[0], tuple(stronger * t for t in one.table[1]))
+
             table[actuator.name] = replace(
                 one,
                 forward=stronger * one.forward,
@@ -162,6 +168,7 @@ class ThrusterSpread(_Spread):
                 time_constant=slower * one.time_constant,
                 **curve,
             )
+
         thrusters.attach(spec, table)
         return (
             {"thruster_lag": float(lags.mean()), "thruster_gain": float(gains.mean())}
@@ -184,12 +191,15 @@ class Gears(_Spread):
 
         if not self.spread:
             return {}
+
         names = {actuator.target for actuator in spec.actuators}
         joints = [joint for joint in spec.joints if joint.name in names]
         model, factors, table = spec.copy().compile(), _factors(rng, self.spread, len(joints)), {}
+
         dry = gear_friction.read(
             model, np.array([model.joint(joint.name).id for joint in joints], dtype=np.int64)
         )
+
         for i, (joint, factor) in enumerate(zip(joints, factors, strict=True)):
             joint.damping = factor * np.asarray(joint.damping)
             if dry.coulomb[i] > 0.0:
@@ -198,6 +208,7 @@ class Gears(_Spread):
                     stiction=factor * dry.stiction[i],
                     stribeck_speed=dry.stribeck_speed[i],
                 )
+
         gear_friction.attach(spec, table)
         return {"gear_friction": float(factors.mean())} if joints else {}
 

@@ -27,8 +27,7 @@ def object_of(scenario: Scenario, kind: type[Any]) -> Any:
 
 
 def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
-    """Level hull pose (4, 4) in W from which the camera sees the coarse position from the scan
-    range.
+    """Level hull pose (4, 4) in W, its camera at the scan range of the coarse position.
 
     The camera looks towards +x of W, or down, or up.
 

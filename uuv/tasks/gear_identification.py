@@ -1,6 +1,4 @@
-"""Identification of the gears' friction by the hovering vehicle: the run, its evaluation, table and
-picture.
-"""
+"""Identification of the gears' friction by the hovering vehicle: run, evaluation, page."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -59,9 +57,7 @@ _SHOWN = 4000  # largest number of samples of each joint in the picture
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionBounds:
-    """Acceptance bounds on the worst joint; shares of the true value, or of USUAL where a gear has
-    no such friction.
-    """
+    """Bounds on the worst joint, as shares of the true value, or of USUAL without such friction."""
 
     coulomb: float = 0.02
     stiction: float = 0.05
@@ -100,9 +96,7 @@ class FrictionSamples:
 
 @dataclass(frozen=True, kw_only=True)
 class GearIdentificationTask(Task):
-    """Swing the joints of the hovering vehicle, free of contact, to identify the friction of its
-    gears.
-    """
+    """Swing the joints of the hovering vehicle, free of contact, to identify their friction."""
 
     schema: ClassVar[str] = "friction"
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
@@ -229,19 +223,19 @@ def values_of(viscous: Array, dry: "DryFriction") -> dict[str, Array]:
 
 
 def errors(case: FrictionCase, found: "IdentifiedFriction") -> dict[str, Array]:
-    """Errors (n,) of Coulomb friction, stiction and viscous friction, as shares of what
-    FrictionBounds says.
-    """
+    """Errors (n,) of Coulomb friction, stiction and viscous friction, as in FrictionBounds."""
     got, true = (
         values_of(found.viscous, found.dry),
         values_of(case.true.joint_damping, case.true.dry_friction),
     )
+
     usual = USUAL * np.asarray(case.true.torque_limits)
     over = {
         "coulomb": usual,
         "stiction": usual,
         "viscous": usual / np.abs(case.samples.columns()[0]).max(axis=0),
     }
+
     return {
         name: np.abs(got[name] - true[name]) / np.where(true[name] > 0.0, true[name], instead)
         for name, instead in over.items()
@@ -265,6 +259,7 @@ def assessed(
         ("coulomb_error", "stiction_error", "viscous_error", "error_sigmas")
     )
     joints: list[JointFriction] = []
+
     if found is not None:
         true = values_of(case.true.joint_damping, case.true.dry_friction)
         believed = values_of(case.believed.joint_damping, case.believed.dry_friction)
@@ -272,6 +267,7 @@ def assessed(
         figures = {f"{name}_error": float(share.max()) for name, share in shares.items()}
         off = [np.abs(got[name] - true[name]) / found.sigma(name) for name in shares]
         figures["error_sigmas"] = float(np.max(off))
+
         joints = [
             JointFriction(
                 name=name,
@@ -289,6 +285,7 @@ def assessed(
             )
             for j, name in enumerate(case.true.joint_names)
         ]
+
     checks = [
         Requirement(
             f"{words}, worst joint off", figures[f"{name}_error"], getattr(bounds, name), "%", 100.0
@@ -300,14 +297,13 @@ def assessed(
         )
     ]
     checks.append(Requirement("largest error", figures["error_sigmas"], bounds.sigmas, "sigma"))
+
     content = FrictionRunMetrics(friction=FrictionMetrics(**figures, joints=joints))
     return Assessment.of(ran.recording, content, checks, seed=case.scenario.seed, wall_s=ran.wall_s)
 
 
 def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
-    """Table of each joint: believed, identified with its standard deviation, true; of a slide in N
-    and m.
-    """
+    """Table of each joint: believed, identified with its standard deviation, true."""
     from rich.table import Table
     from rich.text import Text
 
@@ -316,6 +312,7 @@ def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
         table.add_column(column)
     for column in ("believed", "identified", "± sigma", "true"):
         table.add_column(column, justify="right", no_wrap=True)
+
     true = values_of(case.true.joint_damping, case.true.dry_friction)
     believed = values_of(case.believed.joint_damping, case.believed.dry_friction)
     got = values_of(found.viscous, found.dry)
@@ -330,6 +327,7 @@ def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
                 for value in (believed[word][j], got[word][j], sigma, true[word][j])
             )
             table.add_row(joint if word == "coulomb" else "", Text(figure), *cells)
+
         table.add_section()
     return table
 
@@ -340,18 +338,22 @@ def curves(case: FrictionCase, found: "IdentifiedFriction") -> "Figure":
 
     from uuv.controllers.estimation.friction_identification import over_steps
 
+    # Torque lost in the gears: what the motor gives beyond inertia and the sensor's reading.
     qd, gear, motor = case.samples.columns()
     speed, acceleration = over_steps(qd, case.timestep)
     lost = motor[1:] - case.believed.armature * acceleration - gear[1:] - found.bias
+
     n = len(case.true.joint_names)
     across = min(n, 3)
     figure = Figure(figsize=(3.4 * across, 2.8 * -(-n // across)), layout="constrained")
     every = max(1, len(speed) // _SHOWN)
+
     drawn = (
         ("believed", case.believed.joint_damping, case.believed.dry_friction, "0.5", ":"),
         ("true", case.true.joint_damping, case.true.dry_friction, "k", "-"),
         ("identified", found.viscous, found.dry, "tab:orange", "--"),
     )
+
     for j, name in enumerate(case.true.joint_names):
         axes = figure.add_subplot(-(-n // across), across, j + 1)
         axes.plot(
@@ -363,6 +365,8 @@ def curves(case: FrictionCase, found: "IdentifiedFriction") -> "Figure":
             alpha=0.3,
             label="samples",
         )
+
+        # The laws: viscous, Coulomb and Stribeck friction.
         top = float(np.abs(speed[:, j]).max())
         for label, viscous, dry, colour, style in drawn:
             for sign in (-1.0, 1.0):
@@ -372,10 +376,12 @@ def curves(case: FrictionCase, found: "IdentifiedFriction") -> "Figure":
                     dry.coulomb[j] + (dry.stiction[j] - dry.coulomb[j]) * share
                 )
                 axes.plot(v, f, style, color=colour, lw=1.2, label=label if sign > 0.0 else None)
+
         limit = 1.3 * float(np.quantile(np.abs(lost[:, j]), 0.99))
         axes.set(
             title=name, xlabel="speed [rad/s]", ylabel="torque lost [N m]", ylim=(-limit, limit)
         )
+
     figure.legend(
         *figure.axes[0].get_legend_handles_labels(),
         loc="outside lower center",

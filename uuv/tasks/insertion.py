@@ -75,9 +75,11 @@ class InsertionTask(InsertionSettings, Task):
             raise ConfigurationError(
                 f"vehicle.vehicle {name!r}: its geom {TOOL_GEOM!r} must be a capsule, the sampler"
             )
+
         radius = float(own.model.geom_size[tool, 0])
         site: HoleManifold = object_of(scenario, HoleManifold)
         block = site.block(radius)
+
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT @ pose(p=block.target.center), rng)
         bore = block.hole(self.hole)

@@ -71,9 +71,11 @@ class InspectionTask(InspectionSettings, Task):
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target = workpiece.model()
         config = InspectionJob(**settings_of(InspectionSettings, self))
+
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT @ pose(p=target.center), rng)
         there = workpiece.as_it_is(target, None, rng)
+
         return PlacedInspection(
             scenario=scenario,
             own=own,

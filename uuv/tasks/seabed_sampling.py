@@ -74,9 +74,7 @@ class SeabedSamplingTask(SeabedSettings, Task):
         return "box" if self.drag else "corer"
 
     def check_inputs(self, scenario: Scenario) -> None:
-        """Refuses a site without ground, a soil that there is not, and files that cannot be
-        read.
-        """
+        """Refuses a site without ground, an unknown soil, and files that cannot be read."""
         super().check_inputs(scenario)
         site: Ground = object_of(scenario, Ground)
         SOILS.resolve(site.soil)
@@ -254,9 +252,7 @@ def tool_of(own: "mujoco.MjModel") -> SoilTool:
 
 
 def height_search(hull: Array, *, drag: bool) -> "HeightSearch":
-    """Search settings for the hull's height: a box keeps its edge ahead, a tube may turn about its
-    axis.
-    """
+    """Search settings for the hull's height: a box keeps its edge ahead, a tube may turn."""
     from uuv.controllers.planning.seabed_height import HeightSearch
 
     jets = -float(hull[0, 2])
@@ -271,17 +267,13 @@ def sonar_beams() -> "SonarBeams":
 
 
 def sonar_on_hull(box: Array) -> Array:
-    """Pose X_BS (4, 4) of the sonar: under the hull's bow, looking down, x to starboard and y
-    aft.
-    """
+    """Pose X_BS (4, 4) of the sonar: under the bow, looking down, x to starboard, y aft."""
     R_BS = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     return pose(R_BS, [box[1, 0] - 0.05, 0.0, box[0, 2] - 0.02])
 
 
 def dvl_on_hull(hull: Array) -> Array:
-    """Position (3,) [m] of the Doppler log in B: under the stern, where the folded arm does not
-    block its beams.
-    """
+    """Position (3,) [m] of the Doppler log in B: under the stern, clear of the folded arm."""
     return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
 
 
@@ -294,6 +286,7 @@ def own_arm(own: "OwnVehicle") -> float:
     data.qpos[vehicle.qpos] = vehicle.q_home
     mujoco.mj_kinematics(model, data)
     hull = data.xpos[vehicle.hull], data.xmat[vehicle.hull].reshape(3, 3)
+
     sonar = hull[0] + hull[1] @ sonar_on_hull(own.hull_box)[:3, 3]
     carried = [g for g in range(model.ngeom) if model.geom_bodyid[g] not in (0, vehicle.hull)]
     far = np.linalg.norm(data.geom_xpos[carried] - sonar, axis=1) + model.geom_rbound[carried]
@@ -301,9 +294,7 @@ def own_arm(own: "OwnVehicle") -> float:
 
 
 class SeabedRecorder:
-    """Observer that adds the found seabed, coarse and fine, the targets and the profile to
-    recording and log.
-    """
+    """Observer that adds seabed, coarse and fine, targets and profile to recording and log."""
 
     slow_ticks = ()
 
@@ -319,18 +310,21 @@ class SeabedRecorder:
         found = moment.found
         if not isinstance(found, SeabedFinderState) or found.cloud_W is None:
             return
+
         time, plan = moment.truth.time, found.plan
         self._recorder.add_cloud("scan", found.cloud_W)
         if plan is not None:
             self._recorder.add_cloud("targets", plan.targets.A)
         if self._log is None:
             return
+
         self._log.log_cloud("scan", found.cloud_W, time, radius=0.004)
         ground = moment.estimate.ground
         if ground is not None and np.isfinite(ground.p_W).all():
             self._log.log_arrows(
                 "coarse_plane", ground.p_W[None], PLANE * ground.normal_W[None], time
             )
+
         if plan is None:
             return
         self._log.log_mesh("seabed", plan.terrain.vertices, plan.terrain.triangles, time)

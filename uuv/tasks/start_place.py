@@ -12,9 +12,7 @@ _DEEP = 0.005  # [m] in something; contact of less is left to the physics
 
 
 def folded_at(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> mujoco.MjData:
-    """State of a model with the hull at X_WB (4, 4) and the arm at home, its kinematics
-    computed.
-    """
+    """State of a model, kinematics computed, with the hull at X_WB (4, 4) and the arm at home."""
     data = mujoco.MjData(model)
     data.qpos[vehicle.hull_qpos : vehicle.hull_qpos + 3] = X_WB[:3, 3]
     data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])

@@ -1,6 +1,4 @@
-"""Survey of an object: depth frames on a flight around it, fused to a mesh and compared with its
-model.
-"""
+"""Survey of an object: depth frames around it, fused to a mesh and compared with its model."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,9 +30,7 @@ _VIEWS = {"from +x": (1.0, 0.0, 0.0), "from -y": (0.0, -1.0, 0.0), "from above":
 
 
 class SurveyStory:
-    """Observer that adds the mesh of a survey to the visual log when the work is done, and passes
-    all on to `story`.
-    """
+    """Observer that logs the mesh of a survey when the work is done, and passes all to `story`."""
 
     slow_ticks = ()
 
@@ -50,6 +46,7 @@ class SurveyStory:
             or self._survey.X_WT is None
         ):
             return
+
         mesh, X_WT = self._survey.mesh, self._survey.X_WT
         self._log.log_mesh(
             "survey",
@@ -58,13 +55,12 @@ class SurveyStory:
             moment.truth.time,
             colours(mesh),
         )
+
         self._log = None
 
 
 class SurfaceSurvey:
-    """Observer that adds a depth frame to the mesh every `EVERY` ticks of the work, at the pose
-    that is estimated.
-    """
+    """Observer that fuses a depth frame at the estimated pose every `EVERY` ticks of the work."""
 
     slow_ticks = (EVERY,)
 
@@ -79,13 +75,16 @@ class SurfaceSurvey:
         Raises:
             MissingLibraryError: Open3D is not installed.
         """
+        # Normals of the model's triangles.
         vertices = np.asarray(model.vertices)
         corners = vertices[model.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
         self._surface = NearestSurface.of(vertices, model.triangles)
         self._fusion = SurfaceFusion([vertices.min(axis=0) - REACH, vertices.max(axis=0) + REACH])
         self._floor, self._rng = floor_W + _GROUND, np.random.default_rng([seed, EVERY])
+
         self._camera: DepthCamera | None = None
         self._state: Any = None  # of the camera
         self._mesh: SurfaceMesh | None = None
@@ -100,6 +99,7 @@ class SurfaceSurvey:
         due = moment.tick % EVERY == 0 and moment.reference.state is WorkState.WORK
         if not due or self._camera is None or moment.target is None:
             return
+
         self.X_WT = moment.target.X_WT
         self._state, image = self._camera.step(self._state, moment.truth)
         self._fusion.add(image, inverse(self.X_WT) @ moment.estimate.X_WB @ image.X_BC)
@@ -137,6 +137,8 @@ class SurfaceSurvey:
                 else whole.vertices @ self.X_WT[2, :3]
             )
             above = height + (0.0 if self.X_WT is None else self.X_WT[2, 3]) > self._floor
+
+            # What is left of the mesh, and only the vertices that it uses.
             kept = whole.triangles[above[whole.triangles].all(axis=1)]
             used, index = np.unique(kept, return_inverse=True)
             self._mesh = SurfaceMesh(
@@ -158,9 +160,11 @@ class SurfaceSurvey:
         mesh = self.mesh
         if not len(mesh.triangles):
             return
+
         figure = Figure(figsize=(10.0, 4.2), layout="constrained")
         scene = RayScene(mesh.vertices, mesh.triangles)
         most = 1e3 * _most(mesh)
+
         for axes, (title, way) in zip(figure.subplots(1, 3), _VIEWS.items(), strict=True):
             picture, extent = _seen_from(scene, mesh, np.array(way))
             axes.imshow(
@@ -172,12 +176,14 @@ class SurfaceSurvey:
                 interpolation="nearest",
             )
             axes.set(title=title, xlabel="[m]", facecolor="0.85")
+
         figure.colorbar(
             figure.axes[0].images[0],
             ax=figure.axes,
             label="off the model, outside positive [mm]",
             shrink=0.8,
         )
+
         yield (
             "Surface that was measured",
             f"Mesh of {self.frames} depth frames at the poses that the vehicle believed, in the "
@@ -206,17 +212,18 @@ def _most(mesh: SurfaceMesh) -> float:
 def _seen_from(
     scene: RayScene, mesh: SurfaceMesh, way: Array
 ) -> tuple[Array, tuple[float, float, float, float]]:
-    """Deviation (h, w) [m] as seen from `way` (3,) at infinity, NaN beside the mesh; and the
-    picture's extent [m].
-    """
+    """Deviation (h, w) [m] as seen from `way` (3,) at infinity, NaN off the mesh; extent [m]."""
     up = np.array([0.0, 0.0, 1.0]) if abs(way[2]) < 0.5 else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, way)
+
+    # A grid of rays across the mesh, in the axes of the picture.
     x, y, z = mesh.vertices @ right, mesh.vertices @ up, mesh.vertices @ way
     low, high = np.array([x.min(), y.min()]), np.array([x.max(), y.max()])
     pitch = float((high - low).max()) / _WIDTH
     columns, rows = np.arange(low[0], high[0], pitch), np.arange(high[1], low[1], -pitch)
     starts = columns[None, :, None] * right + rows[:, None, None] * up + (z.max() + 0.1) * way
     hit = scene.cast(starts.reshape(-1, 3), np.broadcast_to(-way, (starts.size // 3, 3)))
+
     value = np.full(len(hit["t"]), np.nan)
     met = np.isfinite(hit["t"])
     value[met] = mesh.deviation[mesh.triangles[hit["triangle"][met]]].mean(axis=1)

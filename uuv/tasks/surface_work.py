@@ -92,9 +92,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
     range: float = option(1.25, "Range from camera to object at the scan [m].", group="work")
 
     def check_inputs(self, scenario: Scenario) -> None:
-        """Refuses an object without surface, a path that it has not, and options that exclude each
-        other.
-        """
+        """Refuses an object without surface, a path that it lacks, and options at odds."""
         workpiece: Workpiece = object_of(scenario, Workpiece)
         self._check_stops(scenario)
         _check_survey(scenario)
@@ -108,9 +106,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         return self.time(*workpiece.target(self.path), self.force_rate).seconds
 
     def time(self, target: "TargetModel", path: str, force_rate: float) -> WorkTime:
-        """The timed work on a path of the object, with a rate [N/s] at which the set force
-        changes.
-        """
+        """The timed work on a path of the object, with a rate [N/s] of the set force."""
         p = np.asarray(target.path(path).p)
         return WorkTime(
             length=float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()),
@@ -151,9 +147,11 @@ class SurfaceWorkTask(SurfaceSettings, Task):
                 self.turn.angle, self.turn.blend, dwell=self.turn.dwell
             )
             target = target.with_path(path, turned)
+
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT, rng)
         there = workpiece.as_it_is(target, path, rng)
+
         placed = PlacedSurfaceWork(
             scenario=scenario,
             own=own,
@@ -169,6 +167,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
                 deformed=there is not target,
             ),
         )
+
         # a small arm's force changes more slowly
         self.time(target, path, placed.job().force_rate).check()
         return placed
@@ -198,14 +197,13 @@ class PlacedSurfaceWork(PlacedTask):
 
     @property
     def longest(self) -> float:
-        """Limit [s] of the simulated time: 1.5 times what looks, length, speed and stops need, at
-        least the usual.
-        """
+        """Limit [s] of the simulated time: what views, path and stops need, with room to spare."""
         from uuv.perception.toolpath.path_planner import PACE
 
         stops = self.task.promise.stops
         work = self.task.time(self.target, self.truth.path, self.job().force_rate)
         working = work.slowed(PACE).seconds  # as on a surface that deviates
+
         if stops is not None:
             standing = (
                 stops.settle + stops.patience + stops.lasting + 2.0 * FollowLimits().pace_time
@@ -245,6 +243,7 @@ class PlacedSurfaceWork(PlacedTask):
 
         if self.scenario.sensing.sensor == SURVEY:
             return SurveyedObjectFinder(self.target, self.truth.path)
+
         kind = (
             PublishedFinder
             if "identification" in self.scenario.control.published

@@ -1,6 +1,4 @@
-"""Tapping: points of an object are touched one after another with a set force, for some time
-each.
-"""
+"""Tapping: points of an object are touched in turn, each with a set force for some time."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
@@ -31,6 +29,7 @@ class TappingTask(SurfaceWorkTask):
     ) -> "PlacedTapping":
         """The work on the site's object, as `SurfaceWorkTask.place`."""
         placed = super().place(scenario, own, rng)
+
         return PlacedTapping(
             scenario=scenario,
             own=own,
@@ -63,6 +62,7 @@ class PlacedTapping(PlacedSurfaceWork):
         from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 
         own, job = self.own.at_work(), self.job()
+
         return PathStanding(
             vehicle=own.vehicle,
             chain=own.chain,

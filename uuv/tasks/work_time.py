@@ -1,6 +1,4 @@
-"""Time that work along a path takes, and whether every set force on it lasts long enough to be
-judged.
-"""
+"""Time of work along a path, and whether every set force on it lasts long enough to be judged."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -29,16 +27,12 @@ class WorkTime:
 
     @property
     def seconds(self) -> float:
-        """Time [s] from the first motion along the path to the last, where nothing slows the tool
-        down.
-        """
+        """Time [s] from the first motion along the path to the last, if nothing slows the tool."""
         limits = FollowLimits()
         return Progress(self.length, self.speed, limits.ramp).duration + limits.linger
 
     def judged(self) -> tuple[float, ...]:
-        """Time [s] for which the error of each level of force counts; negative where it ends before
-        it has settled.
-        """
+        """Time [s] for which the error of each level of force counts; negative: not settled."""
         limits, asked = FollowLimits(), levels(self.forces)
         progress = Progress(self.length, self.speed, limits.ramp)
         passed = [progress.time(self.length * level.end / len(self.forces)) for level in asked]
@@ -61,12 +55,14 @@ class WorkTime:
         """
         if self._is_judged():
             return
+
         speed, length = self._slower(), self._longer()
         ways = [
             *([f"task.speed {speed:g}"] if speed else []),
             *([f"a path of {length:g} m"] if length else []),
             *(["fewer task.forces"] if len(self.forces) > 1 else []),
         ]
+
         raise ConfigurationError(
             f"task.speed {self.speed:g} over {self.length:.3g} m: {self._what_lacks()}; "
             f"{', or '.join(ways)} would do"
@@ -76,6 +72,7 @@ class WorkTime:
         judged = self.judged() if self.forces else ()
         if not judged or long_enough(min(judged)):
             return "the tool hardly comes to that speed"
+
         k = int(np.argmin(judged))
         return (
             f"the set force of {levels(self.forces)[k].force:g} N, {k + 1} of {len(judged)}, "
@@ -93,6 +90,7 @@ class WorkTime:
         slow, fast = SLOWEST, self.speed
         if not replace(self, speed=slow)._is_judged():
             return 0.0
+
         for _ in range(_STEPS):
             middle = 0.5 * (slow + fast)
             slow, fast = (
@@ -106,6 +104,7 @@ class WorkTime:
         short, long = self.length, _FARTHEST
         if not replace(self, length=long)._is_judged():
             return 0.0
+
         for _ in range(_STEPS):
             middle = 0.5 * (short + long)
             short, long = (

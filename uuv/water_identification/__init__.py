@@ -1,3 +1,1 @@
-"""Identification of a vehicle's water from logs: replay on our model, manoeuvres, command and
-study.
-"""
+"""Identification of a vehicle's water from logs: replay, manoeuvres, command and study."""

@@ -51,11 +51,13 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
             options.water_density, "--water-density [kg/m^3]", above=0.0, most=3000.0
         )
         hydrodynamics.attach(spec, {}, density)
+
     own = ReplayVehicle(spec)
     names = [each.name for each in own.water.parameters]
     for name, sigma in options.prior:
         one_of(name, names, "--prior")
         finite_number(sigma, f"--prior {name}", above=0.0)
+
     other = dict(options.prior)
     own.water = replace(
         own.water,
@@ -77,10 +79,13 @@ def run(options: WaterOptions, console: Console) -> int:
     spec, own = vehicle_of(options)
     n = len(own.water.parameters)
     logs = logs_of(options, own.names, ranges_of(own.vehicle))
+
     if not logs and options.plan:
         folder = new_folder(COMMAND, options.out, options.seed)
         _plan(options, own, np.zeros(n), np.eye(n), settings, _USUAL, folder, console)
         return 0
+
+    # Logs of the user, or of a simulated vehicle that is drawn from the prior.
     truth: Array | None = None
     folder: Path
     if logs:
@@ -91,6 +96,7 @@ def run(options: WaterOptions, console: Console) -> int:
         rng = np.random.default_rng(options.seed)
         truth = rng.standard_normal(n)
         folder = new_folder(COMMAND, options.out, options.seed)
+
         flown = survey(own, values_of(own.water.parameters, np.zeros(n)), options.seconds, rng)
         values = values_of(own.water.parameters, truth)
         logs = [
@@ -100,9 +106,12 @@ def run(options: WaterOptions, console: Console) -> int:
         ]
         write_log(folder / "survey.csv", logs[0])
         hashes = {"survey.csv": _sha256(folder / "survey.csv")}
+
         console.print(
             "no --log: a vehicle drawn from the prior is simulated; the column 'true' is what it is"
         )
+
+    # The fit, on the terminal.
     fit, residuals = identify(own, logs, settings)
     found, combined = findings(fit.named, n, fit.quantile), together(fit.named, n)
     exact = None if truth is None else values_of(own.water.parameters, truth)
@@ -110,10 +119,13 @@ def run(options: WaterOptions, console: Console) -> int:
         f"Water of {options.vehicle}, {len(logs)} log{'s' * (len(logs) > 1)}, "
         f"{sum(log.duration for log in logs):.0f} s"
     )
+
     console.print(Text(title, style="bold"))
     console.print(table_of(found, exact))
     for line in words(found, combined, fit, logs, own):
         console.print(line, highlight=False, soft_wrap=True)
+
+    # Files of the fit, and the fitted vehicle.
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     written = [
         write_fit(
@@ -126,12 +138,15 @@ def run(options: WaterOptions, console: Console) -> int:
             combined=combined,
         )
     ]
+
     compiled = spec.copy().compile()
     written += write_vehicle(folder, "fitted", spec, compiled, own.water, fit.named.values)
     write_json(
         folder / "metrics.json",
         {**_metrics(found, fit), "provenance": provenance(COMMAND, asdict(options))},
     )
+
+    # The next manoeuvre, planned with the noise that the residuals show.
     if options.plan:
         noise = {
             kind: settings.noise[kind]
@@ -139,6 +154,7 @@ def run(options: WaterOptions, console: Console) -> int:
             for kind in residuals.logs[0].kinds
         }
         sharp = replace(settings, noise={**settings.noise, **noise})
+
         covariance = fit.named.covariance[:n, :n]
         _plan(
             options,
@@ -150,6 +166,7 @@ def run(options: WaterOptions, console: Console) -> int:
             folder,
             console,
         )
+
     if options.record and not absent("log"):
         from uuv.water_identification.page import write_page
 
@@ -163,6 +180,7 @@ def run(options: WaterOptions, console: Console) -> int:
             asdict(options),
         )
         written.append(folder / "report.html")
+
     console.print(
         f"written to {folder}/: {', '.join(file.name for file in written)}", highlight=False
     )
@@ -201,12 +219,14 @@ def table_of(found: Sequence[Finding], exact: Mapping[str, float] | None = None)
             justify="left" if column in ("parameter", "unit", "") else "right",
             no_wrap=column != "parameter",
         )
+
     for each in found:
         digits = _digits(each)
         cells = [f"{x:.{digits}f}" for x in (each.nominal, each.value)]
         cells.append(f"{each.low:.{digits}f} to {each.high:.{digits}f}")
         if exact:
             cells.append(f"{exact[each.name]:.{digits}f}")
+
         table.add_row(
             Text(each.name), Text(each.unit), *cells, f"{100 * each.told:.0f} %", each.verdict
         )
@@ -227,6 +247,7 @@ def words(
 ) -> list[str]:
     """What the logs cannot tell, in sentences."""
     said = []
+
     for log in logs:
         if own.names and not log.commands and not log.thrusts:
             said.append(
@@ -235,6 +256,7 @@ def words(
             )
         if own.joints and not log.joints:
             said.append(f"{log.name}: no joint column; the arm counts as folded")
+
     said += [f"only together: {sentence}" for sentence in combined]
     off = all(not log.commands and not log.thrusts for log in logs)
     for verdict in ("not told", "partly"):
@@ -245,6 +267,7 @@ def words(
         said += [
             f"{verdict}: {', '.join(names)}; {helps} would tell" for helps, names in by_help.items()
         ]
+
     wide = {name: factor for name, factor in fit.widened.items() if factor > 1.5}
     if wide:
         worst = max(wide, key=lambda name: wide[name])
@@ -253,6 +276,7 @@ def words(
             "and the intervals allow "
             f"for it; most in {worst}, {wide[worst]:.1f} times"
         )
+
     return said
 
 
@@ -271,11 +295,14 @@ def _plan(
         own, deviations, known, settings, channels=channels, aim=options.aim
     )
     console.print(plan_table(ranked))
+
     best = ranked[0]
     console.print(
         f"next: {best.name}; the intervals shrink by {best.sharper():.2f} in the mean",
         highlight=False,
     )
+
+    # Parameters whose intervals shrink most.
     sharpest = np.argsort(-np.where(best.aim, best.before / best.after, 0.0))[:3]
     for i in sharpest:
         each, x = own.water.parameters[i], float(deviations[i])
@@ -285,6 +312,7 @@ def _plan(
             f"{best.before[i] / best.after[i]:.1f} times sharper",
             highlight=False,
         )
+
     log = simulated(
         own,
         values_of(own.water.parameters, deviations),

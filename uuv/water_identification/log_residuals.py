@@ -60,6 +60,7 @@ class LogReplay:
             raise ConfigurationError(
                 f"{log.name}: nothing was measured within its {len(cut)} windows"
             )
+
         if curveless := [
             name
             for name, has in zip(own.names, own.has_curve, strict=True)
@@ -70,6 +71,8 @@ class LogReplay:
                 f"thrust.{curveless[0]} [N] in "
                 f"place of thruster.{curveless[0]}"
             )
+
+        # Rows of the replay: those of each window, one after another.
         begin = np.array([a for a, _ in self.windows])
         steps = np.array([max(1, int((b - a) / self._dt)) for a, b in self.windows], dtype=np.int64)
         self.first = np.concatenate([[0], np.cumsum(steps + 1)[:-1]]).astype(np.int64)
@@ -81,8 +84,11 @@ class LogReplay:
         through = np.concatenate([np.linspace(0.0, NODES - 1.0, n + 1) for n in steps])
         self._nodes = np.maximum(0.0, 1.0 - np.abs(through[:, None] - np.arange(NODES)))
         self._of_row = np.repeat(np.arange(len(begin)), steps + 1)
+
         self.script = self._script(own)
         self.starts = np.array([_start(log, a) for a in begin])
+
+        # Steps by which starts and currents deviate, x, y and z each.
         seen = log.channels
         self.spread = np.repeat(
             [
@@ -94,6 +100,7 @@ class LogReplay:
             ],
             3,
         )
+
         self._samples = {kind: self._sampled(kind) for kind in log.channels}
         self._samples = {kind: each for kind, each in self._samples.items() if len(each.row)}
         windows = np.concatenate(
@@ -102,8 +109,10 @@ class LogReplay:
                 for kind, each in self._samples.items()
             ]
         )
+
         self.order = np.argsort(windows, kind="stable")
         self.splits = np.cumsum(np.bincount(windows, minlength=len(begin)))[:-1]
+
         kinds = list(self._samples)
         widths = [
             len(each.row) * (3 if kind == ATTITUDE else each.measured.shape[1])
@@ -113,9 +122,11 @@ class LogReplay:
         # index into `kinds` of each residual
         self.kind = np.repeat(np.arange(len(kinds)), widths)[self.order]
         self.weight = np.ones(len(kinds))  # of each channel's residuals
+
         steps_of = [float(np.median(np.diff(log.channels[kind].time))) for kind in kinds]
         # samples, by kind
         self.a_second = [round(min(settings.rate, 1.0 / step)) for step in steps_of]
+
         self.nuisances = self._nuisances()
 
     def _nuisances(self) -> tuple[NamedParameter, ...]:
@@ -128,6 +139,7 @@ class LogReplay:
             found += [(f"rate bias {axis}", "rad/s", settings.rate_bias) for axis in "xyz"]
         if FORCE in self.log.channels:
             found += [(f"force bias {axis}", "m/s^2", settings.force_bias) for axis in "xyz"]
+
         return tuple(
             NamedParameter(name=f"{name}: {word}", unit=unit, nominal=0.0, sigma=sigma)
             for word, unit, sigma in found
@@ -143,6 +155,7 @@ class LogReplay:
             if own.names
             else np.zeros((len(log.time), 0))
         )
+
         speed = own.speeds(log.time, commands, self.time)
         for i, name in enumerate(own.names):
             if name in log.thrusts:
@@ -150,6 +163,8 @@ class LogReplay:
                 thrust[:, i] = log.thrusts[name][at]
             elif not own.has_curve[i]:
                 thrust[:, i] = 0.0
+
+        # Angles by local quadratics; a passive or unlogged joint stays at home.
         n = len(own.joints)
         q, qd, qdd = (
             np.zeros((len(self.begin), n)),
@@ -160,10 +175,12 @@ class LogReplay:
             q[:, j] = own.vehicle.q_home[j]
             if name not in log.joints:
                 continue
+
             angle, speed_at = _smooth(log.time, log.joints[name], self.time)
             for w, (a, k) in enumerate(zip(self.first, self.steps, strict=True)):
                 q[w, j], qd[w, j] = angle[a], speed_at[a]
                 qdd[a : a + k, j] = np.diff(speed_at[a : a + k + 1]) / dt
+
         return Script(
             first=self.first, steps=self.steps, speed=speed, thrust=thrust, q=q, qd=qd, qdd=qdd
         )
@@ -175,6 +192,8 @@ class LogReplay:
         ends = self.begin + self.steps * self._dt
         inside = (at >= 0) & (channel.time <= ends[np.maximum(at, 0)] - 1e-9)
         at, time, values = at[inside], channel.time[inside], channel.values[inside]
+
+        # Cells of the settings' rate, in each window.
         together = max(1, round(1.0 / (rate * float(np.median(np.diff(channel.time))))))
         cells = np.floor((time - self.begin[at]) * rate).astype(np.int64)
         cell = cells if together > 1 else np.arange(len(time))
@@ -182,15 +201,20 @@ class LogReplay:
         _, first, of, count = np.unique(
             key, return_index=True, return_inverse=True, return_counts=True
         )
+
         mean = np.zeros((len(first), values.shape[1]))
         np.add.at(mean, of, values)
         when = np.bincount(of, time) / count if len(first) else np.zeros(0)
         mean /= count[:, None]
+
         if kind == ATTITUDE:
             mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+
+        # Row of the replay before each sample, and its share of the step.
         window = at[first]
         steps = (when - self.begin[window]) / self._dt
         k = np.minimum(np.floor(steps).astype(np.int64), self.steps[window] - 1)
+
         return _Samples(
             self.first[window] + k,
             steps - k,
@@ -200,17 +224,17 @@ class LogReplay:
         )
 
     def begun(self, own: Array) -> tuple[Array, Array]:
-        """Starts (W, 13) and what is added to the current (R, 3), for each window's own numbers
-        (OWN,).
-        """
+        """Starts (W, 13) and additions to the current (R, 3) by each window's numbers (OWN,)."""
         moved = own * self.spread
         starts = self.starts.copy()
         starts[:, :3] += moved[:, :3]
+
         turned = Rotation.from_quat(self.starts[:, [4, 5, 6, 3]]) * Rotation.from_rotvec(
             moved[:, 3:6]
         )
         starts[:, 3:7] = turned.as_quat()[:, [3, 0, 1, 2]]
         starts[:, 7:] += moved[:, 6:12]
+
         nodes = moved[self._of_row, STATE:].reshape(-1, NODES, 3)
         return starts, np.einsum("rk,rkj->rj", self._nodes, nodes)
 
@@ -240,6 +264,7 @@ class LogReplay:
             return -at(slice(2, 3)) - each.measured
         if kind == RATE:
             return at(slice(10, 13)) + bias("rate bias") - each.measured
+
         quat = at(slice(3, 7))
         R_WB = Rotation.from_quat(quat[:, [1, 2, 3, 0]])
         if kind == ATTITUDE:
@@ -248,8 +273,10 @@ class LogReplay:
             ]
             seen = R_WB * Rotation.from_rotvec([*mounted, 0.0])
             return (Rotation.from_quat(each.measured).inv() * seen).as_rotvec()
+
         if kind == VELOCITY:
             return R_WB.inv().apply(at(slice(7, 10))) - each.measured
+
         gain = (rows[each.row + 1, 7:10] - rows[each.row, 7:10]) / self._dt
         return (
             R_WB.inv().apply(gain + np.array([0.0, 0.0, GRAVITY]))
@@ -260,23 +287,21 @@ class LogReplay:
     def replayed(
         self, rows: Array, kind: str, values: Mapping[str, float]
     ) -> tuple[Array, Array, Array, np.ndarray]:
-        """Time (k,) [s], measured and replayed values (k, d), and window (k,) of a channel, for
-        pictures.
-        """
+        """Time (k,) [s], measured and replayed values (k, d), and window (k,) of a channel."""
         each = self._samples[kind]
         time = self.time[each.row] + each.share * self._dt
         off = self._off(kind, each, rows, values)
+
         if kind == ATTITUDE:
             measured = Rotation.from_quat(each.measured)
             shown = np.unwrap(measured.as_euler("ZYX"), axis=0)[:, ::-1]
             return time, shown, shown + off, each.window  # small differences about the hull's axes
+
         return time, each.measured, each.measured + off, each.window
 
 
 class WaterResiduals:
-    """Residuals of logs in blocks, one for each window, for
-    `uuv.calib.water.named_fit.fit_blocks`.
-    """
+    """Residuals of logs in blocks, one per window, for `uuv.calib.water.named_fit.fit_blocks`."""
 
     def __init__(
         self, vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
@@ -290,6 +315,7 @@ class WaterResiduals:
         self.vehicle, self.settings = vehicle, settings
         self.logs = tuple(LogReplay(vehicle, log, settings) for log in logs)
         _check_excited(logs, settings)
+
         self.parameters = (
             *vehicle.water.parameters,
             *(each for log in self.logs for each in log.nuisances),
@@ -297,6 +323,7 @@ class WaterResiduals:
         self._index = {each.name: i for i, each in enumerate(self.parameters)}
         # where slopes were computed last
         self._last: tuple[Array, Array, list[Slopes]] | None = None
+
         self._engines: queue.SimpleQueue[ReplayVehicle] = queue.SimpleQueue()
         for i in range(settings.workers):
             self._engines.put(vehicle if i == 0 else vehicle.copy())
@@ -341,6 +368,7 @@ class WaterResiduals:
                 for (r, J, L), s in zip(slopes, shares, strict=True)
             ]
             self._last = x, own, thinner
+
         ends = np.cumsum([len(log.kinds) for log in self.logs])
         for log, its in zip(self.logs, np.split(factors, ends[:-1]), strict=True):
             log.weight /= its
@@ -386,15 +414,14 @@ class WaterResiduals:
         ]
 
     def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
-        """Residuals of each window with their differences, by one replay of all windows for each
-        number.
-        """
+        """Residuals of each window and their differences, by one replay per number."""
         if (
             self._last is not None
             and np.array_equal(self._last[0], deviations)
             and np.array_equal(self._last[1], own)
         ):
             return self._last[2]
+
         x, y = np.array(deviations), self._own_of(own)
         values = values_of(self.parameters, x)
         base = self._run(x, y)
@@ -430,6 +457,7 @@ class WaterResiduals:
             for L, column in zip(starts, differ(rows, values), strict=True):
                 L[:, k] = column
 
+        # Differences by the mean current are sums of those by the windows' own currents.
         currents = {
             self._index[f"{log.log.name}: current {axis}"]
             for log in self.logs
@@ -440,12 +468,14 @@ class WaterResiduals:
             (parameter, j) for j in range(len(x)) if j not in currents
         ]
         tasks += [(window, k) for k in range(OWN)]
+
         if self.settings.workers > 1:
             with ThreadPoolExecutor(self.settings.workers) as pool:
                 list(pool.map(lambda task: task[0](task[1]), tasks))
         else:
             for act, which in tasks:
                 act(which)
+
         for log, J, L in zip(self.logs, shared, starts, strict=True):
             for i, axis in enumerate("xyz"):
                 name = f"{log.log.name}: current {axis}"
@@ -453,6 +483,7 @@ class WaterResiduals:
                     J[:, self._index[name]] = L[:, STATE + i :: 3].sum(axis=1) * (
                         self.settings.current / self.settings.gust
                     )
+
         found = [
             Slopes(*parts)
             for log, each, J, L in zip(self.logs, r, shared, starts, strict=True)
@@ -470,8 +501,7 @@ class WaterResiduals:
 def identify(
     vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
 ) -> tuple[WaterFit, WaterResiduals]:
-    """Identify a vehicle's water from logs: a rough fit to short windows, from there one to long
-    ones.
+    """Identify a vehicle's water from logs: a rough fit to short windows, then one to long ones.
 
     Raises:
         ConfigurationError: As `WaterResiduals`.
@@ -499,6 +529,7 @@ def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
             # Windows begin at rows: there commands change, and steps of the replay begin.
             edges = log.time[np.searchsorted(log.time, np.linspace(a, b, count + 1) - 1e-9)]
             found += [(float(p), float(q)) for p, q in pairwise(edges) if q > p]
+
     if not found:
         longest = max((b - a for a, b in parts), default=0.0)
         raise ConfigurationError(
@@ -510,8 +541,7 @@ def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
 
 
 def _parts(log: WaterLog) -> list[tuple[float, float]]:
-    """Begin and end [s] of each part without a gap: from its first attitude on, and anew from its
-    first position.
+    """Begin and end [s] of parts without a gap, from the first attitude and first position on.
 
     Before those nothing tells where the hull was when a window began.
     """
@@ -522,6 +552,7 @@ def _parts(log: WaterLog) -> list[tuple[float, float]]:
             if kind in log.channels:
                 time = log.channels[kind].time
                 first[kind] = float(min(time[(time >= a) & (time <= b)], default=b))
+
         begin = first.get(ATTITUDE, a)
         again = max(begin, first.get(POSITION, begin))
         found += [(p, q) for p, q in ((begin, again), (again, b)) if q > p]
@@ -535,12 +566,11 @@ def _seen(log: WaterLog, begin: float, end: float, dt: float) -> bool:
 
 
 def _smooth(time: Array, values: Array, at: Array) -> tuple[Array, Array]:
-    """Values and slopes at times `at` by local quadratics over a fifth of a second, or five
-    samples.
-    """
+    """Values and slopes at times `at` by local quadratics over 0.2 s, or five samples."""
     half = max(0.1, 2.5 * float(np.median(np.diff(time))))
     angle, slope = np.empty(len(at)), np.empty(len(at))
     low, high = np.searchsorted(time, at - half), np.searchsorted(time, at + half)
+
     for k, t in enumerate(at):
         angle[k], slope[k] = _local(
             time[low[k] : high[k]] - t, values[low[k] : high[k]], t, time, values
@@ -556,17 +586,17 @@ def _local(dt: Array, values: Array, t: float, time: Array, every: Array) -> tup
 
 
 def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
-    """Times from t and values of a channel's samples about t, on t's side of a gap; None if none is
-    near or beyond.
-    """
+    """Times from t and values of samples about t, on t's side of a gap; None: none is near."""
     if kind not in log.channels:
         return None
     channel = log.channels[kind]
     begin, end = next(part for part in log.segments() if part[0] - 1e-9 <= t <= part[1] + 1e-9)
     inside = np.flatnonzero((channel.time >= begin - 1e-9) & (channel.time <= end + 1e-9))
     dt, values = channel.time[inside] - t, channel.values[inside]
+
     if not len(dt) or dt[0] > _SMOOTHED or dt[-1] < -_SMOOTHED:
         return None
+
     chosen = np.abs(dt) <= _SMOOTHED + 1e-9
     if chosen.sum() < 4:
         chosen = np.argsort(np.abs(dt))[:4]
@@ -586,6 +616,8 @@ def _start(log: WaterLog, t: float) -> Array:
     state = np.zeros(13)
     R, w = Rotation.identity(), np.zeros(3)
     attitude, force = _near(log, ATTITUDE, t), _near(log, FORCE, t)
+
+    # Attitude by itself, or level by the direction of the specific force.
     if attitude is not None:
         dt, quats = attitude
         reference = Rotation.from_quat(quats[int(np.argmin(np.abs(dt)))])
@@ -594,15 +626,19 @@ def _start(log: WaterLog, t: float) -> Array:
     elif force is not None:
         up = force[1].mean(axis=0) / np.linalg.norm(force[1].mean(axis=0))
         R = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0]
+
     if (rate := _near(log, RATE, t)) is not None:
         w = _line(rate)[0]
+
     if (place := _near(log, POSITION, t)) is not None:
         state[:3], state[7:10] = _line(place)
     elif (depth := _near(log, DEPTH, t)) is not None:
         value, slope = _line(depth)
         state[2], state[9] = -value[0], -slope[0]
+
     if (velocity := _near(log, VELOCITY, t)) is not None:
         state[7:10] = R.apply(_line(velocity)[0])
+
     state[3:7] = R.as_quat()[[3, 0, 1, 2]]
     state[10:] = w
     return state
@@ -621,6 +657,7 @@ def _check_excited(logs: Sequence[WaterLog], settings: FitSettings) -> None:
         )
         if pushed or swung or moved:
             return
+
     raise ConfigurationError(
         f"{', '.join(log.name for log in logs)}: nothing moves: no thruster is commanded, no "
         "joint swings, the hull "

@@ -43,6 +43,7 @@ class Manoeuvre:
         a, b, c, d = state[3:7]
         # of the hull's upright axis, about x and y
         lean = np.array([2.0 * (c * d + a * b), 2.0 * (a * c - b * d)])
+
         for i, stiff in enumerate(self.stiffness):
             inertia = (
                 own.water.nominal[own.water.hull].added_mass[3 + i, 3 + i]
@@ -78,15 +79,18 @@ def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
             found.append(
                 Manoeuvre(name=f"{AXES[axis]} {word}", wrench=along(axis, shape), joints=still)
             )
+
     for axis in (3, 4):
         if pushes[axis] > 0.0:
             turn = np.select([time < 4.0, time < 10.0, time < 14.0], [1.0, 0.0, -1.0], 0.0)
             found.append(
                 Manoeuvre(name=f"{AXES[axis]} release", wrench=along(axis, turn), joints=still)
             )
+
     found.append(
         Manoeuvre(name="drift, thrusters off", wrench=np.zeros((len(time), 6)), joints=still)
     )
+
     if pushes[0] > 0.0:
         drag = (
             values["linear damping surge"] * AGAINST
@@ -98,6 +102,7 @@ def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
                 name="hover in a current", wrench=hold, joints=still, current=(-AGAINST, 0.0, 0.0)
             )
         )
+
     if own.joints:
         found.append(
             Manoeuvre(name="arm swing", wrench=np.zeros((len(time), 6)), joints=swing(own, time))
@@ -114,29 +119,27 @@ def survey(
 ) -> Manoeuvre:
     """Sines of random frequency on all axes at once, and the arm swinging."""
     time = _times(seconds)
+
     pushes = amplitudes(own, values)
     wrench = np.zeros((len(time), 6))
     for axis in axes:
         for f in rng.uniform([0.06, 0.2], [0.2, 0.6]):
             wrench[:, axis] += 0.6 * pushes[axis] * np.sin(2.0 * np.pi * (f * time + rng.uniform()))
+
     return Manoeuvre(
         name="survey", wrench=wrench, joints=swing(own, time), stiffness=_stiffness(own, values)
     )
 
 
 def _stiffness(own: ReplayVehicle, values: Mapping[str, float]) -> tuple[float, float]:
-    """Stiffness [N m/rad] in roll and pitch of four times that of the water, where thrusters can
-    hold them.
-    """
+    """Stiffness [N m/rad] in roll and pitch, four times the water's where thrusters hold it."""
     righting = own.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3)
     roll, pitch = (4.0 * righting if each > 0.0 else 0.0 for each in amplitudes(own, values)[3:5])
     return roll, pitch
 
 
 def amplitudes(own: ReplayVehicle, values: Mapping[str, float]) -> Array:
-    """Push (6,) [N, N m] along each axis: one that reaches SPEED or TILT, within the thrusters'
-    authority.
-    """
+    """Push (6,) [N, N m] along each axis that reaches SPEED or TILT, within the authority."""
     found = np.zeros(6)
     if not own.names:
         return found
@@ -149,6 +152,7 @@ def amplitudes(own: ReplayVehicle, values: Mapping[str, float]) -> Array:
             values[f"linear damping {axis}"] * SPEED
             + values[f"quadratic damping {axis}"] * SPEED**2
         )
+
         wanted = drag + inertia * SPEED / REACHED
         if i in (3, 4):
             wanted = min(wanted, TILT * own.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3))
@@ -157,23 +161,21 @@ def amplitudes(own: ReplayVehicle, values: Mapping[str, float]) -> Array:
 
 
 def swing(own: ReplayVehicle, time: Array) -> Array:
-    """Joint angles (N, n) that go from the home posture towards the ready one and back, each joint
-    in its own time.
-    """
+    """Joint angles (N, n) from the home posture towards `ready` and back, each in its own time."""
     home, ready = own.vehicle.q_home, own.vehicle.q_ready
     low, high = own.vehicle.q_limits.T if len(own.joints) else (home, home)
+
     reach = np.where(
         np.abs(ready - home) > 0.1, ready - home, np.where(high - home > home - low, 0.5, -0.5)
     )
     reach = np.clip(home + np.clip(reach, -1.2, 1.2), low, high) - home
+
     f = 0.07 + 0.02 * np.arange(len(home))
     return home + reach * 0.5 * (1.0 - np.cos(2.0 * np.pi * np.outer(time, f)))
 
 
 def commands(own: ReplayVehicle, wrench: Array) -> Array:
-    """Commands (N, m) for a wanted wrench (N, 6): fractions, of thrusters without a curve
-    newtons.
-    """
+    """Commands (N, m) for a wrench (N, 6): fractions; newtons for thrusters without a curve."""
     forces = wrench @ np.linalg.pinv(own.wrench).T if own.names else np.zeros((len(wrench), 0))
     for i in np.flatnonzero(own.has_curve):
         forces[:, i] = [command_for(own.curve[i], force) for force in forces[:, i]]
@@ -207,8 +209,10 @@ def simulated(
     substeps = int(np.ceil(_FINE / (RATE_OF_LOGS * own.timestep)))
     dt = 1.0 / (RATE_OF_LOGS * substeps)
     fine.model.opt.timestep = dt
+
     time = np.arange(len(manoeuvre.wrench)) / RATE_OF_LOGS
     grid = np.asarray(dt * np.arange(substeps * (len(time) - 1) + 1), dtype=np.float64)
+
     turning = (
         _smoothed(np.gradient(_at(grid, time, manoeuvre.joints), dt, axis=0), int(0.1 / dt))
         if n
@@ -216,10 +220,12 @@ def simulated(
     )
     gone = np.vstack([np.zeros((1, n)), np.cumsum(0.5 * dt * (turning[1:] + turning[:-1]), axis=0)])
     angle = manoeuvre.joints[:1] + gone  # what the joints really do, and the encoders read
+
     flow = np.tile(manoeuvre.current, (len(grid), 1))
     if gust > 0.0 and rng is not None:
         gusts = Current((0.0, 0.0, 0.0), gust=gust, time_constant=_GUSTS_TURN, timestep=dt, rng=rng)
         flow = flow + np.array([gusts.step()[0].copy() for _ in grid])
+
     state, lag = np.zeros(13), None
     state[3] = 1.0
     seen, given, rates = (
@@ -228,11 +234,14 @@ def simulated(
         np.zeros((len(time), 3)),
     )
     first, steps = np.zeros(1, dtype=np.int64), np.array([substeps])
+
+    # Step by step: the wrench that holds roll and pitch depends on the state.
     for k in range(len(time)):
         seen[k] = state
         given[k] = commands(own, (manoeuvre.wrench[k] + manoeuvre.steadied(own, state))[None])[0]
         if k == len(time) - 1:
             break
+
         at = slice(k * substeps, (k + 1) * substeps + 1)
         # The propellers begin in their first command, as in a replay, which knows none before.
         speed, lag = own.followed(given[k], lag or (given[k], given[k]), dt, substeps + 1)
@@ -245,10 +254,13 @@ def simulated(
             qd=turning[at][:1],
             qdd=np.vstack([np.diff(turning[at], axis=0), np.zeros((1, n))]) / dt,
         )
+
         rows = fine.run(values, script, state[None], flow[at])
         rates[k], state = (rows[1, 7:10] - rows[0, 7:10]) / dt, rows[-1].copy()
         state[3:7] /= np.linalg.norm(state[3:7])
     rates[-1] = rates[-2]
+
+    # Exact channels, and noise on them.
     R_WB = Rotation.from_quat(seen[:, [4, 5, 6, 3]])
     specific = R_WB.inv().apply(rates + np.array([0.0, 0.0, GRAVITY]))
     exact = {
@@ -259,11 +271,13 @@ def simulated(
         DEPTH: -seen[:, 2:3],
         FORCE: specific,
     }
+
     if rng is not None:
         exact = {
             kind: each + rng.normal(0.0, noise[kind], each.shape) for kind, each in exact.items()
         }
     exact[ATTITUDE] = (R_WB * Rotation.from_rotvec(exact[ATTITUDE])).as_quat()
+
     return WaterLog(
         name=name,
         time=time,
@@ -293,14 +307,13 @@ def _times(seconds: float) -> Array:
 
 
 def _authority(own: ReplayVehicle) -> Array:
-    """Largest push (6,) along each axis that the pseudo-inverse of the allocation gives; endless
-    without a curve.
-    """
+    """Largest push (6,) along each axis by the pseudo-inverse allocation; inf without curve."""
     shares = np.linalg.pinv(own.wrench)
     reached = own.wrench @ shares
     limits = np.full(len(own.names), np.inf)
     for i in np.flatnonzero(own.has_curve):
         limits[i] = min(thrust_at(own.curve[i], 1.0), -thrust_at(own.curve[i], -1.0))
+
     found = np.zeros(6)
     for axis in range(6):
         # the thrusters push along it and along nothing else

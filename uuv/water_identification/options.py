@@ -1,6 +1,4 @@
-"""Options of the identification of a vehicle's water, and its inputs, which are read before
-anything is compiled.
-"""
+"""Options of the identification of a vehicle's water, and its inputs, read before compiling."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -68,8 +66,7 @@ class WaterOptions(RunOptions):
 
 
 def check_inputs(options: WaterOptions) -> None:
-    """Refuses options that are out of bounds, a vehicle that there is not, and logs that cannot be
-    read.
+    """Refuses options out of bounds, an unknown vehicle, and logs that cannot be read.
 
     Raises:
         UuvError: Which one, what is allowed, and what was given.
@@ -80,9 +77,11 @@ def check_inputs(options: WaterOptions) -> None:
     from uuv.water_identification.replayed_parts import pushed_parts, ranges_of
 
     settings_of(options)
+
     for path in options.log:
         if not path.is_dir():
             check_log(path)
+
     model = inputs.check_vehicle(VehicleSetup(vehicle=options.vehicle)).compile()
     vehicle = Vehicle.of(model)
     logs_of(options, tuple(pushed_parts(model, vehicle).values()), ranges_of(vehicle))
@@ -99,6 +98,7 @@ def settings_of(options: WaterOptions) -> FitSettings:
         noise[one_of(name, tuple(CHANNELS), "--noise")] = finite_number(
             value, f"--noise {name}", above=0.0
         )
+
     return FitSettings(
         window=finite_number(options.window, "--window [s]", least=1.0, most=60.0),
         rate=finite_number(options.rate, "--rate [Hz]", least=1.0, most=200.0),
@@ -113,8 +113,7 @@ def settings_of(options: WaterOptions) -> FitSettings:
 def logs_of(
     options: WaterOptions, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
 ) -> list[WaterLog]:
-    """The logs of the command line, of a vehicle with those thrusters and ranges [rad] of joints,
-    by name.
+    """The logs of the command line, for a vehicle with those thrusters and joint ranges [rad].
 
     Raises:
         UuvError: One cannot be read, or is none.
@@ -125,6 +124,7 @@ def logs_of(
         else read_log(path, thrusters=thrusters, joints=joints)
         for path in options.log
     ]
+
     names = [log.name for log in logs]  # of the file, which another folder may have too
     return [
         replace(log, name=f"{log.name} ({i})") if names.count(log.name) > 1 else log
@@ -135,9 +135,7 @@ def logs_of(
 def _of_run(
     folder: Path, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
 ) -> WaterLog:
-    """Log of a recorded run: thrusts and joints at the rate of its slower table, with the pose at
-    those times.
-    """
+    """Log of a recorded run at the rate of its slower table, with the pose at those times."""
     from uuv.sim.reporting.series_tables import LOOP, SLOW, PastRun
 
     past = PastRun.of(folder)

@@ -1,6 +1,4 @@
-"""`report.html` of an identification of the water: what is told, measured against replayed,
-residuals by axis.
-"""
+"""`report.html` of an identification of the water: parameters, measured and replayed, residuals."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -89,6 +87,7 @@ def _pictures(
             _ANGLES if kind == ATTITUDE else [f"{word} [{_UNITS[kind]}]" for word in CHANNELS[kind]]
         )
         figure = Figure(figsize=(3.3 * len(labels), 4.0), layout="constrained")
+
         broken = np.where(np.diff(window, prepend=window[:1]) != 0)[0]
         for i, label in enumerate(labels):
             above = figure.add_subplot(2, len(labels), i + 1)
@@ -99,9 +98,11 @@ def _pictures(
                 color="tab:orange",
                 lw=1.0,
             )
+
             above.set_title(label)
             below = figure.add_subplot(2, len(labels), len(labels) + i + 1)
             below.plot(time, replayed[:, i] - measured[:, i], ".", ms=1.5, color="tab:blue")
             below.axhline(0.0, color="0.6", lw=0.6)
             below.set_xlabel("time [s]")
+
         yield kind, figure

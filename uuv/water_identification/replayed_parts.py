@@ -6,9 +6,7 @@ from uuv.models.vehicle import Vehicle
 
 
 def pushed_parts(model: mujoco.MjModel, vehicle: Vehicle) -> dict[int, str]:
-    """Name of each actuator that pushes at a site of the vehicle, thrusters without "thruster_", by
-    its index.
-    """
+    """Name of each actuator at a site of the vehicle, by its index, without "thruster_"."""
     own = {
         int(a): str(name)
         for a, name in zip(vehicle.thruster_actuators, vehicle.thruster_names, strict=True)

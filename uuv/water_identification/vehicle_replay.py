@@ -75,18 +75,23 @@ class ReplayVehicle:
             raise ConfigurationError(
                 "the vehicle has no hydrodynamics to begin with: attach some to its bodies"
             )
+
         pushed = pushed_parts(original, vehicle)
         self.names = tuple(pushed.values())
         self.joints = vehicle.joint_names
         self.water = VehicleWater.of(original, gains=self.names)
         self.model = _compiled(spec, vehicle, [original.actuator(i).name for i in pushed])
+
         water = world_row(original)
         rate = float(water[LAYOUT.drag_rate] + _USUAL_SPEED * water[LAYOUT.drag_rate + 1])
         self.timestep = float(np.clip(1.0 / max(rate, 1e-3), SHORTEST_STEP, LONGEST_STEP))
         self.model.opt.timestep = self.timestep
+
         # what the callback warns of is not for RK4, and W is the log's own
         row = world_row(self.model)
         row[LAYOUT.drag_rate : LAYOUT.drag_rate + 2], row[LAYOUT.ceiling] = 0.0, 1e9
+
+        # Thrusters with a table follow their curves; other actuators push the logged force.
         own = vehicle.thruster_actuators
         width = vehicle.thruster_table.shape[1] if len(own) else 0
         rows = {
@@ -95,13 +100,16 @@ class ReplayVehicle:
         }
         self.has_curve = np.array([i in rows for i in pushed], dtype=np.bool_)
         table = np.array([rows.get(i, np.zeros(width)) for i in pushed]).reshape(len(pushed), width)
+
         self.lag = table[:, TIME_CONSTANT] if width else np.zeros(len(pushed))
         self.slew = table[:, SLEW_RATE] if width else np.zeros(len(pushed))
         loss = table[:, INFLOW_LOSS] if width else np.zeros(len(pushed))
+
         found = curves(vehicle.thruster_table)
         curve = np.zeros((len(pushed), max(found.shape[1], 1)))
         if len(own):
             curve[self.has_curve] = found
+
         advance = np.zeros((6, len(pushed)))
         if width:
             advance[:, self.has_curve] = inflow_levers(
@@ -109,6 +117,7 @@ class ReplayVehicle:
             )
         self._thrusters = curve, loss, advance
         self.curve = curve  # (m, ...) static curves, zero where `has_curve` is not
+
         self.pushes = np.array(
             [self.model.actuator(original.actuator(i).name).id for i in pushed], dtype=np.int64
         )
@@ -120,6 +129,7 @@ class ReplayVehicle:
         data = mujoco.MjData(self.model)
         found = np.zeros((6, len(self.pushes)))
         first = self.vehicle.hull_dof
+
         for k, i in enumerate(self.pushes):
             data.ctrl[:] = 0.0
             data.ctrl[i] = 1.0
@@ -131,6 +141,7 @@ class ReplayVehicle:
         self.data = mujoco.MjData(self.model)
         self._written: Mapping[str, float] | None = None
         self._gains = np.ones(len(self.names))
+
         driven = [self.model.joint(name) for name in self.joints]
         step = ctypes.cast(library().mj_step, ctypes.c_void_p).value or 0
         self._places = np.array([step, self.model._address, self.data._address], dtype=np.int64)
@@ -153,15 +164,16 @@ class ReplayVehicle:
     def followed(
         self, command: Array, state: tuple[Array, Array], dt: float, count: int
     ) -> tuple[Array, tuple[Array, Array]]:
-        """Propeller speeds (count, PARTS, m) in steps of a held command, and the state after all
-        but the last.
+        """Propeller speeds (count, PARTS, m) in steps of a held command; state before the last.
 
         The state is the commands (m,) after the slew limit, and the speeds (m,).
         """
         passed, speed = state
+
         decay = np.where(self.lag > 0.0, np.exp(-dt / np.where(self.lag > 0.0, self.lag, 1.0)), 0.0)
         most = np.where(self.slew > 0.0, self.slew * dt, np.inf)
         shares = decay[:, None] ** ((np.arange(PARTS) + 0.5) / PARTS)
+
         found, after = np.empty((count, PARTS, len(command))), state
         for k in range(count):
             after = passed, speed
@@ -179,12 +191,14 @@ class ReplayVehicle:
             int(np.ceil((float(at.max(initial=time[0])) + self.timestep - float(time[0])) / _FINE))
             + 2
         )
+
         grid = float(time[0]) + _FINE * np.arange(count)
         held = commands[np.clip(np.searchsorted(time, grid + 1e-9) - 1, 0, len(time) - 1)]
         state, found = (held[0], held[0]), np.empty((count, held.shape[1]))
         for k, wanted in enumerate(held):
             found[k] = state[1]
             _, state = self.followed(wanted, state, _FINE, 2)
+
         middles = at[:, None] + self.timestep * (np.arange(PARTS) + 0.5) / PARTS
         made = [
             np.interp(middles.ravel(), grid, column).reshape(middles.shape) for column in found.T
@@ -213,11 +227,15 @@ class ReplayVehicle:
             States (R, 13) of the hull.
         """
         self.write(values)
+
         rows = np.zeros((script.rows, STATE))
         mujoco.mj_resetData(self.model, self.data)
+
         addresses = self.vehicle.hull_qpos, self.vehicle.hull_dof
         flow = world_row(self.model)[LAYOUT.current_acceleration :][:3]
         views = self.data.qpos, self.data.qvel, self.data.ctrl, self.model.opt.wind, flow
+
+        # What numba takes are arrays and tuples of them.
         _replay(
             self._places,
             views,
@@ -247,15 +265,14 @@ class ReplayVehicle:
 def _replay(
     places, views, addresses, joints, pushes, thrusters, gains, script, starts, currents, dt, rows
 ):
-    """Step all windows from their starts, and write the hull's state before each step and at the
-    end to `rows`.
-    """
+    """Step all windows, and write the hull's state before each step and at the end to `rows`."""
     qpos, qvel, ctrl, wind, flow = views
     at_q, at_v = addresses
     joint_q, joint_v, joint_ctrl = joints
     curve, loss, advance = thrusters
     first, steps, speed, thrust, q, qd, qdd = script
     nu_r, before, R = np.empty(6), np.empty(6), np.empty((3, 3))
+
     for w in range(first.shape[0]):
         for i in range(7):
             qpos[at_q + i] = starts[w, i]
@@ -275,6 +292,8 @@ def _replay(
                     k = steps[w]
             if k == steps[w]:
                 break
+
+            # Rotation matrix of the hull.
             a, b, c, d = qpos[at_q + 3], qpos[at_q + 4], qpos[at_q + 5], qpos[at_q + 6]
             R[0, 0], R[0, 1], R[0, 2] = (
                 1.0 - 2.0 * (c * c + d * d),
@@ -302,6 +321,8 @@ def _replay(
                     nu_r[i] += R[j, i] * through
             for i in range(6):
                 before[i] = qvel[at_v + i]
+
+            # Thrusts.
             for i in range(pushes.shape[0]):
                 force = thrust[row, i]
                 if np.isnan(force):
@@ -315,14 +336,18 @@ def _replay(
                             / speed.shape[1]
                         )
                 ctrl[pushes[i]] = gains[i] * force
+
+            # Joints: the torque of the logged acceleration.
             for j in range(joint_q.shape[0]):
                 ctrl[joint_ctrl[j]] = _ROTOR * qdd[row, j]
+
             call_physics(places[0], places[1], places[2])
 
 
 def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujoco.MjModel:
     """The model with driven joints, passive ones locked, and nothing that touches."""
     spec = spec.copy()
+
     for group in (
         spec.sensors,
         spec.equalities,
@@ -333,11 +358,13 @@ def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujo
     ):
         for each in list(group):
             spec.delete(each)
+
     for actuator in list(spec.actuators):
         if actuator.name in pushing:
             thrusters.detach(actuator)
         else:
             spec.delete(actuator)
+
     home = dict(zip(vehicle.joint_names, vehicle.q_home, strict=True))
     for joint in list(spec.joints):
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
@@ -345,14 +372,17 @@ def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujo
         if joint.name not in home:
             spec.delete(joint)
             continue
+
         joint.damping, joint.stiffness, joint.armature = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], _ROTOR
         joint.frictionloss, joint.limited = 0.0, mujoco.mjtLimited.mjLIMITED_FALSE
         actuator = spec.add_actuator(
             name=f"drive {joint.name}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name
         )
         actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(
         mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     )
+
     return hydrodynamics.compile(spec)

@@ -83,6 +83,7 @@ def identify_object(options: IdentificationOptions) -> int:
         console.print(note, highlight=False)
     reason = f": {judge.reason}" if judge.reason else ""
     console.print(f"{target.name}: {decision}{reason}", highlight=False)
+
     content = identification.report(pose, target, notes)
     content |= {"decision": decision, "reason": judge.reason}
     if several is not None:

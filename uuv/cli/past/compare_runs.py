@@ -68,6 +68,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         console.print(
             table(title, [str(run.folder) for run in runs], rows) if rows else f"{title}: none"
         )
+
     if absent(LOG):
         console.print(
             f"no page of the time series: {to_install(LOG)}", markup=False, highlight=False
@@ -94,6 +95,7 @@ def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> di
     made = [
         {key: value for key, value in one.items() if not key.startswith(_ASKED)} for one in made
     ]
+
     figures = [dict(numbers(run.metrics)) for run in runs]
     shown = [(key, values) for key, values in _rows(figures) if every or not alike(values)]
     versions = _differing(made)
@@ -168,6 +170,7 @@ def table(title: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[A
     made.add_column("")
     for name in names:
         made.add_column(Path(name).name, justify="right", overflow="fold")
+
     for key, values in rows:
         made.add_row(key, *map(_said, values))
     return made

@@ -78,11 +78,13 @@ def run_folder(given: str) -> Path:
             if (folder / "metrics.json").exists():
                 # where `latest` points now, for it moves on
                 return folder.parent / folder.readlink() if folder.is_symlink() else folder
+
         there = (
             sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
         )
     except OSError as error:  # a name that is too long, or a folder that may not be looked into
         raise ConfigurationError(f"{given}: no run ({error.strerror})") from error
+
     known = f"; runs/ has {', '.join(there)}" if there else "; there is no folder runs/ here"
     raise ConfigurationError(f"{given}: no run, a folder with metrics.json{known}")
 
@@ -120,9 +122,11 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
         digests = {"trajectory_sha256": got, "recorded_sha256": wanted}
         print_json({"same": same, "simulated_s": ran.recording.duration, **digests})
         return 0 if same else 1
+
     if same:
         print(f"the same to the bit: {ran.recording.duration:.1f} s, trajectory {got[:12]}")
         return 0
+
     print(
         f"another trajectory: {got[:12]}, recorded {str(wanted)[:12]}. The record is of other "
         "code or libraries, of "
@@ -132,9 +136,7 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
 
 
 def report(folder: Path, *, trust: bool = False) -> int:
-    """Prints the path of the report, made where it is missing; `trust`: also by its scenario's
-    code.
-    """
+    """Prints the path of the report, made where missing; `trust`: also by its scenario's code."""
     file = folder / "report.html"
     if not file.exists():
         if absent(LOG):
@@ -161,6 +163,7 @@ def view(folder: Path) -> int:
     with regular(log, "log") as stream:
         if stream.read(len(_RRD)) != _RRD:
             raise ConfigurationError(f"log {shown(str(log))}: is no log of Rerun")
+
     beside = Path(sys.executable).with_name("rerun")
     program = str(beside) if beside.exists() else shutil.which("rerun")
     if program is None:

@@ -31,12 +31,16 @@ _WATER = np.linspace([58.0, 110.0, 130.0], [16.0, 44.0, 60.0], HEIGHT)[:, None]
 def render(scenario: Scenario, past: PastRun, still: Path, clip: Path) -> Iterator[Path]:
     """Renders a run into the files `still` and `clip`; gives each when it is written."""
     stage = RunScene(scenario, past)
+
+    # The still: some seconds into the work.
     busy = [
         event.time for event in past.events if event.state in (WorkState.WORK, WorkState.INSERT)
     ]
     middle = stage.nearest(busy[0] + 5.0) if busy else len(stage.time) // 2
     write_whole(still, _encoded(stage.frame(middle), "png"))
     yield still
+
+    # The clip, at even intervals.
     rows = np.linspace(0, len(stage.time) - 1, FRAMES).astype(int)
     first, *others = [stage.frame(row) for row in rows]
     later = [Image.fromarray(frame) for frame in others]
@@ -94,9 +98,11 @@ class RunScene:
         self._model, vehicle = built.plant.model, Vehicle.of(built.plant.model)
         self._data, self._vehicle = mujoco.MjData(self._model), vehicle
         self.time = past.numbers("time", "slow")
+
         self._q = np.column_stack(
             [past.numbers(f"q.{name}", "slow") for name in vehicle.joint_names]
         )
+
         every = np.searchsorted(past.numbers("time"), self.time)
         hull = [past.numbers(f"p_WB.{axis}") for axis in "xyz"]
         hull += [past.numbers(f"quat_WB_wxyz.{part}") for part in "wxyz"]
@@ -105,9 +111,11 @@ class RunScene:
                 raise ConfigurationError(
                     f"{past.folder}: a recorded pose is not finite, or beyond {FARTHEST:g} m"
                 )
+
         self._hull = np.column_stack(hull)[np.minimum(every, len(hull[0]) - 1)]
         light = self._model.vis.headlight
         light.ambient[:], light.diffuse[:], light.specular[:] = 0.5, 0.6, 0.1
+
         self._view = _view(self._model)
         self._camera = mujoco.MjvCamera()
         self._aim()
@@ -131,6 +139,7 @@ class RunScene:
 
     def _aim(self) -> None:
         """Look at the middle of the tool's and the hull's places, from far enough to see both."""
+        # Sampled over the whole run.
         places: list[Array] = []
         for row in np.linspace(0, len(self.time) - 1, 20).astype(int):
             self._put(row)
@@ -138,8 +147,10 @@ class RunScene:
                 self._data.site_xpos[self._vehicle.tip].copy(),
                 self._data.xpos[self._vehicle.hull].copy(),
             ]
+
         low, high = np.min(places, axis=0), np.max(places, axis=0)
         camera, ahead = self._camera, self._data.xmat[self._vehicle.hull].reshape(3, 3)[:, 0]
+
         camera.lookat[:] = 0.5 * (low + high) - [0.0, 0.0, 0.15]
         camera.distance = 1.5 * float(np.linalg.norm(high - low)) + 2.0
         camera.azimuth, camera.elevation = (

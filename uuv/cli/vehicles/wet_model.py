@@ -71,6 +71,7 @@ def wet_model(options: WetOptions, console: "Console") -> int:
     visual = options.geoms != "collision"
     spec, notes = read_model(options.model, free=options.free, scale=options.scale, visual=visual)
     out = options.model.with_suffix(".wet.xml") if options.out is None else options.out
+
     if not out.parent.is_dir():
         raise ConfigurationError(f"--out {out}: there is no folder {str(out.parent)!r}")
     from uuv.models.files.sidecar import tree_of
@@ -85,11 +86,13 @@ def wet_model(options: WetOptions, console: "Console") -> int:
     )
     if options.model.suffix.lower() in MESHES:
         make_neutral(spec)
+
     written = write_model(wetted, out, with_sidecar=options.sidecar)
     if options.json:
         content = {"files": written, "notes": [*notes, *wetted.dry], "water": tree_of(spec)}
         print_json({**content, "origins": [asdict(origin) for origin in wetted.origins]})
         return 0
+
     console.print(table(wetted, options.model.name))
     for note in (*notes, *(f"no water: {body}" for body in wetted.dry)):
         console.print(note, markup=False, highlight=False, soft_wrap=True)

@@ -75,6 +75,7 @@ def keep_near(X_WG, v_WG_W, since, p_WG, leash):
     lead = np.empty(3)
     for i in range(3):
         lead[i] = X_WG[i, 3] + since * v_WG_W[i] - p_WG[i]
+
     far = np.sqrt(lead[0] * lead[0] + lead[1] * lead[1] + lead[2] * lead[2])
     if far > leash:
         for i in range(3):

@@ -63,12 +63,12 @@ class ResultsOfOne:
         return f"*no data here*; {self.kept.status}" if no_data else self.kept.status
 
     def summary(self) -> Summary:
-        """The page for the kept rows.
+        """The page for the kept rows; empty if there are none, for then no bound is missed.
 
         Raises:
             ConfigurationError: They are of another version of the experiment.
         """
-        return self.experiment.summary(self.kept.rows if self.kept else [])
+        return self.experiment.summary(self.kept.rows) if self.kept else Summary(metrics={})
 
 
 def all_experiments() -> list[Experiment[Any, Any]]:

@@ -32,7 +32,9 @@ WAVE = 0.1  # [m/s] amplitude of the water's velocity, at most; two of three sea
 FREQUENCY = (0.05, 0.3)  # [Hz]
 
 CHECKED = frozenset({FaultKind.GYRO.value, FaultKind.ATTITUDE.value})
-REFUSED, DONE, LATE = "refused", "done", "not done in time"
+REFUSED = "refused"
+DONE = "done"
+LATE = "not done in time"
 TOUCHED = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
 # jobs that a survey cannot tell the pose of their object
@@ -158,11 +160,13 @@ def draw(seed: int, run: int, *, paired: bool = False) -> SoundCase:
         paired: Run it without the check in any case.
     """
     worker = WORKERS[run % len(WORKERS)]
-
     streams = Streams(seed, run)
+
+    # the sea; a third have no waves
     speed = streams["current speed"].uniform(0.0, CURRENT)
     has_waves = streams["waves"].random() < 2.0 / 3.0
     amplitude = streams["wave amplitude"].uniform(0.0, WAVE) if has_waves else 0.0
+
     return SoundCase(
         run=run,
         paired=paired,
@@ -196,6 +200,7 @@ def false_alarms(case: SoundCase) -> SoundRow:
     if not (case.paired or _names_one(asdict(end), checked=True)):
         return SoundRow(**asdict(end))
 
+    # the same run without the check
     without = replace(scenario, control=replace(scenario.control, without=("gyro-check",)))
     unchecked = end_of(without)
     return SoundRow(**asdict(end), unchecked=asdict(unchecked), same=end.digest == unchecked.digest)

@@ -80,7 +80,8 @@ SENSORS: Mapping[str, tuple[type, Any, float]] = {
 }
 NOTHING = "nothing"
 DOUBLED = "current doubled in 1 s"
-FARTHER, NEARER = "found 8 cm too deep", "found 5 cm too high"
+FARTHER = "found 8 cm too deep"
+NEARER = "found 5 cm too high"
 AT_START = (FARTHER, NEARER)  # these begin before the scan
 
 PhaseName = Literal["scan", "close-in", "approach", "press", "work", "unload", "retreat", "ascent"]

@@ -9,6 +9,7 @@ from uuv.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -50,7 +51,8 @@ def main() -> int:
     words = f"{case.path}_{case.seed}_{case.phase}_{case.fault}"
     file = folder / f"{words.replace(' ', '_').replace('/', '_')}.png"
     folder.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(file.with_suffix(".npz"), **trace.series)
+    arrays: dict[str, Any] = {**trace.series}
+    np.savez_compressed(file.with_suffix(".npz"), **arrays)
     draw(trace, f"{case.fault}, {case.path} path, seed {case.seed}", file)
     print(f"written to {file}")
     return 0

@@ -86,7 +86,7 @@ class FaultRow:
     """What the vehicle detects, what it does, and what happens; times are from the fault on."""
 
     group: str = column("group")
-    found: str = column("detected first")
+    detected: str = column("detected first")
     delay: float | None = column("detected after", "s", digits=2)
     reaction: str = column("reaction")
     left: float | None = column("work left after", "s", digits=2)
@@ -176,7 +176,7 @@ def figures(trace: Trace) -> FaultRow:
         reaction = "work, at less force for a while"
     return FaultRow(
         group=group_of(trace.fault),
-        found=" ".join(trace.reports[0][1:]) if trace.reports else "",
+        detected=" ".join(trace.reports[0][1:]) if trace.reports else "",
         delay=trace.reports[0][0] if trace.reports else None,
         reaction=reaction,
         left=left,
@@ -223,7 +223,7 @@ def line(row: Row) -> str:
     """A line about one case."""
     cells = [
         f"{faults.columns[name].heading}: {faults.columns[name].cell(row[name])}"
-        for name in ("found", "delay", "peak", "touch", "excursion", "tilt", "reaction", "note")
+        for name in ("detected", "delay", "peak", "touch", "excursion", "tilt", "reaction", "note")
     ]
     about = f"{row['path']} {row['seed']}, {row['fault']} in {row['phase']}"
     return f"{about}: {'; '.join(cells)}{'; DAMAGE' if row['damage'] else ''}"
@@ -248,7 +248,7 @@ faults.page = (
         f"Faults at a push of {PUSH:g} N",
         by=("fault", "phase", "path", "seed"),
         columns=[
-            *("found", "delay", "reaction", "peak", "touch"),
+            *("detected", "delay", "reaction", "peak", "touch"),
             *("excursion", "tilt", "lost", "damage"),
         ],
     )

@@ -6,12 +6,13 @@ A gyro counts as named if the first fault that is reported is that of the gyro o
 
 from uuv.start import run_scenario  # isort: skip
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 from experiments.faults.fault_cases import PATHS, PathName
-from uuv.experiment import Page, Row, column, experiment, stat
+from uuv.experiment import Page, column, experiment, stat
 from uuv.jobs import clean_barrel
 from uuv.perturbations.loop import SensorFailure
 from uuv.runner import run, saved
@@ -88,6 +89,8 @@ def gyro_steps(case: GyroStep) -> GyroRow:
     """Simulates a step of the bias."""
     start = _at_work(case.path, case.seed)
     first = FirstFault()
+
+    # the step
     onset = start.time + ONSET
     failure = SensorFailure(
         sensor="imu",
@@ -101,6 +104,7 @@ def gyro_steps(case: GyroStep) -> GyroRow:
         start.with_failures(failure), observers=[first], longest=onset + AFTER
     ).recording
 
+    # from the onset on
     force = recording["contact_most"]
     error = path_error(recording)
     assert error is not None
@@ -115,7 +119,7 @@ def gyro_steps(case: GyroStep) -> GyroRow:
     )
 
 
-def named(row: Row) -> bool:
+def named(row: Mapping[str, Any]) -> bool:
     """Whether the gyro of this axis was the first fault."""
     return row["kind"] == FaultKind.GYRO.value and row["part"] == row["axis"]
 

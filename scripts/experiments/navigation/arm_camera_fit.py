@@ -8,6 +8,7 @@ from scipy import optimize, stats
 
 from uuv.experiment import Row
 from uuv.sim.interfaces.documents import toml_text
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.sensors.arm_camera import LEAST_SEEN, OBSERVED, WEAKEST, ErrorModel, Prediction
 
@@ -58,10 +59,17 @@ def pairs_of(rows: list[Row]) -> list[Pair]:
 def fit(pairs: list[Pair]) -> ErrorModel:
     """Maximum-likelihood fit of the error model; pairs beyond the gate count as outliers and not
     for the variance.
+
+    Raises:
+        ConfigurationError: No pair was aligned, or none observes all directions.
     """
-    lost = _fit_lost(pairs)
     kept = [pair for pair in pairs if not pair.lost]
-    start, used = np.zeros(8), kept
+    if not kept:
+        raise ConfigurationError(f"fit: none of {len(pairs)} pairs was aligned; more are needed")
+    lost = _fit_lost(pairs)
+
+    start = np.zeros(8)
+    used = kept
     for _ in range(3):  # outliers are those of the fit without them
         start = np.asarray(optimize.minimize(_deviance, start, args=(used,), method="L-BFGS-B").x)
         used = [pair for pair in kept if squared(pair, start)[0] <= GATE]
@@ -74,6 +82,10 @@ def fit(pairs: list[Pair]) -> ErrorModel:
     # The part of the error that the pairs of one key share, and the mean error.
     common = _common_share(used, start)
     sound = [pair.error for pair in used if squared(pair, start)[1] == 3]
+    if not sound:
+        raise ConfigurationError(
+            f"fit: none of {len(kept)} aligned pairs observes all directions; more are needed"
+        )
     return ErrorModel(
         texture=_rounded(start[:4]),
         shape=_rounded(start[4:]),
@@ -154,7 +166,11 @@ def figures_of(group: list[Pair], parameters: Array) -> tuple[str, ...]:
     if not kept:
         return (str(len(group)), *("",) * 7)
 
-    across, along, stated, nees, dof, count, beyond = [], [], [], 0.0, 0, 0, 0
+    across: list[Array] = []
+    along: list[float] = []
+    stated: list[float] = []
+    nees = 0.0
+    dof = count = beyond = 0
     for pair in kept:
         # the error in the observed directions
         L = _information(pair, parameters)
@@ -171,7 +187,8 @@ def figures_of(group: list[Pair], parameters: Array) -> tuple[str, ...]:
         # against the covariance
         square = float(pair.error @ L @ pair.error)
         if square <= GATE:
-            nees, dof = nees + square, dof + n
+            nees += square
+            dof += n
         beyond += n > 0 and square > stats.chi2.ppf(0.99, n)
 
     return (

@@ -52,6 +52,8 @@ def fit_arm_camera(case: KeyCase) -> KeyRow:
 
 def fitted_model(rows: list[Row]) -> list[Any]:
     """The fitted model, and its check against the pairs by groups."""
+    if not rows:
+        return []
     pairs = pairs_of(rows)
     model = fit(pairs)
     parameters = np.concatenate([model.texture, model.shape])

@@ -8,7 +8,7 @@ as well; work is right where it is not.
 
 from uuv.start import run_scenario  # isort: skip
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -215,12 +215,12 @@ def _gaps(vehicle: WorkVehicle, path: ToolPath, work: WorkHeight, true: Array) -
     }
 
 
-def within(name: str) -> Callable[[Row], list[bool] | None]:
+def within(name: str) -> Callable[[Mapping[str, Any]], list[bool] | None]:
     """Which errors of a column are within the limit."""
     return lambda row: row[name] and [error <= 1.0 for error in row[name]]
 
 
-def wrong(row: Row) -> bool:
+def wrong(row: Mapping[str, Any]) -> bool:
     """Whether a refusal is wrong, or the work."""
     return bool(row["refused"]) != bool(row["truly_refused"])
 

@@ -32,7 +32,7 @@ B = np.array([[-0.4, -0.2, 2.0], [0.4, 0.2, 2.0]])  # [m] points above the path
 
 
 @dataclass(frozen=True, kw_only=True)
-class CloudCase:
+class GroundCloud:
     """A cloud of one size."""
 
     points: int
@@ -42,7 +42,7 @@ class CloudCase:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CloudRow:
+class GroundCloudRow:
     """Times, and the errors of each triangulation."""
 
     path_time: float = column("cloud to path", "s", digits=3, tolerance=None)
@@ -57,7 +57,7 @@ class CloudRow:
 
 
 @experiment("seabed_speed", vary={"points": SIZES}, quick={"points": SIZES[:2]})
-def seabed_speed(case: CloudCase) -> CloudRow:
+def seabed_speed(case: GroundCloud) -> GroundCloudRow:
     """Plans the path on one cloud, and triangulates it in other ways."""
     streams = Streams(case.seed)
     ground = seabed("ripples", streams["ground"])
@@ -82,7 +82,7 @@ def seabed_speed(case: CloudCase) -> CloudRow:
         scene = RayScene(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
         results[name] = _errors(scene, at, ground, at)
 
-    return CloudRow(
+    return GroundCloudRow(
         path_time=path_time,
         time=times,
         error={name: error for name, (error, _) in results.items()},

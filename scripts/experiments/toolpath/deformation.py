@@ -154,17 +154,17 @@ def figures(identification: Identification, offset: Array) -> dict[str, list[Any
     return columns
 
 
-def _of_default(name: str) -> Callable[[Row], float | None]:
+def _of_default(name: str) -> Callable[[Mapping[str, Any]], float]:
     """A length of the map of default size in mm."""
     return lambda row: 1e3 * row[name][0]
 
 
-def overlap(index: int) -> Callable[[Row], float]:
+def overlap(index: int) -> Callable[[Mapping[str, Any]], float]:
     """Overlap of the map with the truth at the size of an index."""
     return lambda row: row["both"][index] / max(1, row["either"][index])
 
 
-def least_overlap(row: Row) -> float | None:
+def least_overlap(row: Mapping[str, Any]) -> float | None:
     """Overlap of the map of the most frames at the default size; None of an undeformed object."""
     if not row["deformed"]:
         return None
@@ -172,7 +172,7 @@ def least_overlap(row: Row) -> float | None:
     return overlap(0)({name: row[name][frames] for name in ("both", "either")})
 
 
-def false_region(row: Row) -> bool | None:
+def false_region(row: Mapping[str, Any]) -> bool | None:
     """Whether an undeformed object has a region; None: it was not accepted, or is deformed."""
     return None if row["deformed"] or not row["accepted"] else row["regions"]["1"][0] > 0
 
@@ -200,9 +200,12 @@ deformation.page = (
             stat("mean", overlap(0), "overlap at that size", digits=2),
             stat("least", overlap(0), "worst", digits=2),
             *(
-                stat(kind, overlap(1 + k), f"at {1e3 * size:.0f} mm{words}", digits=2)
-                for k, size in enumerate(SIZES)
-                for kind, words in (("mean", ""), ("least", ", worst"))
+                entry
+                for k, size in enumerate(SIZES, start=1)
+                for entry in (
+                    stat("mean", overlap(k), f"at {1e3 * size:.0f} mm", digits=2),
+                    stat("least", overlap(k), f"at {1e3 * size:.0f} mm, worst", digits=2),
+                )
             ),
         ],
         where=lambda row: row["deformed"],

@@ -164,7 +164,8 @@ class TrueSurface:
         Returns:
             (N, 3) unit vectors.
         """
-        y_T, total = np.cross(z_T, x_T), self.normals(p_T)
+        y_T = np.cross(z_T, x_T)
+        total = self.normals(p_T)
         for share, count in ((0.5, 8), (0.9, 14)):  # share of the pad's radius, points on the ring
             for angle in np.linspace(0.0, 2.0 * np.pi, count, endpoint=False):
                 total = total + self.normals(

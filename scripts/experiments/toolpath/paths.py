@@ -125,7 +125,7 @@ def path_row(scene: PathScene, case: PathCase) -> PathRow:
     )
 
 
-def distances(row: Row) -> list[float | None]:
+def distances(row: Mapping[str, Any]) -> list[float | None]:
     """Largest distance of each path of a row from the true surface."""
     return [*row["path_largest"].values()]
 
@@ -134,6 +134,8 @@ def pictures(rows: list[Row]) -> "list[tuple[str, str, Figure]]":
     """Distance of every planned path from the true surface, an object a panel."""
     from matplotlib.figure import Figure
 
+    if not rows:
+        return []
     objects = list(dict.fromkeys(row["object"] for row in rows))
     figure = Figure(figsize=(9, 2.4 * len(objects)), layout="constrained")
     panels = np.atleast_1d(figure.subplots(len(objects)))

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from experiments.faults.faults import FaultCase, FaultRow, faults, figures, grou
 from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
-from uuv.sim.interfaces.spatial import Array
 
 DEAD = "thruster sway dead"
 LEFT = [(0.5, WorkState.WORK, ""), (2.5, WorkState.RETREAT, "gone")]
@@ -25,7 +25,7 @@ def trace(states: list[tuple[float, WorkState, str]]) -> Trace:
     time = 0.5 * np.arange(1, 21)
     touching = (time <= 4.0) | ((time >= 6.0) & (time <= 7.0))
     zeros = np.zeros(time.size)
-    series: dict[str, Array] = {
+    series: dict[str, Any] = {
         "time": time,
         "contact_normal": zeros,
         "contact_least": np.where(touching & (time != 1.0) & (time != 1.5), 60.0, 0.0),
@@ -55,7 +55,7 @@ def test_figures_of_a_work_that_was_left():
     row = figures(trace(LEFT))
     assert row.touch == pytest.approx(7.0 - 2.5)  # counted from letting go
     assert row.left == 2.5
-    assert (row.found, row.delay) == ("thruster t1", 1.2)
+    assert (row.detected, row.delay) == ("thruster t1", 1.2)
     assert row.peak == 75.0
     assert row.excursion == pytest.approx(0.07)
     assert row.tilt == pytest.approx(0.1)

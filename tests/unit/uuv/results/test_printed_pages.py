@@ -62,6 +62,15 @@ def test_an_experiment_that_needs_data_says_that_there_is_none(entries, monkeypa
     assert replace(entry, kept=None).status == "*no rows kept*"
 
 
+def test_an_experiment_without_rows_has_neither_tables_nor_a_verdict(entries):
+    (entry,) = (entry for entry in entries if entry.experiment.name == "ik_success")
+    texts = pages.pages([replace(entry, kept=None)])
+    page = texts[Path(pages.PAGES) / "ik_success.md"]
+    assert "No rows are kept." in page
+    assert "ccepted" not in page
+    assert "|" not in page
+
+
 def test_an_overview_that_is_too_long_is_refused(entries, monkeypatch):
     monkeypatch.setattr(pages, "MOST_LINES", 20)
     with pytest.raises(ConfigurationError, match=r"results.md: \d+ lines, at most 20"):

@@ -35,23 +35,20 @@ COLORS = {
 
 
 def shown_rows(rows: Sequence[Row], start: str) -> list[Row]:
-    """Rows at bar A under the first limits, from one start; of the goals' arms, if they are
-    there.
-    """
+    """Rows at bar A under the first limits, from one start."""
     first = rows[0]["limits"]
-    chosen = [
-        row for row in rows if (row["limits"], row["start"], row["bar"]) == (first, start, "A")
-    ]
-    return [row for row in chosen if row["arm"] in GOAL_ARMS] or chosen
+    return [row for row in rows if (row["limits"], row["start"], row["bar"]) == (first, start, "A")]
 
 
 def mean_ratio(rows: Sequence[Row], solver: str) -> tuple[float, float, float] | None:
-    """Geometric mean over the arms of a solver's time over that of hybrid, with its 95 % interval;
-    None if it supports none of them.
+    """Geometric mean over the goals' arms, or all if none is there, of a solver's time over that of
+    hybrid, with its 95 % interval; None if it supports none of them.
     """
+    rows = [row for row in rows if row["arm"] in GOAL_ARMS] or list(rows)
     rows = [row for row in rows if solver in row["ratio"]]
     if not rows:
         return None
+
     log = float(np.mean([math.log(row["ratio"][solver]) for row in rows]))
     sigma = math.sqrt(sum(row["ratio_sigma"][solver] ** 2 for row in rows)) / len(rows)
     low, high = log - NORMAL_95 * sigma, log + NORMAL_95 * sigma
@@ -90,7 +87,7 @@ def over_hybrid(rows: list[Row]) -> Table:
 
     return Table(
         title="Time of a Python call over that of hybrid, first limits, bar A: geometric means "
-        "over arms, 95 % intervals",
+        "over all arms; ratio over the goals' arms, 95 % intervals",
         columns=(
             "solver",
             *(

@@ -40,6 +40,7 @@ from uuv.campaigns.campaign import read_campaign
 from uuv.cli import main as verbs
 from uuv.cli.completion import options_class, options_in
 from uuv.controllers.mkps import Chain, IkOptions, Tracker, solve, solve_many
+from uuv.experiment.declaration import experiments_in
 from uuv.jobs import BY_NAME, clean_barrel
 from uuv.jobs.command_line import options_class as options_of_job
 from uuv.jobs.command_line import typed
@@ -1022,7 +1023,9 @@ def _options_of(name: str) -> type[Any]:
         return options_of_job(BY_NAME[name])
     if name in VERBS:
         return options_class(verbs.VERBS[name])
-    return importlib.import_module(name).Options
+    module = importlib.import_module(name)
+    declared = experiments_in(module)
+    return declared[0].options if declared else module.Options
 
 
 def _options_door(name: str) -> Door:

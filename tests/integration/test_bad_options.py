@@ -43,7 +43,7 @@ def test_results_cannot_go_into_a_file(script, tmp_path: Path, name: str):
     ("name", "options", "said"),
     [
         ("experiments.kinematics.ik", ("--targets", 0), "--targets: must be at least 1"),
-        ("experiments.kinematics.ik", ("--links", 0), "--links"),
+        ("experiments.kinematics.ik_growth", ("--links", 0), "--links: must be at least 1"),
         ("experiments.toolpath.paths", ("--runs", 0), "--runs: must be at least 1"),
         ("experiments.toolpath.paths", ("--looks", 0), "--looks: must be at least 1"),
         (

@@ -1,46 +1,30 @@
-"""Inverse kinematics of parts of a pose, and at the edge of reach: solved, false claims and time.
-
-    BENCHMARK=scripts/experiments/kinematics/ik_parts.py
-    ./uvw run $BENCHMARK
-
-    # beside two peers
-    ./uvw run --with pin --with mink --with daqp $BENCHMARK --straight 200
+"""Inverse kinematics of parts of a pose: targets solved, false claims, and time.
 
 Arms of three to eight joints: one from a URDF, published ones, and chains drawn by the seed.
 Reachable targets are the poses of joint values within the limits, with what does not count drawn at
 random. Other targets are drawn from the ball that the stretched arm reaches; of these, only what is
 called solved is judged. Every answer is judged by a product of exponentials, apart from the
 solver's kinematics.
-
-Nearly straight targets: a UR10e with its elbow within 2 deg of straight, its tip moved outwards by
-up to 0.09 mm and turned by up to 0.9 mrad. A posture within 0.1 mm and 1 mrad exists for each, in
-many cases none that meets the target.
-
-Writes metrics.json. Exit code 0: 99.9 % of the reachable targets of each kind are found, and no
-claim is false.
 """
+
+from uuv.start import run_scenario  # isort: skip
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from experiments.kinematics.ik import HOME, SLACK
-from experiments.kinematics.ik_peers import SolverTask, peers
-from uuv.controllers.mkps import Chain, IkOptions, solve, solve_many
+from experiments.kinematics.ik_bench import HOME
+from uuv.controllers.mkps import Chain, IkOptions, solve_many
+from uuv.experiment import Page, column, experiment, stat
+from uuv.experiment.options import at_least
 from uuv.models.arms import published_arms
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.interfaces.streams import Streams
-from uuv.sim.runs.provenance import provenance
-from uuv.sim.runs.saving import write_json
-from uuv.start import new_folder, parse, run_scenario
 
 POSITION, ANGLE = 1e-4, 1e-3  # [m], [rad] tolerances of what counts
 KINDS: dict[str, dict[str, Any]] = {
@@ -55,9 +39,6 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 FOUND_GOAL = 0.999  # least share of the reachable targets of a kind
 ROUNDING = 1e-9  # [m], [rad] by which two kinematics may differ
-ELBOW = math.radians(2.0)  # [rad] of a nearly straight arm
-# largest share of each tolerance that the displacement of a nearly straight target uses
-USED_UP = 0.9
 PUBLISHED = ("puma560", "ur5", "general6r", "stanford", "panda", "iiwa7", "gen3")
 REACHER = """
 <robot name="reacher">
@@ -76,20 +57,30 @@ REACHER = """
 """
 
 
-@dataclass
-class Options:
-    """Parts of poses, and poses at the edge of reach."""
+@dataclass(frozen=True, kw_only=True)
+class PartsCase:
+    """One arm."""
 
+    arm: str
     targets: int = 1000
-    """Number of reachable targets of each kind for each arm, and as many that may be out of
-    reach.
-    """
-    straight: int = 800
-    """Number of nearly straight targets."""
+    """Number of reachable targets of each kind, and as many that may be out of reach."""
     seed: int = 0
     """Seed of arms and targets."""
-    out: Path | None = None
-    """Folder for metrics.json; default: a new one in runs/ik_parts."""
+
+    def __post_init__(self) -> None:
+        at_least(self, targets=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartsRow:
+    """Answers by kind: by what counts of a pose."""
+
+    solved: Mapping[str, int] = column("solved", by="kind")
+    claimed: Mapping[str, int] = column("targets anywhere called solved", by="kind")
+    false: Mapping[str, int] = column("false claims", by="kind")
+    spent: Mapping[str, float] = column(
+        "a target", "µs", digits=1, factor=1e6, by="kind", tolerance=None
+    )
 
 
 def arms(streams: Streams) -> dict[str, Chain]:
@@ -97,20 +88,16 @@ def arms(streams: Streams) -> dict[str, Chain]:
     h = math.pi
     scara = [[0.0, 0.4, 0.3, 0.0], [0.0, 0.0, 0.25, h], [0.0, 0.1, 0.0, 0.0], [0.0, 0.05, 0.0, 0.0]]
     limits = [[-2.3, 2.3], [-2.6, 2.6], [0.0, 0.2], [-h, h]]
-    found = {
+    chains = {
         "URDF, 3 joints": Chain.from_urdf(REACHER, "base", "tip"),
         "drawn, 3 joints": drawn(3, 2.6, streams["arm of 3 joints"]),
-    }
-    found |= {
         "SCARA, 4 joints": Chain.from_dh(scara, "rrpr", limits=limits),
         "drawn, 4 joints": drawn(4, 2.6, streams["arm of 4 joints"]),
-    }
-    found |= {
         "drawn, 5 joints": drawn(5, 2.6, streams["arm of 5 joints"]),
         "5 joints of +-69 deg": drawn(5, 1.2, streams["arm of 5 joints and less range"]),
     }
-    found |= {name: Chain.from_arm(published_arms.load(name)) for name in PUBLISHED}
-    return found | {"drawn, 8 joints": drawn(8, 2.6, streams["arm of 8 joints"])}
+    chains |= {name: Chain.from_arm(published_arms.load(name)) for name in PUBLISHED}
+    return chains | {"drawn, 8 joints": drawn(8, 2.6, streams["arm of 8 joints"])}
 
 
 def drawn(n: int, limit: float, rng: np.random.Generator) -> Chain:
@@ -159,9 +146,9 @@ def met(chain: Chain, kind: str, q: Array, targets: Array) -> np.ndarray:
     tolerances = {"position_tolerance": POSITION, "orientation_tolerance": ANGLE} | KINDS[kind]
     if "axis_tolerance" in tolerances:
         del tolerances["orientation_tolerance"]
-    found = errors(forward(chain, q), targets)
+    deviations = errors(forward(chain, q), targets)
     within = np.all((q >= chain.limits[:, 0]) & (q <= chain.limits[:, 1]), axis=1)
-    for name, error in found.items():
+    for name, error in deviations.items():
         within &= error <= tolerances.get(name, math.inf) + ROUNDING
     return within
 
@@ -192,119 +179,81 @@ def anywhere(chain: Chain, count: int, rng: np.random.Generator) -> Array:
     return targets
 
 
-def of_arm(name: str, chain: Chain, count: int, streams: Streams) -> list[dict[str, Any]]:
-    """A row for each kind: share found, false claims among all targets, and time of a target."""
+NAMES = tuple(arms(Streams(0)))
+
+
+@experiment("ik_parts", vary={"arm": NAMES}, quick={"arm": ("SCARA, 4 joints", "puma560")})
+def ik_parts(case: PartsCase) -> PartsRow:
+    """Solves and judges all targets of one arm."""
+    streams = Streams(case.seed)
+    chain = arms(streams)[case.arm]
     start = np.clip(np.resize(HOME, chain.n), chain.limits[:, 0], chain.limits[:, 1])
-    rows = []
-    for kind, tolerances in KINDS.items():
-        targets = reachable(chain, kind, count, streams[f"{name}: {kind}"])
-        given: dict[str, Any] = {
+    solved: dict[str, int] = {}
+    claimed: dict[str, int] = {}
+    false: dict[str, int] = {}
+    spent: dict[str, float] = {}
+
+    for kind, parts in KINDS.items():
+        tolerances: dict[str, Any] = {
             "position_tolerance": POSITION,
             "orientation_tolerance": ANGLE,
-        } | tolerances
-        solve_many(chain, targets[:1], start, **given)  # loads the kernel
+        } | parts
+
+        # reachable targets
+        targets = reachable(chain, kind, case.targets, streams[f"{case.arm}: {kind}"])
+        solve_many(chain, targets[:1], start, **tolerances)  # loads the kernel
         began = time.perf_counter()
-        found = solve_many(chain, targets, start, **given, options=IkOptions(threads=1))
-        spent = time.perf_counter() - began
-        good = met(chain, kind, found.q, targets)
-        false = int(np.count_nonzero(found.converged & ~good))
+        answer = solve_many(chain, targets, start, **tolerances, options=IkOptions(threads=1))
+        spent[kind] = (time.perf_counter() - began) / case.targets
+        good = met(chain, kind, answer.q, targets)
+        solved[kind] = int(np.count_nonzero(good & answer.converged))
+        false[kind] = int(np.count_nonzero(answer.converged & ~good))
 
-        others = anywhere(chain, count, streams[f"{name}: {kind}, anywhere"])
-        tried = solve_many(chain, others, start, **given)
-        false += int(np.count_nonzero(tried.converged & ~met(chain, kind, tried.q, others)))
-        share, claimed = float(np.mean(good & found.converged)), float(np.mean(tried.converged))
-        rows.append(
-            {
-                "arm": name,
-                "kind": kind,
-                "found": share,
-                "of_others": claimed,
-                "false": false,
-                "us": 1e6 * spent / count,
-            }
-        )
-    return rows
+        # targets anywhere
+        others = anywhere(chain, case.targets, streams[f"{case.arm}: {kind}, anywhere"])
+        answer = solve_many(chain, others, start, **tolerances)
+        good = met(chain, kind, answer.q, others)
+        claimed[kind] = int(np.count_nonzero(answer.converged))
+        false[kind] += int(np.count_nonzero(answer.converged & ~good))
+
+    return PartsRow(solved=solved, claimed=claimed, false=false, spent=spent)
 
 
-def straight_targets(chain: Chain, count: int, rng: np.random.Generator) -> Array:
-    """Targets (count, 4, 4) of a nearly straight arm, displaced by less than the tolerances."""
-    q = rng.uniform(-math.pi, math.pi, (count, chain.n))
-    q[:, 2] = rng.uniform(-ELBOW, ELBOW, count)
-    targets = forward(chain, q)
-    away = targets[:, :3, 3] - chain.points[1]
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
-    targets[:, :3, 3] += rng.uniform(0.0, USED_UP * POSITION, (count, 1)) * away
-    turn = rng.normal(size=(count, 3))
-    turn *= rng.uniform(0.0, USED_UP * ANGLE, (count, 1)) / np.linalg.norm(
-        turn, axis=1, keepdims=True
+ik_parts.page = (
+    Page()
+    .table(
+        "Parts of a pose: reachable targets solved, and false claims",
+        by="kind",
+        columns=[
+            stat("total", "targets", "targets"),
+            stat("share", "solved", among="targets", digits=3),
+            stat("total", "false", "false claims"),
+            stat("median", "spent", "a target, median over arms"),
+        ],
     )
-    targets[:, :3, :3] = targets[:, :3, :3] @ Rotation.from_rotvec(turn).as_matrix()
-    return targets
-
-
-def straight(count: int, rng: np.random.Generator) -> list[dict[str, Any]]:
-    """A row for each method and installed peer: share of the nearly straight targets that it
-    finds.
-    """
-    arm = published_arms.load("ur10e")
-    chain = Chain.from_arm(arm)
-    targets = straight_targets(chain, count, rng)
-    task = SolverTask(arm=arm, limits=chain.limits, bar=(POSITION, ANGLE))
-    solvers: dict[str, Callable[[Array, Array], Array]] = {
-        "hybrid": lambda X, q0: solve(chain, X, q0).q,
-        "jacobian_free": lambda X, q0: solve(chain, X, q0, method="jacobian_free").q,
-    }
-    rows = []
-    for name, solver in (solvers | peers(task)).items():
-        solver(targets[0], HOME[:6])
-        began = time.perf_counter()
-        q = np.array([solver(X, HOME[:6]) for X in targets])
-        spent = time.perf_counter() - began
-        answered = np.asarray(np.isfinite(q).all(axis=1))
-        error = errors(forward(chain, np.where(answered[:, None], q, 0.0)), targets)
-        good = answered & (error["position_tolerance"] <= SLACK * POSITION)
-        good &= error["orientation_tolerance"] <= SLACK * ANGLE
-        rows.append({"solver": name, "found": float(np.mean(good)), "us": 1e6 * spent / count})
-    return rows
-
-
-def main() -> int:
-    """Solves and judges all targets; 1 if a kind is found too rarely or a claim is false."""
-    options, console = parse(Options), Console()
-    folder = new_folder("ik_parts", options.out, options.seed)
-    streams = Streams(options.seed)
-    rows = [
-        row
-        for name, chain in arms(streams).items()
-        for row in of_arm(name, chain, options.targets, streams)
-    ]
-    table = Table(title=f"Found of {options.targets} reachable targets, and time of one [us]")
-    table.add_column("arm", no_wrap=True)
-    for kind in KINDS:
-        table.add_column(kind, justify="right")
-    for name in dict.fromkeys(row["arm"] for row in rows):
-        mine = [row for row in rows if row["arm"] == name]
-        table.add_row(name, *(f"{row['found']:.2%}  {row['us']:.1f}" for row in mine))
-    console.print(table)
-    false, judged = sum(row["false"] for row in rows), 2 * options.targets * len(rows)
-    console.print(f"false claims: {false} of {judged} answers", highlight=False)
-    found = {
-        kind: float(np.mean([row["found"] for row in rows if row["kind"] == kind]))
-        for kind in KINDS
-    }
-
-    edge = straight(options.straight, streams["nearly straight"])
-    table = Table(
-        "solver", "found", "us", title=f"{options.straight} nearly straight targets of a UR10e"
+    .table(
+        "The same by arm",
+        by="arm",
+        across="kind",
+        columns=[
+            stat(
+                "value",
+                lambda row: 100 * row["solved"] / row["targets"],
+                "solved",
+                unit="%",
+                digits=2,
+            ),
+            "spent",
+        ],
     )
-    for row in edge:
-        table.add_row(row["solver"], f"{row['found']:.2%}", f"{row['us']:.0f}")
-    console.print(table)
-    content = {"found": found, "false": false, "rows": rows, "straight": edge}
-    write_json(folder / "metrics.json", content | {"provenance": provenance("ik_parts", options)})
-    console.print(f"written to {folder}/", highlight=False)
-    return int(false > 0 or min(found.values()) < FOUND_GOAL)
-
+    .table("Targets anywhere that are called solved", by="arm", across="kind", columns=["claimed"])
+    .accept(stat("total", lambda row: sum(row["false"].values()), "false claims"), most=0)
+)
+for name in KINDS:
+    ik_parts.page.accept(
+        stat("mean", lambda row, name=name: row["solved"][name] / row["targets"], f"{name} solved"),
+        least=FOUND_GOAL,
+    )
 
 if __name__ == "__main__":
-    run_scenario(main)
+    run_scenario(ik_parts.main)

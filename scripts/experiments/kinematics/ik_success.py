@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from experiments.kinematics.ik import HOME, dh_forward
+from experiments.kinematics.ik_bench import HOME, dh_forward
 from uuv.controllers.mkps import Chain, IkOptions, Method, solve_many
 from uuv.experiment import Page, column, experiment, stat
 from uuv.experiment.options import at_least

@@ -1,22 +1,21 @@
-"""Benchmark: computing time of each part of a contact job's loop, and the real-time factor.
+"""Computing time of each part of a contact job's loop, and the real-time factor.
+
+The job of clean_barrel.py runs twice from the same seed. The first run is unchanged, with compiled
+ticks (`uuv.ticks.compiled_ticks`). It gives processor time, so that other load on the machine does
+not count, over the time of MuJoCo's own step. In the second, every tick is taken part by part, and
+a stopwatch around every part gives the shares. Both must end with the same bits. The digest of the
+recording shows whether a change of the code changes the results.
 
     ./uvw run scripts/experiments/runtime/loop.py    # half a minute
-
-It takes any option of clean_barrel.py. The job runs twice from the same seed. The first run is
-unchanged, with compiled ticks (`uuv.ticks.compiled_ticks`). It gives processor time, so that other
-load on the machine does not count, over the time of MuJoCo's own step. In the second, every tick is
-taken part by part, and a stopwatch around every part gives the shares. Both must end with the same
-bits. The printed digest of the recording shows whether a change of the code changes the results.
-Writes bench_loop.json into --out.
+    ./uvw run scripts/experiments/runtime/loop.py --job="--quick --seed 3"
 """
 
-from uuv.start import new_folder, run_scenario  # first: it tells BLAS to use one thread
+from uuv.start import run_scenario  # first: it tells BLAS to use one thread
 
 # isort: split
 import copy
 import hashlib
-import os
-import sys
+import shlex
 import time
 from array import array
 from collections.abc import Callable, Mapping
@@ -25,42 +24,79 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from uuv.assembly import Assembly, assemble
+from uuv.experiment import Page, column, experiment, stat
+from uuv.experiment.one_core import one_core
 from uuv.jobs import clean_barrel
 from uuv.jobs.command_line import parsed
 from uuv.runner import Run, rehearse, run, to_rehearse
 from uuv.scenario import Scenario
-from uuv.sim.interfaces.errors import UuvError
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.recording import Recorder
 from uuv.sim.loop.rollout import Moment
-from uuv.sim.runs.command_line import RunOptions
-from uuv.sim.runs.saving import write_json
 from uuv.sim.sensors.depth_camera import DepthCamera
 
 GOAL = 4.5  # largest time of the loop over that of MuJoCo's own step
 GOAL_WHOLE = 9.0  # the same with identification and placement
 # share of a part's slowest calls that is left out: in those the machine did something else
 SLOWEST = 0.01
+WHOLE, SEEING, PLACING, LOOP = "whole run", "identification", "placement", "loop alone"
+ONCE = ("sensor DepthCamera", "finder", "placement")  # no parts of every step
+REST = "loop itself"
+_READINGS = 20_000  # of the clock, by which its overhead is measured
 
 
-@dataclass(kw_only=True)
-class Options(RunOptions):
-    """Options of the benchmark beside those of the job."""
+@dataclass(frozen=True, kw_only=True)
+class LoopCase:
+    """One job."""
 
+    job: str = ""
+    """Options of clean_barrel.py, in quotes."""
     record: bool = False
     """Keep also what the report needs; no log is written."""
 
+    def __post_init__(self) -> None:
+        self.scenario()  # a wrong option is refused before anything runs
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredJob:
-    """The job of clean_barrel.py, and whether what the report needs is recorded."""
+    def scenario(self) -> Scenario:
+        """Scenario of the job.
 
-    scenario: Scenario
-    record: bool
+        Raises:
+            ConfigurationError: The options of the job are no words.
+        """
+        try:
+            words = shlex.split(self.job)
+        except ValueError as error:
+            raise ConfigurationError(f"--job {self.job!r}: {error}") from error
+        values, _ = parsed(clean_barrel, words)
+        return clean_barrel(**values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopRow:
+    """Times by span of the unchanged run, and by part of a step."""
+
+    # of one machine: other libraries give other bits
+    digest: str = column("digest", tolerance=None)
+    steps: int = column("steps")
+    simulated: float = column("simulated", "s", digits=1)
+    mujoco_step: float = column("MuJoCo's step alone", "µs", digits=1, factor=1e6, tolerance=None)
+    part_by_part: str = column("why ticks are not compiled")
+    processor: Mapping[str, float] = column(
+        "processor time", "s", digits=2, by="span", tolerance=None
+    )
+    calls: Mapping[str, float] = column("calls a step", digits=2, by="part", tolerance=None)
+    call: Mapping[str, float] = column(
+        "a call", "µs", digits=1, factor=1e6, by="part", tolerance=None
+    )
+    step: Mapping[str, float] = column(
+        "a step", "µs", digits=1, factor=1e6, by="part", tolerance=None
+    )
+    share: Mapping[str, float] = column(
+        "share", "%", digits=0, factor=100.0, by="part", tolerance=None
+    )
 
 
 class Stopwatch:
@@ -75,9 +111,9 @@ class Stopwatch:
         """`call`, with its durations recorded."""
         clock, add = self._clock, self.spent.append
 
-        def timed(*given: Any) -> Any:
+        def timed(*values: Any) -> Any:
             began = clock()
-            result = call(*given)
+            result = call(*values)
             spent = clock() - began
             add(spent)
             self.tally += spent
@@ -119,9 +155,9 @@ class PlannerPart:
         self._step, self._spent, self._placing = watch.around(part.step), watch.spent, placing.spent
         self._state = WorkState.SETTLE  # of the last reference
 
-    def step(self, state: Any, *given: Any) -> Any:
+    def step(self, state: Any, *values: Any) -> Any:
         """Step of the planner; a step that ends the scan counts as placement."""
-        state, reference = self._step(state, *given)
+        state, reference = self._step(state, *values)
         if self._state is WorkState.SCAN and reference.state is not WorkState.SCAN:
             self._placing.append(self._spent.pop())
         self._state = reference.state
@@ -137,10 +173,10 @@ class Rest:
 
     def observe(self, moment: Moment) -> None:
         """Records the rest of one step and resets the tallies."""
-        now = time.perf_counter_ns()
+        moment_ns = time.perf_counter_ns()
         inside = sum(watch.tally for watch in self._watches.values())
         if moment.tick:
-            self.watch.spent.append(now - self._last - inside)
+            self.watch.spent.append(moment_ns - self._last - inside)
         for watch in self._watches.values():
             watch.tally = 0
         self._last = time.perf_counter_ns()
@@ -175,10 +211,11 @@ class Instants:
         return 1e-3 * float(np.mean(best))
 
 
-def fresh(job: MeasuredJob) -> Assembly:
+def fresh(case: LoopCase) -> Assembly:
     """The job assembled from the seed, with its code loaded."""
-    rehearse(assemble(to_rehearse(job.scenario), full=job.record))
-    return assemble(job.scenario, full=job.record)
+    scenario = case.scenario()
+    rehearse(assemble(to_rehearse(scenario), full=case.record))
+    return assemble(scenario, full=case.record)
 
 
 def digest(outcome: Run) -> str:
@@ -189,11 +226,11 @@ def digest(outcome: Run) -> str:
     return word.hexdigest()[:12]
 
 
-def as_it_is(job: MeasuredJob) -> tuple[Run, dict[str, float], Instants]:
+def as_it_is(case: LoopCase) -> tuple[Run, dict[str, float], Instants]:
     """Runs the unchanged job; returns outcome, processor times [s] (whole, identification,
     placement) and instants.
     """
-    built = fresh(job)
+    built = fresh(case)
     seeing, placing, planning = (Stopwatch(time.process_time_ns) for _ in range(3))
     parts = built.parts
     parts = replace(
@@ -207,25 +244,21 @@ def as_it_is(job: MeasuredJob) -> tuple[Run, dict[str, float], Instants]:
     instants = Instants(built)
     began = time.process_time()
     outcome = run(replace(built, loop=replace(built.loop, parts=parts)), observers=[instants])
-    spent = {
-        "whole": time.process_time() - began,
-        "identification": seeing.total,
-        "placement": placing.total,
-    }
+    spent = {WHOLE: time.process_time() - began, SEEING: seeing.total, PLACING: placing.total}
     return outcome, spent, instants
 
 
-def by_part(job: MeasuredJob) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
+def by_part(case: LoopCase) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
     """Runs the job with a stopwatch around every part; returns outcome, stopwatches and the one for
     the rest.
     """
-    built = fresh(job)
+    built = fresh(case)
     watches: dict[str, Stopwatch] = {}
 
     def watch(name: str) -> Stopwatch:
         return watches.setdefault(name, Stopwatch(time.perf_counter_ns))
 
-    parts, plant, recorder = built.parts, built.plant, Recorder(built.plant.model, full=job.record)
+    parts, plant, recorder = built.parts, built.plant, Recorder(built.plant.model, full=case.record)
     timed = replace(
         parts,
         sensors=[Part(s, "step", watch(f"sensor {type(s).__name__}")) for s in parts.sensors],
@@ -246,79 +279,92 @@ def by_part(job: MeasuredJob) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
     return outcome, watches, rest.watch
 
 
-def main() -> int:
-    """Runs the benchmark and writes its file; exit code 0 if both goals are reached."""
-    values, options = parsed(clean_barrel, sys.argv[1:], beside=Options)
-    job = MeasuredJob(scenario=clean_barrel(**values), record=options.record)
-    if hasattr(os, "sched_setaffinity"):  # Linux: one core, as the goals say
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    folder = new_folder("bench_loop", options.out, job.scenario.seed)
-    console = Console()
-    outcome, spent, instants = as_it_is(job)
-    again, watches, rest_watch = by_part(job)
+def clock_reading() -> float:
+    """Time [us] that a stopwatch takes within its own measurement."""
+    clock = Stopwatch(time.perf_counter_ns)
+    for nothing in [clock.around(lambda: None)] * _READINGS:
+        nothing()
+    return clock.typical(0.0)
+
+
+@experiment("loop", quick={"record": LoopCase.record})
+def loop(case: LoopCase) -> LoopRow:
+    """Measures one job."""
+    with one_core():
+        outcome, spent, instants = as_it_is(case)
+        again, watches, rest_watch = by_part(case)
+        reading = clock_reading()
+        mujoco_step = 1e-6 * instants.step_us()
     if digest(outcome) != digest(again):
         raise UuvError(f"the two runs differ: {digest(outcome)} and {digest(again)}")
-    steps = outcome.result.last.tick + 1
-    simulated = outcome.recording.duration
-    loop = spent["whole"] - spent["identification"] - spent["placement"]
-    clock = Stopwatch(time.perf_counter_ns)
-    for nothing in [clock.around(lambda: None)] * 20_000:
-        nothing()
-    reading = clock.typical(0.0)  # [us]
-    once = ("sensor DepthCamera", "finder", "placement")
-    rows = {
-        name: (len(w.spent) / steps, w.typical(reading))
-        for name, w in watches.items()
-        if name not in once
-    }
-    # A stopwatch takes about as much time outside its own measurement as within it.
-    rest = rest_watch.typical(reading * sum(often for often, _ in rows.values()))
-    whole = rest + sum(often * us for often, us in rows.values())
-    table = Table(
-        title=f"{steps} physics steps of {1e3 * simulated / steps:g} ms, digest {digest(outcome)}"
-    )
-    for column in ("part", "calls a step", "us a call", "us a step", "share"):
-        table.add_column(column, justify="left" if column == "part" else "right")
-    for name, (often, us) in rows.items():
-        table.add_row(
-            name, f"{often:.2g}", f"{us:.1f}", f"{often * us:.1f}", f"{often * us / whole:.0%}"
-        )
-    table.add_row("loop itself", "1", "", f"{rest:.1f}", f"{rest / whole:.0%}", end_section=True)
-    table.add_row("all", "", "", f"{whole:.1f}", "100%")
-    own = instants.step_us()
-    table.add_row("MuJoCo's step alone", "1", f"{own:.1f}", f"{own:.1f}", f"{own / whole:.0%}")
-    console.print(table)
-    factors = {"loop": simulated / loop, "whole": simulated / spent["whole"]}
-    ratios = {"loop": 1e6 * loop / steps / own, "whole": 1e6 * spent["whole"] / steps / own}
-    console.print(
-        f"{simulated:.1f} s simulated. With compiled ticks the loop alone takes "
-        f"{1e6 * loop / steps:.1f} us a step, "
-        f"[bold]{ratios['loop']:.1f}[/bold] times MuJoCo's own step (goal {GOAL:g}): "
-        f"{factors['loop']:.0f} times real "
-        f"time. With identification ({spent['identification']:.2f} s) and placement "
-        f"({spent['placement']:.2f} s) "
-        f"[bold]{ratios['whole']:.1f}[/bold] times (goal {GOAL_WHOLE:g}): {factors['whole']:.0f} "
-        "times real time.",
-        highlight=False,
-    )
-    figures = {
-        "digest": digest(outcome),
-        "steps": steps,
-        "simulated_s": simulated,
-        "processor_s": spent,
-        "real_time_factor": factors,
-        "mujoco_step_us": own,
-        "over_mujoco_step": ratios,
-        "part_by_part": outcome.result.part_by_part,
-        "us_a_step": {
-            **{name: often * us for name, (often, us) in rows.items()},
-            "loop itself": rest,
-        },
-    }
-    write_json(folder / "bench_loop.json", figures)
-    console.print(f"written to {folder}/", highlight=False)
-    return 0 if ratios["loop"] <= GOAL and ratios["whole"] <= GOAL_WHOLE else 1
 
+    # time of each part; a stopwatch takes about as much outside its own measurement as within it
+    steps = outcome.result.last.tick + 1
+    parts = {name: watch for name, watch in watches.items() if name not in ONCE}
+    calls = {name: len(watch.spent) / steps for name, watch in parts.items()}
+    call = {name: 1e-6 * watch.typical(reading) for name, watch in parts.items()}
+    step = {name: calls[name] * call[name] for name in parts}
+    step[REST] = 1e-6 * rest_watch.typical(reading * sum(calls.values()))
+
+    whole = sum(step.values())
+    return LoopRow(
+        digest=digest(outcome),
+        steps=steps,
+        simulated=outcome.recording.duration,
+        mujoco_step=mujoco_step,
+        part_by_part=str(outcome.result.part_by_part),
+        processor=spent | {LOOP: spent[WHOLE] - spent[SEEING] - spent[PLACING]},
+        calls=calls,
+        call=call,
+        step=step,
+        share={name: value / whole for name, value in step.items()},
+    )
+
+
+def _over_mujoco(row: Mapping[str, Any], span: str) -> float:
+    """Time of a span over that of MuJoCo's own steps."""
+    return row["processor"][span] / row["steps"] / row["mujoco_step"]
+
+
+loop.page = (
+    Page()
+    .table("Parts of a step", by="part", columns=["calls", "call", "step", "share"])
+    .table(
+        "The job, with compiled ticks",
+        by="span",
+        columns=[
+            "processor",
+            stat(
+                "value",
+                lambda row: 1e6 * row["processor"] / row["steps"],
+                "a step",
+                unit="µs",
+                digits=1,
+            ),
+            stat(
+                "value",
+                lambda row: row["processor"] / row["steps"] / row["mujoco_step"],
+                "over MuJoCo's step",
+                digits=1,
+            ),
+            stat(
+                "value",
+                lambda row: row["simulated"] / row["processor"],
+                "times real time",
+                digits=0,
+            ),
+        ],
+    )
+    .table("The runs", columns=["steps", "simulated", "mujoco_step", "digest", "part_by_part"])
+    .accept(
+        stat("largest", lambda row: _over_mujoco(row, LOOP), "loop alone over MuJoCo's step"),
+        most=GOAL,
+    )
+    .accept(
+        stat("largest", lambda row: _over_mujoco(row, WHOLE), "whole run over MuJoCo's step"),
+        most=GOAL_WHOLE,
+    )
+)
 
 if __name__ == "__main__":
-    run_scenario(main)
+    run_scenario(loop.main)

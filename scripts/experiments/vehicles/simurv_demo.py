@@ -1,7 +1,4 @@
-"""Benchmark: the first demonstration of SIMURV 4.0, followed by the priorities here and by those of
-SIMURV.
-
-    ./uvw run scripts/experiments/vehicles/simurv_demo.py
+"""First demonstration of SIMURV 4.0, followed by the priorities here and by those of SIMURV.
 
 The tool of PHOENIX with its SMART-3S goes from the zero posture to (1.6, -0.2, 1.9) m in 6 s and
 turns over by 180 degrees in 12 s [Antonelli 2013]; data and formulas read in
@@ -10,19 +7,20 @@ pseudo-inverses, one for each task: the tool's pose, a level hull, the second jo
 each speed is cut off at its limit. Axes are its own, z down.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from uuv.controllers.ik.chain import Chain
 from uuv.controllers.mkps import solve
 from uuv.controllers.planning.carried_arm import HULL_JOINTS, hull_pose, with_hull
-from uuv.experiment.harness import Table
+from uuv.experiment import Page, column, experiment
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.models.vehicles import phoenix_smart3s
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
@@ -37,11 +35,29 @@ WEIGHTS = np.repeat([50.0, 25.0, 1.0], [3, 3, 6])  # of the speeds of hull and j
 FASTEST = np.repeat([0.2, 0.2, np.radians(20.0)], [3, 3, 6])  # [m/s], [rad/s]
 POSTURE = np.array([0.0, -0.25 * np.pi, 0.0, 0.0, 0.0, 0.0])  # [rad]
 DAMPING = 1e-5  # where a task is singular
+PoseOverTime = Callable[[float], Array]  # time [s] -> pose of the tool (4, 4)
+DEGREES = math.degrees(1.0)
 
 
-@dataclass(kw_only=True)
-class Options:
-    """First demonstration of SIMURV; there is nothing to choose."""
+@dataclass(frozen=True, kw_only=True)
+class DemonstrationCase:
+    """One rule that follows the demonstration."""
+
+    rule: str
+    """Of motion: priorities, those of `uuv.controllers.mkps`, or pseudo-inverses, SIMURV's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemonstrationRow:
+    """Largest errors, ways and largest speeds."""
+
+    position: float = column("tool off", "mm", factor=1e3, tolerance=1e-3)
+    angle: float = column("angle off", "deg", factor=DEGREES, tolerance=1e-3)
+    way: float = column("hull", "m", digits=2)
+    turn: float = column("hull turns", "deg", digits=0, factor=DEGREES)
+    joints: float = column("joints, sum", "deg", digits=0, factor=DEGREES)
+    speed: float = column("hull", "m/s", digits=2)
+    joint_speed: float = column("joint", "deg/s", digits=0, factor=DEGREES)
 
 
 def profile(way: float, cruise: float, duration: float, time: float) -> float:
@@ -57,13 +73,13 @@ def profile(way: float, cruise: float, duration: float, time: float) -> float:
     return float(speed * (0.5 * rising**2 / ramp + max(0.0, time - ramp) - 0.5 * falling**2 / ramp))
 
 
-def demonstration(X_from: Array) -> Callable[[float], Array]:
+def demonstration(X_from: Array) -> PoseOverTime:
     """Pose of the tool (4, 4) over time [s], from its pose at the start."""
     turn = log_so3(X_from[:3, :3].T)
     angle = float(np.linalg.norm(turn))
     way = GOAL - X_from[:3, 3]
 
-    def wanted(time: float) -> Array:
+    def target(time: float) -> Array:
         done = profile(angle, TURN_CRUISE, TURN_TIME, time) / angle
         gone = [
             profile(float(part), cruise, WAY_TIME, time)
@@ -71,7 +87,7 @@ def demonstration(X_from: Array) -> Callable[[float], Array]:
         ]
         return pose(X_from[:3, :3] @ exp_so3(done * turn), X_from[:3, 3] + gone)
 
-    return wanted
+    return target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,37 +99,46 @@ class Motion:
     X_WG: Array  # (k, 4, 4)
 
 
-def by_priorities(arm: SerialArm, times: Array, wanted: Callable[[float], Array]) -> Motion:
+def by_priorities(arm: SerialArm, times: Array, target: PoseOverTime) -> Motion:
     """The whole chain, solved from one time to the next."""
     whole = with_hull(Chain.from_arm(arm), pose(p=phoenix_smart3s.BASE))
-    q, rows = np.zeros(whole.n), []
+    q = np.zeros(whole.n)
+    rows = []
     for time in times:
-        q = solve(whole, wanted(time), q, 1e-5, 1e-4, "priority").q
+        q = solve(whole, target(time), q, 1e-5, 1e-4, "priority").q
         rows.append((hull_pose(q[:HULL_JOINTS]), q[HULL_JOINTS:], whole.forward(q)))
-    return Motion(*(np.array(each) for each in zip(*rows, strict=True)))
+    return Motion(*(np.array(series) for series in zip(*rows, strict=True)))
 
 
-def by_pseudo_inverses(arm: SerialArm, times: Array, wanted: Callable[[float], Array]) -> Motion:
+def by_pseudo_inverses(arm: SerialArm, times: Array, target: PoseOverTime) -> Motion:
     """SIMURV's weighted task priorities, by Euler steps of the speeds."""
-    X_WB, q, rows = np.eye(4), np.zeros(6), []
+    X_WB, q = np.eye(4), np.zeros(6)
     of_tool, of_hull, of_joints = GAINS
+    rows = []
+
     for time in times:
         frames = [X_WB @ pose(p=phoenix_smart3s.BASE) @ X for X in arm.joint_frames(q)]
         rows.append((X_WB.copy(), q.copy(), frames[-1]))
         R, X = X_WB[:3, :3], frames[-1]
+
+        # Jacobian of the tool, and its error: of angles, the vector of a quaternion
         axes = np.array([*R.T, *(frame[:3, 2] for frame in frames[:-1])])
         points = np.array([*3 * [X_WB[:3, 3]], *(frame[:3, 3] for frame in frames[:-1])])
         linear = np.vstack([R.T, np.cross(axes, X[:3, 3] - points)])
         tool = np.vstack([linear.T, np.vstack([np.zeros((3, 3)), axes]).T])
-        away = log_so3(wanted(time)[:3, :3] @ X[:3, :3].T)
-        half = 0.5 * float(np.linalg.norm(away))  # its error is the vector of a quaternion
-        off = np.concatenate([wanted(time)[:3, 3] - X[:3, 3], 0.5 * away * np.sinc(half / np.pi)])
+        away = log_so3(target(time)[:3, :3] @ X[:3, :3].T)
+        half = 0.5 * float(np.linalg.norm(away))
+        off = np.concatenate([target(time)[:3, 3] - X[:3, 3], 0.5 * away * np.sinc(half / np.pi)])
+
+        # Jacobian of roll and pitch
         pitch, roll = Rotation.from_matrix(R).as_euler("ZYX")[1:]
         level = np.zeros((2, 12))
         level[:, 3:6] = [
             [1.0, np.sin(roll) * np.tan(pitch), np.cos(roll) * np.tan(pitch)],
             [0, np.cos(roll), -np.sin(roll)],
         ]
+
+        # the tool first, then a level hull in its null space, then the posture in that of both
         first, both = inverse_of(tool), np.vstack([tool, level])
         speeds = first @ (of_tool * off)
         speeds += (
@@ -121,10 +146,13 @@ def by_pseudo_inverses(arm: SerialArm, times: Array, wanted: Callable[[float], A
         )
         posture = np.concatenate([np.zeros(6), of_joints * (POSTURE - q)])
         speeds += (np.eye(12) - inverse_of(both) @ both) @ posture
+
+        # a step of Euler, cut off at the limits
         speeds = np.clip(speeds, -FASTEST, FASTEST)
         X_WB = pose(R @ exp_so3(STEP * speeds[3:6]), X_WB[:3, 3] + STEP * R @ speeds[:3])
         q = q + STEP * speeds[6:]
-    return Motion(*(np.array(each) for each in zip(*rows, strict=True)))
+
+    return Motion(*(np.array(series) for series in zip(*rows, strict=True)))
 
 
 def inverse_of(J: Array) -> Array:
@@ -134,59 +162,42 @@ def inverse_of(J: Array) -> Array:
     return (J / WEIGHTS).T @ np.linalg.inv(across + damping * np.eye(len(J)))
 
 
-def row(
-    name: str, motion: Motion, times: Array, wanted: Callable[[float], Array]
-) -> tuple[str, ...]:
-    """Figures of one motion."""
-    off = [np.linalg.inv(wanted(time)) @ X for time, X in zip(times, motion.X_WG, strict=True)]
-    turned = [
-        log_so3(a[:3, :3].T @ b[:3, :3])
-        for a, b in zip(motion.X_WB[:-1], motion.X_WB[1:], strict=True)
-    ]
-    steps = np.diff(motion.X_WB[:, :3, 3], axis=0)
-    speed = float(np.linalg.norm(steps, axis=1).max()) / STEP
-    return (
-        name,
-        f"{1e3 * max(float(np.linalg.norm(X[:3, 3])) for X in off):.3g}",
-        f"{np.degrees(max(float(np.linalg.norm(log_so3(X[:3, :3]))) for X in off)):.3g}",
-        f"{np.linalg.norm(steps, axis=1).sum():.2f}",
-        f"{np.degrees(np.linalg.norm(turned, axis=1).sum()):.0f}",
-        f"{np.degrees(np.abs(np.diff(motion.q, axis=0)).sum()):.0f}",
-        f"{speed:.2f}",
-        f"{np.degrees(np.abs(np.diff(motion.q, axis=0)).max() / STEP):.0f}",
-    )
+RULES = {"priorities": by_priorities, "pseudo-inverses": by_pseudo_inverses}
 
 
-def main() -> int:
-    """Prints the table; returns 0."""
-    parse(Options)
+@experiment("simurv_demo", vary={"rule": tuple(RULES)}, quick={"rule": tuple(RULES)})
+def simurv_demo(case: DemonstrationCase) -> DemonstrationRow:
+    """Follows the demonstration by one rule."""
     a, alpha, d = phoenix_smart3s.DH.T
     arm = SerialArm.from_dh(np.column_stack([np.zeros_like(a), d, a, alpha]))
     times = np.linspace(0.0, SECONDS, round(SECONDS / STEP) + 1)
-    wanted = demonstration(pose(p=phoenix_smart3s.BASE) @ arm.joint_frames(np.zeros(6))[-1])
-    columns = (
-        "by",
-        "tool off [mm]",
-        "[deg]",
-        "hull [m]",
-        "hull [deg]",
-        "joints, sum [deg]",
-        "hull [m/s]",
-        "joint [deg/s]",
-    )
-    rows = [
-        row(
-            "priorities of `uuv.controllers.mkps`", by_priorities(arm, times, wanted), times, wanted
-        ),
-        row("SIMURV's pseudo-inverses", by_pseudo_inverses(arm, times, wanted), times, wanted),
-    ]
-    Console(width=132).print(
-        Table(
-            "First demonstration of SIMURV: largest error, ways, largest speeds", columns, rows
-        ).printed()
-    )
-    return 0
+    target = demonstration(pose(p=phoenix_smart3s.BASE) @ arm.joint_frames(np.zeros(6))[-1])
+    motion = RULES[case.rule](arm, times, target)
 
+    # errors of the tool
+    off = [np.linalg.inv(target(time)) @ X for time, X in zip(times, motion.X_WG, strict=True)]
+
+    # steps of hull and joints
+    steps = np.linalg.norm(np.diff(motion.X_WB[:, :3, 3], axis=0), axis=1)
+    R = motion.X_WB[:, :3, :3]
+    turns = [np.linalg.norm(log_so3(a.T @ b)) for a, b in pairwise(R)]
+    joints = np.abs(np.diff(motion.q, axis=0))
+    return DemonstrationRow(
+        position=max(float(np.linalg.norm(X[:3, 3])) for X in off),
+        angle=max(float(np.linalg.norm(log_so3(X[:3, :3]))) for X in off),
+        way=float(steps.sum()),
+        turn=float(np.sum(turns)),
+        joints=float(joints.sum()),
+        speed=float(steps.max()) / STEP,
+        joint_speed=float(joints.max()) / STEP,
+    )
+
+
+simurv_demo.page = Page().table(
+    "First demonstration of SIMURV: largest error, ways, largest speeds",
+    by="rule",
+    columns=["position", "angle", "way", "turn", "joints", "speed", "joint_speed"],
+)
 
 if __name__ == "__main__":
-    run_scenario(main)
+    run_scenario(simurv_demo.main)

@@ -1,34 +1,29 @@
-"""Benchmark: vehicles beside the default one in all jobs, what `uuv check` promised of them and
-what they kept.
+"""Vehicles beside the default one in all jobs: what `uuv check` promises, and what they keep.
 
-    ./uvw run scripts/experiments/vehicles/vehicles.py --workers 2
-
-A job that the check refuses is run all the same, to see whether the refusal was right. Writes
-vehicles.json and vehicles.md into --out.
+A job that the check refuses is run all the same, to see whether the refusal was right. Hovering is
+simulated by the check itself.
 """
 
-from uuv.start import new_folder, parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from rich.console import Console
 
 from uuv.check.check import check_vehicle
 from uuv.check.checked_jobs import ARM_JOBS, HOVERING
+from uuv.check.findings import JobVerdict
 from uuv.check.jobs import ArmJobs
-from uuv.experiment.harness import Table
-from uuv.experiment.local_processes import run_all
+from uuv.experiment import Page, column, experiment, stat
 from uuv.experiment.options import at_least
 from uuv.runner import Run, run
-from uuv.scenario import Scenario
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import one_of
-from uuv.sim.runs.saving import write_json, write_whole
 
 # Vehicle: tool, set forces [N]; None: its own tool, the jobs' own forces.
 VEHICLES: dict[str, tuple[str | None, tuple[float, ...]]] = {
@@ -38,23 +33,19 @@ VEHICLES: dict[str, tuple[str | None, tuple[float, ...]]] = {
 }
 
 
-@dataclass(kw_only=True)
-class Options:
-    """Vehicles in all jobs."""
+@dataclass(frozen=True, kw_only=True)
+class VehicleJobs:
+    """Which vehicles and jobs."""
 
     vehicles: tuple[str, ...] = tuple(VEHICLES)
-    """Names, of those that the benchmark knows."""
+    """Names, of those that the experiment knows."""
     jobs: tuple[str, ...] = tuple(ARM_JOBS)
-    """Jobs of the arm."""
+    """Jobs of the arm; those of the hull alone are always checked."""
     seeds: int = 5
     """Runs of each job, with seeds from 0 on."""
-    workers: int = 1
-    """Processes."""
-    out: Path | None = None
-    """Folder for the results."""
 
     def __post_init__(self) -> None:
-        at_least(self, seeds=1, workers=1)
+        at_least(self, seeds=1)
         for vehicle in self.vehicles:
             one_of(vehicle, tuple(VEHICLES), "--vehicles")
         for job in self.jobs:
@@ -62,166 +53,140 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
-    """One run."""
+class VehicleJobCase:
+    """One run of one job."""
 
     vehicle: str
     job: str
     seed: int
 
 
-def scenario_of(case: Case) -> Scenario:
-    """Scenario of a run."""
+@dataclass(frozen=True, kw_only=True)
+class VehicleJobRow:
+    """What the check says, and what the run gives."""
+
+    promised: bool | None = column("promised")  # None: the process died
+    code: str = column("refused for", default="")
+    accepted: bool = column("kept", default=False)
+    reason: str = column("figures, or why not", default="")
+    force_error: float | None = column("force error, RMS", "N", digits=2, default=None)
+    path_deviation: float | None = column("path", "mm", digits=1, factor=1e3, default=None)
+    tilt: float | None = column("tilt", "rad", digits=3, default=None)
+    felt_error: float | None = column("felt force, RMS error", "N", digits=2, default=None)
+    felt_sigma: float | None = column("its stated sigma", "N", digits=2, default=None)
+
+
+def cases(jobs: VehicleJobs) -> Iterator[VehicleJobCase]:
+    """Hovering once, each job of the arm with each seed."""
+    for vehicle in jobs.vehicles:
+        for job in HOVERING:
+            yield VehicleJobCase(vehicle=vehicle, job=job, seed=0)
+        for job in jobs.jobs:
+            for seed in range(jobs.seeds):
+                yield VehicleJobCase(vehicle=vehicle, job=job, seed=seed)
+
+
+def died(case: VehicleJobCase, error: str) -> VehicleJobRow:
+    """Row of a run whose process died."""
+    del case
+    return VehicleJobRow(promised=None, reason=error)
+
+
+@experiment(
+    "vehicles",
+    cases=cases,
+    failed=died,
+    quick={"vehicles": ("rexrov2_arm7",), "jobs": ("tap",), "seeds": 1},
+)
+def vehicles(case: VehicleJobCase) -> VehicleJobRow:
+    """Checks a job and runs it."""
+    verdict = _verdict(case.vehicle, case.job)
+    row = VehicleJobRow(promised=verdict.promised, code=verdict.code)
+    if case.job in HOVERING:
+        return replace(row, accepted=verdict.promised, reason=verdict.said)
+
     tool, forces = VEHICLES[case.vehicle]
+    jobs = ArmJobs(case.vehicle, tool=tool, parts=None, forces=forces)
+    try:
+        done = run(replace(jobs.scenario(case.job), seed=case.seed))
+    except UuvError as error:
+        return replace(row, reason=str(error))
+
+    figures = cast(dict[str, Any], done.assessment.metrics)
     return replace(
-        ArmJobs(case.vehicle, tool=tool, parts=None, forces=forces).scenario(case.job),
-        seed=case.seed,
+        row,
+        accepted=done.assessment.accepted,
+        reason="; ".join(done.assessment.failed)[:300],
+        force_error=_figure(figures, "contact", "force_error_rms_n"),
+        path_deviation=_figure(figures, "tool", "path_deviation_max_m"),
+        tilt=_figure(figures, "hull", "tilt_max_rad"),
+        felt_error=_figure(figures, "force_estimate", "normal_error_rms_n"),
+        felt_sigma=_stated_sigma(done),
     )
 
 
-def outcome(case: Case) -> dict[str, Any]:
-    """Figures of a run: kept, or why not."""
-    row: dict[str, Any] = {
-        "vehicle": case.vehicle,
-        "job": case.job,
-        "seed": case.seed,
-        "kept": False,
-        "said": "",
-    }
-    try:
-        done = run(scenario_of(case))
-    except UuvError as error:
-        return row | {"said": str(error), "begun": False}
-    judged = done.assessment
-    figures = cast(dict[str, Any], judged.metrics)
-    row["kept"] = judged.accepted
-    row["said"] = "; ".join(judged.failed)[:300]
-    for group, name in (
-        ("contact", "force_error_rms_n"),
-        ("tool", "path_deviation_max_m"),
-        ("hull", "tilt_max_rad"),
-    ):
-        row[name] = (
-            figures.get(group, {}).get(name) if isinstance(figures.get(group), dict) else None
-        )
-    row["felt_error_n"] = (figures.get("force_estimate") or {}).get("normal_error_rms_n")
-    row["felt_sigma_n"] = _sigma(done)
-    return row
+@lru_cache(maxsize=8)
+def _verdict(vehicle: str, job: str) -> JobVerdict:
+    """What the check says of a job; made once in a process."""
+    tool, forces = VEHICLES[vehicle]
+    check = check_vehicle(vehicle, tool=tool, forces=forces, jobs=(job,))
+    return next(verdict for verdict in check.jobs if verdict.job == job)
 
 
-def _sigma(done: Run) -> float | None:
+def _figure(figures: Mapping[str, Any], group: str, name: str) -> float | None:
+    entries = figures.get(group)
+    return entries.get(name) if isinstance(entries, dict) else None
+
+
+def _stated_sigma(done: Run) -> float | None:
     """Standard deviation [N] of the normal force that the controller stated, mean over the work;
     None without work.
     """
     name = "believed.f_tip_sigma_G"
     if name not in done.recording:
         return None
-    work = [(event.time, event.state) for event in done.recording.events]
-    spans = [
-        (begin, after) for (begin, state), (after, _) in pairwise(work) if state is WorkState.WORK
+
+    events = [(event.time, event.state) for event in done.recording.events]
+    work = [
+        (begin, end) for (begin, state), (end, _) in pairwise(events) if state is WorkState.WORK
     ]
     series = done.recording[name]
-    at = [k for k, t in enumerate(series.time) if any(begin <= t < after for begin, after in spans)]
-    return float(np.nanmean(series.value[at, 2])) if at else None
+    inside = [k for k, t in enumerate(series.time) if any(begin <= t < end for begin, end in work)]
+    return float(np.nanmean(series.value[inside, 2])) if inside else None
 
 
-def died(case: Case) -> dict[str, Any]:
-    """Row of a run whose process died."""
-    return {
-        "vehicle": case.vehicle,
-        "job": case.job,
-        "seed": case.seed,
-        "kept": False,
-        "said": "process died",
-    }
-
-
-def main() -> int:
-    """Checks the vehicles, runs all jobs, and compares; 1 if a job that was promised was kept in
-    less than 90 %.
-    """
-    options, console = parse(Options), Console()
-    folder = new_folder("vehicles", options.out)
-    promised: dict[tuple[str, str], Any] = {}
-    hovering: list[dict[str, Any]] = []
-    for vehicle in options.vehicles:
-        tool, forces = VEHICLES[vehicle]
-        check = check_vehicle(vehicle, tool=tool, forces=forces, jobs=(*HOVERING, *options.jobs))
-        for verdict in check.jobs:
-            if verdict.job in HOVERING:
-                row = {
-                    "vehicle": vehicle,
-                    "job": verdict.job,
-                    "kept": verdict.promised,
-                    "said": verdict.said,
-                }
-                hovering.append(row)
-            promised[vehicle, verdict.job] = verdict
-    cases = [
-        Case(vehicle=vehicle, job=job, seed=seed)
-        for vehicle in options.vehicles
-        for job in options.jobs
-        for seed in range(options.seeds)
-    ]
-    rows: list[dict[str, Any]] = []
-    for case, row in run_all(cases, options.workers, outcome, died):
-        rows.append(row)
-        console.print(
-            f"{case.vehicle} {case.job} {case.seed}: {'kept' if row['kept'] else row['said']}"[:160]
-        )
-    table: list[tuple[str, ...]] = []
-    short = False
-    for vehicle in options.vehicles:
-        for job in options.jobs:
-            mine = [row for row in rows if (row["vehicle"], row["job"]) == (vehicle, job)]
-            kept, verdict = sum(row["kept"] for row in mine), promised[vehicle, job]
-            short |= verdict.promised and kept < 0.9 * len(mine)
-            table.append(
-                (
-                    vehicle,
-                    job,
-                    "promised" if verdict.promised else f"refused: {verdict.code}",
-                    f"{kept} of {len(mine)}",
-                    _worst(mine, "force_error_rms_n", 1.0, 2),
-                    _worst(mine, "path_deviation_max_m", 1e3, 1),
-                    _worst(mine, "felt_error_n", 1.0, 2),
-                    _worst(mine, "felt_sigma_n", 1.0, 2),
-                )
-            )
-    columns = (
-        "vehicle",
-        "job",
-        "check",
-        "kept",
-        "force error, RMS [N]",
-        "path, peak [mm]",
-        "felt [N]",
-        "sigma [N]",
+vehicles.page = (
+    Page()
+    .table(
+        "Vehicles in all jobs: largest of the runs",
+        by=("vehicle", "job", "promised", "code"),
+        columns=[
+            stat("count", "accepted", "runs kept"),
+            stat("count", lambda row: row["seed"] is not None, "of"),
+            stat("largest", "force_error", "force error, RMS"),
+            stat("largest", "path_deviation", "path"),
+            stat("largest", "tilt", "tilt"),
+            stat("largest", "felt_error", "felt force, RMS error"),
+            stat("largest", "felt_sigma", "its stated sigma"),
+        ],
+        where=lambda row: row["job"] not in HOVERING,
     )
-    tables = [
-        Table("Vehicles in all jobs: worst of the runs", columns, table, labels=3),
-        Table(
-            "Hover",
-            ("vehicle", "job", "kept", "figures"),
-            [
-                (each["vehicle"], each["job"], "yes" if each["kept"] else "no", each["said"])
-                for each in hovering
-            ],
-            labels=4,
-        ),
+    .table(
+        "Hover",
+        by=("vehicle", "job"),
+        columns=["accepted", "reason"],
+        where=lambda row: row["job"] in HOVERING,
+    )
+    .accept(
+        stat("count", lambda row: row["promised"] and not row["accepted"], "promised, not kept"),
+        most=0,
+    )
+)
+vehicles.line = lambda row: (
+    f"{row['vehicle']} {row['job']} {row['seed']}: {'kept' if row['accepted'] else row['reason']}"[
+        :160
     ]
-    for each in tables:
-        console.print(each.printed())
-    write_json(folder / "vehicles.json", {"hover": hovering, "rows": rows})
-    write_whole(folder / "vehicles.md", "\n\n".join(each.markdown() for each in tables))
-    console.print(f"in {folder}")
-    return int(short)
-
-
-def _worst(rows: list[dict[str, Any]], name: str, scale: float, digits: int) -> str:
-    values = [row[name] for row in rows if row.get(name) is not None]
-    return f"{scale * max(values):.{digits}f}" if values else ""
-
+)
 
 if __name__ == "__main__":
-    run_scenario(main)
+    run_scenario(vehicles.main)

@@ -5,13 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.calibration.real_arms import (
-    RealArmCase,
-    RealTouches,
-    calibration_real_arms,
-    cases,
-    intervals,
-)
+from experiments.calibration.real_arms import RealArmCase, RealTouches, calibration_real_arms, cases
 from uuv.calib.simulation import touch, wrong_arm
 from uuv.calib.touch_files import write_touches
 from uuv.models.arms import published_arms
@@ -59,8 +53,8 @@ def test_intervals_are_judged_by_the_errors_that_they_hold():
     row |= {"left_out": 2, "held_out": {"b": 2e-4, "c": 4e-4}}
     row |= {"errors": errors.tolist(), "half_widths": [8.05e-4] * 100}
 
-    metrics = intervals([row])[1]["intervals"]["r, all others"]
+    summary = calibration_real_arms.summary([row])
+    metrics = summary.metrics["intervals"]["r, all others"]
     assert metrics["covered"] == pytest.approx(0.8)
     assert metrics["width_over_spread"] == pytest.approx(8.05e-4 / np.quantile(errors, 0.95))
-    table = calibration_real_arms.summary([row]).tables[0]
-    assert table.rows[0] == ["r", "all others", "0.300", "2"]
+    assert summary.tables[0].rows[0] == ["r", "all others", "0.300", "2"]

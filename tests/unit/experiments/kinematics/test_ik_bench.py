@@ -1,9 +1,8 @@
-"""The benchmark's own parts: what it checks answers by, what it gives the peers, and its
-baseline.
-"""
+"""The bench of inverse kinematics: its check of answers, what it gives the peers, its baseline."""
 
 from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,7 +14,14 @@ from uuv.sim.interfaces.spatial import exp_so3, pose
 
 @pytest.fixture
 def bench() -> ModuleType:
-    return import_module("experiments.kinematics.ik")
+    return import_module("experiments.kinematics.ik_bench")
+
+
+def targets_of(
+    name: str, *, degrees: int = 180, start: str = "cold", bar: str = "A", count: int, seed: int = 0
+) -> Any:
+    bench = import_module("experiments.kinematics.ik_bench")
+    return bench.targets_of(name, degrees=degrees, start=start, bar=bar, count=count, seed=seed)
 
 
 @pytest.fixture
@@ -35,7 +41,7 @@ def test_answers_are_checked_by_the_right_kinematics(bench: ModuleType, name: st
 
 
 def test_wrong_answers_are_not_counted(bench: ModuleType) -> None:
-    case = next(bench.cases(bench.Options(), "puma560", 6))
+    case = targets_of("puma560", count=6)
     q = np.tile([0.2, 0.4, -0.3, 0.5, 0.6, 0.7], (6, 1))
     targets = bench.dh_forward(case.arm, q)
     targets[1, :3, 3] += [0.9e-4, 0.0, 0.0]  # within the bar
@@ -43,14 +49,8 @@ def test_wrong_answers_are_not_counted(bench: ModuleType) -> None:
     targets[3, :3, :3] = exp_so3([0.0, 1.1e-3, 0.0]) @ targets[3, :3, :3]
     q[4, 0] += 2.0 * np.pi  # the pose, but beyond the limits
     q[5] = np.nan
-    moved = bench.IkCase(
-        arm=case.arm,
-        degrees=180,
-        warm=False,
-        bar="A",
-        limits=case.limits,
-        targets=targets,
-        starts=case.starts,
+    moved = bench.IkTargets(
+        arm=case.arm, bar="A", limits=case.limits, targets=targets, starts=case.starts
     )
     assert bench.reached(moved, q).tolist() == [True, True, False, False, False, False]
 
@@ -89,22 +89,18 @@ def test_peers_are_given_the_same_arm(fellows: ModuleType, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["ur5", "stanford", "panda"])
-@pytest.mark.parametrize("warm", [False, True])
-def test_the_baseline_solves_within_the_limits(bench: ModuleType, name: str, warm: bool) -> None:
+@pytest.mark.parametrize("start", ["cold", "warm"])
+def test_the_baseline_solves_within_the_limits(bench: ModuleType, name: str, start: str) -> None:
     """It must be worth comparing with: every one of 200 targets, at the close bar, limits kept."""
-    case = next(
-        c
-        for c in bench.cases(bench.Options(), name, 200)
-        if (c.warm, c.bar, c.degrees) == (warm, "B", 150)
-    )
+    case = targets_of(name, degrees=150, start=start, bar="B", count=200)
     solver = bench.baseline(case.task)
     answers = np.array([solver(X, q0) for X, q0 in zip(case.targets, case.starts, strict=True)])
     assert np.all(bench.reached(case, answers))
 
 
-def test_cases_are_the_same_under_a_seed(bench: ModuleType) -> None:
+def test_targets_are_the_same_under_a_seed() -> None:
     def targets(seed: int) -> np.ndarray:
-        return next(bench.cases(bench.Options(seed=seed), "iiwa7", 3)).targets
+        return targets_of("iiwa7", count=3, seed=seed).targets
 
     np.testing.assert_array_equal(targets(1), targets(1))
     assert np.abs(targets(1) - targets(2)).max() > 1e-3
@@ -143,7 +139,7 @@ def test_a_urdf_says_every_rotation(fellows: ModuleType, pitch: float) -> None:
 
 
 def test_an_arm_can_be_raced_within_its_own_limits(bench: ModuleType) -> None:
-    case = next(bench.cases(bench.Options(limits=(bench.OWN_LIMITS,)), "jaco", 200))
+    case = targets_of("jaco", degrees=bench.OWN_LIMITS, count=200)
     assert np.all(case.limits[1:3, 0] > 0.0)  # zero is beyond them
     answers = np.array(
         [bench.baseline(case.task)(X, q0) for X, q0 in zip(case.targets, case.starts, strict=True)]

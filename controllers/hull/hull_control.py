@@ -18,7 +18,7 @@ from uuv.controllers.hull.allocation import (
 )
 from uuv.controllers.hull.priorities import PRIORITIES, PRIORITIES_AFTER_LOSS
 from uuv.controllers.hull.station_keeping import (
-    HullMotion,
+    MeasuredMotion,
     HullTarget,
     StationGains,
     StationKeeping,
@@ -86,7 +86,7 @@ def control_hull(hull, motion, target, arm_B):
 
     Args:
         hull: `HullRecord`; updated.
-        motion: `HullMotion` now.
+        motion: `MeasuredMotion` now.
         target: `HullTarget`.
         arm_B: (6,) [N, N m] wrench of the arm on the hull to be cancelled, hull axes.
     """
@@ -106,7 +106,7 @@ class HullWork(NamedTuple):
     """Control of the hull by itself, for a controller that has no tick of its own."""
 
     hull: HullRecord
-    motion: HullMotion
+    motion: MeasuredMotion
     target: HullTarget
     arm_B: Array  # (6,) [N, N m]
 
@@ -261,7 +261,7 @@ class HullTick:
     """Tick of hull control by itself, bound to the arrays of a state."""
 
     def __init__(self, hull: HullRecord) -> None:
-        motion = HullMotion(np.eye(4), np.zeros(3), np.zeros(3))
+        motion = MeasuredMotion(np.eye(4), np.zeros(3), np.zeros(3))
         target = HullTarget(np.eye(4), np.zeros(3), np.zeros(3))
         self._work = HullWork(hull, motion, target, np.zeros(6))
         self._box: Any = hull_box(as_annotated(self._work))

@@ -56,7 +56,7 @@ class StationGains(NamedTuple):
     hull: ObservedHull  # without the arm
 
 
-class HullMotion(NamedTuple):
+class MeasuredMotion(NamedTuple):
     """Estimated motion of the hull."""
 
     X_WB: Array  # (4, 4) pose
@@ -79,7 +79,7 @@ def keep_station(gains, state, motion, target, arm_B, dt):
     Args:
         gains: `StationGains`.
         state: `StationKeepingState`; updated, with the demand as the wrench given.
-        motion: `HullMotion` now.
+        motion: `MeasuredMotion` now.
         target: `HullTarget`.
         arm_B: (6,) [N, N m] wrench of the arm on the hull, hull axes, to be cancelled.
         dt: [s] since the last step.
@@ -114,7 +114,7 @@ def through_water(state, motion):
 
     Args:
         state: `StationKeepingState`.
-        motion: `HullMotion` now.
+        motion: `MeasuredMotion` now.
     """
     flow_B = motion.X_WB[:3, :3].copy().T @ state.observer.current_W
     nu_B = np.empty(6)
@@ -249,10 +249,10 @@ class StationKeeping:
         return keep_station(self.gains, state, motion_of(estimate), target, arm_B, float(dt))
 
 
-def motion_of(estimate: StateEstimate) -> HullMotion:
+def motion_of(estimate: StateEstimate) -> MeasuredMotion:
     """Motion of the hull in a message; copies."""
     e = estimate
-    return HullMotion(np.array(e.X_WB), np.array(e.v_WB_B), np.array(e.w_WB_B))
+    return MeasuredMotion(np.array(e.X_WB), np.array(e.v_WB_B), np.array(e.w_WB_B))
 
 
 def _static(model: mujoco.MjModel, hull: int) -> Array:

@@ -8,7 +8,7 @@ from uuv.controllers.arm import compliance
 from uuv.controllers.estimation.tip_force_kernels import contact_wrench
 from uuv.controllers.hull.feedforward import CONTACT_B, LEFT_OUT_B, WRENCH_B
 from uuv.controllers.hull.hull_control import HullRecord, control_hull
-from uuv.controllers.hull.station_keeping import HullMotion, HullTarget
+from uuv.controllers.hull.station_keeping import MeasuredMotion, HullTarget
 from uuv.controllers.whole_body.tool_tick import K
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
@@ -72,7 +72,7 @@ def step_hull(step, contact, tool, e, reference, command):
             fed_B[k] -= values[LEFT_OUT_B + k]
 
     # Hull, and the command.
-    motion = HullMotion(e.X_WB, e.v_WB_B, e.w_WB_B)
+    motion = MeasuredMotion(e.X_WB, e.v_WB_B, e.w_WB_B)
     target = HullTarget(reference.X_WB, reference.v_WB_W, reference.w_WB_W)
     control_hull(hull, motion, target, fed_B)
     command.thrusters[:] = hull.thrusters

@@ -65,10 +65,12 @@ def test_an_experiment_that_needs_data_says_that_there_is_none(entries, monkeypa
 def test_an_experiment_without_rows_has_neither_tables_nor_a_verdict(entries):
     (entry,) = (entry for entry in entries if entry.experiment.name == "ik_success")
     texts = pages.pages([replace(entry, kept=None)])
-    page = texts[Path(pages.PAGES) / "ik_success.md"]
-    assert "No rows are kept." in page
-    assert "ccepted" not in page
-    assert "|" not in page
+    assert [*texts] == [Path(pages.OVERVIEW)]
+    section = texts[Path(pages.OVERVIEW)].partition("\n### ")[2]
+    assert "scripts/experiments/kinematics/ik_success.py" in section
+    assert "*no rows kept*" in section
+    assert "ccepted" not in section
+    assert "|" not in section
 
 
 def test_an_overview_that_is_too_long_is_refused(entries, monkeypatch):

@@ -18,8 +18,8 @@ from uuv.controllers.hull.allocation import (
 )
 from uuv.controllers.hull.priorities import PRIORITIES, PRIORITIES_AFTER_LOSS
 from uuv.controllers.hull.station_keeping import (
-    MeasuredMotion,
     HullTarget,
+    MeasuredMotion,
     StationGains,
     StationKeeping,
     StationKeepingState,

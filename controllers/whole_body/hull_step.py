@@ -8,7 +8,7 @@ from uuv.controllers.arm import compliance
 from uuv.controllers.estimation.tip_force_kernels import contact_wrench
 from uuv.controllers.hull.feedforward import CONTACT_B, LEFT_OUT_B, WRENCH_B
 from uuv.controllers.hull.hull_control import HullRecord, control_hull
-from uuv.controllers.hull.station_keeping import MeasuredMotion, HullTarget
+from uuv.controllers.hull.station_keeping import HullTarget, MeasuredMotion
 from uuv.controllers.whole_body.tool_tick import K
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, call

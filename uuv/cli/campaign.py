@@ -45,7 +45,8 @@ class CampaignOptions(HarnessOptions):
     only: int | None = None
     """Do only the run of this number, if it is missing."""
     version: str = ""
-    """With --only or --replay: the run in this version of the file's [versions]."""
+    """With --replay: the run in this version of the file's [versions]; with --only: that one
+    too, beside the run without it."""
     replay: int | None = None
     """Do the run of this number again with full recording, in a folder of its own; the same
     trajectory to the bit."""
@@ -116,7 +117,8 @@ def campaign(options: CampaignOptions, started: float) -> int:
     if not options.page:
         check_inputs(runs[0].scenario())
     if options.only is not None:
-        runs = [one_of(runs, options.only, options.version)]
+        versions = dict.fromkeys(("", options.version))
+        runs = [one_of(runs, options.only, version) for version in versions]
     return carry_out(runs, described, options, " ".join((shlex.quote(str(options.file)), *typed)))
 
 

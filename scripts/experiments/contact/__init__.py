@@ -1,1 +1,1 @@
-"""Contact work: seas, faults, waves, force steps, and the force estimated at the tip."""
+"""Contact work: steps of the force, and the force estimated at the tip; its campaigns are files."""

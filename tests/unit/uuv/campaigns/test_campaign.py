@@ -461,6 +461,24 @@ def test_the_command_refuses_a_mistake_in_one_line(verb, tmp_path, old, new, sai
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--version", "with luck"), "--version: only with --only or --replay"),
+        (("--only", 1, "--version", "luck"), "--version: allowed without fusion, got 'luck'"),
+        (("--only", 9), "case: allowed up to 3, as drawn, got 9"),
+        (("--drawn", "gone.json"), "drawn cases 'gone.json': there is no such file"),
+        (("--drawn", "gone.json", "--seed", 1), "--drawn and --seed: one of them"),
+    ],
+)
+def test_the_command_refuses_runs_that_there_are_not(verb, tmp_path, options, said):
+    file = tmp_path / "mine.toml"
+    file.write_text(FILE + "\n[versions.'without fusion']\n'control.without' = ['fusion']\n")
+    out = tmp_path / "out"
+    assert said in refused(verb("campaign", file, "--out", out, "--workers", 1, *options))
+    assert not out.exists()
+
+
 def test_the_command_refuses_rows_of_another_version(verb, tmp_path):
     file, out = tmp_path / "mine.toml", tmp_path / "out"
     file.write_text(FILE)

@@ -172,8 +172,9 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
     metrics, recording = outcome.assessment.metrics, outcome.recording
     off = np.linalg.norm(recording["p_WB"].value - recording["p_WB_reference"].value, axis=1)
 
-    # Force and path: those across the axis of a hole, or those on the surface.
+    # Force error and path deviation, by the kind of work.
     if "insertion" in metrics:
+        # At a hole there is no path on a surface.
         force = {
             name: metrics["insertion"][f"side_{name}"] for name in ("force_rms_n", "force_max_n")
         }
@@ -191,6 +192,7 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
             "path_max_m": metrics["tool"]["path_deviation_max_m"],
             "force_over_set": force_over_set(recording, first_force(outcome.scenario)),
         }
+
         at_work = recording.within(WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
     return {

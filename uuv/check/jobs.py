@@ -337,6 +337,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
         found = placed.planner().stand(_target(placed.X_WT, path), path, current)
     elif isinstance(placed, PlacedSampling):
+        # The first target, at the true height of the ground.
         B = np.array(placed.B_W[0])
         B[2] = float(placed.ground.height(B[None])[0])
         path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)

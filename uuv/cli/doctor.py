@@ -175,6 +175,7 @@ def rendering() -> tuple[str, str]:
             )
         except (OSError, subprocess.TimeoutExpired):
             continue
+
         if ran.returncode == 0:
             return OK, (
                 "pictures by OpenGL "

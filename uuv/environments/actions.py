@@ -340,8 +340,7 @@ class JointVelocities(Controlled):
 
 
 class ToolTwist(Controlled):
-    """Twist of the tool, force, compliance: velocity (3,) and angular velocity (3,) in tool axes,
-    as shares of limits.
+    """Twist of the tool (6,) in tool axes, as shares of limits; force and compliance.
 
     The seventh number is the share of `largest` [N] that the tool presses with; at 0 and below the
     force is not controlled. Above 0 the eighth lets the tool yield across its axis. Station keeping

@@ -264,6 +264,8 @@ def assessed(
         true = values_of(case.true.joint_damping, case.true.dry_friction)
         believed = values_of(case.believed.joint_damping, case.believed.dry_friction)
         got, shares = values_of(found.viscous, found.dry), errors(case, found)
+
+        # Errors of the worst joint, also in standard deviations.
         figures = {f"{name}_error": float(share.max()) for name, share in shares.items()}
         off = [np.abs(got[name] - true[name]) / found.sigma(name) for name in shares]
         figures["error_sigmas"] = float(np.max(off))

@@ -53,7 +53,7 @@ class ScoredCase:
 
 
 class ThrusterEnergy:
-    """Observer of the ideal energy of the thrusters, c |T|^1.5 of an actuator disc."""
+    """Observer of the ideal energy, c |T|^1.5 of an actuator disc over thrusters and time."""
 
     slow_ticks = (_SAMPLE_TICKS,)
 
@@ -242,8 +242,8 @@ def share(good: int, of: int) -> dict[str, float]:
 def median(values: Sequence[float]) -> dict[str, float] | None:
     """Median with its bootstrap interval of 95 % (fixed seed); None without values.
 
-    The median of the runs that gave the figure: runs that broke off early are counted by the share
-    kept alone.
+    One value has no interval. The median is of the runs that gave the figure: runs that broke off
+    early are counted by the share kept alone.
     """
     if not values:
         return None

@@ -260,7 +260,6 @@ class _Check:
         """Reach, force and view of the arm, and doubts; returns the vehicle's share of the view."""
         search = PostureSearch(model)
         postures = {}
-
         for key in (HOME_KEY, READY_KEY):
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
             if number >= 0:

@@ -68,7 +68,6 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     """Principal inertias that no body can have, or not one of its mass and size."""
     for b in range(1, model.nbody):
         mass, name = float(model.body_mass[b]), model.body(b).name or f"body {b}"
-
         inertia = np.sort(np.array(model.body_inertia[b]))
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == b]
 
@@ -209,7 +208,6 @@ def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     for j in range(model.njnt):
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
         dof = int(model.jnt_dofadr[j])
-
         if k <= 0.0 or int(model.jnt_type[j]) != int(mujoco.mjtJoint.mjJNT_SLIDE):
             continue
 
@@ -239,7 +237,6 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             )
             for v in np.linalg.svd(B)[0].T[rank:]
         ]
-
         yield VehicleFinding(
             code="thruster-rank",
             level="fault",

@@ -165,11 +165,10 @@ class ArmJobs:
             given: Spec of the vehicle in place of the one that its name stands for.
         """
         scenario = self.scenario(name)
-
         task, setup = scenario.task, scenario.vehicle
+
         try:
             vehicle = setup.vehicle if given is None else given
-
             spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
             model = spec.compile()
             lacking = lacks(model, task.spares)
@@ -287,7 +286,7 @@ def _touching(own: OwnVehicle, q: Array) -> str:
 
 
 def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
-    """Share of the ground about the first target that the vehicle hides from its sonar at first."""
+    """Share of the ground about target 1 that the vehicle hides from its sonar at the start."""
     model, vehicle = own.model, own.vehicle
     data = folded_at(model, vehicle, placed.start)
     p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]

@@ -96,7 +96,7 @@ class FrictionSamples:
 
 @dataclass(frozen=True, kw_only=True)
 class GearIdentificationTask(Task):
-    """Swing the joints of the hovering vehicle, free of contact, to identify their friction."""
+    """Swing the joints of the hovering vehicle, free of contact, to identify gear friction."""
 
     schema: ClassVar[str] = "friction"
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
@@ -305,7 +305,10 @@ def assessed(
 
 
 def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
-    """Table of each joint: believed, identified with its standard deviation, true."""
+    """Table of each joint: believed, identified with its standard deviation, true.
+
+    Those of a slide are in N and m.
+    """
     from rich.table import Table
     from rich.text import Text
 

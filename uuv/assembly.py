@@ -134,7 +134,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     own = OwnVehicle.of(believed, task.spares)
     placed = _placed(scenario, own, rng)
 
-    # The true world, and the start in it, near that of the task unless it needs that one exactly.
+    # The true world, and a start that deviates from the task's unless that is exact.
     gusts, noise, start, sampling = rng.spawn(4)
     model = _compiled(placed.scene(built), scenario)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))

@@ -183,9 +183,7 @@ def _assigned(file: Path, variable: str) -> ast.expr:
 
 
 def _kinds(file: Path) -> list[tuple[str, str]]:
-    """Names of the things that a function's dictionary lists, and of their classes, which it has as
-    MODULE:CLASS.
-    """
+    """Names that a function's dictionary lists, and their classes, its MODULE:CLASS values."""
     for inner in ast.walk(_tree(file)):
         if isinstance(inner, ast.Dict) and inner.keys:
             return [

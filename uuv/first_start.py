@@ -1,5 +1,4 @@
-"""First start: compiles the kernels of the loop on all cores, before one process would do it one
-after the other.
+"""First start: compiles the kernels of the loop on all cores, before one process would do it.
 
 The list (first_start.json, by `scripts/experiments/runtime/list_kernels.py`) says which kernels a
 contact job needs, what they take, and which of them call which. It only saves time: a kernel that

@@ -1,5 +1,4 @@
-"""Inputs of a run, checked before anything is compiled: names against the registries, files by
-their readers.
+"""Inputs of a run, checked before compiling: names by the registries, files by their readers.
 
 A door calls `check_inputs` before it imports what runs a scenario, and before `first_start.build`.
 Nothing compiled is called here, so that what is refused is refused at once, also in a clone without

@@ -150,7 +150,7 @@ def check(spec: mujoco.MjSpec, spares: Collection[str], *, computed: bool = True
 
 
 def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -> mujoco.MjSpec:
-    """`spec` itself with a tool on its tip: `tool`, or the one that a task needs.
+    """`spec` itself with a tool on its tip: `tool`, or what a task needs if its own differs.
 
     Raises:
         ConfigurationError: There is no such tool, or no tip for it.

@@ -118,6 +118,7 @@ def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool 
         pause=lambda moment: moment.reference.state is wanted,
         compiled=begun.compiled,
     )
+
     if begun.rollout.stage is not Stage.COMMANDED:
         reference, time = last.reference, float(last.truth.time)
         note = f": {reference.note}" if reference.note else ""
@@ -125,6 +126,7 @@ def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool 
             f"phase: {phase} was not reached; the run ended at {time:.1f} s in "
             f"{reference.state}{note}"
         )
+
     return SavedRun(
         scenario=assembly.scenario,
         phase=wanted,
@@ -154,8 +156,7 @@ def to_rehearse(scenario: Scenario) -> Scenario:
 
 
 def rehearse(assembly: Assembly) -> None:
-    """Runs the loop for REHEARSAL, to load all compiled code and let an invalid plug-in fail at
-    once.
+    """Runs the loop for REHEARSAL: loads all compiled code, and lets an invalid plug-in fail early.
 
     Args:
         assembly: Made of `to_rehearse` for this alone, and thrown away: its parts may hold state.

@@ -1,5 +1,4 @@
-"""Scenario: everything a run needs and nothing else, as a value and (`scenario_file`) as a TOML
-file.
+"""Scenario: everything a run needs, as a value and (`scenario_file`) as a TOML file.
 
 A `Task` says what is to be done; placed at a site that was drawn from the seed it is a
 `PlacedTask`.
@@ -229,8 +228,7 @@ class Task(ABC):
         return None
 
     def check_inputs(self, scenario: "Scenario") -> None:
-        """Refuses an object that is none for it, and names and files that there are not, before
-        anything is compiled.
+        """Refuses an unfit object, and unknown names and files, before anything is compiled.
 
         Calls nothing compiled. A task that follows an object overrides it, others add to it.
 

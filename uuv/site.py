@@ -201,7 +201,7 @@ class Pile(Workpiece):
 
 @dataclass(frozen=True, kw_only=True)
 class KnownObject(Workpiece):
-    """Object of the library by name, or a mesh file with a line laid over its top."""
+    """Object of the library or another package by name, or a mesh file with a line over its top."""
 
     object: str = option(
         "rock", "A name of `uuv list objects`, a mesh file, or MODULE:FUNCTION.", group="object"

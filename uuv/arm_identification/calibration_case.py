@@ -97,6 +97,8 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
         ConfigurationError: The name is unknown, or the file is unusable.
     """
     check_arm(name)
+
+    # By its name first, then as a file.
     if name in published_arms.available():
         return ArmSource(
             path=Path(name),
@@ -106,10 +108,12 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
             tip="flange",
             sha256="",
         )
+
     if name in models.available():
         file = folder / f"{name}.xml"
         file.write_text(models.load(name).to_xml(), encoding="utf-8")
         return read_arm(file, base=base, tip=tip)
+
     return read_arm(name, base=base, tip=tip)
 
 

@@ -261,6 +261,7 @@ def _write(
         write_touches(
             folder / "touches", case.touches.names, case.touches.series, source.arm.joint_names
         )
+
     content = metrics(case, outcome, accepted, options.seed)
     write_json(folder / "metrics.json", {**content, "provenance": provenance(COMMAND, options)})
 
@@ -273,6 +274,7 @@ def _write(
             notes=(*case.notes, *(f"not told: {line}" for line in outcome.examined.untold)),
             provenance=provenance_rows(settings),
         )
+
         page = report.report_page(
             found,
             statement,

@@ -197,6 +197,7 @@ def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Ar
                 _scatter(found.nominal.tips(q[mine], found.nominal_tcp)),
                 _scatter(p[mine]),
             )
+
             if after > before * _chance(3 * (int(mine.sum()) - 1)):
                 out.append(
                     f"{name}: {1e3 * after:.3g} mm against {1e3 * before:.3g} by the nominal arm"

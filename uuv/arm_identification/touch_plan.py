@@ -157,6 +157,8 @@ def _candidates(
     """
     bounds = np.clip(limits, -np.pi, np.pi)
     places = np.array([found.tips(q).mean(axis=0) for q in done])
+
+    # The flange stays about the mean direction of the touches so far.
     series: list[Array] = []
     for q, place in zip(done, places, strict=True):
         way = found.arm.flange(q)[:, :3, 2].mean(axis=0)

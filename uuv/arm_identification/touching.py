@@ -191,7 +191,7 @@ class PlacedTouching(PlacedTask):
         missed = 0
 
         for k in range(len(self.nests)):
-            # Mean readings of each touch of the nest, and the tip by the nominal arm.
+            # Mean readings of each touch of the nest, and the tip by the believed arm.
             mine = [i for i, one in enumerate(self.wanted) if one.nest == k and i in readings.q]
             means = {i: np.mean(readings.q[i], axis=0) for i in mine}
             poses = {i: readings.X_WB[i][len(readings.X_WB[i]) // 2] for i in mine}

@@ -1,5 +1,4 @@
-"""Cases of the benchmark: seeded scenarios of contact work, public under a version number or drawn
-afresh.
+"""Cases of the benchmark: seeded scenarios of contact work, public by version or drawn afresh.
 
 Water, sensors, vehicle and pad of case i are those of `uuv.benchmark.first_draw`. The job is of the
 family i modulo the number of families; its variant and numbers are drawn from the seed and i alone.

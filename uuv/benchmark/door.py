@@ -264,8 +264,7 @@ class RemoteEstimator:
 
 
 def close_memory() -> None:
-    """Closes memory, environment and open files of this process to others of the same user; Linux
-    alone.
+    """Closes memory, environment and files of this process to others of the same user; Linux only.
 
     The superuser reads them all the same, and anyone the command line: no case may be told there.
     """

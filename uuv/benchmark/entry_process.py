@@ -1,5 +1,4 @@
-"""Process of an entry: makes the controller from its briefing and answers every estimate with a
-command.
+"""Process of an entry: makes the controller from its briefing, answers estimates with commands.
 
 With an estimator it answers measurements with an estimate too. Started by `uuv.benchmark.door`; it
 has no simulation. Its one argument is the number of its socket.

@@ -53,7 +53,7 @@ class ScoredCase:
 
 
 class ThrusterEnergy:
-    """Observer of the ideal energy of the thrusters, c |T|^1.5 of an actuator disc."""
+    """Observer of the ideal energy, c |T|^1.5 of an actuator disc over thrusters and time."""
 
     slow_ticks = (_SAMPLE_TICKS,)
 
@@ -172,8 +172,9 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
     metrics, recording = outcome.assessment.metrics, outcome.recording
     off = np.linalg.norm(recording["p_WB"].value - recording["p_WB_reference"].value, axis=1)
 
-    # Force and path: those across the axis of a hole, or those on the surface.
+    # Force error and path deviation, by the kind of work.
     if "insertion" in metrics:
+        # At a hole there is no path on a surface.
         force = {
             name: metrics["insertion"][f"side_{name}"] for name in ("force_rms_n", "force_max_n")
         }
@@ -191,6 +192,7 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
             "path_max_m": metrics["tool"]["path_deviation_max_m"],
             "force_over_set": force_over_set(recording, first_force(outcome.scenario)),
         }
+
         at_work = recording.within(WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
     return {
@@ -240,8 +242,8 @@ def share(good: int, of: int) -> dict[str, float]:
 def median(values: Sequence[float]) -> dict[str, float] | None:
     """Median with its bootstrap interval of 95 % (fixed seed); None without values.
 
-    The median of the runs that gave the figure: runs that broke off early are counted by the share
-    kept alone.
+    One value has no interval. The median is of the runs that gave the figure: runs that broke off
+    early are counted by the share kept alone.
     """
     if not values:
         return None

@@ -1,11 +1,9 @@
-"""What goes through the door: a briefing, estimates and set points to the entry, commands as plain
-numbers back.
+"""Messages of the door: briefing, estimates and set points to the entry, commands back.
 
 A message to the entry at a tick is the estimate as plain numbers, followed by the set points,
 pickled, where they are new. An entry with an estimator of its own gets the measurements first,
-pickled, and sends the estimate as plain
-numbers. Replies of the entry are never unpickled: a reply is a letter, then text or numbers of
-fixed count.
+pickled, and sends the estimate as plain numbers. Replies of the entry are never unpickled: a reply
+is a letter, then text or numbers of fixed count.
 """
 
 import pickle

@@ -174,6 +174,7 @@ class _Check:
                 if "volume" in said
                 else "water"
             )
+
             self._note(code, "fault", said)
             if code == "density":
                 self._densities()
@@ -256,12 +257,9 @@ class _Check:
             )
 
     def _arm(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> float:
-        """Reach, force and view of the arm, and doubts; returns the share of the view that is on
-        the vehicle.
-        """
+        """Reach, force and view of the arm, and doubts; returns the vehicle's share of the view."""
         search = PostureSearch(model)
         postures = {}
-
         for key in (HOME_KEY, READY_KEY):
             number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
             if number >= 0:

@@ -68,7 +68,6 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     """Principal inertias that no body can have, or not one of its mass and size."""
     for b in range(1, model.nbody):
         mass, name = float(model.body_mass[b]), model.body(b).name or f"body {b}"
-
         inertia = np.sort(np.array(model.body_inertia[b]))
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == b]
 
@@ -160,9 +159,7 @@ def step_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 
 def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Bodies whose weight MuJoCo takes away beside their buoyancy, and gravity that does not point
-    down.
-    """
+    """Bodies whose weight MuJoCo removes beside their buoyancy, and gravity that is not down."""
     root = int(model.body_rootid[vehicle.hull])
     light = [
         b
@@ -211,7 +208,6 @@ def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     for j in range(model.njnt):
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
         dof = int(model.jnt_dofadr[j])
-
         if k <= 0.0 or int(model.jnt_type[j]) != int(mujoco.mjtJoint.mjJNT_SLIDE):
             continue
 
@@ -241,7 +237,6 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             )
             for v in np.linalg.svd(B)[0].T[rank:]
         ]
-
         yield VehicleFinding(
             code="thruster-rank",
             level="fault",
@@ -275,9 +270,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
 
 
 def _against(B: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Pairs of thrusters at mirrored places to port and starboard whose unit wrenches are
-    opposite.
-    """
+    """Pairs of thrusters at mirrored positions in y whose unit wrenches are opposite."""
     mirror = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
     for i in range(B.shape[1]):
         for j in range(i + 1, B.shape[1]):
@@ -294,8 +287,7 @@ def _against(B: np.ndarray) -> Iterator[tuple[int, int]]:
 def posture_doubts(
     search: PostureSearch, postures: dict[str, np.ndarray]
 ) -> Iterator[VehicleFinding]:
-    """Keyframes beyond the limits or in touch with the vehicle, and joints whose axis is likely
-    turned round.
+    """Keyframes beyond the limits or in self-contact, and joint axes that are likely reversed.
 
     Args:
         search: Of the vehicle's postures.
@@ -304,6 +296,8 @@ def posture_doubts(
     vehicle, model = search.vehicle, search.model
     low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
     touching: dict[str, np.ndarray] = {}
+
+    # Keyframes beyond the limits, or with shapes that touch.
     for key, q in postures.items():
         beyond = np.maximum(low - q, q - high)
         if beyond.max() > 1e-6:
@@ -323,7 +317,6 @@ def posture_doubts(
             named = ", ".join(
                 f"{model.body(a).name} and {model.body(b).name}" for a, b in sorted(pairs)
             )
-
             yield VehicleFinding(
                 code="keyframe-touches",
                 level="doubt",
@@ -398,9 +391,7 @@ def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
 
 
 def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Joints that full torque would bring to a high speed within one step: their rotor's inertia is
-    likely missing.
-    """
+    """Joints that full torque makes fast within one step: rotor inertia is likely missing."""
     for dof, most, joint in zip(
         vehicle.dof, vehicle.torque_limits, vehicle.joint_names, strict=True
     ):

@@ -94,7 +94,6 @@ def hover(
                 turn = max(turn, rate)
                 drift = max(drift, away)
                 tilt = max(tilt, float(np.arccos(np.clip(true.R_WB[2, 2], -1.0, 1.0))))
-
     except HydrodynamicsError as error:
         return HoverFigures(
             drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error)

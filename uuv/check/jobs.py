@@ -165,11 +165,10 @@ class ArmJobs:
             given: Spec of the vehicle in place of the one that its name stands for.
         """
         scenario = self.scenario(name)
-
         task, setup = scenario.task, scenario.vehicle
+
         try:
             vehicle = setup.vehicle if given is None else given
-
             spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
             model = spec.compile()
             lacking = lacks(model, task.spares)
@@ -287,7 +286,7 @@ def _touching(own: OwnVehicle, q: Array) -> str:
 
 
 def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
-    """Share of the ground about the first target that the vehicle hides from its sonar at first."""
+    """Share of the ground about target 1 that the vehicle hides from its sonar at the start."""
     model, vehicle = own.model, own.vehicle
     data = folded_at(model, vehicle, placed.start)
     p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]
@@ -337,6 +336,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
         found = placed.planner().stand(_target(placed.X_WT, path), path, current)
     elif isinstance(placed, PlacedSampling):
+        # The first target, at the true height of the ground.
         B = np.array(placed.B_W[0])
         B[2] = float(placed.ground.height(B[None])[0])
         path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)

@@ -74,7 +74,7 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
 
 
 def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:
-    """Height [m] of the centre of buoyancy above that of mass: its lever on the rolled vehicle."""
+    """Height [m] of the centre of buoyancy above that of mass: its lever at 90 deg of roll."""
     rolled = mujoco.MjData(model)
     rolled.qpos[:] = data.qpos
     at = vehicle.hull_qpos

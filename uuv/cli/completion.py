@@ -94,7 +94,6 @@ def words_of(name: str, verb: Verb) -> list[str]:
     takes_runs = Run in hints.values()
 
     names = list(jobs.JOBS.names()) if takes_runs else []  # the latest run of a job
-
     if name == "list":
         names = [shelf.kind for shelf in SHELVES]
     if name in _ON_VEHICLES:

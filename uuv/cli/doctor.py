@@ -162,7 +162,7 @@ def _package(module: str, use: str, remedy: str) -> tuple[str, str]:
 
 
 def rendering() -> tuple[str, str]:
-    """State of MuJoCo's renderer, tried in its own processes, which a missing library may end."""
+    """State of MuJoCo's renderer; each try is a process, which a missing library may end."""
     for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", ""), "egl", "osmesa")):
         tried = {**os.environ, "MUJOCO_GL": backend} if backend else dict(os.environ)
         try:
@@ -175,6 +175,7 @@ def rendering() -> tuple[str, str]:
             )
         except (OSError, subprocess.TimeoutExpired):
             continue
+
         if ran.returncode == 0:
             return OK, (
                 "pictures by OpenGL "

@@ -232,9 +232,11 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
         "reason": found.reason,
         "X_sensor_target": found.X_sensor_target.tolist(),
         "center_m": transform_points(found.X_sensor_target, target.center).tolist(),
+        # How well it fits, and how certain it is.
         "check": None if found.check is None else figures(found.check),
         "covariance": None if found.covariance is None else doubt(found.covariance),
         "score": found.score,
+        # Poses that the cloud cannot tell apart.
         "symmetry": {
             "axis": None if found.symmetry.axis is None else found.symmetry.axis.tolist(),
             "turns": found.symmetry.turns,

@@ -112,7 +112,6 @@ def calibrate_on_deck(
 def summary_line(found: Calibration, length: float) -> str:
     """Summary line of a calibration for the terminal; `length` [m] is the known distance."""
     touches = sum(len(each) for each in found.residuals)
-
     before, after = (
         1e3 * np.sqrt(cost / max(_pairs(found), 1)) for cost in (found.cost_nominal, found.cost)
     )

@@ -189,7 +189,7 @@ class ThrustersAndTorques:
 
 
 class Controlled(ABC):
-    """Base of actions that are set points of `WorkController`, which holds the hull in place."""
+    """Base of actions that are set points of `WorkController`; the hull is held where it began."""
 
     names: tuple[str, ...] = ()
 
@@ -340,8 +340,7 @@ class JointVelocities(Controlled):
 
 
 class ToolTwist(Controlled):
-    """Twist of the tool, force, compliance: velocity (3,) and angular velocity (3,) in tool axes,
-    as shares of limits.
+    """Velocity (3,), angular velocity (3,) of the tool, tool axes, over limits; force; compliance.
 
     The seventh number is the share of `largest` [N] that the tool presses with; at 0 and below the
     force is not controlled. Above 0 the eighth lets the tool yield across its axis. Station keeping

@@ -190,6 +190,7 @@ class TapPoints(ContactTask):
         """As `ContactTask`; `points` are arc lengths [m] from 0 on."""
         super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
         self.points = tuple(points)
+
         along = SetForce(self.place.path, self.force, self.bounds)
         self._judge = TappedAt(along, self.points, TOUCHED)
 

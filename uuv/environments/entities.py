@@ -366,7 +366,7 @@ class VehicleEntity(composer.Entity):
         )
 
     def _add_camera(self, site: Any) -> None:
-        """A MuJoCo camera at the site of the vehicle's own, whose OpenCV axes it turns about x."""
+        """MuJoCo camera at the site of the vehicle's own, its OpenCV axes half turned about x."""
         R = np.empty(9)
         own = self.own.model.site(CAMERA_SITE)
         mujoco.mju_quat2Mat(R, own.quat)

@@ -147,6 +147,8 @@ def record_episodes(
 
     done: list[Episode] = []
     writer: Any = None
+
+    # Metadata of the file, whose columns the first episode decides.
     names = (environment.action_spec().name or "").replace("\t", ",")
     told = {"task": task, "actions": names, "period_s": str(environment.control_timestep())}
     made: Any = environment.task
@@ -159,6 +161,7 @@ def record_episodes(
                 environment, policy, observe=lambda *moment, to=moments: to.append(moment)
             )
             done.append(episode)
+
             table = _table(number, episode, moments)
             if writer is None:
                 writer = pq.ParquetWriter(str(file), table.schema.with_metadata(told))

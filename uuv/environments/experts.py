@@ -108,7 +108,6 @@ class StationExpert:
         """Set up for a task with thrusters as action."""
         own = task.vehicle.own
         self._task, self._true = task, TrueState()
-
         self._control = HullControl(own.model, period=task.control_timestep)
         self._home = np.array(own.vehicle.q_home)
 
@@ -323,8 +322,8 @@ def _press(task: PressPoint) -> Policy:
 def _wipe(task: WipePath) -> Policy:
     follow = contact.FollowPath(FollowLimits(), (task.force,), FORCE_RATE)
     ends = {PhaseEvent.DONE: "let go", PhaseEvent.MORE: "let go"}
-
     work = TaskRow(follow, WorkState.WORK, ends, _OFF)
+
     return WorkExpert(
         task,
         _wants(task, ToolTwist),

@@ -131,7 +131,7 @@ class PressedAt:
 
 
 class WipedAlong:
-    """Done once the tool has gone along the whole path, within the bounds of the surface job.
+    """Done once the tool has gone along the whole path under the set force, within bounds.
 
     The work begins with the first contact at the path's start under half the set force, and is
     judged once the force is settled. Losing contact, or leaving a bound, spoils it for good.

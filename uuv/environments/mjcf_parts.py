@@ -120,7 +120,7 @@ def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Elemen
 
 
 def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etree._Element]:
-    """Cut sibling elements out of a document; a site MOUNT stands in their place."""
+    """Cut sibling elements out; a site MOUNT takes their place, with the pose of a first body."""
     first = parts[0]
     parent = first.getparent()
     mount = etree.SubElement(parent, "site", name=_free_name(document, MOUNT))
@@ -142,7 +142,7 @@ def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etre
 
 
 def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Element:
-    """A model with the settings, assets and actuators of `whole`, and `tree` as its world."""
+    """A model with settings, defaults, assets, actuators of `whole`, and `tree` as its world."""
     document = copy.deepcopy(whole)
     for world in document.findall("worldbody"):
         document.remove(world)

@@ -68,7 +68,6 @@ def view(environment: Any, policy: Any = None) -> None:
 
 def _no_gl(error: Exception) -> str:
     backend = os.environ.get("MUJOCO_GL", "not set")
-
     why = str(error).strip().splitlines()
     return (
         f"no picture: dm_control finds no GL (MUJOCO_GL is {backend}): install libegl1 for "

@@ -216,6 +216,8 @@ def environment(
 ) -> composer.Environment:
     """dm_control's environment of a task whose model stays the same in all episodes.
 
+    Observations have no buffer axis.
+
     Args:
         task: Of this package, or one's own.
         seed: Of all random numbers; None: other ones every time.

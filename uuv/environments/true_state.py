@@ -53,7 +53,7 @@ def take_truth(sight, time, estimate):
     """Write the truth at `time` [s] into an EstimateRecord, torques at the gear outputs."""
     estimate.time[0] = time
 
-    # Rotation into the hull's axes.
+    # Pose; velocity and acceleration in the hull's axes.
     for i in range(3):
         v = a = 0.0
         for j in range(3):

@@ -98,7 +98,7 @@ class VehicleTask(composer.Task):
         self._timestep = timestep
 
     def add_goals(self, bound: float, **sizes: int) -> None:
-        """State the numbers that `goal` gives: count and largest magnitude of each name."""
+        """State the numbers that `goal` gives: count of each name, and their largest magnitude."""
         for name, size in sizes.items():
             self._goals[name] = BoundedNumbers(self._reader(name, size), size, bound)
             self._goals[name].enabled = True
@@ -202,7 +202,6 @@ class VehicleTask(composer.Task):
         truth = self.vehicle.truth
         if not self.in_contact:
             self.judge.watch(truth, self.control_timestep)
-
         self._damaged(truth.collision, truth.contact_most)
 
         offset = self._X_WB[:3, :3].T @ (truth.p_WB - self._X_WB[:3, 3])

@@ -124,6 +124,7 @@ class Job:
             about = option.declared.about
             if word in short and short[word].value != option.value:
                 about += f" With --{QUICK} by default {_typed(short[word].value)}."
+
             listed[word] = JobOption(
                 word=word,
                 hint=option.hint,

@@ -18,8 +18,7 @@ TWIST = "_twist"  # added to a joint's name: the joint and the tendon of its gea
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticGears(Perturbation):
-    """Torsional spring with play between each motor and its link; the encoders are on the motors'
-    side.
+    """Torsional spring with play between each motor and its link; encoders on the motors' side.
 
     Each link gets a second, passive hinge on the axis of its joint: the gear's twist. It is held by
     a spring with a dead band, a tendon of MuJoCo with a range of spring lengths. Motor inertia and

@@ -41,7 +41,6 @@ class MisplacedSurface(Perturbation):
         """Wraps the finder."""
         if not self.offset:
             return loop
-
         if loop.parts.finder is None:
             raise ConfigurationError("MisplacedSurface: this task looks for no object")
 

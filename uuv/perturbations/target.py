@@ -80,8 +80,7 @@ class MovingObject(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class MountedObject(Perturbation):
-    """The object is neutrally buoyant, and stands on springs that let it shift, or floats; the
-    seabed does not hold it.
+    """The object, neutrally buoyant, stands on springs or floats; the seabed does not hold it.
 
     Its water is that of a sphere of its volume.
     """

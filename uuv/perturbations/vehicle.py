@@ -43,7 +43,10 @@ class Water(_Spread):
     spread: float = 0.0  # of each coefficient
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales diagonal coefficients by one factor each, couplings by the geometric mean."""
+        """Scales diagonal coefficients by one factor each, couplings by the geometric mean.
+
+        All stay semidefinite.
+        """
         from uuv.models import hydrodynamics
 
         if not self.spread:

@@ -96,7 +96,7 @@ class FrictionSamples:
 
 @dataclass(frozen=True, kw_only=True)
 class GearIdentificationTask(Task):
-    """Swing the joints of the hovering vehicle, free of contact, to identify their friction."""
+    """Swing the joints of the hovering vehicle, free of contact, to identify gear friction."""
 
     schema: ClassVar[str] = "friction"
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
@@ -264,6 +264,8 @@ def assessed(
         true = values_of(case.true.joint_damping, case.true.dry_friction)
         believed = values_of(case.believed.joint_damping, case.believed.dry_friction)
         got, shares = values_of(found.viscous, found.dry), errors(case, found)
+
+        # Errors of the worst joint, also in standard deviations.
         figures = {f"{name}_error": float(share.max()) for name, share in shares.items()}
         off = [np.abs(got[name] - true[name]) / found.sigma(name) for name in shares]
         figures["error_sigmas"] = float(np.max(off))
@@ -303,7 +305,10 @@ def assessed(
 
 
 def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
-    """Table of each joint: believed, identified with its standard deviation, true."""
+    """Table of each joint: believed, identified with its standard deviation, true.
+
+    Those of a slide are in N and m.
+    """
     from rich.table import Table
     from rich.text import Text
 

@@ -83,6 +83,7 @@ class InsertionTask(InsertionSettings, Task):
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT @ pose(p=block.target.center), rng)
         bore = block.hole(self.hole)
+
         return PlacedInsertion(
             scenario=scenario,
             own=own,

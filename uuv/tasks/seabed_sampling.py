@@ -90,9 +90,12 @@ class SeabedSamplingTask(SeabedSettings, Task):
 
         site: Ground = object_of(scenario, Ground)
         ground = site.draw(scenario.seed, rng)
+
+        # The scan pose; a start without a cloud is higher, for the coarse approach.
         X_WB = pose(exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)]), ground.center_W + ABOVE)
         higher = pose(p=[0.0, 0.0, rng.uniform(*HIGHER)])
         B_B, up_B = self._targets()
+
         return PlacedSampling(
             scenario=scenario,
             own=own,

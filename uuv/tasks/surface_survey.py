@@ -55,7 +55,6 @@ class SurveyStory:
             moment.truth.time,
             colours(mesh),
         )
-
         self._log = None
 
 

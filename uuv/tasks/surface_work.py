@@ -119,6 +119,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         """Refuses stops for navigation where they tell nothing."""
         if self.promise.stops is None:
             return
+
         for excluded, why in (
             (
                 scenario.sensing.arm_camera is not None,

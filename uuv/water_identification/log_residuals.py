@@ -1,5 +1,4 @@
-"""Residuals of logs against their replay: the log in windows, each with a start and a current of
-its own.
+"""Residuals of logs against their replay in windows, each with its own start and current.
 
 A window begins as the log has it, within what its noise allows, in a current that is the log's
 within the gusts. Both are numbers of the window that the fit finds and discards. So neither a gap
@@ -385,6 +384,7 @@ class WaterResiduals:
     def _run(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
         values = values_of(self.parameters, deviations)
         engine = self._engines.get()
+
         try:
             found = []
             for log, its in zip(self.logs, own, strict=True):

@@ -144,11 +144,13 @@ def _of_run(
     columns = {
         name: np.interp(time, past.column("time", LOOP), past.column(name, LOOP)) for name in names
     }
+
     columns |= {
         name: past.column(name, SLOW)
         for name in past.units(SLOW)
         if name.startswith(("q.", "thrust."))
     }
+
     return log_of(
         f"run {folder.name}", {"time": time, **columns}, thrusters=thrusters, joints=joints
     )

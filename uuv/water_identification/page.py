@@ -58,6 +58,7 @@ def write_page(
         )
         for each in found
     ]
+
     columns = ("parameter", "unit", "before", "found", "95 %", "told", "")
     parts = [
         page.heading(title),

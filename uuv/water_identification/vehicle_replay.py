@@ -1,5 +1,4 @@
-"""A vehicle that replays: its thrusters follow logged commands, its joints logged angles, in
-compiled code.
+"""A vehicle that replays a log: thrusters follow its commands, joints its angles; compiled.
 
 The joints are driven to exact accelerations: each has an inertia of its own, far beyond all others,
 and the torque that belongs to it. The hull then feels the arm's motion as the log has it, and no
@@ -39,8 +38,7 @@ STATE = 13  # numbers of the hull: p_WB, quat_WB_wxyz, v_WB_W, w_WB_B
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Script:
-    """What moves the vehicle through windows of time, step by step; rows are those of all windows,
-    one after another.
+    """What moves the vehicle through windows of time, one row a step, window after window.
 
     A window of k steps has k + 1 rows.
     """
@@ -322,7 +320,7 @@ def _replay(
             for i in range(6):
                 before[i] = qvel[at_v + i]
 
-            # Thrusts.
+            # Force of each actuator: logged, or by its curve in the inflow.
             for i in range(pushes.shape[0]):
                 force = thrust[row, i]
                 if np.isnan(force):

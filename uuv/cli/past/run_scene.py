@@ -98,7 +98,6 @@ class RunScene:
         self._model, vehicle = built.plant.model, Vehicle.of(built.plant.model)
         self._data, self._vehicle = mujoco.MjData(self._model), vehicle
         self.time = past.numbers("time", "slow")
-
         self._q = np.column_stack(
             [past.numbers(f"q.{name}", "slow") for name in vehicle.joint_names]
         )
@@ -111,8 +110,8 @@ class RunScene:
                 raise ConfigurationError(
                     f"{past.folder}: a recorded pose is not finite, or beyond {FARTHEST:g} m"
                 )
-
         self._hull = np.column_stack(hull)[np.minimum(every, len(hull[0]) - 1)]
+
         light = self._model.vis.headlight
         light.ambient[:], light.diffuse[:], light.specular[:] = 0.5, 0.6, 0.1
 

@@ -69,6 +69,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         forces=options.forces,
         flow=None if options.flow is None else flow_of(options.flow),
     )
+
     if options.json:
         print_json(verdicts.as_dict())
     else:

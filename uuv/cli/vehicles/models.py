@@ -29,6 +29,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
     described = [(name, models.describe(name)) for name in options.names or models.available()]
     shown = [model for name, model in described if options.names or model.name == name]  # no alias
+
     if options.json:
         print_json(
             {
@@ -54,6 +55,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     table.add_column("name", no_wrap=True, overflow="fold")
     for column in ("DOF", "dry kg, L", "moved by", "source"):
         table.add_column(column, overflow="fold")
+
     for model in shown:
         joints = f", {len(model.joints)} joints" if model.joints else ""
         moved = f"{model.thrusters} thrusters" if model.thrusters else model.drive

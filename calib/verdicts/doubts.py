@@ -363,9 +363,7 @@ def _scatter(found: Calibration, series: Sequence[Array]) -> Doubt:
 
 
 def coincide(arm: SerialArm, series: Sequence[Array]) -> bool:
-    """True if the touches of each point lie close together by the nominal `arm`, beside the motion
-    of its joints.
-    """
+    """True if by the nominal `arm` the touches of each point lie close, for their motion."""
     tcp = first_tcp(arm, series)
     return spread(arm, tcp, series) < _COINCIDE * np.sqrt(3.0) * motion_of(arm, tcp, series)
 

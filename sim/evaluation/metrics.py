@@ -390,9 +390,7 @@ class PathError:
 
     @property
     def cross(self) -> Array:
-        """Distance (N,) [m] from the path within the surface; along the normal, force is controlled
-        instead.
-        """
+        """Distance (N,) [m] from the path within the surface; along the normal force decides."""
         return np.abs(self.lateral)
 
 

@@ -1,5 +1,4 @@
-"""Arms from files: Denavit-Hartenberg tables as CSV or YAML, the YAML of Universal Robots, URDF,
-MJCF.
+"""Arms from files: Denavit-Hartenberg tables as CSV or YAML, Universal Robots' YAML, URDF, MJCF.
 
     source = read_arm("arm.urdf", tip="ball_link")
     source.arm, source.tcp
@@ -95,8 +94,11 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     raw = bytes_of(path, "arm")
     file = Path(path)
     suffix, digest = file.suffix.lower(), hashlib.sha256(raw).hexdigest()
+
+    # Any XML may be a robot in URDF
     if suffix == ".xml" and b"<robot" in raw[:4000]:
         suffix = ".urdf"
+
     readers = {
         ".csv": _from_csv,
         ".txt": _from_csv,
@@ -105,16 +107,19 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
         ".xml": _from_mjcf,
         ".mjcf": _from_mjcf,
     }
+
     if suffix not in (*readers, ".urdf"):
         raise ConfigurationError(
             f"arm {file}: allowed {', '.join((*readers, '.urdf'))}, got {suffix!r}"
         )
     if suffix == ".urdf":
         return _from_urdf(file, raw, digest, base, tip)  # XML says its encoding itself
+
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"arm {file}: not a text file in UTF-8") from error
+
     return readers[suffix](file, text, digest, base, tip)
 
 
@@ -128,14 +133,18 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
         for line in lines
         if line
     ]
+
+    # A first row of words names the columns
     header: list[str] = []
     try:
         [float(cell) for cell in cells[0]]
     except ValueError:
         header, cells = [cell.lower() for cell in cells[0]], cells[1:]
+
     if not cells:
         raise ConfigurationError(f"arm {file}: holds no rows")
     columns = header or _COLUMNS[: len(cells[0])]
+
     rows = []
     for k, row in enumerate(cells, 1):
         if len(row) != len(columns):
@@ -143,6 +152,7 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
                 f"arm {file}: row {k} has {len(row)} numbers, {len(columns)} expected"
             )
         rows.append(dict(zip(columns, row, strict=True)))
+
     return _of_rows(file, "dh", rows, digest, _ArmTable(), base, tip)
 
 
@@ -176,9 +186,7 @@ _UNITS = {"schema": {"title": "{angle: rad or deg, length: m or mm}"}}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ArmTable:
-    """A table with what may stand beside it; files have further entries, as `calib.results`
-    writes.
-    """
+    """A table with what may stand beside it; files may have further entries."""
 
     dh: list[_Row] | None = field(default=None, metadata=_ROWS)
     joints: list[_Row] | None = field(default=None, metadata=_ROWS)  # another name for it
@@ -223,6 +231,7 @@ def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | 
     document = parsed_yaml(text, f"arm {file}")
     if isinstance(document, list):
         document = {"dh": document}  # the rows alone
+
     try:
         table = _READER.table(document)
         if "kinematics" in table:
@@ -238,10 +247,12 @@ def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | 
             f"arm {file}: expected a list of rows under 'dh' (theta, d, a, alpha), or UR's "
             f"'kinematics', got {shown(list(table))}{next(filter(None, near), '')}"
         )
+
     rows: list[dict[str, Any]] = []
     for row in listed:
         named_row = zip(_COLUMNS, row, strict=False) if isinstance(row, list) else row.items()
         rows.append({key.lower(): value for key, value in named_row})
+
     notes = [f"{file.name}: no {shown(key)} is read{near}" for key in table if (near := _near(key))]
     return _of_rows(file, "yaml", rows, digest, arm, base, tip, notes)
 
@@ -261,17 +272,18 @@ def _of_rows(
     tip: str | None,
     notes: Sequence[str] = (),
 ) -> ArmSource:
-    """An arm of rows given by name; units from the names ("alpha_deg", "d [mm]"), from `about`, or
-    from the size.
-    """
+    """An arm of rows by name; units from the names ("alpha_deg", "d [mm]"), `about` or the size."""
     # its kernels compile on import: first what can be refused
     from uuv.models.arms.serial_arm import SerialArm
 
     read = _table_of(file, rows, about.units or _Units())
     table, notes = read.table, [*notes, *_guessed_angles(file, read)]
+
     n = len(table)
     letters = about.joint_types or "".join(read.types) or "r" * n
     reach = _extent(file, table, letters)
+
+    # Lengths in millimetres
     if "length" not in read.stated and reach > _LONGEST:
         notes.append(
             f"{file.name}: lengths look like millimetres (the arm reaches {reach:.4g}), "
@@ -279,6 +291,8 @@ def _of_rows(
         )
         table[:, _LENGTHS] *= 1e-3
         reach *= 1e-3
+
+    # Frames far from the arm
     if reach < _LONGEST and np.abs(table[:, _LENGTHS]).max() > _DETOUR * reach:
         notes.append(
             f"{file.name}: along nearly parallel axes d up to {np.abs(table[:, 1]).max():.4g} m "
@@ -289,10 +303,12 @@ def _of_rows(
     else:
         arm = SerialArm.from_dh(table[:, :4], letters, beta=table[:, 4], name=f"arm {file}")
 
+    # Base, flange, tool point and names of the joints
     X_base_0 = checked_pose(_or(about.X_base_0, np.eye(4)), f"arm {file}: X_base_0")
     X_n_flange = checked_pose(_or(about.X_n_flange, np.eye(4)), f"arm {file}: X_n_flange")
     tcp = checked(_or(about.tcp, np.zeros(3)), (3,), f"arm {file}: tcp [m]")
     joint_names = _joint_names(file, about, n)
+
     names = read.names
     if (
         not joint_names
@@ -301,6 +317,7 @@ def _of_rows(
         and not all(name.isdigit() for name in names)
     ):
         joint_names = tuple(names)
+
     return ArmSource(
         path=file,
         kind=kind,
@@ -340,8 +357,10 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
     types: list[str] = []
     said: dict[str, set[str]] = {kind: {unit} - {None} for kind, unit in asdict(units).items()}
     bare = np.zeros(table.shape, dtype=bool)
+
     for k, row in enumerate(rows):
         seen = set()
+
         for key, value in row.items():
             word, unit = _word_and_unit(file, k, key)
             if word in ("name", "joint"):
@@ -356,15 +375,20 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
                 table[k, column] = _figure(file, k, key, value) * _FACTORS.get(unit, 1.0)
                 bare[k, column] = not unit
                 seen.add(column)
+
         if missing := {0, 1, 2, 3} - seen:
             lacking = [("theta", "d", "a", "alpha")[i] for i in sorted(missing)]
             raise ConfigurationError(f"arm {file}: row {k + 1} lacks {', '.join(lacking)}")
+
     if not np.all(np.isfinite(table)):
         raise ConfigurationError(f"arm {file}: every number must be finite")
+
+    # Bare columns take the unit of their kind
     for kind, columns in (("angle", _ANGLES), ("length", _LENGTHS)):
         chosen = getattr(units, kind) or (min(said[kind]) if len(said[kind]) == 1 else "")
         for column in columns:
             table[bare[:, column], column] *= _FACTORS.get(chosen, 1.0)
+
     return _Table(
         table=table,
         stated=frozenset(kind for kind, found in said.items() if found),
@@ -377,6 +401,7 @@ def _word_and_unit(file: Path, k: int, key: str) -> tuple[str, str]:
     """Word of a column's name, and the unit that it states or an empty text."""
     if len(key) > _LONGEST_KEY:
         raise ConfigurationError(f"arm {file}: row {k + 1}: no column is called {shown(key)}")
+
     word = (
         re.split(r"[\[( ]", key)[0]
         .removesuffix("_deg")
@@ -384,10 +409,12 @@ def _word_and_unit(file: Path, k: int, key: str) -> tuple[str, str]:
         .removesuffix("_mm")
         .removesuffix("_m")
     )
+
     if word not in _DH_NAMES and word not in ("name", "joint", "type", "joint_type"):
         raise ConfigurationError(
             f"arm {file}: unknown column {key!r}; allowed theta, d, a, alpha, beta, name, type"
         )
+
     unit = re.search(r"(deg|rad|mm|m)(?:rees|ians)?[\])]?$", key[len(word) :])
     return word, unit.group(1) if unit else ""
 
@@ -409,12 +436,12 @@ def _guessed_angles(file: Path, read: _Table) -> Iterator[str]:
             f"{file.name}: angles look like degrees (the largest is {largest:.4g}), turned into "
             "radians"
         )
+
         read.table[:, _ANGLES] = np.deg2rad(read.table[:, _ANGLES])
 
 
 def _extent(file: Path, table: Array, letters: str) -> float:
-    """Largest distance of the flange from the base over many postures, in the unit of the table's
-    lengths.
+    """Largest distance [unit of the table] of the flange from the base over many postures.
 
     The lengths themselves do not tell it: along nearly parallel axes, d of hundreds of metres
     cancel.
@@ -424,51 +451,59 @@ def _extent(file: Path, table: Array, letters: str) -> float:
     size = max(float(np.abs(table[:, _LENGTHS]).max()), 1e-300)
     unit = table.copy()
     unit[:, _LENGTHS] /= size  # a table in millimetres is no reason to refuse it here
+
     arm = SerialArm.from_dh(unit[:, :4], letters, beta=unit[:, 4], name=f"arm {file}")
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(table)))
+
     return size * float(
         np.linalg.norm(arm.flange(np.where(arm.slides, 0.0, q))[:, :3, 3], axis=1).max()
     )
 
 
 def _near_frames(arm: "SerialArm") -> "SerialArm":
-    """The same arm with the origin of each frame where its axis passes nearest to the one
-    before.
-    """
+    """The same arm with the origin of each frame where its axis is nearest to the one before."""
     from uuv.models.arms import kinematics
     from uuv.models.arms.serial_arm import SerialArm
 
     X = kinematics.frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
+
     axes, points = X[:-1, :3, 2], [X[0, :3, 3]]
     for z, o in zip(axes[1:], X[1:-1, :3, 3], strict=True):
         points.append(o + z * float(z @ (points[-1] - o)))
+
     return SerialArm.from_axes(axes, points, X[-1] @ arm.X_n_flange, arm.joint_types)
 
 
 def _joint_names(file: Path, about: _ArmTable, n: int) -> tuple[str, ...]:
     """`joint_names`: as many different words as there are joints, or none."""
     names = tuple(map(str, about.joint_names or ()))
+
     if about.joint_names is not None and not len(names) == len(set(names)) == n:
         given = shown(about.joint_names)
         raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {given}")
+
     return names
 
 
 def _limits(file: Path, about: _ArmTable, n: int) -> Array:
     """Joint limits (n, 2) under `limits`; null is no limit."""
     pairs = about.limits if about.limits is not None else [(None, None)] * n
+
     if len(pairs) != n:
         raise ConfigurationError(
             f"arm {file}: limits: {n} pairs of numbers, got {shown(about.limits)}"
         )
+
     limits = np.array(pairs, dtype=np.float64)  # of None: NaN
     limits = np.where(np.isnan(limits), [-np.inf, np.inf], limits)
+
     crossed = np.flatnonzero(~(limits[:, 0] < limits[:, 1]))
     if crossed.size:
         k = int(crossed[0])
         raise ConfigurationError(
             f"arm {file}: limits: those of joint {k + 1} must rise, got {shown(limits[k])}"
         )
+
     return readonly(limits)
 
 
@@ -481,6 +516,7 @@ def _of_ur(
         for name, entry in robot.kinematics.items()
         if name != "hash"
     }
+
     if not joints:
         raise ConfigurationError("kinematics holds no joints")
 
@@ -517,8 +553,7 @@ def _from_urdf(file: Path, raw: bytes, digest: str, base: str | None, tip: str |
 
 
 def mjcf_arm(file: Path, base: str | None, tip: str | None) -> "tuple[mujoco.MjSpec, SerialArm]":
-    """Read the spec and the arm of an MJCF; joints without actuator (springs, pads) take no part if
-    others have one.
+    """Read the spec and the arm of an MJCF; joints without actuator are fixed if others have one.
 
     Args:
         file: path.
@@ -546,9 +581,11 @@ def _passive(model: mujoco.MjModel) -> list[str]:
         for j, kind in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
         if int(kind) == mujoco.mjtTrn.mjTRN_JOINT
     }
+
     if not joints:
         return []
     free = mujoco.mjtJoint.mjJNT_FREE
+
     return [
         model.joint(j).name
         for j in range(model.njnt)

@@ -98,9 +98,12 @@ def tips_of(arm: SerialArm, full: Array, data: Data) -> tuple[Array, Array]:
     n, size = arm.n, ROW * arm.n
     table, tcp, compliance = full[:size].reshape(n, ROW), full[size : size + 3], full[size + 3 :]
     arm = arm.with_table(table)
+
     if data.load is None:
         p, J = arm.tips_and_jacobian(data.q, tcp)
         return p, J
+
+    # Joints sag by compliance times load
     tau = data.load(table)
     p, J = arm.tips_and_jacobian(data.q + compliance * tau, tcp)
     moved = ROW * np.arange(n) + np.where(arm.slides, D, THETA)
@@ -138,8 +141,7 @@ def means(values: Array, data: Data) -> Array:
 
 
 def pair_cost(residuals: Array, data: Data) -> float:
-    """Pair criterion [m^2]: squared distances over all pairs of each series [Yukhimets 2023, eq.
-    7].
+    """Pair criterion [m^2]: squared distances over all pairs of a series [Yukhimets 2023, eq. 7].
 
     Touches of weight 0 are excluded.
     """
@@ -174,18 +176,18 @@ def distance_rows(c: Array, C: Array, data: Data, noise: float) -> tuple[Array, 
         Errors (D,) and their derivatives (D, P).
     """
     errors, rows = [], []
+
     for i, j, length, deviation in _distances(data, noise):
         gap = c[i] - c[j]
         found = float(np.linalg.norm(gap))
         errors.append((found - length) / deviation)
         rows.append((C[i] - C[j]) @ gap / max(found, 1e-12) / deviation)
+
     return np.array(errors), np.array(rows)
 
 
 class Problem:
-    """Estimation problem: free `parameters` of `arm` from `data`, the prior centred at the full
-    vector `mean`.
-    """
+    """Free `parameters` of `arm` estimated from `data`, the prior centred at the vector `mean`."""
 
     def __init__(self, arm: SerialArm, data: Data, parameters: Parameters, mean: Array) -> None:
         self.arm, self.data, self.parameters, self.mean = arm, data, parameters, mean
@@ -221,15 +223,19 @@ class Problem:
         data = self.data
         residuals, r, rows, c, C = linearised(self.arm, full, data, self.parameters)
         size, gradient = self.scale(full)
+
         # Derivative of r / (noise size): the rows gain -r (grad size / size)^T.
         toward, square, lean = rows.T @ r, float(r @ r), gradient / size
         over = 1.0 / (noise * size) ** 2
         crossed = np.outer(toward, lean)
         H = over * (rows.T @ rows - crossed - crossed.T + square * np.outer(lean, lean))
         g = over * (toward - square * lean)
+
+        # Known distances
         if data.distances:
             errors, rows = distance_rows(c, C, data, noise)
             H, g = H + rows.T @ rows, g + rows.T @ errors
+
         return residuals, H, g
 
     def value(self, full: Array, noise: float, deviations: Array) -> tuple[float, Array]:
@@ -252,20 +258,22 @@ class Problem:
             float(data.weights @ np.einsum("mi,mi->m", residuals, residuals))
             / (noise * self.scale(full)[0]) ** 2
         )
+
         if data.distances:
             c = means(p, data)
             total += sum(
                 ((np.linalg.norm(c[i] - c[j]) - k) / sd) ** 2
                 for i, j, k, sd in _distances(data, noise)
             )
+
+        # Prior
         away = (full - self.mean)[self.index] / deviations
         return float(total + away @ away), residuals
 
     def descend(
         self, full: Array, noise: float, deviations: Array, iterations: int, history: list[float]
     ) -> tuple[Array, bool]:
-        """Minimise the objective by Levenberg-Marquardt [Yukhimets 2023, eq. 17]; mu rises on
-        failure.
+        """Levenberg-Marquardt on the objective [Yukhimets 2023, eq. 17]; mu rises on failure.
 
         Args:
             full: (5 n + 3 + n,) start.
@@ -280,10 +288,13 @@ class Problem:
         mu, (value, residuals) = 1e-6, self.value(full, noise, deviations)
         if not history:
             history.append(pair_cost(residuals, self.data))
+
         for _ in range(iterations):
             _, H, g = self.equations(full, noise)
             H = H * np.outer(deviations, deviations) + np.eye(len(g))
             gradient = g * deviations + (full - self.mean)[self.index] / deviations
+
+            # Damped step; mu rises until the objective falls
             while True:
                 step = -np.linalg.solve(H + mu * np.diag(np.diag(H)), gradient)
                 trial = full.copy()
@@ -293,14 +304,17 @@ class Problem:
                 if new <= value:
                     full, mu = trial, max(mu / 10.0, 1e-9)
                     break
+
                 # Within rounding error no step lowers the value further.
                 if length < _SETTLED**2 or mu > 1e8:
                     return full, True
                 mu *= 10.0
+
             history.append(pair_cost(residuals, self.data))
             value = new
             if length < _SETTLED**2:
                 return full, True
+
         return full, False
 
     def summary(
@@ -321,6 +335,7 @@ class Problem:
         residuals, H, _ = self.equations(full, noise)
         H = H * np.outer(deviations, deviations) + np.eye(len(deviations))
         inverse = np.linalg.inv(H)
+
         return Fit(
             full=full,
             residuals=residuals,
@@ -335,17 +350,13 @@ class Problem:
 
 
 def _noise_of(fit: Fit, data: Data) -> float:
-    """Standard deviation of a touch [m] from the residuals, corrected for the effective number of
-    parameters.
-    """
+    """Standard deviation of a touch [m], corrected for the effective number of parameters."""
     square = float(data.weights @ np.einsum("mi,mi->m", fit.residuals, fit.residuals))
     return max(np.sqrt(square / max(data.degrees - fit.effective, 1.0)), NOISE_FLOOR)
 
 
 def _pooled(parameters: Parameters) -> list[np.ndarray]:
-    """Indices of the parameters that share one deviation chosen by the data; the tool point keeps
-    its own.
-    """
+    """Indices of parameters that share a deviation chosen by data; the tool point keeps its own."""
     groups = np.array(parameters.groups)
     return [
         np.flatnonzero(groups == group)
@@ -381,23 +392,31 @@ def solve(
     if widest is not None:
         deviations = np.minimum(deviations, widest)
     given = deviations
+
+    # First steps with the stated prior
     history: list[float] = []
     sigma = noise if noise is not None else FIRST_NOISE
     full, converged = problem.descend(full, sigma, deviations, min(iterations, 3), history)
     fit = problem.summary(full, sigma, deviations, history, converged)
+
     if noise is not None and widest is None:
         full, converged = problem.descend(
             full, sigma, deviations, iterations - len(history) + 1, history
         )
         return problem.summary(full, sigma, deviations, history, converged)
+
+    # Evidence: the data choose the noise and the deviations of the prior
     pools = [] if widest is None else _pooled(problem.parameters)
     # With few degrees of freedom the residuals vanish, and an estimated noise would be far too
     # small.
     estimate = noise is None and problem.data.degrees - fit.effective >= LEAST_FREEDOM
+
     for _ in range(_ROUNDS):
         before = np.append(deviations, sigma)
         if estimate:
             sigma = _noise_of(fit, problem.data)
+
+        # Deviation of each pool, with pseudo-observations of the stated one
         away = (fit.full - problem.mean)[problem.index]
         known = 1.0 - np.diag(fit.covariance) / fit.deviations**2
         deviations = deviations.copy()
@@ -407,6 +426,7 @@ def solve(
             ) / len(pool)
             chosen = np.sqrt(square / (float(known[pool].sum()) + _PSEUDO))
             deviations[pool] = chosen if widest is None else np.minimum(chosen, widest[pool])
+
         left = iterations - (len(history) - 1)
         full, converged = (
             problem.descend(full, sigma, deviations, left, history) if left > 0 else (full, False)
@@ -414,6 +434,7 @@ def solve(
         fit = problem.summary(full, sigma, deviations, history, converged)
         if left <= 0 or np.max(np.abs(np.append(deviations, sigma) / before - 1.0)) < 0.01:
             break
+
     return fit
 
 
@@ -441,9 +462,13 @@ def solve_robustly(
     counted = every.weights > 0.0
     share = level / max(counted.sum(), 1)
     ordinary = float(chi2.isf(share, 3))
+
+    # Touches far from a fit to the majority
     fit = _ordinary_fit(problem, deviations, counted)
     strange = _strange(fit, problem.data, counted, ordinary, noise)
     start = fit.full
+
+    # Estimate without them, until the same ones are left out
     for _ in range(_REJECTIONS):
         problem.data = (
             replace(every, weights=(counted & ~strange).astype(np.float64))
@@ -455,8 +480,11 @@ def solve_robustly(
         if np.array_equal(again, strange):
             break
         strange, start = again, fit.full
+
     if not strange.any():
         return fit, problem.data
+
+    # Reweighting: blunders are left out, far touches count less
     limit = float(3.0 * f.isf(share, 3, _BLUNDER_TAIL))
     for _ in range(_REJECTIONS):
         before = problem.data
@@ -465,12 +493,12 @@ def solve_robustly(
         fit = solve(problem, deviations, start=fit.full, **options)
         if np.max(np.abs(problem.data.weights - before.weights)) < _SAME_WEIGHTS:
             break
+
     return fit, problem.data
 
 
 def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> Fit:
-    """Fit to the majority of the touches: Cauchy weights whose scale falls with the median
-    residual.
+    """Fit to the majority of touches: Cauchy weights whose scale falls with the median residual.
 
     The prior stays as stated: chosen by the evidence of data with outliers it becomes so wide that
     the arm shrinks to a point. `problem.data` gets the weights.
@@ -493,9 +521,7 @@ def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> F
 
 
 def _far_weights(fit: Fit, data: Data, kept: np.ndarray) -> Array:
-    """Weights (M,) of the touches: 1 where ordinary, falling with the squared distance beyond, 0
-    where not `kept`.
-    """
+    """Weights (M,): 1 where ordinary, beyond falling with squared distance, 0 where not `kept`."""
     square = (
         np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, data, kept) ** 2
     )
@@ -503,9 +529,7 @@ def _far_weights(fit: Fit, data: Data, kept: np.ndarray) -> Array:
 
 
 def _robust_noise(fit: Fit, data: Data, counted: np.ndarray) -> float:
-    """Standard deviation of a touch [m] from the median distance, which a few outliers do not
-    affect.
-    """
+    """Standard deviation of a touch [m] from the median distance, which outliers hardly affect."""
     kept = counted & (data.weights > 0.0)
     median = float(np.median(np.linalg.norm(fit.residuals[kept], axis=1)))
     lost = max(1.0 - (3.0 * len(data.starts) + fit.effective) / (3.0 * kept.sum()), 0.1)

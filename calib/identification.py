@@ -131,6 +131,7 @@ class MapFit:
         if self.noise is not None:
             noise = finite_number(self.noise, "noise [m]", least=_LEAST_NOISE, most=_MOST_NOISE)
             object.__setattr__(self, "noise", noise)
+
         whole_number(self.max_iterations, "max_iterations", least=1)
         if not isinstance(self.robust, bool | np.bool_):
             raise ConfigurationError(f"robust: must be True or False, got {shown(self.robust)}")
@@ -223,9 +224,11 @@ class Calibration:
             )
             bounds = (value - quantile * sigma, value + quantile * sigma)
             text = report.combination(i)
+
             out.append(
                 Combination(text=text, weights=weights, value=value, sigma=sigma, interval=bounds)
             )
+
         return tuple(out)
 
     def scale(self, q: ArrayLike) -> tuple[float, float]:
@@ -237,33 +240,34 @@ class Calibration:
             The scale and its standard deviation.
         """
         values = checked_series([q], self.arm)[0]
+
         n, origin = self.arm.n, np.zeros(3)
         about = self.nominal.tips(values, origin)
         about = about - about.mean(axis=0)
+
         p, J = self.arm.tips_and_jacobian(np.ascontiguousarray(values), origin)
         J[:, ROW * n :] = 0.0
         full = np.concatenate([J, np.zeros((len(p), n, 3))], axis=1)[
             :, self.estimate.parameters.index
         ]
+
         total = float(np.sum(about**2))
         # A rotation moves every point at right angles to `about`, so this is the scale to first
         # order.
         gradient = np.einsum("mi,mpi->p", about, full) / total
+
         aligned = transform_points(kabsch(p, about), p)
         return float(np.sum(about * aligned)) / total, float(
             np.sqrt(gradient @ self.covariance @ gradient)
         )
 
     def tips(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
-        """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), with the sag under
-        `payload_mass` [kg].
-        """
+        """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), with sag."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
 
     def touched_tips(self, series: Sequence[Array]) -> list[Array]:
-        """Tip positions (m_i, 3) [m] of the touches it was identified from, each under the payload
-        of that touch.
+        """Tip positions (m_i, 3) [m] of its own touches, each under the payload of that touch.
 
         Args:
             series: those touches (m_i, n), all of them.
@@ -274,13 +278,13 @@ class Calibration:
             if self.loads is None
             else every + self.compliance * self.loads.at(every)(self.arm.table)
         )
+
         return np.split(self.arm.tips(bent, self.tcp), np.cumsum([len(q) for q in series])[:-1])
 
     def half_widths(
         self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95
     ) -> Array:
-        """Half-widths of the predictive intervals of touches of one new point about their mean,
-        along the base's axes.
+        """Half-widths of the predictive intervals of touches of one new point about their mean.
 
         Errors that the parameters cannot express (gears, sag, seating) widen them: see
         `uuv.calib.verification`.
@@ -299,12 +303,16 @@ class Calibration:
             if self.loads is None
             else self.loads.with_payload(payload_mass, len(values)).at(values)
         )
+
+        # Derivatives of the tips about their mean
         full = np.concatenate([self.arm.table.ravel(), self.tcp, self.compliance])
         data = Data(
             q=values, starts=np.zeros(1, dtype=int), load=load, weights=np.ones(len(values))
         )
         J = tips_of(self.arm, full, data)[1][:, self.estimate.parameters.index]
         J = J - J.mean(axis=0)
+
+        # Variance by the parameters and by the hand; errors of prediction may ask for more
         share = 1.0 - 1.0 / len(values)
         variance = np.einsum("mpi,pr,mri->mi", J, self.covariance, J) + share * self.noise**2
         factor = max(self.quantile(confidence), float(np.quantile(self.scores, confidence)))
@@ -315,6 +323,7 @@ class Calibration:
         values = np.ascontiguousarray(q, dtype=np.float64)
         if self.loads is None:
             return values
+
         bound = self.loads.with_payload(payload_mass, len(values))
         return values + self.compliance * bound.at(values)(self.arm.table)
 
@@ -363,6 +372,7 @@ def identify(
         one_of(method, get_args(Method), "method")
     if loads is not None and not isinstance(loads, Loads):
         raise ConfigurationError(f"loads: expected Loads, got {shown(loads)}")
+
     arm = nominal if isinstance(nominal, SerialArm) else SerialArm.from_dh(nominal, name="nominal")
     if not max(float(np.abs(arm.X_base_0[:3, 3]).max()), arm.reach) < _MOST_LENGTH:
         raise ConfigurationError(f"nominal: an arm within {_MOST_LENGTH:g} m of its base is needed")
@@ -382,9 +392,11 @@ def identify(
         load=None if bound is None else bound.at(q, rows),
         weights=np.ones(len(q)),
     )
+
     mean = np.concatenate([arm.table.ravel(), touches.tcp, np.zeros(arm.n)])
     observed = _Observed(arm=arm, mean=mean, touches=touches, loads=bound)
     warnings = list(touches.warnings)
+
     if method == "paper":
         parameters = select(arm, ("theta", "d", "a", "alpha", "tcp"))
         fit = paper_run(Problem(arm, data, parameters, mean))
@@ -392,6 +404,7 @@ def identify(
     else:
         how = method if isinstance(method, MapFit) else MapFit()
         fit, data, parameters = _map_fit(observed, data, free, prior, how)
+
     return _assemble(observed, data, parameters, fit, warnings)
 
 
@@ -421,13 +434,16 @@ def _map_fit(
         )
     except TypeError as error:
         raise ConfigurationError(f"free: expected words, got {shown(free)}") from error
+
     if prior is not None and not isinstance(prior, Mapping):
         raise ConfigurationError(
             f"prior: expected a mapping of words to deviations, got {shown(prior)}"
         )
+
     parameters = select(arm, words)
     if not elastic and "compliance" in parameters.groups:
         raise ConfigurationError("free: compliance needs `loads`, else nothing bends the joints")
+
     solver = (
         solve_robustly
         if how.robust
@@ -446,14 +462,17 @@ def _map_fit(
 
     prior_deviations(parameters, prior)  # refuses unknown words before the first estimate
     fit, used = run(parameters, data)
+
     betas = np.array([i for i, group in enumerate(parameters.groups) if group == "beta"], dtype=int)
     named = free is not None and any(word.startswith("beta") for word in words)
     if len(betas) and not named and not np.any(mean[parameters.index[betas]]):
+        # Betas that are not significant are dropped, and the rest estimated anew
         found = fit.full[parameters.index[betas]]
         chance = found @ np.linalg.solve(fit.covariance[np.ix_(betas, betas)], found)
         if chance < chi2.isf(_BETA_LEVEL, len(betas)):
             parameters = parameters.only(np.setdiff1d(np.arange(len(parameters.names)), betas))
             fit, used = run(parameters, data)
+
     return fit, used, parameters
 
 
@@ -472,6 +491,7 @@ def _checked_distances(
         raise ConfigurationError(
             f"distances: expected (i, j, length[, deviation]), got {shown(distances)}"
         ) from error
+
     for row in rows:
         if len(row) not in (3, 4):
             raise ConfigurationError(
@@ -482,6 +502,7 @@ def _checked_distances(
             raise ConfigurationError(
                 f"distances: two different series of 0..{count - 1} are needed, got {i} and {j}"
             )
+
         length = finite_number(row[2], "distances: length [m]", above=0.0, most=_MOST_LENGTH)
         deviation = finite_number(
             row[3] if len(row) == 4 else _SURE_DISTANCE,
@@ -489,8 +510,10 @@ def _checked_distances(
             least=1e-9,
             most=_MOST_LENGTH,
         )
+
         if i in live and j in live:
             out.append((live.index(i), live.index(j), length, deviation))
+
     return tuple(out)
 
 
@@ -502,29 +525,40 @@ def _assemble(
     n, size = arm.n, ROW * arm.n
     identified = arm.with_table(fit.full[:size].reshape(n, ROW))
     tcp, compliance = fit.full[size : size + 3], fit.full[size + 3 :]
+
+    # Rank of the DH and tool numbers, and of the free parameters
     dh_numbers = select(arm, ("theta", "d", "a", "alpha", "tcp"))
     rank = rank_report(arm, fit.full, data, dh_numbers, fit.noise)
     same = parameters.names == dh_numbers.names
     rank_free = rank if same else rank_report(arm, fit.full, data, parameters, fit.noise)
+
+    # Tips of all touches, also of those left out
     every = np.vstack(touches)
     bent = every if bound is None else every + compliance * bound.at(every)(identified.table)
     tips = identified.tips(bent, tcp)
     offsets = np.cumsum([0, *(len(q) for q in touches)])
+
+    # Points as means of the touches in use, and the distance of every touch
     points, residuals, outliers = np.empty((len(touches), 3)), [], []
     weights = [np.zeros(len(q)) for q in touches]
+
     for s, i in enumerate(live):
         weights[i][kept[i]] = data.weights[data.series == s]
     weight = {i: data.weights[data.series == s] > 0.0 for s, i in enumerate(live)}
+
     for i, q in enumerate(touches):
         mine = tips[offsets[i] : offsets[i] + len(q)]
         places = kept[i][weight[i]] if i in live and weight[i].any() else np.arange(len(q))
         points[i] = mine[places].mean(axis=0)
         residuals.append(readonly(np.linalg.norm(mine - points[i], axis=1)))
+
         if i in live:
             left_out = kept[i][~weight[i]]
             outliers += [
                 Outlier(series=i, touch=int(j), distance=float(residuals[i][j])) for j in left_out
             ]
+
+    # Warnings: noise, touches left out, an arm far from the nominal one
     if data.degrees - fit.effective < LEAST_FREEDOM:
         warnings.append(
             f"{len(data.q)} touches leave {data.degrees - fit.effective:.2g} degrees of freedom: "
@@ -532,15 +566,18 @@ def _assemble(
             f"nothing, and a noise of {1e3 * fit.noise:.2g} mm is taken"
         )
     warnings += [f"left out, for it does not belong: {outlier}" for outlier in outliers]
+
     if fit.noise > _FAR_OFF:
         warnings.append(
             f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they are not "
             "of this arm, or its "
             "table, joint signs or zeros are wrong"
         )
+
     moved = np.abs(fit.full - mean)[dh_numbers.index[:-3]]
     angles = np.array([group in {"theta", "alpha"} for group in dh_numbers.groups[:-3]])
     shares = np.where(angles, moved / _FAR_TURN, moved / (_FAR_SHARE * max(arm.reach, 1e-9)))
+
     if shares.max() > 1.0:
         k = int(shares.argmax())
         amount = f"{np.rad2deg(moved[k]):.3g} deg" if angles[k] else f"{1e3 * moved[k]:.3g} mm"
@@ -549,8 +586,10 @@ def _assemble(
             "the table, the joint "
             "signs and the joint zeros right?"
         )
+
     warnings += _at_the_bound(arm, parameters, fit)
     tips_nominal = tips_of(arm, mean, data)[0]
+
     return Calibration(
         tcp=readonly(tcp),
         compliance=readonly(compliance),
@@ -560,6 +599,7 @@ def _assemble(
         cost=fit.cost,
         cost_nominal=pair_cost(centred(tips_nominal, data), data),
         noise=fit.noise,
+        # of every point and touch
         points=readonly(points),
         residuals=tuple(residuals),
         weights=tuple(readonly(each) for each in weights),
@@ -586,14 +626,17 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
     """Warning of the groups for which the touches ask for a wider prior than arms are made to."""
     widest = widest_prior(parameters, arm.reach)
     held = {group: k for k, group in enumerate(parameters.groups) if fit.deviations[k] == widest[k]}
+
     if not held:
         return []
+
     bounds = (
         f"{group} by {np.rad2deg(widest[k]):.2g} deg"
         if parameters.units[k] == "rad"
         else f"{group} by {1e3 * widest[k]:.2g} mm"
         for group, k in held.items()
     )
+
     return [
         f"the arm found is far from the nominal one: its {', '.join(bounds)} and more, beyond "
         "which arms are not made "
@@ -607,13 +650,16 @@ def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points
     series.
     """
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
+
     series, used = [], []
     for s in range(len(data.starts)):
         mine = np.flatnonzero((data.series == s) & (data.weights > 0.0))
         if len(mine) < 2:
             continue
+
         weights = data.weights[mine]
         rows = J[mine] - np.average(J[mine], axis=0, weights=weights)
         series.append(PointTouches(rows=rows, residuals=fit.residuals[mine], weights=weights))
         used.append(s)
+
     return scores(series, places(points[used], arm.reach), fit.deviations, fit.noise)

@@ -1,5 +1,4 @@
-"""Compiled kernels of the calibration: size of the arm, centred touches, loads of hanging bodies,
-inverse kinematics.
+"""Compiled kernels: size of the arm, centred touches, loads of joints, inverse kinematics.
 
 Tables are those of `uuv.models.arms.kinematics`. Angles in rad, lengths in m, all vectors in base
 axes.
@@ -24,8 +23,7 @@ _FLAGS, _PLACES = (
 
 @kernel(signature=types.Tuple((float64, float64[::1]))(_M, _M, _V, _FLAGS))
 def arm_size(table, X_flange, tcp, parallel):
-    """Size of the arm [m], the root of the summed squares of all lengths that touching observes,
-    and its derivative.
+    """Size of the arm [m], the root of summed squares of observable lengths, and its derivative.
 
     The last link and the tool count as one length, from the last joint to the tip. The d of the
     first joint is left out, because it moves the base only. Along parallel axes the sum of the d
@@ -44,6 +42,8 @@ def arm_size(table, X_flange, tcp, parallel):
     n = table.shape[0]
     gradient = np.zeros(ROW * n + 3)
     offset = np.empty(3)
+
+    # Tool point in the last frame
     for i in range(3):
         offset[i] = (
             X_flange[i, 3]
@@ -51,6 +51,8 @@ def arm_size(table, X_flange, tcp, parallel):
             + X_flange[i, 1] * tcp[1]
             + X_flange[i, 2] * tcp[2]
         )
+
+    # Tip seen from the last joint
     row = table[n - 1]
     ca, sa, cb, sb = (
         math.cos(row[ALPHA]),
@@ -63,6 +65,8 @@ def arm_size(table, X_flange, tcp, parallel):
     tip = np.empty(3)
     for i in range(3):
         tip[i] = R[i, 0] * offset[0] + R[i, 1] * offset[1] + R[i, 2] * offset[2]
+
+    # Its squared length, with derivatives by a, d, alpha and the tool point
     last = ROW * (n - 1)
     y, z = tip[1], tip[2]
     tip[0] += row[A]
@@ -74,6 +78,8 @@ def arm_size(table, X_flange, tcp, parallel):
         for i in range(3):
             column = R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
             gradient[ROW * n + j] += tip[i] * column
+
+    # Lengths between the axes; of parallel axes only the sum of the shifts is observed
     first = 0
     for k in range(n - 1):
         square += table[k, A] ** 2
@@ -85,12 +91,16 @@ def arm_size(table, X_flange, tcp, parallel):
             shift += way * table[j, D]
             gradient[ROW * j + D] = way
             way *= math.copysign(1.0, math.cos(table[j, ALPHA]))
+
+        # Shifts along the first axis are not observed
         if first == 0:
             shift = 0.0
+
         square += shift**2
         for j in range(first, k + 1):
             gradient[ROW * j + D] *= shift
         first = k + 1
+
     length = math.sqrt(square)
     return length, gradient / max(length, 1e-300)
 
@@ -120,8 +130,11 @@ def centred_rows(p, J, weights, starts, index):
     rows = np.empty((3 * touches, free))
     c = np.zeros((series, 3))
     C = np.zeros((series, free, 3))
+
     for s in range(series):
         end = starts[s + 1] if s + 1 < series else touches
+
+        # Weighted mean of the series
         total = 0.0
         for m in range(starts[s], end):
             w = weights[m]
@@ -135,6 +148,8 @@ def centred_rows(p, J, weights, starts, index):
         if total > 0.0:
             c[s] /= total
             C[s] /= total
+
+        # Residuals and rows about it, times the root of the weight
         for m in range(starts[s], end):
             root = math.sqrt(weights[m])
             for i in range(3):
@@ -142,6 +157,7 @@ def centred_rows(p, J, weights, starts, index):
                 r[3 * m + i] = root * residuals[m, i]
                 for f in range(free):
                     rows[3 * m + i, f] = root * (J[m, index[f], i] - C[s, f, i])
+
     return residuals, r, rows, c, C
 
 
@@ -165,9 +181,11 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     moment, place, zero = np.empty(3), np.empty(3), np.zeros(3)
     # resultant of all loads beyond the joint, and its moment about the base
     force, about = np.empty(3), np.empty(3)
+
     for m in range(touches):
         force[:], about[:] = 0.0, 0.0
         for k in range(n, 0, -1):
+            # Bodies of link k; the last link also has those that change with the touch
             own = forces.shape[1]
             count = own + (extra_forces.shape[1] if k == n else 0)
             for b in range(count):
@@ -180,18 +198,20 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
                 cross_into(moment, place, f, zero)
                 force += f
                 about += moment
+
+            # Moment about the joint, along its axis
             cross_into(moment, X[m, k - 1, :3, 3], force, zero)
             for i in range(3):
                 tau[m, k - 1] += X[m, k - 1, i, 2] * (
                     force[i] if slides[k - 1] else about[i] - moment[i]
                 )
+
     return tau
 
 
 @kernel(signature=boolean(_M, _FLAGS, _M, _M, _V, _V, _M, float64[::1], boolean, int64))
 def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, iterations):
-    """Inverse kinematics by damped least squares: joint values for a tip at `goal`, optionally with
-    an orientation.
+    """Inverse kinematics by damped least squares: a tip at `goal`, optionally with an orientation.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).
@@ -217,7 +237,9 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
     J = np.zeros((rows, n))
     e = np.zeros(rows)
     column = np.empty(3)
+
     for _ in range(iterations):
+        # Forward kinematics with the axes of the joints
         R[:, :] = X_base[:3, :3]
         o[:] = X_base[:3, 3]
         for k in range(n):
@@ -227,6 +249,8 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
             p[i] = o[i]
             for j in range(3):
                 p[i] += R[i, j] * X_flange[j, 3] + F[i, j] * tcp[j]
+
+        # Error of position, and of orientation by the cross products of the frames' axes
         e[:3] = goal - p
         if orient:
             e[3:] = 0.0
@@ -234,6 +258,8 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
                 e[3] += 0.5 * (F[1, j] * R_goal[2, j] - F[2, j] * R_goal[1, j])
                 e[4] += 0.5 * (F[2, j] * R_goal[0, j] - F[0, j] * R_goal[2, j])
                 e[5] += 0.5 * (F[0, j] * R_goal[1, j] - F[1, j] * R_goal[0, j])
+
+        # Convergence
         turn = 0.0
         trace = 3.0
         if orient:
@@ -241,10 +267,13 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
             trace = np.sum(F * R_goal)
         if math.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2) < 1e-11 and turn < 1e-6 and trace > 0.0:
             return True
+
         # beyond 90 deg the sine falls again, so the step gets full length
         if trace < 0.0 and turn > 0.0:
             for i in range(3):
                 e[3 + i] /= turn
+
+        # Jacobian of the tip
         for k in range(n):
             z = axes[k, 0]
             if slides[k]:
@@ -256,6 +285,8 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
                 J[:3, k] = column
                 if orient:
                     J[3:, k] = z
+
+        # Damped step; the damping falls with the error
         H = J.T @ J
         damping = 1e-4 * min(1.0, e @ e) + 1e-14
         for k in range(n):

@@ -50,6 +50,7 @@ class Loads:
         n = arm.n
         gravity = checked(self.gravity, (3,), "loads.gravity")
         middles, lengths = _middles(arm)
+
         given = self.link_masses
         masses = _EVEN * lengths if given is None else checked(given, (n,), "loads.link_masses")
         centers = (
@@ -57,18 +58,22 @@ class Loads:
             if self.link_centers is None
             else checked(self.link_centers, (n, 3), "loads.link_centers")
         )
+
         volumes = np.broadcast_to(np.asarray(self.link_volumes, dtype=np.float64), (n,))
         buoyant = self.link_buoyancy_centers
         cob = (
             centers if buoyant is None else checked(buoyant, (n, 3), "loads.link_buoyancy_centers")
         )
+
         if not (np.all(masses >= 0.0) and np.all(volumes >= 0.0) and self.water_density >= 0.0):
             raise ConfigurationError(
                 "loads: masses, volumes and the water's density must not be negative"
             )
+
         forces = np.stack(
             [masses[:, None] * gravity, -self.water_density * volumes[:, None] * gravity], axis=1
         )
+
         return BoundLoads(
             arm=arm,
             forces=np.ascontiguousarray(forces),
@@ -91,7 +96,9 @@ class Loads:
                 raise ConfigurationError(
                     f"loads.payload_mass: {len(counts)} series, got {len(items)} masses"
                 )
+
             parts = []
+
             for i, (item, count) in enumerate(zip(items, counts, strict=True)):
                 part = np.asarray(item, dtype=np.float64)
                 if part.shape not in {(), (count,)}:
@@ -101,10 +108,12 @@ class Loads:
                     )
                 parts.append(np.broadcast_to(part, (count,)))
             masses = np.concatenate(parts)
+
         if not np.all(np.isfinite(masses) & (masses >= 0.0)):
             raise ConfigurationError(
                 "loads.payload_mass: every mass must be finite and not negative"
             )
+
         return masses
 
 
@@ -137,11 +146,13 @@ class BoundLoads:
         """
         payload = self.payload[places]
         net = np.where(payload > 0.0, payload - self.displaced, 0.0)
+
         extra = np.ascontiguousarray(net[:, None, None] * self.gravity)
         X = self.arm.X_n_flange
         point = np.ascontiguousarray(
             np.broadcast_to(X[:3, :3] @ self.center + X[:3, 3], (len(q), 1, 3))
         )
+
         slides, X_base_0 = self.arm.slides, self.arm.X_base_0
 
         def load(table: Array) -> Array:
@@ -152,12 +163,12 @@ class BoundLoads:
 
 
 def _middles(arm: SerialArm) -> tuple[Array, Array]:
-    """Middle of each link in its own frame (n, 3) [m], and link length (n,) [m] between consecutive
-    frame origins.
-    """
+    """Middle of each link in its own frame (n, 3) [m], and distance of its frames (n,) [m]."""
     middles = np.empty((arm.n, 3))
     X = frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
+
     for k in range(arm.n):
         start, end = X[k, :3, 3], X[k + 1, :3, 3]
         middles[k] = 0.5 * X[k + 1, :3, :3].T @ (start - end)
+
     return middles, np.hypot(arm.table[:, A], arm.table[:, D])

@@ -1,5 +1,4 @@
-"""Calibration of an arm on a moving base: the measured base pose becomes six joints ahead of the
-arm's own.
+"""Calibration of an arm on a moving base: its measured pose becomes six joints ahead of the arm's.
 
 Touches made from a hovering vehicle are then touches of a longer arm, with three slides and three
 hinges first. The "encoders" of these six are the vehicle's navigation. Only the arm's own
@@ -21,8 +20,7 @@ _NAMES = ("theta", "d", "a", "alpha")
 
 
 def on_moving_base(arm: SerialArm, X_BA: Array) -> SerialArm:
-    """Extend `arm` by six base joints, three slides along x, y, z and three hinges about z, y, x of
-    B.
+    """Extend `arm` by six base joints: slides along x, y, z and hinges about z, y, x of B.
 
     Args:
         arm: the arm alone.
@@ -34,12 +32,14 @@ def on_moving_base(arm: SerialArm, X_BA: Array) -> SerialArm:
     axes, points, X_A_flange = arm.axes()
     R, p = X_BA[:3, :3], X_BA[:3, 3]
     unit = np.eye(3)
+
     longer = SerialArm.from_axes(
         np.vstack([unit, unit[::-1], axes @ R.T]),
         np.vstack([np.zeros((BASE_JOINTS, 3)), points @ R.T + p]),
         X_BA @ X_A_flange,
         "ppprrr" + arm.joint_types,
     )
+
     return replace(
         longer,
         limits=readonly(np.vstack([longer.limits[:BASE_JOINTS], arm.limits])),
@@ -70,24 +70,23 @@ def with_base(series: Array, X_WB: Array) -> Array:
     """
     if len(series) != len(X_WB):
         raise ConfigurationError(f"touches: {len(series)} joint values and {len(X_WB)} base poses")
+
     R = X_WB[:, :3, :3]
     pitch = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
     yaw, roll = np.arctan2(R[:, 1, 0], R[:, 0, 0]), np.arctan2(R[:, 2, 1], R[:, 2, 2])
+
     return np.column_stack([X_WB[:, :3, 3], yaw, pitch, roll, series])
 
 
 def own_parameters(longer: SerialArm) -> list[str]:
-    """Names of the arm's own parameters within the longer arm, and of the tool point: those to
-    leave free.
-    """
+    """Names, in the longer arm, of the arm's parameters and of the tool point: those left free."""
     first = BASE_JOINTS + 1
     names = [f"{name}{k}" for k in range(first, longer.n + 1) for name in _NAMES]
     return [*names, *(f"beta{k + 1}" for k in longer.near_parallel if k >= BASE_JOINTS), "tcp"]
 
 
 def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
-    """Rename the parameters of `found`, of the longer arm, as those of the arm alone; take the rank
-    report of `alike`.
+    """Name the parameters of `found`, of the longer arm, as the arm's; rank report of `alike`.
 
     `alike` is a calibration of the arm alone in the same poses. The base's small motion does not
     change which directions touching observes.
@@ -98,6 +97,7 @@ def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
         else f"{name.rstrip('0123456789')}{int(name.lstrip(_LETTERS)) - BASE_JOINTS}"
         for name in found.names
     )
+
     parameters = replace(found.estimate.parameters, names=names)
     return replace(found, estimate=replace(found.estimate, parameters=parameters), rank=alike.rank)
 
@@ -118,7 +118,9 @@ def own_arm(longer: SerialArm, X_BA: Array) -> SerialArm:
         joint_types=longer.joint_types[:BASE_JOINTS],
         X_base_0=longer.X_base_0,
     )
+
     X_B0 = head.flange(at_zero)[0]
+
     return replace(
         longer,
         table=readonly(longer.table[BASE_JOINTS:]),

@@ -1,5 +1,4 @@
-"""Reference run of [Yukhimets 2023]: three Levenberg-Marquardt steps (eq. 17) on all 4 n + 3
-parameters, no prior.
+"""Run of [Yukhimets 2023]: three Levenberg-Marquardt steps (eq. 17) on all parameters, no prior.
 
 Criterion (7) falls to zero with the arm shrunk to a point, so the run is right only because it
 stops early. It serves for comparison. Parameters are in mm and degrees, as printed there. The paper
@@ -28,26 +27,32 @@ def paper_run(problem: Problem) -> Fit:
     units = np.array(
         [np.deg2rad(1.0) if unit == "rad" else 1e-3 for unit in problem.parameters.units]
     )
+
     data = problem.data
     counts = np.diff([*data.starts, len(data.q)])
     # m sum |x - c|^2 = sum over pairs, likewise G'G
     pairs = np.sqrt(np.repeat(counts, counts)).astype(np.float64)
+
     full, mu = problem.mean.copy(), MU
     residuals, rows = _pair_rows(problem, full, pairs, units)
     history = [float(residuals @ residuals) * 1e-6]
+
     for _ in range(STEPS):
         while True:
             step = -np.linalg.solve(rows.T @ rows + mu * np.eye(len(units)), rows.T @ residuals)
             trial = full.copy()
             trial[problem.index] += step * units
             new_residuals, new_rows = _pair_rows(problem, trial, pairs, units)
+
             if new_residuals @ new_residuals < residuals @ residuals:
                 full, residuals, rows, mu = trial, new_residuals, new_rows, mu / ETA
                 break
             mu *= ETA
             if mu > MU * 1e12:
                 break
+
         history.append(float(residuals @ residuals) * 1e-6)
+
     square = history[-1] / max(float(counts.mean()), 1.0)
     noise = max(np.sqrt(square / max(data.degrees - len(units), 1.0)), 1e-9)
     return problem.summary(full, noise, units * _WIDE, history, False)
@@ -58,5 +63,6 @@ def _pair_rows(problem: Problem, full: Array, pairs: Array, units: Array) -> tup
     squares sum to eq. (7).
     """
     _, r, rows, _, _ = linearised(problem.arm, full, problem.data, problem.parameters)
+
     weight = 1e3 * np.repeat(pairs, 3)
     return r * weight, rows * weight[:, None] * units

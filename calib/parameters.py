@@ -51,9 +51,7 @@ DEFAULT_FREE = ("theta", "d", "a", "alpha", "beta", "tcp")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Parameters:
-    """Free parameters of an estimation, in the order DH row by row, tool point, betas,
-    compliances.
-    """
+    """Free parameters, in the order DH row by row, tool point, betas, compliances."""
 
     # "theta1", "d1", "a1", "alpha1", ..., "tcp_x", ..., "beta2", ..., "c1", ...
     names: tuple[str, ...]
@@ -80,39 +78,42 @@ class Parameters:
 
 
 def all_parameters(arm: SerialArm) -> Parameters:
-    """All parameters of `arm`: 4 n of DH, 3 of the tool point, beta of near-parallel joints, n
-    compliances.
-    """
+    """All parameters: 4 n of DH, 3 of the tool point, beta of near-parallel axes, n compliances."""
     names, groups, index = [], [], []
+
     for k in range(arm.n):
         for group, column in (("theta", THETA), ("d", D), ("a", A), ("alpha", ALPHA)):
             names.append(f"{group}{k + 1}")
             groups.append(group)
             index.append(ROW * k + column)
+
     for j, axis in enumerate("xyz"):
         names.append(f"tcp_{axis}")
         groups.append("tcp")
         index.append(ROW * arm.n + j)
+
     for k in arm.near_parallel:
         names.append(f"beta{k + 1}")
         groups.append("beta")
         index.append(ROW * k + BETA)
+
     for k in range(arm.n):
         names.append(f"c{k + 1}")
         groups.append("compliance")
         index.append(ROW * arm.n + 3 + k)
+
     return Parameters(names=tuple(names), groups=tuple(groups), index=np.array(index))
 
 
 def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
-    """Select parameters of `arm` by `words`: groups ("a", "alpha", "tcp", ...) or single names
-    ("a2", "tcp_z").
+    """Select parameters by `words`: groups ("a", "alpha", "tcp", ...) or names ("a2", "tcp_z").
 
     Raises:
         ConfigurationError: a word that names no parameter, or nothing left to identify.
     """
     every = all_parameters(arm)
     asked = [words] if isinstance(words, str) else list(words)
+
     for word in asked:
         if not isinstance(word, str) or (word not in GROUPS and word not in every.names):
             raise ConfigurationError(
@@ -125,6 +126,7 @@ def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
                     else " (no beta: no near-parallel axes)"
                 )
             )
+
     chosen = [
         i
         for i, (name, group) in enumerate(zip(every.names, every.groups, strict=True))
@@ -163,6 +165,7 @@ def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) 
             raise ConfigurationError(
                 f"prior: the deviation of {word} must be >= {_NARROWEST:g}, got {value}"
             )
+
     return np.array(
         [
             stated.get(name, stated.get(group, DEFAULT_PRIOR[group]))
@@ -172,8 +175,7 @@ def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) 
 
 
 def widest_prior(parameters: Parameters, reach: float) -> Array:
-    """Largest prior deviation (P,) that the evidence of touches may choose: how far off arms are
-    made.
+    """Largest prior deviation (P,) that the evidence may choose: tolerances of manufactured arms.
 
     Args:
         parameters: P free parameters.

@@ -1,5 +1,4 @@
-"""Optimal choice of touches out of candidates: greedy selection, then exchanges, by the information
-they add.
+"""Optimal choice of touches by information: greedy selection out of candidates, then exchanges.
 
 A touch of point i at pose q measures J dTheta - dc_i. The three coordinates of each point are
 unknown too and are estimated along. Criterion D maximises the determinant of the information of all
@@ -55,8 +54,7 @@ class Design:
 
 
 def plan(design: Design, count: int) -> Plan:
-    """Choose `count` of the candidates, maximising information or minimising the variance at the
-    targets.
+    """Choose `count` candidates for the largest information or the least variance at the targets.
 
     Raises:
         ConfigurationError: fewer candidates than `count`.
@@ -64,6 +62,8 @@ def plan(design: Design, count: int) -> Plan:
     _check_count(design, count)
     rows, C, W = design.rows, design.C, design.W
     before = _merit(C, W)
+
+    # Greedy selection
     chosen, merit = [], []
     free_to_take = np.ones(len(rows), dtype=bool)
     for _ in range(count):
@@ -73,6 +73,8 @@ def plan(design: Design, count: int) -> Plan:
         free_to_take[best] = False
         chosen.append(best)
         merit.append(_merit(C, W))
+
+    # Exchanges: every touch against the best in its place, until none gains
     for _ in range(_SWEEPS):
         swapped = False
         for place in range(count):
@@ -82,11 +84,13 @@ def plan(design: Design, count: int) -> Plan:
             best = _best(rows, without, W, free_to_take)
             trial = _updated(without, rows[best], 1.0)
             better = _merit(trial, W) - reached
+
             if best != now and (better > 1e-9 if W is None else better < -1e-12):
                 C, chosen[place], swapped = trial, best, True
             free_to_take[chosen[place]] = False
         if not swapped:
             break
+
     pairs = tuple(design.pairs[k] for k in chosen)
     return Plan(
         chosen=pairs,
@@ -117,11 +121,13 @@ def random_merits(design: Design, count: int, rng: np.random.Generator, trials: 
     """
     _check_count(design, count)
     out = []
+
     for _ in range(trials):
         C = design.C
         for k in rng.choice(len(design.rows), count, replace=False):
             C = _updated(C, design.rows[k], 1.0)
         out.append(_merit(C, design.W))
+
     return np.array(out)
 
 
@@ -167,17 +173,22 @@ def design(
     else:
         model = arm if isinstance(arm, SerialArm) else SerialArm.from_dh(arm, name="arm")
         tool, hand = np.zeros(3), HAND_NOISE
+
     tool = tool if tcp is None else checked(tcp, (3,), "tcp")
     sigma = hand if noise is None else noise
+
     poses = checked_series(candidates, model)
     parameters = select(model, free)
     deviations = prior_deviations(parameters, prior)
     rows = _rows(model, tool, poses, parameters.index, deviations, sigma)
     size = rows.shape[2]
+
+    # Touches already made
     C = np.eye(size)
     for i, q in enumerate(checked_series(done, model) if done is not None else []):
         for row in _rows(model, tool, [q], parameters.index, deviations, sigma, len(poses), i):
             C = _updated(C, row, 1.0)
+
     return Design(
         poses=poses,
         pairs=[(s, row) for s, q in enumerate(poses) for row in range(len(q))],
@@ -199,33 +210,37 @@ def _rows(
     points: int | None = None,
     first: int = 0,
 ) -> Array:
-    """Derivatives (K, 3, P + 3 S) of each touch by parameters and points, over the noise, in units
-    of their priors.
+    """Derivatives (K, 3, P + 3 S) of each touch by parameters and points.
+
+    They are divided by the noise, in units of the priors.
     """
     points = len(poses) if points is None else points
     blocks = []
+
     for s, q in enumerate(poses):
         J = arm.tips_and_jacobian(np.ascontiguousarray(q), np.ascontiguousarray(tcp))[1]
         J = np.concatenate([J, np.zeros((len(q), arm.n, 3))], axis=1)[:, index, :]
         block = np.zeros((len(q), 3, len(index) + 3 * points))
         block[:, :, : len(index)] = J.transpose(0, 2, 1) * deviations
+
+        # Tip less point, whose prior is wide
         start = len(index) + 3 * (s + first)
         block[:, :, start : start + 3] = -_ANYWHERE * np.eye(3)
         blocks.append(block / noise)
+
     return np.concatenate(blocks)
 
 
 def _aim(
     arm: SerialArm, targets: ArrayLike, index: np.ndarray, deviations: Array, size: int
 ) -> Array:
-    """Weight W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of aligned flange
-    positions.
-    """
+    """Weight W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean square error of aligned flanges."""
     q = checked_series([targets], arm)[0]
     p, J = arm.tips_and_jacobian(q, np.zeros(3))
     J[:, ROW * arm.n :, :] = 0.0  # the flange does not depend on the tool point
     J = np.concatenate([J, np.zeros((len(q), arm.n, 3))], axis=1)[:, index, :]
     J = (J - J.mean(axis=0)).transpose(0, 2, 1).reshape(3 * len(q), -1) * deviations
+
     # Alignment removes rotations, and touching does not observe scale: both are projected out.
     about = p - p.mean(axis=0)
     gauges = np.column_stack(
@@ -233,6 +248,7 @@ def _aim(
     )
     Q = np.linalg.qr(gauges)[0]
     J -= Q @ (Q.T @ J)
+
     W = np.zeros((size, size))
     W[: len(index), : len(index)] = J.T @ J / len(q)
     return W
@@ -242,12 +258,15 @@ def _best(rows: Array, C: Array, W: Array | None, allowed: np.ndarray) -> int:
     """Index of the allowed candidate with the largest gain."""
     carried = rows @ C  # (K, 3, N)
     S = np.eye(3) + carried @ rows.transpose(0, 2, 1)
+
+    # By the matrix determinant lemma (D), or by Woodbury's identity (V)
     if W is None:
         gain = np.linalg.slogdet(S)[1]
     else:
         gain = np.trace(
             np.linalg.solve(S, carried @ W @ carried.transpose(0, 2, 1)), axis1=1, axis2=2
         )
+
     return int(np.argmax(np.where(allowed, gain, -np.inf)))
 
 

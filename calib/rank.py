@@ -1,5 +1,4 @@
-"""Rank analysis of a calibration: which directions of the parameters are observable, and why the
-others are not.
+"""Rank analysis of a calibration: which directions are observable, and why others are not.
 
 Columns are scaled to comparable errors: 0.1 deg, and the length that such a turn moves over a sixth
 of the arm. Singular values can then be compared; below `THRESHOLD` of the largest a direction
@@ -84,9 +83,7 @@ class RankReport:
         )
 
     def combination(self, i: int, terms: int = 4) -> str:
-        """Text of the i-th observable direction: its `terms` largest weights on the scaled
-        parameters.
-        """
+        """Text of the i-th observable direction: `terms` largest weights of scaled parameters."""
         weights = self.directions[i]
         largest = np.argsort(-np.abs(weights))[:terms]
         return " ".join(
@@ -101,6 +98,7 @@ class RankReport:
             f"(condition {self.condition:.3g}, O1 {self.observability:.3g} m)"
         ]
         lines += [f"not seen: {group}" for group in self.hidden]
+
         for word in ("known", "in combination", "unknowable"):
             named = [
                 name
@@ -109,6 +107,7 @@ class RankReport:
             ]
             if named:
                 lines.append(f"{word}: {', '.join(named)}")
+
         return "\n".join(lines)
 
 
@@ -129,16 +128,20 @@ def rank_report(
     Returns:
         Rank, directions and the groups of hidden directions.
     """
+    # Columns scaled to like errors; known distances add rows
     scales = _like_errors(arm, full, data, parameters)
     _, _, rows, c, C = linearised(arm, full, data, parameters)
     if data.distances:
         rows = np.vstack([rows, noise * distance_rows(c, C, data, noise)[1]])
     rows = _triangle(rows * scales)
+
+    # Directions of large singular values are observed
     _, values, Vt = np.linalg.svd(rows)
     floor = THRESHOLD * values[0]
     rank = int(np.sum(values > floor))
     seen, hidden = Vt[:rank], Vt[rank:]
     share = np.sum(hidden**2, axis=0)
+
     return RankReport(
         parameters=parameters,
         rank=rank,
@@ -174,16 +177,16 @@ def _like_errors(arm: SerialArm, full: Array, data: Data, parameters: Parameters
         "a": length,
         "tcp": length,
     }
+
     if data.load is not None:
         tau = data.load(full[: ROW * arm.n].reshape(-1, ROW))
         sizes["compliance"] = _ANGLE / max(float(np.sqrt(np.mean(tau**2))), 1e-9)
+
     return np.array([sizes.get(group, 0.0) for group in parameters.groups])
 
 
 def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
-    """As many independent parameters as the rank; where there is a choice, those usually left
-    free.
-    """
+    """As many independent parameters as the rank; by choice those usually left free."""
     # Preferably fixed at nominal: the base, the last frame (the tool point replaces it), the first
     # links of a parallel run, and the longest link (scale).
     n = arm.n
@@ -193,26 +196,30 @@ def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
     lengths = np.abs(arm.table[:, 2])
     if lengths.max() > 0.0:
         held.add(f"a{int(lengths.argmax()) + 1}")
+
     for i, name in enumerate(parameters.names):
         if name in held:
             preference[i] = 0.3
+
+    # Pivots of QR: independent columns, preferred ones first
     chosen = np.zeros(len(preference), dtype=bool)
     if len(seen):
         chosen[qr(seen * preference, pivoting=True, mode="r")[1][: len(seen)]] = True
+
     return chosen
 
 
 def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[HiddenGroup, ...]:
-    """Split the hidden directions into groups, each the null space of a few columns with a common
-    reason.
-    """
+    """Split hidden directions into groups: null spaces of a few columns with a common reason."""
     missing, total = hidden.shape
     found = np.zeros((0, total))
     groups = []
+
     for names, reason, handle in _suspects(arm, parameters):
         places = parameters.where(*names)
         if not len(places) or len(found) >= missing:
             continue
+
         # The directions of these columns alone that lie in the hidden space: cosines near 1.
         _, cosines, Vt = np.linalg.svd(hidden[:, places], full_matrices=False)
         null = np.zeros((int(np.sum(cosines > _LIES_IN)), total))
@@ -220,12 +227,15 @@ def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[Hid
         null -= (null @ found.T) @ found
         _, size, new = np.linalg.svd(null, full_matrices=False)
         new = new[size > _EXPLAINS][: missing - len(found)]
+
         if len(new):
             inside = [parameters.names[j] for j in range(total) if np.abs(new[:, j]).max() > 0.05]
             groups.append(
                 HiddenGroup(names=tuple(inside), count=len(new), reason=reason, handle=handle)
             )
             found = np.vstack([found, new])
+
+    # What no suspect explains
     if len(found) < missing:
         null = hidden - (hidden @ found.T) @ found
         _, _, new = np.linalg.svd(null, full_matrices=False)
@@ -243,6 +253,7 @@ def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[Hid
                 handle="touch in more varied poses or at more points",
             )
         )
+
     return tuple(groups)
 
 
@@ -255,6 +266,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
         for name, group in zip(parameters.names, parameters.groups, strict=True)
         if group in {"d", "a", "tcp"}
     ]
+
     suspects = [
         (
             ["theta1", "d1"],
@@ -272,6 +284,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
             "nothing is lost for this tool; the flange itself needs a tool of known length",
         ),
     ]
+
     for run in _parallel_runs(arm):
         names = [f"d{k + 1}" for k in run]
         suspects.append(
@@ -281,6 +294,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
                 "nothing is lost: use the sum",
             )
         )
+
     suspects += [
         (
             lengths,
@@ -293,6 +307,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
             "use a tip 50 to 100 mm off the last axis",
         ),
     ]
+
     if any(group == "compliance" for group in parameters.groups):
         compliant = [name for name in parameters.names if name.startswith("c")]
         suspects.append(
@@ -302,6 +317,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
                 "a known distance tells it",
             )
         )
+
     return suspects
 
 

@@ -60,6 +60,7 @@ def report_page(
     """
     notes = [*statement.notes, *calibration.warnings]
     pictures = figures(calibration, series, point_names, clouds or {})
+
     parts = [
         page.heading(statement.title, statement.accepted, notes=notes),
         page.section("Figures", page.table((), statement.figures_of_merit)),
@@ -69,21 +70,25 @@ def report_page(
         page.section("Parameters", _parameters(calibration)),
         page.provenance(statement.provenance),
     ]
+
     return page.page(statement.title, parts)
 
 
 def _rank(calibration: Calibration) -> list[Html]:
     """Sentence on the rank, table of the unobservable directions, and the least observable ones."""
     rank = calibration.rank
+
     sentence = (
         f"{page.strong(f'{rank.rank} of {rank.total}')} directions of the parameters move the "
         f"touched tips apart, and are identified; condition {rank.condition:.3g}, observability "
         f"index O1 {rank.observability:.3g} m."
     )
+
     columns = ("directions", "in", "why they are not seen", "what helps")
     rows = [
         (group.count, ", ".join(group.names), group.reason, group.handle) for group in rank.hidden
     ]
+
     least = range(max(rank.rank - _LEAST_OBSERVABLE, 0), rank.rank)
     return [
         page.paragraph(Html(sentence)),
@@ -115,6 +120,7 @@ def _compliances(
         "stiffness [N m/rad]",
         "moments [N m]",
     )
+
     rows = []
     for k, name in enumerate(names):
         span = f"{_zero(moments[:, k].min()):.1f} to {_zero(moments[:, k].max()):.1f}"
@@ -166,10 +172,12 @@ def _payloads(calibration: Calibration, rigid: Calibration | None) -> list[Html]
     distances = [np.concatenate(model.residuals) for model in models.values()]
 
     rows = []
+
     for mass in np.unique(payload):
         counted = used & (payload == mass)
         rms = [f"{1e3 * np.sqrt(np.mean(d[counted] ** 2)):.3f}" for d in distances if counted.any()]
         rows.append((f"{mass:g}", int(counted.sum()), *rms))
+
     columns = ("payload [kg]", "touches", *(f"{name} [mm]" for name in models))
     return [
         page.paragraph("Distance of the touches from their points, RMS, by the model:"),
@@ -181,6 +189,7 @@ def _parameters(calibration: Calibration) -> Html:
     half = calibration.quantile() * calibration.sigma
     status = dict(zip(calibration.rank.parameters.names, calibration.rank.status, strict=True))
     estimate = calibration.estimate
+
     rows = []
     for name, unit, value, change, width in zip(
         estimate.names,
@@ -201,5 +210,6 @@ def _parameters(calibration: Calibration) -> Html:
                 _MEANING.get(status.get(name, ""), ""),
             )
         )
+
     columns = ("", "identified", "change", "95 %", "", "")
     return page.table(columns, rows, texts=(0, 4, 5))

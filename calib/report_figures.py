@@ -1,6 +1,4 @@
-"""Figures of a calibration report: figures 4 to 8 of [Yukhimets 2023], and the intervals of the
-parameters.
-"""
+"""Figures of a calibration report: figures 4 to 8 of [Yukhimets 2023], intervals of parameters."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -49,6 +47,8 @@ def figures(
         "after point [Yukhimets 2023, fig. 4].",
         _pairs(calibration, series, point_names),
     )
+
+    # The comparison with a tracker, where there is one
     if clouds:
         raw = (
             "Flange points with the flange turned alike: as the tracker sees them in its own "
@@ -71,8 +71,10 @@ def figures(
                 lambda c: c.aligned,
             ),
         )
+
         for title, caption, stage in stages:
             yield title, caption, _clouds({name: stage(cloud) for name, cloud in clouds.items()})
+
         yield (
             "What is left between model and tracker",
             "Distance of every flange point from the tracker's, after alignment (figure 8)."
@@ -83,6 +85,7 @@ def figures(
             ),
             _deviations(clouds),
         )
+
     yield (
         "Touches about their points",
         "Distance of every touch from its point under the identified arm; crosses were left out "
@@ -90,6 +93,7 @@ def figures(
         "belonging, open circles have a reduced weight.",
         _residuals(calibration, point_names),
     )
+
     yield (
         "Changes of the parameters",
         "Identified minus nominal in deviations of the prior, with 95 % intervals: a bar as wide "
@@ -105,6 +109,7 @@ def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[st
     tcp = first_tcp(calibration.nominal, list(series))
     before = pair_distances([calibration.nominal.tips(q, tcp) for q in series])
     after = pair_distances(calibration.touched_tips(series))
+
     axes.plot(
         1e3 * before,
         color=FAINT,
@@ -117,6 +122,8 @@ def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[st
         linewidth=0.7,
         label=f"identified, mean {1e3 * after.mean():.3g} mm",
     )
+
+    # A line between points; their names only where there is room
     start = 0
     for name, q in zip(names, series, strict=True):
         count = len(q) * (len(q) - 1) // 2
@@ -125,6 +132,7 @@ def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[st
         if len(names) <= 12:
             _above(axes, start + 0.5 * count, name)
         start += count
+
     axes.set_yscale("log")
     axes.set_xlim(0, max(start - 1, 1))
     axes.set_xlabel("pair")
@@ -148,10 +156,12 @@ def _clouds(clouds: Mapping[str, Array]) -> Figure:
                 markersize=8 if marker == "o" else 6,
                 fillstyle="none",
             )
+
         axes.set_xlabel(f"{'xyz'[i]} [m]")
         axes.set_ylabel(f"{'xyz'[j]} [m]")
         axes.set_aspect("equal", adjustable="datalim")
         plain_axes(axes)
+
     figure.axes[0].legend(frameon=False, fontsize=9)
     return figure
 
@@ -159,6 +169,7 @@ def _clouds(clouds: Mapping[str, Array]) -> Figure:
 def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
     figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
     axes = figure.subplots()
+
     for name, cloud in clouds.items():
         if name == "tracker":
             continue
@@ -171,6 +182,7 @@ def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
             color=color,
             label=f"{name}, RMS {1e3 * cloud.rms:.3f} mm",
         )
+
     axes.set_xlabel("flange point")
     axes.set_ylabel("deviation [mm]")
     axes.set_ylim(bottom=0.0)
@@ -183,6 +195,7 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
     figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
     axes = figure.subplots()
     out = {(outlier.series, outlier.touch) for outlier in calibration.outliers}
+
     start = 0
     for i, residuals in enumerate(calibration.residuals):
         places = start + np.arange(len(residuals))
@@ -199,13 +212,17 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
             markersize=9,
             fillstyle="none",
         )
+
         if len(names) <= 12:
             _above(axes, float(places.mean()), names[i])
         start += len(residuals)
+
+    # Outliers would press the rest onto a linear axis
     if out:
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0.0)
+
     axes.set_xlabel("touch")
     axes.set_ylabel("distance [mm]")
     plain_axes(axes)
@@ -217,9 +234,12 @@ def _changes(calibration: Calibration) -> Figure:
         [i for i, group in enumerate(calibration.estimate.parameters.groups) if group != "tcp"],
         dtype=int,
     )
+
     figure = Figure(figsize=(WIDTH, 0.6 + 0.19 * len(own)), layout="constrained")
     axes = figure.subplots()
     places, scale = np.arange(len(own)), calibration.estimate.prior[own]
+
+    # Band of the prior, and intervals of the fit
     axes.axvspan(-1.96, 1.96, color="#eeeeee")
     axes.errorbar(
         calibration.estimate.changes[own] / scale,
@@ -230,6 +250,7 @@ def _changes(calibration: Calibration) -> Figure:
         linewidth=1.4,
         xerr=calibration.quantile() * calibration.sigma[own] / scale,
     )
+
     axes.set_yticks(places, [calibration.names[i] for i in own], fontsize=7)
     axes.invert_yaxis()
     axes.set_xlabel("change over the prior's deviation")

@@ -1,5 +1,4 @@
-"""Result files of a calibration: arm.yaml, dh.csv, and the arm as URDF and MJCF, new or corrected
-from its source.
+"""Result files of a calibration: arm.yaml, dh.csv, URDF and MJCF, new or corrected.
 
 Every file states its units, the date and the hash of the touches. `uuv.calib.arm_files.read_arm`
 reads all of them.
@@ -70,11 +69,16 @@ def write_results(
     arm = replace(
         arm or calibration.arm, joint_names=source.arm.joint_names, limits=source.arm.limits
     )
+
     stamp = f"calibrated {date}; touches sha256 {sha256}"
     written = [_write_yaml(folder / "arm.yaml", calibration, arm, source, sha256, date)]
     written.append(_write_dh(folder / "dh.csv", arm, tcp, stamp))
+
+    # URDF: that of the source corrected, or a new one
     text = corrected_urdf(source, arm, tcp) if source.kind == "urdf" else urdf(arm, tcp)
     written.append(_write(folder / "arm.urdf", _commented(text, f"{stamp}; rad, m")))
+
+    # MJCF: what changes in that of the source, or a new one
     if source.kind == "mjcf":
         text = mjcf_patch(source, arm, tcp)
         written.append(
@@ -83,6 +87,7 @@ def write_results(
     else:
         text = mjcf(arm, tcp)
         written.append(_write(folder / "arm.mjcf.xml", _commented(text, f"{stamp}; rad, m")))
+
     return written
 
 
@@ -105,6 +110,7 @@ def _write_yaml(
     half = calibration.quantile() * calibration.sigma
     rank = calibration.rank
     status = dict(zip(rank.parameters.names, rank.status, strict=True))
+
     document = {
         "arm": source.path.name,
         "date": date,
@@ -115,6 +121,7 @@ def _write_yaml(
             "left_out": len(calibration.outliers),
             "noise_m": round(float(calibration.noise), 9),
         },
+        # Conventions and frames
         "units": {"angle": "rad", "length": "m"},
         "convention": CONVENTION,
         "base": source.base,
@@ -123,6 +130,7 @@ def _write_yaml(
         "joint_types": arm.joint_types,
         "X_base_0": _rounded(arm.X_base_0),
         "X_n_flange": _rounded(arm.X_n_flange),
+        # Geometry
         "dh": [
             dict(zip(("theta", "d", "a", "alpha", "beta"), row, strict=True))
             for row in _rounded(arm.table)
@@ -131,6 +139,7 @@ def _write_yaml(
         "limits": [
             [None if not np.isfinite(x) else round(float(x), 9) for x in row] for row in arm.limits
         ],
+        # Parameters with their intervals
         "identified": {
             name: {
                 "value": float(f"{value:.10g}"),
@@ -149,6 +158,7 @@ def _write_yaml(
             )
         },
     }
+
     if np.any(calibration.compliance):
         document["compliance"] = _rounded(calibration.compliance, 14)
     return _write(file, yaml_text(document))
@@ -161,8 +171,10 @@ def _write_dh(file: Path, arm: SerialArm, tcp: Array, stamp: str) -> Path:
         f"# tool point in the flange [m]: {' '.join(f'{x:.9f}' for x in tcp)}",
     ]
     lines.append("joint,type,theta [rad],d [m],a [m],alpha [rad],beta [rad]")
+
     for k, (row, letter) in enumerate(zip(arm.table, arm.joint_types, strict=True), 1):
         lines.append(f"{k},{letter}," + ",".join(f"{value:.12g}" for value in row))
+
     return _write(file, "\n".join(lines) + "\n")
 
 
@@ -175,9 +187,11 @@ def links(arm: SerialArm) -> list[Array]:
     Each joint's child link is in the link before, its z the axis; the last is the flange in link n.
     """
     out, rest = [], np.array(arm.X_base_0)
+
     for row in arm.table:
         out.append(rest @ pose(exp_so3([0.0, 0.0, row[THETA]])))
         rest = pose(tilt_of(row), [row[A], 0.0, row[D]])
+
     return [*out, rest @ arm.X_n_flange]
 
 
@@ -197,6 +211,8 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
     for name in names:
         ET.SubElement(root, "link", name=name)
     steps = [*links(arm), pose(p=tcp)]
+
+    # A joint to every link: those driven first, flange and tool point fixed
     for k, X in enumerate(steps):
         driven = k < arm.n
         kind = "fixed"
@@ -209,12 +225,14 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
                 if bounded
                 else "continuous"
             )
+
         joint = ET.SubElement(
             root, "joint", name=arm.joint_names[k] if driven else f"{names[k + 1]}_joint", type=kind
         )
         ET.SubElement(joint, "parent", link=names[k])
         ET.SubElement(joint, "child", link=names[k + 1])
         _set_origin(joint, X)
+
         if driven:
             ET.SubElement(joint, "axis", xyz="0 0 1")
         if kind in ("revolute", "prismatic"):
@@ -222,13 +240,13 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
             ET.SubElement(
                 joint, "limit", lower=f"{lower:.9g}", upper=f"{upper:.9g}", effort="0", velocity="0"
             )
+
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")
 
 
 def mjcf(arm: SerialArm, tcp: Array) -> str:
-    """The arm as a new MJCF of bare bodies, from `arm_base` to the site `tip`; masses are
-    placeholders.
+    """The arm as a new MJCF of bare bodies, from `arm_base` to the site `tip`; placeholder masses.
 
     Args:
         arm: identified arm.
@@ -242,6 +260,7 @@ def mjcf(arm: SerialArm, tcp: Array) -> str:
     body = ET.SubElement(ET.SubElement(root, "worldbody"), "body", {"name": "arm_base"})
     *steps, flange = links(arm)
     limits = arm.limits
+
     for k, X in enumerate(steps):
         body = ET.SubElement(body, "body", {"name": f"link{k + 1}", **_place(X)})
         ET.SubElement(body, "inertial", pos="0 0 0", mass="1", diaginertia=".01 .01 .01")
@@ -250,6 +269,7 @@ def mjcf(arm: SerialArm, tcp: Array) -> str:
         if np.all(np.isfinite(limits[k])):
             joint.set("range", f"{limits[k, 0]:.9g} {limits[k, 1]:.9g}")
             joint.set("limited", "true")
+
     ET.SubElement(body, "site", {"name": "flange", **_place(flange)})
     ET.SubElement(body, "site", {"name": "tip", **_place(flange @ pose(p=tcp))})
     ET.indent(root)
@@ -285,8 +305,10 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     root, chain = robot.xml, robot.chain(source.base, source.tip)
     old, new = _riding(source.arm), _riding(arm)
     driven = {i: k for k, i in enumerate(chain.driven)}
+
     # displacement of the links so far; parent link before correction
     carried, parent = np.eye(4), np.eye(4)
+
     for i, (joint, step) in enumerate(zip(chain.joints, chain.X_parent_child, strict=True)):
         child = parent @ step
         if i in driven:
@@ -294,6 +316,8 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
             _set_origin(joint, inverse(carried @ parent) @ moved @ child)
             carried = moved
         parent = child
+
+    # The tool point moves the last origin, or has a link of its own behind a driven joint
     X_base_tip = arm.axes()[2] @ pose(p=tcp)
     if len(chain.joints) - 1 in driven:
         ET.SubElement(root, "link", name="touch_tip")
@@ -304,13 +328,12 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     else:
         before = parent @ inverse(chain.X_parent_child[-1])
         _set_origin(chain.joints[-1], inverse(carried @ before) @ X_base_tip)
+
     return ET.tostring(root, encoding="unicode")
 
 
 def _riding(arm: SerialArm) -> list[Array]:
-    """Frames (4, 4) in the base at zero, fixed to the links: each on its joint's axis and turned by
-    its theta0.
-    """
+    """Frames (4, 4) of the links in the base at zero: on their joint axes, turned by theta0."""
     X, out = np.eye(4), []
     for step in links(arm)[:-1]:
         X = X @ step
@@ -322,6 +345,8 @@ def _set_origin(joint: ET.Element, X: Array) -> None:
     origin = joint.find("origin")
     if origin is None:
         origin = ET.SubElement(joint, "origin")
+
+    # Roll, pitch and yaw
     R = X[:3, :3]
     level = np.hypot(R[0, 0], R[1, 0])
     pitch = np.arctan2(-R[2, 0], level)
@@ -329,13 +354,13 @@ def _set_origin(joint: ET.Element, X: Array) -> None:
         roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
     else:  # gimbal lock: roll and yaw turn about one axis
         roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
+
     origin.set("xyz", " ".join(f"{x:.12g}" for x in X[:3, 3]))
     origin.set("rpy", f"{roll:.12g} {pitch:.12g} {yaw:.12g}")
 
 
 def mjcf_patch(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
-    """Bodies and sites of the MJCF of `source` whose pose differs in the identified arm, with their
-    new poses.
+    """Bodies and sites of `source`'s MJCF whose pose differs in the identified arm, with new poses.
 
     Args:
         source: MJCF that the nominal arm was read from.
@@ -349,6 +374,7 @@ def mjcf_patch(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     before = spec.compile()
     dh_geometry.move(spec, old, arm.with_tip(tcp), source.base)
     after = spec.compile()
+
     root = ET.Element("patch", model=source.path.name)
     for kind, word in ((mujoco.mjtObj.mjOBJ_BODY, "body"), (mujoco.mjtObj.mjOBJ_SITE, "site")):
         count = before.nbody if word == "body" else before.nsite
@@ -359,6 +385,7 @@ def mjcf_patch(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
                 np.allclose(a[i], b[i], atol=1e-12) for a, b in zip(*places, strict=True)
             ):
                 continue
+
             pos, quat = (values[i] for values in places[1])
             ET.SubElement(
                 root,
@@ -367,5 +394,6 @@ def mjcf_patch(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
                 pos=" ".join(f"{x:.12g}" for x in pos),
                 quat=" ".join(f"{x:.12g}" for x in quat),
             )
+
     ET.indent(root)
     return ET.tostring(root, encoding="unicode")

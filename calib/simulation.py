@@ -1,6 +1,4 @@
-"""Simulated touches: an arm with parameter errors, an operator with noise, points touched in many
-orientations.
-"""
+"""Simulated touches: an arm with parameter errors, touched points, an operator with noise."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,17 +44,18 @@ def wrong_arm(
             raise ConfigurationError(
                 f"deviations: {group!r} is not of the table; allowed {', '.join(GROUPS[:5])}"
             )
+
     for group in GROUPS[:5]:  # in fixed order, so that a seed gives one arm
         if group in deviations and not (group == "beta" and not arm.near_parallel):
             index = select(arm, group).index
             table.ravel()[index] += deviations[group] * rng.standard_normal(len(index))
+
     return arm.with_table(table)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Postures:
-    """Postures in which an operator touches: every touch tilts the flange's z within `cone` of
-    `approach`.
+    """Postures of an operator: every touch tilts the flange's z within `cone` of `approach`.
 
     Tilts are uniform over the cap, spins over a turn.
     """
@@ -69,9 +68,7 @@ class Postures:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sag:
-    """Joints that bend under the weights and buoyancy on the arm, evaluated at the true joint
-    positions.
-    """
+    """Joints that bend under weights and buoyancy, evaluated at the true joint positions."""
 
     compliance: ArrayLike  # (n,) [rad/(N m)]
     loads: Loads
@@ -86,16 +83,13 @@ class EccentricGears:
 
     @classmethod
     def draw(cls, spread: float, n: int, rng: np.random.Generator) -> "EccentricGears":
-        """EccentricGears of `n` joints with normally distributed amplitudes of standard deviation
-        `spread` [rad].
-        """
+        """Gears of `n` joints with normal amplitudes of standard deviation `spread` [rad]."""
         return cls(amplitude=spread * rng.standard_normal(n), phase=rng.uniform(-np.pi, np.pi, n))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seating:
-    """Errors of a ball in its sockets: the centre rests at `maps[s] z` beside the middle of socket
-    s.
+    """Errors of a ball in its sockets: the centre rests at `maps[s] z` beside the middle of s.
 
     z is the flange's z axis in the base. A ball that leans on one flank by friction and by errors
     of form does so again whenever it comes from the same direction, so the error is no noise.
@@ -124,9 +118,12 @@ class Seating:
         maps, tip = checked(self.maps, (len(series), 3, 3), "seating"), checked(tcp, (3,), "tcp")
         moved = ROW * np.arange(arm.n) + np.where(arm.slides, D, THETA)
         out = []
+
         for offset, touches in zip(maps, series, strict=True):
             q = np.array(touches)
             goal = arm.tips(q, tip) + arm.flange(q)[:, :3, 2] @ offset.T
+
+            # Gauss-Newton steps of least norm to the seat
             for _ in range(_STEPS):
                 p, J = arm.tips_and_jacobian(q, tip)
                 q += np.einsum(
@@ -140,6 +137,7 @@ class Seating:
                 raise ReachError(
                     "the arm does not reach the seats of the tip beside the middle of the sockets"
                 )
+
             out.append(q)
         return out
 
@@ -151,8 +149,7 @@ def read_by_encoders(
     sag: Sag | None = None,
     gears: EccentricGears | None = None,
 ) -> list[Array]:
-    """Joint values that encoders read where the joints of `arm` truly stand at `series`, arrays
-    (m_i, n) [rad].
+    """Encoder readings where the joints of `arm` truly stand at `series`, arrays (m_i, n) [rad].
 
     Args:
         arm: true arm.
@@ -163,20 +160,21 @@ def read_by_encoders(
     counts = [len(one) for one in series]
     stands = np.ascontiguousarray(np.vstack(series))
     read = stands
+
     if sag is not None:
         c = checked(sag.compliance, (arm.n,), "compliance")
         read = read - c * sag.loads.bind(arm, counts).at(stands)(arm.table)
     if gears is not None:
         amplitude, phase = (checked(v, (arm.n,), "gears") for v in (gears.amplitude, gears.phase))
         read = read - amplitude * np.sin(stands + phase)
+
     return np.split(read, np.cumsum(counts)[:-1])
 
 
 def true_joints(
     arm: SerialArm, read: Array, *, sag: Sag | None = None, gears: EccentricGears | None = None
 ) -> Array:
-    """True joint values (M, n) [rad] where the encoders read `read` (M, n): the inverse of
-    `read_by_encoders`.
+    """True joint values (M, n) [rad] at readings `read` (M, n): inverse of `read_by_encoders`.
 
     Args:
         arm: true arm.
@@ -188,11 +186,13 @@ def true_joints(
         ConfigurationError: the joints bend or err so much that no true values were found.
     """
     stands = np.array(read)
+
     for _ in range(_STEPS):
         error = read - read_by_encoders(arm, [stands], sag=sag, gears=gears)[0]
         stands += error
         if np.abs(error).max() < _READ_ALIKE:
             return stands
+
     raise ConfigurationError("sag, gears: too large, no true joint values give these readings")
 
 
@@ -207,8 +207,7 @@ def touch(
     postures: Postures | None = None,
     sag: Sag | None = None,
 ) -> list[Array]:
-    """Simulate touches: joint values (m_i, n) [rad] per point, with the true `arm`, as `identify`
-    takes them.
+    """Simulate touches of the true `arm`: joint values (m_i, n) [rad] per point, for `identify`.
 
     The tip meets its goal exactly.
 
@@ -232,11 +231,13 @@ def touch(
     hand = _Hand(arm, checked(tcp, (3,), "tcp"), postures or Postures())
     given = np.asarray(points, dtype=np.float64)
     goals = hand.points(int(given), rng) if given.ndim == 0 else given
+
     counts = [touches] * len(goals) if isinstance(touches, (int, np.integer)) else list(touches)
     if len(counts) != len(goals) or goals.ndim != 2 or goals.shape[1] != 3:
         raise ConfigurationError(
             f"points, touches: {len(counts)} counts for points of shape {goals.shape}"
         )
+
     series = []
     for goal, count in zip(goals, counts, strict=True):
         poses = []
@@ -248,12 +249,12 @@ def touch(
                 )
             poses.append(q)
         series.append(np.array(poses))
+
     return series if sag is None else read_by_encoders(arm, series, sag=sag)
 
 
 def reach(arm: SerialArm, tcp: Array, p: Array, R: Array, q: Array, steps: int = _STEPS) -> bool:
-    """Move `q` in place until the tool point is at `p`, of arms of six joints and more with the
-    flange turned as `R`.
+    """Move `q` in place until the tool point is at `p`; from six joints on with the flange as `R`.
 
     Args:
         arm: kinematics.
@@ -290,6 +291,7 @@ class _Hand:
             q, reached = self._try(p, rng)
             if not reached:
                 continue
+
             hinges = ~self.arm.slides
             q[hinges] = (q[hinges] + np.pi) % (2.0 * np.pi) - np.pi
             # With fewer than six joints the position alone was solved, so the orientation is tested
@@ -306,6 +308,7 @@ class _Hand:
             goal = self.arm.X_base_0[:3, 3] + length * rng.uniform(
                 [-0.6, -0.6, 0.0], [0.6, 0.6, 0.4]
             )
+
             near = any(np.linalg.norm(goal - other) < 0.15 * length for other in found)
             tries = [self._try(goal, rng)[1] for _ in range(8)]
             if not near and sum(tries) >= 2:
@@ -326,12 +329,11 @@ class _Hand:
 
 
 def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
-    """Random rotation whose z is within `cone` [rad] of `axis`, uniform over the cap, with uniform
-    spin.
-    """
+    """Random rotation with z within `cone` [rad] of `axis`, uniform over the cap, uniform spin."""
     cosine = rng.uniform(np.cos(cone), 1.0)
     around, spin = rng.uniform(0.0, 2.0 * np.pi, 2)
     sine = np.sqrt(max(1.0 - cosine**2, 0.0))
+
     middle = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
     z = middle @ [sine * np.cos(around), sine * np.sin(around), cosine]
     R = rotation_from_z(z, middle @ [np.cos(spin), np.sin(spin), 0.01])

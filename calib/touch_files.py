@@ -1,5 +1,4 @@
-"""Reader and writer of touch files: CSV with one touch per row, the joint values at which the tool
-tip was in a point.
+"""Reader and writer of touch files: CSV with joint values, one touch per row.
 
 A folder holds one CSV file per point. A single file holds one point, or several separated by a
 column `point` or by empty lines. Separators are commas, semicolons, tabs or blanks; a header is
@@ -86,43 +85,54 @@ def read_touches(
     files = [file for path in given for file in _files(Path(path))]
     if not files:
         raise ConfigurationError("touches: no file was named")
+
     digest = hashlib.sha256()
     points: dict[str, list[list[float]]] = {}
     notes: list[str] = []
     largest: dict[str, float] = {}  # [as read] largest angle of each file, for the choice of unit
     stated: set[str] = set()
     width = len(joint_types) if joint_types is not None else None
+
+    # Rows by point; the digest covers the bytes in the order read
     for file, stem in zip(files, _distinct(files), strict=True):
         raw = bytes_of(file, "touches")
         digest.update(raw)
         rows, several, unit = _parse(_text(raw, file), file, stem, width, tuple(joint_names))
         width = len(rows[0].values) if width is None else width
         _refuse_poses(file, rows)
+
         for row in rows:
             if len(row.values) != width:
                 raise ConfigurationError(
                     f"{row.where}: {len(row.values)} joint values, {width} expected"
                 )
             points.setdefault(row.point, []).append(row.values)
+
         if several:
             notes.append(
                 f"{file.name}: {len({row.point for row in rows})} points, told apart by {several}"
             )
         if unit is not None:
             stated.add(unit)
+
         values = np.abs([row.values for row in rows])[:, _hinges(joint_types, width)]
         largest[stem] = float(values.max()) if values.size else 0.0
+
+    # One unit for all files
     is_degrees = _degrees(units, stated, largest, notes)
     hinges = _hinges(joint_types, width or 0)
     series = [np.array(rows) for rows in points.values()]
     if is_degrees:
         series = [np.where(hinges, np.deg2rad(one), one) for one in series]
+
     read = Touches(
         series=tuple(readonly(one) for one in series),
         names=tuple(points),
         sha256=digest.hexdigest(),
         notes=tuple(notes),
     )
+
+    # Joint limits, where the arm is known
     if limits is None:
         return read
     outside = _beyond_limits(read, np.asarray(limits), hinges, joint_names)
@@ -134,8 +144,7 @@ def read_touches(
 
 
 def check_touches(paths: Sequence[Path | str]) -> None:
-    """Refuse files that are missing, empty or no text, before the arm is known to which they
-    belong.
+    """Refuse files that are missing, empty or no text, before their arm is known.
 
     Raises:
         ConfigurationError: Which one.
@@ -166,14 +175,14 @@ def write_touches(
             *(",".join(f"{value:.10f}" for value in row) for row in one),
         ]
         (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
     return folder
 
 
 def write_touch_list(
     file: Path, points: Sequence[str], q: Array, joint_names: Sequence[str], joint_types: str
 ) -> Path:
-    """Write touches of several points into one CSV file in the order given, readable by
-    `read_touches`.
+    """Write touches of several points into one CSV file in their order, readable by `read_touches`.
 
     Args:
         file: CSV file.
@@ -193,6 +202,7 @@ def write_touch_list(
             raise ConfigurationError(
                 f"point {shown(point)}: a name in a list has no comma, semicolon, # or blank"
             )
+
     units = ("m" if letter == "p" else "rad" for letter in joint_types)
     head = ",".join(
         ("point", *(f"{name} [{unit}]" for name, unit in zip(joint_names, units, strict=True)))
@@ -201,14 +211,13 @@ def write_touch_list(
         ",".join((point, *(f"{value:.10f}" for value in row)))
         for point, row in zip(points, q, strict=True)
     )
+
     file.write_text("\n".join((head, *rows)) + "\n", encoding="utf-8")
     return file
 
 
 def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
-    """Raise ConfigurationError for a file of poses: rows of seven numbers that end in unit
-    quaternions.
-    """
+    """Refuse a file of poses: rows of seven numbers that end in a unit quaternion."""
     values = np.array([row.values for row in rows if len(row.values) == 7])
     if len(values) < len(rows) or len(values) < 2 or np.ptp(values[:, 3:], axis=0).max() < 1e-6:
         return
@@ -234,6 +243,7 @@ def _beyond_limits(
     out = []
     with np.errstate(invalid="ignore"):
         slack = np.where(hinges, _BEYOND, _BEYOND * np.diff(limits, axis=1)[:, 0])
+
     for name, q in zip(read.names, read.series, strict=True):
         with np.errstate(invalid="ignore"):
             beyond = np.maximum(limits[:, 0] - q, q - limits[:, 1]) - slack
@@ -241,6 +251,7 @@ def _beyond_limits(
         touch, joint = divmod(int(np.argmax(beyond)), beyond.shape[1])
         if beyond[touch, joint] <= 0.0:
             continue
+
         word, (low, high) = "rad" if hinges[joint] else "m", limits[joint]
         called = joint_names[joint] if joint < len(joint_names) else f"joint {joint + 1}"
         out.append(
@@ -248,6 +259,7 @@ def _beyond_limits(
             f"{word}, the arm's limits "
             f"are {low:.4g} to {high:.4g}"
         )
+
     return out
 
 
@@ -256,11 +268,11 @@ def _hinges(joint_types: str | None, width: int) -> np.ndarray:
 
 
 def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: list[str]) -> bool:
-    """True if the angles are degrees, as requested, by the headers or by their size; the finding
-    goes into `notes`.
-    """
+    """True if the angles are degrees: as requested, by the headers or by size; noted in `notes`."""
     if units != "auto":
         return units == "deg"
+
+    # As the headers state
     if len(stated) > 1:
         raise ConfigurationError(
             "touches: some headers say degrees, others radians; say --units rad or --units deg"
@@ -269,6 +281,8 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
         if "deg" in stated:
             notes.append("touches: degrees by their header, turned into radians")
         return "deg" in stated
+
+    # By size
     large = [name for name, value in largest.items() if value > _MOST_RADIANS]
     if large and len(large) < len(largest):
         raise ConfigurationError(
@@ -276,12 +290,14 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
             "degrees (up to "
             f"{max(largest.values()):.4g}), the rest like radians; say --units rad or --units deg"
         )
+
     if large:
         notes.append(
             f"touches: look like degrees (the largest angle is {max(largest.values()):.4g}), "
             "turned into radians; "
             "--units rad if they are not"
         )
+
     return bool(large)
 
 
@@ -326,9 +342,7 @@ def _text(raw: bytes, file: Path) -> str:
 def _parse(
     text: str, file: Path, stem: str, width: int | None, joint_names: tuple[str, ...]
 ) -> tuple[list[_Row], str, str | None]:
-    """Rows of one file, the separator of its points (empty for one point), and the unit of its
-    header.
-    """
+    """Rows of one file, the separator of its points (empty for one), and the unit of its header."""
     header: list[str] | None = None
     rows: list[_Row] = []
     block, gap = 1, False
@@ -337,17 +351,23 @@ def _parse(
         if not body:
             gap = gap or (bool(rows) and not line.strip())
             continue
+
         cells, where = _cells(body), f"{file.name}:{number}"
         if header is None and not rows and not _any_number(cells):
             header = [cell.strip('"').strip().lower() for cell in cells]
             continue
+
+        # A blank line after touches begins the next point
         if gap:
             block, gap = block + 1, False
         if header is not None and len(cells) != len(header):
             raise ConfigurationError(f"{where}: {len(cells)} cells, the header has {len(header)}")
         rows.append(_row(cells, header, joint_names, width, where, block))
+
     if not rows:
         raise ConfigurationError(f"{file}: holds no touches")
+
+    # A point is named by its label, or by the file and the block in it
     labels = list(dict.fromkeys(row.point for row in rows))
     blocks = labels[0].startswith("\n")
     several = "" if len(labels) == 1 else "empty lines" if blocks else "their label"
@@ -357,6 +377,7 @@ def _parse(
         names = {label: f"{stem}:{label.strip()}" for label in labels}
     else:
         names = {label: label for label in labels}
+
     rows = [_Row(row.values, names[row.point], row.where) for row in rows]
     found = {
         unit
@@ -393,6 +414,7 @@ def _row(
     block: int,
 ) -> _Row:
     point = f"\n{block}"  # no label in a file begins with a line break
+
     if header is None:
         if (
             width is not None
@@ -405,12 +427,14 @@ def _row(
         label = next((i for i, name in enumerate(bare) if name in POINT_COLUMNS), None)
         if label is not None:
             point = cells[label].strip('"')
+
         wanted = [name.lower() for name in joint_names]
         if wanted and all(name in bare for name in wanted):
             cells = [cells[bare.index(name)] for name in wanted]
         else:
             drop = {label, *(i for i, name in enumerate(bare) if name in IGNORED_COLUMNS)}
             cells = [cell for i, cell in enumerate(cells) if i not in drop]
+
     values: list[float] = []
     for cell in cells:
         try:
@@ -422,6 +446,7 @@ def _row(
                 f"{where}: every joint value must be finite, got {shown(cell)}"
             )
         values.append(value)
+
     if width is not None and len(values) != width:
         raise ConfigurationError(f"{where}: {len(values)} joint values, the arm has {width} joints")
     return _Row(values, point, where)

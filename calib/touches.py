@@ -1,6 +1,4 @@
-"""Validation of touch series, and the initial estimate of the tool point [Yukhimets 2023, eq.
-12-16].
-"""
+"""Validation of touch series, and the initial tool point [Yukhimets 2023, eq. 12-16]."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -70,8 +68,7 @@ def usable(
 
 
 def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
-    """Validate the series: arrays (m_i, n), finite, as wide as the arm has joints, in radians and
-    metres.
+    """Validate the series: arrays (m_i, n), finite, one column a joint, in radians and metres.
 
     Raises:
         ConfigurationError: anything else, naming series, touch and joint; also angles in degrees.
@@ -85,11 +82,13 @@ def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
             "series: expected a list of arrays (m_i, n), one per touched point, got "
             f"{shown(series)}"
         )
+
     series = list(series)
     if len(series) == 0:
         raise ConfigurationError(
             "series: empty; at least one series of touches of one point is needed"
         )
+
     out = []
     for i, values in enumerate(series):
         q = real_array(values, f"series {i + 1}", f"joint values (m, {arm.n})")
@@ -100,18 +99,21 @@ def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
                 f"series {i + 1}: the arm has {arm.n} joints, so (m, {arm.n}) is needed, got "
                 f"shape {q.shape}"
             )
+
         bad = np.argwhere(~np.isfinite(q))
         if len(bad):
             j, k = bad[0]
             raise ConfigurationError(
                 f"series {i + 1}, touch {j + 1}: joint {k + 1} is {q[j, k]}, not a finite number"
             )
+
         far = np.abs(q[:, arm.slides])
         if far.size and far.max() > _LONGEST_SLIDE:
             raise ConfigurationError(
                 f"series {i + 1}: a slide at {far.max():.4g} m; millimetres? Metres are needed"
             )
         out.append(q)
+
     _refuse_degrees(out, arm)
     return out
 
@@ -123,12 +125,15 @@ def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
     largest = max(float(np.abs(q[:, hinges]).max()) for q in series)
     if largest <= 0.5 * _TWO_TURNS:
         return
+
     i = int(np.argmax([np.abs(q[:, hinges]).max() for q in series]))
     said = f"series {i + 1}: a joint angle of {largest:.4g} rad"
     if largest > _TWO_TURNS:
         raise ConfigurationError(
             f"{said}; these look like degrees, radians are needed (numpy.deg2rad)"
         )
+
+    # Within two turns, the unit under which the touches of a point lie closer together
     turned = [np.where(hinges, np.deg2rad(q), q) for q in series]
     as_radians, as_degrees = (spread(arm, first_tcp(arm, each), each) for each in (series, turned))
     if as_degrees < as_radians / _FIT_BETTER:
@@ -141,16 +146,12 @@ def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
 
 
 def motions(q: Array) -> Array:
-    """RMS motion (n,) [rad] or [m] of each joint about its mean over the touches `q` (m, n) of a
-    point.
-    """
+    """RMS motion (n,) [rad] or [m] of each joint about its mean over the touches `q` (m, n)."""
     return np.sqrt(np.mean((q - q.mean(axis=0)) ** 2, axis=0))
 
 
 def moved(q: Array, arm: SerialArm) -> np.ndarray:
-    """Mask (n,) of the joints that move enough over the touches `q` (m, n) of a point to tell
-    something of the arm.
-    """
+    """Mask (n,) of the joints that move enough over the touches `q` (m, n) to tell something."""
     return motions(q) > np.where(arm.slides, STILL_SHARE * arm.reach, STILL)
 
 
@@ -165,11 +166,14 @@ def first_tcp(arm: SerialArm, series: Sequence[Array]) -> Array:
     for q in series:
         if len(q) < 2:
             continue
+
+        # R tcp + p = c in every touch: linear in the tool point and the touched point c
         X = arm.flange(q)
         Omega = np.concatenate(
             [X[:, :3, :3], np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2
         ).reshape(-1, 6)
         found.append(np.linalg.lstsq(Omega, -X[:, :3, 3].ravel(), rcond=1e-3)[0][:3])
+
     return np.mean(found, axis=0) if found else np.zeros(3)
 
 
@@ -189,6 +193,7 @@ def spread(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
         p = arm.tips(q, tcp)
         square += float(np.sum((p - p.mean(axis=0)) ** 2))
         count += len(q)
+
     return np.sqrt(square / count)
 
 
@@ -202,6 +207,7 @@ def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str
     for i, q in enumerate(series):
         rounded = np.round(q / _SAME)
         places = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
+
         if len(places) < len(q):
             lines.append(
                 f"series {i + 1}: {len(q) - len(places)} of {len(q)} touches repeat "
@@ -213,4 +219,5 @@ def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str
             )
             places = places[:0]
         kept.append(places)
+
     return kept, lines

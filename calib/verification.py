@@ -1,5 +1,4 @@
-"""Verification of a calibration: against a tracker, and by predicting touches from those of other
-places.
+"""Verification of a calibration: by a tracker, and by touches predicted from other places.
 
 Against a tracker [Yukhimets 2023], clouds of flange points are centred, aligned and compared. The
 flange keeps its orientation, so that the reflector's place on it does not matter. The residuals
@@ -37,9 +36,7 @@ _ICP_STEPS = 100  # maximal iterations of one ICP run
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cloud:
-    """Flange points of one model through the stages of the comparison [Yukhimets 2023, fig.
-    5-8].
-    """
+    """Flange points of one model, by stage of the comparison [Yukhimets 2023, fig. 5-8]."""
 
     raw: Array  # (N, 3) [m] in the arm's base; the tracker's own in the tracker's frame
     centred: Array  # (N, 3) [m] less their mean
@@ -79,12 +76,15 @@ def flange_poses(
     R_down = np.diag([1.0, -1.0, -1.0])
     start = controller.X_base_0[:3, 3]
     best = 0
+
+    # A random middle and posture, about which all points are sought
     for _ in range(_PLACES):
         turn, out, up = rng.uniform([-np.pi, 0.35, 0.05], [np.pi, 0.5, 0.3])
         middle = start + controller.reach * np.array([out * np.cos(turn), out * np.sin(turn), up])
         home = rng.uniform(bounds[:, 0], bounds[:, 1])
         if not _reach(controller, middle, R_down, home, bounds):
             continue
+
         found: list[Array] = []
         for _ in range(_TRIES * count):
             goal = middle + box * controller.reach * rng.uniform(-1.0, 1.0, 3)
@@ -93,7 +93,9 @@ def flange_poses(
                 found.append(q)
             if len(found) == count:
                 return np.array(found)
+
         best = max(best, len(found))
+
     raise ReachError(f"only {best} of {count} flange points found in one orientation and branch")
 
 
@@ -112,8 +114,7 @@ def track(
     noise: float = TRACKER_NOISE,
     reflector: ArrayLike = (0, 0, 0),
 ) -> Array:
-    """Simulated tracker measurement (N, 3) [m], in the tracker's frame, of a reflector on the
-    flange.
+    """Simulated tracker points (N, 3) [m] of a reflector on the flange, in the tracker's frame.
 
     Args:
         truth: true arm.
@@ -131,12 +132,11 @@ def track(
 
 
 def kabsch(source: Array, target: Array) -> Array:
-    """Rigid transform (4, 4) that best aligns `source` (N, 3) to the corresponding `target` (N, 3)
-    [Kabsch 1976].
-    """
+    """Rigid transform (4, 4) that best aligns `source` (N, 3) to its `target` [Kabsch 1976]."""
     a, b = source.mean(axis=0), target.mean(axis=0)
     U, _, Vt = np.linalg.svd((source - a).T @ (target - b))
     turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
+
     X = np.eye(4)
     X[:3, :3] = Vt.T @ turn @ U.T
     X[:3, 3] = b - X[:3, :3] @ a
@@ -144,8 +144,7 @@ def kabsch(source: Array, target: Array) -> Array:
 
 
 def icp(source: Array, target: Array) -> Array:
-    """Rigid transform (4, 4) as of `kabsch`, with unknown correspondences: iterative closest
-    points.
+    """Rigid transform (4, 4) as of `kabsch` without correspondences: iterative closest points.
 
     Starts from four alignments of the principal axes and keeps the best, since clouds that are only
     centred may differ by any rotation.
@@ -159,19 +158,20 @@ def icp(source: Array, target: Array) -> Array:
             if before is not None and np.array_equal(pairs, before):
                 break
             X, before = kabsch(source, target[pairs]), pairs
+
         rms = float(np.sqrt(np.mean(tree.query(transform_points(X, source))[0] ** 2)))
         # Two points paired with one target are not a valid match.
         if before is not None and len(np.unique(before)) == len(source) and rms < best_rms:
             best, best_rms = X, rms
+
     return best
 
 
 def _starts(source: Array, target: Array) -> list[Array]:
-    """Poses that align the principal axes of one cloud with those of the other, in all four
-    ways.
-    """
+    """Poses that align the principal axes of two clouds, in all four ways."""
     a, b = source.mean(axis=0), target.mean(axis=0)
     axes = [np.linalg.svd(cloud - mean)[2].T for cloud, mean in ((source, a), (target, b))]
+
     starts = []
     for x in (1.0, -1.0):
         for y in (1.0, -1.0):
@@ -181,6 +181,7 @@ def _starts(source: Array, target: Array) -> list[Array]:
             X = np.eye(4)
             X[:3, :3], X[:3, 3] = R, b - R @ a
             starts.append(X)
+
     return starts
 
 
@@ -204,10 +205,13 @@ def compare(
         raise ConfigurationError(
             f"alignment: allowed {', '.join(get_args(Alignment))}, got {alignment!r}"
         )
+
     measured = np.asarray(tracker, dtype=np.float64)
     measured = checked(measured, (len(measured), 3), "tracker")
     if len(measured) < 3:
         raise ConfigurationError(f"tracker: at least 3 points are needed, got {len(measured)}")
+
+    # The tracker's own points
     target = measured - measured.mean(axis=0)
     zero = np.zeros(len(measured))
     out = {
@@ -219,17 +223,20 @@ def compare(
             rms=0.0,
         )
     }
+
     for name, points in clouds.items():
         raw = checked(points, measured.shape, name)
         centred = raw - raw.mean(axis=0)
         aligned = transform_points(
             (kabsch if alignment == "kabsch" else icp)(centred, target), centred
         )
+
         gaps = (
             np.linalg.norm(aligned - target, axis=1)
             if alignment == "kabsch"
             else cKDTree(target).query(aligned)[0]
         )
+
         out[name] = Cloud(
             raw=raw,
             centred=readonly(centred),
@@ -237,6 +244,7 @@ def compare(
             deviations=readonly(gaps),
             rms=float(np.sqrt(np.mean(gaps**2))),
         )
+
     return out
 
 
@@ -253,14 +261,15 @@ def pair_distances(tips: list[Array]) -> Array:
 
 
 def places(points: ArrayLike, reach: float) -> np.ndarray:
-    """Place (S,) of each point: points within a tenth of `reach` [m] of each other, in chains,
-    share one.
-    """
+    """Place (S,) of each point: points within a tenth of `reach` [m], in chains, share one."""
     p = np.asarray(points, dtype=np.float64)
     near = np.linalg.norm(p[:, None] - p[None], axis=2) < _ONE_PLACE * reach
     found = np.arange(len(p))
+
+    # The least index spreads along the chains
     for _ in range(len(p)):
         found = np.where(near, found[None], len(p)).min(axis=1)
+
     return found
 
 
@@ -289,21 +298,28 @@ def scores(series: Sequence[PointTouches], place: np.ndarray, prior: Array, nois
     Returns:
         Absolute scores (3 M,); their 95 % quantile is 1.96 where the model is right.
     """
+    # In a single place each point is predicted from the others
     if len(set(place.tolist())) == 1:
         place = np.arange(len(series))
+
     rows = [each.rows.transpose(0, 2, 1).reshape(-1, len(prior)) * prior / noise for each in series]
     weights = [np.repeat(each.weights, 3) for each in series]
     each_tells = np.array([(J * w[:, None]).T @ J for J, w in zip(rows, weights, strict=True)])
     total = np.eye(len(prior)) + each_tells.sum(axis=0)
     out = []
+
     for one in sorted(set(place.tolist())):
         mine = np.flatnonzero(place == one).tolist()
         without = np.linalg.inv(total - each_tells[mine].sum(axis=0))
         J, w = np.concatenate([rows[s] for s in mine]), np.concatenate([weights[s] for s in mine])
         r = np.concatenate([series[s].residuals.ravel() for s in mine]) / noise
+
+        # Variance of a touch about the mean of its series, over that of a touch
         lost = np.repeat(
             [1.0 - 1.0 / len(series[s].weights) for s in mine], [len(weights[s]) for s in mine]
         )
+
         error = r + J @ (without @ (J.T @ (w * r)))
         out.append(np.abs(error) / np.sqrt(np.einsum("mp,pr,mr->m", J, without, J) + lost))
+
     return readonly(np.sort(np.concatenate(out)))

@@ -1,3 +1,1 @@
-"""Whether a calibration may be believed: what else would explain its touches, and by how much
-worse.
-"""
+"""Whether a calibration may be believed: what else would explain its touches, by how much worse."""

@@ -1,5 +1,4 @@
-"""Doubts of a calibration: what a wrong file, table or length explains better than an arm with
-errors of its making.
+"""Doubts of a calibration: wrong files, tables or lengths that explain its touches better.
 
 A fit finds the arm that brings the touches of a point closest together. Any file has such an arm,
 also one whose columns are exchanged. How arms are made and how a hand touches tell right from
@@ -91,15 +90,19 @@ def examine(
     told = Told(names=[f"point {i + 1}" for i in range(len(series))]) if told is None else told
     free = again(series, distances=()) if told.distances else found
     own = [np.ascontiguousarray(q[:, told.base_joints :]) for q in series]
+
     named = [
         *_untold(found, series, told),
         *_repeats(own, told.names),
         *_wrong_lengths(free, series, told),
     ]
     named += frozen_readings(found, series, told)
+
     general = [_scatter(found, series), _left_out(found, told.names), _foreign_table(found)]
     hidden: list[HiddenJoint] = []
     rivals: list[Rival] = []
+
+    # Other readings of the files, where no named cause refuses the calibration
     if not any(doubt.grave for doubt in named):
         hidden += hidden_joints(found, series, again, told)
         rivals += rival_readings(
@@ -109,10 +112,13 @@ def examine(
             *(one.doubt for one in (*hidden, *rivals)),
             *_two_points(free, series, again, told.names),
         ]
+
         if not any(doubt.grave for doubt in causes):
             causes += shifted_readings(found, series, again, told)
+
         # A wrong file may look like several: what explains it best is said.
         named += sorted(causes, key=lambda doubt: -doubt.log_odds)[:1]
+
     grave = tuple(doubt for doubt in (*named, *general) if doubt.grave)
     return Examination(
         doubts=grave, untold=() if grave else tuple(_cannot_tell(hidden, rivals, told))
@@ -122,10 +128,9 @@ def examine(
 def _cannot_tell(
     hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], told: Told
 ) -> Iterator[str]:
-    """Statements on joints whose readings explain nothing, and on readings that explain as much as
-    those given.
-    """
+    """Joints whose readings explain nothing, and readings that explain as much as those given."""
     lost = {one.joint for one in hidden if not one.told}
+
     for one in hidden:
         if one.joint in lost:
             yield (
@@ -136,9 +141,11 @@ def _cannot_tell(
             )
         elif one.doubt.log_odds > 0.0:
             yield f"it may be that {one.doubt}: too little to refuse it"
+
     for rival in rivals:
         if rival.doubt.log_odds < -np.log(REFUSED) or {*rival.reading.joints} & lost:
             continue
+
         if rival.reading.mirrored:
             yield (
                 "touches cannot tell the arm from its mirror image: check the sign of one joint "
@@ -157,14 +164,17 @@ def _cannot_tell(
 def _untold(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
     """Joints, scale and parameters of which the touches tell nothing."""
     arm = found.nominal
+
     if not REACHES[0] <= arm.reach <= REACHES[1]:
         yield Doubt(
             reason=f"the nominal arm reaches {arm.reach:.3g} m, arms {REACHES[0]:g} to "
             f"{REACHES[1]:g} m: the unit of "
             "its lengths is wrong"
         )
+
     if found.degrees_of_freedom < LEAST_FREEDOM:
         yield Doubt(reason="the touches are too few for what is identified: they fit any arm")
+
     still = ~np.any([moved(q, arm) for q in series], axis=0)
     most = np.max([motions(q) for q in series], axis=0)
     for k in np.flatnonzero(
@@ -185,17 +195,21 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
     """Postures that two points share, and points of which most postures are repeats."""
     n = series[0].shape[1]
     likely = np.log(_RANGE / _SAME)
+
     for (i, a), (j, b) in combinations(enumerate(series), 2):
         shared = sum(map(bool, cKDTree(a).query_ball_tree(cKDTree(b), _SAME, p=np.inf)))
+
         if shared:
             yield Doubt(
                 reason=f"points {names[i]} and {names[j]} share {shared} postures: the same "
                 "touches twice",
                 log_odds=n * likely - np.log(len(a) * len(b)),
             )
+
     for name, q in zip(names, series, strict=True):
         near = cKDTree(q).query_ball_tree(cKDTree(q), _SAME, p=np.inf)
         fresh = sum(min(mine) == k for k, mine in enumerate(near))
+
         if len(q) >= 4 and fresh <= len(q) / 2:
             # A point leaves n - 3 joints to choose.
             yield Doubt(
@@ -211,33 +225,38 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
 def _two_points(
     free: Calibration, series: Sequence[Array], again: Again, names: Sequence[str]
 ) -> Iterator[Doubt]:
-    """Series that fit far better as touches of two points each than as `free`, which knows no
-    distances.
-    """
+    """Series that fit far better as touches of two points each than `free` without distances."""
     if free.loads is not None:
         return  # its payloads are those of the series as they are
+
     parts: list[Array] = []
     split: list[tuple[str, int]] = []
     cost = 0.0
+
     for name, q in zip(names, series, strict=True):
         labels = _clusters(free, q)
         if labels is None:
             parts.append(q)
             continue
+
         split.append((name, len(parts)))
         cost += len(q) * np.log(2.0)
         parts += [q[labels], q[~labels]]
+
     if not split:
         return
+
     try:
         apart = again(parts, distances=(), method=BRIEF)
     except ConfigurationError:
         return
+
     far = [
         name
         for name, k in split
         if np.linalg.norm(apart.points[k] - apart.points[k + 1]) > _TWO_SEATS
     ]
+
     if far:
         yield Doubt(
             reason=f"{', '.join(far)}: touches of two points, not of one",
@@ -246,27 +265,32 @@ def _two_points(
 
 
 def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
-    """Mask (m,) of the touches `q` (m, n) in one of two clusters of tips; None if one explains them
-    as well.
-    """
+    """Mask (m,) of the touches `q` (m, n) in one of two clusters of tips; None if one will do."""
     best, labels = 0.0, None
+
     for arm, tcp in ((found.arm, found.tcp), (found.nominal, found.nominal_tcp)):
         p = arm.tips(q, tcp)
         off = p - p.mean(axis=0)
         mine = off @ np.linalg.svd(off, full_matrices=False)[2][0] > 0.0
+
+        # Two means, from the cut across the principal axis
         for _ in range(10):
             if not _CLUSTER <= mine.sum() <= len(q) - _CLUSTER:
                 break
             gaps = [((p - p[each].mean(axis=0)) ** 2).sum(axis=1) for each in (mine, ~mine)]
             mine = gaps[0] < gaps[1]
+
         if not _CLUSTER <= mine.sum() <= len(q) - _CLUSTER:
             continue
         within = sum(((p[each] - p[each].mean(axis=0)) ** 2).sum() for each in (mine, ~mine))
+
         # Of isotropic tips a cut leaves 0.79 of the squares; which touch is of which point costs a
         # bit each.
         gain = 1.5 * len(q) * np.log((off**2).sum() / max(within, 1e-18)) - len(q) * np.log(2.0)
+
         if gain > best:
             best, labels = gain, mine
+
     return labels
 
 
@@ -274,26 +298,30 @@ def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
 
 
 def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
-    """Known lengths against those that the touches and the making of the arm tell, `free` of
-    them.
-    """
+    """Known lengths against those that the touches and the making of the arm tell, without them."""
     informed, made = _information(free), as_made(free)
     covariance = np.linalg.inv(
         informed + np.diag(np.maximum(free.estimate.prior, made / 3.0) ** -2.0)
     )
+
     slopes: dict[int, Array] = {}
+
     for i, j, length, deviation in told.distances:
         gap = free.points[i] - free.points[j]
         size = float(np.linalg.norm(gap))
         variance = deviation**2 + (_MADE_SCALE * length) ** 2
+
+        # Variance of the length by the touches: seats of the points, and the arm
         for k in (i, j):
             if k not in slopes:
                 slopes[k] = _slope(free, series[k], k)
             variance += free.noise**2 / np.clip(float((free.weights[k] > 0.0).sum()), 1.0, _SEATS)
         slope = (slopes[i] - slopes[j]) @ gap / max(size, 1e-12)
         variance += float(slope @ covariance @ slope)
+
         wide = variance + (_WRONG_LENGTH * length) ** 2
         error2 = (size - length) ** 2
+
         yield Doubt(
             reason=f"known distance {told.names[i]} to {told.names[j]}: told {length:.5g} m, by "
             "the touches "
@@ -303,13 +331,12 @@ def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> It
 
 
 def _slope(free: Calibration, q: Array, k: int) -> Array:
-    """Derivatives (P, 3) of the point of series k, touched at `q` (m, n), by the free
-    parameters.
-    """
+    """Derivatives (P, 3) of the point of series k, touched at `q` (m, n), by free parameters."""
     J = free.arm.tips_and_jacobian(np.ascontiguousarray(q), free.tcp)[1]
     J = np.concatenate([J, np.zeros((len(q), free.arm.n, 3))], axis=1)[
         :, free.estimate.parameters.index
     ]
+
     used = free.weights[k] > 0.0
     return J[used].mean(axis=0) if used.any() else J.mean(axis=0)
 
@@ -318,15 +345,15 @@ def _slope(free: Calibration, q: Array, k: int) -> Array:
 
 
 def _scatter(found: Calibration, series: Sequence[Array]) -> Doubt:
-    """Touches that come no closer than those of no point: by a hand's noise, and by the motion of
-    the joints.
-    """
+    """Touches that come no closer than those of no point: by a hand's noise, by joint motion."""
     motion = motion_of(found.arm, found.tcp, series)
     share = found.noise / max(motion, 1e-12)
+
     odds = max(
         _log_unlike(found.noise, HAND_NOISE, _LIKE_HAND, motion),
         _log_unlike(share, _SHARE_OF_MOTION, _LIKE_SHARE, 1.0),
     )
+
     return Doubt(
         reason=f"touches scatter by {1e3 * found.noise:.3g} mm about their points, "
         f"{100.0 * share:.2g} % of the motion "
@@ -336,19 +363,16 @@ def _scatter(found: Calibration, series: Sequence[Array]) -> Doubt:
 
 
 def coincide(arm: SerialArm, series: Sequence[Array]) -> bool:
-    """True if the touches of each point lie close together by the nominal `arm`, beside the motion
-    of its joints.
-    """
+    """True if by the nominal `arm` the touches of each point lie close, for their motion."""
     tcp = first_tcp(arm, series)
     return spread(arm, tcp, series) < _COINCIDE * np.sqrt(3.0) * motion_of(arm, tcp, series)
 
 
 def _log_unlike(value: float, usual: float, factor: float, most: float) -> float:
-    """Logarithm of the odds that `value` is any up to `most`, log-uniform, against about `usual` by
-    a factor.
-    """
+    """Log odds that `value` is any up to `most`, log-uniform, against about `usual` by a factor."""
     if value <= usual or most <= usual:
         return -np.inf
+
     z = np.log(value / usual) / np.log(factor)
     return 0.5 * z**2 + np.log(np.sqrt(2.0 * np.pi) * np.log(factor)) - np.log(np.log(most / usual))
 
@@ -357,6 +381,7 @@ def _left_out(found: Calibration, names: Sequence[str]) -> Doubt:
     """More touches left out than a hand's blunders, of all points or of one."""
     out = np.array([(weights == 0.0).sum() for weights in found.weights])
     counts = np.array([len(weights) for weights in found.weights])
+
     tried = [(f"{out.sum()} of all {counts.sum()} touches", out.sum(), counts.sum())]
     tried += [
         (f"{k} of {m} touches of {name}", k, m)
@@ -374,30 +399,33 @@ def _left_out(found: Calibration, names: Sequence[str]) -> Doubt:
 
 
 def _foreign_table(found: Calibration) -> Doubt:
-    """One parameter further off than arms are made: evidence of the linearised touches under either
-    deviation.
-    """
+    """One parameter further off than arms are made, by the evidence of the linearised touches."""
     estimate, informed, made = found.estimate, _information(found), as_made(found)
     toward = np.linalg.solve(estimate.covariance, estimate.changes)
 
     def evidence(deviations: Array) -> tuple[float, Array]:
         """Logarithm of the evidence, and the changes (P,) that the touches then give."""
         root = informed * np.outer(deviations, deviations) + np.eye(len(deviations))
+
         changes = deviations * np.linalg.solve(root, deviations * toward)
         return 0.5 * float(toward @ changes) - 0.5 * float(np.linalg.slogdet(root)[1]), changes
 
     own, _ = evidence(made)
+
     tried = [
         k
         for k, group in enumerate(estimate.parameters.groups)
         if group not in {"tcp", "compliance"}
     ]
     best = Doubt(reason="", log_odds=-np.inf)
+
+    # Each parameter with a wider deviation of its own
     for k in tried:
         wider = made.copy()
         wider[k] *= _FOREIGN
         value, changes = evidence(wider)
         odds = value - own - np.log(len(tried))
+
         if odds > best.log_odds:
             unit = estimate.parameters.units[k]
             amount = (
@@ -406,12 +434,14 @@ def _foreign_table(found: Calibration) -> Doubt:
                 else f"{1e3 * changes[k]:.3g} mm"
             )
             usual = f"{np.rad2deg(made[k]):.2g} deg" if unit == "rad" else f"{1e3 * made[k]:.2g} mm"
+
             best = Doubt(
                 reason=f"{estimate.names[k]} would be off by {amount}, arms are made to {usual}: "
                 "the table, a joint "
                 "sign or a joint zero is wrong",
                 log_odds=odds,
             )
+
     return best
 
 

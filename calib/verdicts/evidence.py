@@ -1,6 +1,4 @@
-"""Evidence of a calibration: how well an arm as made explains its touches, and the doubts that
-follow from it.
-"""
+"""Evidence of a calibration: how well an arm as made explains its touches, and doubts from it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -33,6 +31,7 @@ class Doubt:
     def __str__(self) -> str:
         if not np.isfinite(self.log_odds):
             return self.reason
+
         exponent = min(self.log_odds, _MOST) / np.log(10.0)
         odds = f"{10.0**exponent:.0f}" if exponent < 4.0 else f"1e{int(exponent)}"
         return f"{self.reason} ({odds} to 1)"
@@ -55,9 +54,7 @@ class Told:
 
 
 def log_evidence(found: Calibration, series: Sequence[Array]) -> float:
-    """Logarithm of how well an arm as made explains all touches, each of unknown noise of a hand's
-    or more.
-    """
+    """Logarithm of how well an arm as made explains all touches, of a hand's noise or more."""
     square = np.concatenate(found.residuals) ** 2
     return freedom(series) * float(
         log_likely(square, motion_of(found.arm, found.tcp, series)).sum()
@@ -82,6 +79,7 @@ def freedom(series: Sequence[Array]) -> float:
 def log_made(found: Calibration) -> float:
     """Logarithm of how likely the arm found was made so."""
     away = found.estimate.changes / as_made(found)
+
     bounded = np.isfinite(widest_prior(found.estimate.parameters, found.nominal.reach))
     return -0.5 * float((away[bounded] ** 2).sum())
 
@@ -95,15 +93,16 @@ def as_made(found: Calibration) -> Array:
 
 
 def motion_of(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
-    """RMS distance [m] along each axis of the tips from their mean when the joints take their
-    values in any order.
+    """RMS distance [m] along each axis of the tips from their mean, joint values in any order.
 
     The touches of a point are judged by it: an arm that shrinks, or joint values in a unit that
     makes them small, shrink it as much as their scatter.
     """
     rng, square, count = np.random.default_rng(0), 0.0, 0
+
     for q in series:
         for _ in range(_SHUFFLES if len(q) > 1 else 0):
             p = arm.tips(np.ascontiguousarray(rng.permuted(q, axis=0)), tcp)
             square, count = square + float(((p - p.mean(axis=0)) ** 2).sum()), count + 3 * len(q)
+
     return float(np.sqrt(square / max(count, 1)))

@@ -1,3 +1,1 @@
-"""Identification of hydrodynamics: from logs to added mass, damping, trim and thrust, with
-intervals.
-"""
+"""Identification of added mass, damping, trim and thrust from logs, with intervals."""

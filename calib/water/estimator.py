@@ -1,5 +1,4 @@
-"""Estimate of named parameters from logs, with intervals that allow for noise other than stated and
-coloured residuals.
+"""Parameters from logs, with intervals that allow for misstated noise and coloured residuals.
 
 Residuals of real logs are neither of the stated size nor independent. After a fit each channel is
 compared with white
@@ -96,6 +95,8 @@ def estimate(
         ConfigurationError: As `fit_blocks`.
     """
     fit = fit_blocks(blocks, parameters, start=start, rounds=rounds, enough=SETTLED, straight=True)
+
+    # The noise of each channel is widened until its residuals agree with it
     widened = np.ones(len(blocks.channels))
     for _ in range(PASSES):
         factors = np.sqrt(excess(blocks, fit))
@@ -110,6 +111,7 @@ def estimate(
             enough=SETTLED,
             straight=True,
         )
+
     return WaterFit(
         named=fit,
         widened=dict(zip(blocks.channels, widened.tolist(), strict=True)),
@@ -118,13 +120,13 @@ def estimate(
 
 
 def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
-    """Variance (channels,) of each channel's residuals over that of white noise that has gone
-    through the same fit.
-    """
+    """Variance (channels,) of residuals over that of white noise passed through the same fit."""
     slopes = blocks.slopes(fit.deviations, fit.own)
     reduced = Reduced.of(slopes, fit.deviations, fit.own)
     inverse = np.array(np.linalg.inv(reduced.H), dtype=np.float64)
     solved = [np.linalg.inv(L.T @ L + np.eye(L.shape[1])) @ L.T for _, _, L in slopes]
+
+    # Powers of the residuals, and of white noise through the same fit
     seen = _powers(blocks, [each.residuals for each in slopes])
     rng = np.random.default_rng(0)
     white = np.mean(
@@ -137,6 +139,7 @@ def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
         ],
         axis=0,
     )
+
     ratio = np.max(seen / np.maximum(white, 1e-12), axis=0)
     return np.clip(ratio, _LEAST, None)
 
@@ -147,6 +150,7 @@ def _through(
     """What a fit leaves of noise in the residuals."""
     left = [e - L @ (P @ e) for e, (_, _, L), P in zip(noise, slopes, solved, strict=True)]
     gradient = np.sum([J.T @ e for e, (_, J, _) in zip(left, slopes, strict=True)], axis=0)
+
     step = inverse @ gradient
     moved = [J @ step for _, J, _ in slopes]
     return [
@@ -161,15 +165,19 @@ def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
     """
     count = len(blocks.channels)
     squares, numbers = np.zeros((2, count)), np.zeros((2, count))
+
     for r, label in zip(residuals, blocks.labels, strict=True):
         for c in range(count):
             own = r[label == c].reshape(-1, blocks.widths[c])
             squares[0, c] += np.sum(own**2)
             numbers[0, c] += own.size
+
+            # Sums over a second: coloured residuals do not average out
             summed = max(2, blocks.a_second[c])
             whole = len(own) // summed
             if whole:
                 sums = own[: whole * summed].reshape(whole, summed, -1).sum(axis=1)
                 squares[1, c] += np.sum(sums**2) / summed
                 numbers[1, c] += sums.size
+
     return squares / np.maximum(numbers, 1.0)

@@ -1,6 +1,4 @@
-"""What logs tell of each parameter, in words: told, partly, not told, and what appears only
-together.
-"""
+"""Verdict on each parameter of a fit: told, partly or not told, and what is told only together."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,9 +47,7 @@ class Finding:
 
 
 def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]:
-    """The first `count` parameters of a fit, those of the vehicle; half an interval is `quantile`
-    deviations.
-    """
+    """The vehicle's parameters, the first `count` of a fit; intervals of `quantile` deviations."""
     found = []
     for i, each in enumerate(fit.parameters[:count]):
         low, high = fit.interval(i, quantile)
@@ -67,16 +63,16 @@ def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]
                 told=float(np.clip(fit.told[i], 0.0, 1.0)),
             )
         )
+
     return found
 
 
 def together(fit: NamedFit, count: int) -> list[str]:
-    """Sentences on parameters whose errors go together, so that only a sum or a ratio of them is
-    told.
-    """
+    """Sentences on parameters with correlated errors, of which only a sum or a ratio is told."""
     sigma = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.outer(sigma, sigma)
     said = []
+
     for group in _linked(np.abs(correlation) > TOGETHER):
         if len(group) > 1 and group[0] < count:
             said.append(
@@ -84,6 +80,7 @@ def together(fit: NamedFit, count: int) -> list[str]:
                     [fit.parameters[i].name for i in group], correlation[np.ix_(group, group)]
                 )
             )
+
     return said
 
 
@@ -97,8 +94,10 @@ def _linked(near: np.ndarray) -> list[list[int]]:
             new = [j for j in left if near[here, j] and j not in group]
             group += new
             edge += new
+
         left = [j for j in left if j not in group]
         groups.append(sorted(group))
+
     return groups
 
 
@@ -106,6 +105,8 @@ def _sentence(names: Sequence[str], correlation: Array) -> str:
     kinds = {group_of(name) for name in names}
     least = float(np.abs(correlation)[np.triu_indices(len(names), 1)].min())
     axes = {axis for axis in AXES for name in names if name.endswith(axis)}
+
+    # What remains open, and the experiment that resolves it
     if "thrusters" in kinds and kinds & {"added mass", "quadratic damping", "linear damping"}:
         what, how = "only their ratios are told", _SCALE
     elif kinds == {"thrusters"}:
@@ -125,5 +126,6 @@ def _sentence(names: Sequence[str], correlation: Array) -> str:
             "only a combination is told",
             ("another axis or another speed would tell them apart"),
         )
+
     shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
     return f"{shown}: {what} (correlation {least:.2f} and more); {how}"

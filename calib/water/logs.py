@@ -1,5 +1,4 @@
-"""Logs of a vehicle for the identification of its water: columns, units, one reader for CSV and
-Parquet.
+"""Vehicle logs for the identification of water: columns, units, one reader of CSV and Parquet.
 
 Columns, all but `time` optional; a cell may be blank (null in Parquet) where there is no sample at
 that time:
@@ -118,9 +117,7 @@ def log_of(
     thrusters: Sequence[str],
     joints: Mapping[str, tuple[float, float]],
 ) -> WaterLog:
-    """The log of columns (N,) by name, NaN where there is no sample; arguments and errors as of
-    `read_log`.
-    """
+    """The log of columns (N,) by name, NaN where there is no sample; otherwise as `read_log`."""
     columns = _of_run(columns, thrusters, joints) if _RUN in columns else dict(columns)
     known = {
         "time",
@@ -128,11 +125,15 @@ def log_of(
         *(f"{kind}{each}" for kind in (THRUSTER, THRUST) for each in thrusters),
         *(f"{JOINT}{each}" for each in joints),
     }
+
     if unknown := [each for each in columns if each not in known]:
         raise ConfigurationError(_unknown(name, unknown[0], known, thrusters, joints))
     if "time" not in columns:
         raise ConfigurationError(f"{name}: it has no column 'time' [s]")
+
     time = _time(name, columns["time"])
+
+    # Samples of each sensor, in the units of the format
     channels = {}
     for kind, words in CHANNELS.items():
         have = [word for word in words if word in columns]
@@ -143,6 +144,7 @@ def log_of(
             raise ConfigurationError(
                 f"{name}: {kind} needs {', '.join(words)}; {lacking!r} is missing"
             )
+
         values = np.column_stack([columns[word] for word in words])
         present = ~np.isnan(values).all(axis=1)
         half = present & np.isnan(values).any(axis=1)
@@ -151,18 +153,24 @@ def log_of(
             raise ConfigurationError(
                 f"{name}: at {time[row]:g} s only a part of {', '.join(words)} is there"
             )
+
         if present.sum() >= 2:
             channels[kind] = Channel(
                 time=time[present], values=_in_units(name, kind, time[present], values[present])
             )
+
     if not channels:
         some = "; ".join(" ".join(words) for words in CHANNELS.values())
         raise ConfigurationError(f"{name}: nothing was measured; it needs one of: {some}")
+
+    # Channels that need one another
     _compare_rates(name, channels)
     if POSITION in channels and ATTITUDE not in channels:
         raise ConfigurationError(
             f"{name}: x y z need qx qy qz qw: without an attitude nobody knows where ahead is"
         )
+
+    # A column for every thruster and joint, or for none
     for kind, have in (
         (
             "thruster",
@@ -182,6 +190,8 @@ def log_of(
                 f"{name}: {kind} {lacking[0]} has no column, others have; give {kind}.{lacking[0]}"
                 f"{', zero if it was off' if kind == 'thruster' else ''}"
             )
+
+    # Of a thruster the command or the thrust, not both
     both = [
         each
         for each in thrusters
@@ -191,6 +201,7 @@ def log_of(
         raise ConfigurationError(
             f"{name}: thruster {both[0]} has a command and a thrust; one of the two"
         )
+
     return WaterLog(
         name=name,
         time=time,
@@ -219,8 +230,10 @@ def write_log(file: Path, log: WaterLog) -> None:
         for i, word in enumerate(CHANNELS[kind]):
             columns[word] = np.full(len(log.time), np.nan)
             columns[word][at] = channel.values[:, i]
+
     for before, group in ((THRUSTER, log.commands), (THRUST, log.thrusts), (JOINT, log.joints)):
         columns |= {f"{before}{each}": values for each, values in group.items()}
+
     with file.open("w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out)
         writer.writerow(columns)
@@ -229,8 +242,7 @@ def write_log(file: Path, log: WaterLog) -> None:
 
 
 def check_log(file: str | Path) -> None:
-    """Refuse a file that is neither CSV nor Parquet, before the vehicle is known to which it
-    belongs.
+    """Refuse a file that is neither CSV nor Parquet, before its vehicle is known.
 
     Raises:
         ConfigurationError: It is missing, empty or of another kind.
@@ -250,6 +262,7 @@ def _text(path: Path) -> str:
         text = text_of(path, "log")
     except ConfigurationError as error:
         raise ConfigurationError(f"{error}; what goes is {KINDS}") from error
+
     if "\0" in text:
         raise ConfigurationError(f"log {path.name}: it is binary; what goes is {KINDS}")
     return text
@@ -260,9 +273,13 @@ def _csv(path: Path) -> dict[str, Array]:
     # every kind of line end, as of older spreadsheets, becomes one
     lines = io.StringIO(text, newline=None)
     rows = _rows(csv.reader(lines), path.name)
+
+    # Names of the columns, each once
     head = [cell.strip() for cell in next(rows, [])]
     if twice := [cell for i, cell in enumerate(head) if cell in head[:i]]:
         raise ConfigurationError(f"log {path.name}: column {shown(twice[0])} is there twice")
+
+    # Rows of numbers
     table = []
     for number, row in enumerate(rows, start=2):
         if not any(cell.strip() for cell in row):
@@ -274,10 +291,12 @@ def _csv(path: Path) -> dict[str, Array]:
         table.append(
             [_cell(path.name, number, word, cell) for word, cell in zip(head, row, strict=True)]
         )
+
     if len(table) < 2:
         raise ConfigurationError(
             f"log {path.name}: it has {len(table)} rows of numbers; it needs {SHORTEST:g} s of them"
         )
+
     return dict(zip(head, np.array(table).T, strict=True))
 
 
@@ -310,11 +329,13 @@ def _parquet(path: Path) -> dict[str, Array]:
     with wanted():
         import pyarrow as pa
         import pyarrow.parquet as pq
+
     raw = bytes_of(path, "log")
     try:
         table = pq.read_table(io.BytesIO(raw))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise ConfigurationError(f"log {path.name}: no Parquet table ({error})") from error
+
     found = {}
     for word in table.column_names:
         try:
@@ -325,6 +346,7 @@ def _parquet(path: Path) -> dict[str, Array]:
             raise ConfigurationError(
                 f"log {path.name}: column {word!r} holds no numbers ({error})"
             ) from error
+
         blank = np.asarray(table[word].is_null().to_numpy(), dtype=bool)
         bad = np.flatnonzero(~blank & ~np.isfinite(values)).tolist()
         if bad and _RUN not in table.column_names:  # runs record NaN where there is nothing to tell
@@ -333,10 +355,12 @@ def _parquet(path: Path) -> dict[str, Array]:
                 "there is no sample"
             )
         found[word] = np.array(values, dtype=np.float64)
+
     if len(table) < 2:
         raise ConfigurationError(
             f"log {path.name}: it has {len(table)} rows; it needs {SHORTEST:g} s of them"
         )
+
     return found
 
 
@@ -350,6 +374,7 @@ def _of_run(
     names |= {f"{THRUST}{each}": f"{THRUST}{each}" for each in thrusters} | {
         f"q.{each}": f"{JOINT}{each}" for each in joints
     }
+
     return {names[word]: values for word, values in columns.items() if word in names}
 
 
@@ -361,11 +386,14 @@ def _unknown(
     joints: Mapping[str, tuple[float, float]],
 ) -> str:
     kind, dot, _ = column.partition(".")
+
+    # A thruster or joint that this vehicle does not have
     for before, have in ((THRUSTER, thrusters), (THRUST, thrusters), (JOINT, tuple(joints))):
         if dot and f"{kind}." == before:
             there = ", ".join(before + each for each in have) or "none"
             meant = did_you_mean(column, [before + each for each in have])
             return f"{name}: unknown column {shown(column)}; this vehicle has {there}{meant}"
+
     plain = ", ".join(
         each for each in ("time", *(word for group in CHANNELS.values() for word in group))
     )
@@ -381,18 +409,22 @@ def _time(name: str, time: Array) -> Array:
         raise ConfigurationError(
             f"{name}: row {int(np.flatnonzero(np.isnan(time))[0])} has no time"
         )
+
     steps = np.diff(time)
     if len(back := np.flatnonzero(steps <= 0.0)):
         at = int(back[0])
         raise ConfigurationError(
             f"{name}: time must increase, but {time[at + 1]:g} s follows {time[at]:g} s"
         )
+
+    # In seconds
     usual = float(np.median(steps))
     if usual > 1.0:
         raise ConfigurationError(
             f"{name}: its rows are {usual:g} s apart; time is in s (not ms, us or ns), 1 Hz at "
             "least"
         )
+
     if time[-1] - time[0] < SHORTEST:
         raise ConfigurationError(
             f"{name}: it lasts {time[-1] - time[0]:.3g} s; {SHORTEST:g} s are needed, time in s"
@@ -401,10 +433,9 @@ def _time(name: str, time: Array) -> Array:
 
 
 def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
-    """The samples, refused where another unit is plain; quaternions of unit length and without
-    jumps of sign.
-    """
+    """The samples, quaternions of unit length without jumps of sign; another unit is refused."""
     dt = np.diff(time)
+
     if kind in (POSITION, DEPTH):
         speed = float(np.quantile(np.abs(np.diff(values, axis=0)).max(axis=1) / dt, 0.9))
         if speed > _FASTEST:
@@ -418,6 +449,7 @@ def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
                 f"{name}: qx qy qz qw must be a unit quaternion, its length reaches "
                 f"{length.max():.3g}"
             )
+
         values = values / length[:, None]
         upright = 1.0 - 2.0 * (values[:, 0] ** 2 + values[:, 1] ** 2)
         if float(np.median(upright)) < -0.5:
@@ -425,6 +457,8 @@ def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
                 f"{name}: the hull is upside down; the order is qx qy qz qw, of the hull in W "
                 "with z up"
             )
+
+        # q and -q are one attitude: no jumps of sign
         flips = np.cumprod(
             np.r_[1.0, np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0)]
         )
@@ -444,6 +478,7 @@ def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
                 f"{name}: ax ay az have a usual length of {usual:.3g}; they are specific force "
                 "[m/s^2], 9.81 at rest"
             )
+
     return values
 
 
@@ -451,10 +486,12 @@ def _compare_rates(name: str, channels: Mapping[str, Channel]) -> None:
     """Refuse rates that are those of the attitude times 57: deg/s."""
     if ATTITUDE not in channels or RATE not in channels:
         return
+
     attitude, rate = channels[ATTITUDE], channels[RATE]
     turned = 2.0 * np.sqrt(np.sum(np.diff(attitude.values, axis=0) ** 2, axis=1)).sum()
     steps = np.minimum(np.diff(rate.time), 1.0)
     measured = float(np.sum(np.linalg.norm(rate.values[:-1], axis=1) * steps))
+
     if turned > 0.3 and measured > 20.0 * turned:
         raise ConfigurationError(
             f"{name}: wx wy wz turn by {measured:.3g}, the quaternion by {turned:.3g} rad; rad/s "
@@ -482,6 +519,7 @@ def _joint(name: str, joint: str, time: Array, values: Array, limits: tuple[floa
     there = ~np.isnan(values)
     if there.sum() < 2:
         raise ConfigurationError(f"{name}: {JOINT}{joint} has no two samples")
+
     filled = np.interp(time, time[there], values[there])
     low, high = limits
     beyond = max(float(filled.max()) - high, low - float(filled.min()))

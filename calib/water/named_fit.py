@@ -1,5 +1,4 @@
-"""Named parameters fitted to residuals: Gauss-Newton with priors, for few parameters and costly
-residuals.
+"""Gauss-Newton fit of named parameters with priors, for few parameters and costly residuals.
 
 Each parameter has a nominal value and a prior standard deviation, and is fitted as a number of
 standard deviations from it. Residuals come in blocks. All blocks share the named parameters; each
@@ -48,9 +47,7 @@ class NamedParameter:
         return self.nominal + self.sigma * deviations
 
     def moved(self, deviations: float, step: float) -> float:
-        """Deviations after a step of the value in proportion to its slope: of a factor not of its
-        logarithm.
-        """
+        """Deviations after a step of the value by its slope; of a factor, not of its logarithm."""
         if not self.factor:
             return deviations + step
         return (
@@ -85,9 +82,7 @@ class Blocks(Protocol):
         ...
 
     def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
-        """Residuals of each block in their standard deviations; not finite where they cannot be
-        computed.
-        """
+        """Residuals of each block in their standard deviations; not finite where not computable."""
         ...
 
     def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
@@ -114,9 +109,7 @@ class NamedFit:
 
     @property
     def told(self) -> Array:
-        """Share (n,) of the prior variance that the data took away: 0 where they tell nothing of a
-        parameter.
-        """
+        """Share (n,) of the prior variance that the data took away: 0 where uninformative."""
         return 1.0 - np.diag(self.covariance)
 
     def interval(self, index: int, sigmas: float = 1.96) -> tuple[float, float]:
@@ -190,9 +183,11 @@ def fit_blocks(
     n = len(parameters)
     x = np.zeros(n) if start is None else np.array(start, dtype=np.float64)
     y = [np.zeros(k) for k in blocks.own] if own is None else [np.array(each) for each in own]
+
     cost = _cost(blocks.residuals(x, y), x, y)
     if not np.isfinite(cost):
         raise ConfigurationError("the residuals are not finite at the start of the fit")
+
     # Relative to the diagonal, damping holds what only a sum tells; a straight fit begins with
     # hardly any.
     damping, least = (1e-6, 1e-9) if straight else (1e-2, 1e-4)
@@ -200,6 +195,8 @@ def fit_blocks(
     while done < rounds:
         done += 1
         reduced = Reduced.of(blocks.slopes(x, y), x, y)
+
+        # Damped step, shorter until it lowers the cost
         before = cost
         for _ in range(_TRIES):
             held = reduced.H + damping * np.diag(np.diag(reduced.H))
@@ -211,8 +208,10 @@ def fit_blocks(
                 x, y, cost, damping = there, beside, reached, max(damping / 5.0, least)
                 break
             damping *= 100.0 if straight else 10.0
+
         if before - cost < enough * before:
             break
+
     covariance = np.array(np.linalg.inv(reduced.H), np.float64)
     return NamedFit(
         parameters=tuple(parameters),
@@ -236,13 +235,16 @@ class Reduced(NamedTuple):
     def of(cls, blocks: Sequence[Slopes], deviations: Array, own: Sequence[Array]) -> "Reduced":
         """Normal equations with unit priors."""
         H, gradient, eliminated = np.eye(len(deviations)), np.array(deviations), []
+
         for (r, J, L), y in zip(blocks, own, strict=False):
+            # The block's own numbers are eliminated (Schur complement)
             C = L.T @ L + np.eye(L.shape[1])
             B = L.T @ J
             solved = np.linalg.solve(C, np.column_stack([L.T @ r + y, B]))
             H += J.T @ J - B.T @ solved[:, 1:]
             gradient += J.T @ r - B.T @ solved[:, 0]
             eliminated.append((-solved[:, 0], -solved[:, 1:]))
+
         return cls(H, gradient, eliminated)
 
     def own(self, step: Array) -> list[Array]:
@@ -292,9 +294,11 @@ class _Differences:
         at, r = self._last
         if not np.array_equal(at, deviations):
             (r,) = self.residuals(deviations, own)
+
         moved = self._mapped(
             self._function, [deviations + STEP * e for e in np.eye(len(deviations))]
         )
+
         columns = [
             (each - r) / STEP if np.all(np.isfinite(each)) else np.zeros_like(r) for each in moved
         ]

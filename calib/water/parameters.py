@@ -1,5 +1,4 @@
-"""What can be identified of a vehicle's water, as named parameters with priors, and the way back
-into the model.
+"""Identifiable parameters of a vehicle's water, with priors, and the way back into the model.
 
 Nominal values are those of the vehicle at hand. Mass, centre of mass and inertia are taken as
 weighed. Of the hull there are the diagonals of added mass and of both dampings, the net buoyancy,
@@ -45,6 +44,7 @@ def group_of(name: str) -> str:
         return "thrusters"
     if name == NET_BUOYANCY or name in CENTER:
         return "trim"
+
     words = name.rpartition(" ")[0]
     return (
         "added mass"
@@ -91,9 +91,12 @@ class VehicleWater:
         if hull not in nominal:
             raise ConfigurationError(f"body {names.hull!r} has no hydrodynamics to begin with")
         density = water_density(model)
+
         water, center = nominal[hull], np.array(model.body_ipos[hull])
         inertia = _dry_diagonal(model, hull) + np.diag(water.added_mass)
         gains = tuple(gains)
+
+        # Added mass
         found = [
             _factor(
                 added_mass_name(i),
@@ -103,6 +106,8 @@ class VehicleWater:
             )
             for i in range(6)
         ]
+
+        # Damping
         for kind, diagonal, sigma, units in (
             ("linear damping", np.diag(water.linear_damping), LINEAR, ("N s/m", "N m s")),
             ("quadratic damping", water.quadratic_damping, QUADRATIC, ("N s^2/m^2", "N m s^2")),
@@ -113,11 +118,15 @@ class VehicleWater:
                 found.append(
                     _factor(f"{kind} {axis}", units[i >= 3], value, sigma if tabled else UNTABLED)
                 )
+
+        # Net buoyancy
         mass = float(np.sum(model.body_mass))
         displaced = density * sum(each.volume for each in nominal.values())
         found.append(
             _offset(NET_BUOYANCY, "N", GRAVITY * (displaced - mass), BUOYANCY * GRAVITY * mass)
         )
+
+        # Centre of buoyancy: above the centre of mass its height is a factor
         off = water.center_of_buoyancy - center
         height, small = float(off[2]), _SMALL * float(np.cbrt(max(water.volume, 1e-9)))
         aside = LOPSIDED * height if height > 0.0 else small
@@ -129,12 +138,15 @@ class VehicleWater:
             if height > 0.0
             else _offset(CENTER[2], "m", height, small)
         )
+
+        # Thrusters, and the links of the arm
         found += [_factor(f"gain of {name}", "1", 1.0, GAIN) for name in gains]
         if len(nominal) > 1:
             found += [
                 _factor(ARM_DRAG, "1", 1.0, LINK_DRAG),
                 _factor(ARM_ADDED_MASS, "1", 1.0, LINK_ADDED_MASS),
             ]
+
         return cls(
             hull=hull,
             nominal=nominal,
@@ -151,10 +163,12 @@ class VehicleWater:
         Raises:
             ConfigurationError: The values are no vehicle, such as a volume below zero.
         """
+        # The hull has what the links leave of the displaced volume
         made = {i: self._link(each, values) for i, each in self.nominal.items() if i != self.hull}
         here = self.nominal[self.hull]
         displaced = (self.mass + values[NET_BUOYANCY] / GRAVITY) / self.density
         added = np.array([values[added_mass_name(i)] for i in range(6)])
+
         linear = np.array([values[f"linear damping {axis}"] for axis in AXES])
         made[self.hull] = replace(
             here,
@@ -164,12 +178,11 @@ class VehicleWater:
             linear_damping=_with_diagonal(here.linear_damping, linear),
             quadratic_damping=np.array([values[f"quadratic damping {axis}"] for axis in AXES]),
         )
+
         return made
 
     def write(self, model: mujoco.MjModel, values: Mapping[str, float]) -> None:
-        """Put the coefficients into a compiled model; constants of contacts are left as they
-        are.
-        """
+        """Put the coefficients into a compiled model; constants of contacts stay."""
         for i, body in self.bodies(values).items():
             row = pack(body)
             row[LAYOUT.body_density] = self.density
@@ -186,6 +199,7 @@ class VehicleWater:
             replace(s, normal=drag * s.normal, tangential=drag * s.tangential)
             for s in link.segments
         )
+
         return replace(
             link,
             strips=strips,
@@ -204,9 +218,7 @@ def _offset(name: str, unit: str, nominal: float, sigma: float) -> NamedParamete
 
 
 def _with_diagonal(matrix: Array, diagonal: Array) -> Array:
-    """The matrix with another diagonal; off-diagonal numbers go with the roots of the two that they
-    couple.
-    """
+    """The matrix with another diagonal; the rest scales with the roots of the two it couples."""
     old = np.diag(matrix)
     roots = np.sqrt(np.where(old > 0.0, diagonal / np.where(old > 0.0, old, 1.0), 1.0))
     scaled = roots[:, None] * matrix * roots
@@ -219,9 +231,11 @@ def _dry_diagonal(model: mujoco.MjModel, hull: int) -> Array:
     mujoco.mj_fwdPosition(model, data)
     first = int(model.jnt_dofadr[model.body_jntadr[model.body_rootid[hull]]])
     found = np.empty(6)
+
     for i in range(6):
         unit, product = np.zeros(model.nv), np.zeros(model.nv)
         unit[first + i] = 1.0
         mujoco.mj_mulM(model, data, product, unit)
         found[i] = product[first + i]
+
     return found

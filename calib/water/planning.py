@@ -1,6 +1,4 @@
-"""Which manoeuvre tells most next: the information that each would add to what is known, and the
-intervals after it.
-"""
+"""Next manoeuvre to fly: the information that each would add, and the intervals after it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,24 +26,25 @@ class Planned:
         return float(np.mean(self.after[self.aim] ** 2))
 
     def sharper(self, group: np.ndarray | None = None) -> float:
-        """Factor by which intervals shrink, geometric mean over a group (n,) of parameters; None:
-        the aim.
-        """
+        """Factor by which intervals shrink, geometric mean over a group (n,); None: the aim."""
         mask = self.aim if group is None else group
         return float(np.exp(np.mean(np.log(self.before[mask] / self.after[mask]))))
 
 
 def information(slopes: Sequence[Slopes], count: int) -> Array:
-    """Information (count, count) on the first parameters, with blocks' own numbers and all other
-    parameters eliminated.
+    """Information (count, count) on the first parameters, all other numbers eliminated.
 
     Both have unit priors; of the first parameters the prior is not counted.
     """
     n = slopes[0].shared.shape[1]
     H = np.zeros((n, n))
+
+    # Own numbers of each block, eliminated with unit priors
     for _, J, L in slopes:
         B = L.T @ J
         H += J.T @ J - B.T @ np.linalg.solve(L.T @ L + np.eye(L.shape[1]), B)
+
+    # All other parameters, likewise
     rest = H[count:, count:] + np.eye(n - count)
     return H[:count, :count] - H[:count, count:] @ np.linalg.solve(rest, H[count:, :count])
 
@@ -73,6 +72,7 @@ def planned(
     mask = np.array([not aim or group_of(each.name) in aim for each in parameters])
     if not mask.any():
         raise ConfigurationError(f"--aim {', '.join(aim)}: this vehicle has no such parameters")
+
     before, inverse = np.sqrt(np.diag(known)), np.linalg.inv(known)
     found = [
         Planned(
@@ -83,4 +83,5 @@ def planned(
         )
         for name, added in candidates.items()
     ]
+
     return sorted(found, key=lambda each: each.left)

@@ -55,6 +55,7 @@ def write_fit(
         },
         "only_together": list(combined),
     }
+
     file.write_text(yaml_text(document), encoding="utf-8")
     return file
 
@@ -81,6 +82,7 @@ def write_vehicle(
     hydrodynamics.attach(
         fitted, {model.body(i).name: body for i, body in water.bodies(values).items()}
     )
+
     table = {}
     for actuator in fitted.actuators:
         if thrusters.carries(np.array(actuator.userdata)):
@@ -89,6 +91,7 @@ def write_vehicle(
             )
             table[actuator.name] = scaled(thrusters.unpack(np.array(actuator.userdata)), gain)
     thrusters.attach(fitted, table)
+
     mjcf = folder / f"{name}.xml"
     mjcf.write_text(xml_without_water(fitted), encoding="utf-8")
     return [mjcf, write_sidecar(fitted, beside(mjcf))]

@@ -138,6 +138,7 @@ class Assessment:
         Returns:
             The assessment.
         """
+        # How the run ended: interrupted, at the time limit, or as the work says
         final = recording.final
         state, note = final.state.value, final.note
         if recording.interrupted:
@@ -145,8 +146,10 @@ class Assessment:
                 INTERRUPTED,
                 (f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"),
             )
+
         cut = not recording.interrupted and final.state not in (WorkState.DONE, WorkState.ABORT)
         abort = AbortCode.TIME_LIMIT if cut else final.abort
+
         run = RunMetrics(
             simulated_s=recording.duration,
             seed=seed,
@@ -156,11 +159,14 @@ class Assessment:
             collision_s=float(recording["collision"].scalar.sum() * recording.timestep),
             trajectory_sha256=recording.digest(),
         )
+
         timings = Timings(
             wall_s=wall_s,
             real_time_factor=recording.duration / wall_s if wall_s > 0.0 else None,
             identification_s=identification_s,
         )
+
+        # What failed, the cause of the end first
         collision = Requirement("collision", run.collision_s, 0.0, "s")
         failed = [check.failure for check in checks if check.failure]
         if collision.failure:
@@ -171,6 +177,7 @@ class Assessment:
             )
         failed += others
         checks = (*checks, collision)
+
         if recording.interrupted:
             failed.insert(0, f"the run was interrupted {note}")
         elif final.state is WorkState.ABORT and len(recording.events) > 1:
@@ -183,6 +190,7 @@ class Assessment:
             failed.insert(
                 0, f"the time limit ended the run {after}{f': {note}' if note else ''} (--longest)"
             )
+
         every_run = EveryRun(run=run, accepted=not failed, failed=failed, timings=timings)
         metrics = {**asdict(figures), **asdict(every_run)}
         del metrics["provenance"], metrics["start"]  # see `made_by`, `started`
@@ -249,6 +257,7 @@ def assess(
     gap = gap_figures(recording, truth)
     path = PathMetrics(true_deviation_max_m=true_path_deviation(recording, truth))
     speed = speed_figures(recording, asked.speed)
+
     metrics = SurfaceMetrics(
         identification=identification,
         uncertainty=uncertainty,
@@ -265,11 +274,14 @@ def assess(
             saturated_s=float(recording["saturated"].scalar.sum() * recording.timestep)
         ),
     )
+
+    # Bounds: of the position also as a share of the range; of the tool by the kind of work
     range_m = identification.range_m
     position_bound = bounds.position_error
     if range_m is not None:
         position_bound = min(position_bound, bounds.position_error_share * range_m)
     mm, degrees = 1e3, float(np.degrees(1.0))
+
     if gap is None:
         of_tool = (
             Requirement("force error, RMS", contact.force_error_rms_n, bounds.force_error_rms, "N"),
@@ -284,10 +296,13 @@ def assess(
             Requirement("distance error, peak", gap.error_max_m, bounds.gap_error, "mm", mm),
             Requirement("touched", gap.touched_s, 0.0, "s"),
         )
+
     # The commanded path stands still: on an object that can move the path is judged on the object.
     # On one that stands the identification adds its own error.
     on_object = bounds.path_deviation + (0.0 if "p_WT" in recording else position_bound)
+
     checks = (
+        # the object's pose
         Requirement(
             "identified position", identification.position_error_m, position_bound, "mm", mm
         ),
@@ -302,6 +317,7 @@ def assess(
             "stated deviation of hull's place", uncertainty.navigation_sigma_m, None, "mm", mm
         ),
         Requirement("chance to keep the path", uncertainty.chance_kept, None, "%", 100.0),
+        # the tool: contact or distance, path, speed, attitude
         *of_tool,
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
         Requirement(
@@ -322,12 +338,15 @@ def assess(
             if truth.model.path(truth.path).keeps_b
             else ()
         ),
+        # the hull
         Requirement("hull excursion, peak", hull.excursion_max_m, None, "mm", mm),
         Requirement("hull tilt, peak", hull.tilt_max_rad, _judged(bounds.tilt), "deg", degrees),
     )
+
     others = () if identification.accepted else ("the object was not identified",)
     if recording.final.state is WorkState.DONE:
         others += unjudged_levels(recording, asked.forces)
+
     return Assessment.of(
         recording,
         metrics,
@@ -343,6 +362,7 @@ def _of_speed(speed: SpeedMetrics, bounds: Bounds, *, judged: bool) -> tuple[Req
     """Requirements of the tool's speed along its path."""
     error = None if speed.mean is None or not speed.set else abs(speed.mean / speed.set - 1.0)
     off = None if speed.share is None else 1.0 - speed.share
+
     return (
         Requirement(
             "error of the mean speed", error, bounds.speed_error if judged else None, "%", 100.0
@@ -370,9 +390,7 @@ class PathError:
 
     @property
     def cross(self) -> Array:
-        """Distance (N,) [m] from the path within the surface; along the normal, force is controlled
-        instead.
-        """
+        """Distance (N,) [m] from the path within the surface; along the normal force decides."""
         return np.abs(self.lateral)
 
 
@@ -384,6 +402,7 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
     moving = np.flatnonzero(speed > STANDSTILL)
     if not moving.size:
         return None
+
     # While the commanded point is at rest, at both ends, the tangent is that of the nearest motion.
     rows = np.arange(len(speed))
     after = np.clip(np.searchsorted(moving, rows), 0, moving.size - 1)
@@ -391,12 +410,15 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
     nearest = np.where(rows - moving[before] < moving[after] - rows, moving[before], moving[after])
     nearest = np.where(speed > STANDSTILL, rows, nearest)
     tangent = velocity[nearest] / speed[nearest, None]
+
+    # Error along the tangent, along the tool axis orthogonal to it, and across
     error = recording["p_pad"].value[work] - recording["p_command"].value[work]
     axis = recording["tool_axis"].value[work]
     axis = axis - np.sum(axis * tangent, axis=1, keepdims=True) * tangent
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     along, normal = np.sum(error * tangent, axis=1), np.sum(error * axis, axis=1)
     lateral = np.sum(error * np.cross(axis, tangent), axis=1)
+
     return PathError(
         time=recording["p_pad"].time[work],
         along=along,
@@ -407,21 +429,22 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
 
 
 def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
-    """Errors of the true tip from the commanded path, and of the tool from the true surface
-    normal.
-    """
+    """Errors of the true tip from the commanded path, of the tool from the true surface normal."""
     error = path_error(recording)
     if error is None:  # a tool that rests on the surface has no path, but an attitude
         tilt = tool_tilt(recording, truth)[1]
         return unmeasured(ToolMetrics, tilt_max_rad=float(tilt.max()) if tilt.size else None)
+
     work = recording.within(WorkState.WORK)
     path = truth.model.path(truth.path)
     whole = np.asarray(path.p)
     arc = _on_ideal_path(recording, truth)[1]
+
     # the tool was moved to another stretch
     lifted = np.flatnonzero(np.diff(np.flatnonzero(work)) > 1) + 1
     worked = sum(float(np.ptp(stretch)) for stretch in np.split(arc, lifted))
     moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
+
     return ToolMetrics(
         path_deviation_rms_m=float(np.sqrt(np.mean(error.deviation**2))),
         path_deviation_max_m=float(error.deviation.max()),
@@ -440,17 +463,14 @@ def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
 
 
 def true_path_deviation(recording: "Recording", truth: TrueObject) -> float | None:
-    """Largest distance [m] of the true tip from the ideal path on the true object, at work; None
-    without a path.
-    """
+    """Largest distance [m] of the true tip at work from the ideal path; None without a path."""
     if path_error(recording) is None:
         return None
     return float(_on_ideal_path(recording, truth)[0].max())
 
 
 def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Distance (N,) [m] of the true tip from the ideal path at work, and arc length (N,) [m] of the
-    point nearest.
+    """Distance (N,) [m] of the true tip at work from the ideal path, and arc length there (N,) [m].
 
     On a deformed object the ideal path is that of the clean one, laid on the true surface along its
     tool axes. The distance then is that from the path across these axes, and that from the true
@@ -460,6 +480,7 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
     tip_T = _in_object(recording, truth, rows, _path_pose(recording, truth))[0]
     path = truth.model.path(truth.path)
     p, a = np.asarray(path.p), np.asarray(path.a)
+
     # the ideal path of a tool that keeps a distance lies above the surface
     off = truth.contactless or 0.0
     ideal, arc = closest_on_curve(tip_T, p - off * a)
@@ -481,8 +502,7 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:
-    """True pose X_WT (4, 4) of the object, of those equal by symmetry the one nearest to the pose
-    that was found.
+    """True pose X_WT (4, 4), of those equal by symmetry the one nearest to the identified pose.
 
     A rotation of symmetry leaves the object unchanged but moves the path.
     """
@@ -511,8 +531,7 @@ def tool_tilt(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
 
 
 def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Angle about the tool axis from the path's second axis b to the tool's x axis, in the work
-    state.
+    """Angle about the tool axis from the path's second axis b to the tool's x axis, at work.
 
     Args:
         recording: The run.
@@ -529,6 +548,7 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
         _path_pose(recording, truth),
         truth.model.path(truth.path),
     )
+
     tip_T, R = _in_object(recording, truth, rows, X_WT)
     axis, x = (_turned_back(R, recording[name].value[rows]) for name in ("tool_axis", "tool_x"))
     p, b_at = _finely(path)
@@ -541,13 +561,18 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
         np.repeat(np.arange(len(near)), [len(each) for each in near]),
         np.concatenate(near).astype(np.int64),
     )
+
+    # Angle from b, by every point of the path near the tip's
     b, axis, x = b_at[point], axis[row], x[row]
     flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
     angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
+
+    # The smallest of these; 0 where they lie on both sides
     least, most = np.minimum.reduceat(angle, first), np.maximum.reduceat(angle, first)
     angle = np.where(
         (least < 0.0) & (most > 0.0), 0.0, np.where(np.abs(least) < np.abs(most), least, most)
     )
+
     return recording["tool_x"].time[rows], angle
 
 
@@ -555,12 +580,15 @@ def _finely(path: ModelPath) -> tuple[Array, Array]:
     """Points and second axes of a path at a tenth of its points' distance."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     fine = np.linspace(0.0, s[-1], 1 + 10 * (len(s) - 1))
+
+    # Interpolated without the steps of the axes, which are put back
     steps = Steps.of(path.a, path.b)
     smooth = steps.taken_out(path.a, path.b)
     p, a, b = (
         np.column_stack([np.interp(fine, s, column) for column in each.T])
         for each in (path.p, path.a, smooth)
     )
+
     return p, steps.put_back(a, b, np.interp(fine, s, np.arange(len(s))))
 
 
@@ -568,16 +596,16 @@ def joint_figures(recording: "Recording") -> JointMetrics:
     """Changes of direction of the arm's joints in the work state; known of a full recording."""
     if "q" not in recording:
         return unmeasured(JointMetrics)
+
     q, state = recording["q"], recording["state"]
     rows = np.searchsorted(state.time, q.time)
     work = recording.within(WorkState.WORK)[np.minimum(rows, len(state.time) - 1)]
+
     return JointMetrics(reversals=int(sum(reversals(each) for each in q.value[work].T)))
 
 
 def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
-    """Number of changes of direction of a joint's motion q (N,) [rad]; shorter ways than
-    `hysteresis` do not count.
-    """
+    """Number of direction changes of a joint's motion q (N,) [rad] beyond a `hysteresis`."""
     count, way, extreme = 0, 0, q[0] if len(q) else 0.0
     for value in q:
         if way * (value - extreme) > 0.0 or (way == 0 and abs(value - extreme) > hysteresis):
@@ -585,21 +613,23 @@ def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
             extreme = value
         elif way and way * (extreme - value) > hysteresis:
             count, way, extreme = count + 1, -way, value
+
     return count
 
 
 def gap_figures(recording: "Recording", truth: TrueObject) -> GapMetrics | None:
-    """Error of the pad's distance from the true surface in the work state, and contact time in any
-    state.
+    """Error of the pad's distance from the true surface at work, and contact time in any state.
 
     None for contact work.
     """
     if truth.contactless is None:
         return None
     touched = float((recording["contact_normal"].scalar > 0.0).sum() * recording.timestep)
+
     error = None
     if recording.within(WorkState.WORK).any():
         error = tool_gap(recording, truth)[1] - truth.contactless
+
     return GapMetrics(
         set_m=truth.contactless,
         error_rms_m=None if error is None else float(np.sqrt(np.mean(error**2))),
@@ -626,9 +656,7 @@ def tool_gap(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
 
 
 def _at_work(recording: "Recording", truth: TrueObject) -> tuple[Array, Array, Array]:
-    """Times (N,) [s] in the work state at TILT_RATE; the pad's face (N, 3) [m] and the tool axis
-    (N, 3), in T.
-    """
+    """At work at TILT_RATE: times (N,) [s], the pad's face (N, 3) [m], tool axis (N, 3), in T."""
     rows = _rows_at_work(recording)
     tip_T, R = _in_object(recording, truth, rows, truth.X_WT)
     return recording["p_pad"].time[rows], tip_T, _turned_back(R, recording["tool_axis"].value[rows])
@@ -658,6 +686,7 @@ def _in_object(
         ).as_matrix()
         same = inverse(truth.X_WT) @ X_WT
         R, origin = moved @ same[:3, :3], recording["p_WT"].value[rows] + moved @ same[:3, 3]
+
     return _turned_back(R, recording["p_pad"].value[rows] - origin), R
 
 
@@ -673,15 +702,15 @@ def _rows_at_work(recording: "Recording") -> np.ndarray:
 
 
 def force_estimate_figures(recording: "Recording") -> ForceEstimateMetrics:
-    """Error of the tool force estimated from the joints: as a vector, along and across the tool, in
-    the work state.
-    """
+    """Error of the tool force by the joints: as a vector, along and across the tool, at work."""
     work = recording.within(WorkState.WORK)
     vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
     normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
     across = (tangential(recording, "felt_force") - tangential(recording, "contact_force"))[work]
+
     if not work.any() or not (np.isfinite(vector).all() and np.isfinite(normal).all()):
         return unmeasured(ForceEstimateMetrics)  # a controller need not estimate forces
+
     return ForceEstimateMetrics(
         error_rms_n=float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))),
         normal_error_rms_n=float(np.sqrt(np.mean(normal**2))),
@@ -690,8 +719,7 @@ def force_estimate_figures(recording: "Recording") -> ForceEstimateMetrics:
 
 
 def hull_motion(recording: "RecordedSeries") -> tuple[Array, Array, Array] | None:
-    """Motion of the hull in the work state since first contact; without a set force, since the work
-    began.
+    """Motion of the hull at work since first contact; without a set force, since the work began.
 
     A commanded motion of the hull is subtracted. The turn is the whole rotation, yaw included.
 
@@ -707,13 +735,17 @@ def hull_motion(recording: "RecordedSeries") -> tuple[Array, Array, Array] | Non
     touching = np.flatnonzero(recording["contact_normal"].scalar > 0.0 if pressed else work)
     if not touching.size or not work.any():
         return None
+
     first = touching[0]
     quat, p = recording["quat_WB_wxyz"].value, recording["p_WB"].value
     if "p_WB_reference" in recording:
         p = p - recording["p_WB_reference"].value
+
+    # Turn by the chord between the quaternions
     ahead, behind = quat[work] - quat[first], quat[work] + quat[first]  # q and -q are one rotation
     chord = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1))
     turn = 4.0 * np.arcsin(0.5 * chord)  # exact for small angles, unlike the arc cosine
+
     return recording["p_WB"].time[work], p[work] - p[first], turn
 
 
@@ -730,8 +762,7 @@ def hull_figures(recording: "Recording") -> HullMetrics:
 
 
 def _identification(recording: "Recording", truth: TrueObject) -> IdentificationMetrics:
-    """Error of the pose that the work went by, up to the object's symmetry; of the last find
-    without any work.
+    """Error of the pose that the work went by, up to symmetry; of the last find without any work.
 
     So is the verdict: a single look may be refused after the mean was decided on. Range and check
     are those of the last find.
@@ -741,6 +772,7 @@ def _identification(recording: "Recording", truth: TrueObject) -> Identification
     found = recording.targets[-1]
     worked_on = recording.goes_by or found
     position, orientation = truth.model.symmetry.error(worked_on.X_WT, truth.X_WT)
+
     return IdentificationMetrics(
         position_error_m=_finite(position),
         orientation_error_rad=_finite(orientation),
@@ -752,15 +784,15 @@ def _identification(recording: "Recording", truth: TrueObject) -> Identification
 
 
 def uncertainty_figures(recording: "Recording", truth: TrueObject) -> UncertaintyMetrics:
-    """Stated covariance of the mean of the finds, and what it means for the path; None where it is
-    not known.
-    """
+    """Covariance of the mean of the finds, and what it means for the path; None if unknown."""
     target, promise = recording.goes_by, recording.promise
     if target is None or target.covariance is None:
         return unmeasured(UncertaintyMetrics)
+
     covariance, sigma = target.covariance, target.path_sigma
     position, turn = covariance.held_sigmas
     nearest = truth.model.symmetry.nearest_pose(np.array(truth.X_WT), target.X_WT[:3, :3])
+
     of_path: dict[str, float | None] = {}
     for i, name in enumerate(("normal", "along", "across")):
         column = None if sigma is None else sigma[:, i]
@@ -768,6 +800,7 @@ def uncertainty_figures(recording: "Recording", truth: TrueObject) -> Uncertaint
         of_path[f"path_{name}_p95_m"] = (
             None if column is None else _finite(np.quantile(column, 0.95, method="higher"))
         )
+
     return UncertaintyMetrics(
         position_sigma_m=position,
         rotation_sigma_rad=turn,

@@ -1,6 +1,4 @@
-"""Metrics that every run has beside those of its kind of work: how it ended, its timings, and what
-it was made by.
-"""
+"""Metrics of every run beside those of its kind of work: end, timings, and provenance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,9 +12,7 @@ SHA256 = "^[0-9a-f]{64}$"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunMetrics:
-    """How a run went and ended; the same, bit for bit, for two runs of one command on one
-    machine.
-    """
+    """How a run went and ended; bit for bit the same for two runs of a command on one machine."""
 
     simulated_s: float | None = metric(minimum=0)
     seed: int = metric()

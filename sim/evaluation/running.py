@@ -43,6 +43,7 @@ class RunningForce:
         self.since += dt
         if self.since < unsettled(0.0):
             return ""
+
         error = normal - self.set_force
         self._judged += dt
         self._squares += dt * error * error
@@ -50,6 +51,7 @@ class RunningForce:
         # As `force_peak`, which takes arrays.
         peak = max(abs(most - self.set_force), abs(least - self.set_force))
         self.peak = max(self.peak, peak)
+
         if is_lost(least):
             return "contact lost"
         return f"force off by {peak:.1f} N" if peak > self.bounds.force_error_max else ""
@@ -93,6 +95,7 @@ def _nearest(s, p, z, p_W):
         if square < least:
             at = i
             least = square
+
     best = s[at]
     distance = np.sqrt(least)
 
@@ -106,6 +109,7 @@ def _nearest(s, p, z, p_W):
         if off < distance:
             best = s[a] + share * (s[a + 1] - s[a])
             distance = off
+
     return best, distance
 
 

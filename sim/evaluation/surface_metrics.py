@@ -26,9 +26,7 @@ class IdentificationMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyMetrics:
-    """Stated uncertainty of the pose that the work went by, the mean of the finds, and of the path
-    on it.
-    """
+    """Stated uncertainty of the pose that the work went by, mean of the finds, and of its path."""
 
     position_sigma_m: float | None = metric(
         "Standard deviation of the object's centre, in its least certain direction that is held.",
@@ -69,9 +67,7 @@ class UncertaintyMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionMetrics:
-    """Motion of the object while the vehicle looked at it; its last fields are None if none was
-    noticed.
-    """
+    """Motion of the object while the vehicle looked at it; the last fields None if unnoticed."""
 
     frames: int = metric("In which it was followed.", minimum=0)
     noticed_s: float | None = metric(
@@ -131,9 +127,7 @@ class GapMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolMetrics:
-    """Errors of the true tip from the commanded path, and of the tool from the true surface
-    normal.
-    """
+    """Errors of the true tip from the commanded path, of the tool from the true surface normal."""
 
     path_deviation_rms_m: float | None = metric(
         "The larger of cross-track and along-track at each instant: true tip against the timed "
@@ -173,9 +167,7 @@ class PathMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedMetrics:
-    """Speed of the true tip where the tool was to move at the set speed: without ramps, slow bends
-    and stops.
-    """
+    """Speed of the true tip where the set speed applies: without ramps, slow bends and stops."""
 
     set: float | None = metric(
         "Set speed along the path [m/s]; null where none is known.", minimum=0

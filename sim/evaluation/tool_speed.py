@@ -44,6 +44,7 @@ def speed_figures(recording: "Recording", asked: float | None) -> SpeedMetrics:
     fast = together & (commanded[1:] >= AT_SPEED * set_speed)
     travelled = float(commanded[1:][together] @ took[together])
     at_speed = float(commanded[1:][fast] @ took[fast])
+
     return SpeedMetrics(
         set=set_speed,
         mean=float(way[fast].sum() / took[fast].sum()) if fast.any() else None,

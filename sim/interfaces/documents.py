@@ -121,6 +121,7 @@ def _document(text: str, what: str, parse: Callable[[str], Any], *, finite: bool
         raise ConfigurationError(f"{what}: more than {DEEPEST} tables deep") from error
     except ValueError as error:
         raise ConfigurationError(f"{what}: cannot be read ({error})") from error
+
     try:
         return checked(value, finite=finite)
     except ConfigurationError as error:
@@ -161,6 +162,7 @@ def _check(value: Any, depth: int, finite: bool) -> None:
     fault = _fault_of(value, finite)
     if fault:
         raise _FaultError(fault)
+
     if not isinstance(value, Mapping | list):
         return
     if not depth:
@@ -214,6 +216,7 @@ def inside(where: str, key: str | int) -> str:
 def _table_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     """A JSON object; a key that stands in it twice would hide a value."""
     table: dict[str, Any] = {}
+
     for key, value in pairs:
         if key in table:
             raise ValueError(f"the key {shown(key)} stands twice in one table")
@@ -309,6 +312,7 @@ class _YamlEvents:
     def _table(self, depth: int) -> dict[str, Any]:
         table: dict[str, Any] = {}
         merged: dict[str, Any] = {}  # by the key <<; entries of the table itself have precedence
+
         while not isinstance(event := self._events.get_event(), self._kinds.MappingEndEvent):
             if not isinstance(event, self._kinds.ScalarEvent):
                 raise self._fault(event, "a key must be one word")

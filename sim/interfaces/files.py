@@ -1,6 +1,4 @@
-"""Input files and names of folders: existence, content and encoding, with ConfigurationError for
-every failure.
-"""
+"""Input files and folder names: existence, content, encoding; ConfigurationError for failures."""
 
 import os
 import stat
@@ -18,8 +16,7 @@ _LONGEST_NAME = 200
 
 
 def folder_name(name: Any, what: str) -> str:
-    """`name`, if a new folder below another one can have it, as the name of a scenario or campaign
-    must.
+    """`name`, if a new folder below another one can have it, such as that of a scenario.
 
     Args:
         name: Letters, digits, - and _; several such names may be joined by slashes.
@@ -64,6 +61,7 @@ def existing_file(file: Any, what: str) -> Path:
     except (OSError, ValueError) as error:
         # a name of more than 255 characters, or a cycle of links
         raise ConfigurationError(f"{what} {shown(str(path))}: {_why(error)}") from error
+
     if not found:
         there = "there is no such file"
         if path.exists():
@@ -88,6 +86,7 @@ def bytes_of(file: Any, what: str, most: int | None = None) -> bytes:
     path = existing_file(file, what)
     with regular(path, what) as stream:
         raw = stream.read(-1 if most is None else most + 1)
+
     if most is not None and len(raw) > most:
         raise ConfigurationError(f"{what} {shown(str(path))}: larger than {most} bytes")
     if not raw.strip():

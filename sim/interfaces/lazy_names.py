@@ -1,5 +1,4 @@
-"""Names that a package hands out on first use, from one list: the imports of its stub
-`__init__.pyi`.
+"""Names that a package hands out on first use, from the imports of its stub `__init__.pyi`.
 
     __getattr__, __dir__, __all__ = names_of_stub(__name__, __file__)
 

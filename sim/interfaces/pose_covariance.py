@@ -1,6 +1,4 @@
-"""Uncertainty of a pose: covariance of a small twist about a point, with directions of infinite
-variance.
-"""
+"""Covariance of a pose: of a small twist about a point, with directions of infinite variance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -35,8 +33,7 @@ _DRAWS = 4096  # by which chances are computed, to half a percent
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseCovariance:
-    """Uncertainty of a pose: the covariance of the small twist that leads from the estimate to the
-    truth.
+    """Uncertainty of a pose: covariance of the small twist from the estimate to the truth.
 
     The twist (linear; angular x radius) [m] is about the object's centre, in the frame A in which
     the pose X_AT is: S where an object is found in a scan, W in a `Target`.
@@ -66,36 +63,29 @@ class PoseCovariance:
 
     @property
     def held_sigmas(self) -> tuple[float, float]:
-        """Largest standard deviations of position [m] and rotation [rad] among the twists that are
-        held.
-        """
+        """Largest standard deviations of position [m] and rotation [rad] among the held twists."""
         parts = (self.matrix[:3, :3], self.matrix[3:, 3:])
         position, turn = (float(np.sqrt(max(0.0, np.linalg.eigvalsh(part)[-1]))) for part in parts)
         return position, turn / self.radius
 
     def chance_within(self, position: float, angle: float) -> float:
-        """Probability that the held part of the error is within `position` [m] and `angle` [rad];
-        Monte Carlo.
-        """
+        """Probability of a held error within `position` [m] and `angle` [rad], by Monte Carlo."""
         values, vectors = np.linalg.eigh(self.matrix)
         drawn = _normal_draws() @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
         near = np.sum(drawn[:, :3] ** 2, axis=1) < position**2
+
         return float(
             np.mean(near & (np.sum(drawn[:, 3:] ** 2, axis=1) < (angle * self.radius) ** 2))
         )
 
     @property
     def position_sigma(self) -> float:
-        """Standard deviation [m] of the centre along its least certain direction; inf if it can
-        slide.
-        """
+        """Standard deviation [m] of the centre along its least certain direction; inf if free."""
         return self._largest(slice(0, 3))
 
     @property
     def rotation_sigma(self) -> float:
-        """Standard deviation [rad] of the rotation about its least certain axis; inf if it can
-        turn.
-        """
+        """Standard deviation [rad] of the rotation about its least certain axis; inf if free."""
         return self._largest(slice(3, 6)) / self.radius
 
     @property
@@ -103,6 +93,7 @@ class PoseCovariance:
         """The free twists, such as "a turn about (0.00, 0.00, 1.00)"; "none" if there are none."""
         if not len(self.free):
             return "none"
+
         mixed, turns, _ = np.linalg.svd(self.free[:, 3:])
         said = []
         for i, twist in enumerate(mixed.T @ self.free):
@@ -113,11 +104,11 @@ class PoseCovariance:
             )
             x, y, z = (f"{value:.2f}".replace("-0.00", "0.00") for value in axis)
             said.append(f"a {'turn about' if turn else 'slide along'} ({x}, {y}, {z})")
+
         return ", ".join(said)
 
     def sigma(self, p_A: ArrayLike, direction_A: ArrayLike) -> float:
-        """Standard deviation [m] of a point of the object along a direction; inf where a free twist
-        moves it so.
+        """Standard deviation [m] of a point of the object along a direction; inf if it is free.
 
         Args:
             p_A: (3,) [m] the point.
@@ -128,13 +119,13 @@ class PoseCovariance:
         """
         n = unit_vector(direction_A, "direction")
         row = self._rows(checked(p_A, (3,), "point")[None], n[None])[0]
+
         if np.linalg.norm(self.free @ row) > _RESISTED:
             return np.inf
         return float(np.sqrt(max(0.0, row @ self.matrix @ row)))
 
     def surface_sigma(self, points_A: ArrayLike, directions_A: ArrayLike) -> Array:
-        """Standard deviations (n,) [m] of places on the surface, where turns that nobody can tell
-        do not count.
+        """Standard deviations (n,) [m] of places on the surface, without turns that change nothing.
 
         Args:
             points_A: (n, 3) [m] the places.
@@ -150,12 +141,12 @@ class PoseCovariance:
         rows = self._rows(points, checked(directions_A, points.shape, "directions"))
         told = rows - rows @ self.same.T @ self.same
         square = np.einsum("ni,ij,nj->n", rows, self.matrix, rows)
+
         loose = np.linalg.norm(told @ self.free.T, axis=1) > _RESISTED
         return np.where(loose, np.inf, np.sqrt(np.maximum(square, 0.0)))
 
     def normalised_error(self, X_AT: ArrayLike, X_AT_true: ArrayLike) -> float:
-        """Squared error of the estimate over its covariance (NEES): chi-square with `degrees` if
-        all is right.
+        """Squared error over the covariance (NEES): chi-square with `degrees` if all is right.
 
         Args:
             X_AT: (4, 4) the estimate, to which this covariance belongs.
@@ -166,17 +157,15 @@ class PoseCovariance:
         return float(twist @ self.information @ twist)
 
     def twist(self, X_AT: ArrayLike, X_AT_other: ArrayLike) -> Array:
-        """Twist (6,) [m] from the estimate `X_AT` (4, 4), to which this covariance belongs, to
-        another pose (4, 4).
-        """
+        """Twist (6,) [m] from this covariance's estimate `X_AT` (4, 4) to another pose (4, 4)."""
         estimate, other = checked_pose(X_AT, "X_AT"), checked_pose(X_AT_other, "other X_AT")
+
         middle = transform_points(inverse(estimate), self.center)
         off = transform_points(other, middle) - self.center
         return np.concatenate([off, self.radius * log_so3(other[:3, :3] @ estimate[:3, :3].T)])
 
     def distance(self, X_AT: ArrayLike, other: "PoseCovariance", X_AT_other: ArrayLike) -> float:
-        """Distance of two estimates over its standard deviation [-], RMS over the twists that both
-        hold; about 1.
+        """Distance of two estimates over its standard deviation [-], RMS over twists held by both.
 
         Args:
             X_AT: (4, 4) the estimate to which this covariance belongs.
@@ -184,6 +173,8 @@ class PoseCovariance:
             X_AT_other: (4, 4) the other estimate, of all that look the same the one next to this.
         """
         twist = self.twist(X_AT, X_AT_other)
+
+        # Twists that either leaves free are left out
         aligned = other.in_frame(pose(np.asarray(X_AT)[:3, :3] @ np.asarray(X_AT_other)[:3, :3].T))
         free = np.linalg.svd(
             np.vstack([self.free, aligned.free, np.zeros((1, 6))]), full_matrices=True
@@ -191,6 +182,7 @@ class PoseCovariance:
         held = free[2][int((free[1] > _RESISTED).sum()) :]
         if not len(held):
             return 0.0
+
         spread = held @ (self.matrix + aligned.matrix) @ held.T
         off = held @ twist
         return float(
@@ -206,6 +198,7 @@ class PoseCovariance:
         square, axes = np.linalg.eigh(self.matrix[:3, :3])
         if np.linalg.det(axes) < 0.0:
             axes[:, 0] *= -1.0
+
         return _CHI_95 * np.sqrt(np.maximum(square, 0.0)), np.asarray(axes, dtype=np.float64)
 
     def in_frame(self, X_CA: ArrayLike) -> "PoseCovariance":
@@ -221,8 +214,7 @@ class PoseCovariance:
         )
 
     def of_carrier(self, p_A: ArrayLike, position_sigma: ArrayLike, angle_sigma: float) -> Array:
-        """Covariance (6, 6) [m^2] of the twist by which an error of the sensor's carrier moves the
-        object.
+        """Covariance (6, 6) [m^2] of the object's twist by an error of the sensor's carrier.
 
         Args:
             p_A: (3,) [m] position of the carrier.
@@ -242,17 +234,13 @@ class PoseCovariance:
         return moved + angle_sigma**2 * turn @ turn.T
 
     def plus(self, covariance: ArrayLike) -> "PoseCovariance":
-        """With an independent error of the pose: a twist about the centre, of `covariance` (6, 6)
-        [m^2].
-        """
+        """With an independent error: a twist about the centre, of `covariance` (6, 6) [m^2]."""
         held = np.eye(6) - self.free.T @ self.free
         added = held @ checked(covariance, (6, 6), "covariance") @ held
         return replace(self, matrix=readonly(self.matrix + added))
 
     def _rows(self, points: Array, directions: Array) -> Array:
-        """Motions (n, 6) of points (n, 3) along unit directions (n, 3), by a unit of each component
-        of the twist.
-        """
+        """Motions (n, 6) of points (n, 3) along unit directions (n, 3), by a unit of the twist."""
         return np.column_stack(
             [directions, np.cross((points - self.center) / self.radius, directions)]
         )
@@ -264,9 +252,7 @@ class PoseCovariance:
 
 
 def common_free(frees: Sequence[Array]) -> Array:
-    """Orthonormal twists (k, 6) that are free in each of several sets (k_i, 6), up to the noise of
-    their directions.
-    """
+    """Orthonormal twists (k, 6) free in each of several sets (k_i, 6), up to direction noise."""
     resisted = sum((np.eye(6) - free.T @ free for free in frees), np.zeros((6, 6))) / len(frees)
     values, vectors = np.linalg.eigh(resisted)
     return np.asarray(vectors[:, values < 1.0 - _ONE].T, dtype=np.float64)
@@ -275,8 +261,7 @@ def common_free(frees: Sequence[Array]) -> Array:
 def mean_pose(
     poses: Sequence[Array], covariances: Sequence[PoseCovariance], common: ArrayLike
 ) -> tuple[Array, PoseCovariance, float]:
-    """Mean of several estimates of one pose, each weighted by its information, and the covariance
-    of the mean.
+    """Mean of several estimates of one pose, weighted by information, and its covariance.
 
     A free twist has no information. One that is free in all of them stays as it is in the last.
     Twists are taken with the object's own axes, so that a turn about its axis is the same twist in
@@ -299,10 +284,14 @@ def mean_pose(
         raise ConfigurationError(
             f"mean_pose: got {len(poses)} poses with {len(covariances)} covariances"
         )
+
+    # All in the axes of the last pose
     last, X = covariances[-1], poses[-1]
     aligned = []
     for X_AT, covariance in zip(poses, covariances, strict=True):
         aligned.append(covariance.in_frame(pose(X[:3, :3] @ X_AT[:3, :3].T)))
+
+    # Mean over the twists that not all leave free
     free = common_free([covariance.free for covariance in aligned])
     held = np.eye(6) - free.T @ free
     weights = [held @ covariance.information @ held for covariance in aligned]
@@ -311,10 +300,13 @@ def mean_pose(
     mean = spread @ sum(
         (weight @ twist for weight, twist in zip(weights, twists, strict=True)), np.zeros(6)
     )
+
+    # Scatter about the mean, over what is stated
     off = [twist - mean for twist in twists]
     degrees = sum(covariance.degrees for covariance in aligned) - (6 - len(free))
     square = sum(float(one @ weight @ one) for one, weight in zip(off, weights, strict=True))
     scatter = square / degrees if degrees > 0 else 0.0
+
     shared = held @ checked(common, (6, 6), "common") @ held
     # The error that all share does not shrink. Scatter beyond what is stated widens the rest.
     own = sum(
@@ -326,6 +318,7 @@ def mean_pose(
     )
     matrix = max(1.0, scatter) * own + shared
     same = last.same if len(free) else np.zeros((0, 6))
+
     return (
         _moved(X, last, mean),
         replace(

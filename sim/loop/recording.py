@@ -127,13 +127,13 @@ class Recording(RecordedSeries):
     collided: str = ""  # what collided first, and when; empty: nothing did
 
     def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
-        """SHA-256 over times and values of the series `names`, bit for bit; by default over the
-        whole trajectory.
+        """SHA-256 over times and values of series, bit for bit; by default of the whole trajectory.
 
         Names that were not recorded are skipped; the order of `names` has no effect. The digest
         does not depend on the slower series, the byte order, or the bits of NaN.
         """
         digest = hashlib.sha256()
+
         for name in sorted(set(names) & set(self.series)):
             series = self.series[name]
             digest.update(f"{name}{series.value.shape}".encode())
@@ -141,6 +141,7 @@ class Recording(RecordedSeries):
                 exact = np.array(values, dtype="<f8", order="C")
                 exact[np.isnan(exact)] = np.nan
                 digest.update(exact.data)
+
         return digest.hexdigest()
 
 
@@ -156,6 +157,7 @@ class _Block:
         """Next row, to be filled by the caller."""
         if self.count == len(self._table):
             self._table = _doubled(self._table)
+
         row = self._table[self.count]
         self.count += 1
         return row
@@ -195,6 +197,8 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     rows, written, p_pad, R_WG, p_WB, quat_WB_wxyz, contact_force_W, p_WT, quat_WT_wxyz = record
     row = rows[written[0]]
     normal, least, most, saturated, collision = scalars
+
+    # Time, reference and scalars
     row[0], row[1], row[2], row[3], row[4], row[5], row[6] = (
         time,
         reference,
@@ -205,15 +209,21 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
         collision,
     )
     row[7] = felt_normal
+
+    # Vectors: tip, tool axis and hull; force of contact, force felt and tool x axis
     for k in range(3):
         row[8 + k], row[11 + k], row[14 + k] = p_pad[k], R_WG[k, 2], p_WB[k]
         row[21 + k], row[24 + k], row[27 + k] = contact_force_W[k], felt_force[k], R_WG[k, 0]
+
     for k in range(4):
         row[17 + k] = quat_WB_wxyz[k]
+
+    # An object that can move
     for k in range(p_WT.shape[0]):
         row[30 + k] = p_WT[k]
     for k in range(quat_WT_wxyz.shape[0]):
         row[33 + k] = quat_WT_wxyz[k]
+
     written[0] += 1
 
 
@@ -254,25 +264,33 @@ class Recorder:
         self._substeps = ticks_per_period(
             self._timestep, float(model.opt.timestep), "recorder's timestep"
         )
+
         self._vehicle = vehicle = Vehicle.of(model)
         self._bodies = tuple(model.body(b).name for b in range(model.nbody))
         self._geoms = tuple(of_geom(model, g) for g in range(model.ngeom))
         self._full = full
+
         self._ticks = ticks_per_period(period, self._timestep, "recorder's period")
         self._pose_ticks = ticks_per_period(pose_period, self._timestep, "recorder's pose period")
         self._slow_columns = slow_columns(vehicle)
         self._written = np.zeros(1, dtype=np.int64)
+
+        # Tables of the slower rates
         self._references = _Block(1 + _total_width(REFERENCE))
         self._slow = _Block(1 + _total_width(self._slow_columns))
         self._poses = _Block(1 + 7 * model.nbody)
+
         movable = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, TARGET_BODY)
         self._object = movable if movable >= 0 and model.body_jntnum[movable] else -1
         self._columns = {**SCALARS, **VECTORS, **(OBJECT if self._object >= 0 else {})}
         self._rows = np.empty((_ROWS, 2 + _total_width(self._columns)))
+
         self._believed: dict[str, _Block] = {}
         # RecorderRecord; a plain tuple goes to a kernel faster
         self._record: tuple[np.ndarray, ...] = ()
         self._truth: Any = None
+
+        # What was seen last, and what is kept as it is
         self._reference: Reference | None = None
         self._target: Target | None = None
         self._events: list[Event] = []
@@ -306,6 +324,7 @@ class Recorder:
         points = np.asarray(points_W, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
+
         self._clouds[name] = readonly(points)
 
     def observe(self, moment: Moment) -> None:
@@ -313,8 +332,10 @@ class Recorder:
         truth, contact = moment.truth, moment.command.contact
         if truth is not self._truth:
             self._bind(truth)
+
         if self._written[0] == len(self._rows):
             self.ready(1)
+
         if moment.target is not None and moment.target is not self._target:
             self._target = moment.target
             self._targets.append(moment.target)
@@ -322,6 +343,7 @@ class Recorder:
             not self._motions or moment.motion is not self._motions[-1]
         ):
             self._motions.append(moment.motion)
+
         scalars = (
             truth.contact_normal,
             truth.contact_least,
@@ -337,8 +359,11 @@ class Recorder:
             contact.force_W,
             contact.normal,
         )
+
         if not self._full:
             return
+
+        # Slower rows of a full recording
         if moment.tick % self._ticks == 0:
             self._observe_slow(moment)
         if moment.tick % self._pose_ticks == 0:
@@ -353,17 +378,14 @@ class Recorder:
         return (self._ticks, self._pose_ticks) if self._full else ()
 
     def ready(self, rows: int) -> Array:
-        """Make room for so many more rows of `write_row`; the table that they go to, another one if
-        it has grown.
-        """
+        """Make room for so many more rows of `write_row`; their table, a new one if it grew."""
         while self._written[0] + rows > len(self._rows):
             self._rows = _doubled(self._rows)
             self._record = (self._rows, *self._record[1:])
         return self._rows
 
     def record(self, truth: Any) -> RecorderRecord:
-        """Rows of the loop's rate and arrays of `truth` for `write_row`; the rows are replaced when
-        `ready` grows them.
+        """Rows of the loop's rate and arrays of `truth` for `write_row`, until `ready` grows them.
 
         A step that is written so must have no new target and be none of the slower rows.
         """
@@ -372,9 +394,7 @@ class Recorder:
         return RecorderRecord(*self._record)
 
     def refer(self, reference: Reference) -> int:
-        """Record a reference if it is new, which it is at the planner's rate; its index for
-        `write_row`.
-        """
+        """Record a reference if it is new, at the planner's rate; its index for `write_row`."""
         if reference is not self._reference:
             self._refer(reference)
         return self._references.count - 1
@@ -390,12 +410,16 @@ class Recorder:
         rows = self._rows[: self._written[0]].copy()
         time = rows[:, 0].copy()
         reference = self._references.table()[rows[:, 1].astype(np.int64)]
+
         series = _split(time, rows[:, 2:], self._columns) | _split(
             time, reference[:, 1:], REFERENCE
         )
+
+        # The reference tip moves on by its velocity
         series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series[
             "v_command"
         ].value
+
         if self._full:
             slow, poses = self._slow.table(), self._poses.table()
             for body in range(len(self._bodies)):
@@ -404,17 +428,20 @@ class Recorder:
             series["body_pose"] = Series(
                 time=poses[:, 0], value=poses[:, 1:], unit="m, wxyz", labels=self._bodies
             )
+
         for name, block in self._believed.items():
             table = block.table()
             labels = tuple(map(str, range(block.width - 1))) if block.width > 2 else ()
             series[f"believed.{name}"] = Series(
                 time=table[:, 0], value=table[:, 1:], unit="", labels=labels
             )
+
         for name, item in series.items():
             if name.startswith("quat_"):
                 _without_sign_jumps(item.value)
             item.time.setflags(write=False)
             item.value.setflags(write=False)
+
         return Recording(
             timestep=self._timestep,
             duration=float(time[-1]) + self._timestep,
@@ -444,6 +471,7 @@ class Recorder:
         views = truth.p_pad, truth.R_WG, truth.p_WB, quat_WB_wxyz, truth.contact_force_W
         still = np.zeros(0), np.zeros(0)
         moved = still if self._object < 0 else (truth.xpos[self._object], truth.xquat[self._object])
+
         self._record = (self._rows, self._written, *views, *moved)
 
     def _refer(self, reference: Reference) -> None:
@@ -456,9 +484,11 @@ class Recorder:
                 abort=reference.abort,
             )
             self._events.append(event)
+
         self._reference = reference
         self._goes_by = reference.target or self._goes_by
         self._promise = reference.promise or self._promise
+
         row = self._references.row()
         row[:4] = reference.time, _INDEX[reference.state], reference.set_force, reference.path_s
         row[4:7] = _NOWHERE if reference.X_WG is None else reference.X_WG[:3, 3]
@@ -469,6 +499,7 @@ class Recorder:
         truth, estimate = moment.truth, moment.estimate
         row = self._slow.row()
         row[0] = truth.time
+
         np.concatenate(
             (
                 truth.q,
@@ -483,6 +514,7 @@ class Recorder:
             ),
             out=row[1:],
         )
+
         for name, value in _estimates(moment.command).items():
             block = self._believed.get(name)
             if block is None:
@@ -497,6 +529,7 @@ def _estimates(command: Command) -> dict[str, Array]:
     estimates = dict(command.believed)
     if command.contact.known:
         estimates |= {"f_tip_W": command.contact.force_W, "f_tip_sigma_G": command.contact.sigma_G}
+
     if command.hull_load is not None:
         load = command.hull_load
         estimates |= {"arm_wrench_B": load.arm_wrench_B, "current_W": load.current_W}
@@ -508,10 +541,9 @@ def _doubled(table: Array) -> Array:
 
 
 def _without_sign_jumps(quat: Array) -> None:
-    """Give each unit quaternion (N, 4) the sign that is nearer to the one before it, in place; q
-    and -q are one turn.
+    """Give each unit quaternion (N, 4), in place, the sign nearer to the one before it.
 
-    Rows without numbers are passed over.
+    q and -q are one turn. Rows without numbers are passed over.
     """
     known = np.flatnonzero(np.isfinite(quat).all(axis=1))
     kept = quat[known]

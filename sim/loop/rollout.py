@@ -110,20 +110,21 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
     """
     ratio = period / timestep
     ticks = round(ratio)
+
     if ticks < 1 or abs(ratio - ticks) > 1e-6 * ratio:
         raise ConfigurationError(
             f"{name}: period {period:g} s is not a whole multiple of the physics step "
             f"{timestep:g} s; set the model's "
             f'<option timestep="{period:g}"/>, or a whole part of it'
         )
+
     return ticks
 
 
 def at_rest_after_work(moment: Moment) -> bool:
-    """True once the planner is in DONE or ABORT and asks for no motion of the arm: the usual end of
-    a run.
-    """
+    """True once the planner is in DONE or ABORT and the arm is to rest: the usual end of a run."""
     reference = moment.reference
+
     over = reference.state is WorkState.DONE or reference.state is WorkState.ABORT
     return over and not reference.v_WG_W.any() and not reference.qd.any()
 
@@ -204,6 +205,8 @@ class Rollout:
         """
         dt, sensors = plant.timestep, parts.sensors
         self.plant, self.parts, self.observers = plant, parts, observers
+
+        # Rates and delays in ticks
         self._every = [
             ticks_per_period(s.period, dt, type(s).__name__) if s.period > 0.0 else 0
             for s in sensors
@@ -212,6 +215,7 @@ class Rollout:
             ticks_per_period(s.delay, dt, f"delay of {type(s).__name__}") if s.delay > 0.0 else 0
             for s in sensors
         ]
+
         self._estimator_ticks = ticks_per_period(
             parts.estimator.period, dt, type(parts.estimator).__name__
         )
@@ -222,6 +226,8 @@ class Rollout:
         self.controller_ticks = ticks_per_period(
             parts.controller.period, dt, type(parts.controller).__name__
         )
+
+        # States of the parts
         self.sensor_states = [
             s.init(stream) for s, stream in zip(sensors, rng.spawn(len(sensors)), strict=True)
         ]
@@ -231,19 +237,25 @@ class Rollout:
         self._follower_ticks = (
             ticks_per_period(follower.period, dt, type(follower).__name__) if follower else 0
         )
+
         self._followed: set[float] = set()  # time stamps of frames that the finder does not see
         self.motion: ObjectMotion | None = None
+
+        # First measurements, estimate, and states that begin from it
         self.truth = plant.observe()
         first: list[Measurement] = []
+
         for i, sensor in enumerate(sensors):
             if self._every[i]:
                 self.sensor_states[i], measurement = sensor.step(self.sensor_states[i], self.truth)
                 if measurement is not None:
                     first.append(measurement)
+
         state = parts.estimator.init(first)
         self.estimator_state, self.estimate = parts.estimator.step(state, first)
         self._planner_state = parts.planner.init(self.estimate)
         self.controller_state = parts.controller.init(self.estimate)
+
         self.tick = 0  # the next one to be taken, or the one that has begun
         self.stage = Stage.NEW
         # Last message of each sensor that has a period.
@@ -253,6 +265,7 @@ class Rollout:
         self.reference: Reference | None = None
         self.command: Command | None = None
         self.frame: Look | None = None
+
         self._asked = 0  # tick at which the present request for frames began
         # estimate at exposure, by the time stamp of a delayed frame
         self._seen_from: dict[float, StateEstimate] = {}
@@ -274,8 +287,10 @@ class Rollout:
         if self.stage < Stage.ESTIMATED:
             self.commanded = self.command
             self.begin(tick)
+
         if self.stage < Stage.PLANNED and tick % self.planner_ticks == 0:
             self.plan()
+
         command = self.control(tick) if self.stage < Stage.COMMANDED else self.command
         self.stage = Stage.COMMANDED
         assert command is not None
@@ -299,8 +314,10 @@ class Rollout:
     def act(self, moment: Moment) -> None:
         """Show what `decide` has returned to the observers, and step the plant."""
         self.stage, self.frame = Stage.NEW, None
+
         for observer in self.observers:
             observer.observe(moment)
+
         self.plant.step(moment.command)
         self.tick += 1
 
@@ -322,6 +339,7 @@ class Rollout:
         fresh = self.sensor_states
         vars(self).update(saved["loop"])
         _keeper(self.plant).resume(saved["plant"], self.commanded)
+
         for i, sensor in enumerate(self.parts.sensors):
             resume = getattr(sensor, "resume", None)
             if resume is not None:
@@ -332,6 +350,7 @@ class Rollout:
         self._planner_state, self.reference = self.parts.planner.step(
             self._planner_state, self.estimate, self.target, self.command
         )
+
         if self.reference.at_rest is not None:
             self._arrived.append(self.reference.at_rest)
         return self.reference
@@ -339,6 +358,7 @@ class Rollout:
     def control(self, tick: int) -> Command:
         """Step the controller where that is due at `tick`; returns the present command."""
         assert self.reference is not None
+
         if tick % self.controller_ticks == 0:
             self.controller_state, command = self.parts.controller.step(
                 self.controller_state, self.estimate, self.reference
@@ -360,9 +380,7 @@ class Rollout:
 
     @property
     def following(self) -> bool:
-        """True while frames are taken for the follower: the vehicle scans, and has found the
-        object.
-        """
+        """True while frames are taken for the follower: the vehicle scans, and knows the object."""
         if self.parts.follower is None or self.target is None or self.reference is None:
             return False
         return self.target.accepted and self.reference.state is WorkState.SCAN
@@ -378,6 +396,7 @@ class Rollout:
         """
         if self.looking or self.told:
             return tick
+
         due = min((tick + -tick % every for every in self._slow), default=tick + self._look_ticks)
         return min(due, *self._on_the_way) if self._on_the_way else due
 
@@ -391,6 +410,8 @@ class Rollout:
             self.parts.sensors,
             self._arrived,
         )
+
+        # Sensors without a period send frames: when asked, or for the follower
         for i, every in enumerate(self._every):
             if every:
                 if tick % every:
@@ -401,17 +422,21 @@ class Rollout:
                 if not followed:
                     continue
                 self._followed.add(float(truth.time))
+
             states[i], measurement = sensors[i].step(states[i], truth)
             if measurement is None:
                 continue
+
             if every:
                 self.measured[i] = measurement
+
             if self._delay[i]:
                 self._on_the_way.setdefault(tick + self._delay[i], []).append(measurement)
                 if not every:
                     self._seen_from[measurement.time] = self.estimate
             else:
                 arrived.append(measurement)
+
         if tick in self._on_the_way:
             arrived += self._on_the_way.pop(tick)
 
@@ -421,20 +446,25 @@ class Rollout:
             self.estimator_state, self.estimate = self.parts.estimator.step(
                 self.estimator_state, self._arrived
             )
+
             for measurement in self._arrived:
                 if isinstance(measurement, Look):
                     self.frame = measurement
             self._arrived = []
+
+        # A frame goes to the finder with the estimate at its exposure
         frame, finder, follower = self.frame, self.parts.finder, self.parts.follower
         if frame is None or finder is None:
             return
         then = self._seen_from.pop(frame.time, self.estimate)
+
         if frame.time in self._followed:
             self._followed.discard(frame.time)
             self.frame = None
         else:
             self._finder_state, found = finder.step(self._finder_state, then, frame)
             self.target = found or self.target  # None: the finder needs more frames first
+
         if follower is not None and self.target is not None and self.target.accepted:
             self._follower_state, motion = follower.step(
                 self._follower_state, then, self.target, frame

@@ -44,6 +44,7 @@ class Snapshot:
             _Pickler(file, self._shared).dump(value)
         except (pickle.PicklingError, TypeError, AttributeError) as error:
             raise ConfigurationError(f"{name} cannot be copied: {one_line(str(error))}") from error
+
         self._bytes = file.getvalue()
 
     def copy(self) -> Any:
@@ -60,6 +61,7 @@ class _Pickler(pickle.Pickler):
     def persistent_id(self, obj: Any) -> int | None:
         if not isinstance(obj, _SHARED):
             return None
+
         if id(obj) not in self._place:
             self._place[id(obj)] = len(self._shared)
             self._shared.append(obj)

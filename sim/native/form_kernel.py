@@ -1,6 +1,4 @@
-"""Compiled wrench of a body's forms (`uuv.models.water.forms`), from the records behind its row of
-user data.
-"""
+"""Compiled wrench of a body's forms (`uuv.models.water.forms`), from records behind its row."""
 
 import math
 from typing import Any
@@ -34,11 +32,14 @@ def form_wrench(
         w: (3,) [rad/s] angular velocity, body axes.
     """
     total, at = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), size
+
+    # Records: kind, number of values, values
     while at + 1 < nuser:
         kind, count = _f64(row, at), _f64(row, at + 1)
         if not (kind > 0.0 and count >= 0.0 and at + 2.0 + count <= nuser):
             break
         at += 2
+
         if kind == _MUNK:
             one = _munk(row, at, mass_at, v, w)
         elif kind == _FADING:
@@ -51,6 +52,7 @@ def form_wrench(
             one = _planar(row, at, v, w)
         else:
             one = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
         total = plus(total[0], one[0]), plus(total[1], one[1])
         at += int(count)
     return total
@@ -61,12 +63,14 @@ def _munk(row: Address, at: int, mass_at: int, v: Vector, w: Vector) -> tuple[Ve
     a, b = load3(row, mass_at), load3(row, mass_at + 3)
     c, d = load3(row, mass_at + 6), load3(row, mass_at + 9)
     e = load3(row, mass_at + 12)
+
     # Upper triangle by rows: a00 a01 a02 | a03 a04 a05 | a11 a12 a13 | a14 a15 a22 | a23 a24 a25
     p = (
         dot(a, v) + dot(b, w),
         a[1] * v[0] + c[0] * v[1] + c[1] * v[2] + c[2] * w[0] + d[0] * w[1] + d[1] * w[2],
         a[2] * v[0] + c[1] * v[1] + d[2] * v[2] + dot(e, w),
     )
+
     gone = 1.0 - _f64(row, at), 1.0 - _f64(row, at + 1), 1.0 - _f64(row, at + 2)
     couple = cross(v, p)
     force = cross((gone[0] * w[0], gone[1] * w[1], gone[2] * w[2]), p)
@@ -77,6 +81,7 @@ def _munk(row: Address, at: int, mass_at: int, v: Vector, w: Vector) -> tuple[Ve
 def _fading(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     share = -math.exp(-_f64(row, at + 6) * math.sqrt(dot(v, v)))
     d, e = load3(row, at), load3(row, at + 3)
+
     return (
         (share * d[0] * v[0], share * d[1] * v[1], share * d[2] * v[2]),
         (share * e[0] * w[0], share * e[1] * w[1], share * e[2] * w[2]),
@@ -90,44 +95,57 @@ def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vec
     drag_0, induced, drag_slope = load3(row, at + 12)
     incidence, stall, stalled = load3(row, at + 15)
     stalled_drag, sweep = _f64(row, at + 18), _f64(row, at + 19)
+
+    # Flow in the plane of forward and upward
     u = plus(v, cross(w, point))
     a, b, whole = dot(u, forward), dot(u, upward), dot(u, u)
     square = a * a + b * b
     if not square > 0.0:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+    # Incidence, of flow from behind too
     alpha = (math.atan2(-b, a) if a >= 0.0 else math.atan2(b, -a)) + incidence
     if alpha > _RIGHT:
         alpha -= math.pi
     elif alpha < -_RIGHT:
         alpha += math.pi
+
+    # Lift and drag, linear up to the stall and beyond it
     near, beyond = min(abs(alpha), stall), max(abs(alpha) - stall, 0.0)
     lift = max(slope * near + stalled * beyond, 0.0)
     drag = drag_0 + drag_slope * near + stalled_drag * beyond + induced * lift * lift
     if alpha < 0.0:
         lift = -lift
+
+    # Which speed counts: in the plane, all of it, or that of a swept wing
     swept = square
     if sweep < 0.0:
         swept = whole
     elif sweep > 0.0:
         swept = square * square / whole
+
     share = 0.5 * density * area * swept / math.sqrt(square)
     along, across = share * (-lift * b - drag * a), share * (lift * a - drag * b)
+
     force = (
         along * forward[0] + across * upward[0],
         along * forward[1] + across * upward[1],
         along * forward[2] + across * upward[2],
     )
+
     return force, cross(point, force)
 
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _cross_terms(row: Address, at: int, count: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     x, y, z, k, m, n = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+
     for first in range(at, at + count - 4, 5):
         times = _component(v, w, _f64(row, first + 2))
         if _f64(row, first + 3) != 0.0:
             times = abs(times)
         one = -_f64(row, first + 4) * times * _component(v, w, _f64(row, first + 1))
+
         i = _f64(row, first)
         if i == 0.0:
             x += one
@@ -141,6 +159,7 @@ def _cross_terms(row: Address, at: int, count: int, v: Vector, w: Vector) -> tup
             m += one
         else:
             n += one
+
     return (x, y, z), (k, m, n)
 
 
@@ -148,11 +167,14 @@ def _cross_terms(row: Address, at: int, count: int, v: Vector, w: Vector) -> tup
 def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     start, end, direction = load3(row, at), load3(row, at + 3), load3(row, at + 6)
     along = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+
+    # Speed across the strip, linear along it, and where it changes sign
     low = dot(plus(v, cross(w, start)), direction)
     rise = dot(cross(w, along), direction)
     turn = 0.0
     if low * (low + rise) < 0.0:
         turn = -low / rise
+
     # integrals of |u| u and of s |u| u over s from 0 to 1, exact either side of the turn
     zeroth, first = 0.0, 0.0
     for begin, width in ((0.0, turn), (turn, 1.0 - turn)):
@@ -162,12 +184,14 @@ def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
             share = 0.5 * width * abs(u) * u
             zeroth += share
             first += s * share
+
     bluff = -_f64(row, at + 9) * math.sqrt(dot(along, along))
     lever = (
         zeroth * start[0] + first * along[0],
         zeroth * start[1] + first * along[1],
         zeroth * start[2] + first * along[2],
     )
+
     force = (
         bluff * zeroth * direction[0],
         bluff * zeroth * direction[1],

@@ -1,5 +1,4 @@
-"""Memory layout of `mjModel` and `mjData`, taken from MuJoCo's introspection and verified on live
-objects.
+"""Memory layout of `mjModel` and `mjData`, from MuJoCo's introspection, verified live.
 
 A native callback gets two raw pointers. Their layout changes with every MuJoCo release, so no
 offset is written here: the structs are rebuilt from `mujoco.introspect.structs`. `verify` compares
@@ -67,14 +66,14 @@ def structure(name: str) -> type[ctypes.Structure]:
 
 
 def offset(struct: str, path: str) -> int:
-    """Offset [bytes] of a field of `struct`; `path` is dotted for nested structs
-    (`opt.gravity`).
-    """
+    """Offset [bytes] of a field of `struct`; `path` is dotted within structs (`opt.gravity`)."""
     here: Any = structure(struct)
     total = 0
+
     for name in path.split("."):
         total += getattr(here, name).offset
         here = next(field[1] for field in here._fields_ if field[0] == name)
+
     return total
 
 
@@ -85,8 +84,7 @@ def offsets(struct: str, *paths: str) -> Any:
 
 
 def verify(model_fields: Collection[str], data_fields: Collection[str]) -> None:
-    """Compare the rebuilt structs with live objects: every comparable field, and at least the
-    fields named.
+    """Compare the rebuilt structs with live objects: every comparable field, and those named.
 
     Raises:
         HydrodynamicsError: A field differs, or a named one cannot be compared. The message has
@@ -95,15 +93,18 @@ def verify(model_fields: Collection[str], data_fields: Collection[str]) -> None:
     model = mujoco.MjModel.from_xml_string(_PROBE)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
+
     differing = [
         *_differences("mjModel", model, model_fields),
         *_differences("mjData", data, data_fields),
     ]
+
     gravity = ctypes.c_double.from_address(
         model._address + offset("mjModel", "opt.gravity") + 16
     ).value
     if gravity != model.opt.gravity[2]:
         differing.append("mjModel.opt.gravity")
+
     if differing:
         raise HydrodynamicsError(
             f"MuJoCo {mujoco.__version__}: fields are not where its introspection says: "
@@ -116,9 +117,11 @@ def _differences(
 ) -> list[str]:
     struct = structure(name).from_address(live._address)
     differing, compared = [], set[str]()
+
     for field in structs.STRUCTS[name].fields:
         if not isinstance(field, ast_nodes.StructFieldDecl):
             continue
+
         shown = getattr(live, field.name, None)
         if (
             isinstance(field.type, ast_nodes.PointerType)
@@ -131,10 +134,12 @@ def _differences(
             compared.add(field.name)
             if address != shown.ctypes.data:
                 differing.append(f"{name}.{field.name}")
+
         elif isinstance(field.type, ast_nodes.ValueType) and isinstance(shown, int | float):
             compared.add(field.name)
             if getattr(struct, field.name) != shown:
                 differing.append(f"{name}.{field.name}")
+
     return differing + [
         f"{name}.{field} (cannot be compared)" for field in needed if field not in compared
     ]
@@ -144,6 +149,7 @@ def _fields(
     declaration: ast_nodes.StructDecl | ast_nodes.AnonymousStructDecl,
 ) -> list[ast_nodes.StructFieldDecl]:
     fields = [field for field in declaration.fields if isinstance(field, ast_nodes.StructFieldDecl)]
+
     if len(fields) != len(declaration.fields):
         raise HydrodynamicsError(f"MuJoCo {mujoco.__version__}: a struct holds an anonymous member")
     return fields
@@ -152,14 +158,17 @@ def _fields(
 def _ctype(node: Any) -> Any:
     if isinstance(node, ast_nodes.PointerType):
         return ctypes.c_void_p
+
     if isinstance(node, ast_nodes.ArrayType):
         kind = _ctype(node.inner_type)
         for extent in reversed(node.extents):
             kind = kind * extent
         return kind
+
     if isinstance(node, ast_nodes.AnonymousStructDecl):
         inner = [(field.name, _ctype(field.type)) for field in _fields(node)]
         return type("anonymous", (ctypes.Structure,), {"_fields_": inner})
+
     if isinstance(node, ast_nodes.ValueType):
         if node.name in _SCALARS:
             return _SCALARS[node.name]
@@ -167,6 +176,7 @@ def _ctype(node: Any) -> Any:
             return structure(node.name)
         if node.name.startswith("mjt"):
             return ctypes.c_int  # an enumeration
+
     raise HydrodynamicsError(
         f"MuJoCo {mujoco.__version__}: its introspection names a type unknown here: {node}"
     )

@@ -130,9 +130,7 @@ _no_current_text = _text(NO_CURRENT_TEXT)
 
 @_inline
 def _gathered(address: int, at: Indices, shift: int) -> tuple[Number, Number, Number, Number]:
-    """Load four numbers at offset `shift` from each of the four rows at `at`; transposed, so that
-    lane k is row k.
-    """
+    """Load four numbers at offset `shift` from each of four rows; transposed, lane k is row k."""
     return transposed_four(
         load_four(address, at[0] + shift),
         load_four(address, at[1] + shift),
@@ -189,6 +187,7 @@ def _body_blocks(user: int, rows: Indices, at: int) -> Blocks:
         _gathered(user, rows, at + 16),
         _gathered(user, rows, at + 17),
     )
+
     B = _symmetric(p[0], p[1], p[2], q[2], q[3], r[3])
     C = (p[3], q[0], q[1]), (r[0], r[1], r[2]), (s[0], s[1], s[2])
     return B, C, _symmetric(s[3], t[0], t[1], t[2], t[3], u[3])
@@ -220,17 +219,18 @@ def _put_body(scratch: int, at: Indices, blocks: Blocks, force: Vector, torque: 
 
 @_inline
 def _at_reference(B: Matrix, C: Matrix, J: Matrix, r: Vector) -> Blocks:
-    """Blocks shifted to the point at `-r` from the present one: T^T A T with T = [[I, -r x], [0,
-    I]].
-    """
+    """Blocks shifted to the point at `-r`: T^T A T with T = [[I, -r x], [0, I]]."""
     C1 = _plus(C[0], _cross(r, B[0])), _plus(C[1], _cross(r, B[1])), _plus(C[2], _cross(r, B[2]))
+
     columns, old = _transposed(C1), _transposed(C)
     left = _transposed((_cross(r, columns[0]), _cross(r, columns[1]), _cross(r, columns[2])))
+
     x, y, z = (
         _plus(_plus(J[0], left[0]), _cross(r, old[0])),
         _plus(_plus(J[1], left[1]), _cross(r, old[1])),
         _plus(_plus(J[2], left[2]), _cross(r, old[2])),
     )
+
     return B, C1, _symmetric(x[0], x[1], x[2], y[1], y[2], z[2])
 
 
@@ -244,9 +244,7 @@ def _applied(B: Matrix, C: Matrix, J: Matrix, v: Vector, w: Vector) -> tuple[Vec
 def _drag(
     user: int, rows: Indices, D: int, quadratic_at: int, v: Vector, w: Vector
 ) -> tuple[Vector, Vector]:
-    """Linear (6x6 at `D`) and quadratic damping (force, torque) of relative twists, all in body
-    axes.
-    """
+    """Linear (6x6 at `D`) and quadratic damping (force, torque) of relative twists, body axes."""
     q, p = _lanes6(user, rows, quadratic_at)
     a, b, c = _lanes6(user, rows, D), _lanes6(user, rows, D + 6), _lanes6(user, rows, D + 12)
     force = (
@@ -254,12 +252,14 @@ def _drag(
         _dot(b[0], v) + _dot(b[1], w) + q[1] * abs(v[1]) * v[1],
         _dot(c[0], v) + _dot(c[1], w) + q[2] * abs(v[2]) * v[2],
     )
+
     a, b, c = _lanes6(user, rows, D + 18), _lanes6(user, rows, D + 24), _lanes6(user, rows, D + 30)
     torque = (
         _dot(a[0], v) + _dot(a[1], w) + p[0] * abs(w[0]) * w[0],
         _dot(b[0], v) + _dot(b[1], w) + p[1] * abs(w[1]) * w[1],
         _dot(c[0], v) + _dot(c[1], w) + p[2] * abs(w[2]) * w[2],
     )
+
     return _scaled(-1.0, force), _scaled(-1.0, torque)
 
 
@@ -272,8 +272,7 @@ def _stations(user: int, strip: int) -> int:
 def _strip_drag(
     user: int, strips: Indices, v: Vector, w: Vector, nodes: Array, weights: Array
 ) -> tuple[Vector, Vector]:
-    """Drag (force, torque) of one segment of each body, in body axes; a row of zeros means no
-    segment.
+    """Drag (force, torque) of one segment of each body, body axes; a row of zeros is no segment.
 
     At the fraction s of a segment the flow across it is a + s b, with b = w x (end - start). The
     flow along it is the same everywhere. The stations therefore reduce to three sums of |a + s b|,
@@ -286,10 +285,13 @@ def _strip_drag(
     _, normal, tangential, _ = _gathered(user, strips, 5)
     n0, n1 = _stations(user, strips[0]), _stations(user, strips[1])
     n2, n3 = _stations(user, strips[2]), _stations(user, strips[3])
+
     u = _plus(v, _cross(w, start))
     slip = _dot(u, axis)
     a, b = _minus(u, _scaled(slip, axis)), _cross(w, along)
     aa, ab, bb = _dot(a, a), 2.0 * _dot(a, b), _dot(b, b)
+
+    # Integrals of the speed across the segment, and of its first and second moment
     zeroth, first, second = all_four(0.0), all_four(0.0), all_four(0.0)
     for k in range(max(max(n0, n1), max(n2, n3))):
         s = four_of(nodes[n0, k], nodes[n1, k], nodes[n2, k], nodes[n3, k])
@@ -298,6 +300,7 @@ def _strip_drag(
         zeroth = zeroth + share
         first = first + share * s
         second = second + share * s * s
+
     bluff, skin = -1.0 * length * normal, -1.0 * length * tangential * abs(slip) * slip
     force = _plus(_scaled(bluff, _plus(_scaled(zeroth, a), _scaled(first, b))), _scaled(skin, axis))
     lever = _scaled(bluff, _plus(_scaled(first, a), _scaled(second, b)))
@@ -317,8 +320,9 @@ def _subtract(row: int, other: int, factor: float, count: int) -> None:
 
 @_inline
 def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, colind: int) -> int:
-    """Factor M = L^T D L into `LD` and 1 / D into `inverse`, as mj_factorM leaves them
-    [Featherstone 2008, table 6.3].
+    """Factor M = L^T D L into `LD` and 1 / D into `inverse` [Featherstone 2008, table 6.3].
+
+    Both are left as mj_factorM leaves them.
 
     Returns the last degree of freedom at which M is not positive definite, or -1.
 
@@ -330,6 +334,8 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
         put_four(LD, k, load_four(M, k))
     for k in range(last - last % 4, last):
         _put(LD, k, _f64(M, k))
+
+    # Rows from the last on: two of a chain at once, else one
     j, singular = nv - 1, -1
     while j >= 0:
         here, columns = LD + 8 * _i32(rowadr, j), colind + 4 * _i32(rowadr, j)
@@ -347,6 +353,7 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
             _put(inverse, j - 1, scale_above)
             if _f64(above, count - 2) < SINGULAR:
                 singular = j - 1
+
             for i in range(count - 3, -1, -1):
                 ancestor = LD + 8 * _i32(rowadr, _i32(columns, i))
                 factor, factor_above = _f64(here, i) * scale, _f64(above, i) * scale_above
@@ -604,6 +611,8 @@ def build() -> Any:
             _pointer(m, rowadr_at),
             _pointer(m, colind_at),
         )
+
+        # From the leaves to the root: sums of the subtrees, projected onto the joints
         for i in range(nbody - 1, 0, -1):
             here = scratch + 8 * stride * i
             if _f64(here, loaded) == 0.0:
@@ -617,6 +626,7 @@ def build() -> Any:
                 else:
                     for k in range(0, summed, 4):
                         put_four(above, k, load_four(above, k) + load_four(here, k))
+
             f, t = _load6(here, wrench)
             B, C, J = _scratch_blocks(here, 0)
             for j in range(_i32(dofadr, i), _i32(dofadr, i) + _i32(dofnum, i)):
@@ -628,7 +638,10 @@ def build() -> Any:
                     for k in range(first, first + _i32(rownnz, j)):
                         u_w, u_v = _load6(cdof, 6 * _i32(colind, k))
                         _put(M, k, _f64(M, k) + _dot(u_v, F) + _dot(u_w, T))
+
         _free_stack(d)
+
+        # M has changed since MuJoCo factored it
         if dry:
             _put(crb, 0, WET_MARK)
             factored, inverse = _pointer(d, factored_at), _pointer(d, inverse_at)

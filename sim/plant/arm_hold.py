@@ -1,6 +1,4 @@
-"""Joint torques that hold an arm in a posture: a PD law whose gains follow from the drives'
-limits.
-"""
+"""Joint torques that hold an arm in a posture: a PD law with gains from the drives' limits."""
 
 from typing import NamedTuple
 

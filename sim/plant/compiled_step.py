@@ -1,5 +1,4 @@
-"""A step of the plant in compiled code, which calls MuJoCo by address: no Python, and the GIL may
-be released.
+"""A step of the plant in compiled code, which calls MuJoCo by address, without Python or GIL.
 
 `advance` and `observe` do what `Plant.step` and `Plant.observe` do, with the same kernels on the
 same arrays, so both ways give the same bits and may take turns. Parts in Python are called as hooks
@@ -84,10 +83,12 @@ def observe(plant):
     places, watch = plant.readout.places, plant.watch
     _call_hook(plant.placed, watch)
     call_physics(places[STEP1], places[MODEL], places[DATA])
+
     time = f64(places[DATA] + places[TIME], 0)
     doubtful = verdict(
         time, watch.time[0], watch.least_gain, watch.seen[0] != watch.told[0], watch.mark[0]
     )
+
     watch.time[0], watch.observed[0] = time, True
     return doubtful or watch.failed[0]
 
@@ -106,23 +107,32 @@ def advance(plant, joint_torque, thrusters):
     """
     if not (np.isfinite(joint_torque).all() and np.isfinite(thrusters).all()):
         return False
+
     places, ctrl, last = plant.readout.places, plant.drive.ctrl, plant.substeps - 1
+
+    # Commands
     plant.drive.commanded[:] = thrusters
     _call_hook(plant.commanded, plant.watch)
     command_thrusters(plant.drive)
     for i in range(plant.joints.shape[0]):
         ctrl[plant.joints[i]] = joint_torque[i]
+
+    # Substeps but the last
     for substep in range(last):
         feel_soil(plant.soil)
         call_physics(places[STEP2], places[MODEL], places[DATA])
         gears_and_contacts(plant.readout, substep, last + 1)
         call_physics(places[STEP1], places[MODEL], places[DATA])
+
+    # The last substep
     feel_soil(plant.soil)
     call_physics(places[STEP2], places[MODEL], places[DATA])
+
     plant.watch.observed[0] = False
     plant.watch.tick[0] += 1
     read_thrusters(plant.drive)
     gears_and_contacts(plant.readout, last, last + 1)
+
     if plant.flowed.address:
         _call_hook(plant.flowed, plant.watch)
     else:
@@ -136,10 +146,12 @@ def next_flow(flow):
     or its fields.
     """
     velocity, acceleration, row, wind, current_acceleration, current_W = flow
+
     at = row[0]
     for k in range(3):
         wind[k] = current_W[k] = velocity[at, k]
         current_acceleration[k] = acceleration[at, k]
+
     row[0] += row[1]
 
 

@@ -37,9 +37,11 @@ class DrivenWater:
         wet = is_wet(model)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
         place = place_of(model)
+
         self._in_data = place >= 0
 
         # Views, which compiled steps write too.
+
         self._model_wind = model.opt.wind
         self._model_flow = water[LAYOUT.current_acceleration :][:6]
         if self._in_data:
@@ -50,6 +52,7 @@ class DrivenWater:
         else:
             self._wind = self._model_wind
             self._acceleration = self._model_flow[:3]
+
         self._current_W = current_W
         self._defaults = b""  # numbers of the model, at the start
         self.current = Current(np.zeros(3))
@@ -61,6 +64,7 @@ class DrivenWater:
         if self._in_data:
             still = np.zeros(3)
             set_current(self._model, self._data, still, still, self._model_flow[3:])
+
         self._defaults = self._of_model()
         rows = current.velocity, current.acceleration, current.row
         return Flow(*rows, self._wind, self._acceleration, self._current_W)
@@ -93,8 +97,10 @@ class DrivenWater:
             return velocity
 
         # What is the same everywhere cancels.
+
         share = 1.0 if current.profile is None else current.profile(time)[0]
         here = total_velocity(current.flows, p_WB, time)
+
         return velocity + share * (total_velocity(current.flows, p_W, time) - here)
 
     def check(self) -> None:
@@ -115,6 +121,7 @@ class DrivenWater:
             return
         if kind != _UNIFORM or written != velocity:
             raise _overwritten("the current in its data", self._wind)
+
         if self._of_model() != self._defaults:
             raise self._without_effect()
 
@@ -135,6 +142,7 @@ class DrivenWater:
     def _without_effect(self) -> ConfigurationError:
         acceleration = shown(self._model_flow[:3])
         shear = shown(self._model_flow[3:])
+
         return ConfigurationError(
             f"plant: opt.wind is {shown(self._model_wind)} m/s, its acceleration {acceleration} "
             f"m/s^2, its shear {shear} 1/s, which are not those at the start and have no "
@@ -185,6 +193,7 @@ class WithWater:
             ConfigurationError: It is no place, or a flow field gives no velocity there.
         """
         at = self.vehicle.hull_qpos
+
         p_WB = np.array(self.data.qpos[at : at + 3])
         return self._water.at(
             checked(p_W, (3,), "p_W [m]"), p_WB, int(self._watch.tick[0]) * self.timestep
@@ -201,6 +210,7 @@ def check_current(current: Current, timestep: float) -> None:
         raise ConfigurationError(
             f"current: expected a uuv.sim.water.current.Current, got {current!r}"
         )
+
     if current.timestep not in (None, timestep):
         raise ConfigurationError(
             f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, "

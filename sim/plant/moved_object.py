@@ -71,8 +71,7 @@ def swing(amplitude: ArrayLike, frequency: float) -> Motion:
 
 
 class MovedObjectPlant:
-    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) in which a body on a free joint moves as
-    prescribed.
+    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) in which a free body moves as prescribed.
 
     Position and velocity of its joint are set before every step of the loop, so that contact and
     friction see how fast the surface moves.
@@ -93,12 +92,14 @@ class MovedObjectPlant:
         while not isinstance(sound, Plant):
             sound = sound.plant
         self.plant, self._sound, self.timestep = plant, sound, plant.timestep
+
         model, number = sound.model, mujoco.mj_name2id(sound.model, mujoco.mjtObj.mjOBJ_BODY, body)
         joint = int(model.body_jntadr[number]) if number >= 0 else -1
         if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
             raise ConfigurationError(
                 f"moved object: the scene has no body {body!r} on a free joint"
             )
+
         self._qpos, self._dof, self._motion = (
             int(model.jnt_qposadr[joint]),
             int(model.jnt_dofadr[joint]),
@@ -132,7 +133,9 @@ class MovedObjectPlant:
         (p, phi), (p_next, phi_next) = (
             self._motion(t) for t in (float(data.time), float(data.time) + dt)
         )
+
         R, R_next = exp_so3(phi) @ self._R, exp_so3(phi_next) @ self._R
+
         data.qpos[self._qpos : self._qpos + 3] = self._p + p
         data.qpos[self._qpos + 3 : self._qpos + 7] = quat_wxyz_from_rotation(R)
         data.qvel[self._dof : self._dof + 3] = (p_next - p) / dt

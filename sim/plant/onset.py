@@ -32,6 +32,7 @@ class Onset:
             value = number(getattr(self, name), f"onset {name}")
             if not value >= 0.0:
                 raise ConfigurationError(f"onset {name}: must be >= 0, got {value}")
+
         if self.at is not None:
             if self.state is not None:
                 raise ConfigurationError("onset: a time or a state, not both")

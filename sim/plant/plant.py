@@ -51,9 +51,7 @@ class PlantState:
 
 
 class Plant(WithWater):
-    """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps` steps
-    of the physics.
-    """
+    """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps`."""
 
     def __init__(
         self,
@@ -162,8 +160,7 @@ class Plant(WithWater):
             self.start(current)
 
     def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
-        """Restart at time 0 and at rest, arm at home, like a new plant of the same model. Call
-        `observe` next.
+        """Restart at time 0 and at rest, arm at home, like a new plant. Call `observe` next.
 
         Args:
             current: Current of the water.
@@ -177,16 +174,19 @@ class Plant(WithWater):
         X_WB = self._start if X_WB is None else X_WB
         if X_WB is not None:
             X_WB = checked_pose(X_WB, "X_WB")
+
         data = self.data
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
         if key >= 0:
             mujoco.mj_resetDataKeyframe(self.model, data, key)
         else:
             mujoco.mj_resetData(self.model, data)
+
         if X_WB is not None:
             address = self.vehicle.hull_qpos
             data.qpos[address : address + 3] = X_WB[:3, 3]
             data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
+
         self.start(current)
 
     def start(self, current: Current) -> None:
@@ -198,6 +198,7 @@ class Plant(WithWater):
         data, truth = self.data, self.truth
         self._flow = self._water.start(current)
         self._watch.tick[0], self._watch.failed[0] = 0, False
+
         # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple
         # more slowly.
         self._as_tuples = (
@@ -206,15 +207,19 @@ class Plant(WithWater):
             tuple(self._flow),
             tuple(self._soil),
         )
+
         self._drive.stop()
         self._soil.reset()
         self._blow()  # overwrite the flow of the last step
+
         self._watch.time[0] = data.time
         self._watch.observed[0] = False
+
         truth.arm_wrench_B[:] = np.nan
         # none yet, whatever constraints `data` still has
         truth.tau_friction[:] = self._contacts[:] = 0.0
         truth.collided[:] = -1.0
+
         self.publish()
 
     def save(self) -> PlantState:
@@ -232,6 +237,7 @@ class Plant(WithWater):
         for array, value in zip(self._changing, saved.arrays, strict=True):
             array[...] = value
         self._watch.tick[0] = saved.tick
+
         self._water.current.resume(saved.current, steps=saved.tick + 1)
         self.publish()
 
@@ -246,32 +252,33 @@ class Plant(WithWater):
         """
         mujoco.mj_step1(self.model, self.data)
         time = float(self.data.time)
+
         watch, truth = self._watch, self.truth
         warned = watch.seen[0] != watch.told[0]
         before = truth.time - self.timestep if again else truth.time
+
         if watch.failed[0] or verdict.py_func(
             time, before, watch.least_gain, warned, watch.mark[0]
         ):
             self.check()
+
         truth.time = watch.time[0] = time
         watch.observed[0] = True
         return truth
 
     def check(self) -> None:
-        """Warn or raise an error as `observe` does, after `uuv.sim.plant.compiled_step.observe`
-        asked for it.
-        """
+        """Warn or raise an error as `observe` does, where `compiled_step.observe` asked for it."""
         if self._watch.failed[0]:
             self._watch.failed[0] = False
             self.hooks.check(RAISED)
+
         hydrodynamics.check_motion(self.model, self.data)
         self._water.check_reset()
         if self._watch.mark[0] != WET_MARK:
             hydrodynamics.check_wet(self.model, self.data)
 
     def step(self, command: Command) -> None:
-        """Apply the command for one `timestep`; `observe` must have been called since the last
-        step.
+        """Apply the command for one `timestep`; call `observe` before each step.
 
         Raises:
             ConfigurationError: `observe` was not called, or a command has the wrong shape or is not
@@ -281,21 +288,26 @@ class Plant(WithWater):
             raise ConfigurationError(
                 "plant: call observe() before each step(): it computes what the step integrates"
             )
+
         self.begin(command)
         model, data, truth, last = self.model, self.data, self.truth, self.substeps - 1
         _, readout, _, soil = self._as_tuples
+
         for substep in range(last):
             feel_soil(soil)
             mujoco.mj_step2(model, data)
             gears_and_contacts(readout, substep, last + 1)
             mujoco.mj_step1(model, data)
+
         feel_soil(soil)
+
         if self._reaction is not None and self.tick % self._reaction_ticks == 0:
             before = data.qvel.copy()
             mujoco.mj_step2(model, data)
             truth.arm_wrench_B[:] = self._reaction.wrench(data, before, self._soil.force[1:])
         else:
             mujoco.mj_step2(model, data)
+
         self.finish()
 
     def begin(self, command: Command) -> None:
@@ -309,52 +321,51 @@ class Plant(WithWater):
             command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]"
         )
         thrusters = fitting(command.thrusters, truth.propeller_speed.shape, "thruster command")
+
         self._drive.commanded[:] = thrusters
         truth.saturated = command_thrusters(self._as_tuples[0])
         self.data.ctrl[self._joint_ctrl] = joint_torque
 
     def finish(self) -> None:
-        """Read gears and contacts, and set the next flow: the part of a step after its
-        integration.
-        """
+        """Read gears and contacts, set the next flow: the part of a step after its integration."""
         drive, readout, flow, _ = self._as_tuples
         last = self.substeps - 1
+
         self._watch.observed[0] = False
         self._watch.tick[0] += 1
+
         self._water.check()
         read_thrusters(drive)
         gears_and_contacts(readout, last, last + 1)
+
         if self._water.current.beyond_rows():
             self._blow()
         else:
             self._water.current.ready()
             next_flow(flow)
+
         self._contact()
 
     def spans(self) -> str:
-        """Why the compiled stages of `uuv.sim.plant.compiled_step` cannot advance this plant; empty
-        if they can.
-        """
+        """Why the stages of `compiled_step` cannot advance this plant; empty if they can."""
         if spacing(self.vehicle.dof) > 1:
             return "the arm's joints have others between them"
         return ""
 
     def ready(self) -> int:
-        """Number of steps that the compiled stages may take before the next call; generates gusts
-        ahead.
-        """
+        """Number of steps that the compiled stages may take before the next call; gusts ahead."""
         self._water.check()
         steps = self._water.current.ready()
         return steps if self._reaction is None else min(steps, -self.tick % self._reaction_ticks)
 
     def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
-        """Arrays of the compiled stages (`uuv.sim.plant.compiled_step`), valid until the next
-        `reset`.
+        """Arrays of the compiled stages (`compiled_step`), valid until the next `reset`.
 
         Args:
             hooks: of the wrappers of this plant, called at every step.
         """
         beyond = (self._blow,) if self._water.current.beyond_rows() else ()
+
         return PlantRecord(
             drive=self._drive,
             readout=self._readout,
@@ -386,9 +397,7 @@ class Plant(WithWater):
 
     @property
     def commanded(self) -> Array:
-        """Thruster commands (m,) of the present step, live: a hook may change them before they
-        act.
-        """
+        """Thruster commands (m,) of the present step, live: a hook may still change them."""
         return self._drive.commanded
 
     @property
@@ -420,8 +429,7 @@ class Plant(WithWater):
 
 
 def parts_in_python(plant: Any) -> tuple[str, ...]:
-    """What a plant calls in plain Python at every compiled step: its wrappers, and what moves its
-    water.
+    """What a plant calls in plain Python at every compiled step: its wrappers, and its water.
 
     Args:
         plant: a `Plant`, or a wrapper of one.
@@ -465,11 +473,10 @@ def _watch_of(model: mujoco.MjModel, data: mujoco.MjData, water: Array, least_ga
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
-    """Row (n,) of each joint's gear among MuJoCo's friction constraints, -1 without friction; empty
-    if none has any.
-    """
+    """Row (n,) of each joint's gear among the friction constraints, else -1; empty if none has."""
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS:
         return np.zeros(0, dtype=np.int64)
+
     dry = np.asarray(model.dof_frictionloss) > 0.0
     rows = np.where(dry, np.cumsum(dry) - 1, -1)[vehicle.dof]
     return rows if np.any(rows >= 0) else np.zeros(0, dtype=np.int64)

@@ -41,9 +41,7 @@ _NOTHING = np.zeros(3)  # no gravity [m/s^2], or no torque [N m]
 
 
 class ReactionWrench:
-    """Measurement of the wrench of one subtree on its parent; set up once per model, 10 to 20 us
-    per measurement.
-    """
+    """Wrench of one subtree on its parent; set up once per model, 10 to 20 us per measurement."""
 
     def __init__(
         self, model: mujoco.MjModel, body: int | str, frame: int | str | None = None
@@ -66,16 +64,22 @@ class ReactionWrench:
         if self._body == 0:
             raise ConfigurationError("reaction: the world has no parent")
         _refuse(model)
+
+        # The subtree's bodies
         last = self._body + 1
         # bodies come depth first
         while last < model.nbody and model.body_parentid[last] >= self._body:
             last += 1
         carried = range(self._body, last)
         self._span = last
+
         self._joints = model.body_parentid, model.body_dofadr, model.body_dofnum
         self._root = int(model.body_rootid[self._body])
+
+        # What acts on it from outside: water, thrusters, soil, gravity compensation
         self._wet = [i for i in carried if water.carries(model.body_user[i])]
         self._water = _water_of(model, self._wet)
+
         sites = mujoco.mjtTrn.mjTRN_SITE
         self._thrusters = [
             i
@@ -83,18 +87,19 @@ class ReactionWrench:
             if model.actuator_trntype[i] == sites
             and model.site_bodyid[model.actuator_trnid[i, 0]] in carried
         ]
+
         soil = soil_bed.actuator_of(model)
         face = int(model.actuator_trnid[soil, 0]) if soil >= 0 else -1
         # site in the soil
         self._dug = face if face >= 0 and model.site_bodyid[face] in carried else -1
+
         self._lifted = [i for i in carried if model.body_gravcomp[i] != 0.0]
         self._total = np.zeros(6)
 
     def wrench(
         self, data: mujoco.MjData, qvel: Array | None = None, soil_W: Array | None = None
     ) -> Array:
-        """Wrench (6,) [N, N m] on the parent, (force; torque) at the origin and in the axes of the
-        frame's body.
+        """Wrench (6,) [N, N m] on the parent, (force; torque) in the axes of the frame's body.
 
         Writes `data.cacc`, `cfrc_int` and `cfrc_ext`, as MuJoCo's sensors do.
 
@@ -117,6 +122,8 @@ class ReactionWrench:
             raise HydrodynamicsError(
                 "reaction: the water did not act; call uuv.sim.hydrodynamics.install()"
             )
+
+        # Forces of the present state, with the velocity of their instant
         if qvel is None:
             mujoco.mj_rnePostConstraint(model, data)
             velocity = data.qvel
@@ -125,6 +132,7 @@ class ReactionWrench:
             data.qvel = velocity
             mujoco.mj_rnePostConstraint(model, data)
             data.qvel = ahead
+
         total, body = self._total, self._body
         cvel = data.cvel
         if _mismatch(body, self._span, *self._joints, data.cdof, cvel, velocity) > _STALE:
@@ -133,13 +141,18 @@ class ReactionWrench:
                 "mj_forward first, or give "
                 "the velocity before the step as qvel"
             )
+
+        # Less what acts from outside: the wrench of the joint alone remains
         com, xpos, xmat = data.subtree_com[self._root], data.xpos, data.xmat
         gravity = _NOTHING if model.opt.disableflags & _GRAVITY_OFF else model.opt.gravity
+
         own = data.cfrc_int[body]
         total[:3], total[3:] = -own[3:], -own[:3]
+
         if self._wet:
             motion = xpos, xmat, cvel, data.cacc
             _add_water(self._water, data.userdata, motion, com, gravity, total)
+
         for i in self._thrusters:
             site = model.actuator_trnid[i, 0]
             gear = (
@@ -148,11 +161,14 @@ class ReactionWrench:
                 @ data.site_xmat[site].reshape(3, 3).T
             )
             _add(total, gear[0], gear[1], data.site_xpos[site] - com)
+
         if self._dug >= 0:
             _add(total, self._soil(data, qvel, soil_W), _NOTHING, data.site_xpos[self._dug] - com)
+
         for i in self._lifted:
             lift = -model.body_gravcomp[i] * model.body_mass[i] * gravity
             _add(total, lift, _NOTHING, data.xipos[i] - com)
+
         return _in_frame(total, xmat[self._frame], xpos[self._frame], com)
 
     def _soil(self, data: mujoco.MjData, qvel: Array | None, soil_W: Array | None) -> Array:
@@ -163,6 +179,7 @@ class ReactionWrench:
             raise HydrodynamicsError(
                 "reaction: after a step the soil's state is ahead of its force: give it as soil_W"
             )
+
         contact = SoilContact.of(self._model, data)
         feel_soil(contact)
         return contact.force[1:]
@@ -206,11 +223,15 @@ class _Water(NamedTuple):
 def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
     bodies = [water.unpack(model.body_user[i]) for i in wet]
     matrices, vectors = np.zeros((len(wet), 2, 6, 6)), np.zeros((len(wet), 10))
+
     stations = []
+
     for k, body in enumerate(bodies):
         matrices[k] = body.added_mass, body.linear_damping
         displaced = water.water_density(model) * body.volume
         vectors[k] = [*body.quadratic_damping, *body.center_of_buoyancy, displaced]
+
+        # Gauss-Legendre stations along each strip
         for strip in body.segments:
             along = strip.end - strip.start
             length = float(np.linalg.norm(along))
@@ -220,11 +241,13 @@ def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
                 stations.append(
                     [k, *place, *(along / length), share * strip.normal, share * strip.tangential]
                 )
+
     first = model.body_user.ctypes.data
     rows = [
         first + 8 * model.nuser_body * i if body.terms else 0
         for i, body in zip(wet, bodies, strict=True)
     ]
+
     return _Water(
         bodies=np.array(wet, dtype=np.int64),
         matrices=matrices,
@@ -245,6 +268,7 @@ def _body(model: mujoco.MjModel, body: int | str) -> int:
             names = ", ".join(model.body(i).name for i in range(1, model.nbody))
             raise ConfigurationError(f"reaction: no such body: {body}; the model has {names}")
         return number
+
     if not 0 <= body < model.nbody:
         raise ConfigurationError(
             f"reaction: no such body: {body}; the model has 0 to {model.nbody - 1}"
@@ -253,9 +277,7 @@ def _body(model: mujoco.MjModel, body: int | str) -> int:
 
 
 def _refuse(model: mujoco.MjModel) -> None:
-    """Raise HydrodynamicsError, naming them, for forces whose share on a subtree is not known
-    here.
-    """
+    """Raise HydrodynamicsError for forces, named, whose share on a subtree is not known here."""
     kinds, trn = model.actuator_trntype, mujoco.mjtTrn
     found = {
         "flexes": model.nflex > 0,
@@ -268,6 +290,7 @@ def _refuse(model: mujoco.MjModel) -> None:
         ),
         "gravity compensation by actuators (actuatorgravcomp)": np.any(model.jnt_actgravcomp),
     }
+
     if names := [name for name, present in found.items() if present]:
         raise HydrodynamicsError(f"reaction: not known with {', '.join(names)}")
 
@@ -321,6 +344,7 @@ def _in_frame(total, R, p, com):
     """Wrench about `com` in world axes, expressed at `p` in the axes `R`."""
     out, force = np.empty(6), _three(total, 0)
     out[:3] = _turned_back(R, force)
+
     lever = com[0] - p[0], com[1] - p[1], com[2] - p[2]
     out[3:] = _turned_back(R, _sum(_three(total, 3), _cross(lever, force)))
     return out
@@ -328,10 +352,9 @@ def _in_frame(total, R, p, com):
 
 @kernel
 def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
-    """Largest difference between the twists in `cvel` and those from `qvel`, relative to the
-    largest speed.
-    """
+    """Largest difference between twists in `cvel` and those from `qvel`, over the largest speed."""
     worst, largest = 0.0, 1e-3
+
     for i in range(first, end):
         for k in range(6):
             given = cvel[i, k] - cvel[parent[i], k]
@@ -340,6 +363,7 @@ def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
                 given -= cdof[j, k] * qvel[j]
                 largest = max(largest, abs(cdof[j, k] * qvel[j]))
             worst = max(worst, abs(given))
+
     return worst / largest
 
 
@@ -375,23 +399,32 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
         r = xpos[i, 0] - com[0], xpos[i, 1] - com[1], z - com[2]
         current = _sum(wind, _scaled(z, shear))
         stream = _sum(surge, _scaled(current[2], shear))  # acceleration of the water
+
         weightless = _sum(stream, _scaled(-1.0, gravity))
+
+        # Twist and its rate relative to the water, body axes
         u = _turned_back(R, current)
         w_W, wdot_W = _three(cvel[i], 0), _three(cacc[i], 0)
         w, wdot = _turned_back(R, w_W), _turned_back(R, wdot_W)
+
         # `cacc` is the spatial acceleration, less gravity; converted to the rate of the twist at
         # the body origin.
         a = _sum(_three(cacc[i], 3), _sum(_cross(wdot_W, r), _scaled(-1.0, weightless)))
         a = _sum(_turned_back(R, a), _cross(w, u))
         v = _sum(_turned_back(R, _sum(_three(cvel[i], 3), _cross(w_W, r))), _scaled(-1.0, u))
+
         for n in range(3):
             nudot[n], nudot[3 + n], nu[n], nu[3 + n] = a[n], wdot[n], v[n], w[n]
+
+        # Added mass and damping
         added, linear, numbers = matrices[k, 0], matrices[k, 1], vectors[k]
         for n in range(6):
             momentum[n], f[n] = 0.0, -numbers[n] * abs(nu[n]) * nu[n]
             for m in range(6):
                 momentum[n] += added[n, m] * nu[m]
                 f[n] -= added[n, m] * nudot[m] + linear[n, m] * nu[m]
+
+        # Momentum of the added mass in turning axes
         p = _three(momentum, 0)
         _add(
             f,
@@ -400,6 +433,8 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
             (0.0, 0.0, 0.0),
         )
         _add(f, (0.0, 0.0, 0.0), _scaled(-1.0, _cross(v, p)), (0.0, 0.0, 0.0))
+
+        # Strips
         while station < len(stations) and stations[station, 0] == k:
             row = stations[station]
             place, axis = _three(row, 1), _three(row, 4)
@@ -412,9 +447,13 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
             )
             _add(f, drag, (0.0, 0.0, 0.0), place)
             station += 1
+
         if rows[k]:
             force, torque = form_wrench(rows[k], _ROW, width, _MASS_AT, v, w)
             _add(f, force, torque, (0.0, 0.0, 0.0))
+
+        # Buoyancy
         lift = _scaled(numbers[9], _turned_back(R, weightless))
         _add(f, lift, (0.0, 0.0, 0.0), _three(numbers, 6))
+
         _add(total, _turned(R, _three(f, 0)), _turned(R, _three(f, 3)), r)

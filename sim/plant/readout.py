@@ -71,6 +71,7 @@ def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarra
         HydrodynamicsError: This MuJoCo stores contacts differently from its introspection.
     """
     places = np.array(_offsets(), dtype=np.int64)
+
     places[DATA], places[MODEL], places[PAD] = data._address, model._address, pad
     places[PYRAMIDS] = model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     return places
@@ -81,11 +82,13 @@ def _offsets() -> tuple[int, ...]:
     in_data = [offset("mjData", name) for name in ("ncon", "ne", "nefc", "contact", "efc_force")]
     names = ("frame", "friction", "dim", "geom", "efc_address")
     in_contact = [offset("mjContact", name) for name in names]
+
     _compare(names)
     steps = [
         ctypes.cast(getattr(library(), name), ctypes.c_void_p).value or 0
         for name in ("mj_step1", "mj_step2")
     ]
+
     size = ctypes.sizeof(structure("mjContact"))
     return (0, 0, 0, *in_data, size, *in_contact, offset("mjData", "time"), 0, *steps)
 
@@ -95,16 +98,19 @@ def _compare(names: tuple[str, ...]) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
+
     of_data, kind = structure("mjData").from_address(data._address), structure("mjContact")
     counts = {
         name: getattr(of_data, name) == getattr(data, name)
         for name in ("time", "ncon", "ne", "nefc")
     }
     counts["efc_force"] = of_data.efc_force == data.efc_force.ctypes.data
+
     live = data.contact[0]
     seen = kind.from_address(of_data.contact)
     for name in names:
         counts[name] = np.array_equal(np.ravel(getattr(live, name)), np.ravel(getattr(seen, name)))
+
     if not all(counts.values()):
         wrong = ", ".join(name for name, equal in counts.items() if not equal)
         raise HydrodynamicsError(
@@ -140,20 +146,27 @@ def gears_and_contacts(readout, substep, substeps):
         substeps: Number of substeps.
     """
     places, rows, own_geom, added, tau_friction, contacts, collided = readout
+
     d = places[DATA]
     efc_force = pointer(d, places[EFC_FORCE])
+
+    # Friction of the gears
     first, end = i32(d + places[NE], 0), i32(d + places[NEFC], 0)
     for j in range(rows.shape[0]):
         if rows[j] >= 0:
             tau_friction[j] = f64(efc_force, first + rows[j]) if first + rows[j] < end else 0.0
+
     if substep == 0:
         contacts[:] = 0.0
         contacts[LEAST], contacts[MOST] = np.inf, -np.inf
+
+    # Contacts of the vehicle with the world
     here = pointer(d, places[CONTACT])
     force, total = np.empty(3), np.zeros(4)
     for _ in range(i32(d + places[NCON], 0)):
         one, two = i32(here + places[GEOM], 0), i32(here + places[GEOM], 1)
         address = i32(here + places[EFC_ADDRESS], 0)
+
         if own_geom[one] != own_geom[two] and address >= 0:
             if places[PAD] == one or places[PAD] == two:
                 _contact_force(
@@ -163,6 +176,7 @@ def gears_and_contacts(readout, substep, substeps):
                     places[PYRAMIDS],
                     force,
                 )
+
                 total[NORMAL] += force[0]
                 sign = 1.0 if two == places[PAD] else -1.0
                 for k in range(3):  # the rows of the contact frame are the axes of the force
@@ -178,12 +192,16 @@ def gears_and_contacts(readout, substep, substeps):
                 if collided[0] < 0.0:
                     collided[0], collided[1] = (one, two) if own_geom[one] else (two, one)
                     collided[2] = f64(d + places[TIME], 0)
+
         here += places[SIZE]
+
+    # Means over the substeps, and the extremes of the normal force
     for k in range(4):
         total[k] += added[k]
         contacts[k] += total[k]
         if substep == substeps - 1:
             contacts[k] /= substeps
+
     contacts[LEAST], contacts[MOST] = (
         min(contacts[LEAST], total[NORMAL]),
         max(contacts[MOST], total[NORMAL]),
@@ -192,16 +210,17 @@ def gears_and_contacts(readout, substep, substeps):
 
 @kernel
 def _contact_force(efc_force, friction, dim, pyramids, force):
-    """Normal and tangential forces (3,) [N] of one contact in its frame, from its constraint
-    forces.
-    """
+    """Normal and tangential forces (3,) [N] of one contact in its frame, from constraint forces."""
     force[1] = force[2] = 0.0
     if dim == 1 or not pyramids:
         for k in range(min(dim, 3)):
             force[k] = f64(efc_force, k)
         return
+
+    # Pyramid: the normal force is the sum over its edges
     force[0] = 0.0
     for k in range(2 * (dim - 1)):  # edges of the friction pyramid, two along each direction
         force[0] += f64(efc_force, k)
+
     for k in range(min(dim - 1, 2)):
         force[1 + k] = (f64(efc_force, 2 * k) - f64(efc_force, 2 * k + 1)) * f64(friction, k)

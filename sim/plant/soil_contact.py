@@ -46,12 +46,11 @@ class SoilContact(NamedTuple):
 
 @kernel
 def feel_soil(soil):
-    """Write the force of the next physics step; `soil` is a `SoilContact`, or its fields as a
-    tuple.
-    """
+    """Write the force of the next physics step; `soil` is a `SoilContact`, or its fields."""
     numbers, p, turn, state, force = soil
     if numbers.shape[0] == 0:
         return
+
     axis = np.array([turn[2], turn[5], turn[8]])
     f_W, _ = press(numbers, p, axis, state)
 

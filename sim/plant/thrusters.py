@@ -1,6 +1,4 @@
-"""Thrusters of one plant in compiled code: commands into MuJoCo's controls, speeds and thrusts out
-of its data.
-"""
+"""Thrusters of one plant, compiled: commands into MuJoCo's controls, speeds and thrusts out."""
 
 from typing import NamedTuple, Self
 
@@ -18,9 +16,7 @@ _CURVED = 0.9  # command from which a thrust may be saturated
 
 
 class Drive(NamedTuple):
-    """Thrusters of one plant; the arrays of MuJoCo are views, the others are written by the
-    kernels.
-    """
+    """Thrusters of one plant; MuJoCo's arrays are views, the others are written by the kernels."""
 
     curves: Array  # (m, ...) static curves
     commanded: Array  # (m,) commands of the step, input
@@ -63,14 +59,14 @@ class Drive(NamedTuple):
 
 @kernel
 def command_thrusters(drive):
-    """Set the controls of the thrusters of a `Drive`, or of its fields as a tuple, to what is
-    commanded.
+    """Set the controls of the thrusters of a `Drive`, or of its fields, to what is commanded.
 
     Returns:
         True if a command was at its limit.
     """
     curve, commanded, ctrl, _, _, actuators, _, _, _, saturated = drive
     saturated[0] = False
+
     for i in range(actuators.shape[0]):
         wanted = min(max(commanded[i], -1.0), 1.0)
         ctrl[actuators[i]] = wanted
@@ -79,6 +75,7 @@ def command_thrusters(drive):
         if abs(wanted) > _CURVED:
             end = 1.0 if wanted > 0.0 else -1.0
             saturated[0] |= thrust_at(curve[i], wanted) / thrust_at(curve[i], end) >= SATURATED
+
     return saturated[0]
 
 
@@ -86,6 +83,7 @@ def command_thrusters(drive):
 def read_thrusters(drive):
     """Read speeds and thrusts of a `Drive`, or of its fields as a tuple, after a step."""
     _, _, _, act, force, actuators, activations, speed, thrust, _ = drive
+
     for i in range(actuators.shape[0]):
         speed[i] = act[activations[i] + SPEED]
         thrust[i] = force[actuators[i]]

@@ -13,8 +13,7 @@ from uuv.sim.plant.thrusters import Drive
 
 
 class Truth:
-    """True state at the start of the plant's step. Live views: read them before the next step, keep
-    none.
+    """True state at the start of the plant's step; live views: read them before the next step.
 
     Positions and velocities are those of `time`. Accelerations and torques are those of the
     preceding physics step, at which a sensor would have sampled them. Contact covers all substeps
@@ -107,13 +106,18 @@ class Truth:
         """
         truth = cls()
         truth.vehicle = vehicle
+
         truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
+
+        # Hull
         truth.p_WB = data.xpos[vehicle.hull]
         truth.R_WB = data.xmat[vehicle.hull].reshape(3, 3)
         dof = vehicle.hull_dof
         truth.v_WB_W = data.qvel[dof : dof + 3]
         truth.w_WB_B = data.qvel[dof + 3 : dof + 6]
         truth.acceleration = data.qacc[dof : dof + 6]
+
+        # Arm and thrusters
         truth.q, truth.qd, truth.qdd = (
             _view(data.qpos, vehicle.qpos),
             _view(data.qvel, vehicle.dof),
@@ -123,12 +127,16 @@ class Truth:
         truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
         truth.armature, truth.joint_damping = vehicle.armature, vehicle.damping_in(data.model)
         truth.propeller_speed, truth.thrust = drive.speed, drive.thrust
+
         truth.current_W = np.zeros(3)
         truth.arm_wrench_B = np.full(6, np.nan)
+
+        # Tool, which without an arm is the hull
         armed = vehicle.tip >= 0
         truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
         truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
         truth.p_pad = data.site_xpos[pad_site] if pad_site >= 0 else truth.p_WB
+
         truth.contact_force_W = contacts[FORCE : FORCE + 3]
         truth.collided = np.full(3, -1.0)
         return truth

@@ -1,6 +1,4 @@
-"""Pictures of a scene by ray casting, for machines without OpenGL: plain shading, one light from
-above.
-"""
+"""Pictures of a scene by ray casting, without OpenGL: plain shading, one light from above."""
 
 import math
 
@@ -33,14 +31,14 @@ class RayPicture:
             for body in range(model.nbody)
             if (mesh := body_mesh(model, body)) is not None
         ]
+
         self._of = np.concatenate([np.full(len(mesh[0]), body) for body, mesh in shapes])
         self._corners = np.concatenate([mesh[0] for _, mesh in shapes])
         self._colours = np.concatenate([mesh[2][::3, :3] for _, mesh in shapes]) / 255.0
         self._triangles = np.arange(len(self._corners)).reshape(-1, 3)
 
     def render(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> tuple[np.ndarray, Array]:
-        """Colours (h, w, 3), 0 to 255, and depth (h, w) [m] along the view; black and inf where
-        nothing is.
+        """Colours (h, w, 3), 0 to 255, and depth (h, w) [m] along the view; empty: black and inf.
 
         Args:
             data: With up-to-date kinematics.
@@ -48,18 +46,23 @@ class RayPicture:
         """
         R_WB = data.xmat[self._of].reshape(-1, 3, 3)
         corners = np.einsum("nij,nj->ni", R_WB, self._corners) + data.xpos[self._of]
+
         ahead, rays = self._rays(camera)
         eye = np.asarray(camera.lookat) - camera.distance * ahead
         hit = RayScene(corners - eye, self._triangles).cast(np.zeros(3), rays.reshape(-1, 3))
+
+        # Light: from all sides, from the camera, from above
         seen = np.isfinite(hit["t"])
         ways = rays.reshape(-1, 3) / np.linalg.norm(rays.reshape(-1, 3), axis=1, keepdims=True)
         facing = -np.einsum("ij,ij->i", hit["normal"], ways)
         normal = hit["normal"] * np.sign(facing)[:, None]
         light = _AMBIENT + _HEAD * np.abs(facing) + _TOP * np.clip(normal @ _LIGHT, 0.0, None)
+
         picture = np.zeros((len(ways), 3))
         picture[seen] = 255.0 * np.minimum(
             1.0, self._colours[hit["triangle"][seen]] * light[seen, None]
         )
+
         return picture.astype(np.uint8).reshape(*self._size, 3), hit["t"].reshape(self._size)
 
     def _rays(self, camera: mujoco.MjvCamera) -> tuple[Array, Array]:
@@ -72,10 +75,13 @@ class RayPicture:
                 math.sin(elevation),
             ]
         )
+
         right = np.array([math.sin(azimuth), -math.cos(azimuth), 0.0])
         down = np.cross(ahead, right)
+
         height, width = self._size
         half = math.tan(0.5 * self._fovy)
         v = half * (2.0 * (np.arange(height) + 0.5) / height - 1.0)
         u = half * (2.0 * (np.arange(width) + 0.5) - width) / height
+
         return ahead, ahead + u[None, :, None] * right + v[:, None, None] * down

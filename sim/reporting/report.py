@@ -52,6 +52,7 @@ def write_report(
     path = Path(file)
     if not path.parent.is_dir():
         raise ConfigurationError(f"report: there is no folder {str(path.parent)!r}")
+
     parts = [
         _heading(title, recording, assessment),
         page.section(
@@ -67,6 +68,7 @@ def write_report(
         _gains(gains),
         page.provenance(_provenance(recording, assessment, options, again)),
     ]
+
     write_whole(path, page.page(title, parts))
 
 
@@ -76,6 +78,7 @@ def _series(recording: Recording, bounds: Bounds | None) -> Html:
     drawn = timelines({"run": recording}, bounds)
     if not drawn:
         return Html()
+
     about = (
         "First shown from the approach on: double-click to see the whole run, drag to zoom, in "
         "all panels at once. A "
@@ -83,6 +86,7 @@ def _series(recording: Recording, bounds: Bounds | None) -> Html:
         "counts from "
         f"{SETTLING:g} s after each change of the set force."
     )
+
     return page.section("Time series", Html(drawn), page.caption(about))
 
 
@@ -91,6 +95,7 @@ def _drives(recording: Recording) -> Html:
     rows = []
     forward, reverse = np.asarray(recording.vehicle.thruster_table)[:, :2].T
     limits = np.asarray(recording.vehicle.torque_limits)
+
     for name, unit, low, high in (
         ("thrust", "N", -reverse, forward),
         ("tau_drive", "N m", -limits, limits),
@@ -109,8 +114,10 @@ def _drives(recording: Recording) -> Html:
                     f"{share:.0%}",
                 )
             )
+
     if not rows:
         return Html()
+
     columns = ("drive", "least", "greatest", "unit", "most of its limit")
     return page.section("Thrusters and joints against their limits", page.table(columns, rows))
 
@@ -119,6 +126,7 @@ def _gains(gains: Iterable[tuple[str, str, str, str]]) -> Html:
     rows = [(part, name.replace("_", " "), value, about) for part, name, value, about in gains]
     if not rows:
         return Html()
+
     columns = ("part", "gain", "value", "unit, meaning")
     return page.folded("Gains of the controller", page.table(columns, rows, texts=(0, 1, 3)))
 
@@ -127,6 +135,7 @@ def _heading(title: str, recording: Recording, assessment: Assessment) -> Html:
     run, timings = assessment.metrics["run"], assessment.metrics["timings"]
     factor = timings["real_time_factor"]
     pace = f", {factor:.1f} × real time" if factor is not None else ""
+
     return page.heading(
         title,
         assessment.accepted,
@@ -153,9 +162,11 @@ def _segments(assessment: Assessment) -> Html:
     segments = assessment.metrics.get("contact", {}).get("segments")
     if not segments:
         return Html()
+
     keys = ("set_n", "force_error_rms_n", "force_error_max_n", "lost_s", "duration_s")
     heads = ("set [N]", "error, RMS [N]", "error, peak [N]", "contact lost [s]", "duration [s]")
     rows = [["–" if s[key] is None else format(s[key], ".2f") for key in keys] for s in segments]
+
     return page.table(heads, rows, texts=())
 
 
@@ -173,6 +184,7 @@ def _uncertainty(assessment: Assessment) -> Html:
         ("position of the centre", shown("position_sigma_m", 1e3), "", "mm"),
         ("orientation", shown("rotation_sigma_rad", float(np.degrees(1.0))), "", "deg"),
     ]
+
     if any(stated[f"path_{way}_max_m"] is not None for way in _WAYS):
         rows += [
             (
@@ -183,11 +195,13 @@ def _uncertainty(assessment: Assessment) -> Html:
             )
             for way, said in _WAYS.items()
         ]
+
     columns = ("stated standard deviation, mean of the finds", "largest", "95 %", "")
     about = (
         f"Not determined by what was in view: {stated['free']}. The mean's true error squared, over"
         f" the covariance and per degree of freedom: {stated['normalised_error']:.2f}."
     )
+
     return Html(page.table(columns, rows, texts=(0, 3)) + page.caption(about))
 
 
@@ -196,6 +210,7 @@ def _motion(assessment: Assessment) -> Html:
     motion = assessment.metrics.get("motion")
     if not motion:
         return Html()
+
     course = "it rested"
     if motion["noticed_s"] is not None:
         course = (
@@ -204,6 +219,7 @@ def _motion(assessment: Assessment) -> Html:
             f"mm (standard deviation {1e3 * motion['distance_sigma_m']:.1f} mm), turned by "
             f"{np.degrees(motion['turn_rad']):.1f} deg"
         )
+
     return page.paragraph(f"The object was followed in {motion['frames']} frames: {course}.")
 
 

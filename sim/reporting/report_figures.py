@@ -16,16 +16,16 @@ _POINTS = 900  # of a line
 
 
 def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure of what was found of the object, in its frame; nothing without a
-    find.
-    """
+    """Title, caption and figure of the object as found, in its frame; nothing without a find."""
     if not recording.targets:
         return
+
     X_TW = inverse(truth.X_WT)
     vertices = np.asarray(truth.model.vertices)
     work = recording.within(WorkState.WORK)
     done = transform_points(X_TW, recording["p_pad"].value[work])
     path = recording.targets[-1].path
+
     figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
     for axes, (across, up) in zip(figure.subplots(1, 2), ((0, 2), (1, 2)), strict=True):
         view = [across, up]
@@ -34,6 +34,8 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
         )
         faces.set_rasterized(True)
         axes.add_collection(faces)
+
+        # Clouds of the identification
         for (name, points), color in zip(
             _thinned(recording.clouds, X_TW).items(), (SKY, PURPLE, GREEN, BLUE), strict=False
         ):
@@ -45,6 +47,8 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
                 label=name.replace("_", " "),
                 rasterized=True,
             )
+
+        # Path as planned and as done
         if path is not None:
             planned = transform_points(X_TW, path.p)[:, view]
             axes.plot(
@@ -57,11 +61,14 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
                 linewidth=1.2,
                 label="path done",
             )
+
         axes.set_aspect("equal")
         axes.set_xlabel(f"{'xyz'[across]} [m]")
         axes.set_ylabel(f"{'xyz'[up]} [m]")
         axes.margins(0.05)
         plain_axes(axes, 9)
+
+    # One legend for both views
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(
         handles,
@@ -72,6 +79,7 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
         fontsize=9,
         markerscale=5,
     )
+
     yield (
         "Object, as found",
         "In the frame of the true object: its true shape in grey, the clouds of its "

@@ -50,8 +50,7 @@ FLUSH_WALL_S = 0.4
 
 
 class RerunLog:
-    """Observer of `uuv.sim.loop.rollout` that writes an .rrd file; use it as a context manager, or
-    call `close`.
+    """Observer of `uuv.sim.loop.rollout` that writes an .rrd; use it in `with`, or call `close`.
 
     Poses are logged every `pose_period`, series every `period`.
     """
@@ -92,23 +91,31 @@ class RerunLog:
         if not path.parent.is_dir():
             raise ConfigurationError(f"run log: there is no folder {str(path.parent)!r}")
         timestep = float(model.opt.timestep) if timestep is None else timestep
+
         self._rr = rr
         vehicle = Vehicle.of(model)
         self._pose_ticks = ticks_per_period(pose_period, timestep, "log's pose period")
         self._ticks = ticks_per_period(period, timestep, "log's period")
+
+        # Static content
         self._stream = stream = LogStream(path, title, view=view)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         moving = draw(stream.static, model, data, vehicle)
         stream.show(blueprint(middle_of(model, data, vehicle)))
         describe_series(stream.static, vehicle)
+
+        # Thrusters in the frame of the hull
         sites = model.actuator_trnid[vehicle.thruster_actuators, 0]
         places = inverse(pose(data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]))
         thrusters_B = transform_points(places, data.site_xpos[sites])
+
         self._series, self._poses = (
             SeriesRows(vehicle, bounds),
             PoseRows(vehicle, moving, thrusters_B),
         )
+
+        # What was logged last
         self._cloud_colors: dict[str, tuple[int, int, int]] = {}
         self._state: WorkState | None = None
         self._target: Target | None = None
@@ -119,6 +126,7 @@ class RerunLog:
         self._sent_at = perf_counter()
         self._time = 0.0  # [s] of the last step observed
         self._closed = False
+
         self.flush()
 
     def __enter__(self) -> Self:
@@ -146,8 +154,11 @@ class RerunLog:
         """Log one step."""
         if self.lost:
             return
+
         truth = moment.truth
         self._time = truth.time
+
+        # What has changed
         if moment.reference.state is not self._state:
             self._enter(moment.reference, truth.time)
         if moment.target is not None and moment.target is not self._target:
@@ -160,6 +171,8 @@ class RerunLog:
         if isinstance(moment.frame, DepthImage) and moment.frame is not self._frame:
             self._frame = moment.frame
             self._look(moment.frame, pose(truth.R_WB, truth.p_WB), truth.time)
+
+        # Rows, each kind at its rate
         if moment.tick % self._ticks == 0:
             self._series.add(moment)
             if perf_counter() - self._sent_at > FLUSH_WALL_S:
@@ -193,6 +206,7 @@ class RerunLog:
         points = np.asarray(points_W, dtype=np.float32)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
+
         self._stream.event(
             f"world/clouds/{name}", rr.Points3D(points, colors=color or own, radii=radius), time
         )
@@ -225,6 +239,7 @@ class RerunLog:
             else np.rint(255.0 * np.asarray(colours)).astype(np.uint8),
             albedo_factor=SKY if colours is None else None,
         )
+
         self._stream.event(f"world/found/{name}", mesh, time)
 
     def log_arrows(
@@ -254,6 +269,7 @@ class RerunLog:
             self._stream.flush()
         except RuntimeError as error:  # of Rerun, whose writer has stopped
             self._stream.give_up(str(error), self._time)
+
         self._sent_at = perf_counter()
 
     def close(self) -> None:
@@ -267,6 +283,7 @@ class RerunLog:
     def _enter(self, reference: Reference, time: float) -> None:
         rr, state = self._rr, reference.state
         self._state = state
+
         level = "INFO" if reference.abort is None else "WARN"
         text = (
             f"{state.value}: {reference.note}"
@@ -274,9 +291,11 @@ class RerunLog:
             else state.value
         )
         self._note = reference.note
+
         if self._frame is not None and state is not WorkState.SCAN:  # it would hide the work
             self._stream.event("world/camera/depth", rr.Clear(recursive=False), time)
             self._frame = None
+
         self._stream.event(
             "state/log", rr.TextLog(text, level=level, color=STATE_COLORS[state]), time
         )
@@ -291,9 +310,11 @@ class RerunLog:
         if target.covariance is not None:
             text += f"; {_deviations(target.covariance)}"
             self._show_ellipsoid("found", target.covariance, time)
+
         self._stream.event(
             "state/log", rr.TextLog(text, level="INFO" if target.accepted else "WARN"), time
         )
+
         if target.path is not None:
             lifted = target.path.p - LIFT * target.path.z
             self._stream.event(
@@ -301,33 +322,38 @@ class RerunLog:
             )
 
     def _decided(self, target: Target, time: float) -> None:
-        """Log the mean of the finds, by which the work goes, with its covariance and that of the
-        path.
-        """
+        """Log the mean of the finds, by which the work goes, with its covariance and the path's."""
         self._goes_by = target
         if target.covariance is None:
             return
+
         text = f"mean of the finds: {_deviations(target.covariance)}"
         if (sigma := target.path_sigma) is not None:
             normal, along, across = (f"{1e3 * value:.1f}" for value in sigma.max(axis=0))
             text += f"; path: normal {normal} mm, along {along} mm, across {across} mm"
+
         self._stream.event("state/log", self._rr.TextLog(text, level="INFO"), time)
         self._show_ellipsoid("mean", target.covariance, time)
 
     def _look(self, image: DepthImage, X_WB: Array, time: float) -> None:
         """Show a depth frame where the camera took it, every second pixel."""
         rr, X_WC = self._rr, X_WB @ image.X_BC
+
         depth = (
             np.nan_to_num(1e3 * image.depth[::2, ::2], nan=0.0, posinf=0.0)
             .clip(0.0, 65535.0)
             .astype(np.uint16)
         )
+
+        # Every second pixel halves the camera matrix
         height, width = depth.shape
         K = image.K / 2.0
         K[2, 2] = 1.0
+
         w, x, y, z = quat_wxyz_from_rotation(X_WC[:3, :3])
         where = rr.Transform3D(translation=X_WC[:3, 3], quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
         eye = rr.Pinhole(image_from_camera=K, width=width, height=height, image_plane_distance=0.4)
+
         self._stream.event("world/camera", where, time)
         self._stream.event("world/camera", eye, time)
         self._stream.event("world/camera/depth", rr.DepthImage(depth, meter=1000.0), time)
@@ -346,6 +372,7 @@ class RerunLog:
         half, axes = covariance.ellipsoid()
         w, x, y, z = quat_wxyz_from_rotation(axes)
         color = SKY if name == "found" else YELLOW
+
         for suffix, scale, fill, label in (
             ("", 1.0, rr.components.FillMode.Solid, None),
             (

@@ -1,5 +1,4 @@
-"""Start of Rerun's viewer and command line without usage data, which they send to their makers by
-default.
+"""Start of Rerun's viewer and command line without usage data, sent to their makers by default.
 
 Writing a log sends nothing. Rerun's own switch, `rerun analytics disable`, writes into the user's
 home. Processes started here get CI=1 instead, under which they neither send usage data nor write
@@ -23,8 +22,7 @@ _PATIENCE = 20.0  # [s] longest time for compaction
 
 
 def send_to(rr: Any, stream: Any, file: Path, *, view: bool) -> None:
-    """Send a recording to a file, with `view` also to a viewer; where none starts, a line on stderr
-    says so.
+    """Send a recording to a file, with `view` also to a viewer; a line on stderr if none starts.
 
     Args:
         rr: The module `rerun`.
@@ -71,8 +69,7 @@ def _listens(patience: float) -> bool:
 
 
 def compact(file: Path) -> bool:
-    """Rewrite a closed log in fewer, larger chunks, which a viewer loads faster; True if it was
-    rewritten.
+    """Rewrite a closed log in fewer, larger chunks, which load faster; True if it was rewritten.
 
     1528 chunks of 8 MB become 52 of 6 MB, in about a second. On failure the log stays as it is.
     """
@@ -82,6 +79,7 @@ def compact(file: Path) -> bool:
             # a file that is no log would come out empty
             if log.read(3) != b"RRF" or file.stat().st_size < _SMALL:
                 return False
+
         command = [str(_program()), "rrd", "optimize", str(file), "-o", str(smaller)]
         subprocess.run(
             command,
@@ -90,6 +88,7 @@ def compact(file: Path) -> bool:
             timeout=_PATIENCE,
             env=os.environ | {"CI": "1"},
         )
+
         smaller.replace(file)
         return True
     except (ImportError, OSError, subprocess.SubprocessError):

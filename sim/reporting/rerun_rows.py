@@ -22,8 +22,7 @@ _STILL = np.zeros(3)
 
 
 class SeriesRows:
-    """Forces along and across the tool, path error, drift of the hull, thrusts, joints, and errors
-    of the estimate.
+    """Forces along and across the tool, path error, hull drift, thrusts, joints, estimate errors.
 
     Before the tare a felt force is only the bias of the torque sensors: it is left out.
     """
@@ -32,6 +31,7 @@ class SeriesRows:
         """Take the vehicle, and bounds to draw."""
         judged = bounds is not None and np.isfinite(bounds.path_deviation)
         self._bound = 1e3 * bounds.path_deviation if bounds is not None and judged else None  # [mm]
+
         n, m = len(vehicle.joint_names), len(vehicle.thruster_names)
         self._widths = (1, 3, 3, 3, 3, 3, m, n, n, 3, 3, 3, 3)
         self._rows: list[Array] = []
@@ -41,14 +41,17 @@ class SeriesRows:
         """Keep one step."""
         truth, reference, contact = moment.truth, moment.reference, moment.command.contact
         self._tared |= reference.tare
+
         felt, felt_W = (
             (contact.normal, contact.force_W)
             if self._tared and not reference.tare
             else (np.nan, _NOWHERE)
         )
+
         commanded = _NOWHERE
         if reference.state is WorkState.WORK and reference.X_WG is not None:
             commanded = reference.X_WG[:3, 3] + (truth.time - reference.time) * reference.v_WG_W
+
         self._rows.append(
             np.concatenate(
                 (
@@ -72,16 +75,20 @@ class SeriesRows:
         """Send the rows so far, and forget them."""
         if not self._rows:
             return
+
         parts = _columns(self._rows, self._widths)
         time, force, error, velocity, axis, drift, thrust, q, tau, felt_W, true_W, off, sigma = (
             parts
         )
+
+        # Errors along and across the path, and along the tool axis
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         tangent = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 1e-6)
         deviation = [
             np.sum(error * way, axis=1) for way in (tangent, np.cross(axis, tangent), axis)
         ]
         across = [np.linalg.norm(np.cross(axis, of_W), axis=1) for of_W in (felt_W, true_W)]
+
         for name, values in (
             ("force", force),
             ("tangential_force", np.column_stack(across)),
@@ -93,6 +100,7 @@ class SeriesRows:
             ("navigation", 1e3 * np.column_stack([off, sigma])),
         ):
             stream.columns(f"series/{name}", time[:, 0], _rr().Scalars.columns(scalars=values))
+
         if self._bound is not None:
             both = np.tile([self._bound, -self._bound], (2, 1))
             stream.columns(
@@ -101,9 +109,7 @@ class SeriesRows:
 
 
 class PoseRows:
-    """Poses of the vehicle's bodies, arrows of forces, jets and current, and the worked part of the
-    path.
-    """
+    """Poses of the vehicle's bodies, arrows of forces, jets and current, and the path worked."""
 
     def __init__(
         self, vehicle: Vehicle, moving: Sequence[tuple[int, str]], thrusters_B: Array
@@ -120,6 +126,7 @@ class PoseRows:
         self._arm_base, self._bodies = vehicle.arm_base, np.array([body for body, _ in moving])
         self._entities = [entity for _, entity in moving]
         self._widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3, 3, 3, 9, m)
+
         self._rows: list[Array] = []
         self._tip: Array | None = None
 
@@ -127,6 +134,7 @@ class PoseRows:
         """Keep one step."""
         truth, load = moment.truth, moment.command.hull_load
         working = moment.reference.state is WorkState.WORK
+
         self._rows.append(
             np.concatenate(
                 (
@@ -150,11 +158,14 @@ class PoseRows:
         """Send the rows so far, and forget them."""
         if not self._rows:
             return
+
         rr, rows, k = _rr(), len(self._rows), len(self._entities)
         parts = _columns(self._rows, self._widths)
         time, working, p, quat_wxyz, tip, axis, contact, base, hull, arm, current, R_WB, thrust = (
             parts
         )
+
+        # Bodies
         time = time[:, 0]
         p, quat_wxyz = p.reshape(rows, k, 3), quat_wxyz.reshape(rows, k, 4)
         for i, entity in enumerate(self._entities):
@@ -162,6 +173,8 @@ class PoseRows:
             stream.columns(
                 entity, time, rr.Transform3D.columns(translation=p[:, i], quaternion=xyzw)
             )
+
+        # Arrows
         above = hull + np.array([0.0, 0.0, 0.6])
         for name, origin, vector in (
             ("contact", tip, FORCE_SCALE * contact),
@@ -171,11 +184,14 @@ class PoseRows:
             stream.columns(
                 f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector)
             )
+
+        # Jets, against the thrust
         R_WB = R_WB.reshape(rows, 3, 3)
         places = np.einsum("nij,kj->nki", R_WB, self._thrusters_B) + hull[:, None]
         jets = -JET_SCALE * thrust[:, :, None] * np.einsum("nij,kj->nki", R_WB, self._pushes_B)
         arrows = rr.Arrows3D.columns(origins=places.reshape(-1, 3), vectors=jets.reshape(-1, 3))
         stream.columns("world/arrows/jets", time, arrows.partition([len(self._thrusters_B)] * rows))
+
         # over the planned one
         self._send_done(stream, time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)
 
@@ -185,6 +201,7 @@ class PoseRows:
         self._tip = tip[-1:]
         if not working.any():
             return
+
         pieces = np.stack([start, tip], axis=1)[working]
         stream.columns(
             "world/path/done", time[working], _rr().LineStrips3D.columns(strips=list(pieces))

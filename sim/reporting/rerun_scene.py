@@ -57,11 +57,10 @@ STATE_COLORS = dict(
 
 
 def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] | None:
-    """Triangle corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms; None
-    without any.
-    """
+    """Corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms, or None."""
     corners, normals, colors = [], [], []
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+
     for geom in range(first, first + count):
         rgba = np.asarray(model.geom_rgba[geom])
         if rgba[3] == 0.0:
@@ -70,6 +69,7 @@ def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarra
             vertices, triangles = _plane(model.geom_size[geom])
         else:
             vertices, triangles = tessellate(model, geom)
+
         surface = Surface.of(vertices, triangles)
         R = np.empty(9)
         mujoco.mju_quat2Mat(R, model.geom_quat[geom])
@@ -77,6 +77,7 @@ def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarra
         corners.append(surface.corners.reshape(-1, 3) @ R_BG.T + model.geom_pos[geom])
         normals.append(surface.normals.reshape(-1, 3) @ R_BG.T)
         colors.append(np.tile(np.round(255 * rgba).astype(np.uint8), (len(corners[-1]), 1)))
+
     return (
         (np.concatenate(corners), np.concatenate(normals), np.concatenate(colors))
         if corners
@@ -103,9 +104,7 @@ def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> A
 
 
 def _plane(size: Array) -> tuple[Array, np.ndarray]:
-    """Rectangle for a plane geom, at most 8 m wide, so that the initial view shows the objects on
-    it.
-    """
+    """Rectangle for a plane geom, at most 8 m wide, so that the first view shows what is on it."""
     x, y = (min(half, 4.0) if half > 0.0 else 4.0 for half in size[:2])
     return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array(
         [[0, 1, 2], [0, 2, 3]]
@@ -113,9 +112,7 @@ def _plane(size: Array) -> tuple[Array, np.ndarray]:
 
 
 def blueprint(middle: Array) -> Any:
-    """Viewer layout: 3D view around `middle` (3,) [m], time series of the work beside it, states
-    below.
-    """
+    """Viewer layout: 3D view around `middle` (3,) [m], time series beside it, states below."""
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -139,10 +136,12 @@ def blueprint(middle: Array) -> Any:
         ),
         overrides={"world/path/done": rrb.VisibleTimeRanges(so_far)},
     )
+
     return rrb.Blueprint(
         rrb.Vertical(
             rrb.Horizontal(
                 scene,
+                # time series, in tabs
                 rrb.Tabs(
                     rrb.Vertical(
                         plot("force", "Normal force"),
@@ -165,6 +164,7 @@ def blueprint(middle: Array) -> Any:
                 ),
                 column_shares=[3, 2],
             ),
+            # states and log, below
             rrb.Horizontal(
                 rrb.StateTimelineView(origin="state/now", name="State"),
                 rrb.TextLogView(origin="state/log", name="Log"),
@@ -196,10 +196,12 @@ def draw(
 
     moving = []
     log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+
     for body in range(model.nbody):
         name = model.body(body).name or f"body{body}"
         carried = model.body_rootid[body] == model.body_rootid[vehicle.hull]
         entity = f"world/vehicle/{name}" if carried else f"world/scene/{name}"
+
         mesh = body_mesh(model, body)
         if mesh is not None:
             vertices, normals, colors = mesh
@@ -207,11 +209,14 @@ def draw(
                 f"{entity}/shape",
                 rr.Mesh3D(vertex_positions=vertices, vertex_normals=normals, vertex_colors=colors),
             )
+
         if carried:
             moving.append((body, entity))
         else:
             xyzw = np.roll(data.xquat[body], -1)
             log(entity, rr.Transform3D(translation=data.xpos[body], quaternion=xyzw))
+
+    # Styles of the arrows and of the worked path, which the rows fill
     for name, color, radius in (
         ("contact", VERMILION, 0.012),
         ("arm_on_hull", ORANGE, 0.012),
@@ -223,6 +228,7 @@ def draw(
         )
         log(f"world/arrows/{name}", style)
     log("world/path/done", rr.LineStrips3D.from_fields(colors=GREEN, radii=0.009))
+
     return moving
 
 
@@ -249,6 +255,7 @@ def describe_series(log: StaticLog, vehicle: Vehicle) -> None:
         ),
         "path_error/bound": ("bound [mm]", "bound [mm]"),
     }
+
     for name, labels in names.items():
         colors = [LINES[i % len(LINES)] for i in range(len(labels))]
         if name in ("force", "tangential_force"):
@@ -256,6 +263,7 @@ def describe_series(log: StaticLog, vehicle: Vehicle) -> None:
         if name.endswith("/bound"):
             colors = [VERMILION] * len(labels)
         log(f"series/{name}", rr.SeriesLines(names=labels, colors=colors, widths=1.5))
+
     log(
         "state/now",
         rr.StateConfiguration(

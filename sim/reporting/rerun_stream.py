@@ -1,6 +1,4 @@
-"""File of a visual log: what is sent to it, and how a file that can no longer be written is given
-up.
-"""
+"""File of a visual log: what is sent to it, and how an unwritable file is given up."""
 
 import ctypes
 import os
@@ -18,9 +16,7 @@ ROOM = 4 << 20
 
 
 class LogStream:
-    """A Rerun recording in a file; after a failed write it is abandoned, with one line on
-    stderr.
-    """
+    """A Rerun recording in a file; after a failed write abandoned, with one line on stderr."""
 
     def __init__(self, path: Path, title: str, *, view: bool) -> None:
         """Open the file.
@@ -35,6 +31,7 @@ class LogStream:
         self._rr, self._path = rr, path
         self._whole: list[int] = []  # [bytes] readable size of the file after each flush
         self.lost = ""  # why the log was abandoned; empty: it was not
+
         self._stream = rr.RecordingStream("uuv-arm")
         send_to(rr, self._stream, path, view=view)
         self._stream.send_recording_name(title)
@@ -72,8 +69,7 @@ class LogStream:
             self._whole.append(self._path.stat().st_size)
 
     def give_up(self, reason: str, time: float) -> None:
-        """Abandon the log with one message; keep the readable part of the file, less ROOM if the
-        disk is full.
+        """Abandon the log with one message; keep its readable part, less ROOM if the disk is full.
 
         Args:
             reason: why it can no longer be written.
@@ -85,10 +81,12 @@ class LogStream:
             f"run log: lost from {time:.1f} s on, the run goes on ({self.lost}): {self._path}",
             file=sys.stderr,
         )
+
         # Closing or destroying a stream whose writer is dead can block forever: keep it alive.
         self._rr.unregister_shutdown()
         for each in (self._stream, getattr(self._stream, "inner", None)):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
+
         most = (self._path.stat().st_size if self._path.is_file() else 0) - (ROOM if full else 0)
         self._whole = [size for size in self._whole if size <= most] or [0]
         self._cut()

@@ -1,6 +1,4 @@
-"""Figures of a report on work in the seabed: vehicle over the ground, forces and depth, tip
-motion.
-"""
+"""Figures of a report on work in the seabed: vehicle over the ground, forces, depth, tip."""
 
 from collections.abc import Iterator
 
@@ -33,6 +31,7 @@ def seabed_figures(recording: Recording, truth: TrueGround) -> Iterator[tuple[st
         f"{_BESIDE:g} m of the section, the targets as found, hull and arm."
     )
     yield "Vehicle at its height", caption, _section(recording, truth)
+
     rows = np.flatnonzero(recording.within(*IN_THE_SOIL))[::_THIN]
     if len(rows):
         yield (
@@ -40,6 +39,7 @@ def seabed_figures(recording: Recording, truth: TrueGround) -> Iterator[tuple[st
             "True and felt force along the tool, true depth of its tip, height of the hull.",
             _soil(recording, truth, rows),
         )
+
     if recording.within(WorkState.WORK).any() and truth.push is None:
         yield (
             "Along the profile",
@@ -56,15 +56,15 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
     heading = R_WB[:2, 0] / np.linalg.norm(R_WB[:2, 0])
 
     def seen(points: Array) -> Array:
-        """Coordinates (N, 2) [m] along the heading from the hull, and up from the middle of the
-        terrain.
-        """
+        """Coordinates (N, 2) [m] along the heading from the hull, up from the terrain's middle."""
         return np.column_stack(
             [(points[:, :2] - p_WB[:2]) @ heading, points[:, 2] - truth.ground.center_W[2]]
         )
 
     figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
     axes = figure.subplots()
+
+    # True ground under the tip
     tip = recording["p_pad"].value[row]
     beside = np.array([-heading[1], heading[0]])
     off = float((tip[:2] - p_WB[:2]) @ beside)
@@ -77,11 +77,15 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
         linewidth=1.2,
         label="true ground",
     )
+
+    # Scan near the section
     scan = recording.clouds.get("scan", np.zeros((0, 3)))
     near = np.abs((scan[:, :2] - p_WB[:2]) @ beside - off) < _BESIDE
     scan = seen(scan[near])
     within = (scan[:, 0] > along[0]) & (scan[:, 0] < along[-1])
     axes.plot(*scan[within].T, ".", color=FAINT, markersize=2, label="scan")
+
+    # Hull, arm and targets
     (x0, _, z0), (x1, _, z1) = truth.hull_box
     corners = np.array([[x0, 0, z0], [x1, 0, z0], [x1, 0, z1], [x0, 0, z1], [x0, 0, z0]])
     axes.plot(
@@ -90,6 +94,7 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
         linewidth=1.5,
         label="hull",
     )
+
     if "body_pose" in recording:
         poses = recording["body_pose"]
         now = poses.value[np.searchsorted(poses.time, recording["p_WB"].time[row]) - 1].reshape(
@@ -99,9 +104,11 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
         axes.plot(
             *seen(np.vstack([now[links, :3], tip])).T, "o-", color=BLUE, markersize=3, label="arm"
         )
+
     targets = recording.clouds.get("targets")
     if targets is not None:
         axes.plot(*seen(targets).T, "^", color=VERMILION, label="targets")
+
     axes.set_aspect("equal")
     axes.set_xlabel("along the heading [m]")
     axes.set_ylabel("height [m]")
@@ -113,6 +120,7 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
     time = recording["p_pad"].time[rows]
     figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
     force, depth, hull = figure.subplots(3, 1, sharex=True)
+
     force.plot(
         time, recording["felt_normal"].scalar[rows], color=ORANGE, linewidth=0.8, label="felt"
     )
@@ -123,9 +131,11 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
         force.axhline(truth.push, color=FAINT, linewidth=0.8, linestyle="--")
     force.set_ylabel("push [N]")
     force.legend(frameon=False, fontsize=9, ncols=2)
+
     depth.plot(time, 1e3 * tip_depth(recording, truth.ground)[rows], color=BLUE, linewidth=1.0)
     depth.invert_yaxis()
     depth.set_ylabel("depth [mm]")
+
     p_WB = recording["p_WB"].value[rows]
     for axis, color, label in ((2, VERMILION, "up"), (0, BLUE, "x"), (1, GREEN, "y")):
         hull.plot(
@@ -134,6 +144,8 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
     hull.set_ylabel("hull [mm]")
     hull.set_xlabel("time [s]")
     hull.legend(frameon=False, fontsize=9, ncols=3)
+
+    # Changes of state
     for event in recording.events:
         if time[0] - 1e-9 <= event.time <= time[-1]:
             for axes in (force, depth, hull):
@@ -147,6 +159,7 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
                 fontsize=8,
                 rotation=30,
             )
+
     return figure
 
 
@@ -154,9 +167,11 @@ def _profile(recording: Recording, truth: TrueGround) -> Figure:
     rows = np.flatnonzero(recording.within(WorkState.WORK))[::_THIN]
     tip, asked = recording["p_pad"].value[rows], recording["p_command"].value[rows]
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(asked[:, :2], axis=0), axis=1))])
+
     figure = Figure(figsize=(WIDTH, 3.5), layout="constrained")
     axes = figure.subplots()
     level = truth.ground.center_W[2]
+
     axes.plot(
         s, 1e3 * (truth.ground.height(asked) - level), color=INK, linewidth=1.2, label="true ground"
     )
@@ -164,6 +179,7 @@ def _profile(recording: Recording, truth: TrueGround) -> Figure:
         s, 1e3 * (asked[:, 2] - level), color=ORANGE, linewidth=1.0, linestyle="--", label="asked"
     )
     axes.plot(s, 1e3 * (tip[:, 2] - level), color=BLUE, linewidth=1.0, label="tip")
+
     axes.set_xlabel("along the path [m]")
     axes.set_ylabel("height [mm]")
     axes.legend(frameon=False, fontsize=9, ncols=3)

@@ -1,5 +1,4 @@
-"""Files of tables of series: Parquet, or .npz without the package pyarrow; what is read may be
-anyone's.
+"""Files of tables of series: Parquet, or .npz without pyarrow; files read may be anyone's.
 
 A column has a name, values, a unit, and the series that it is part of.
 """
@@ -94,6 +93,7 @@ def write_table(file: Path, columns: Sequence[Column]) -> None:
         arrays.append(pa.array(column.values))
         about = {key.encode(): value.encode() for key, value in column.about.items()}
         fields.append(pa.field(column.name, arrays[-1].type, metadata=about))
+
     pq.write_table(
         pa.table(arrays, schema=pa.schema(fields)),
         content,
@@ -106,6 +106,7 @@ def write_table(file: Path, columns: Sequence[Column]) -> None:
             if np.issubdtype(column.values.dtype, np.floating)
         },
     )
+
     write_whole(file.with_suffix(".parquet"), content.getvalue())
 
 
@@ -122,12 +123,14 @@ def read_table(file: Path) -> dict[str, Column]:
     lengths = {column.values.shape for column in columns}
     if len(lengths) != 1 or len(next(iter(lengths))) != 1 or not next(iter(lengths))[0]:
         raise ConfigurationError(f"{what}: its columns must have one length, at least 1")
+
     for column in columns:
         named = column.name + column.series
         if len(named) > 2 * _LONGEST_NAME or commands_a_terminal(named):
             raise ConfigurationError(f"{what}: {shown(column.name)} is no name of a column")
         if len(column.unit) > 20 or commands_a_terminal(column.unit):
             raise ConfigurationError(f"{what}: {shown(column.unit)} is no unit")
+
         if column.values.dtype.kind == "O":  # of Arrow: texts, or numbers with gaps
             if not all(isinstance(each, str) for each in column.values):
                 raise ConfigurationError(
@@ -136,6 +139,7 @@ def read_table(file: Path) -> dict[str, Column]:
             checked(column.values.tolist(), column.name)
         elif column.values.dtype.kind not in "bifuU":
             raise ConfigurationError(f"{what}: {shown(column.name)} is neither numbers nor texts")
+
     return {column.name: column for column in columns}
 
 
@@ -159,6 +163,8 @@ def arrow_table(file: Path) -> "pa.Table":
             for i in range(told.num_row_groups)
             for k in range(told.num_columns)
         ]
+
+        # What it takes in memory, checked before it is read
         unpacked = sum(part.total_uncompressed_size for part in parts)
         if told.num_rows * told.num_columns > MOST_NUMBERS or unpacked > _MOST_BYTES:
             raise ConfigurationError(f"{what}: more than {MOST_NUMBERS} values")
@@ -166,11 +172,13 @@ def arrow_table(file: Path) -> "pa.Table":
             part.has_dictionary_page or not _ENCODINGS.issuperset(part.encodings) for part in parts
         ):
             raise ConfigurationError(f"{what}: encoded otherwise than a run writes it")
+
         table = stored.read()
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
         if isinstance(error, ConfigurationError):
             raise
         raise ConfigurationError(f"{what}: is no whole Parquet file") from error
+
     if len(set(table.schema.names)) < len(table.schema.names):
         raise ConfigurationError(f"{what}: two columns have one name")
     return table
@@ -184,6 +192,7 @@ def _from_parquet(table: "pa.Table") -> list[Column]:
             key: told.get(key.encode(), b"").decode(errors="replace") for key in ("unit", "series")
         }
         columns.append(Column(field.name, table[field.name].to_numpy(), **about))
+
     return columns
 
 
@@ -193,6 +202,7 @@ def _from_npz(file: Path, what: str) -> list[Column]:
         with zipfile.ZipFile(raw) as archive:
             if sum(entry.file_size for entry in archive.infolist()) > _MOST_BYTES:
                 raise ConfigurationError(f"{what}: more than {MOST_NUMBERS} values")
+
         with np.load(raw) as stored:  # which unpickles nothing
             about = parsed_json(str(stored[_ABOUT]), f"{what}: about")
             names = TableReader("about").made(_Abouts, {"columns": about}).columns

@@ -53,12 +53,14 @@ def write_series(recording: "Recording", folder: Path) -> None:
     """
     for name, columns in _tables(recording).items():
         write_table(folder / f"{_FILE}{name}", columns)
+
     events = recording.events
     texts = {
         "state": [str(event.state) for event in events],
         "abort": ["" if event.abort is None else str(event.abort) for event in events],
         "note": [event.note for event in events],
     }
+
     times = Column("time", np.array([event.time for event in events]), "s")
     write_table(
         folder / EVENTS,
@@ -72,11 +74,13 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
     for name, series in recording.series.items():
         if len(series.time):
             by_time.setdefault((len(series.time), float(series.time[0])), []).append((name, series))
+
     made: dict[str, list[Column]] = {}
     for group in by_time.values():
         title = next((_NAMES[name] for name, _ in group if name in _NAMES), SLOW)
         while title in made:  # series that begin later, such as an estimate after the tare
             title += LATE
+
         made[title] = [Column("time", group[0][1].time, "s")]
         for name, series in group:
             labels = series.labels
@@ -86,6 +90,7 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
                     for body in series.labels
                     for part in ("x", "y", "z", "qw", "qx", "qy", "qz")
                 )
+
             width = series.value.shape[1]
             if len(labels) != width:
                 labels = tuple(map(str, range(width))) if width > 1 else ()
@@ -93,6 +98,7 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
             made[title] += [
                 Column(word, series.value[:, i], series.unit, name) for i, word in enumerate(words)
             ]
+
     return made
 
 
@@ -127,11 +133,13 @@ class PastRun:
         file = self.folder / METRICS
         content = json_of(file, "metrics")
         checked_format(content, f"metrics {shown(str(file))}")
+
         try:
             ended = TableReader(METRICS, passes_unknown=True).made(EveryRun, content).run.state
             one_of(ended, STATES, "run.state")
         except ConfigurationError as error:
             raise ConfigurationError(f"metrics {shown(str(file))}: {error}") from error
+
         return content
 
     @property
@@ -149,8 +157,7 @@ class PastRun:
 
     @property
     def rates(self) -> tuple[str, ...]:
-        """Names of the tables of series: LOOP at the loop's rate, SLOW at 50 Hz, POSES of all
-        bodies at 25 Hz.
+        """Names of the tables of series: LOOP at the loop's rate, SLOW at 50 Hz, POSES at 25 Hz.
 
         Series that begin later, such as an estimate of the controller after the tare, have a table
         with LATE.
@@ -159,8 +166,7 @@ class PastRun:
         return tuple(sorted({file.stem.removeprefix(_FILE) for file in files}))
 
     def table(self, rate: str = LOOP) -> "pa.Table":
-        """Series of one rate, or EVENTS; `.to_pandas()` makes a data frame of it, where pandas is
-        installed.
+        """Series of one rate, or EVENTS; with pandas `.to_pandas()` makes a data frame of it.
 
         Raises:
             ConfigurationError: There is no such table.
@@ -195,6 +201,7 @@ class PastRun:
             raise ConfigurationError(
                 f"{self.folder}: the column {shown(name)} of {rate!r} is not numeric"
             )
+
         return values
 
     def units(self, rate: str = LOOP) -> dict[str, str]:
@@ -219,6 +226,8 @@ class PastRun:
                 raise ConfigurationError(
                     f"{self.folder}: the times of its series {rate!r} do not rise"
                 )
+
+            # Columns by series
             parts: dict[str, list[Column]] = {}
             for column in columns.values():
                 if column.series:
@@ -227,6 +236,7 @@ class PastRun:
                 labels = tuple(column.label for column in group) if group[0].label else ()
                 value = np.column_stack([self.numbers(column.name, rate) for column in group])
                 series[name] = Series(time=time, value=value, unit=group[0].unit, labels=labels)
+
         self._check_layout(series)
         return RecordedSeries(duration=self.simulated_s, series=series, events=self.events)
 
@@ -243,8 +253,10 @@ class PastRun:
         columns = self._columns(EVENTS)
         times = self.numbers("time", EVENTS).tolist()
         texts = [self._texts(columns, name) for name in ("state", "note", "abort")]
+
         if not np.isfinite(times).all() or sorted(times) != times:
             raise ConfigurationError(f"{self.folder}: the times of its events do not rise")
+
         made = []
         for time, state, note, abort in zip(times, *texts, strict=True):
             one_of(state, [*WorkState], f"{self.folder}: state of an event")
@@ -252,23 +264,24 @@ class PastRun:
                 one_of(abort, [*AbortCode], f"{self.folder}: cause of an event")
             cause = AbortCode(abort) if abort else None
             made.append(Event(time=float(time), state=WorkState(state), note=note, abort=cause))
+
         return tuple(made)
 
     def _check_layout(self, series: "Mapping[str, Series]") -> None:
-        """Refuses series of every step that have another number of columns, or of rows than the
-        state of the work.
-        """
+        """Refuses series of every step with other numbers of columns, or of rows, than `state`."""
         from uuv.sim.loop.logged_columns import WIDTHS
 
         if "state" not in series:
             raise ConfigurationError(
                 f"{self.folder}: its tables are of another version, without the series 'state'"
             )
+
         for name, width in WIDTHS.items():
             if name in series and series[name].value.shape != (len(series["state"].time), width):
                 raise ConfigurationError(
                     f"{self.folder}: the series {name!r} must have {width} columns of loop's rate"
                 )
+
         for name in ("arm_wrench", "believed.arm_wrench_B"):
             if name in series and series[name].value.shape[1] != 6:
                 raise ConfigurationError(f"{self.folder}: the series {name!r} must have 6 columns")
@@ -289,6 +302,7 @@ class PastRun:
                 raise ConfigurationError(
                     f"{self.folder}: its tables have more than {MOST_NUMBERS} values"
                 )
+
             self._kept[rate] = read
         return self._kept[rate]
 
@@ -297,6 +311,7 @@ class PastRun:
         for ending in ENDINGS:
             if (file := self.folder / f"{stem}{ending}").exists():
                 return file
+
         known = (
             ", ".join((*self.rates, EVENTS)) if self.rates else "none: it was run with --no-record"
         )
@@ -306,6 +321,7 @@ class PastRun:
         """Card for a notebook."""
         run = self.metrics["run"]
         rows = [("ended", str(run["state"]), ""), ("simulated", f"{self.simulated_s:.0f}", "s")]
+
         for title, table, name, scale, unit in (
             ("force error, RMS", "contact", "force_error_rms_n", 1.0, "N"),
             ("force error, peak", "contact", "force_error_max_n", 1.0, "N"),
@@ -316,6 +332,7 @@ class PastRun:
             value = figures.get(name) if isinstance(figures, Mapping) else None
             if isinstance(value, int | float):
                 rows.append((title, f"{scale * value:.2f}", unit))
+
         return page.card(
             str(self.folder), bool(self.metrics["accepted"]), self.metrics["failed"], rows
         )
@@ -330,4 +347,5 @@ def card_of(title: str, assessment: "Assessment") -> str:
         for check in assessment.checks
         if check.value is not None
     ]
+
     return page.card(title, assessment.accepted, assessment.failed, rows)

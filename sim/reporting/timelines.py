@@ -1,6 +1,4 @@
-"""Interactive time series of one run, or of two laid over each other: one time axis for all, with
-zoom, by Plotly.
-"""
+"""Interactive time series of one run or two, by Plotly: one time axis for all, with zoom."""
 
 import html
 from collections.abc import Iterator, Mapping, Sequence
@@ -62,9 +60,12 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
         name: {panel.title: panel for panel in panels(recorded, bounds)}
         for name, recorded in runs.items()
     }
+
     titles = list(dict.fromkeys(title for found in drawn.values() for title in found))
     if not titles:
         return ""
+
+    # Panels of all runs, one above the other
     figure = make_subplots(rows=len(titles), shared_xaxes=True, vertical_spacing=0.16 / len(titles))
     for row, title in enumerate(titles, start=1):
         _draw(
@@ -73,11 +74,15 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
             {k: found[title] for k, found in enumerate(drawn.values()) if title in found},
             start,
         )
+
+    # States shaded, first shown from the approach on
     first = next(iter(runs.values()))
     _shade(figure, first, start[0])
     touched = next((event.time for event in first.events if event.state in CONTACT), None)
     if touched is not None:
         figure.update_xaxes(range=[touched - start[0], first.duration - start[0]])
+
+    # Layout
     since = "start of the work" if any(start) else "start of the run"
     figure.update_xaxes(title_text=f"time from the {since} [s]", row=len(titles), col=1)
     figure.update_xaxes(gridcolor="rgba(128,128,128,.22)", zeroline=False)
@@ -93,6 +98,7 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
         title={"text": _legend(list(runs)), "font": {"size": 13}} if len(runs) > 1 else None,
         **_legends(figure, len(titles)),
     )
+
     made = to_html(
         figure,
         full_html=False,
@@ -106,6 +112,7 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
 def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[Panel]:
     """The panels that a run has data for."""
     contact = recorded.within(*CONTACT)
+
     if contact.any() and recorded["set_force"].scalar.any():
         time = recorded["contact_normal"].time[contact]
         force = {"set": "set_force", "felt": "felt_normal", "true": "contact_normal"}
@@ -116,6 +123,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
                 for (said, name), colour in zip(force.items(), (FAINT, ORANGE, BLUE), strict=True)
             ],
         )
+
         yield Panel(
             "tangential force [N]",
             [
@@ -128,11 +136,14 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
                 )
             ],
         )
+
         work = recorded.within(WorkState.WORK)
         if work.any():
             wrong = recorded["contact_normal"].scalar[work] - recorded["set_force"].scalar[work]
             line = Line("true − set", recorded["contact_normal"].time[work], wrong, BLUE)
             yield Panel("force error [N]", [line], _both(bounds and bounds.force_error_max))
+
+    # Path
     if (error := path_error(recorded)) is not None:
         judged = bounds is not None and np.isfinite(bounds.path_deviation)
         parts = (
@@ -148,6 +159,8 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             ],
             _both(1e3 * bounds.path_deviation if bounds is not None and judged else None),
         )
+
+    # Hull
     if (motion := hull_motion(recorded)) is not None:
         time, displacement, turn = motion
         lines = [
@@ -155,6 +168,8 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
         ]
         yield Panel("hull from its place [mm]", lines)
         yield Panel("turn of the hull [deg]", [Line("turn", time, np.degrees(turn), BLUE)])
+
+    # Drives and current
     for name, title, scale in (
         ("thrust", "thrust [N]", 1.0),
         ("tau_drive", "joint torque [N m]", 1.0),
@@ -175,6 +190,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
                     for i, label in enumerate(series.labels)
                 ],
             )
+
     yield from _arm_wrench(recorded)
 
 
@@ -182,6 +198,7 @@ def _arm_wrench(recorded: RecordedSeries) -> Iterator[Panel]:
     if "arm_wrench" not in recorded or "believed.arm_wrench_B" not in recorded:
         return
     true, believed = recorded["arm_wrench"], recorded["believed.arm_wrench_B"]
+
     for first, title in ((0, "arm's force on the hull [N]"), (3, "arm's moment on the hull [N m]")):
         lines = []
         for i, axis in enumerate(_AXES):
@@ -191,6 +208,7 @@ def _arm_wrench(recorded: RecordedSeries) -> Iterator[Panel]:
                     f"{axis} believed", believed.time, believed.value[:, first + i], _COLOURS[i + 3]
                 )
             )
+
         yield Panel(title, lines)
 
 
@@ -199,13 +217,12 @@ def _both(bound: float | None) -> tuple[float, ...]:
 
 
 def _starts(runs: Sequence[RecordedSeries]) -> list[float]:
-    """Time [s] that is drawn as 0, of each run: 0 for one alone, the start of the work where all
-    have worked.
-    """
+    """Time [s] drawn as 0 of each run: the start of the work where several all worked, else 0."""
     begun = [
         next((event.time for event in run.events if event.state is WorkState.WORK), None)
         for run in runs
     ]
+
     if len(runs) == 1 or None in begun:
         return [0.0] * len(runs)
     return [float(time) for time in begun if time is not None]
@@ -217,6 +234,7 @@ def _draw(
     """One panel with the lines of all runs, by their number, and its bounds."""
     told: set[str] = set()  # names in the legend
     legend = f"legend{row}" if row > 1 else "legend"
+
     for k, panel in of_runs.items():
         for line in panel.lines:
             time, value = thinned(line.time - start[k], line.value)
@@ -236,6 +254,7 @@ def _draw(
                 col=1,
             )
             told.add(line.name)
+
     panel = next(iter(of_runs.values()))
     figure.update_yaxes(title_text=panel.title, row=row, col=1)
     for bound in panel.bounds:
@@ -258,14 +277,14 @@ def _legends(figure: go.Figure, count: int) -> dict[str, dict[str, object]]:
             "bgcolor": "rgba(0,0,0,0)",
             "font": {"size": 11},
         }
+
     return made
 
 
 def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:
-    """Shades the work state of the first run, and names the states that are long enough to be
-    read.
-    """
+    """Shades the work state of the first run; names the states that are long enough to read."""
     ends = [event.time for event in recorded.events[1:]] + [recorded.duration]
+
     for event, end in zip(recorded.events, ends, strict=True):
         if event.state is WorkState.WORK:
             shade: dict[str, Any] = {
@@ -276,6 +295,7 @@ def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:
                 "col": 1,
             }
             figure.add_vrect(event.time - start, end - start, **shade)
+
         if event.state is WorkState.WORK or end - event.time > 0.05 * recorded.duration:
             figure.add_annotation(
                 x=0.5 * (event.time + end) - start,
@@ -300,11 +320,13 @@ def thinned(time: Array, value: Array) -> tuple[Array, Array]:
     if size <= 2:
         return time, value
     count = -(-len(time) // size)
+
     bins = np.pad(value, (0, count * size - len(value)), mode="edge").reshape(count, size)
     least = np.where(np.isnan(bins), np.inf, bins).argmin(axis=1)
     most = np.where(np.isnan(bins), -np.inf, bins).argmax(axis=1)
     extremes = np.sort(np.stack([least, most], axis=1), axis=1)
     rows = np.minimum((extremes + size * np.arange(count)[:, None]).ravel(), len(value) - 1)
+
     return time[rows], value[rows]
 
 

@@ -1,5 +1,4 @@
-"""Common start and end of every scenario script: options, import check, signals, one-line errors
-and exit codes.
+"""Common start and end of scenario scripts: options, import check, signals, errors, exit codes.
 
 Exit codes: 0 done; 1 done, outside its bounds; 2 bad input; 70 an error of the program; 130 and 143
 ended by Ctrl-C and by SIGTERM; 141 the reader of its output is gone.
@@ -105,8 +104,7 @@ def interrupt(number: int, _frame: FrameType | None = None) -> NoReturn:
 
 
 def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
-    """Parse `args` (default: the command line) into a `kind` with tyro; a mistake ends in one line
-    and exit code 2.
+    """Parse `args` (default: the command line) into a `kind` with tyro; a mistake ends with code 2.
 
     TRACEBACK is removed first: `run_scenario` evaluates it.
     """
@@ -114,12 +112,14 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 
     args = [arg for arg in (sys.argv[1:] if args is None else args) if arg != TRACEBACK]
     said = io.StringIO()
+
     try:
         with contextlib.redirect_stderr(said):
             options = cli(kind, args)
     except SystemExit as stop:
         if stop.code != BAD_INPUT:
             raise  # --help
+
         # tyro draws a box, in colour on a terminal: title, message, a horizontal rule, help.
         rows = (
             row.strip(" │|")
@@ -127,6 +127,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         )
         parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
         mistake = next((part for part in parts if part.strip()), "bad options")
+
         if mistake.strip().startswith("Missing from"):
             lacking = (
                 entry.split()[0]
@@ -134,18 +135,22 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
                 if entry.split()
             )
             mistake = f"{', '.join(lacking)}: missing"
+
         unknown = re.search(r"Unrecognized options?: (--[\w-]+)", mistake)
         known = [f"--{each.name.replace('_', '-')}" for each in fields(cast(Any, kind))]
         meant = did_you_mean(unknown[1], known) if unknown else ""
         raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options){meant}") from None
+
     global _typed
     _typed = kind
+
     for name, value in vars(options).items():
         if name.endswith("seed") and value is not None and value < 0:
             raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, float) and not math.isfinite(number):
                 raise _refusal(f"--{name.replace('_', '-')}: must be finite, got {number}")
+
     return options
 
 
@@ -189,6 +194,7 @@ def with_options(message: str, kind: type[Any]) -> str:
     text = _KEY.sub(named, message)
     if head and head[0] in names & bare:
         text = f"--{head[0].replace('_', '-')}{text[head.end() :]}"
+
     return text
 
 
@@ -208,12 +214,16 @@ def _exit(main: Callable[[], int | None]) -> NoReturn:
     try:
         with signals(interrupt):
             code = main()
+
+    # An exit that the run has asked for, or a reader of its output that is gone.
     except (BrokenPipeError, SystemExit) as error:
         if reader_is_gone(error):
             give_back()
         elif isinstance(error, BrokenPipeError):
             raise _failure(error) from None
         raise
+
+    # A mistake of the user, a package that is missing, or a request to end.
     except UuvError as error:
         give_back()
         raise _refusal(with_options(str(error), _typed)) from None
@@ -227,6 +237,8 @@ def _exit(main: Callable[[], int | None]) -> NoReturn:
         raise SystemExit(
             stop.code if isinstance(stop, Interrupted) else Interrupted().code
         ) from None
+
+    # An error of the program, or of a user's own module.
     except Exception as error:
         give_back()
         raise _failure(error) from None
@@ -234,19 +246,17 @@ def _exit(main: Callable[[], int | None]) -> NoReturn:
 
 
 def _failure(error: Exception) -> SystemExit:
-    """Exit for an unexpected error, told in one line, after its traceback where that is asked
-    for.
-    """
+    """Exit for an unexpected error, in one line; its traceback first where that is asked for."""
     if TRACEBACK in sys.argv or os.environ.get("UUV_TRACEBACK"):
         traceback.print_exc()
     return _refusal(*_blame(error))
 
 
 def _blame(error: Exception) -> tuple[str, int]:
-    """Message and exit code of an unexpected error: raised in a user's own module, else in the
-    program.
-    """
+    """Message and exit code of an unexpected error, of a user's own module or of the program."""
     said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+
+    # A user's own module counts before the program that called it
     places = list(_places(error.__traceback__))
     folders = [_HOME / name for name in ("uuv", *ROOMS, "scripts")]
     ours = [place for place in places if any(place[2].is_relative_to(folder) for folder in folders)]
@@ -255,15 +265,14 @@ def _blame(error: Exception) -> tuple[str, int]:
         frame, line, file = of_user[-1]
         module = frame.f_globals.get("__name__", file.stem)
         return f"{module}: {frame.f_code.co_qualname} raised {said} ({file}:{line})", BAD_INPUT
+
     _, line, file = (ours or places)[-1]
     where = file.relative_to(_HOME) if file.is_relative_to(_HOME) else file
     return f"internal: {said} ({where}:{line}; {TRACEBACK} shows the way there)", INTERNAL
 
 
 def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]]:
-    """Frame, line and file of each level of a traceback, outermost first; levels without a file are
-    skipped.
-    """
+    """Frame, line and file of each level of a traceback that has a file, outermost first."""
     for frame, line in traceback.walk_tb(trace):
         if not frame.f_code.co_filename.startswith("<"):
             yield frame, line, Path(frame.f_code.co_filename).resolve()

@@ -17,20 +17,20 @@ def help_texts(kind: type) -> dict[str, str]:
         body = None if file is None else _classes(file).get(base.__qualname__)
         if body is None:  # typed in at a prompt, or made by a function
             continue
+
         for declared, below in pairwise(body.body):
             match declared, below:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(
                     value=ast.Constant(value=str(text))
                 ):
                     texts[name] = " ".join(text.split())
+
     return texts
 
 
 @cache
 def _classes(file: str) -> Mapping[str, ast.ClassDef]:
-    """Source of each class of a module's file; read once, where `inspect.getsource` would read it
-    for every class.
-    """
+    """Source of each class of a module's file, read once; `inspect.getsource` reads it for each."""
     try:
         tree = ast.parse(Path(file).read_text(encoding="utf-8"))
     except (OSError, SyntaxError):  # of a plug-in that has changed since it was imported

@@ -1,5 +1,4 @@
-"""Options of a command in groups: `tyro` shows each group under its title, and one class still
-holds them all.
+"""Options of a command in groups: tyro shows each under its title; one class holds them all.
 
 A class of options, or a base of it, tells its groups by `groups`: title, and names of its fields.
 What a field means stands below it, or in `abouts` of a class that is made at run time.
@@ -29,9 +28,11 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
         return tyro.cli(kind, args=args)
     hints, texts = get_type_hints(kind, include_extras=True), help_texts(kind)
     members: dict[str, list[tuple[str, Any, Any]]] = {title: [] for title in titles.values()}
+
     for each in fields(cast(Any, kind)):
         hint = Annotated[hints[each.name], tyro.conf.arg(help=texts.get(each.name, ""))]
         members[titles[each.name]].append((each.name, hint, _default(each)))
+
     parts = []
     for title, group in members.items():
         part = make_dataclass(title, group, kw_only=True)
@@ -42,6 +43,8 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
         # else tyro looks for its source
         hint = Annotated[part, tyro.conf.OmitArgPrefixes, tyro.conf.arg(help="")]
         parts.append((title, hint, field(default_factory=part) if whole else field()))
+
+    # Read by groups, handed to the class
     grouped = make_dataclass("Grouped", parts, kw_only=True)
     found = tyro.cli(grouped, args=args, description=inspect.getdoc(kind))
     return kind(
@@ -55,10 +58,12 @@ def _titles(kind: type) -> dict[str, str]:
     for base in kind.__mro__:
         for title, names in vars(base).get("groups", {}).items():
             named |= {name: title for name in names.split() if name not in named}
+
     titles = {each.name: named.get(each.name, REST) for each in fields(kind)}
     order = sorted(
         dict.fromkeys(titles.values()), key=lambda title: (title != REST, title == "output")
     )
+
     return (
         {name: title for wanted in order for name, title in titles.items() if title == wanted}
         if named

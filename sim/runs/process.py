@@ -1,5 +1,4 @@
-"""The process of a command: the system that it runs on, and a reader of its output who has had
-enough.
+"""The process of a command: its system, and a reader of its output who has had enough.
 
 Standard library alone: this is the first thing that a command imports.
 """
@@ -17,9 +16,7 @@ _NOT_POSIX = ("win32", "cygwin")
 
 
 def refuse_foreign_system() -> None:
-    """Ends the process with one line on Windows: signals, file locks and worker processes are those
-    of POSIX.
-    """
+    """Ends the process with one line on Windows: signals, locks and workers are those of POSIX."""
     if sys.platform in _NOT_POSIX:
         print(
             "error: Windows is not supported; run this under WSL 2 (wsl --install) or in a Linux "
@@ -30,8 +27,7 @@ def refuse_foreign_system() -> None:
 
 
 def parts_from_the_working_folder() -> None:
-    """Lets own parts, MODULE:ATTRIBUTE, be found where one works, after everything that is
-    installed.
+    """Lets own parts, MODULE:ATTRIBUTE, be found where one works, after all that is installed.
 
     First on the path, a csv.py or a folder `models` beside one's data would be run in place of
     Python's or of ours.
@@ -44,8 +40,7 @@ def parts_from_the_working_folder() -> None:
 
 @contextmanager
 def children_kept_from_the_working_folder() -> Iterator[None]:
-    """Lets Pythons that are started within, by `-m` and `-c`, not look for modules where they work
-    first.
+    """Lets Pythons started within, by `-m` and `-c`, not look for modules where they work first.
 
     The environment is then as before: a program that ran a command goes on in its own.
     """
@@ -62,8 +57,7 @@ def children_kept_from_the_working_folder() -> Iterator[None]:
 
 @contextmanager
 def quiet_pipe() -> Iterator[None]:
-    """Ends the process without a word where the reader of its output is gone, as in `uuv list |
-    head -1`.
+    """Ends the process without a word where its output's reader is gone, as in `uuv list | head`.
 
     Raises:
         SystemExit: The reader is gone; the code is that of other programs that SIGPIPE ends.
@@ -84,6 +78,7 @@ def quiet_pipe() -> Iterator[None]:
     else:
         if stopped is not None and reader_is_gone(stopped):
             stopped = SystemExit(_PIPE_CLOSED)
+
     if stopped is None:
         return
     if stopped.code == _PIPE_CLOSED:
@@ -92,13 +87,12 @@ def quiet_pipe() -> Iterator[None]:
 
 
 def reader_is_gone(error: BaseException) -> bool:
-    """True if `error` means that nobody reads stdout or stderr any more, and not some other pipe of
-    the process.
-    """
+    """True if `error` means that nobody reads stdout or stderr any more, not some other pipe."""
     if isinstance(error, SystemExit):  # of rich, which has turned stdout away already
         return isinstance(error.__context__, BrokenPipeError)
     if not isinstance(error, BrokenPipeError):
         return False
+
     poll = select.poll()
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -1,6 +1,4 @@
-"""Provenance of a result: options, versions, commit and model, which two comparable results must
-share.
-"""
+"""Provenance of a result: options, versions, commit, model, shared by comparable results."""
 
 import hashlib
 import platform
@@ -50,6 +48,7 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
         Scenario, options, versions, machine, commit and digest.
     """
     given = options if isinstance(options, Mapping) else asdict(options)
+
     made: dict[str, Any] = {
         "scenario": scenario,
         "options": {name: _plain(value) for name, value in given.items() if name not in _WHERE},
@@ -57,6 +56,7 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
         "machine": _machine(),
         **commit(),
     }
+
     if model is not None:
         made["model_sha256"] = model_digest(model)
     return made
@@ -78,11 +78,10 @@ def versions() -> dict[str, str]:
 
 @cache
 def commit() -> dict[str, Any]:
-    """Commit of the checkout as {"commit": hash, "dirty": code differs from it}; empty outside a
-    checkout.
-    """
+    """Commit of the checkout as {"commit": hash, "dirty": code differs}, or empty without one."""
     if shutil.which("git") is None or not (HOME / ".git").exists():
         return {}
+
     head = _git("rev-parse", "HEAD")
     changed = _git("status", "--porcelain", "--", *_CODE)
     if not head or changed is None:

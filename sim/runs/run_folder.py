@@ -62,15 +62,19 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
             used = any(out.iterdir())
         except OSError as error:
             raise _cannot(out, error) from error
+
         if used or not _claim(out, scenario):
             raise ConfigurationError(
                 f"--out {out}: is in use already; each run needs a new or empty folder of its own"
             )
+
         _claimed.append(_Claimed(out, made))
         return out
+
     name = f"{datetime.now():%Y%m%d-%H%M%S}" + ("" if seed is None else f"-{seed}")
     folder = _next_to_others(RUNS / scenario, name)
     latest = folder.parent / LATEST
+
     _claim(folder, scenario)
     _claimed.append(_Claimed(folder, True, latest))
     point_to(latest, folder.name)
@@ -89,6 +93,7 @@ def checked_format(document: Any, what: str) -> None:
         raise ConfigurationError(
             f"{what}: {FORMAT_KEY}: must be a whole number >= 1, got {shown(number)}"
         )
+
     if number > FORMAT:
         raise ConfigurationError(
             f"{what}: {FORMAT_KEY} {number}, of a later version of uuv; this one reads 1 to "
@@ -97,9 +102,7 @@ def checked_format(document: Any, what: str) -> None:
 
 
 def _next_to_others(home: Path, name: str) -> Path:
-    """Create the folder `name` in `home`, or `name`.2 and so on if another run began in the same
-    second.
-    """
+    """Create folder `name` in `home`, or `name`.2 and so on if another began in that second."""
     for again in count(1):
         folder = home / (name if again == 1 else f"{name}.{again}")
         try:
@@ -126,9 +129,7 @@ def claimed_folder() -> Path:
 
 
 def works_in(folder: Path) -> None:
-    """Note that the results of this process go to `folder`, which holds those of earlier ones too:
-    a study resumed.
-    """
+    """Note that this process's results go to `folder`, beside earlier ones: a study resumed."""
     _claimed.append(_Claimed(folder, made=False))
 
 
@@ -144,8 +145,10 @@ def give_back() -> None:
             if [path.name for path in folder.iterdir()] != [BEGUN]:
                 continue
             (folder / BEGUN).unlink()
+
             if claimed.made:
                 folder.rmdir()
+
             if latest is not None and latest.is_symlink() and not latest.exists():
                 latest.unlink()
                 if others := sorted(path.name for path in folder.parent.iterdir() if path.is_dir()):
@@ -155,9 +158,7 @@ def give_back() -> None:
 
 
 def point_to(latest: Path, name: str) -> None:
-    """Let `latest` point to `name` beside it: by a link or, without links, by a file that holds the
-    name.
-    """
+    """Let `latest` point to `name` beside it: by a link or, without links, by a file with it."""
     part = latest.with_name(f".{latest.name}.{os.getpid()}")
     try:
         part.unlink(missing_ok=True)
@@ -170,8 +171,7 @@ def point_to(latest: Path, name: str) -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock on `folder` against other processes; it ends with this process at the
-    latest.
+    """Hold an exclusive lock on `folder` against other processes; this process's end frees it.
 
     Raises:
         ConfigurationError: Another process holds it, or the file system has no locks.
@@ -191,11 +191,13 @@ def alone_in(folder: Path) -> Iterator[None]:
             raise ConfigurationError(
                 f"{folder}: its file system gives no lock ({error.strerror})"
             ) from error
+
         if not locked:
             file.seek(0)
             raise ConfigurationError(
                 f"{folder}: process {file.read().strip() or '?'} is at work in it"
             )
+
         file.truncate(0)
         file.write(f"{os.getpid()}\n")
         file.flush()
@@ -218,6 +220,7 @@ def _locked(file: int) -> bool:
         except OSError:
             return False
         return True
+
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -226,14 +229,13 @@ def _locked(file: int) -> bool:
 
 
 def _claim(folder: Path, scenario: str) -> bool:
-    """Return True if this process is the first to begin a run in `folder`; ConfigurationError if
-    read-only.
-    """
+    """True if this process is the first to begin a run in `folder`; error if that is read-only."""
     begun = {
         "scenario": scenario,
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sys.argv,
     }
+
     try:
         with (folder / BEGUN).open("x", encoding="utf-8") as file:
             file.write(json.dumps(begun, indent=2) + "\n")

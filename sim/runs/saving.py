@@ -1,6 +1,4 @@
-"""Atomic file writing: content goes to a temporary file in the same folder, is synced, then
-renamed.
-"""
+"""Atomic file writing: to a temporary file in the same folder, synced, then renamed."""
 
 import json
 import os
@@ -11,8 +9,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 
 
 def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None = None) -> None:
-    """Write `content`, text in UTF-8, to `file` atomically: a reader sees the old file or the new
-    one, never a part.
+    """Write `content`, text in UTF-8, to `file` atomically: a reader sees the old file or the new.
 
     Args:
         file: File to write.
@@ -26,6 +23,7 @@ def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None 
     part = (path if part_in is None else part_in / path.name).with_name(
         f".{path.name}.{os.getpid()}"
     )
+
     try:
         try:
             part.unlink(missing_ok=True)

@@ -12,9 +12,7 @@ _WIDTH = 140  # [characters] of a line where the output is no terminal
 
 
 class PlainConsole(Console):
-    """Console to which square brackets are text and no markup, and which sends no control character
-    of a text.
-    """
+    """Console to which square brackets are text, not markup; it sends no control characters."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(markup=False, emoji=False, **options)

@@ -1,5 +1,4 @@
-"""What the machine code of a kernel depends on, as a hash: byte code, and what that takes
-elsewhere.
+"""Hash of what the machine code of a kernel depends on: byte code, and what that uses.
 
 Numba translates byte code, so comments, docstrings and line numbers do not count. Followed are the
 globals that a kernel names, its closure and its defaults, through every compiled function that it
@@ -29,8 +28,7 @@ class UnkeyableError(Exception):
 
 
 def stamp(function: FunctionType, options: object = ()) -> str:
-    """Hash (64 hexadecimal digits) of all that the machine code of `function` depends on, but for
-    its argument types.
+    """Hash (64 hexadecimal digits) of what the machine code depends on, but its argument types.
 
     Args:
         function: The Python function of a kernel.
@@ -67,17 +65,20 @@ def _described(function: FunctionType) -> tuple[bytes, list[FunctionType]]:
         text = "\n".join(_function(function, used)).encode()
         # the function itself keeps its id from being reused
         known = _memo[id(function)] = (function, text, used)
+
     return known[1], known[2]
 
 
 def _function(function: FunctionType, used: list[FunctionType]) -> Iterator[str]:
     yield from _code(function.__code__, function.__doc__)
     yield _value((function.__defaults__, function.__kwdefaults__), used)
+
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
             yield f"{name}={_value(cell.cell_contents, used)}"
         except ValueError:  # an empty cell
             yield f"{name}="
+
     for name in sorted(set(_names(function.__code__))):
         if name in function.__globals__:
             yield f"{name}={_value(function.__globals__[name], used)}"
@@ -95,6 +96,7 @@ def _code(code: CodeType, doc: str | None) -> Iterator[str]:
         )
     )
     yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, code.co_name))
+
     for const in code.co_consts:
         if isinstance(const, CodeType):
             yield from _code(const, None)
@@ -116,6 +118,7 @@ def _value(value: Any, used: list[FunctionType]) -> str:
         return f"{_class(type(value))}.{value.name}={value.value!r}"
     if isinstance(value, _NAMED):
         return repr(value)
+
     if isinstance(value, (tuple, list)):
         kind = _class(type(value)) if hasattr(value, "_fields") else type(value).__name__
         return f"{kind}({','.join(_value(each, used) for each in value)})"
@@ -129,6 +132,7 @@ def _value(value: Any, used: list[FunctionType]) -> str:
             )
             + "}"
         )
+
     if isinstance(value, (np.ndarray, np.generic)):
         if value.dtype.hasobject:
             raise UnkeyableError(f"an array of {value.dtype}")
@@ -139,6 +143,7 @@ def _value(value: Any, used: list[FunctionType]) -> str:
         return _class(value)
     if isinstance(value, ModuleType):
         return _module(value, used)
+
     return _called(value, used)
 
 
@@ -152,23 +157,24 @@ def _called(value: Any, used: list[FunctionType]) -> str:
     if isinstance(compiled, FunctionType):  # a C function
         used.append(compiled)
         return f"C function {getattr(value, '_sig', '')}"
+
     builder = getattr(value, "_defn", None)  # an intrinsic: Python code writes its machine code
     if isinstance(builder, FunctionType):
         return f"intrinsic {_plain(builder, used)}"
     if isinstance(value, FunctionType):
         return f"function {_plain(value, used)}"
+
     if isinstance(value, BuiltinFunctionType):
         return f"{value.__module__}.{value.__qualname__}"
     if any(base.__module__.partition(".")[0] in _TOOLS for base in type(value).__mro__):
         # types of numba and LLVM, external functions
         return f"{_class(type(value))} {_without_address(value)}"
+
     raise UnkeyableError(f"{value!r}")
 
 
 def _plain(function: FunctionType, used: list[FunctionType]) -> str:
-    """A function that is not compiled itself stands for its whole file: what numba takes in its
-    place is there.
-    """
+    """A function not compiled stands for its whole file, where what numba takes instead is."""
     name = f"{function.__module__}.{function.__qualname__}"
     if _is_told_by_version(function.__module__):
         return name
@@ -177,6 +183,7 @@ def _plain(function: FunctionType, used: list[FunctionType]) -> str:
     # which may lie in other files
     kernels = [value for value in known if hasattr(value, "targetoptions")]
     called = f" {_value(kernels, used)}" if kernels else ""
+
     return f"{name} {_file(function.__code__.co_filename)} {_value(closure, used)}{called}"
 
 
@@ -194,6 +201,7 @@ def _module(module: ModuleType, used: list[FunctionType]) -> str:
     file = getattr(module, "__file__", None)
     if file is None or _is_told_by_version(module.__name__):
         return module.__name__
+
     kernels = [
         value for _, value in sorted(vars(module).items()) if hasattr(value, "targetoptions")
     ]

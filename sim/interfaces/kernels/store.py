@@ -1,5 +1,4 @@
-"""Store of compiled kernels: a folder of the user's, one file a kernel and signature, shared by all
-processes.
+"""Store of compiled kernels: a user's folder, one file a kernel and signature, shared.
 
 A file is named by the hash of its stamp, and holds the stamp, the machine code and the code's hash.
 It is written under another name and renamed, so that no reader meets half of it. A reader takes
@@ -81,11 +80,13 @@ def load(stamp: str) -> bytes | None:
     content = None if file is None else _read(file)
     if file is None or content is None:
         return None
+
     code = _code_of(content, stamp.encode())
     if code is None:
         with contextlib.suppress(OSError):
             file.unlink()  # cut, or of another stamp
         return None
+
     _note_use(file)
     return code
 
@@ -101,6 +102,7 @@ def save(stamp: str, code: bytes) -> bool:
     file = _file(stamp)
     if file is None:
         return False
+
     head = stamp.encode()
     part = file.with_name(f"{uuid4().hex}{_PART}")
     try:
@@ -117,20 +119,21 @@ def save(stamp: str, code: bytes) -> bool:
 
 
 def trim() -> None:
-    """Remove the files that were used least recently, down to the limit, and parts that nobody
-    finishes.
-    """
+    """Remove the files used least recently, down to the limit, and parts that nobody finishes."""
     place = folder()
     if place is None:
         return
     now = time.time()
+
     for part in place.glob(f"*{_PART}"):
         with contextlib.suppress(OSError):
             if now - part.stat().st_mtime > _STALE:
                 part.unlink()
+
     files = sorted(_files(place), key=lambda each: each[1].st_mtime)
     size = sum(about.st_size for _, about in files)
     most = limit()
+
     for file, about in files:
         if size <= most:
             break
@@ -155,6 +158,7 @@ def content() -> StoreContent:
     place = _place()
     files = [about for _, about in _files(place.folder)] if place.folder is not None else []
     used = [about.st_mtime for about in files]
+
     return StoreContent(
         folder=place.folder,
         why=place.why,
@@ -171,6 +175,7 @@ def note_start(loaded: int, compiled: int) -> None:
     place = folder()
     if place is None:
         return
+
     part = place / f"{uuid4().hex}{_PART}"
     with contextlib.suppress(OSError):
         part.write_text(
@@ -231,6 +236,7 @@ def _code_of(content: bytes, stamp: bytes) -> bytes | None:
     start = len(_MAGIC) + 4 + len(stamp)
     if content[:start] != _MAGIC + len(stamp).to_bytes(4, "big") + stamp:
         return None
+
     digest, code = content[start : start + 32], content[start + 32 :]
     return code if hashlib.sha256(code).digest() == digest else None
 
@@ -253,12 +259,16 @@ def _place_for(given: str, caches: str) -> _Place:
     """Folder of the store, once a process and setting."""
     if given.lower() == OFF:
         return _Place(None, f"{FOLDER}={OFF}")
+
+    # As the environment says
     if given:
         folder = Path(given).expanduser().resolve()
         why = _unfit(folder)
         if why:
             print(f"no store of compiled kernels: {FOLDER}={given}: {why}", file=sys.stderr)
         return _Place(None if why else folder, why)
+
+    # In the user's cache
     try:
         folder = (Path(caches) if caches else Path.home() / ".cache") / "uuv-arm" / "kernel-store"
         why = _unfit(folder)
@@ -267,10 +277,13 @@ def _place_for(given: str, caches: str) -> _Place:
     else:
         if not why:
             return _Place(folder)
+
+    # Else among temporary files
     beside = Path(tempfile.gettempdir()) / f"uuv-arm-kernels-{os.getuid()}"
     if not _unfit(beside):
         print(f"compiled kernels are kept in {beside}: {why}", file=sys.stderr)
         return _Place(beside, why)
+
     print(f"no store of compiled kernels, each start compiles: {why}", file=sys.stderr)
     return _Place(None, why)
 
@@ -284,6 +297,7 @@ def _unfit(folder: Path) -> str:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileExistsError):
             folder.mkdir(mode=0o700)
+
         about = folder.lstat()
         if not stat.S_ISDIR(about.st_mode):
             return f"{folder} is no folder"
@@ -292,6 +306,7 @@ def _unfit(folder: Path) -> str:
         if about.st_mode & 0o077:
             # one of the user's own; what others may have put into it is refused file by file
             folder.chmod(0o700)
+
         probe = folder / f"{uuid4().hex}{_PART}"
         probe.touch(mode=0o600, exist_ok=False)
         probe.unlink()

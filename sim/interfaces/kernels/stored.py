@@ -72,6 +72,7 @@ def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
     if function is None:
         return lambda function: kernel(function, signature, **options)
     compiled: Any = numba.njit(**options)(function)
+
     if isinstance(compiled, FunctionType):  # NUMBA_DISABLE_JIT
         return compiled
     compiled._cache = StoredKernel(function, options)
@@ -81,8 +82,7 @@ def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
 
 
 def _compile_on_first_use(compiled: Any, signature: Any) -> None:
-    """Let `compiled` be made for one signature, when it is first called from Python or by another
-    kernel.
+    """Let `compiled` be made for one signature, at its first call from Python or a kernel.
 
     Numba would make it when it is defined, so that an import compiles. Of both ways to a first
     call, the methods of the object stand before those of its class until then.
@@ -175,6 +175,7 @@ class StoredKernel(_Cache):
             rebuilt = compiler.CompileResult._rebuild(target_context, *pickle.loads(code))
         except Exception:  # whatever a pickle of another state of the code may raise
             return None
+
         counts.loaded += 1
         return rebuilt
 
@@ -193,9 +194,7 @@ class StoredKernel(_Cache):
         return where is not None and store.holds(where)
 
     def _stamp(self, sig: Any, codegen: Any) -> str | None:
-        """All that the machine code depends on; None if that cannot be told, or there is no
-        store.
-        """
+        """All that the machine code depends on; None if that is unknown, or there is no store."""
         if not self._enabled or store.folder() is None:
             return None
         try:

@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from uuv.experiment.options import HarnessOptions
+from uuv.experiment.options import HarnessOptions, at_least
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.help_texts import help_texts
 
@@ -102,6 +102,8 @@ class CaseSpace:
         """
         for name, values in self.vary.items():
             _check_words(name, getattr(options, name), values)
+        if isinstance(getattr(options, SEED, None), int):
+            at_least(options, seed=0)
 
         if self.expand is None:
             return list(self._bases(options))

@@ -87,7 +87,7 @@ class SoundRun:
     """Number of the first run."""
 
     def __post_init__(self) -> None:
-        at_least(self, draws=0, pairs=0, seed=0)
+        at_least(self, draws=0, pairs=0)
 
 
 @dataclass(frozen=True, kw_only=True)

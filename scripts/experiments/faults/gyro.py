@@ -6,6 +6,7 @@ A gyro counts as named if the first fault that is reported is that of the gyro o
 
 from uuv.start import run_scenario  # isort: skip
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,6 +19,7 @@ from uuv.perturbations.loop import SensorFailure
 from uuv.runner import run, saved
 from uuv.saved_run import SavedRun
 from uuv.sim.evaluation.metrics import path_error
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import FaultKind
 from uuv.sim.loop.rollout import Moment
 
@@ -39,6 +41,10 @@ class GyroStep:
     sign: Literal[1, -1]
     """Its sign."""
     seed: int
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.size < math.inf:
+            raise ConfigurationError(f"--size: must be positive and finite, got {self.size}")
 
 
 @dataclass(frozen=True, kw_only=True)

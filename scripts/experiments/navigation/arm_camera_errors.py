@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from uuv.experiment import column
+from uuv.experiment.options import at_least
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.naming import TIP_SITE
 from uuv.models.objects import targets
@@ -45,6 +46,9 @@ class KeyCase:
     """Seed of what is drawn, beside the number of the picture."""
     seed: int
     """Number of the first key picture."""
+
+    def __post_init__(self) -> None:
+        at_least(self, draws=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -42,6 +42,7 @@ from uuv.tasks.seabed_sampling import (
 )
 
 SWATH = sonar_beams().azimuth  # [rad] swath of the sonar, both ways
+FINEST = 0.05  # [deg] least spacing of the beams: millions of them
 STANDOFF = 0.1  # [m] from which the tool approaches the path
 
 
@@ -60,10 +61,12 @@ class TerrainCase:
     """
 
     def __post_init__(self) -> None:
-        if not self.beam > 0.0 or not self.noise >= 0.0:
+        if not FINEST <= self.beam <= np.degrees(SWATH):
             raise ConfigurationError(
-                f"--beam must be > 0, --noise >= 0: got {self.beam}, {self.noise}"
+                f"--beam: must be {FINEST:g} to {np.degrees(SWATH):g} deg, got {self.beam}"
             )
+        if not 0.0 <= self.noise <= 100.0:
+            raise ConfigurationError(f"--noise: must be 0 to 100 %, got {self.noise}")
         searched_with(self.vehicle)  # refuses a vehicle without the parts
 
 

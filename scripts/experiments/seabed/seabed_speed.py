@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from uuv.experiment import Page, Row, column, experiment
+from uuv.experiment.options import at_least
 from uuv.models.meshes import open3d_loader
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.site.seabed import Seabed, seabed
@@ -39,6 +40,9 @@ class GroundCloud:
     """Points of the cloud."""
     seed: int = 0
     """Seed of ground, cloud and places."""
+
+    def __post_init__(self) -> None:
+        at_least(self, points=100)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,11 @@
 
 from typing import Any
 
-from experiments.faults.gyro import gyro_steps
+import numpy as np
+import pytest
+
+from experiments.faults.gyro import GyroStep, gyro_steps
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import FaultKind
 
 
@@ -27,6 +31,14 @@ def test_a_gyro_is_named_by_its_kind_and_its_axis():
     assert share.startswith("50.0 (")
     assert share.endswith(" of 4")
     assert cells == ["0.70", "131", "2.1", "1"]
+
+
+@pytest.mark.parametrize("size", [0.0, -0.1, np.nan, np.inf])
+def test_a_step_of_no_size_is_refused(size: float):
+    with pytest.raises(
+        ConfigurationError, match=f"--size: must be positive and finite, got {size}"
+    ):
+        GyroStep(path="longitudinal", axis="x", size=size, sign=1, seed=0)
 
 
 def test_cases_of_a_path_and_a_seed_follow_each_other():

@@ -51,7 +51,9 @@ def test_page_counts_errors_over_all_terrains_and_wrong_refusals():
     ]
 
 
-@pytest.mark.parametrize("values", [{"beam": 0.0}, {"noise": -0.1}, {"vehicle": "nowhere"}])
+@pytest.mark.parametrize(
+    "values", [{"beam": 0.0}, {"noise": -0.1}, {"noise": float("inf")}, {"vehicle": "nowhere"}]
+)
 def test_a_terrain_that_cannot_be_scanned_is_refused(values: dict[str, Any]):
     with pytest.raises(ConfigurationError, match=str(next(iter(values.values())))):
         TerrainCase(seed=1, **values)

@@ -113,6 +113,7 @@ def test_drawn_cases_are_run_in_place_of_those_of_the_options(tmp_path: Path):
         ({"ball": ("rde",)}, "--ball: no 'rde'; there are red, blue (did you mean red?)"),
         ({"ball": ()}, "--ball: needs at least one value"),
         ({"runs": 0}, "--runs: must be at least 1, got 0"),
+        ({"seed": -1}, "--seed: must be at least 0, got -1"),
         ({"balls": ("red",)}, "throws: no option 'balls'"),
     ],
 )

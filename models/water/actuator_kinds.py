@@ -46,10 +46,12 @@ def check_kind(
         refers: True with a reference site or a plugin.
     """
     along = np.array(field("gear")[:3])
+
     odd = [word for word, plain in _COMMON.items() if np.any(np.ravel(field(word)) != plain)]
     odd += [word for word, plain in kind.items() if np.ravel(field(word))[0] != plain]
     if refers:
         odd.append("refsite or plugin")
+
     odd += [
         f"{word}range"
         for word in ("ctrl", "force", "act")
@@ -83,6 +85,7 @@ def _range_fits(field: Callable[[str], Any], word: str, driven: bool) -> bool:
     limited = int(field(f"{word}limited"))
     is_limited = limited == mujoco.mjtLimited.mjLIMITED_TRUE
     is_limited = is_limited or (limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high)
+
     if word == "ctrl" and driven:
         return is_limited and (low, high) == (-1.0, 1.0)
     return not is_limited

@@ -77,6 +77,7 @@ def inertia_matrix(values: ArrayLike) -> Array:
     matrix = bounded(values, (6, 6), "added_mass")
     largest = float(np.max(np.abs(matrix)))
     uneven = np.abs(matrix - matrix.T)
+
     i, j = np.unravel_index(np.argmax(uneven), (6, 6))
     if uneven[i, j] > 1e-9 * largest:
         fault = (
@@ -85,6 +86,7 @@ def inertia_matrix(values: ArrayLike) -> Array:
         if uneven[i, j] > UNEVEN * largest:
             raise ConfigurationError(fault)
         warnings.warn(f"{fault}; their mean is taken", PhysicsWarning, 4)
+
     return _semidefinite(readonly(0.5 * (matrix + matrix.T)), "added_mass")
 
 
@@ -106,6 +108,7 @@ def damping_matrix(values: ArrayLike) -> Array:
         if np.any(matrix < 0.0):
             raise ConfigurationError(f"linear_damping: must not be negative, got {matrix.tolist()}")
         return readonly(np.diag(matrix))
+
     return _semidefinite(matrix, "symmetric part of linear_damping")
 
 

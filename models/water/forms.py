@@ -580,9 +580,8 @@ class PlanarStrip(Form):
     drag: float  # [kg/m^2] = 0.5 rho C_d d
 
     def __post_init__(self) -> None:
-        for name, point in zip(
-            ("start", "end"), segment(self.start, self.end, "planar strip"), strict=True
-        ):
+        ends = segment(self.start, self.end, "planar strip")
+        for name, point in zip(("start", "end"), ends, strict=True):
             object.__setattr__(self, name, point)
         object.__setattr__(self, "direction", _unit(self.direction, "planar strip direction"))
         object.__setattr__(self, "drag", not_negative(self.drag, "planar strip drag [kg/m^2]"))
@@ -650,10 +649,8 @@ def _check_gz_names(parameters: Mapping[str, Any]) -> None:
     """Refuse names that gz-sim's plugin LiftDrag does not have."""
     for name in parameters:
         if name not in (*_GZ_LIFT_DRAG, "air_density"):
-            raise ConfigurationError(
-                "gz-sim LiftDrag: unknown parameter "
-                f"{shown(name)}{did_you_mean(name, _GZ_LIFT_DRAG)}"
-            )
+            hint = did_you_mean(name, _GZ_LIFT_DRAG)
+            raise ConfigurationError(f"gz-sim LiftDrag: unknown parameter {shown(name)}{hint}")
 
 
 def gz_term(name: str) -> tuple[int, int, int, int] | None:

@@ -89,7 +89,6 @@ def command(
     del trial  # its parts may hold state, and have moved on
 
     assembly = assembled(scenario, full=options.record)
-
     plant, placed = assembly.plant, assembly.placed
     title, longest = placed.title + after, options.longest or placed.longest
     # Before the run, which stores the current in the model.

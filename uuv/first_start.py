@@ -1,4 +1,4 @@
-"""First start: compiles the kernels of the loop on all cores, before one process would do it.
+"""First start: compiles the loop's kernels on all cores, not one by one in one process.
 
 The list (first_start.json, by `scripts/experiments/runtime/list_kernels.py`) says which kernels a
 contact job needs, what they take, and which of them call which. It only saves time: a kernel that
@@ -99,17 +99,16 @@ def encoded(kind: Any) -> Any:
         UuvError: There is no word for such a type.
     """
     types = numba.types
-
     if isinstance(kind, types.Array):
         flags = ("" if kind.mutable else "readonly ") + ("" if kind.aligned else "unaligned ")
         return {f"{flags}{kind.ndim}{kind.layout}": encoded(kind.dtype)}
     if isinstance(kind, types.Record):
         return {"record": np.lib.format.dtype_to_descr(numpy_support.as_dtype(kind))}
 
+    # A named tuple is a tuple too: it comes first.
     if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
         of = kind.instance_class
         return {f"{of.__module__}:{of.__qualname__}": [encoded(each) for each in kind.types]}
-
     if isinstance(kind, (types.Tuple, types.UniTuple)):
         return [encoded(each) for each in kind.types]
     if isinstance(kind, RecordBoxType):

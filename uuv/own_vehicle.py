@@ -157,7 +157,6 @@ def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -
     """
     if tool is not None:
         attachment.attach(spec, TOOLS.load(tool))
-
     elif needs is not None and any(site.name == TIP_SITE for site in spec.sites):
         own = next((geom.type for geom in spec.geoms if geom.name == TOOL_GEOM), None)
         if own is None or own != _SHAPES.get(needs):

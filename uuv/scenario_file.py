@@ -223,7 +223,6 @@ def _table(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         several = isinstance(value, tuple(registries()))
         kind = {KIND: _kind_of(value)} if several else {}
-
         own = {field.name: getattr(value, field.name) for field in fields(value)}
         return {
             **kind,

@@ -180,7 +180,7 @@ def _tip_errors(
 
 
 def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Array]) -> list[str]:
-    """Points, used or held out, that lie significantly closer by the nominal arm."""
+    """Points, used or held out, whose touches lie significantly closer by the nominal arm."""
     used = [weights > 0.0 for weights in found.weights]
     sets = [(case.touches.names, series, used, found.touched_tips(series))]
     if case.held_out is not None:

@@ -1,4 +1,4 @@
-"""Touching session: the built arm presses a pin into nests under water."""
+"""Touching session: the arm presses a pin into nests under water, the hull clamped or hovering."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
@@ -115,7 +115,7 @@ def place_nests(
 
 @dataclass(frozen=True, kw_only=True)
 class _TouchingTask(Task):
-    """Touch nests with a pin as the tool; no kind of a scenario file."""
+    """Touch nests with a pin as tool; not for scenario files, whose runs may not touch the site."""
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     hovering: bool  # station keeping with the thrusters; False: the hull is clamped

@@ -29,8 +29,8 @@ def tracked(
 ) -> dict[str, verification.Cloud]:
     """Tracker test of each arm model [Yukhimets 2023]: 13 flange points of equal attitude.
 
-    The tracker sees the true arm with its gears and sag; models get the joint values that its
-    encoders read.
+    There is no payload. The tracker sees the true arm with its gears and sag; models get the
+    joint values that its encoders read.
     """
     truth = case.truth
     assert truth is not None

@@ -68,7 +68,7 @@ class ThrusterEnergy:
 
 
 def score(scored: ScoredCase) -> Row:
-    """Runs an entry on a case; a row of JSON types, with one line for each error of the run.
+    """Runs an entry on a case; a row of JSON types, also of an error of the run, with one line.
 
     The entry `door` holds wall times, and is the only one that may differ between two runs.
     """
@@ -91,7 +91,6 @@ def score(scored: ScoredCase) -> Row:
                 "waited_s": process.waited,
                 "longest_s": process.longest,
             }
-
     except EntryError as error:
         return row | {"class": ENTRY_FAILED, "detail": str(error)}
     except UuvError as error:

@@ -59,7 +59,7 @@ class DriftingTorque(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeError(Perturbation):
-    """The IMU's attitude has a constant error of the standard deviation that it states."""
+    """The inertial unit's attitude has a constant error, of the sigma that it states."""
 
     sigma: float = 1.7e-3  # [rad] per axis: 0.1 deg
 

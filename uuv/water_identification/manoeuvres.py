@@ -119,7 +119,6 @@ def survey(
 ) -> Manoeuvre:
     """Sines of random frequency on all axes at once, and the arm swinging."""
     time = _times(seconds)
-
     pushes = amplitudes(own, values)
     wrench = np.zeros((len(time), 6))
     for axis in axes:

@@ -110,21 +110,21 @@ def advance(plant, joint_torque, thrusters):
 
     places, ctrl, last = plant.readout.places, plant.drive.ctrl, plant.substeps - 1
 
-    # Commands
+    # Commands.
     plant.drive.commanded[:] = thrusters
     _call_hook(plant.commanded, plant.watch)
     command_thrusters(plant.drive)
     for i in range(plant.joints.shape[0]):
         ctrl[plant.joints[i]] = joint_torque[i]
 
-    # Substeps but the last
+    # Substeps but the last.
     for substep in range(last):
         feel_soil(plant.soil)
         call_physics(places[STEP2], places[MODEL], places[DATA])
         gears_and_contacts(plant.readout, substep, last + 1)
         call_physics(places[STEP1], places[MODEL], places[DATA])
 
-    # The last substep
+    # The last substep.
     feel_soil(plant.soil)
     call_physics(places[STEP2], places[MODEL], places[DATA])
 

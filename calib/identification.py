@@ -646,9 +646,7 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
-    """Scores (3 K,) of the touches in use (`uuv.calib.verification`); `points` (S, 3) [m] of the
-    series.
-    """
+    """Scores (3 K,) of the touches in use (`uuv.calib.verification`); `points` (S, 3) [m]."""
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
 
     series, used = [], []

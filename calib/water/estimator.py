@@ -160,9 +160,7 @@ def _through(
 
 
 def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
-    """Mean squares (2, channels) of residuals, and of their sums over a second divided by their
-    number.
-    """
+    """Mean squares (2, channels) of residuals, and of their sums over a second by their number."""
     count = len(blocks.channels)
     squares, numbers = np.zeros((2, count)), np.zeros((2, count))
 

@@ -391,9 +391,7 @@ class Rollout:
         return bool(self._arrived)
 
     def next_due(self, tick: int) -> int:
-        """Tick from `tick` on at which a slow sensor measures, a measurement arrives, or a frame is
-        requested.
-        """
+        """Tick from `tick` on at which a slow sensor measures, or a message or a frame is due."""
         if self.looking or self.told:
             return tick
 

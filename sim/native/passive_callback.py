@@ -386,8 +386,7 @@ def _is_new(user: int, seen_at: int, what: int) -> bool:
 
 
 def build() -> Any:
-    """Compile the callback for the running MuJoCo and `LAYOUT`: a numba CFunc `void(mjModel*,
-    mjData*)`.
+    """Compile the callback for the running MuJoCo: a numba CFunc `void(mjModel*, mjData*)`.
 
     `SYMBOLS` must be registered with LLVM before.
     """

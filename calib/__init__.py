@@ -1,5 +1,4 @@
-"""Calibration of a serial arm from touch data: kinematic and elastic parameters with their
-uncertainty.
+"""Calibration of a serial arm from touches: kinematic and elastic parameters with intervals.
 
 Names are imported on first use, so that `from uuv import calib` loads neither numba nor SciPy.
 """

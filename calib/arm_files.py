@@ -95,7 +95,7 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     file = Path(path)
     suffix, digest = file.suffix.lower(), hashlib.sha256(raw).hexdigest()
 
-    # Any XML may be a robot in URDF
+    # Any XML may be a robot in URDF.
     if suffix == ".xml" and b"<robot" in raw[:4000]:
         suffix = ".urdf"
 
@@ -134,7 +134,7 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
         if line
     ]
 
-    # A first row of words names the columns
+    # A first row of words names the columns.
     header: list[str] = []
     try:
         [float(cell) for cell in cells[0]]
@@ -283,7 +283,7 @@ def _of_rows(
     letters = about.joint_types or "".join(read.types) or "r" * n
     reach = _extent(file, table, letters)
 
-    # Lengths in millimetres
+    # Lengths in millimetres.
     if "length" not in read.stated and reach > _LONGEST:
         notes.append(
             f"{file.name}: lengths look like millimetres (the arm reaches {reach:.4g}), "
@@ -292,7 +292,7 @@ def _of_rows(
         table[:, _LENGTHS] *= 1e-3
         reach *= 1e-3
 
-    # Frames far from the arm
+    # Frames far from the arm.
     if reach < _LONGEST and np.abs(table[:, _LENGTHS]).max() > _DETOUR * reach:
         notes.append(
             f"{file.name}: along nearly parallel axes d up to {np.abs(table[:, 1]).max():.4g} m "
@@ -303,7 +303,7 @@ def _of_rows(
     else:
         arm = SerialArm.from_dh(table[:, :4], letters, beta=table[:, 4], name=f"arm {file}")
 
-    # Base, flange, tool point and names of the joints
+    # Base, flange, tool point and names of the joints.
     X_base_0 = checked_pose(_or(about.X_base_0, np.eye(4)), f"arm {file}: X_base_0")
     X_n_flange = checked_pose(_or(about.X_n_flange, np.eye(4)), f"arm {file}: X_n_flange")
     tcp = checked(_or(about.tcp, np.zeros(3)), (3,), f"arm {file}: tcp [m]")
@@ -383,7 +383,7 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
     if not np.all(np.isfinite(table)):
         raise ConfigurationError(f"arm {file}: every number must be finite")
 
-    # Bare columns take the unit of their kind
+    # Bare columns take the unit of their kind.
     for kind, columns in (("angle", _ANGLES), ("length", _LENGTHS)):
         chosen = getattr(units, kind) or (min(said[kind]) if len(said[kind]) == 1 else "")
         for column in columns:

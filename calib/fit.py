@@ -103,7 +103,7 @@ def tips_of(arm: SerialArm, full: Array, data: Data) -> tuple[Array, Array]:
         p, J = arm.tips_and_jacobian(data.q, tcp)
         return p, J
 
-    # Joints sag by compliance times load
+    # Joints sag by compliance times load.
     tau = data.load(table)
     p, J = arm.tips_and_jacobian(data.q + compliance * tau, tcp)
     moved = ROW * np.arange(n) + np.where(arm.slides, D, THETA)
@@ -231,7 +231,7 @@ class Problem:
         H = over * (rows.T @ rows - crossed - crossed.T + square * np.outer(lean, lean))
         g = over * (toward - square * lean)
 
-        # Known distances
+        # Known distances.
         if data.distances:
             errors, rows = distance_rows(c, C, data, noise)
             H, g = H + rows.T @ rows, g + rows.T @ errors
@@ -266,7 +266,7 @@ class Problem:
                 for i, j, k, sd in _distances(data, noise)
             )
 
-        # Prior
+        # Prior.
         away = (full - self.mean)[self.index] / deviations
         return float(total + away @ away), residuals
 
@@ -294,7 +294,7 @@ class Problem:
             H = H * np.outer(deviations, deviations) + np.eye(len(g))
             gradient = g * deviations + (full - self.mean)[self.index] / deviations
 
-            # Damped step; mu rises until the objective falls
+            # Damped step; mu rises until the objective falls.
             while True:
                 step = -np.linalg.solve(H + mu * np.diag(np.diag(H)), gradient)
                 trial = full.copy()
@@ -393,7 +393,7 @@ def solve(
         deviations = np.minimum(deviations, widest)
     given = deviations
 
-    # First steps with the stated prior
+    # First steps with the stated prior.
     history: list[float] = []
     sigma = noise if noise is not None else FIRST_NOISE
     full, converged = problem.descend(full, sigma, deviations, min(iterations, 3), history)
@@ -405,7 +405,7 @@ def solve(
         )
         return problem.summary(full, sigma, deviations, history, converged)
 
-    # Evidence: the data choose the noise and the deviations of the prior
+    # Evidence: the data choose the noise and the deviations of the prior.
     pools = [] if widest is None else _pooled(problem.parameters)
     # With few degrees of freedom the residuals vanish, and an estimated noise would be far too
     # small.
@@ -416,7 +416,7 @@ def solve(
         if estimate:
             sigma = _noise_of(fit, problem.data)
 
-        # Deviation of each pool, with pseudo-observations of the stated one
+        # Deviation of each pool, with pseudo-observations of the stated one.
         away = (fit.full - problem.mean)[problem.index]
         known = 1.0 - np.diag(fit.covariance) / fit.deviations**2
         deviations = deviations.copy()
@@ -463,12 +463,12 @@ def solve_robustly(
     share = level / max(counted.sum(), 1)
     ordinary = float(chi2.isf(share, 3))
 
-    # Touches far from a fit to the majority
+    # Touches far from a fit to the majority.
     fit = _ordinary_fit(problem, deviations, counted)
     strange = _strange(fit, problem.data, counted, ordinary, noise)
     start = fit.full
 
-    # Estimate without them, until the same ones are left out
+    # Estimate without them, until the same ones are left out.
     for _ in range(_REJECTIONS):
         problem.data = (
             replace(every, weights=(counted & ~strange).astype(np.float64))
@@ -484,7 +484,7 @@ def solve_robustly(
     if not strange.any():
         return fit, problem.data
 
-    # Reweighting: blunders are left out, far touches count less
+    # Reweighting: blunders are left out, far touches count less.
     limit = float(3.0 * f.isf(share, 3, _BLUNDER_TAIL))
     for _ in range(_REJECTIONS):
         before = problem.data

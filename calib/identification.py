@@ -304,7 +304,7 @@ class Calibration:
             else self.loads.with_payload(payload_mass, len(values)).at(values)
         )
 
-        # Derivatives of the tips about their mean
+        # Derivatives of the tips about their mean.
         full = np.concatenate([self.arm.table.ravel(), self.tcp, self.compliance])
         data = Data(
             q=values, starts=np.zeros(1, dtype=int), load=load, weights=np.ones(len(values))
@@ -312,7 +312,7 @@ class Calibration:
         J = tips_of(self.arm, full, data)[1][:, self.estimate.parameters.index]
         J = J - J.mean(axis=0)
 
-        # Variance by the parameters and by the hand; errors of prediction may ask for more
+        # Variance by the parameters and by the hand; errors of prediction may ask for more.
         share = 1.0 - 1.0 / len(values)
         variance = np.einsum("mpi,pr,mri->mi", J, self.covariance, J) + share * self.noise**2
         factor = max(self.quantile(confidence), float(np.quantile(self.scores, confidence)))
@@ -466,7 +466,7 @@ def _map_fit(
     betas = np.array([i for i, group in enumerate(parameters.groups) if group == "beta"], dtype=int)
     named = free is not None and any(word.startswith("beta") for word in words)
     if len(betas) and not named and not np.any(mean[parameters.index[betas]]):
-        # Betas that are not significant are dropped, and the rest estimated anew
+        # Betas that are not significant are dropped, and the rest estimated anew.
         found = fit.full[parameters.index[betas]]
         chance = found @ np.linalg.solve(fit.covariance[np.ix_(betas, betas)], found)
         if chance < chi2.isf(_BETA_LEVEL, len(betas)):
@@ -526,19 +526,19 @@ def _assemble(
     identified = arm.with_table(fit.full[:size].reshape(n, ROW))
     tcp, compliance = fit.full[size : size + 3], fit.full[size + 3 :]
 
-    # Rank of the DH and tool numbers, and of the free parameters
+    # Rank of the DH and tool numbers, and of the free parameters.
     dh_numbers = select(arm, ("theta", "d", "a", "alpha", "tcp"))
     rank = rank_report(arm, fit.full, data, dh_numbers, fit.noise)
     same = parameters.names == dh_numbers.names
     rank_free = rank if same else rank_report(arm, fit.full, data, parameters, fit.noise)
 
-    # Tips of all touches, also of those left out
+    # Tips of all touches, also of those left out.
     every = np.vstack(touches)
     bent = every if bound is None else every + compliance * bound.at(every)(identified.table)
     tips = identified.tips(bent, tcp)
     offsets = np.cumsum([0, *(len(q) for q in touches)])
 
-    # Points as means of the touches in use, and the distance of every touch
+    # Points as means of the touches in use, and the distance of every touch.
     points, residuals, outliers = np.empty((len(touches), 3)), [], []
     weights = [np.zeros(len(q)) for q in touches]
 
@@ -558,7 +558,7 @@ def _assemble(
                 Outlier(series=i, touch=int(j), distance=float(residuals[i][j])) for j in left_out
             ]
 
-    # Warnings: noise, touches left out, an arm far from the nominal one
+    # Warnings: noise, touches left out, an arm far from the nominal one.
     if data.degrees - fit.effective < LEAST_FREEDOM:
         warnings.append(
             f"{len(data.q)} touches leave {data.degrees - fit.effective:.2g} degrees of freedom: "
@@ -646,9 +646,7 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
-    """Scores (3 K,) of the touches in use (`uuv.calib.verification`); `points` (S, 3) [m] of the
-    series.
-    """
+    """Scores (3 K,) of the touches in use (`uuv.calib.verification`); `points` (S, 3) [m]."""
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
 
     series, used = [], []

@@ -43,7 +43,7 @@ def arm_size(table, X_flange, tcp, parallel):
     gradient = np.zeros(ROW * n + 3)
     offset = np.empty(3)
 
-    # Tool point in the last frame
+    # Tool point in the last frame.
     for i in range(3):
         offset[i] = (
             X_flange[i, 3]
@@ -52,7 +52,7 @@ def arm_size(table, X_flange, tcp, parallel):
             + X_flange[i, 2] * tcp[2]
         )
 
-    # Tip seen from the last joint
+    # Tip seen from the last joint.
     row = table[n - 1]
     ca, sa, cb, sb = (
         math.cos(row[ALPHA]),
@@ -66,7 +66,7 @@ def arm_size(table, X_flange, tcp, parallel):
     for i in range(3):
         tip[i] = R[i, 0] * offset[0] + R[i, 1] * offset[1] + R[i, 2] * offset[2]
 
-    # Its squared length, with derivatives by a, d, alpha and the tool point
+    # Its squared length, with derivatives by a, d, alpha and the tool point.
     last = ROW * (n - 1)
     y, z = tip[1], tip[2]
     tip[0] += row[A]
@@ -79,7 +79,7 @@ def arm_size(table, X_flange, tcp, parallel):
             column = R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
             gradient[ROW * n + j] += tip[i] * column
 
-    # Lengths between the axes; of parallel axes only the sum of the shifts is observed
+    # Lengths between the axes; of parallel axes only the sum of the shifts is observed.
     first = 0
     for k in range(n - 1):
         square += table[k, A] ** 2
@@ -92,7 +92,7 @@ def arm_size(table, X_flange, tcp, parallel):
             gradient[ROW * j + D] = way
             way *= math.copysign(1.0, math.cos(table[j, ALPHA]))
 
-        # Shifts along the first axis are not observed
+        # Shifts along the first axis are not observed.
         if first == 0:
             shift = 0.0
 
@@ -134,7 +134,7 @@ def centred_rows(p, J, weights, starts, index):
     for s in range(series):
         end = starts[s + 1] if s + 1 < series else touches
 
-        # Weighted mean of the series
+        # Weighted mean of the series.
         total = 0.0
         for m in range(starts[s], end):
             w = weights[m]
@@ -149,7 +149,7 @@ def centred_rows(p, J, weights, starts, index):
             c[s] /= total
             C[s] /= total
 
-        # Residuals and rows about it, times the root of the weight
+        # Residuals and rows about it, times the root of the weight.
         for m in range(starts[s], end):
             root = math.sqrt(weights[m])
             for i in range(3):
@@ -185,7 +185,7 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     for m in range(touches):
         force[:], about[:] = 0.0, 0.0
         for k in range(n, 0, -1):
-            # Bodies of link k; the last link also has those that change with the touch
+            # Bodies of link k; the last link also has those that change with the touch.
             own = forces.shape[1]
             count = own + (extra_forces.shape[1] if k == n else 0)
             for b in range(count):
@@ -199,7 +199,7 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
                 force += f
                 about += moment
 
-            # Moment about the joint, along its axis
+            # Moment about the joint, along its axis.
             cross_into(moment, X[m, k - 1, :3, 3], force, zero)
             for i in range(3):
                 tau[m, k - 1] += X[m, k - 1, i, 2] * (
@@ -239,7 +239,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
     column = np.empty(3)
 
     for _ in range(iterations):
-        # Forward kinematics with the axes of the joints
+        # Forward kinematics with the axes of the joints.
         R[:, :] = X_base[:3, :3]
         o[:] = X_base[:3, 3]
         for k in range(n):
@@ -250,7 +250,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
             for j in range(3):
                 p[i] += R[i, j] * X_flange[j, 3] + F[i, j] * tcp[j]
 
-        # Error of position, and of orientation by the cross products of the frames' axes
+        # Error of position, and of orientation by the cross products of the frames' axes.
         e[:3] = goal - p
         if orient:
             e[3:] = 0.0
@@ -259,7 +259,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
                 e[4] += 0.5 * (F[2, j] * R_goal[0, j] - F[0, j] * R_goal[2, j])
                 e[5] += 0.5 * (F[0, j] * R_goal[1, j] - F[1, j] * R_goal[0, j])
 
-        # Convergence
+        # Convergence.
         turn = 0.0
         trace = 3.0
         if orient:
@@ -273,7 +273,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
             for i in range(3):
                 e[3 + i] /= turn
 
-        # Jacobian of the tip
+        # Jacobian of the tip.
         for k in range(n):
             z = axes[k, 0]
             if slides[k]:
@@ -286,7 +286,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
                 if orient:
                     J[3:, k] = z
 
-        # Damped step; the damping falls with the error
+        # Damped step; the damping falls with the error.
         H = J.T @ J
         damping = 1e-4 * min(1.0, e @ e) + 1e-14
         for k in range(n):

@@ -63,7 +63,7 @@ def plan(design: Design, count: int) -> Plan:
     rows, C, W = design.rows, design.C, design.W
     before = _merit(C, W)
 
-    # Greedy selection
+    # Greedy selection.
     chosen, merit = [], []
     free_to_take = np.ones(len(rows), dtype=bool)
     for _ in range(count):
@@ -74,7 +74,7 @@ def plan(design: Design, count: int) -> Plan:
         chosen.append(best)
         merit.append(_merit(C, W))
 
-    # Exchanges: every touch against the best in its place, until none gains
+    # Exchanges: every touch against the best in its place, until none gains.
     for _ in range(_SWEEPS):
         swapped = False
         for place in range(count):
@@ -183,7 +183,7 @@ def design(
     rows = _rows(model, tool, poses, parameters.index, deviations, sigma)
     size = rows.shape[2]
 
-    # Touches already made
+    # Touches already made.
     C = np.eye(size)
     for i, q in enumerate(checked_series(done, model) if done is not None else []):
         for row in _rows(model, tool, [q], parameters.index, deviations, sigma, len(poses), i):
@@ -223,7 +223,7 @@ def _rows(
         block = np.zeros((len(q), 3, len(index) + 3 * points))
         block[:, :, : len(index)] = J.transpose(0, 2, 1) * deviations
 
-        # Tip less point, whose prior is wide
+        # Tip less point, whose prior is wide.
         start = len(index) + 3 * (s + first)
         block[:, :, start : start + 3] = -_ANYWHERE * np.eye(3)
         blocks.append(block / noise)
@@ -259,7 +259,7 @@ def _best(rows: Array, C: Array, W: Array | None, allowed: np.ndarray) -> int:
     carried = rows @ C  # (K, 3, N)
     S = np.eye(3) + carried @ rows.transpose(0, 2, 1)
 
-    # By the matrix determinant lemma (D), or by Woodbury's identity (V)
+    # By the matrix determinant lemma (D), or by Woodbury's identity (V).
     if W is None:
         gain = np.linalg.slogdet(S)[1]
     else:

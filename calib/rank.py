@@ -128,14 +128,14 @@ def rank_report(
     Returns:
         Rank, directions and the groups of hidden directions.
     """
-    # Columns scaled to like errors; known distances add rows
+    # Columns scaled to like errors; known distances add rows.
     scales = _like_errors(arm, full, data, parameters)
     _, _, rows, c, C = linearised(arm, full, data, parameters)
     if data.distances:
         rows = np.vstack([rows, noise * distance_rows(c, C, data, noise)[1]])
     rows = _triangle(rows * scales)
 
-    # Directions of large singular values are observed
+    # Directions of large singular values are observed.
     _, values, Vt = np.linalg.svd(rows)
     floor = THRESHOLD * values[0]
     rank = int(np.sum(values > floor))
@@ -201,7 +201,7 @@ def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
         if name in held:
             preference[i] = 0.3
 
-    # Pivots of QR: independent columns, preferred ones first
+    # Pivots of QR: independent columns, preferred ones first.
     chosen = np.zeros(len(preference), dtype=bool)
     if len(seen):
         chosen[qr(seen * preference, pivoting=True, mode="r")[1][: len(seen)]] = True
@@ -235,7 +235,7 @@ def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[Hid
             )
             found = np.vstack([found, new])
 
-    # What no suspect explains
+    # What no suspect explains.
     if len(found) < missing:
         null = hidden - (hidden @ found.T) @ found
         _, _, new = np.linalg.svd(null, full_matrices=False)

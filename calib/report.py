@@ -103,9 +103,7 @@ def _rank(calibration: Calibration) -> list[Html]:
 def _compliances(
     calibration: Calibration, series: Sequence[Array], rigid: Calibration | None
 ) -> list[Html]:
-    """Compliances with intervals, joints that the loads do not show, and what is left at each
-    payload; empty for a rigid arm.
-    """
+    """Compliances with intervals, joints not identified, residuals by payload; empty if rigid."""
     if calibration.loads is None:
         return []
     touches = np.ascontiguousarray(np.vstack(series))
@@ -139,9 +137,7 @@ def _compliances(
 
 
 def _compliance(calibration: Calibration, name: str) -> tuple[str, str, str, str]:
-    """Cells of one compliance: value, half of its 95 % interval, their quotient and the
-    stiffness.
-    """
+    """Cells of one compliance: value, half of its 95 % interval, their quotient, stiffness."""
     if name not in calibration.names:
         return "fixed", "", "", ""
     i = calibration.names.index(name)
@@ -162,9 +158,7 @@ def _zero(value: float) -> float:
 
 
 def _payloads(calibration: Calibration, rigid: Calibration | None) -> list[Html]:
-    """Table of the RMS distance of the touches from their points at each payload, rigid and
-    elastic.
-    """
+    """Table of the RMS distance of touches from their points by payload, rigid and elastic."""
     assert calibration.loads is not None
     payload = calibration.loads.payload
     used = np.concatenate(calibration.weights) > 0.0

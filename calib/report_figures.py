@@ -48,7 +48,7 @@ def figures(
         _pairs(calibration, series, point_names),
     )
 
-    # The comparison with a tracker, where there is one
+    # The comparison with a tracker, where there is one.
     if clouds:
         raw = (
             "Flange points with the flange turned alike: as the tracker sees them in its own "
@@ -123,7 +123,7 @@ def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[st
         label=f"identified, mean {1e3 * after.mean():.3g} mm",
     )
 
-    # A line between points; their names only where there is room
+    # A line between points; their names only where there is room.
     start = 0
     for name, q in zip(names, series, strict=True):
         count = len(q) * (len(q) - 1) // 2
@@ -217,7 +217,7 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
             _above(axes, float(places.mean()), names[i])
         start += len(residuals)
 
-    # Outliers would press the rest onto a linear axis
+    # On a linear axis outliers would hide the rest.
     if out:
         axes.set_yscale("log")
     else:
@@ -239,7 +239,7 @@ def _changes(calibration: Calibration) -> Figure:
     axes = figure.subplots()
     places, scale = np.arange(len(own)), calibration.estimate.prior[own]
 
-    # Band of the prior, and intervals of the fit
+    # Band of the prior, and intervals of the fit.
     axes.axvspan(-1.96, 1.96, color="#eeeeee")
     axes.errorbar(
         calibration.estimate.changes[own] / scale,

@@ -74,11 +74,11 @@ def write_results(
     written = [_write_yaml(folder / "arm.yaml", calibration, arm, source, sha256, date)]
     written.append(_write_dh(folder / "dh.csv", arm, tcp, stamp))
 
-    # URDF: that of the source corrected, or a new one
+    # URDF: that of the source corrected, or a new one.
     text = corrected_urdf(source, arm, tcp) if source.kind == "urdf" else urdf(arm, tcp)
     written.append(_write(folder / "arm.urdf", _commented(text, f"{stamp}; rad, m")))
 
-    # MJCF: what changes in that of the source, or a new one
+    # MJCF: what changes in that of the source, or a new one.
     if source.kind == "mjcf":
         text = mjcf_patch(source, arm, tcp)
         written.append(
@@ -121,7 +121,7 @@ def _write_yaml(
             "left_out": len(calibration.outliers),
             "noise_m": round(float(calibration.noise), 9),
         },
-        # Conventions and frames
+        # Conventions and frames.
         "units": {"angle": "rad", "length": "m"},
         "convention": CONVENTION,
         "base": source.base,
@@ -130,7 +130,7 @@ def _write_yaml(
         "joint_types": arm.joint_types,
         "X_base_0": _rounded(arm.X_base_0),
         "X_n_flange": _rounded(arm.X_n_flange),
-        # Geometry
+        # Geometry.
         "dh": [
             dict(zip(("theta", "d", "a", "alpha", "beta"), row, strict=True))
             for row in _rounded(arm.table)
@@ -139,7 +139,7 @@ def _write_yaml(
         "limits": [
             [None if not np.isfinite(x) else round(float(x), 9) for x in row] for row in arm.limits
         ],
-        # Parameters with their intervals
+        # Parameters with their intervals.
         "identified": {
             name: {
                 "value": float(f"{value:.10g}"),
@@ -212,7 +212,7 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
         ET.SubElement(root, "link", name=name)
     steps = [*links(arm), pose(p=tcp)]
 
-    # A joint to every link: those driven first, flange and tool point fixed
+    # A joint to every link: those driven first, flange and tool point fixed.
     for k, X in enumerate(steps):
         driven = k < arm.n
         kind = "fixed"
@@ -317,7 +317,7 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
             carried = moved
         parent = child
 
-    # The tool point moves the last origin, or has a link of its own behind a driven joint
+    # The tool point moves the last origin, or has a link of its own behind a driven joint.
     X_base_tip = arm.axes()[2] @ pose(p=tcp)
     if len(chain.joints) - 1 in driven:
         ET.SubElement(root, "link", name="touch_tip")
@@ -346,7 +346,7 @@ def _set_origin(joint: ET.Element, X: Array) -> None:
     if origin is None:
         origin = ET.SubElement(joint, "origin")
 
-    # Roll, pitch and yaw
+    # Roll, pitch and yaw.
     R = X[:3, :3]
     level = np.hypot(R[0, 0], R[1, 0])
     pitch = np.arctan2(-R[2, 0], level)

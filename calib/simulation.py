@@ -123,7 +123,7 @@ class Seating:
             q = np.array(touches)
             goal = arm.tips(q, tip) + arm.flange(q)[:, :3, 2] @ offset.T
 
-            # Gauss-Newton steps of least norm to the seat
+            # Gauss-Newton steps of least norm to the seat.
             for _ in range(_STEPS):
                 p, J = arm.tips_and_jacobian(q, tip)
                 q += np.einsum(

@@ -93,7 +93,7 @@ def read_touches(
     stated: set[str] = set()
     width = len(joint_types) if joint_types is not None else None
 
-    # Rows by point; the digest covers the bytes in the order read
+    # Rows by point; the digest covers the bytes in the order read.
     for file, stem in zip(files, _distinct(files), strict=True):
         raw = bytes_of(file, "touches")
         digest.update(raw)
@@ -118,7 +118,7 @@ def read_touches(
         values = np.abs([row.values for row in rows])[:, _hinges(joint_types, width)]
         largest[stem] = float(values.max()) if values.size else 0.0
 
-    # One unit for all files
+    # One unit for all files.
     is_degrees = _degrees(units, stated, largest, notes)
     hinges = _hinges(joint_types, width or 0)
     series = [np.array(rows) for rows in points.values()]
@@ -132,7 +132,7 @@ def read_touches(
         notes=tuple(notes),
     )
 
-    # Joint limits, where the arm is known
+    # Joint limits, where the arm is known.
     if limits is None:
         return read
     outside = _beyond_limits(read, np.asarray(limits), hinges, joint_names)
@@ -272,7 +272,7 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
     if units != "auto":
         return units == "deg"
 
-    # As the headers state
+    # As the headers state.
     if len(stated) > 1:
         raise ConfigurationError(
             "touches: some headers say degrees, others radians; say --units rad or --units deg"
@@ -282,7 +282,7 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
             notes.append("touches: degrees by their header, turned into radians")
         return "deg" in stated
 
-    # By size
+    # By size.
     large = [name for name, value in largest.items() if value > _MOST_RADIANS]
     if large and len(large) < len(largest):
         raise ConfigurationError(
@@ -357,7 +357,7 @@ def _parse(
             header = [cell.strip('"').strip().lower() for cell in cells]
             continue
 
-        # A blank line after touches begins the next point
+        # A blank line after touches begins the next point.
         if gap:
             block, gap = block + 1, False
         if header is not None and len(cells) != len(header):
@@ -367,7 +367,7 @@ def _parse(
     if not rows:
         raise ConfigurationError(f"{file}: holds no touches")
 
-    # A point is named by its label, or by the file and the block in it
+    # A point is named by its label, or by the file and the block in it.
     labels = list(dict.fromkeys(row.point for row in rows))
     blocks = labels[0].startswith("\n")
     several = "" if len(labels) == 1 else "empty lines" if blocks else "their label"

@@ -133,7 +133,7 @@ def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
             f"{said}; these look like degrees, radians are needed (numpy.deg2rad)"
         )
 
-    # Within two turns, the unit under which the touches of a point lie closer together
+    # Within two turns, the unit under which the touches of a point lie closer together.
     turned = [np.where(hinges, np.deg2rad(q), q) for q in series]
     as_radians, as_degrees = (spread(arm, first_tcp(arm, each), each) for each in (series, turned))
     if as_degrees < as_radians / _FIT_BETTER:
@@ -167,7 +167,7 @@ def first_tcp(arm: SerialArm, series: Sequence[Array]) -> Array:
         if len(q) < 2:
             continue
 
-        # R tcp + p = c in every touch: linear in the tool point and the touched point c
+        # R tcp + p = c in every touch: linear in the tool point and the touched point c.
         X = arm.flange(q)
         Omega = np.concatenate(
             [X[:, :3, :3], np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2

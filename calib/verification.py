@@ -77,7 +77,7 @@ def flange_poses(
     start = controller.X_base_0[:3, 3]
     best = 0
 
-    # A random middle and posture, about which all points are sought
+    # A random middle and posture, about which all points are sought.
     for _ in range(_PLACES):
         turn, out, up = rng.uniform([-np.pi, 0.35, 0.05], [np.pi, 0.5, 0.3])
         middle = start + controller.reach * np.array([out * np.cos(turn), out * np.sin(turn), up])
@@ -211,7 +211,7 @@ def compare(
     if len(measured) < 3:
         raise ConfigurationError(f"tracker: at least 3 points are needed, got {len(measured)}")
 
-    # The tracker's own points
+    # The tracker's own points.
     target = measured - measured.mean(axis=0)
     zero = np.zeros(len(measured))
     out = {
@@ -266,7 +266,7 @@ def places(points: ArrayLike, reach: float) -> np.ndarray:
     near = np.linalg.norm(p[:, None] - p[None], axis=2) < _ONE_PLACE * reach
     found = np.arange(len(p))
 
-    # The least index spreads along the chains
+    # The least index spreads along the chains.
     for _ in range(len(p)):
         found = np.where(near, found[None], len(p)).min(axis=1)
 
@@ -298,7 +298,7 @@ def scores(series: Sequence[PointTouches], place: np.ndarray, prior: Array, nois
     Returns:
         Absolute scores (3 M,); their 95 % quantile is 1.96 where the model is right.
     """
-    # In a single place each point is predicted from the others
+    # In a single place each point is predicted from the others.
     if len(set(place.tolist())) == 1:
         place = np.arange(len(series))
 
@@ -314,7 +314,7 @@ def scores(series: Sequence[PointTouches], place: np.ndarray, prior: Array, nois
         J, w = np.concatenate([rows[s] for s in mine]), np.concatenate([weights[s] for s in mine])
         r = np.concatenate([series[s].residuals.ravel() for s in mine]) / noise
 
-        # Variance of a touch about the mean of its series, over that of a touch
+        # Variance of a touch about the mean of its series, over that of a touch.
         lost = np.repeat(
             [1.0 - 1.0 / len(series[s].weights) for s in mine], [len(weights[s]) for s in mine]
         )

@@ -102,7 +102,7 @@ def examine(
     hidden: list[HiddenJoint] = []
     rivals: list[Rival] = []
 
-    # Other readings of the files, where no named cause refuses the calibration
+    # Other readings of the files, where no named cause refuses the calibration.
     if not any(doubt.grave for doubt in named):
         hidden += hidden_joints(found, series, again, told)
         rivals += rival_readings(
@@ -273,7 +273,7 @@ def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
         off = p - p.mean(axis=0)
         mine = off @ np.linalg.svd(off, full_matrices=False)[2][0] > 0.0
 
-        # Two means, from the cut across the principal axis
+        # Two means, from the cut across the principal axis.
         for _ in range(10):
             if not _CLUSTER <= mine.sum() <= len(q) - _CLUSTER:
                 break
@@ -311,7 +311,7 @@ def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> It
         size = float(np.linalg.norm(gap))
         variance = deviation**2 + (_MADE_SCALE * length) ** 2
 
-        # Variance of the length by the touches: seats of the points, and the arm
+        # Variance of the length by the touches: seats of the points, and the arm.
         for k in (i, j):
             if k not in slopes:
                 slopes[k] = _slope(free, series[k], k)
@@ -419,7 +419,7 @@ def _foreign_table(found: Calibration) -> Doubt:
     ]
     best = Doubt(reason="", log_odds=-np.inf)
 
-    # Each parameter with a wider deviation of its own
+    # Each parameter with a wider deviation of its own.
     for k in tried:
         wider = made.copy()
         wider[k] *= _FOREIGN

@@ -93,7 +93,7 @@ def rival_readings(
     given = np.array([_miss(found.nominal, q) for q in series])
     read = [(total, k, range(len(series))) for k, total in enumerate((misses - given).sum(axis=1))]
 
-    # A reading of one file alone
+    # A reading of one file alone.
     if single and len(series) > 1:
         read += [
             (misses[k, i] - given[i], k, (i,))
@@ -111,7 +111,7 @@ def rival_readings(
         if readings[one[1]].mirrored and len(one[2]) == len(series)
     ]
 
-    # Those worth it are fitted
+    # Those worth it are fitted.
     own, out = log_evidence(found, series), []
     for _, k, chosen in (*nearest[:_SCREENED], *mirrored):
         one = readings[k]
@@ -233,7 +233,7 @@ def _with_unknown_readings(
         made = log_made(seen)
         every = max(every, freedom(series) * float(unknown.sum()) + made)
 
-        # Evidence with shares of the readings unknown, or with those that froze
+        # Evidence with shares of the readings unknown, or with those that froze.
         mixed = [
             np.logaddexp(given + np.log1p(-share), unknown + np.log(share)).sum()
             for share in _UNKNOWN
@@ -244,7 +244,7 @@ def _with_unknown_readings(
         if value > some:
             some, noise = value, seen.noise
 
-        # The least likely readings are replaced, and the arm is fitted to these
+        # The least likely readings are replaced, and the arm is fitted to these.
         unlikely = frozen if frozen.any() else (unknown > given) | (turn < _ALL_REPLACED)
         replaced = np.split(unlikely, np.cumsum([len(q) for q in series])[:-1])
         read = [
@@ -352,14 +352,14 @@ def shifted_readings(
     if not shifts:
         return
 
-    # The best shift by the linearised touches
+    # The best shift by the linearised touches.
     odds, sizes, occam = _linear_odds(found, series, shifts)
     best = int(odds.argmax())
     if odds[best] < 0.0:
         return
     size, shift, seen = float(sizes[best]), shifts[best], found
 
-    # Its size in turn with the arm, while the evidence rises
+    # Its size in turn with the arm, while the evidence rises.
     own, value, settled = log_evidence(found, series), -np.inf, size
     for _ in range(_ROUNDS):
         meant = _without(series, shift, size)
@@ -445,7 +445,7 @@ def _linear_odds(
         means /= counts.reshape(-1, *(1,) * (values.ndim - 1))
         return (values - means[owner]) / found.noise
 
-    # Residuals less what the parameters explain
+    # Residuals less what the parameters explain.
     J = found.arm.tips_and_jacobian(np.ascontiguousarray(np.vstack(series)), found.tcp)[1]
     J = np.concatenate([J, np.zeros((len(J), found.arm.n, 3))], axis=1)
     A = rows(J[:, found.estimate.parameters.index]).transpose(0, 2, 1).reshape(3 * len(J), -1)
@@ -456,7 +456,7 @@ def _linear_odds(
     moved = [_by_joint(found, series, k) for k in range(found.arm.n)]
     V = np.array([rows(moved[each.joint] * each.rows[:, None]).ravel() for each in shifts])
 
-    # Size and evidence of each shift
+    # Size and evidence of each shift.
     toward, crossed = V @ r, V @ A
     informed = np.maximum(
         (V**2).sum(axis=1) - np.einsum("cp,pr,cr->c", crossed, covariance, crossed), 0.0

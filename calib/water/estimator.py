@@ -96,7 +96,7 @@ def estimate(
     """
     fit = fit_blocks(blocks, parameters, start=start, rounds=rounds, enough=SETTLED, straight=True)
 
-    # The noise of each channel is widened until its residuals agree with it
+    # The noise of each channel is widened to agree with its residuals.
     widened = np.ones(len(blocks.channels))
     for _ in range(PASSES):
         factors = np.sqrt(excess(blocks, fit))
@@ -126,7 +126,7 @@ def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
     inverse = np.array(np.linalg.inv(reduced.H), dtype=np.float64)
     solved = [np.linalg.inv(L.T @ L + np.eye(L.shape[1])) @ L.T for _, _, L in slopes]
 
-    # Powers of the residuals, and of white noise through the same fit
+    # Powers of the residuals, and of white noise through the same fit.
     seen = _powers(blocks, [each.residuals for each in slopes])
     rng = np.random.default_rng(0)
     white = np.mean(
@@ -160,9 +160,7 @@ def _through(
 
 
 def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
-    """Mean squares (2, channels) of residuals, and of their sums over a second divided by their
-    number.
-    """
+    """Mean squares (2, channels) of residuals, and of their sums over a second by their number."""
     count = len(blocks.channels)
     squares, numbers = np.zeros((2, count)), np.zeros((2, count))
 
@@ -172,7 +170,7 @@ def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
             squares[0, c] += np.sum(own**2)
             numbers[0, c] += own.size
 
-            # Sums over a second: coloured residuals do not average out
+            # Sums over a second: coloured residuals do not average out.
             summed = max(2, blocks.a_second[c])
             whole = len(own) // summed
             if whole:

@@ -106,7 +106,7 @@ def _sentence(names: Sequence[str], correlation: Array) -> str:
     least = float(np.abs(correlation)[np.triu_indices(len(names), 1)].min())
     axes = {axis for axis in AXES for name in names if name.endswith(axis)}
 
-    # What remains open, and the experiment that resolves it
+    # What remains open, and the experiment that resolves it.
     if "thrusters" in kinds and kinds & {"added mass", "quadratic damping", "linear damping"}:
         what, how = "only their ratios are told", _SCALE
     elif kinds == {"thrusters"}:

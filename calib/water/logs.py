@@ -133,7 +133,7 @@ def log_of(
 
     time = _time(name, columns["time"])
 
-    # Samples of each sensor, in the units of the format
+    # Samples of each sensor, in the units of the format.
     channels = {}
     for kind, words in CHANNELS.items():
         have = [word for word in words if word in columns]
@@ -163,14 +163,14 @@ def log_of(
         some = "; ".join(" ".join(words) for words in CHANNELS.values())
         raise ConfigurationError(f"{name}: nothing was measured; it needs one of: {some}")
 
-    # Channels that need one another
+    # Channels that need one another.
     _compare_rates(name, channels)
     if POSITION in channels and ATTITUDE not in channels:
         raise ConfigurationError(
             f"{name}: x y z need qx qy qz qw: without an attitude nobody knows where ahead is"
         )
 
-    # A column for every thruster and joint, or for none
+    # A column for every thruster and joint, or for none.
     for kind, have in (
         (
             "thruster",
@@ -191,7 +191,7 @@ def log_of(
                 f"{', zero if it was off' if kind == 'thruster' else ''}"
             )
 
-    # Of a thruster the command or the thrust, not both
+    # Of a thruster the command or the thrust, not both.
     both = [
         each
         for each in thrusters
@@ -274,12 +274,12 @@ def _csv(path: Path) -> dict[str, Array]:
     lines = io.StringIO(text, newline=None)
     rows = _rows(csv.reader(lines), path.name)
 
-    # Names of the columns, each once
+    # Names of the columns, each once.
     head = [cell.strip() for cell in next(rows, [])]
     if twice := [cell for i, cell in enumerate(head) if cell in head[:i]]:
         raise ConfigurationError(f"log {path.name}: column {shown(twice[0])} is there twice")
 
-    # Rows of numbers
+    # Rows of numbers.
     table = []
     for number, row in enumerate(rows, start=2):
         if not any(cell.strip() for cell in row):
@@ -387,7 +387,7 @@ def _unknown(
 ) -> str:
     kind, dot, _ = column.partition(".")
 
-    # A thruster or joint that this vehicle does not have
+    # A thruster or joint that this vehicle does not have.
     for before, have in ((THRUSTER, thrusters), (THRUST, thrusters), (JOINT, tuple(joints))):
         if dot and f"{kind}." == before:
             there = ", ".join(before + each for each in have) or "none"
@@ -417,7 +417,7 @@ def _time(name: str, time: Array) -> Array:
             f"{name}: time must increase, but {time[at + 1]:g} s follows {time[at]:g} s"
         )
 
-    # In seconds
+    # In seconds.
     usual = float(np.median(steps))
     if usual > 1.0:
         raise ConfigurationError(
@@ -458,7 +458,7 @@ def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
                 "with z up"
             )
 
-        # q and -q are one attitude: no jumps of sign
+        # q and -q are one attitude: no jumps of sign.
         flips = np.cumprod(
             np.r_[1.0, np.where(np.sum(values[1:] * values[:-1], axis=1) < 0.0, -1.0, 1.0)]
         )

@@ -196,7 +196,7 @@ def fit_blocks(
         done += 1
         reduced = Reduced.of(blocks.slopes(x, y), x, y)
 
-        # Damped step, shorter until it lowers the cost
+        # Damped step, shorter until it lowers the cost.
         before = cost
         for _ in range(_TRIES):
             held = reduced.H + damping * np.diag(np.diag(reduced.H))
@@ -237,7 +237,7 @@ class Reduced(NamedTuple):
         H, gradient, eliminated = np.eye(len(deviations)), np.array(deviations), []
 
         for (r, J, L), y in zip(blocks, own, strict=False):
-            # The block's own numbers are eliminated (Schur complement)
+            # The block's own numbers are eliminated (Schur complement).
             C = L.T @ L + np.eye(L.shape[1])
             B = L.T @ J
             solved = np.linalg.solve(C, np.column_stack([L.T @ r + y, B]))

@@ -96,7 +96,7 @@ class VehicleWater:
         inertia = _dry_diagonal(model, hull) + np.diag(water.added_mass)
         gains = tuple(gains)
 
-        # Added mass
+        # Added mass.
         found = [
             _factor(
                 added_mass_name(i),
@@ -107,7 +107,7 @@ class VehicleWater:
             for i in range(6)
         ]
 
-        # Damping
+        # Damping.
         for kind, diagonal, sigma, units in (
             ("linear damping", np.diag(water.linear_damping), LINEAR, ("N s/m", "N m s")),
             ("quadratic damping", water.quadratic_damping, QUADRATIC, ("N s^2/m^2", "N m s^2")),
@@ -119,14 +119,14 @@ class VehicleWater:
                     _factor(f"{kind} {axis}", units[i >= 3], value, sigma if tabled else UNTABLED)
                 )
 
-        # Net buoyancy
+        # Net buoyancy.
         mass = float(np.sum(model.body_mass))
         displaced = density * sum(each.volume for each in nominal.values())
         found.append(
             _offset(NET_BUOYANCY, "N", GRAVITY * (displaced - mass), BUOYANCY * GRAVITY * mass)
         )
 
-        # Centre of buoyancy: above the centre of mass its height is a factor
+        # Centre of buoyancy: above the centre of mass its height is a factor.
         off = water.center_of_buoyancy - center
         height, small = float(off[2]), _SMALL * float(np.cbrt(max(water.volume, 1e-9)))
         aside = LOPSIDED * height if height > 0.0 else small
@@ -139,7 +139,7 @@ class VehicleWater:
             else _offset(CENTER[2], "m", height, small)
         )
 
-        # Thrusters, and the links of the arm
+        # Thrusters, and the links of the arm.
         found += [_factor(f"gain of {name}", "1", 1.0, GAIN) for name in gains]
         if len(nominal) > 1:
             found += [
@@ -163,7 +163,7 @@ class VehicleWater:
         Raises:
             ConfigurationError: The values are no vehicle, such as a volume below zero.
         """
-        # The hull has what the links leave of the displaced volume
+        # The hull has what the links leave of the displaced volume.
         made = {i: self._link(each, values) for i, each in self.nominal.items() if i != self.hull}
         here = self.nominal[self.hull]
         displaced = (self.mass + values[NET_BUOYANCY] / GRAVITY) / self.density

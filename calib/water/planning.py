@@ -39,12 +39,12 @@ def information(slopes: Sequence[Slopes], count: int) -> Array:
     n = slopes[0].shared.shape[1]
     H = np.zeros((n, n))
 
-    # Own numbers of each block, eliminated with unit priors
+    # Own numbers of each block, eliminated with unit priors.
     for _, J, L in slopes:
         B = L.T @ J
         H += J.T @ J - B.T @ np.linalg.solve(L.T @ L + np.eye(L.shape[1]), B)
 
-    # All other parameters, likewise
+    # All other parameters, likewise.
     rest = H[count:, count:] + np.eye(n - count)
     return H[:count, :count] - H[:count, count:] @ np.linalg.solve(rest, H[count:, :count])
 

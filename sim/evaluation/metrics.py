@@ -138,7 +138,7 @@ class Assessment:
         Returns:
             The assessment.
         """
-        # How the run ended: interrupted, at the time limit, or as the work says
+        # How the run ended: interrupted, at the time limit, or as the work says.
         final = recording.final
         state, note = final.state.value, final.note
         if recording.interrupted:
@@ -166,7 +166,7 @@ class Assessment:
             identification_s=identification_s,
         )
 
-        # What failed, the cause of the end first
+        # What failed, the cause of the end first.
         collision = Requirement("collision", run.collision_s, 0.0, "s")
         failed = [check.failure for check in checks if check.failure]
         if collision.failure:
@@ -275,7 +275,7 @@ def assess(
         ),
     )
 
-    # Bounds: of the position also as a share of the range; of the tool by the kind of work
+    # Bounds: of the position also as a share of the range; of the tool by the kind of work.
     range_m = identification.range_m
     position_bound = bounds.position_error
     if range_m is not None:
@@ -411,7 +411,7 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
     nearest = np.where(speed > STANDSTILL, rows, nearest)
     tangent = velocity[nearest] / speed[nearest, None]
 
-    # Error along the tangent, along the tool axis orthogonal to it, and across
+    # Error along the tangent, along the tool axis orthogonal to it, and across.
     error = recording["p_pad"].value[work] - recording["p_command"].value[work]
     axis = recording["tool_axis"].value[work]
     axis = axis - np.sum(axis * tangent, axis=1, keepdims=True) * tangent
@@ -562,12 +562,12 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
         np.concatenate(near).astype(np.int64),
     )
 
-    # Angle from b, by every point of the path near the tip's
+    # Angle from b, by every point of the path near the tip's.
     b, axis, x = b_at[point], axis[row], x[row]
     flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
     angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
 
-    # The smallest of these; 0 where they lie on both sides
+    # The smallest of these; 0 where they lie on both sides.
     least, most = np.minimum.reduceat(angle, first), np.maximum.reduceat(angle, first)
     angle = np.where(
         (least < 0.0) & (most > 0.0), 0.0, np.where(np.abs(least) < np.abs(most), least, most)
@@ -581,7 +581,7 @@ def _finely(path: ModelPath) -> tuple[Array, Array]:
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     fine = np.linspace(0.0, s[-1], 1 + 10 * (len(s) - 1))
 
-    # Interpolated without the steps of the axes, which are put back
+    # Interpolated without the steps of the axes, which are put back.
     steps = Steps.of(path.a, path.b)
     smooth = steps.taken_out(path.a, path.b)
     p, a, b = (
@@ -741,7 +741,7 @@ def hull_motion(recording: "RecordedSeries") -> tuple[Array, Array, Array] | Non
     if "p_WB_reference" in recording:
         p = p - recording["p_WB_reference"].value
 
-    # Turn by the chord between the quaternions
+    # Turn by the chord between the quaternions.
     ahead, behind = quat[work] - quat[first], quat[work] + quat[first]  # q and -q are one rotation
     chord = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1))
     turn = 4.0 * np.arcsin(0.5 * chord)  # exact for small angles, unlike the arc cosine

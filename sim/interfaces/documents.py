@@ -245,9 +245,7 @@ def _yaml_document(text: str) -> Any:
 
 
 class _YamlEvents:
-    """Values of the parser's events of a YAML text; PyYAML's own bound neither aliases nor
-    depth.
-    """
+    """Values of a YAML text by the parser's events; PyYAML's own bound no aliases and no depth."""
 
     def __init__(self, text: str) -> None:
         import yaml

@@ -174,7 +174,7 @@ class PoseCovariance:
         """
         twist = self.twist(X_AT, X_AT_other)
 
-        # Twists that either leaves free are left out
+        # Twists that either leaves free are left out.
         aligned = other.in_frame(pose(np.asarray(X_AT)[:3, :3] @ np.asarray(X_AT_other)[:3, :3].T))
         free = np.linalg.svd(
             np.vstack([self.free, aligned.free, np.zeros((1, 6))]), full_matrices=True
@@ -285,13 +285,13 @@ def mean_pose(
             f"mean_pose: got {len(poses)} poses with {len(covariances)} covariances"
         )
 
-    # All in the axes of the last pose
+    # All in the axes of the last pose.
     last, X = covariances[-1], poses[-1]
     aligned = []
     for X_AT, covariance in zip(poses, covariances, strict=True):
         aligned.append(covariance.in_frame(pose(X[:3, :3] @ X_AT[:3, :3].T)))
 
-    # Mean over the twists that not all leave free
+    # Mean over the twists that not all leave free.
     free = common_free([covariance.free for covariance in aligned])
     held = np.eye(6) - free.T @ free
     weights = [held @ covariance.information @ held for covariance in aligned]
@@ -301,7 +301,7 @@ def mean_pose(
         (weight @ twist for weight, twist in zip(weights, twists, strict=True)), np.zeros(6)
     )
 
-    # Scatter about the mean, over what is stated
+    # Scatter about the mean, over what is stated.
     off = [twist - mean for twist in twists]
     degrees = sum(covariance.degrees for covariance in aligned) - (6 - len(free))
     square = sum(float(one @ weight @ one) for one, weight in zip(off, weights, strict=True))

@@ -65,9 +65,7 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class TargetFinder(Protocol):
-    """Target identification: maps depth frames to a target and its tool path; called once per
-    frame.
-    """
+    """Target identification: maps depth frames, one a call, to a target and its tool path."""
 
     def init(self) -> Any:
         """Initial state, before any frame."""

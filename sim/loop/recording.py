@@ -198,7 +198,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     row = rows[written[0]]
     normal, least, most, saturated, collision = scalars
 
-    # Time, reference and scalars
+    # Time, reference and scalars.
     row[0], row[1], row[2], row[3], row[4], row[5], row[6] = (
         time,
         reference,
@@ -210,7 +210,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     )
     row[7] = felt_normal
 
-    # Vectors: tip, tool axis and hull; force of contact, force felt and tool x axis
+    # Vectors: tip, tool axis and hull; force of contact, force felt and tool x axis.
     for k in range(3):
         row[8 + k], row[11 + k], row[14 + k] = p_pad[k], R_WG[k, 2], p_WB[k]
         row[21 + k], row[24 + k], row[27 + k] = contact_force_W[k], felt_force[k], R_WG[k, 0]
@@ -218,7 +218,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     for k in range(4):
         row[17 + k] = quat_WB_wxyz[k]
 
-    # An object that can move
+    # An object that can move.
     for k in range(p_WT.shape[0]):
         row[30 + k] = p_WT[k]
     for k in range(quat_WT_wxyz.shape[0]):
@@ -275,7 +275,7 @@ class Recorder:
         self._slow_columns = slow_columns(vehicle)
         self._written = np.zeros(1, dtype=np.int64)
 
-        # Tables of the slower rates
+        # Tables of the slower rates.
         self._references = _Block(1 + _total_width(REFERENCE))
         self._slow = _Block(1 + _total_width(self._slow_columns))
         self._poses = _Block(1 + 7 * model.nbody)
@@ -290,7 +290,7 @@ class Recorder:
         self._record: tuple[np.ndarray, ...] = ()
         self._truth: Any = None
 
-        # What was seen last, and what is kept as it is
+        # What was seen last, and what is kept as it is.
         self._reference: Reference | None = None
         self._target: Target | None = None
         self._events: list[Event] = []
@@ -363,7 +363,7 @@ class Recorder:
         if not self._full:
             return
 
-        # Slower rows of a full recording
+        # Slower rows of a full recording.
         if moment.tick % self._ticks == 0:
             self._observe_slow(moment)
         if moment.tick % self._pose_ticks == 0:
@@ -415,7 +415,7 @@ class Recorder:
             time, reference[:, 1:], REFERENCE
         )
 
-        # The reference tip moves on by its velocity
+        # Commanded tip, extrapolated by its velocity.
         series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series[
             "v_command"
         ].value

@@ -206,7 +206,7 @@ class Rollout:
         dt, sensors = plant.timestep, parts.sensors
         self.plant, self.parts, self.observers = plant, parts, observers
 
-        # Rates and delays in ticks
+        # Rates and delays in ticks.
         self._every = [
             ticks_per_period(s.period, dt, type(s).__name__) if s.period > 0.0 else 0
             for s in sensors
@@ -227,7 +227,7 @@ class Rollout:
             parts.controller.period, dt, type(parts.controller).__name__
         )
 
-        # States of the parts
+        # States of the parts.
         self.sensor_states = [
             s.init(stream) for s, stream in zip(sensors, rng.spawn(len(sensors)), strict=True)
         ]
@@ -241,7 +241,7 @@ class Rollout:
         self._followed: set[float] = set()  # time stamps of frames that the finder does not see
         self.motion: ObjectMotion | None = None
 
-        # First measurements, estimate, and states that begin from it
+        # First measurements, estimate, and states that begin from it.
         self.truth = plant.observe()
         first: list[Measurement] = []
 
@@ -391,9 +391,7 @@ class Rollout:
         return bool(self._arrived)
 
     def next_due(self, tick: int) -> int:
-        """Tick from `tick` on at which a slow sensor measures, a measurement arrives, or a frame is
-        requested.
-        """
+        """Tick from `tick` on at which a slow sensor measures, or a message or a frame is due."""
         if self.looking or self.told:
             return tick
 
@@ -411,7 +409,7 @@ class Rollout:
             self._arrived,
         )
 
-        # Sensors without a period send frames: when asked, or for the follower
+        # Sensors without a period send frames: when asked, or for the follower.
         for i, every in enumerate(self._every):
             if every:
                 if tick % every:
@@ -452,7 +450,7 @@ class Rollout:
                     self.frame = measurement
             self._arrived = []
 
-        # A frame goes to the finder with the estimate at its exposure
+        # A frame goes to the finder with the estimate at its exposure.
         frame, finder, follower = self.frame, self.parts.finder, self.parts.follower
         if frame is None or finder is None:
             return

@@ -33,7 +33,7 @@ def form_wrench(
     """
     total, at = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), size
 
-    # Records: kind, number of values, values
+    # Records: kind, number of values, values.
     while at + 1 < nuser:
         kind, count = _f64(row, at), _f64(row, at + 1)
         if not (kind > 0.0 and count >= 0.0 and at + 2.0 + count <= nuser):
@@ -96,28 +96,28 @@ def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vec
     incidence, stall, stalled = load3(row, at + 15)
     stalled_drag, sweep = _f64(row, at + 18), _f64(row, at + 19)
 
-    # Flow in the plane of forward and upward
+    # Flow in the plane of forward and upward.
     u = plus(v, cross(w, point))
     a, b, whole = dot(u, forward), dot(u, upward), dot(u, u)
     square = a * a + b * b
     if not square > 0.0:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
-    # Incidence, of flow from behind too
+    # Incidence, of flow from behind too.
     alpha = (math.atan2(-b, a) if a >= 0.0 else math.atan2(b, -a)) + incidence
     if alpha > _RIGHT:
         alpha -= math.pi
     elif alpha < -_RIGHT:
         alpha += math.pi
 
-    # Lift and drag, linear up to the stall and beyond it
+    # Lift and drag, linear up to the stall and beyond it.
     near, beyond = min(abs(alpha), stall), max(abs(alpha) - stall, 0.0)
     lift = max(slope * near + stalled * beyond, 0.0)
     drag = drag_0 + drag_slope * near + stalled_drag * beyond + induced * lift * lift
     if alpha < 0.0:
         lift = -lift
 
-    # Which speed counts: in the plane, all of it, or that of a swept wing
+    # Which speed counts: in the plane, all of it, or that of a swept wing.
     swept = square
     if sweep < 0.0:
         swept = whole
@@ -168,7 +168,7 @@ def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
     start, end, direction = load3(row, at), load3(row, at + 3), load3(row, at + 6)
     along = end[0] - start[0], end[1] - start[1], end[2] - start[2]
 
-    # Speed across the strip, linear along it, and where it changes sign
+    # Speed across the strip, linear along it, and where it changes sign.
     low = dot(plus(v, cross(w, start)), direction)
     rise = dot(cross(w, along), direction)
     turn = 0.0

@@ -291,7 +291,7 @@ def _strip_drag(
     a, b = _minus(u, _scaled(slip, axis)), _cross(w, along)
     aa, ab, bb = _dot(a, a), 2.0 * _dot(a, b), _dot(b, b)
 
-    # Integrals of the speed across the segment, and of its first and second moment
+    # Integrals of the speed across the segment, and of its first and second moment.
     zeroth, first, second = all_four(0.0), all_four(0.0), all_four(0.0)
     for k in range(max(max(n0, n1), max(n2, n3))):
         s = four_of(nodes[n0, k], nodes[n1, k], nodes[n2, k], nodes[n3, k])
@@ -335,7 +335,7 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
     for k in range(last - last % 4, last):
         _put(LD, k, _f64(M, k))
 
-    # Rows from the last on: two of a chain at once, else one
+    # Rows from the last on: two of a chain at once, else one.
     j, singular = nv - 1, -1
     while j >= 0:
         here, columns = LD + 8 * _i32(rowadr, j), colind + 4 * _i32(rowadr, j)
@@ -386,8 +386,7 @@ def _is_new(user: int, seen_at: int, what: int) -> bool:
 
 
 def build() -> Any:
-    """Compile the callback for the running MuJoCo and `LAYOUT`: a numba CFunc `void(mjModel*,
-    mjData*)`.
+    """Compile the callback for the running MuJoCo: a numba CFunc `void(mjModel*, mjData*)`.
 
     `SYMBOLS` must be registered with LLVM before.
     """
@@ -612,7 +611,7 @@ def build() -> Any:
             _pointer(m, colind_at),
         )
 
-        # From the leaves to the root: sums of the subtrees, projected onto the joints
+        # From the leaves to the root: sums of the subtrees, projected onto the joints.
         for i in range(nbody - 1, 0, -1):
             here = scratch + 8 * stride * i
             if _f64(here, loaded) == 0.0:
@@ -641,7 +640,7 @@ def build() -> Any:
 
         _free_stack(d)
 
-        # M has changed since MuJoCo factored it
+        # M has changed since MuJoCo factored it.
         if dry:
             _put(crb, 0, WET_MARK)
             factored, inverse = _pointer(d, factored_at), _pointer(d, inverse_at)

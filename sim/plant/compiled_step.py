@@ -24,9 +24,7 @@ from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 
 
 class Flow(NamedTuple):
-    """Current of the water: rows made ahead (`uuv.sim.water.current.Current`), and where the next
-    one goes.
-    """
+    """Current of the water: rows made ahead (`uuv.sim.water.current.Current`), and the next one."""
 
     velocity: Array  # (N, 3) [m/s]
     acceleration: Array  # (N, 3) [m/s^2]
@@ -77,9 +75,7 @@ def verdict(time, before, least_gain, warned, mark):
 
 @kernel
 def observe(plant):
-    """Update the kinematics to the current time, as `Plant.observe`; True if `Plant.check` must be
-    called now.
-    """
+    """Update the kinematics, as `Plant.observe`; True if `Plant.check` must be called now."""
     places, watch = plant.readout.places, plant.watch
     _call_hook(plant.placed, watch)
     call_physics(places[STEP1], places[MODEL], places[DATA])
@@ -110,21 +106,21 @@ def advance(plant, joint_torque, thrusters):
 
     places, ctrl, last = plant.readout.places, plant.drive.ctrl, plant.substeps - 1
 
-    # Commands
+    # Commands.
     plant.drive.commanded[:] = thrusters
     _call_hook(plant.commanded, plant.watch)
     command_thrusters(plant.drive)
     for i in range(plant.joints.shape[0]):
         ctrl[plant.joints[i]] = joint_torque[i]
 
-    # Substeps but the last
+    # Substeps but the last.
     for substep in range(last):
         feel_soil(plant.soil)
         call_physics(places[STEP2], places[MODEL], places[DATA])
         gears_and_contacts(plant.readout, substep, last + 1)
         call_physics(places[STEP1], places[MODEL], places[DATA])
 
-    # The last substep
+    # The last substep.
     feel_soil(plant.soil)
     call_physics(places[STEP2], places[MODEL], places[DATA])
 
@@ -142,9 +138,7 @@ def advance(plant, joint_torque, thrusters):
 
 @kernel
 def next_flow(flow):
-    """Write the water of the next step from its row, before `observe` computes its forces; a `Flow`
-    or its fields.
-    """
+    """Write the water of the next step, before `observe`; takes a `Flow` or its fields."""
     velocity, acceleration, row, wind, current_acceleration, current_W = flow
 
     at = row[0]

@@ -65,7 +65,7 @@ class ReactionWrench:
             raise ConfigurationError("reaction: the world has no parent")
         _refuse(model)
 
-        # The subtree's bodies
+        # The subtree's bodies.
         last = self._body + 1
         # bodies come depth first
         while last < model.nbody and model.body_parentid[last] >= self._body:
@@ -76,7 +76,7 @@ class ReactionWrench:
         self._joints = model.body_parentid, model.body_dofadr, model.body_dofnum
         self._root = int(model.body_rootid[self._body])
 
-        # What acts on it from outside: water, thrusters, soil, gravity compensation
+        # What acts on it from outside: water, thrusters, soil, gravity compensation.
         self._wet = [i for i in carried if water.carries(model.body_user[i])]
         self._water = _water_of(model, self._wet)
 
@@ -123,7 +123,7 @@ class ReactionWrench:
                 "reaction: the water did not act; call uuv.sim.hydrodynamics.install()"
             )
 
-        # Forces of the present state, with the velocity of their instant
+        # Forces of the present state, with the velocity of their instant.
         if qvel is None:
             mujoco.mj_rnePostConstraint(model, data)
             velocity = data.qvel
@@ -142,7 +142,7 @@ class ReactionWrench:
                 "the velocity before the step as qvel"
             )
 
-        # Less what acts from outside: the wrench of the joint alone remains
+        # Less what acts from outside: the wrench of the joint alone remains.
         com, xpos, xmat = data.subtree_com[self._root], data.xpos, data.xmat
         gravity = _NOTHING if model.opt.disableflags & _GRAVITY_OFF else model.opt.gravity
 
@@ -231,7 +231,7 @@ def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
         displaced = water.water_density(model) * body.volume
         vectors[k] = [*body.quadratic_damping, *body.center_of_buoyancy, displaced]
 
-        # Gauss-Legendre stations along each strip
+        # Gauss-Legendre stations along each strip.
         for strip in body.segments:
             along = strip.end - strip.start
             length = float(np.linalg.norm(along))
@@ -402,7 +402,7 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
 
         weightless = _sum(stream, _scaled(-1.0, gravity))
 
-        # Twist and its rate relative to the water, body axes
+        # Twist and its rate relative to the water, body axes.
         u = _turned_back(R, current)
         w_W, wdot_W = _three(cvel[i], 0), _three(cacc[i], 0)
         w, wdot = _turned_back(R, w_W), _turned_back(R, wdot_W)
@@ -416,7 +416,7 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
         for n in range(3):
             nudot[n], nudot[3 + n], nu[n], nu[3 + n] = a[n], wdot[n], v[n], w[n]
 
-        # Added mass and damping
+        # Added mass and damping.
         added, linear, numbers = matrices[k, 0], matrices[k, 1], vectors[k]
         for n in range(6):
             momentum[n], f[n] = 0.0, -numbers[n] * abs(nu[n]) * nu[n]
@@ -424,7 +424,7 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
                 momentum[n] += added[n, m] * nu[m]
                 f[n] -= added[n, m] * nudot[m] + linear[n, m] * nu[m]
 
-        # Momentum of the added mass in turning axes
+        # Coriolis terms of the added mass.
         p = _three(momentum, 0)
         _add(
             f,
@@ -434,7 +434,7 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
         )
         _add(f, (0.0, 0.0, 0.0), _scaled(-1.0, _cross(v, p)), (0.0, 0.0, 0.0))
 
-        # Strips
+        # Strips.
         while station < len(stations) and stations[station, 0] == k:
             row = stations[station]
             place, axis = _three(row, 1), _three(row, 4)
@@ -452,7 +452,7 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
             force, torque = form_wrench(rows[k], _ROW, width, _MASS_AT, v, w)
             _add(f, force, torque, (0.0, 0.0, 0.0))
 
-        # Buoyancy
+        # Buoyancy.
         lift = _scaled(numbers[9], _turned_back(R, weightless))
         _add(f, lift, (0.0, 0.0, 0.0), _three(numbers, 6))
 

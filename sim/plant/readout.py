@@ -150,7 +150,7 @@ def gears_and_contacts(readout, substep, substeps):
     d = places[DATA]
     efc_force = pointer(d, places[EFC_FORCE])
 
-    # Friction of the gears
+    # Friction of the gears.
     first, end = i32(d + places[NE], 0), i32(d + places[NEFC], 0)
     for j in range(rows.shape[0]):
         if rows[j] >= 0:
@@ -160,7 +160,7 @@ def gears_and_contacts(readout, substep, substeps):
         contacts[:] = 0.0
         contacts[LEAST], contacts[MOST] = np.inf, -np.inf
 
-    # Contacts of the vehicle with the world
+    # Contacts of the vehicle with the world.
     here = pointer(d, places[CONTACT])
     force, total = np.empty(3), np.zeros(4)
     for _ in range(i32(d + places[NCON], 0)):
@@ -195,7 +195,7 @@ def gears_and_contacts(readout, substep, substeps):
 
         here += places[SIZE]
 
-    # Means over the substeps, and the extremes of the normal force
+    # Means over the substeps, and the extremes of the normal force.
     for k in range(4):
         total[k] += added[k]
         contacts[k] += total[k]
@@ -217,7 +217,7 @@ def _contact_force(efc_force, friction, dim, pyramids, force):
             force[k] = f64(efc_force, k)
         return
 
-    # Pyramid: the normal force is the sum over its edges
+    # Pyramid: the normal force is the sum over its edges.
     force[0] = 0.0
     for k in range(2 * (dim - 1)):  # edges of the friction pyramid, two along each direction
         force[0] += f64(efc_force, k)

@@ -109,7 +109,7 @@ class Truth:
 
         truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
 
-        # Hull
+        # Hull.
         truth.p_WB = data.xpos[vehicle.hull]
         truth.R_WB = data.xmat[vehicle.hull].reshape(3, 3)
         dof = vehicle.hull_dof
@@ -117,7 +117,7 @@ class Truth:
         truth.w_WB_B = data.qvel[dof + 3 : dof + 6]
         truth.acceleration = data.qacc[dof : dof + 6]
 
-        # Arm and thrusters
+        # Arm and thrusters.
         truth.q, truth.qd, truth.qdd = (
             _view(data.qpos, vehicle.qpos),
             _view(data.qvel, vehicle.dof),
@@ -131,7 +131,7 @@ class Truth:
         truth.current_W = np.zeros(3)
         truth.arm_wrench_B = np.full(6, np.nan)
 
-        # Tool, which without an arm is the hull
+        # Tool, which without an arm is the hull.
         armed = vehicle.tip >= 0
         truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
         truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB

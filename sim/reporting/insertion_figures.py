@@ -46,7 +46,7 @@ def insertion_figures(
         if event.time >= time[0] - 1e-9
     ]
 
-    # Forces
+    # Forces.
     figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for label, force_H, color in (("felt", felt_H, ORANGE), ("true", true_H, BLUE)):
@@ -74,7 +74,7 @@ def insertion_figures(
         figure,
     )
 
-    # Way of the tip, in the frame of the hole
+    # Way of the tip, in the frame of the hole.
     figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     upper.plot(time, 1e3 * tip_H[:, 2], color=BLUE, linewidth=1.0, label="tip")
@@ -98,7 +98,7 @@ def insertion_figures(
 
     yield "Way of the tip", "In the frame of the true hole; shaded the radial clearance.", figure
 
-    # Section and plan of the hole
+    # Section and plan of the hole.
     figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
     section, plan = figure.subplots(1, 2)
     r = 1e3 * truth.radius

@@ -51,7 +51,7 @@ class RayPicture:
         eye = np.asarray(camera.lookat) - camera.distance * ahead
         hit = RayScene(corners - eye, self._triangles).cast(np.zeros(3), rays.reshape(-1, 3))
 
-        # Light: from all sides, from the camera, from above
+        # Light: from all sides, from the camera, from above.
         seen = np.isfinite(hit["t"])
         ways = rays.reshape(-1, 3) / np.linalg.norm(rays.reshape(-1, 3), axis=1, keepdims=True)
         facing = -np.einsum("ij,ij->i", hit["normal"], ways)

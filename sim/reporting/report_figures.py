@@ -35,7 +35,7 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
         faces.set_rasterized(True)
         axes.add_collection(faces)
 
-        # Clouds of the identification
+        # Clouds of the identification.
         for (name, points), color in zip(
             _thinned(recording.clouds, X_TW).items(), (SKY, PURPLE, GREEN, BLUE), strict=False
         ):
@@ -48,7 +48,7 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
                 rasterized=True,
             )
 
-        # Path as planned and as done
+        # Path as planned and as done.
         if path is not None:
             planned = transform_points(X_TW, path.p)[:, view]
             axes.plot(
@@ -68,7 +68,7 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
         axes.margins(0.05)
         plain_axes(axes, 9)
 
-    # One legend for both views
+    # One legend for both views.
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(
         handles,

@@ -97,7 +97,7 @@ class RerunLog:
         self._pose_ticks = ticks_per_period(pose_period, timestep, "log's pose period")
         self._ticks = ticks_per_period(period, timestep, "log's period")
 
-        # Static content
+        # Static content.
         self._stream = stream = LogStream(path, title, view=view)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -105,7 +105,7 @@ class RerunLog:
         stream.show(blueprint(middle_of(model, data, vehicle)))
         describe_series(stream.static, vehicle)
 
-        # Thrusters in the frame of the hull
+        # Thrusters in the frame of the hull.
         sites = model.actuator_trnid[vehicle.thruster_actuators, 0]
         places = inverse(pose(data.xmat[vehicle.hull].reshape(3, 3), data.xpos[vehicle.hull]))
         thrusters_B = transform_points(places, data.site_xpos[sites])
@@ -115,7 +115,7 @@ class RerunLog:
             PoseRows(vehicle, moving, thrusters_B),
         )
 
-        # What was logged last
+        # What was logged last.
         self._cloud_colors: dict[str, tuple[int, int, int]] = {}
         self._state: WorkState | None = None
         self._target: Target | None = None
@@ -158,7 +158,7 @@ class RerunLog:
         truth = moment.truth
         self._time = truth.time
 
-        # What has changed
+        # What has changed.
         if moment.reference.state is not self._state:
             self._enter(moment.reference, truth.time)
         if moment.target is not None and moment.target is not self._target:
@@ -172,7 +172,7 @@ class RerunLog:
             self._frame = moment.frame
             self._look(moment.frame, pose(truth.R_WB, truth.p_WB), truth.time)
 
-        # Rows, each kind at its rate
+        # Rows, each kind at its rate.
         if moment.tick % self._ticks == 0:
             self._series.add(moment)
             if perf_counter() - self._sent_at > FLUSH_WALL_S:
@@ -345,7 +345,7 @@ class RerunLog:
             .astype(np.uint16)
         )
 
-        # Every second pixel halves the camera matrix
+        # Every second pixel halves the camera matrix.
         height, width = depth.shape
         K = image.K / 2.0
         K[2, 2] = 1.0

@@ -81,7 +81,7 @@ class SeriesRows:
             parts
         )
 
-        # Errors along and across the path, and along the tool axis
+        # Errors along and across the path, and along the tool axis.
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         tangent = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 1e-6)
         deviation = [
@@ -165,7 +165,7 @@ class PoseRows:
             parts
         )
 
-        # Bodies
+        # Bodies.
         time = time[:, 0]
         p, quat_wxyz = p.reshape(rows, k, 3), quat_wxyz.reshape(rows, k, 4)
         for i, entity in enumerate(self._entities):
@@ -174,7 +174,7 @@ class PoseRows:
                 entity, time, rr.Transform3D.columns(translation=p[:, i], quaternion=xyzw)
             )
 
-        # Arrows
+        # Arrows.
         above = hull + np.array([0.0, 0.0, 0.6])
         for name, origin, vector in (
             ("contact", tip, FORCE_SCALE * contact),
@@ -185,7 +185,7 @@ class PoseRows:
                 f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector)
             )
 
-        # Jets, against the thrust
+        # Jets, against the thrust.
         R_WB = R_WB.reshape(rows, 3, 3)
         places = np.einsum("nij,kj->nki", R_WB, self._thrusters_B) + hull[:, None]
         jets = -JET_SCALE * thrust[:, :, None] * np.einsum("nij,kj->nki", R_WB, self._pushes_B)

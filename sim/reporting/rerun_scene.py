@@ -216,7 +216,7 @@ def draw(
             xyzw = np.roll(data.xquat[body], -1)
             log(entity, rr.Transform3D(translation=data.xpos[body], quaternion=xyzw))
 
-    # Styles of the arrows and of the worked path, which the rows fill
+    # Styles of the arrows and of the worked path, which the rows fill.
     for name, color, radius in (
         ("contact", VERMILION, 0.012),
         ("arm_on_hull", ORANGE, 0.012),

@@ -64,7 +64,7 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
     figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
     axes = figure.subplots()
 
-    # True ground under the tip
+    # True ground under the tip.
     tip = recording["p_pad"].value[row]
     beside = np.array([-heading[1], heading[0]])
     off = float((tip[:2] - p_WB[:2]) @ beside)
@@ -78,14 +78,14 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
         label="true ground",
     )
 
-    # Scan near the section
+    # Scan near the section.
     scan = recording.clouds.get("scan", np.zeros((0, 3)))
     near = np.abs((scan[:, :2] - p_WB[:2]) @ beside - off) < _BESIDE
     scan = seen(scan[near])
     within = (scan[:, 0] > along[0]) & (scan[:, 0] < along[-1])
     axes.plot(*scan[within].T, ".", color=FAINT, markersize=2, label="scan")
 
-    # Hull, arm and targets
+    # Hull, arm and targets.
     (x0, _, z0), (x1, _, z1) = truth.hull_box
     corners = np.array([[x0, 0, z0], [x1, 0, z0], [x1, 0, z1], [x0, 0, z1], [x0, 0, z0]])
     axes.plot(
@@ -145,7 +145,7 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
     hull.set_xlabel("time [s]")
     hull.legend(frameon=False, fontsize=9, ncols=3)
 
-    # Changes of state
+    # Changes of state.
     for event in recording.events:
         if time[0] - 1e-9 <= event.time <= time[-1]:
             for axes in (force, depth, hull):

@@ -164,7 +164,7 @@ def arrow_table(file: Path) -> "pa.Table":
             for k in range(told.num_columns)
         ]
 
-        # What it takes in memory, checked before it is read
+        # What it takes in memory, checked before it is read.
         unpacked = sum(part.total_uncompressed_size for part in parts)
         if told.num_rows * told.num_columns > MOST_NUMBERS or unpacked > _MOST_BYTES:
             raise ConfigurationError(f"{what}: more than {MOST_NUMBERS} values")

@@ -227,7 +227,7 @@ class PastRun:
                     f"{self.folder}: the times of its series {rate!r} do not rise"
                 )
 
-            # Columns by series
+            # Columns by series.
             parts: dict[str, list[Column]] = {}
             for column in columns.values():
                 if column.series:

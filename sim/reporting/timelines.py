@@ -65,7 +65,7 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
     if not titles:
         return ""
 
-    # Panels of all runs, one above the other
+    # Panels of all runs, one above the other.
     figure = make_subplots(rows=len(titles), shared_xaxes=True, vertical_spacing=0.16 / len(titles))
     for row, title in enumerate(titles, start=1):
         _draw(
@@ -75,14 +75,14 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
             start,
         )
 
-    # States shaded, first shown from the approach on
+    # States shaded, first shown from the approach on.
     first = next(iter(runs.values()))
     _shade(figure, first, start[0])
     touched = next((event.time for event in first.events if event.state in CONTACT), None)
     if touched is not None:
         figure.update_xaxes(range=[touched - start[0], first.duration - start[0]])
 
-    # Layout
+    # Layout.
     since = "start of the work" if any(start) else "start of the run"
     figure.update_xaxes(title_text=f"time from the {since} [s]", row=len(titles), col=1)
     figure.update_xaxes(gridcolor="rgba(128,128,128,.22)", zeroline=False)
@@ -143,7 +143,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             line = Line("true − set", recorded["contact_normal"].time[work], wrong, BLUE)
             yield Panel("force error [N]", [line], _both(bounds and bounds.force_error_max))
 
-    # Path
+    # Path.
     if (error := path_error(recorded)) is not None:
         judged = bounds is not None and np.isfinite(bounds.path_deviation)
         parts = (
@@ -160,7 +160,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             _both(1e3 * bounds.path_deviation if bounds is not None and judged else None),
         )
 
-    # Hull
+    # Hull.
     if (motion := hull_motion(recorded)) is not None:
         time, displacement, turn = motion
         lines = [
@@ -169,7 +169,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
         yield Panel("hull from its place [mm]", lines)
         yield Panel("turn of the hull [deg]", [Line("turn", time, np.degrees(turn), BLUE)])
 
-    # Drives and current
+    # Drives and current.
     for name, title, scale in (
         ("thrust", "thrust [N]", 1.0),
         ("tau_drive", "joint torque [N m]", 1.0),

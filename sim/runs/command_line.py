@@ -256,7 +256,7 @@ def _blame(error: Exception) -> tuple[str, int]:
     """Message and exit code of an unexpected error, of a user's own module or of the program."""
     said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
 
-    # A user's own module counts before the program that called it
+    # A user's own module counts before the program that called it.
     places = list(_places(error.__traceback__))
     folders = [_HOME / name for name in ("uuv", *ROOMS, "scripts")]
     ours = [place for place in places if any(place[2].is_relative_to(folder) for folder in folders)]

@@ -44,7 +44,7 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
         hint = Annotated[part, tyro.conf.OmitArgPrefixes, tyro.conf.arg(help="")]
         parts.append((title, hint, field(default_factory=part) if whole else field()))
 
-    # Read by groups, handed to the class
+    # Read by groups, handed to the class.
     grouped = make_dataclass("Grouped", parts, kw_only=True)
     found = tyro.cli(grouped, args=args, description=inspect.getdoc(kind))
     return kind(

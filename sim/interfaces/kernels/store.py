@@ -260,7 +260,7 @@ def _place_for(given: str, caches: str) -> _Place:
     if given.lower() == OFF:
         return _Place(None, f"{FOLDER}={OFF}")
 
-    # As the environment says
+    # As the environment says.
     if given:
         folder = Path(given).expanduser().resolve()
         why = _unfit(folder)
@@ -268,7 +268,7 @@ def _place_for(given: str, caches: str) -> _Place:
             print(f"no store of compiled kernels: {FOLDER}={given}: {why}", file=sys.stderr)
         return _Place(None if why else folder, why)
 
-    # In the user's cache
+    # In the user's cache.
     try:
         folder = (Path(caches) if caches else Path.home() / ".cache") / "uuv-arm" / "kernel-store"
         why = _unfit(folder)
@@ -278,7 +278,7 @@ def _place_for(given: str, caches: str) -> _Place:
         if not why:
             return _Place(folder)
 
-    # Else among temporary files
+    # Else among temporary files.
     beside = Path(tempfile.gettempdir()) / f"uuv-arm-kernels-{os.getuid()}"
     if not _unfit(beside):
         print(f"compiled kernels are kept in {beside}: {why}", file=sys.stderr)

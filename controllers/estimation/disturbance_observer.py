@@ -1,5 +1,4 @@
-"""Disturbance observer of the hull: current from its drag, error of the thrusters' gain, and a
-steady force.
+"""Disturbance observer of the hull: current, error of the thrusters' gain, and a steady force.
 
 The hull's momentum is predicted from its inertia, the thrust, and the arm's wrench. The remaining
 change of momentum is split by the signature of each cause. Per hull axis i, with v the velocity of
@@ -78,6 +77,7 @@ class DisturbanceObserver:
         """
         self._beliefs = beliefs or ObserverDeviations()
         b = self._beliefs
+
         mass = inertia[:3, :3].copy()
         turning = inertia[3:, 3:].copy()
         self.hull = ObservedHull(
@@ -95,10 +95,12 @@ class DisturbanceObserver:
     def init(self) -> DisturbanceObserverState:
         """Initial state: no current and no disturbance, with the assumed initial variances."""
         b = self._beliefs
+
         m = self.hull.mass.diagonal()
         P = np.zeros((3, 4, 4))
         for i in range(3):
             P[i] = np.diag([b.velocity_noise**2, b.current**2, b.gain**2, (b.offset * m[i]) ** 2])
+
         return DisturbanceObserverState(
             v_W=np.zeros(3),
             current_W=np.zeros(3),
@@ -126,12 +128,16 @@ def observe(hull, state, seen, wrenches, dt):
     """
     R_WB, v_B, w_B = seen
     given_B, arm_B, static_B = wrenches
+
+    # The first sample only sets the state: there is no interval before it.
     if not state.begun[0]:
         state.v_W[:] = R_WB @ v_B
         state.w_B[:] = w_B
         state.begun[0] = True
         state.arm_B[:] = arm_B
         return
+
+    # Known wrench beside the thrusters; that of the arm is averaged over the interval.
     other_B = 0.5 * (arm_B + state.arm_B) + static_B
     _observe_moving(hull, (R_WB, v_B, w_B - state.w_B), given_B, other_B, dt, state)
     _observe_turning(hull, w_B, given_B, other_B, dt, state)
@@ -140,8 +146,7 @@ def observe(hull, state, seen, wrenches, dt):
 
 @kernel
 def unknown_wrench(hull, state, R_WB, v_B, given_B):
-    """Estimated disturbance wrench (6,) [N, N m] beside thrusters, arm, weight and buoyancy, hull
-    axes.
+    """Disturbance wrench (6,) [N, N m], hull axes, beside thrusters, arm, weight and buoyancy.
 
     Args:
         hull: `ObservedHull`.
@@ -152,6 +157,8 @@ def unknown_wrench(hull, state, R_WB, v_B, given_B):
     """
     flow_B = R_WB.T @ state.current_W
     offset_B = R_WB.T @ state.offset_W
+
+    # Per axis: steady force, excess of the thrust, and drag in the current.
     wrench_B = np.empty(6)
     for i in range(3):
         u = v_B[i] - flow_B[i]
@@ -163,9 +170,7 @@ def unknown_wrench(hull, state, R_WB, v_B, given_B):
 
 @kernel
 def _observe_moving(hull, seen, given_B, other_B, dt, state):
-    """Step of the three four-state filters; the last of `seen` (3,) [rad/s] is the change of the
-    angular velocity.
-    """
+    """Step of the three filters; `seen[2]` (3,) [rad/s] is the change of the angular velocity."""
     R_WB, v_B, turned = seen
     v_W = state.v_W
     current_W = state.current_W
@@ -205,6 +210,8 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
         F[0, 2] = given_B[i] * dt / mass[i, i]
         F[0, 3] = dt / mass[i, i]
         Pi = F @ P[i] @ F.T.copy()
+
+        # Process noise: a change of the current carries the hull along, hence the covariance.
         walk = noise[1] * dt
         Pi[0, 0] += walk
         Pi[0, 1] += walk
@@ -223,6 +230,8 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
         dc[i] = K[1] * error[i]
         dd[i] = K[3] * error[i]
         gain[i] = min(max(gain[i] + K[2] * error[i], -0.5), 0.5)
+
+    # Corrections, back in world axes.
     v_W += R_WB @ dv
     current_W += R_WB @ dc
     offset_W += R_WB @ dd
@@ -230,9 +239,7 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
 
 @kernel
 def _observe_turning(hull, w_WB_B, given_B, other_B, dt, state):
-    """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance
-    that this takes.
-    """
+    """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` the disturbance."""
     w_B = state.w_B
     moment_B = state.moment_B
     turning = hull.turning
@@ -240,16 +247,22 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, state):
     pace = hull.moment_bandwidth * dt
     linear = hull.linear[3:]
     quadratic = hull.quadratic[3:]
+
+    # Angular momentum at the measured rate.
     spin = np.empty(3)
     net = np.empty(3)
     error = np.empty(3)
     for i in range(3):
         spin[i] = turning[i, 0] * w_WB_B[0] + turning[i, 1] * w_WB_B[1] + turning[i, 2] * w_WB_B[2]
+
+    # Net moment, gyroscopic term included.
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         drag = (linear[i] + quadratic[i] * abs(w_WB_B[i])) * w_WB_B[i]
         gyroscopic = w_WB_B[j] * spin[k] - w_WB_B[k] * spin[j]
         net[i] = given_B[3 + i] + other_B[3 + i] + moment_B[i] - drag - gyroscopic
+
+    # Predicted rate, corrected by the measured one.
     for i in range(3):
         w_B[i] += dt * (
             inverse_turning[i, 0] * net[0]
@@ -258,6 +271,8 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, state):
         )
         error[i] = w_WB_B[i] - w_B[i]
         w_B[i] += min(1.0, 2.0 * pace) * error[i]
+
+    # The disturbance integrates what is left; the gains place both poles at the bandwidth.
     for i in range(3):
         moment_B[i] += (
             pace**2

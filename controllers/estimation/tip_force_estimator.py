@@ -91,9 +91,7 @@ class ContactState:
         self.record.sigma_G[:] = estimate.sigma_G
 
     def wrench_B(self) -> Array:
-        """Contact wrench (6,) [N, N m] on the hull through the arm, at the hull's origin in hull
-        axes.
-        """
+        """Contact wrench (6,) [N, N m] on the hull, through the arm; at its origin in hull axes."""
         contact_B = np.empty(6)
         contact_wrench(self.sensed.X_BG, self.sensed.f_B, contact_B)
         return contact_B
@@ -121,20 +119,20 @@ class ContactEstimator(Protocol):
 
 
 class TorqueResidual:
-    """Common part of the estimators: the arm's motion, and its torques less those of the model
-    without contact.
-    """
+    """Common part of the estimators: motion, and torques beyond those of the contact-free model."""
 
     def __init__(
         self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float
     ) -> None:
         self._arm, self._tuning, self._vehicle = arm, tuning, Vehicle.of(model)
+
         self.timing = SenseTiming(period, tuning.acceleration_filter, tuning.force_filter)
         self._slow_ticks = max(1, round(tuning.hover_period / period))
 
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction."""
         n, own = self._arm.n, self._arm.parameters
+
         return ContactState(
             arm=own._replace(numbers=own.numbers.copy()),
             record=ContactRecord(
@@ -154,12 +152,13 @@ class TorqueResidual:
     def _sense(
         self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array
     ) -> float:
-        """Force from the torque sensors into `f_tip_W`, motion and residual into `state.sensed`;
-        the normal force.
-        """
+        """Force by torque sensors into `f_tip_W`, residual into `state.sensed`; its normal part."""
         e, floor = estimate, state.floor
+
+        # Doubt of a replaced sensor adds to the noise of its joint.
         if e.tau_doubt is not None:
             floor = np.hypot(floor, e.tau_doubt)
+
         readings = (e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, current_W, e.q, e.qd, e.tau)
         errors = (state.bias, floor, self._tuning.torques.share)
         return estimate_tip_force(
@@ -176,9 +175,7 @@ class TorqueResidual:
 
 
 class TorqueSensors(TorqueResidual):
-    """Contact force from torque sensors on the gear outputs; the payload is identified while the
-    arm unfolds.
-    """
+    """Contact force by torque sensors on the gear outputs; payload identified while unfolding."""
 
     def __init__(
         self,
@@ -204,14 +201,18 @@ class TorqueSensors(TorqueResidual):
         tuning = tuning or ArmTuning()
         super().__init__(model, arm or ArmDynamics(model, water_error=water_error), tuning, period)
         self._period = period
+
         self._payload = PayloadIdentification(self._arm)
         self._force_share = share = min(1.0, period / tuning.force_filter)
+
         gears = FrictionTracking(
             armature=np.array(self._vehicle.armature),
             damping=np.array(self._vehicle.joint_damping),
             most=tuning.gears.excess * (friction or self._vehicle.dry_friction).stiction,
             share=min(1.0, period / tuning.gears.filter),
         )
+
+        # A first-order filter passes `share / (2 - share)` of the variance of white noise.
         self.gains = FeelGains(
             timing=self.timing,
             noise=tuning.torques.share,
@@ -224,6 +225,7 @@ class TorqueSensors(TorqueResidual):
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction, no payload."""
         state = super().init(estimate)
+
         state.own = self._payload.init()
         state.record.weighing[0] = True
         return state
@@ -245,8 +247,10 @@ class TorqueSensors(TorqueResidual):
         """
         self.sense(state, estimate, drives)
         self._tare(state, reference)
+
         if self._is_slow_tick(state):
             self.follow_up(state, estimate, reference)
+
         state.record.ticks[0] += 1
 
     def follow_up(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
@@ -262,8 +266,7 @@ class TorqueSensors(TorqueResidual):
         find_sigma(self.gains, estimate.tau, state.record)
 
     def sense(self, state: ContactState, estimate: StateEstimate, drives: DriveState) -> None:
-        """Force, friction and motion of one sample, without tare and payload; the sigma stays as it
-        is.
+        """Force, friction and motion of one sample, without tare and payload; sigma is unchanged.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -278,8 +281,7 @@ class TorqueSensors(TorqueResidual):
         feel_by_torques(state.arm, self.gains, readings, doubt, drives.tau, state.record)
 
     def weigh(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
-        """Identify the payload while the arm unfolds; adopt it at the first tool pose, still free
-        of contact.
+        """Identify the payload while the arm unfolds; adopt it at the first tool pose.
 
         Args:
             state: as `sense` left it; changed in place.
@@ -288,10 +290,12 @@ class TorqueSensors(TorqueResidual):
         """
         sensed, payload = state.sensed, state.own
         if reference.X_WG is not None:
+            # At the first tool pose: adopt the payload.
             state.excess = self._payload.excess(payload)
             state.arm.numbers[:] = self._payload.weighed(state.excess).numbers
             state.own = None
             state.record.weighing[0] = False
         elif state.record.ticks[0] * self._period > self._tuning.weighing_after:
+            # Until then, once the start is over: one more sample.
             motion = JointMotion(estimate.q, estimate.qd, sensed.qdd)
             self._payload.add(payload, motion, sensed.hull, sensed.tau_e)

@@ -79,17 +79,22 @@ def follow(curves, balance_time, command, time, held):
         held: `HeldHull`; updated.
     """
     estimated, wanted = np.isfinite(command.f_W.sum()), np.isfinite(held.set_force_W.sum())
+
+    # First-order means; the first command is taken as it is.
     share = 1.0
     if held.begun[0]:
         share = 1.0 - math.exp(-max(time - held.time[0], 0.0) / balance_time)
+
     for i in range(3):
         force = 0.0
         if held.touches[0] and (estimated or wanted):
             force = command.f_W[i] if estimated else held.set_force_W[i]
         held.force_W[i] += share * (force - held.force_W[i])
+
     for i in range(curves.shape[0]):
         thrust = thrust_at(curves[i], command.thrusters[i])
         held.thrust[i] += share * (thrust - held.thrust[i])
+
     held.time[0] = time
     held.begun[0] = True
 
@@ -130,7 +135,11 @@ class BlindDeparture:
             np.array([0.0, 0.0, 1.0]),
             self._B @ held.thrust,
         )
+
+        # With the arm folded: straight up, under what holds the hull in its current.
         legs = [(SAFETY.leave_time, up_W), (SAFETY.leave_time + SAFETY.rise_time, up_W)]
+
+        # Near the object: without the thrust against the contact, and first off the surface.
         if self._arm is not None and np.abs(sound.q - self._q_home).max() > _FOLDED:
             X_BG, force_B = self._arm.tip(sound.q)[0], R_BW @ held.force_W
             held_B += np.append(force_B, np.cross(X_BG[:3, 3], force_B))
@@ -139,23 +148,26 @@ class BlindDeparture:
             legs = [(SAFETY.leave_time, off_W)]
             if up_W[2] > 0.0:
                 legs.append((SAFETY.leave_time + SAFETY.rise_time, up_W / np.linalg.norm(up_W)))
+
         allocation = (
             self._allocation.without(*lost, priorities=PRIORITIES_AFTER_LOSS)
             if lost
             else self._allocation
         )
+
+        # The first stage also brakes the hull.
         found: list[DepartureStage] = []
         braking_B = -self._mass * sound.v_WB_B / SAFETY.leave_time  # of the first stage
         for until, along_W in legs:
             push_B = self._mass * SAFETY.leave_acceleration * (R_BW @ along_W)
             wrench_B = held_B + np.append(push_B if found else push_B + braking_B, np.zeros(3))
             found.append(DepartureStage(until, allocation.command(allocation.thrust(wrench_B))))
+
         return tuple(found)
 
 
 def ascent_direction(normal_W: Array) -> Array:
-    """Direction (3,) of an ascent off a surface with normal `normal_W` (3,): up, and half as much
-    along the normal.
+    """Direction (3,) of an ascent off a surface: up, and partly along its normal `normal_W` (3,).
 
     Straight up a steep flank the tool would strike parts of the object that bulge above it. More
     along the normal keeps it off an overhang, down from one that is level.

@@ -14,11 +14,10 @@ The plant is not used. A fault is a disagreement of two sources that should agre
   beyond the commanded thrust, the arm's wrench, weight and drag.
 
 A missing wrench that persists along the column of one thruster is attributed to that thruster, if
-it could give the
-thrust that is left: it is lost, or stuck. Any other is a gust or a snag, and counts only by its
-effect on station keeping. Where the column is almost a pure force (one sway thruster amidships) a
-wave, or a current that has just risen, looks like the thruster's loss. Such a thruster is probed by
-a small doublet (`uuv.controllers.safety.thruster_probe`).
+it could give the thrust that is left: it is lost, or stuck. Any other is a gust or a snag, and
+counts only by its effect on station keeping. Where the column is almost a pure force (one sway
+thruster amidships) a wave, or a current that has just risen, looks like the thruster's loss. Such a
+thruster is probed by a small doublet (`uuv.controllers.safety.thruster_probe`).
 
 Each residual is compared with its own average (`learning_time`), so that constant biases and model
 errors are no fault. Thresholds are in `FaultLimits`; the tests measure the distance of sound runs
@@ -107,6 +106,8 @@ class FaultDetection:
         self._vehicle = vehicle = Vehicle.of(model)
         self._period = period
         self.limits = limits = limits or FaultLimits.of_mass(float(model.body_subtreemass[0]))
+
+        # Joints: bounds of torque sensors and encoders.
         self.joints = JointResidualModel(
             armature=np.array(vehicle.armature),
             damping=np.array(vehicle.joint_damping),
@@ -118,14 +119,20 @@ class FaultDetection:
             encoder_time=limits.encoder_time,
             learning_time=limits.learning_time,
         )
+
+        # Hull: believed water and thrusters.
         table = vehicle.thruster_table
         water = hydrodynamics.without_forms(
             model.body_user[vehicle.hull], "fault detection's model of the hull"
         )
         B = np.array(vehicle.thruster_wrench)
+
+        # A column with enough moment cannot be mistaken for a wave; other thrusters are probed.
         scale = np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3])
         force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(scale[:, None] * B, 2))
         self._telling = telling = moment > limits.thruster_moment * force
+
+        # Momentum balance of that hull.
         model_of_hull = HullBalanceModel(
             inertia=hull_inertia(model, vehicle.hull, 1.0),
             added=np.array(water.added_mass),
@@ -173,9 +180,11 @@ class FaultDetection:
         """
         age = estimate.time - state.began
         warm = age > self.limits.warm_up
+
         seen = (estimate.q, estimate.qd, estimate.tau)
         suspect = update_residuals(tuple(self.joints), seen, age, warm, tuple(state.joints))
         state.joints.tau_motor[:] = command.joint_torque
+
         balance = self.balance(state, estimate, command.hull_load)
         thrusters = command.thrusters
         return self.judge(state, estimate, thrusters, suspect=warm and suspect, balance=balance)
@@ -200,10 +209,13 @@ class FaultDetection:
         """
         if suspect:
             self.judge_joints(state, estimate.time)
+
+        # Vision is the one fault that is cleared.
         if not estimate.vision_age > self.limits.vision_age:  # also where the age is unknown (nan)
             state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
         else:
             state.add(Fault(kind=FaultKind.VISION, part="", index=-1, time=estimate.time))
+
         if balance is not None:
             self._judge_hull(state, estimate, thrusters, balance)
         return tuple(state.faults)
@@ -214,6 +226,7 @@ class FaultDetection:
         """Balance of the hull's momentum under a `load`; None unless that is new."""
         if load is None or load is state.load_seen:
             return None
+
         state.load_seen = load
         seen = HullSeen(
             time=float(estimate.time),
@@ -236,27 +249,28 @@ class FaultDetection:
         state.faults.extend(
             fault for fault in sensor_faults(estimate) if not state.has(fault.kind, fault.index)
         )
+
         if balance.dt <= 0.0:
             return
+
+        # A probe that begins now takes its first balance at the next one.
         probe = state.probe
         if balance.suspect != NOBODY:
             self._accuse(state, balance.suspect, estimate.time)
         if probe is not None:
             self._go_on_probing(state, probe, estimate.time, balance.dt)
+
         self._refine(state, estimate.time)
+
         state.asked[:] = thrusters
         state.hull.thrusters[:] = self.sent(state, thrusters)
 
     def sent(self, state: FaultDetectionState, thrusters: Array) -> Array:
-        """Commands (m,) to the thrusters, `thrusters` (m,) of the controller with the doublet of a
-        probe.
-        """
+        """Commands (m,) to the thrusters: `thrusters` (m,) with the doublet of a probe."""
         return thrusters if state.probe is None else self._probe.sent(state.probe, thrusters)
 
     def _refine(self, state: FaultDetectionState, time: float) -> None:
-        """Follow what a stuck thruster gives for some time: when it is found, lags still hide half
-        of it.
-        """
+        """Follow the thrust of a stuck thruster for some time: lags hide half of it at first."""
         hull = state.hull
         for k, fault in enumerate(state.faults):
             if (
@@ -277,20 +291,22 @@ class FaultDetection:
     def _go_on_probing(
         self, state: FaultDetectionState, probe: ProbeState, time: float, dt: float
     ) -> None:
-        """Take the balance into the probe, and register its thruster as lost if it does not
-        answer.
-        """
+        """Take the balance into the probe; register a thruster that does not answer as lost."""
         i = probe.thruster
         hull = state.hull
+
         missing = self._along(hull, i)
         thrust = float(hull.thrust[i])
         share = self._probe.step(
             probe, time, dt, float(state.asked[i]), float(hull.inflow[i]), thrust, missing
         )
+
+        # Verdict, once there is one; suspicion starts anew.
         if share is None:
             return
         state.probe = None
         hull.lost_for[:] = 0.0
+
         if is_lost(share):
             figures = f"{share:.0%} of a test thrust were missing"
             self._fail(state, i, time, figures, thrust, -missing)
@@ -306,11 +322,15 @@ class FaultDetection:
         """
         limits = self.limits
         joints = state.joints
+
+        # Frozen: equal for longer than the least time, and than ever while sound.
         least = np.round(
             np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period
         )
         frozen = joints.same > np.maximum(least, limits.frozen_factor * joints.longest)
         torque = frozen[0] | (joints.beyond > limits.torque_confirm)
+
+        # Torque sensor off its motor, encoder off the integral of its speed.
         encoder = frozen[1] | (np.abs(joints.slip) > limits.encoder_slip)
         torque_off = joints.excess - joints.usual
         encoder_off = joints.slip
@@ -359,15 +379,16 @@ class FaultDetection:
         thrust: float,
         missed: float,
     ) -> None:
-        """Register a thruster that was to give `thrust` [N] and of which `missed` [N] are
-        missing.
-        """
+        """Register a thruster to give `thrust` [N], of which `missed` [N] are missing."""
         gives = thrust - missed
+
+        # A small remainder counts as none: the thruster is lost, and not stuck.
         gives = (
             0.0
             if abs(gives) < _DEAD * abs(thrust)
             else float(np.clip(gives, *self.hull.ends[thruster]))
         )
+
         kind = FaultKind.THRUSTER
         name = self._vehicle.thruster_names[thruster]
         state.add(
@@ -379,10 +400,13 @@ class FaultDetection:
         if state.has(FaultKind.THRUSTER, thruster):
             return
         hull = state.hull
+
+        # Where a wave may look the same, a probe decides.
         if not self._telling[thruster]:
             if state.probe is None and time - state.cleared[thruster] > self.limits.probe_again:
                 state.probe = self._probe.begin(thruster, time, hull.passed, hull.speed)
             return
+
         thrust = float(hull.thrust[thruster])
         missed = float(hull.numbers[MISSED])
         figures = f"gave {thrust - missed:.0f} N where {thrust:.0f} N were asked for"

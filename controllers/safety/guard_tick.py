@@ -99,9 +99,12 @@ def guard_tick(box, estimate):
         return answer
     if not (np.isfinite(command.tau).all() and np.isfinite(command.thrusters).all()):
         return BROKEN
+
+    # Means for a blind departure.
     if command.hull_steps[0] != numbers[FOLLOWED]:
         numbers[FOLLOWED] = command.hull_steps[0]
         follow(guard.hull_model.curves, limits.balance_time, command, e.time[0], guard.held)
+
     if numbers[FRESH] == 0.0:
         return answer
 
@@ -137,6 +140,7 @@ def _balance(guard, e, stepped):
     numbers[BALANCE_DT], numbers[ACCUSED] = np.nan, NOBODY
     if not stepped or np.isnan(command.arm_wrench_B[0]):
         return stepped and numbers[PROBING] != 0.0
+
     load_W, load_B = command.current_W, command.arm_wrench_B
     seen = HullSeen(e.time[0], e.X_WB, e.v_WB_B, e.w_WB_B, load_W, load_B)
     numbers[BALANCE_DT], suspect = balance_hull(guard.hull_model, seen, guard.hull)

@@ -1,6 +1,4 @@
-"""Momentum balance of the hull, compiled for the hull's rate: what wrench is missing, and whether
-the loss of a thruster explains it.
-"""
+"""Momentum balance of the hull: the missing wrench, and the thruster whose loss explains it."""
 
 from typing import NamedTuple
 
@@ -133,6 +131,7 @@ def balance_hull(model, seen, residuals):
     learn = min(1.0, dt / min(limits.learning_time, max(age, dt)))
     for i in range(3):
         r.current_W[i] += learn * (seen.current_W[i] - r.current_W[i])
+
     find_missing(model, seen, dt, r)
     return dt, _suspect(model, seen.v_B, dt, learn, age > limits.warm_up, r)
 
@@ -175,8 +174,7 @@ def _suspect(model, v_B, dt, learn, warm, r):
 
 @kernel
 def find_missing(model, seen, dt, r):
-    """Unexplained wrench on the hull, `r.missing` (6,) [N, N m], after thrusts commanded for `dt`
-    [s].
+    """Unexplained wrench on the hull, `r.missing` (6,) [N, N m], since the last balance.
 
     Weight and righting moment of the hull change slowly and are left to the average.
 
@@ -195,7 +193,7 @@ def find_missing(model, seen, dt, r):
     B = model.B
     time = model.limits.time
 
-    # Motion, momentum and its change by drag and turning.
+    # Motion of the hull, through the water, and through the mean current for the inflow.
     nu = np.empty(6)
     relative = np.empty(6)
     advancing = np.empty(6)
@@ -210,6 +208,8 @@ def find_missing(model, seen, dt, r):
         for j in range(3):
             relative[i] -= R_WB[j, i] * current_W[j]
             advancing[i] -= R_WB[j, i] * r.current_W[j]
+
+    # Momentum, and its change as the axes turn.
     p = inertia @ nu + model.added @ (relative - nu)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -217,6 +217,8 @@ def find_missing(model, seen, dt, r):
         force[3 + i] = (
             w_B[j] * p[3 + k] - w_B[k] * p[3 + j] + relative[j] * p[k] - relative[k] * p[j]
         )
+
+    # Drag, less the wrench of the arm.
     for i in range(6):
         force[i] += model.quadratic[i] * abs(relative[i]) * relative[i] - seen.arm_wrench_B[i]
         for j in range(6):
@@ -230,11 +232,13 @@ def find_missing(model, seen, dt, r):
         r.passed[t] = wanted
         decay = np.exp(-dt / lags[t, 0]) if lags[t, 0] > 0.0 else 0.0
         r.speed[t] = wanted + (r.speed[t] - wanted) * decay
+
         inflow = 0.0
         for i in range(6):
             inflow += model.advance[i, t] * advancing[i]
         r.inflow[t] = inflow
         r.thrust[t] = thrust_in_flow(model.curves[t], model.loss[t], inflow, r.speed[t])
+
         for i in range(6):
             force[i] -= B[i, t] * r.thrust[t]
 
@@ -267,27 +271,35 @@ def _explain(model, residuals, leftover):
     square = 0.0
     asked = 0.0
     changed = 0.0
+
+    # Size of the unusual part.
     for k in range(6):
         square += (scale[k] * (missing[k] - usual[k])) ** 2
     size = np.sqrt(square)
     least = leftover * size
+
+    # The thruster whose loss leaves least of it.
     for t in range(thrust.shape[0]):
         asked += abs(thrust[t])
         changed += abs(thrust[t] - residuals.thrust_usual[t])
+
         along = 0.0
         own = 0.0
         for k in range(6):
             column = scale[k] * B[k, t]
             along += column * scale[k] * (missing[k] - usual[k])
             own += column * column
+
         lost = -along / own
         left = 0.0
         for k in range(6):
             left += (scale[k] * (missing[k] - usual[k]) + lost * scale[k] * B[k, t]) ** 2
         left = np.sqrt(left)
+
         gives = thrust[t] - lost
         if left < least and _SLACK * model.ends[t, 0] <= gives <= _SLACK * model.ends[t, 1]:
             best = t
             missed = lost
             least = left
+
     return size, asked, changed, best, missed

@@ -1,6 +1,4 @@
-"""Residuals of torque sensors and encoders against their redundant sources, compiled for the rate
-of the drives.
-"""
+"""Residuals of torque sensors and encoders against redundant sources, at the drives' rate."""
 
 from typing import NamedTuple
 
@@ -65,8 +63,7 @@ class JointResidualModel(NamedTuple):
 
 @kernel
 def update_residuals(model, seen, age, warm, residuals):
-    """Update the residuals of torque sensors and encoders by one sample; True if any needs
-    evaluation.
+    """Update the residuals by one sample; True if any needs evaluation.
 
     Records come as plain tuples of their fields, which numba types faster.
 
@@ -83,13 +80,16 @@ def update_residuals(model, seen, age, warm, residuals):
     learning_time = model.learning_time
     q_last, qd_last, tau_last, same, longest, slip = r.q, r.qd, r.tau, r.same, r.longest, r.slip
     gear, excess, usual, qd_slow = r.gear, r.excess, r.usual, r.qd_slow
+
     lag, leak, learn = (
         min(1.0, dt / torque_time),
         dt / encoder_time,
         dt / min(learning_time, max(age, dt)),
     )
+
     look = False
     for j in range(q.shape[0]):
+        # Frozen readings: bitwise equal samples in a row.
         for k in range(2):
             equal = tau[j] == tau_last[j] if k == 0 else (q[j] == q_last[j] and qd[j] == qd_last[j])
             if equal:
@@ -98,17 +98,24 @@ def update_residuals(model, seen, age, warm, residuals):
             else:
                 longest[k, j] = max(longest[k, j], same[k, j])
                 same[k, j] = 0
+
+        # Encoder: angle less integral of speed, with a leak.
         slip[j] += q[j] - q_last[j] - 0.5 * dt * (qd[j] + qd_last[j]) - leak * slip[j]
         if not warm:
             slip[j] = 0.0
         look |= abs(slip[j]) > 1e-3
+
+        # Torque sensor: reading less motor torque, rotor inertia and friction.
         gear[j] += lag * (tau[j] - r.tau_motor[j] + model.damping[j] * qd[j] - gear[j])
         excess[j] = gear[j] + model.armature[j] * (qd[j] - qd_slow[j]) / torque_time
         qd_slow[j] += lag * (qd[j] - qd_slow[j])
+
+        # Against its average, which learns while the reading is usual.
         off = abs(excess[j] - usual[j]) / (model.floor[j] + model.share * abs(tau[j]))
         if off < 0.5 or not warm:
             usual[j] += learn * (excess[j] - usual[j])
         r.beyond[j] = r.beyond[j] + dt if off > 1.0 else 0.0
         look |= off > 1.0
+
         q_last[j], qd_last[j], tau_last[j] = q[j], qd[j], tau[j]
     return look

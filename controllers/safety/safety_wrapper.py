@@ -1,5 +1,4 @@
-"""Safety wrapper for any controller: rejects invalid estimates, replaces failed sensors, commands
-finite numbers.
+"""Safety wrapper of a controller: rejects invalid estimates and commands, replaces failed sensors.
 
 Wraps any `uuv.sim.interfaces.protocols.Controller`:
 
@@ -102,9 +101,7 @@ class SafetyWrapperState:
 
 
 class SafetyWrapper:
-    """Controller with fault handling around another one
-    (`uuv.sim.interfaces.protocols.Controller`).
-    """
+    """Controller with fault handling around another `uuv.sim.interfaces.protocols.Controller`."""
 
     def __init__(
         self,
@@ -126,11 +123,13 @@ class SafetyWrapper:
         self.period = controller.period
         self.controller = controller
         self._patience = patience
+
         vehicle = Vehicle.of(model)
         self._limits = np.array(vehicle.torque_limits)
         self._armed = vehicle.joints.size > 0
         self._arm = ArmDynamics(model) if self._armed else None
         self._departure = _departure(model, vehicle, self._arm)
+
         self._armature = np.array(vehicle.armature)
         self._damping = np.array(vehicle.joint_damping)
         self.health = FaultDetection(model, period=controller.period, limits=limits)
@@ -138,9 +137,7 @@ class SafetyWrapper:
 
     @property
     def tunings(self) -> tuple[Any, ...]:
-        """The gains in use, those of the wrapped controller first, for
-        `uuv.controllers.tuning.table`.
-        """
+        """Gains in use, the wrapped controller's first, for `uuv.controllers.tuning.table`."""
         return *getattr(self.controller, "tunings", ()), self.health.limits, SAFETY
 
     def init(self, estimate: StateEstimate) -> SafetyWrapperState:
@@ -167,8 +164,7 @@ class SafetyWrapper:
     def step(
         self, state: SafetyWrapperState, estimate: StateEstimate, reference: Reference
     ) -> tuple[SafetyWrapperState, Command]:
-        """Step of the wrapped controller; input that is not finite neither raises nor reaches the
-        command.
+        """Guarded step of the wrapped controller; neither raises nor passes on non-finite input.
 
         Args:
             state: of `init`, or as the last step left it.
@@ -183,16 +179,22 @@ class SafetyWrapper:
             e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time
         ):
             return state, self.without(state, estimate, FaultKind.ESTIMATE)
+
         if e.imu_age > SAFETY.old_imu:
             return state, self.without(state, estimate, FaultKind.ESTIMATE)
+
+        # A time that stands still is borne for `patience` only.
         fresh = e.time > state.time
         if not fresh and state.blind_for + self.period > self._patience:
             return state, self.without(state, estimate, FaultKind.ESTIMATE)
         state.time = e.time
+
+        # The first sound estimate starts fault detection.
         if state.health is None:
             state.health = self.health.init(
                 replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0))
             )
+
         estimate = self._replaced(state.health, estimate)
         state.numbers[FAULTY] = bool(state.health.faults)
 
@@ -229,17 +231,22 @@ class SafetyWrapper:
         health = state.health
         fresh = bool(state.numbers[FRESH])
         assert health is not None
+
+        # Once the work is broken off the arm gives way.
         if reference.abort is not None:
             command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
             if fresh:
                 health.joints.tau_motor[:] = command.joint_torque
+
         if health.probe is not None:
             command = replace(command, thrusters=self.health.sent(health, command.thrusters))
+
         state.sound, state.command, state.blind_for = (
             estimate,
             command,
             0.0 if fresh else state.blind_for + self.period,
         )
+
         faults = tuple(health.faults)
         if not faults:
             return command
@@ -250,8 +257,7 @@ class SafetyWrapper:
         )
 
     def _replaced(self, health: FaultDetectionState, estimate: StateEstimate) -> StateEstimate:
-        """Estimate with motor torques in place of faulty torque sensors, and a large doubt for
-        them.
+        """Estimate with motor torques, of large doubt, in place of faulty torque sensors.
 
         Motor torque and gear output differ by the gear's stiction, tens of newtons at the tool.
         Therefore the force is estimated from the other joints only.
@@ -259,11 +265,14 @@ class SafetyWrapper:
         missing = not _numbers(estimate.tau)
         if not missing and not health.faults:
             return estimate
+
         if missing:
             self.health.blame_torque_sensors(health, ~np.isfinite(estimate.tau), estimate.time)
         wrong = [fault.index for fault in health.faults if fault.kind is FaultKind.TORQUE_SENSOR]
         if not wrong:
             return estimate
+
+        # Torque of the motor, with the usual offset of the sensor.
         tau, doubt = np.array(estimate.tau), np.zeros(len(estimate.tau))
         for j in wrong:
             doubt[j] = _LEFT_OUT
@@ -288,13 +297,13 @@ class SafetyWrapper:
         return torque
 
     def _gentle(self, torque: Array, estimate: StateEstimate) -> Array:
-        """`torque` (n,) [N m], with no more on top of the arm's weight than SAFETY.gentle_force at
-        the tip needs.
+        """`torque` (n,) [N m], bounded to the arm's weight and SAFETY.gentle_force at the tip.
 
         A hull that is out of control then pushes the arm aside, and not the arm into the object.
         """
         if self._arm is None:
             return torque
+
         borne = self._borne(estimate.q, estimate.X_WB[:3, :3])
         lever = np.linalg.norm(self._arm.tip(estimate.q)[1][:3], axis=0)
         most = SAFETY.gentle_force * np.maximum(lever, _LEAST_LEVER)
@@ -303,8 +312,7 @@ class SafetyWrapper:
     def without(
         self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind
     ) -> Command:
-        """Command without a controller: the last one repeated, after `patience` brakes and a blind
-        departure.
+        """Command without a controller: the last one repeated, then brakes and a blind departure.
 
         Args:
             state: of the wrapper; changed in place.
@@ -316,12 +324,15 @@ class SafetyWrapper:
         """
         state.blind_for += self.period
         faults = tuple(state.health.faults) if state.health is not None else ()
+
+        # Out of patience: stop for good, and plan the departure.
         if state.stopped is None and state.blind_for > self._patience:
             state.stopped = Fault(
                 kind=kind, part="", index=-1, time=state.sound.time + state.blind_for
             )
             if self._departure is not None:
                 state.departure = self._departure.stages(state.held, state.sound, state.lost)
+
         if state.stopped is None:
             return replace(state.command, faults=faults)
         return replace(
@@ -342,12 +353,11 @@ class SafetyWrapper:
         )
 
     def _brake(self, state: SafetyWrapperState, estimate: StateEstimate) -> Array:
-        """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake its
-        motion.
-        """
+        """Torques (n,) [N m] that brake the arm and bear its weight, in the last sound attitude."""
         q, qd = estimate.q, estimate.qd
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             q, qd = state.sound.q, np.zeros(len(self._limits))
+
         borne = self._borne(q, state.sound.X_WB[:3, :3])
         braked = borne - self._limits * np.clip(
             SAFETY.braking_share * qd / SAFETY.braking_speed,
@@ -414,6 +424,7 @@ class GuardTick:
         if answer in (UNSOUND, BROKEN):
             kind = FaultKind.ESTIMATE if answer == UNSOUND else FaultKind.CONTROLLER
             return wrapper.without(state, estimate, kind)
+
         command = self._inner.done(estimate, reference, answer)
         return command if answer == REFUSED else wrapper.passed(state, estimate, command, reference)
 
@@ -491,9 +502,7 @@ class GuardTick:
 def _departure(
     model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None
 ) -> BlindDeparture | None:
-    """Departure of a vehicle whose thrusters can hold it; None for another, a torpedo for
-    instance.
-    """
+    """Departure of a vehicle that its thrusters can hold; None for another, such as a torpedo."""
     try:
         return BlindDeparture(model, vehicle, arm)
     except ConfigurationError:
@@ -501,7 +510,5 @@ def _departure(
 
 
 def _numbers(values: Array) -> bool:
-    """True if all of `values` (n,) are finite; called three times a step, hence without numpy in
-    the usual case.
-    """
+    """True if all of `values` (n,) are finite; without numpy in the usual case, for speed."""
     return math.isfinite(sum(values.tolist())) or bool(np.isfinite(values).all())

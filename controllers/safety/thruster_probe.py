@@ -94,6 +94,8 @@ class ThrusterProbe:
             it is not to be known, None to go on.
         """
         limits, i = self._limits, state.thruster
+
+        # The propeller without the doublet, and what the doublet adds to its thrust.
         lag, slew = self._lags[i]
         most = slew * dt if slew > 0.0 else np.inf
         state.passed += min(max(wanted - state.passed, -most), most)
@@ -103,30 +105,40 @@ class ThrusterProbe:
         added = thrust - thrust_in_flow(self._curves[i], self._loss[i], inflow, state.speed)
         state.answer += min(1.0, dt / limits.hull_time) * (added - state.answer)
         state.rows.append((time, missing, state.answer))
+
+        # Size of the next doublet; larger where the first ones gave no verdict.
         doublets = (time - state.began) / limits.probe_time
         larger = 1.0 if doublets < _DOUBLETS[0] else 2.0
         size = larger * limits.probe_share * self._most[i]
+
         # Where full thrust is asked for already, the doublet lies on one side.
         base = thrust_at(self._curves[i], wanted)
         ahead = min(size, max(0.0, self._most[i] - base))
         ahead = max(ahead, size - (base - self._least[i]))
         state.added = ahead if doublets % 1.0 < 0.5 else ahead - 2.0 * size
+
+        # Verdict, once the share is known well enough.
         if doublets < _DOUBLETS[0]:
             return None
         share, sigma = self._share(np.array(state.rows), dt)
         if abs(share - _LOST) > _SURE * sigma:
             return share
+
         return np.nan if doublets > _DOUBLETS[1] else None
 
     def _share(self, rows: Array, dt: float) -> tuple[float, float]:
         """Share of the added thrust that is missing, and its standard deviation."""
+        # Disturbance as a polynomial of time, and the share of the added thrust.
         degree = round(_DEGREE * (rows[-1, 0] - rows[0, 0]) / self._limits.probe_time)
         smooth = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(rows)), degree)
         A = np.column_stack([smooth, -rows[:, 2]])
         found, *_ = np.linalg.lstsq(A, rows[:, 1], rcond=None)
         left = rows[:, 1] - A @ found
+
+        # Variance of the share, from the residuals.
         alike = 2.0 * self._limits.hull_time / dt  # samples that the filter makes one reading
         variance = float(left @ left) / max(1.0, len(rows) / alike - A.shape[1]) / alike
+
         across = A[:, -1] - A[:, :-1] @ np.linalg.lstsq(A[:, :-1], A[:, -1], rcond=None)[0]
         return float(found[-1]), float(
             np.sqrt(variance * alike / max(float(across @ across), 1e-12))

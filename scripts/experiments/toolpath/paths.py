@@ -176,7 +176,7 @@ paths.page = (
             stat("rms", "turn_rms"),
         ],
     )
-    .accept(stat("largest", distances, "off the true surface [m]", unit="m"), most=BOUND)
+    .accept(stat("largest", distances, "off the true surface", unit="m"), most=BOUND)
     .add(pictures)
 )
 

@@ -89,7 +89,13 @@ class PathRow:
     profile: Mapping[str, Mapping[str, list[float]] | None] = column("profile", by="path")
 
 
-@experiment("paths", seeds=10, vary={"object": tuple(SCENES)}, paired=True, quick={"runs": 1})
+@experiment(
+    "paths",
+    seeds=10,
+    vary={"object": tuple(SCENES)},
+    paired=True,
+    quick={"runs": 1, "object": ("fouled barrel", "dented pile")},
+)
 def paths(case: PathCase) -> PathRow:
     """Identifies a deformed object, and plans its paths."""
     return path_row(SCENES[case.object], case)

@@ -44,7 +44,7 @@ GROUPS: Mapping[str, Callable[[Pair], bool]] = {
 }
 
 
-@experiment("fit_arm_camera", seeds=700, quick={"runs": 6})
+@experiment("fit_arm_camera", seeds=700, quick={"runs": 60})
 def fit_arm_camera(case: KeyCase) -> KeyRow:
     """Renders the pictures of a case and aligns them."""
     return aligned_pictures(case)

@@ -71,7 +71,7 @@ class DeformationRow:
     seeds=5,
     vary={"object": (*SCENES, *targets.available())},
     paired=True,
-    quick={"runs": 1},
+    quick={"runs": 1, "object": ("dented pile", "anode")},
 )
 def deformation(case: DeformationCase) -> DeformationRow:
     """Maps the deformation of one object."""

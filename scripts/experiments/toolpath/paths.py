@@ -89,7 +89,13 @@ class PathRow:
     profile: Mapping[str, Mapping[str, list[float]] | None] = column("profile", by="path")
 
 
-@experiment("paths", seeds=10, vary={"object": tuple(SCENES)}, paired=True, quick={"runs": 1})
+@experiment(
+    "paths",
+    seeds=10,
+    vary={"object": tuple(SCENES)},
+    paired=True,
+    quick={"runs": 1, "object": ("fouled barrel", "dented pile")},
+)
 def paths(case: PathCase) -> PathRow:
     """Identifies a deformed object, and plans its paths."""
     return path_row(SCENES[case.object], case)
@@ -176,7 +182,7 @@ paths.page = (
             stat("rms", "turn_rms"),
         ],
     )
-    .accept(stat("largest", distances, "off the true surface [m]", unit="m"), most=BOUND)
+    .accept(stat("largest", distances, "off the true surface", unit="m"), most=BOUND)
     .add(pictures)
 )
 

@@ -187,10 +187,10 @@ def stat(
     """Statistic of a column, or of a function of a row.
 
     Args:
-        kind: value (of the one row), mean, median, p10, p90 or p95 (quantiles), largest, least,
-            rms, sem (standard error of the mean), total, count (how many are true), spread (median,
-            95 %, largest) or share (how many are true among those that have a value, with its 95 %
-            interval).
+        kind: value (of the one row), mean, median, quantiles p10, p90 and p95, largest, least, rms,
+            sem (standard error of the mean), total, count (how many are true). spread: median, 95 %
+            and largest. share: how many are true among those that have a value, with its 95 %
+            interval.
         of: Name of a column, or a function of a row.
         label: What tables call it; default: the label of the column and the kind.
         unit: Unit of a function's value; default: that of the column.

@@ -135,7 +135,7 @@ class Page:
         return self._with(_Bound(of, most, least, where))
 
     def add(self, function: Callable[[list[Row]], Any]) -> Self:
-        """Adds what a function of all rows returns.
+        """Adds what a function of all rows returns; nothing while there are no rows.
 
         A `Table`, a line of text, a mapping of figures for metrics.json, a picture as (title,
         caption, figure), or a list of these.
@@ -355,6 +355,9 @@ class _Special:
 
     def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
         del columns
+        if not rows:
+            return PagePart()
+
         items = self.function(list(rows))
         items = items if isinstance(items, list) else [items]
 

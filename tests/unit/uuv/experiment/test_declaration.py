@@ -235,6 +235,12 @@ def test_a_table_has_statistics_by_group_and_over_all():
     assert "reach, mean: 1 of 6 rows have no value" in table.caption
 
 
+def test_a_function_of_all_rows_is_not_asked_without_rows():
+    page = Page().add(lambda rows: f"first: {rows[0]['ball']}")
+    assert page.summary([], throws.columns).lines == []
+    assert page.summary([{"ball": "red"}], throws.columns).lines == ["first: red"]
+
+
 def test_quantiles_and_the_standard_error_of_the_mean():
     """Of 0 to 10 the quantiles are 1 and 9, and the standard error is sqrt(11 / 11) = 1."""
     rows = [{"reach": 1.0 * k} for k in range(11)]

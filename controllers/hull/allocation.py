@@ -1,5 +1,4 @@
-"""Thrust allocation: hull wrench to thruster commands, within bounds, through the inverse of the
-static thrust curve.
+"""Thrust allocation: hull wrench to thruster commands, within bounds, by the static thrust curve.
 
 Six thrusters leave no redundancy. Where they saturate, part of the wrench is given up in the order
 of `PRIORITIES`: strict priority levels (`uuv.controllers.hull.priorities`), no weights. Roll and
@@ -151,6 +150,7 @@ class Allocation:
             raise ConfigurationError(f"effort of the thrusters: must be > 0, got {effort.tolist()}")
         if not 0.0 < headroom <= 1.0:
             raise ConfigurationError(f"headroom: must be in (0, 1], got {headroom}")
+
         levels = _levels(priorities)
         self._set_up(vehicle, levels, effort, headroom, np.zeros(m, dtype=bool))
         if not self.record.numbers[_SPANS]:
@@ -215,8 +215,7 @@ class Allocation:
     def without(
         self, *thrusters: int | str, priorities: Sequence[Sequence[str]] | None = None
     ) -> Self:
-        """Allocation with the remaining thrusters, when `thrusters` give no thrust whatever their
-        command.
+        """Allocation to the remaining thrusters; `thrusters` give no thrust whatever their command.
 
         It need not span all directions: the priorities decide which part of a wrench is given up.
 
@@ -232,6 +231,7 @@ class Allocation:
         """
         vehicle, levels, effort, headroom, lost = self._of
         lost = lost.copy()
+
         for thruster in thrusters:
             names = vehicle.thruster_names
             if isinstance(thruster, str) and thruster in names:
@@ -243,8 +243,10 @@ class Allocation:
                     f"thruster {thruster!r}: expected an index below {len(lost)} or one of "
                     f"{list(names)}"
                 )
+
         if lost.all():
             raise ConfigurationError("no thruster is left to allocate to")
+
         left = object.__new__(type(self))
         left._set_up(
             vehicle, levels if priorities is None else _levels(priorities), effort, headroom, lost
@@ -252,16 +254,14 @@ class Allocation:
         return left
 
     def lost_directions(self) -> Array:
-        """Uncontrollable wrenches (d, 6) [N, N m], hull axes: orthonormal, orthogonal to all that
-        the thrusters give.
+        """Uncontrollable wrenches (d, 6) [N, N m], hull axes: orthonormal, normal to all thrusts.
 
         Force and moment count alike. d = 0 while the thrusters span all six directions.
         """
         return np.linalg.svd(self.record.B.T)[2][np.linalg.matrix_rank(self.record.B) :]
 
     def authority(self, *, spoiling: Sequence[str] = ()) -> Array:
-        """Least and greatest wrench along each axis while all others are zero; minimal thrusts are
-        ignored.
+        """Least and greatest wrench along each axis, all others zero; minimal thrusts are ignored.
 
         Args:
             spoiling: names of `AXES` that are left free, for instance "yaw": the surge that remains
@@ -276,9 +276,12 @@ class Allocation:
         free = {_axis(name) for name in spoiling}
         most = np.zeros((6, 2))
         r = self.record
+
         for axis in range(6):
             others = [i for i in range(6) if i != axis and i not in free]
             A = r.B[[*others, axis]]
+
+            # Demands that always saturate, one each way.
             for column, sign in enumerate((-1.0, 1.0)):
                 b = np.zeros(len(A))
                 x = np.zeros(len(r.low))
@@ -288,8 +291,7 @@ class Allocation:
         return most
 
     def thrust(self, wrench_B: Array) -> Array:
-        """Thrusts (m,) [N] for the wrench `wrench_B` (6,) [N, N m], within the bounds of each
-        thruster.
+        """Thrusts (m,) [N] for the wrench `wrench_B` (6,) [N, N m], within each thruster's bounds.
 
         Exact, with least effort, while no bound is met. Otherwise the priorities decide which part
         is kept. Where a thruster has a minimal thrust, its thrust is zero or at least that.
@@ -300,8 +302,7 @@ class Allocation:
         return allocate(self.record, fitting(wrench_B, (6,), "wrench wanted of the thrusters"))
 
     def command(self, thrust: Array) -> Array:
-        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water,
-        or the nearest to it.
+        """Propeller speeds (m,) in [-1, 1] for `thrust` (m,) [N] in still water, or the nearest.
 
         Raises:
             ConfigurationError: another shape, or a number that is not finite.
@@ -310,8 +311,7 @@ class Allocation:
         return _commands(self._curves, thrust)
 
     def lacking(self, wrench_B: Array, thrust: Array) -> Array:
-        """Part (6,) [N, N m] of `wrench_B` (6,) that saturation withholds from its allocation
-        `thrust` (m,) [N].
+        """Part (6,) [N, N m] of `wrench_B` (6,) that saturation withholds from `thrust` (m,) [N].
 
         Zero while no thruster is saturated.
         """
@@ -339,6 +339,7 @@ def _levels(priorities: Sequence[Sequence[str]]) -> list[list[int]]:
         raise ConfigurationError(
             f"priorities: expected levels of {list(AXES)}, got {priorities!r}"
         ) from None
+
     flat = [axis for level in levels for axis in level]
     if not flat or not all(levels) or len(set(flat)) < len(flat):
         raise ConfigurationError(

@@ -1,8 +1,8 @@
 """Feedforward: what of the arm's wrench on the hull is fed forward to the thrusters.
 
-[Konoplin 2022] feeds C_F = C_D + A f_e forward to the thrusters: the wrench of the
-arm's motion in water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave parts
-of it out, for a study.
+[Konoplin 2022] feeds C_F = C_D + A f_e forward to the thrusters: the wrench of the arm's motion in
+water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave parts of it out, for
+a study.
 """
 
 from collections.abc import Set
@@ -114,4 +114,5 @@ class WithoutTerms:
             left_out += self._terms.hydrodynamic(sensed.hull, q, qd, qdd)
         if "dynamic" in self._without:
             left_out += self._terms.dynamic(sensed.hull, q, qd, qdd)
+
         return left_out

@@ -1,6 +1,4 @@
-"""Control of the hull: station keeping, allocation to the thrusters and lead compensation of their
-lag, as one kernel.
-"""
+"""Control of the hull: station keeping, allocation and lead compensation, as one kernel."""
 
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -280,7 +278,5 @@ class HullTick:
 
 
 def _tilts(stuck_B: Array) -> bool:
-    """True if the wrench (6,) [N, N m] of stuck thrusters turns the hull over, rather than push it
-    along.
-    """
+    """True if the wrench (6,) [N, N m] of stuck thrusters tilts the hull rather than pushes it."""
     return float(np.hypot(*stuck_B[3:5])) > _TILTS * float(np.linalg.norm(stuck_B[:3]))

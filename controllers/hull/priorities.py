@@ -1,5 +1,4 @@
-"""Hierarchical least squares within bounds: no priority level is degraded for the sake of a lower
-one.
+"""Hierarchical least squares within bounds: no level is degraded for the sake of a lower one.
 
 Levels l = 1, 2, ... of rows A_l x = b_l are solved in this order [Escande 2014]. Level l minimises
 |A_l x - b_l|^2 over low <= x <= high, with A_j x = A_j x_j kept for every level j above, where x_j
@@ -47,6 +46,8 @@ def solve_levels(A, b, starts, effort, low, high, x):
     """
     k, m = A.shape
     rows, right = A.copy(), b.copy()
+
+    # Start within the bounds; constants move to the right sides.
     alive = 0
     for i in range(m):
         x[i] = min(max(x[i], low[i]), high[i])
@@ -56,6 +57,8 @@ def solve_levels(A, b, starts, effort, low, high, x):
                 rows[r, i] = 0.0
         else:
             alive += 1
+
+    # The levels in their order; the rows of each are kept for those below.
     kept = np.zeros((m, m))  # orthonormal rows that span those of the levels above
     count = steps = 0
     for level in range(starts.shape[0] - 1):
@@ -64,6 +67,8 @@ def solve_levels(A, b, starts, effort, low, high, x):
         for r in range(first, last):
             if count < alive:
                 count = _keep(rows[r], kept, count)
+
+    # The effort decides what the levels leave open.
     if count < alive:
         spare, none = np.zeros((m, m)), np.zeros(m)
         for i in range(m):
@@ -75,11 +80,10 @@ def solve_levels(A, b, starts, effort, low, high, x):
 
 @kernel
 def _keep(row, kept, count):
-    """Append the component of `row` outside the span of the orthonormal rows `kept`; returns their
-    new number.
-    """
+    """Append the part of `row` outside the span of the rows `kept`; returns their new number."""
     m = row.shape[0]
     new = row.copy()
+
     length = _off(new, kept, count)
     if length > _SAME * np.sqrt((row * row).sum()):
         for i in range(m):
@@ -90,9 +94,7 @@ def _keep(row, kept, count):
 
 @kernel
 def _off(v, basis, count):
-    """Project `v` in place off the span of the orthonormal rows of `basis`, twice against rounding;
-    its norm then.
-    """
+    """Project `v` in place off the span of the rows of `basis`, twice for rounding; its norm."""
     m = v.shape[0]
     for _ in range(2):
         for j in range(count):
@@ -101,6 +103,7 @@ def _off(v, basis, count):
                 along += v[i] * basis[j, i]
             for i in range(m):
                 v[i] -= along * basis[j, i]
+
     total = 0.0
     for i in range(m):
         total += v[i] * v[i]
@@ -120,14 +123,14 @@ class _Factors(NamedTuple):
 
 @kernel
 def _level(A, b, kept, count, low, high, x):
-    """Minimise |A x - b|^2 from `x` within bounds while `kept[:count] @ x` stays unchanged; returns
-    the steps taken.
-    """
+    """Minimise |A x - b|^2 from `x` in bounds, `kept[:count] @ x` unchanged; the steps taken."""
     k, m = A.shape
     at = np.zeros(m, dtype=np.int8)
     U, L, V, T = np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((k, m))
     factors = _Factors(at, U, L, V, T)
     residual, p, s = np.empty(k), np.empty(m), np.empty(m)
+
+    # Measures of rounding: the longest row, for the rank, and the largest gradient.
     longest = 0.0
     for r in range(k):
         longest = max(longest, np.sqrt((A[r] * A[r]).sum()))
@@ -139,23 +142,31 @@ def _level(A, b, kept, count, low, high, x):
         for i in range(m):
             reach += abs(A[r, i]) * max(abs(low[i]), abs(high[i]))
         scale = max(scale, longest * reach)
+
     stuck = 0
     for step in range(30 * (m + 1)):
+        # Residual at the present x.
         for r in range(k):
             total = -b[r]
             for i in range(m):
                 total += A[r, i] * x[i]
             residual[r] = total
+
+        # Kept rows over the free variables, L U, and beside them those of A, T V.
         for j in range(count):
             for i in range(m):
                 U[j, i] = kept[j, i] if at[i] == 0 and low[i] != high[i] else 0.0
             _split(U, j, L)
         rank = _beside(A, low, high, factors, count, longest)
+
+        # Step to the minimum over the free variables.
         _least(T, residual, k, rank, s)
         for i in range(m):
             p[i] = 0.0
             for j in range(rank):
                 p[i] += s[j] * V[j, i]
+
+        # The first bound on the way there.
         share, hit = 1.0, -1
         for i in range(m):
             if at[i] != 0 or low[i] == high[i] or p[i] == 0.0:
@@ -163,14 +174,19 @@ def _level(A, b, kept, count, low, high, x):
             room = (high[i] - x[i]) / p[i] if p[i] > 0.0 else (low[i] - x[i]) / p[i]
             if room < share or (room == share and hit >= 0 and abs(p[i]) > abs(p[hit])):
                 share, hit = max(room, 0.0), i
+
         for i in range(m):
             if at[i] == 0 and low[i] != high[i]:
                 x[i] = min(max(x[i] + share * p[i], low[i]), high[i])
+
+        # A bound was hit: it becomes active.
         if hit >= 0:
             at[hit] = 1 if p[hit] > 0.0 else -1
             x[hit] = high[hit] if at[hit] > 0 else low[hit]
             stuck = stuck + 1 if share == 0.0 else 0
             continue
+
+        # At the minimum: the active bound that is best released.
         release = _wrong_way(
             A, residual, s[:rank], kept[:count], factors, 1e-12 * scale, stuck > 2 * m
         )
@@ -182,12 +198,12 @@ def _level(A, b, kept, count, low, high, x):
 
 @kernel
 def _split(U, j, L):
-    """Orthonormalise row `j` of U against those before it; row `j` of L receives its
-    coefficients.
-    """
+    """Orthonormalise row `j` of U against those before it; its coefficients into row `j` of L."""
     m = U.shape[1]
     for c in range(j + 1):
         L[j, c] = 0.0
+
+    # Twice, against rounding.
     for _ in range(2):
         for c in range(j):
             along = 0.0
@@ -196,6 +212,7 @@ def _split(U, j, L):
             L[j, c] += along
             for i in range(m):
                 U[j, i] -= along * U[c, i]
+
     length = np.sqrt((U[j] * U[j]).sum())
     L[j, j] = length
     if length > 0.0:
@@ -205,15 +222,16 @@ def _split(U, j, L):
 
 @kernel
 def _beside(A, low, high, factors, count, longest):
-    """Factorise A over the free variables, outside the span of `count` rows of U, into T V; returns
-    the rank.
-    """
+    """Factorise A over the free variables, beside `count` rows of U, into T V; returns the rank."""
     k, m = A.shape
     at, U, V, T, G = factors.at, factors.U, factors.V, factors.T, np.empty((k, m))
+
+    # Rows over the free variables, outside the span of U.
     for r in range(k):
         for i in range(m):
             G[r, i] = A[r, i] if at[i] == 0 and low[i] != high[i] else 0.0
         _off(G[r], U, count)
+
     rank = 0
     # pivoting: the longest remainder first, so that rank is judged against it
     while rank < min(k, m):
@@ -225,12 +243,15 @@ def _beside(A, low, high, factors, count, longest):
         most = np.sqrt(most)
         if most <= _SAME * longest:
             break
+
         for i in range(m):
             V[rank, i] = G[which, i] / most
         _off(V[rank], U, count)
         length = _off(V[rank], V, rank)
         for i in range(m):
             V[rank, i] /= length
+
+        # Coefficients of all rows, and what the new direction leaves of them.
         for r in range(k):
             along = 0.0
             for i in range(m):
@@ -239,6 +260,8 @@ def _beside(A, low, high, factors, count, longest):
             for i in range(m):
                 G[r, i] -= along * V[rank, i]
         rank += 1
+
+    # Variables that the levels above fix do not move.
     for i in range(m):
         moves = 0.0
         for j in range(rank):
@@ -246,15 +269,16 @@ def _beside(A, low, high, factors, count, longest):
         if moves < _HELD * _HELD:
             for j in range(rank):
                 V[j, i] = 0.0
+
     return rank
 
 
 @kernel
 def _least(T, residual, k, rank, s):
-    """Minimise |T s + residual| over s (rank,), T (k, rank) of full column rank, by modified
-    Gram-Schmidt.
-    """
+    """Minimise |T s + residual| over s (rank,), T of full column rank, by modified Gram-Schmidt."""
     Q, R, right = np.empty((rank, k)), np.empty((rank, rank)), residual.copy()
+
+    # Columns: each orthonormalised twice, against rounding.
     for c in range(rank):
         for r in range(k):
             Q[c, r] = T[r, c]
@@ -271,12 +295,16 @@ def _least(T, residual, k, rank, s):
         R[c, c] = np.sqrt((Q[c] * Q[c]).sum())
         for r in range(k):
             Q[c, r] /= R[c, c]
+
+        # Projection of the right side.
         along = 0.0
         for r in range(k):
             along += Q[c, r] * right[r]
         s[c] = -along
         for r in range(k):
             right[r] -= along * Q[c, r]
+
+    # Back substitution.
     for c in range(rank - 1, -1, -1):
         for d in range(c + 1, rank):
             s[c] -= R[c, d] * s[d]
@@ -292,12 +320,16 @@ def _wrong_way(A, residual, s, kept, factors, enough, in_order):
     rank, count = s.shape[0], kept.shape[0]
     at, U, L, T = factors.at, factors.U, factors.L, factors.T
     gradient, multiplier = np.zeros(m), np.zeros(m)
+
+    # Gradient of the cost.
     for r in range(k):
         now = residual[r]  # residual after the step just taken
         for j in range(rank):
             now += T[r, j] * s[j]
         for i in range(m):
             gradient[i] += A[r, i] * now
+
+    # Multipliers of the kept rows.
     for j in range(count - 1, -1, -1):  # L^T multiplier = -U gradient
         total = 0.0
         for i in range(m):
@@ -305,6 +337,8 @@ def _wrong_way(A, residual, s, kept, factors, enough, in_order):
         for c in range(j + 1, count):
             total -= L[c, j] * multiplier[c]
         multiplier[j] = total / L[j, j]
+
+    # Slope of the Lagrangian along each active bound.
     worst, release = enough, -1
     for i in range(m):
         if at[i] == 0:

@@ -1,5 +1,4 @@
-"""Station keeping: feedback on the hull's pose beside the fed-forward arm wrench, third stage of
-[Konoplin 2022].
+"""Station keeping: feedback on the hull's pose beside feedforward; stage 3 of [Konoplin 2022].
 
     wrench = M (frequency^2 e + 2 damping frequency rate) - static - arm - unknown
     e = (R_WB^T (p_wanted - p), log(R_WB^T R_wanted))
@@ -197,9 +196,7 @@ class StationKeeping:
         return StationKeepingState(self._observer.init(), np.zeros(6))
 
     def static_wrench(self, R_WB: Array) -> Array:
-        """Weight and buoyancy of the hull alone at attitude `R_WB` (3, 3): wrench (6,) [N, N m],
-        hull axes.
-        """
+        """Weight and buoyancy (6,) [N, N m] of the hull alone at `R_WB` (3, 3), in hull axes."""
         return self.gains.static @ R_WB[2]
 
     def current(self, state: StationKeepingState) -> Array:
@@ -271,8 +268,7 @@ def _static(model: mujoco.MjModel, hull: int) -> Array:
 
 
 def quickness(model: mujoco.MjModel) -> float:
-    """Frequencies [-] of the vehicle in `model` against those of the one that `HULL` was tuned on;
-    at least 1.
+    """Frequencies [-] of the vehicle in `model` against the one `HULL` was tuned on; at least 1.
 
     By Froude's law: the square root of the lengths, which are the cube roots of the displaced
     volumes.
@@ -313,9 +309,7 @@ def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
 
 
 def _arm_inertia(arm: ArmDynamics, q: Array) -> Array:
-    """Inertia (6, 6) that the arm, held at `q` (n,) [rad], adds to the hull: wrenches of unit
-    accelerations.
-    """
+    """Inertia (6, 6) that the arm, held at `q` (n,) [rad], adds: wrenches of unit accelerations."""
     rest = np.zeros(arm.n)
 
     def wrench(a_B: Array) -> Array:

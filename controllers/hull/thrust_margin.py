@@ -1,5 +1,4 @@
-"""Thrust margin: the largest share of thrust used by a level, stationary hull while its arm pushes
-on a surface.
+"""Thrust margin: largest share of thrust used by a hull at rest whose arm pushes on a surface.
 
 Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction;
 in a current also its drag on hull and arm, the hull's Munk moment, and the inflow of the thrusters.
@@ -54,29 +53,33 @@ class ThrustMargin:
             raise ConfigurationError("the vehicle has no thrusters to hold it")
         self.drag = drag
         self._static = checked(static_B, (6,), "static_B").copy()
+
         table = vehicle.thruster_table
         self._forward, self._reverse, self._loss = (
             table[:, FORWARD],
             table[:, REVERSE],
             table[:, INFLOW_LOSS],
         )
+
         most = np.maximum(self._forward, self._reverse)
         # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a
         # single solution.
         self._thrust = most[:, None] * np.linalg.pinv(vehicle.thruster_wrench * most)
+
         self._advance = np.array(vehicle.thruster_wrench[:3])
         self._parameters, self._still = tuple(arm.parameters), np.zeros(arm.n)
+
+        # Drag in a current.
         self._linear = np.zeros((6, 6)) if water is None else np.array(water.linear_damping)
         self._quadratic = np.zeros(6) if water is None else np.array(water.quadratic_damping)
         self._added = np.zeros((6, 6)) if water is None else np.array(water.added_mass)
         self._forms = () if water is None else water.terms
+
         self._current_W = np.zeros(3)
 
     @classmethod
     def of(cls, model: mujoco.MjModel, *, drag: float = 0.6) -> Self:
-        """Thrust margin of the vehicle in `model`, from which weights and drags are read; `drag` as
-        above.
-        """
+        """Thrust margin of the vehicle in `model`, with its weights and drags; `drag` as above."""
         arm, vehicle = ArmDynamics(model), Vehicle.of(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
         return cls(
@@ -112,14 +115,19 @@ class ThrustMargin:
         """
         hull, wrench = np.zeros(24), np.zeros(6)  # the hull at rest: its attitude alone
         hull[:9], hull[21:], wrench[:3] = R_WB.ravel(), self._current_W, f_tip_G
+
+        # Load of the arm, at rest.
         joints = (np.array(q, dtype=np.float64), self._still, self._still)
         arm_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1]
+
         # of the hull through the water
         past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])
         drag_B = -(self._linear @ past_B + self._quadratic * np.abs(past_B) * past_B)
         drag_B[3:] -= cross(past_B[:3], (self._added @ past_B)[:3])  # Munk moment
         for form in self._forms:
             drag_B += form.wrench(past_B[None, :3], past_B[None, 3:], self._added)[0]
+
+        # Shares of the strength that the inflow leaves.
         thrust = self._thrust @ -(arm_B + self._static + drag_B)
         taken = self._loss * (past_B[:3] @ self._advance)  # by the inflow, at full speed ahead
         most = np.where(thrust > 0.0, self._forward - taken, self._reverse + taken)

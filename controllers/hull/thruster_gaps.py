@@ -30,8 +30,7 @@ MOST_PATTERNS = 3**_MIXES
 
 
 def preloads(B: Array) -> np.ndarray:
-    """Sign patterns (p, m), 1 or -1 each, with which thrusters of wrench columns `B` (k, m) work
-    against each other.
+    """Sign patterns (p, m), 1 or -1 each, with which the thrusters of `B` (k, m) oppose each other.
 
     These are the signs of thrusts in the null space of B, sampled in a few of its directions. p = 0
     where B has no null space, or where the null space leaves a thruster out.
@@ -58,8 +57,7 @@ def normal_equations(A: Array, effort: Array) -> tuple[Array, Array]:
 
 @kernel
 def bounded(H, c, low, high, x):
-    """Minimise x^T H x / 2 - c^T x over low <= x <= high by a primal active-set method; result in
-    `x` (m,).
+    """Minimise x^T H x / 2 - c^T x over low <= x <= high by a primal active-set method, into `x`.
 
     Each step solves for the free variables and moves there, or to the first bound on the way. At a
     minimum of the free variables, the bound variable with the steepest inward descent is set free.
@@ -83,6 +81,7 @@ def bounded(H, c, low, high, x):
     scale = 0.0
     for i in range(m):
         scale = max(scale, abs(c[i]), H[i, i] * max(abs(low[i]), abs(high[i])))
+
     first = True
     steps = 0
     while steps < 20 * (m + 1):
@@ -155,11 +154,10 @@ def bounded(H, c, low, high, x):
 
 @kernel
 def _solve_free(H, c, x, free, count, L, z):
-    """Minimise over the `count` variables in `free`, the others held at `x`; result in `z` in the
-    order of `free`.
-    """
+    """Minimise over the `count` variables in `free`, the others held; into `z`, in that order."""
     m = c.shape[0]
     for a in range(count):
+        # Right side, less the part of the variables that are held.
         i = free[a]
         total = c[i]
         held = 0
@@ -169,6 +167,8 @@ def _solve_free(H, c, x, free, count, L, z):
             else:
                 total -= H[i, j] * x[j]
         z[a] = total
+
+        # Row of the Cholesky factor L, and forward substitution.
         for b in range(a + 1):
             total = H[i, free[b]]
             for k in range(b):
@@ -177,6 +177,8 @@ def _solve_free(H, c, x, free, count, L, z):
         for k in range(a):
             z[a] -= L[a, k] * z[k]
         z[a] /= L[a, a]
+
+    # Back substitution.
     for a in range(count - 1, -1, -1):
         for k in range(a + 1, count):
             z[a] -= L[k, a] * z[k]
@@ -185,8 +187,7 @@ def _solve_free(H, c, x, free, count, L, z):
 
 @kernel
 def nearest_thrusts(H, c, low, high, least, patterns):
-    """Thrusts of least cost x^T H x / 2 - c^T x within bounds, each zero or at least its minimal
-    thrust in size.
+    """Thrusts of least cost x^T H x / 2 - c^T x within bounds, each zero or at least its minimum.
 
     Near the least cost where a gap is met: see the search in the docstring of this module.
 
@@ -205,6 +206,8 @@ def nearest_thrusts(H, c, low, high, least, patterns):
     m = c.shape[0]
     x = np.zeros(m)
     y = np.zeros(m)
+
+    # Without the gaps: a lower bound of the cost, and how close to it is close enough.
     bounded(H, c, low, high, x)
     free = _cost(H, c, x)
     from_ = low.copy()
@@ -272,9 +275,7 @@ def nearest_thrusts(H, c, low, high, least, patterns):
 
 @kernel
 def _limit(branch, low, high, least, from_, to, i):
-    """Set the bounds `from_` and `to` of thruster `i` on one branch: -1 reverse, 0 off, 1
-    forward.
-    """
+    """Set the bounds `from_`, `to` of thruster `i` on a branch: -1 reverse, 0 off, 1 forward."""
     if least == 0.0:  # it has no gap
         from_[i] = low
         to[i] = high

@@ -1,14 +1,13 @@
 """Lead compensation of the thrusters' lag: their believed model, run in parallel and inverted.
 
-A propeller follows its command with a first-order lag T (`uuv.models.water.thrusters`).
-Its present speed n is predicted from past commands. The command u that brings it towards the wanted
-speed c with a lag T_r < T is
+A propeller follows its command with a first-order lag T (`uuv.models.water.thrusters`). Its present
+speed n is predicted from past commands. The command u that brings it towards the wanted speed c
+with a lag T_r < T is
 
     u = n + (c - n) (1 - exp(-dt / T_r)) / (1 - exp(-dt / T)),    within full speed.
 
 This is the inverse of the lag, filtered by `response` T_r. In the steady state u = c, whatever T
-is. The price of a
-smaller T_r is command activity: noise is amplified by about T / T_r.
+is. The price of a smaller T_r is command activity: noise is amplified by about T / T_r.
 """
 
 from typing import NamedTuple
@@ -68,6 +67,7 @@ class ThrusterLead:
             )
         if not -1.0 < number(lag_error, "lag_error") < np.inf:
             raise ConfigurationError(f"lag_error: must be finite and above -1, got {lag_error}")
+
         table = vehicle.thruster_table
         B = np.array(vehicle.thruster_wrench)
         figures = np.column_stack(
@@ -77,6 +77,7 @@ class ThrusterLead:
                 table[:, INFLOW_LOSS],
             ]
         )
+
         self._propellers = Propellers(
             curves(table), figures, B, inflow_levers(table, B), float(response)
         )
@@ -93,8 +94,7 @@ class ThrusterLead:
         return ThrusterLeadState(np.zeros(m), np.zeros(m), np.zeros(6))
 
     def static(self, thrust: Array, nu_r_B: Array) -> Array:
-        """Static commands (m,) [-] that give `thrust` (m,) [N] in the inflow of the hull's motion
-        through the water.
+        """Static commands (m,) [-] that give `thrust` (m,) [N] in the inflow of the moving hull.
 
         Args:
             thrust: (m,) [N] wanted.
@@ -164,6 +164,7 @@ def lead_commands(model, state, wanted, nu_r_B, dt, command):
     passed = state.passed
     speed = state.speed
     given_B = state.given_B
+
     given_B[:] = 0.0
     for i in range(wanted.shape[0]):
         lag, slew, loss = model.figures[i]
@@ -177,6 +178,7 @@ def lead_commands(model, state, wanted, nu_r_B, dt, command):
         # Speed of the propeller, and its mean thrust until the next step.
         most = slew * dt if slew > 0.0 else np.inf
         passed[i] += min(max(command[i] - passed[i], -most), most)
+
         inflow = _inflow(advance, i, nu_r_B)
         mean = 0.0
         for part in range(_PARTS):
@@ -187,5 +189,6 @@ def lead_commands(model, state, wanted, nu_r_B, dt, command):
         speed[i] = (
             passed[i] + (speed[i] - passed[i]) * np.exp(-dt / lag) if lag > 0.0 else passed[i]
         )
+
         for k in range(6):
             given_B[k] += B[k, i] * mean

@@ -70,18 +70,19 @@ class JointForceController:
     period = DRIVE_PERIOD
 
     def __init__(self, model: mujoco.MjModel, *, water_error: float = 0.0) -> None:
-        """Set up for the believed, compiled `model`; its coefficients are wrong by the share
-        `water_error` [-].
-        """
+        """Set up for the believed `model`, with coefficients wrong by the share `water_error`."""
         tuning, vehicle = ArmTuning(), Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=water_error)
         self._contact = TorqueSensors(model, arm=self._arm, tuning=tuning)
         self._tool = ToolControl(model, self._arm, tuning, force_law=NoDisplacement())
+
         self._task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
         self._hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
         self._hull = HullControl(
             model, self._arm, period=self._hull_ticks * DRIVE_PERIOD, water_error=water_error
         )
+
+        # One bandwidth for all joints: gains by the inertia of each, at home.
         inertia = np.diag(self._arm.inertia(np.array(vehicle.q_home))) + vehicle.armature
         self._stiffness = BANDWIDTH**2 * inertia  # [N m/rad]
         self._damping = 2.0 * BANDWIDTH * inertia  # [N m s/rad]
@@ -109,19 +110,26 @@ class JointForceController:
         contact, motion = state.contact, state.tool.motion
         drives = DriveState(tau=state.tau, qd_wanted=motion.qd, current_W=state.hull.current_W)
         self._contact.step(contact, estimate, reference, drives)
+
+        # Motion wanted, on its tick; in between it is extrapolated.
         since = state.tick % self._task_ticks
         if since == 0:
             self._tool.step(state.tool, estimate, reference, contact)
         error = motion.q + since * self.period * motion.qd - estimate.q
+
+        # Weight and friction are fed forward, the error fed back.
         tau = self._borne(state, estimate, reference) + contact.friction
         tau += self._stiffness * error + self._damping * (motion.qd - estimate.qd)
         state.tau = np.clip(tau, -self._limits, self._limits)
+
+        # Thrusters, on their tick.
         if state.tick % self._hull_ticks == 0:
             wrench_B = contact.sensed.wrench_B + (
                 contact.wrench_B() if in_contact(reference) else np.zeros(6)
             )
             self._hull.step(state.hull, estimate, reference, wrench_B)
             state.load = HullLoad(arm_wrench_B=wrench_B, current_W=state.hull.current_W.copy())
+
         state.tick += 1
         return state, Command(
             time=estimate.time,
@@ -135,9 +143,7 @@ class JointForceController:
     def _borne(
         self, state: JointForceState, estimate: StateEstimate, reference: Reference
     ) -> Array:
-        """Torques (n,) [N m] that bear the arm's weight and press the tool with the set force and
-        its integral.
-        """
+        """Torques (n,) [N m] that bear the arm's weight and press by set force and integral."""
         press = 0.0
         if reference.force_control:
             lacking = reference.set_force - state.contact.estimate.normal
@@ -146,6 +152,7 @@ class JointForceController:
             press = max(0.0, reference.set_force + state.extra)
         else:
             state.extra = 0.0
+
         rest, none = np.zeros(self._arm.n), np.zeros(6)
         tau, _ = self._arm.inverse(
             estimate.q,
@@ -157,4 +164,5 @@ class JointForceController:
             v_current_W=none[:3],
             wrench_tip_G=np.array([0.0, 0.0, -press, 0.0, 0.0, 0.0]),
         )
+
         return tau

@@ -1,5 +1,4 @@
-"""Tool control: force loop, lateral compliance, drift correction and inverse kinematics give the
-joints' motion.
+"""Tool control: motion of the joints by force loop, compliance, drift correction and kinematics.
 
 Two corrections of the tool's reference [Konoplin 2022, section 3]: a displacement k along the tool
 axis from the force error, and the drift of the hull, p*_C = R^T (p*_O - r). MKPS gives the joint
@@ -59,15 +58,11 @@ from uuv.sim.interfaces.spatial import Array, inverse
 
 
 class ForceLaw(Protocol):
-    """Displacement k [m] of the tool along its axis, positive into the surface, for a set and an
-    estimated force.
-    """
+    """Displacement k [m] of the tool along its axis, positive inwards, by set and felt force."""
 
     @property
     def closed_loop(self) -> bool:
-        """True if the estimated force is controlled; the servo is then softer along the tool
-        axis.
-        """
+        """True if the estimated force is controlled; the servo is then softer along the axis."""
         ...
 
     def init(self) -> Any:
@@ -221,12 +216,14 @@ class ToolControl:
         self.compliance: SideDisplacement = compliance or LateralCompliance()
         self.drift: DriftCorrection = drift or FromEstimate()
         self._arm, self._tuning = arm, tuning
+
         passive = [
             model.joint(j).name
             for j in range(model.njnt)
             if j not in vehicle.joints and model.jnt_type[j] != 0
         ]
         self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
+
         X_AB = inverse(np.array(vehicle.X_BA))
         self.tracking = ToolTracking.of(
             X_AB, vehicle.joints.size, tuning, follows_hull=self.drift.follows_hull
@@ -261,12 +258,14 @@ class ToolControl:
         """
         law: Any = self.force_law if has_slot(self.force_law) else ForceDisplacement()
         yielding: Any = self.compliance if has_slot(self.compliance) else LateralCompliance()
+
         gains = ToolGains(
             self.tracking,
             getattr(law, "gains", ForceDisplacement().gains),
             getattr(yielding, "gains", LateralCompliance().gains),
             self.compliance_ticks,
         )
+
         stiffness = slots.add(lambda: self._find_servo_compliance(state, inputs.record, sensed))
         return ToolRecord(
             gains=gains,
@@ -299,6 +298,7 @@ class ToolControl:
         tick.inputs.take(estimate)
         tick.inputs.reference = reference
         take_reference(tick.reference, reference)
+
         self.checked(state, tick.slots.check(tool_tick(tick.box, tick.inputs.box)))
 
     def checked(self, state: ToolControlState, answer: int) -> int:
@@ -360,6 +360,7 @@ class ToolControl:
         """Leave the compliance [m/N] of the servoed tip along the tool axis in `state`."""
         inertia = self._arm.inertia(seen.q) + np.diag(self._armature)
         along = sensed.J_B[:3].T @ sensed.X_BG[:3, 2]
+
         state.numbers[SERVO_COMPLIANCE] = float(along @ np.linalg.solve(inertia, along)) / (
             self._tuning.joint_frequency**2 * (1.0 - self._tuning.normal_softness)
         )

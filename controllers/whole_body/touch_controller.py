@@ -1,6 +1,4 @@
-"""Controller of touches for calibration: joint servo in free motion, a soft spring at the tip over
-and in the nest.
-"""
+"""Controller of touches for calibration: joint servo in free motion, soft tip spring at a nest."""
 
 from dataclasses import dataclass
 
@@ -38,9 +36,7 @@ class CompliantState:
 
 
 class CompliantTouch:
-    """Controller (`uuv.sim.interfaces.protocols.Controller`) for `TouchSequence`: joint torques and
-    thrusters.
-    """
+    """Controller of arm and hull for `TouchSequence`: `uuv.sim.interfaces.protocols.Controller`."""
 
     def __init__(
         self,
@@ -65,9 +61,11 @@ class CompliantTouch:
         self.period, self._clamped = period, clamped
         self._tuning = tuning or TouchTuning()
         self._vehicle, drives = Vehicle.of(model), self._tuning.drives
+
         self._arm = arm = ArmDynamics(model, water_error=water_error)
         self._contact = TorqueSensors(model, arm=arm, tuning=drives, period=period)
         self._servo = JointServo(self._vehicle, drives, period)
+
         self._hull_ticks = max(1, round(drives.hover_period / period))
         self._hull = HullControl(
             model, arm, period=self._hull_ticks * period, water_error=water_error
@@ -97,6 +95,8 @@ class CompliantTouch:
         self._contact.sense(
             contact, estimate, DriveState(tau=servo.tau, qd_wanted=rest, current_W=_STILL_WATER)
         )
+
+        # Free motion by the servo, else compliance at the tip.
         if reference.X_WG is None:
             age = estimate.time - reference.time
             self._servo.step(
@@ -110,9 +110,12 @@ class CompliantTouch:
         else:
             servo.tau = self._give_way(state, estimate, reference)
             servo.integral[:] = 0.0
+
+        # Thrusters, on their tick.
         if state.tick % self._hull_ticks == 0 and not self._clamped:
             contact_B = contact.wrench_B() if reference.X_WG is not None else np.zeros(6)
             self._hull.step(state.hull, estimate, reference, contact.sensed.wrench_B + contact_B)
+
         state.tick += 1
         return state, Command(
             time=estimate.time,
@@ -125,13 +128,14 @@ class CompliantTouch:
     def _give_way(
         self, state: CompliantState, estimate: StateEstimate, reference: Reference
     ) -> Array:
-        """Joint torques (n,) [N m] of compliant motion: weight, tip spring, push, gear friction and
-        damping.
-        """
+        """Joint torques (n,) [N m] of compliant motion: weight, spring, push, friction, damping."""
         tuning, vehicle, dt = self._tuning, self._vehicle, self.period
         assert reference.X_WG is not None
+
         X_WG = estimate.X_WB @ state.contact.sensed.X_BG
         end = reference.X_WG[:3, 3]
+
+        # Pressing: the spring lets go while the push takes over.
         if reference.state is WorkState.PRESS:
             share = min(1.0, dt / tuning.let_go)
             state.p_WG_held = np.array(end if state.p_WG_held is None else state.p_WG_held)
@@ -140,12 +144,16 @@ class CompliantTouch:
             end = state.p_WG_held
         else:
             state.p_WG_held, state.push = None, 0.0
+
+        # Force and moment at the tip.
         f_W = (
             _at_most(tuning.stiffness * (end - X_WG[:3, 3]), tuning.most)
             + state.push * self._push_W
         )
         turn_G = log_so3(X_WG[:3, :3].T @ reference.X_WG[:3, :3])
         m_W = _at_most(tuning.turn_stiffness * (X_WG[:3, :3] @ turn_G), tuning.turn_most)
+
+        # Torques: weight, wrench at the tip, friction and damping.
         R_BW = estimate.X_WB[:3, :3].T
         weight, _ = self._arm.inverse(
             estimate.q,
@@ -159,6 +167,7 @@ class CompliantTouch:
         )
         tau = weight + state.contact.sensed.J_B.T @ np.concatenate([R_BW @ f_W, R_BW @ m_W])
         tau += state.contact.friction - tuning.damping * vehicle.joint_damping * estimate.qd
+
         return np.clip(tau, -vehicle.torque_limits, vehicle.torque_limits)
 
 

@@ -1,5 +1,4 @@
-"""Position-force controller of contact work: composes contact estimator, tool control, joint servo
-and hull control.
+"""Position-force controller of contact work: contact estimator, tool, joint servo and hull.
 
 One step at the rate of the drives [Konoplin 2022, section 3]:
   1. Inverse dynamics give the joint torques without contact. The residual of the measured torques
@@ -157,6 +156,7 @@ class WorkController:
         """Initial state: the arm held where it is, thrusters off."""
         n, contact, tool = len(estimate.q), self.contact.init(estimate), self.tool.init(estimate)
         command = commanded(n, len(self._vehicle.thruster_names))
+
         return WorkControllerState(
             contact=contact,
             tool=tool,
@@ -181,8 +181,7 @@ class WorkController:
     def step(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
     ) -> tuple[WorkControllerState, Command]:
-        """One control step: contact force, tool motion, joint torques, and on its tick the
-        thrusters.
+        """One control step: contact force, tool motion, joint torques; on its tick the thrusters.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -196,6 +195,7 @@ class WorkController:
         tick = state.alone.get(lambda: self.tick_on(state, Inputs(estimate_record(n))))
         tick.refer(reference)
         tick.inputs.take(estimate)
+
         answer = tick.slots.check(drive_tick(tick.box, tick.inputs.box))
         return state, tick.done(estimate, reference, answer)
 
@@ -352,6 +352,7 @@ def _log(state: WorkControllerState) -> dict[str, Array]:
         "hover_wrench_B": state.hull.wanted_B.copy(),
         "q_wanted": logged.q_wanted.copy(),
     }
+
     if not np.isnan(logged.ik_error[0]):
         log["ik_error"] = logged.ik_error.copy()
     return log if excess is None else log | {"arm_excess": excess}

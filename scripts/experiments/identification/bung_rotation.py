@@ -68,7 +68,6 @@ def bung_in_view(scene: ObjectScene, surface: ModelSurface, place: int) -> str:
         surface: Surface model of its barrel.
         place: Position of the bung, of PLACES.
     """
-
     # Points of the model in the axes of the bung's face, z outwards.
     radius, height, x = BUNG
     points = (surface.points - [x, 0.0, 0.0]) @ exp_so3([2.0 * np.pi * place / PLACES, 0.0, 0.0])

@@ -96,7 +96,6 @@ def whole(case: SceneInput) -> Array:
 
 def ours(case: SceneInput) -> Array:
     """Our search and fit on the segmented points; X_ST (4, 4)."""
-
     scene, evidence = case.scene, case.evidence
 
     expected = Expected(p=scene.approach, error=0.45, R=scene.orientation)
@@ -287,7 +286,6 @@ def run(case: RaceCase) -> Row:
     """Errors and times of all methods on one scene, and times of the fits alone; nothing where
     there are no points.
     """
-
     scene, surface = object_scene(case.object, case.seed, case.sensor), surface_of(case.object)
     given = input_of(scene, surface)
     if given is None:

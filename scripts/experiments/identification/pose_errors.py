@@ -53,7 +53,6 @@ def surface_of(name: str) -> ModelSurface:
 
 def run(task: SceneCase) -> dict[str, Any]:
     """Row of one scene: errors, decision and computing time of identification."""
-
     start = task.start
     start_error = (start.error[0], float(np.deg2rad(start.error[1])))
 
@@ -113,7 +112,6 @@ def summarise(rows: list[Row], title: str) -> Summary:
         rows: Rows of all scenes.
         title: Title of the table.
     """
-
     pairs = dict.fromkeys((row["object"], row["sensor"]) for row in rows)
     rows = sorted(rows, key=lambda row: (row["object"], row["sensor"], row["seed"]))
 

@@ -124,7 +124,6 @@ def summarise(rows: list[Row], title: str) -> Summary:
 
 def figures_of(rows: list[Row]) -> dict[str, float]:
     """Figures over some scenes."""
-
     return {
         "scenes": len(rows),
         "right_percent": 100.0 * float(np.mean([row["right"] and row["found"] for row in rows])),

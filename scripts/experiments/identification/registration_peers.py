@@ -71,7 +71,6 @@ class RegistrationTask:
 
     def admits(self, X_ST: Array) -> bool:
         """Whether `X_ST` (4, 4) lies within 1.5 times the error of the expected position."""
-
         off = transform_points(X_ST, self.model.center) - self.approach
         return bool(np.linalg.norm(off) < 1.5 * self.approach_error)
 
@@ -160,7 +159,6 @@ def _from_all_sides(task: RegistrationTask, model: Any) -> Array:
 
     Tried on 15 scenes: correspondences within 0.3, then 0.15 radii: 6 found; within 0.15 alone: 5.
     """
-
     scan = _cloud(task.points, task.normals)
     edge = FEATURE_VOXEL * task.model.radius
     thin, thin_model = _thinned(scan, edge), _thinned(model, edge)
@@ -187,7 +185,6 @@ def _from_all_sides(task: RegistrationTask, model: Any) -> Array:
 
 def _features(cloud: Any, radius: float) -> tuple[Any, Any]:
     """The thinned cloud, and its FPFH features."""
-
     o3d = open3d_loader.load()
     edge = FEATURE_VOXEL * radius
     thin = _thinned(cloud, edge)
@@ -204,7 +201,6 @@ def _ransac(task: RegistrationTask, prepared: tuple[Any, Any, Any]) -> Array:
     15, 9; one-sided
     matches: 14; features of 8 cubes: 10; normals estimated anew: 9.
     """
-
     o3d, registration = open3d_loader.load(), _open3d()
 
     model, *of_model = prepared

@@ -218,7 +218,6 @@ def _plate(rng: Rng, least: float) -> Shell:
 
 def _pipe(rng: Rng, least: float) -> Shell:
     """Pipe, straight or bent, with branches and collars."""
-
     r = max(2.0 * least, rng.uniform(0.06, 0.17))
     bore, deep = r * rng.uniform(0.6, 0.85), rng.uniform(0.05, 0.1)
 
@@ -267,7 +266,6 @@ def _bend(rng: Rng, deep: float) -> Array:
     """Path (N, 3) of a pipe with one or two bends, in or out of a plane; its first and last step
     are `deep`.
     """
-
     around = rng.uniform(0.22, 0.35)
 
     # Directions of the straight parts, each bent from the one before.
@@ -305,7 +303,6 @@ def _collar(rng: Rng, r: float) -> Shell:
 
 def _flange(rng: Rng, least: float) -> Shell:
     """Flange with a hub and bolts; some bolts may be missing, and a lug may break the symmetry."""
-
     thick, bore = max(least, _spread(rng, 0.05, 0.2)), rng.uniform(0.1, 0.24)
     count = int(rng.integers(4, 13))
     at = 0.5 * (0.5 + bore) + 0.02
@@ -365,7 +362,6 @@ def _bar(a: Array, b: Array, width: float, is_round: bool) -> Shell:
 
 def _frame(rng: Rng, least: float) -> Shell:
     """Frame of bars along the edges of a box or wedge, with braces; some bars may be missing."""
-
     width = max(least, _spread(rng, 0.025, 0.09))
     is_round = bool(rng.random() < 0.5)
 
@@ -404,7 +400,6 @@ def _frame(rng: Rng, least: float) -> Shell:
 
 def _spring(rng: Rng, least: float) -> Shell:
     """Helical spring, cylindrical or conical, open, hooked or with flat ends."""
-
     coils = _pick(rng, 3.0, 4.0, 5.5, 7.0, rng.uniform(2.5, 9.0))
     wire = max(0.6 * least, rng.uniform(0.1, 0.3) / coils)
     radius = max(rng.uniform(0.12, 0.4), 2.5 * wire)
@@ -476,7 +471,6 @@ def _grid(rng: Rng, least: float) -> Shell:
 
 def _pebble(rng: Rng, _least: float) -> Shell:
     """Smooth stone: an ellipsoid with broad bumps and hollows."""
-
     directions, triangles = sphere(4)
     radius = np.ones(len(directions))
     for power, most in ((2, 0.2), (3, 0.25), (3, 0.25), (4, 0.2), (5, 0.2)):

@@ -196,7 +196,6 @@ class ViewOfObject:
         """As `_surface`, for the pixels at the edge of the image, where something farther lies
         beside them.
         """
-
         seen, depth = self._scene.seen, self._scene.exact
         edge = np.zeros_like(seen)
         for axis in (0, 1):

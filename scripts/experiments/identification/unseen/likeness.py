@@ -239,7 +239,6 @@ class Likeness:
         Returns:
             The motion, improper if `R` is.
         """
-
         asked = self.points if points is None else points
         few = asked[:: max(1, len(asked) // _FEW)]
         S = pose(R) if R.shape == (3, 3) else R

@@ -107,7 +107,6 @@ def gallery(cases: Sequence[UnseenCase]) -> "Figure":
 
 def shaded(depth: np.ndarray) -> Array:
     """Brightness (h, w) of a depth image (h, w) [m] under a lamp; 1 where there is nothing."""
-
     step = 640 // depth.shape[1]
     with np.errstate(invalid="ignore"):
         points = pinhole(step) * depth[..., None]

@@ -156,7 +156,6 @@ def piled(seed: int, index: int) -> UnseenCase:
     """Case `index` of the objects in piles of PILE: five cases in a row have the same pile and
     another member.
     """
-
     pile, member = divmod(index, PILE)
     case = present(seed, PILE * pile)
     sensor = tuple(DEPTH_SENSORS)[pile % len(DEPTH_SENSORS)]
@@ -445,7 +444,6 @@ def _in_view(X_CF: Array, vertices: Array) -> bool:
 
 def _compiled(solids: Sequence[Shell]) -> mujoco.MjModel:
     """Model of visible meshes in C, fixed in the world."""
-
     spec = mujoco.MjSpec()
     vertices, triangles = joined(solids)
 

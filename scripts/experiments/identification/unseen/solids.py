@@ -97,7 +97,7 @@ def _divided(loop: Array, spacing: float) -> Array:
 
 
 def _filled(loops: Sequence[Array]) -> np.ndarray:
-    """Triangles (T, 3) inside an odd number of `loops`, counter-clockwise; indices count through."""
+    """Triangles (T, 3) inside an odd number of `loops`, counter-clockwise; indices of all points."""
     points = np.vstack(loops)
     triangles = Delaunay(points).simplices
 
@@ -169,7 +169,6 @@ def swept(path: Array, profile: Array, scale: ArrayLike = 1.0) -> Shell:
     Returns:
         The solid.
     """
-
     scales = np.broadcast_to(np.asarray(scale, dtype=np.float64), len(path))
     return skinned(
         path[:, None] + scales[:, None, None] * np.einsum("mk,nki->nmi", profile, _frames(path))
@@ -225,7 +224,6 @@ def _frames(path: Array) -> Array:
     """Two unit axes (N, 2, 3) across a path (N, 3), turned no more than it turns; doubled places
     share theirs.
     """
-
     ahead = np.diff(path, axis=0)
     length = np.linalg.norm(ahead, axis=1)
     tangent = ahead[length > _STEP][0] / length[length > _STEP][0]

@@ -124,7 +124,6 @@ def _of_pile(first: UnseenCase, known: Known) -> list[tuple[Identification, floa
     """Result of each object of a pile, all of them sought together, and its share of the processor
     time [s].
     """
-
     scenes = [build(replace(first, member=k)) for k in range(PILE)]
 
     began = process_time()
@@ -202,7 +201,6 @@ def summarise(rows: list[Row], title: str) -> Summary:
         rows: Rows of all scenes.
         title: Title of the tables.
     """
-
     depth, sonar = (
         [row for row in rows if (row["sensor"] == "sonar") is by_sonar]
         for by_sonar in (False, True)
@@ -314,7 +312,6 @@ def consistency(rows: Sequence[Row]) -> dict[str, float]:
     """Whether the errors of found poses are as their covariance says: chi-square with its degrees
     of freedom.
     """
-
     nees, degrees = (
         np.array([(row["nees"], row["nees_degrees"]) for row in rows if row["nees"] is not None])
         .reshape(-1, 2)

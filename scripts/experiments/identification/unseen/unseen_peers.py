@@ -113,7 +113,6 @@ def task_of(scene: UnseenScene, surface: ModelSurface, found: Identification) ->
     """What the peers get of a scene, with the points that our identification `found` to be the
     object's.
     """
-
     evidence = found.evidence
     if evidence is None:
         near = near_any(scene.scan.points, scene.approach[None], surface.radius + APPROACH_ERROR)
@@ -145,7 +144,6 @@ def task_of(scene: UnseenScene, surface: ModelSurface, found: Identification) ->
 
 def _raced(name: str, scene: UnseenScene, task: RegistrationTask) -> dict[str, Any]:
     """Errors and times of a peer; if it raises an error, it has found nothing."""
-
     peer, error, model_s, find_s, X_ST = PEERS[name], "", np.nan, np.nan, np.eye(4)
 
     try:

@@ -97,7 +97,7 @@ def _divided(loop: Array, spacing: float) -> Array:
 
 
 def _filled(loops: Sequence[Array]) -> np.ndarray:
-    """Triangles (T, 3) inside an odd number of `loops`, counter-clockwise; indices of all points."""
+    """Triangles (T, 3) inside an odd number of `loops`, counter-clockwise; indices run on."""
     points = np.vstack(loops)
     triangles = Delaunay(points).simplices
 

@@ -63,7 +63,6 @@ def ours(seconds: float, rudder: float, rpm: float) -> Array:
     """
     plant = Plant(hydrodynamics.compile(models.load("remus100")), current=Current([0.0, 0.0, 0.0]))
     model, hull, fin, rows = plant.model, plant.model.body(HULL_BODY).id, 0.0, []
-
     follow = 1.0 - math.exp(-plant.timestep / remus100.FIN_TIME)
 
     command, none = np.array([rpm / remus100.MOST_RPM]), np.zeros(0)
@@ -136,8 +135,8 @@ def main() -> int:
 
     found = [figures(options, degrees) for degrees in options.rudder]
     rows = []
-    # At the end of the run, ours beside the source's.
     for run in found:
+        # At the end of the run.
         for name, unit in (("distance", "m"), ("speed", "ms"), ("heading", "deg")):
             own, their = run[f"our_{name}_{unit}"], run[f"their_{name}_{unit}"]
             shown = unit.replace("ms", "m/s")

@@ -50,11 +50,9 @@ INVERSE = np.linalg.inv(TOTAL)
 
 def _coriolis(mass: Array, nu: Array) -> Array:
     p, h = (mass @ nu)[:3], (mass @ nu)[3:]
-
     C = np.zeros((6, 6))
     C[:3, 3:] = C[3:, :3] = -_skew(p)
     C[3:, 3:] = -_skew(h)
-
     return C
 
 

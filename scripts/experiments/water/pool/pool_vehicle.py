@@ -142,7 +142,6 @@ def _servos(spec: mujoco.MjSpec) -> None:
             _ROTOR,
             mujoco.mjtLimited.mjLIMITED_FALSE,
         )
-
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
         actuator.set_to_position(kp=_STIFF, kv=_DAMPED)
 
@@ -150,18 +149,15 @@ def _servos(spec: mujoco.MjSpec) -> None:
 def _load_jaw(spec: mujoco.MjSpec, mass: float) -> None:
     wrist = spec.body(reach_alpha_5.LINKS[-1].name)
     own, center = float(wrist.mass), np.array(wrist.ipos)
-
     wrist.mass = own + mass
     wrist.ipos = (own * center + mass * np.array(JAW)) / (own + mass)
 
 
 def _scaled_link(link: BodyHydrodynamics, values: Mapping[str, float]) -> BodyHydrodynamics:
     drag = values["arm drag"]
-
     strips = tuple(
         replace(s, normal=drag * s.normal, tangential=drag * s.tangential) for s in link.segments
     )
-
     return replace(link, strips=strips, added_mass=values["arm added mass"] * link.added_mass)
 
 

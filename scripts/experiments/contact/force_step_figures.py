@@ -1,6 +1,4 @@
-"""Step response of the force loop over many runs: mean response on each surface, its figures, and
-their picture.
-"""
+"""Step response of the force loop over many runs: mean by surface, figures, and picture."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -52,8 +50,10 @@ def summarise(runs: list[Row], low: float, high: float) -> Summary:
         }
         for stiffness in dict.fromkeys(run["stiffness"] for run in runs)
     }
+
     rows = [figures_of(stiffness, curve["true"], low, high) for stiffness, curve in curves.items()]
     failed = [f"{row['stiffness_n_m']:g} N/m: {_missed(row)}" for row in rows if _missed(row)]
+
     return Summary(
         metrics={"surfaces": rows},
         tables=[
@@ -100,8 +100,10 @@ def figures_of(stiffness: float, true: Array, low: float, high: float) -> dict[s
     none = {"rise_s": None, "overshoot": None, "settling_s": None, "spread_n": None}
     if not len(true):
         return {"stiffness_n_m": stiffness, "steps": 0, **none}
+
     mean = true.mean(axis=0)
     spread = float(np.sqrt(np.mean((true - mean) ** 2)))
+
     return {
         "stiffness_n_m": stiffness,
         "steps": len(true),
@@ -113,6 +115,7 @@ def figures_of(stiffness: float, true: Array, low: float, high: float) -> dict[s
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
     """Formatted cells of a row of the table."""
     scaled = (("rise_s", 1.0), ("overshoot", 100.0), ("settling_s", 1.0), ("spread_n", 1.0))
+
     numbers = ("–" if row[name] is None else f"{scale * row[name]:.2f}" for name, scale in scaled)
     return f"{row['stiffness_n_m']:.3g}", str(row["steps"]), *numbers
 
@@ -146,5 +149,6 @@ def picture_of(curves: dict[float, dict[str, Array]], low: float, high: float) -
         axes.set_title(f"{stiffness:.3g} N/m", fontsize=10)
         axes.set_xlabel("time from the step [s]")
         palette.plain_axes(axes, 9)
+
     all_axes[0].set_ylabel("normal force [N]")
     return figure

@@ -1,6 +1,4 @@
-"""Steps of the set force while the tool moves along a barrel: responses of one run and their
-figures.
-"""
+"""Steps of the set force while the tool moves along a barrel: one run and its figures."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -37,11 +35,10 @@ class StepTask:
 
 
 def responses(task: StepTask) -> dict[str, Any]:
-    """Set and true force (k, N) [N] of the k steps up, sampled at `times()`; empty if the run was
-    aborted.
-    """
+    """Set and true force (k, N) [N] of k steps up at `times()`; empty if the run was aborted."""
     recording = run(assemble(scenario_of(task))).recording
     note = recording.final.note if recording.final.state is not WorkState.DONE else ""
+
     found = steps_up(recording, task.low, task.high)
     return {"stiffness": task.stiffness, "seed": task.seed, "note": note, **found}
 
@@ -56,6 +53,7 @@ def scenario_of(task: StepTask) -> Scenario:
         length=LENGTH,
         forces=(task.low, task.high) * task.steps,
     )
+
     work = replace(scenario.task_of(SurfaceWorkTask), force_rate=task.rate)
     return replace(scenario, task=work, perturbations=(Pad(stiffness=task.stiffness),))
 
@@ -83,14 +81,17 @@ def steps_up(recording: Recording, low: float, high: float) -> dict[str, Array]:
     """
     work = recording.within(WorkState.WORK)
     time, set_force = recording["set_force"].time, recording["set_force"].scalar
+
     leaves = np.flatnonzero((set_force[:-1] == low) & (set_force[1:] > low) & work[1:])
     found: dict[str, list[Array]] = {"set": [], "true": []}
+
     for first in leaves:
         at = time[first + 1] + times()
         if at[-1] > time[work][-1] or set_force[np.searchsorted(time, at[-1]) - 1] != high:
             continue  # the run ended, or the force changed again
         found["set"].append(np.interp(at, time, set_force))
         found["true"].append(np.interp(at, time, recording["contact_normal"].scalar))
+
     return {name: np.array(rows).reshape(-1, len(times())) for name, rows in found.items()}
 
 
@@ -111,6 +112,7 @@ def figures(
     """
     step, t = (response - low) / (high - low), times()
     after = t >= 0.0
+
     step, t = step[after], t[after]
 
     def first(level: float) -> float | None:
@@ -120,6 +122,7 @@ def figures(
     tenth, most = first(0.1), first(0.9)
     outside = np.flatnonzero(np.abs(step - 1.0) > band)
     settling = float(t[outside[-1] + 1]) if outside.size and outside[-1] + 1 < len(t) else None
+
     return {
         "rise_s": most - tenth if tenth is not None and most is not None else None,
         "overshoot": max(0.0, float(step.max()) - 1.0),

@@ -40,10 +40,12 @@ class Options(StudyOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+
         if not 0.0 < self.low < self.high:
             raise ConfigurationError(
                 f"--low, --high: must rise from above zero, got {self.low}, {self.high} N"
             )
+
         if not (self.rate > 0.0 and 1 <= self.steps <= 6):
             raise ConfigurationError("--rate must be > 0 N/s, --steps from 1 to 6")
 
@@ -70,8 +72,11 @@ def main() -> int:
         for stiffness in options.stiffness
         for run in range(1 if options.quick else options.runs)
     ]
+
     hydrodynamics.install()  # compiled once here, else by every worker
+
     summary = partial(summarise, low=options.low, high=options.high)
+
     study = Study(cases=tasks, run_one=responses, summarise=summary, failed=failed, line=line)
     return study.carry_out(
         "step_response", options, f"Force from {options.low:g} to {options.high:g} N"

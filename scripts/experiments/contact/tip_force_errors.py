@@ -170,25 +170,33 @@ def run(case: ForceCase) -> Row:
     wrong, doubt = sources(case)[case.source]
     streams = Streams(case.seed, len(case.form), arm.n)
     sliding = SLIDING * np.array(LIMITS[case.arm], dtype=np.float64)
+
     low, high = np.maximum(arm.limits[:, 0], -np.pi), np.minimum(arm.limits[:, 1], np.pi)
+
     rows = []
     for _ in range(case.runs):
         q = streams["posture"].uniform(low, high)
         if case.form == "closed form":
             q[4:] = 0.0  # the closed form assumes it
+
         J = jacobian(arm, q)
         wrench = streams["wrench"].uniform(-1.0, 1.0, 6) * np.repeat(
             [size * FORCE, size * MOMENT if case.form == "force and moment" else 0.0], 3
         )
         tau_e = J.T @ wrench
+
+        # Torques that the sensors read: those of a weight at the tip, less those of the wrench.
         weight = arm.joint_frames(q)[-1][:3, :3].T @ [0.0, 0.0, -size * WEIGHT]
         reading = J[:3].T @ weight - tau_e
         felt = tau_e + wrong(streams["torque errors"], reading, sliding)
+
         sigma, weakest = doubt(reading, sliding), float(np.linalg.svd(J[:3])[1][-1])
         covariance: Array | None = None
+
         if case.form == "closed form":
             if min(abs(np.sin(q[3])), abs(np.linalg.norm(arm.joint_frames(q)[-1][:2, 3]))) < 1e-3:
                 continue
+
             # G of [Konoplin 2022]: x along link 4, z across it in the arm's plane, y out of the
             # plane.
             elevation = q[1] + q[2] + q[3]
@@ -197,6 +205,7 @@ def run(case: ForceCase) -> Row:
             ahead = np.array([np.cos(q[0]), np.sin(q[0]), 0.0])
             up = np.array([0.0, 0.0, 1.0])
             axes = np.column_stack([c * ahead + s * up, out, -s * ahead + c * up])
+
             force = (
                 arm.joint_frames(q)[-1][:3, :3].T
                 @ axes
@@ -209,13 +218,18 @@ def run(case: ForceCase) -> Row:
             force = tip_force(felt, J[:3], np.ones(arm.n))[0]
         else:
             force, covariance = tip_force(felt, J[:3], sigma)
+
         error = force - wrench[:3]
         squared, stated = 0.0, np.full(3, np.nan)
         if covariance is not None:
             squared, stated = float(error @ np.linalg.solve(covariance, error)), np.diag(covariance)
+
         rows.append((weakest, float(error @ error), squared, *error**2, *stated))
+
     table = np.array(rows)
+
     near = table[:, 0] <= np.quantile(table[:, 0], 0.1)
+
     return {
         "arm": case.arm,
         "source": case.source,
@@ -245,6 +259,7 @@ def summarise(rows: list[Row]) -> Summary:
         )
         for row in rows
     ]
+
     table = Table(
         title=f"Error of the felt force [N], forces to {FORCE:g} N a component, "
         f"{SIZE[ALPHA] * FORCE:g} N on {ALPHA}",
@@ -260,6 +275,7 @@ def summarise(rows: list[Row]) -> Summary:
         rows=cells,
         labels=3,
     )
+
     return Summary(metrics={"rows": rows}, tables=[table])
 
 

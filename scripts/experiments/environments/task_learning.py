@@ -96,6 +96,7 @@ def act(setting: Setting, parameters: Array, seed: int) -> float:
     """Return of a linear policy in one episode."""
     environment = setting.environment()
     environment.random_state.seed(seed)
+
     gain = parameters.reshape(environment.action_spec().shape[0], -1)
     return run_episode(
         environment, lambda moment: np.clip(gain @ observed(moment.observation), -1.0, 1.0)
@@ -107,11 +108,14 @@ def main() -> int:
     errors.
     """
     options, console = parse(Options), Console()
+
     folder = new_folder("task_learning", options.out, options.seed)
+
     setting, rng = (
         Setting(options.task, options.actions, options.time_limit),
         np.random.default_rng(options.seed),
     )
+
     environment, pool = setting.environment(), ProcessPoolExecutor(os.cpu_count())
     size = environment.action_spec().shape[0] * len(observed(environment.reset().observation))
 
@@ -124,27 +128,36 @@ def main() -> int:
         [],
         time.perf_counter(),
     )
+
     while (spent := time.perf_counter() - begin) < 60.0 * options.minutes:
         drawn = mean + deviation * rng.standard_normal((options.population, size))
         found = totals(drawn, np.full(options.population, rng.integers(2**31)))
+
+        # The distribution moves towards the best quarter.
         best = drawn[np.argsort(found)[-max(2, round(BEST * options.population)) :]]
         mean = mean + SMOOTH * (best.mean(axis=0) - mean)
         deviation = np.sqrt((1.0 - SMOOTH) * deviation**2 + SMOOTH * best.var(axis=0))
         deviation = np.maximum(deviation, LEAST * options.spread)
+
         curve.append({"time_s": spent, "mean": float(found.mean()), "best": float(found.max())})
         if len(curve) % 5 == 0:
             console.print(
                 f"generation {len(curve):3d}, {spent:4.0f} s: mean return {found.mean():6.1f}"
             )
+
+    # The mean and the policy of the start, in the same fresh episodes.
     fresh = rng.integers(2**31, size=FRESH)
+
     before, after = totals(np.zeros((FRESH, size)), fresh), totals(np.tile(mean, (FRESH, 1)), fresh)
     error = float(np.hypot(before.std(ddof=1), after.std(ddof=1)) / np.sqrt(FRESH))
     gain = float(after.mean() - before.mean())
+
     told = (
         f"return {before.mean():.1f} before, {after.mean():.1f} after, {gain / error:.1f} "
         "standard errors more"
     )
     console.print(f"{options.task}, {FRESH} fresh episodes: {told}")
+
     figures = {
         "before": before.tolist(),
         "after": after.tolist(),
@@ -152,6 +165,7 @@ def main() -> int:
         "curve": curve,
     }
     learnt = {"task": options.task, "actions": options.actions, "parameters": mean.tolist()}
+
     write_json(folder / "learning.json", {**learnt, **figures})
     _draw(folder / "learning.png", curve, options.task)
     console.print(f"in {folder}")
@@ -161,8 +175,10 @@ def main() -> int:
 def _draw(file: Path, curve: list[dict[str, float]], task: str) -> None:
     with wanted():
         from matplotlib.figure import Figure
+
     figure = Figure(figsize=(7.0, 3.5), layout="constrained")
     axes = figure.subplots()
+
     times = [each["time_s"] for each in curve]
     axes.plot(
         times,
@@ -171,6 +187,7 @@ def _draw(file: Path, curve: list[dict[str, float]], task: str) -> None:
         alpha=0.6,
         label="best of a generation",
     )
+
     axes.plot(times, [each["mean"] for each in curve], label="mean of a generation")
     axes.set(xlabel="time [s]", ylabel="return of an episode", title=task)
     axes.grid(alpha=0.3)

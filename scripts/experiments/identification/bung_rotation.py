@@ -43,7 +43,9 @@ def run(task: BungCase) -> dict[str, Any]:
         scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model
     )
     position, axis = scene.error(found.X_sensor_target)
+
     cosine = 0.5 * (np.trace(found.X_sensor_target[:3, :3].T @ scene.X_CT[:3, :3]) - 1.0)
+
     return {
         "sensor": task.sensor,
         "seed": task.seed,
@@ -66,13 +68,16 @@ def bung_in_view(scene: ObjectScene, surface: ModelSurface, place: int) -> str:
         surface: Surface model of its barrel.
         place: Position of the bung, of PLACES.
     """
+    # Points of the model in the axes of the bung's face, z outwards.
     radius, height, x = BUNG
     points = (surface.points - [x, 0.0, 0.0]) @ exp_so3([2.0 * np.pi * place / PLACES, 0.0, 0.0])
     on_it = (np.hypot(points[:, 0], points[:, 1]) < 1.01 * radius) & (
         points[:, 2] > 0.5 * BARREL_DIAMETER
     )
+    # The face is the outer tenth of the bung's height.
     middle = on_it & (np.hypot(points[:, 0], points[:, 1]) < 0.3 * radius)
     middle &= points[:, 2] > 0.5 * BARREL_DIAMETER + 0.9 * height
+
     visible = surface.visible(scene.X_CT, scene.scan, scene.sensor.model.max_incidence)
     if visible[middle].mean() > 0.5:
         return "seen"
@@ -83,6 +88,7 @@ def summarise(rows: list[Row]) -> Summary:
     """Table by sensor and visibility of the bung, and the rotations that were resolved wrongly."""
     rows.sort(key=lambda row: (row["sensor"], row["bung"], row["seed"]))
     wrong = [row for row in rows if row["told"] and row["turn_deg"] > WRONG]
+
     return Summary(
         metrics={
             "scenes": len(rows),
@@ -97,10 +103,12 @@ def summarise(rows: list[Row]) -> Summary:
 def table_of(rows: Sequence[Row]) -> Table:
     """Table of the rows by sensor and visibility of the bung."""
     cells = []
+    # Errors of the rotation count only where identification determined it.
     for sensor, bung in dict.fromkeys((row["sensor"], row["bung"]) for row in rows):
         of = [row for row in rows if (row["sensor"], row["bung"]) == (sensor, bung)]
         turns = [row["turn_deg"] for row in of if row["told"]]
         axes = [row["axis_deg"] for row in of]
+
         cells.append(
             (
                 sensor,
@@ -112,6 +120,7 @@ def table_of(rows: Sequence[Row]) -> Table:
                 f"{np.median(axes):.3f}, {np.quantile(axes, 0.95):.3f}",
             )
         )
+
     return Table(
         title="Rotation resolved by a bung",
         columns=(

@@ -68,10 +68,12 @@ def run(task: CloudCase) -> dict[str, Any]:
         )
 
     by_mesh = found_by(surface_of(task.name))
+
     clouds = []
     for count in task.points:
         for with_normals in (True, False):
             found = found_by(cloud_surface(task.name, count, with_normals))
+
             off, angle = _between(scene, found.X_sensor_target, by_mesh.X_sensor_target)
             said = {
                 "off_m": off,
@@ -80,6 +82,7 @@ def run(task: CloudCase) -> dict[str, Any]:
                 "reason": found.reason,
             }
             clouds.append({"points": count, "normals": with_normals, **said})
+
     return {
         "object": task.name,
         "sensor": task.sensor,
@@ -95,6 +98,7 @@ def _between(scene: ObjectScene, A: Array, B: Array) -> tuple[float, float]:
     symmetry.
     """
     symmetry, center = scene.target.symmetry, scene.target.center
+
     A = symmetry.nearest_pose(A, B[:3, :3])
     off = float(np.linalg.norm(transform_points(A, center) - transform_points(B, center)))
     return off, float(np.rad2deg(symmetry.error(A, B)[1]))
@@ -134,6 +138,7 @@ def summarise(rows: list[Row], title: str) -> Summary:
                 "mesh_accepted_percent": 100.0
                 * float(np.mean([row["mesh_accepted"] for row in of_object])),
             }
+
     columns = (
         "object, points, normals",
         "scenes",
@@ -142,6 +147,7 @@ def summarise(rows: list[Row], title: str) -> Summary:
         "angle, median [deg]",
         "accepted, by the mesh [%]",
     )
+
     table = [
         (
             name,
@@ -153,6 +159,7 @@ def summarise(rows: list[Row], title: str) -> Summary:
         )
         for name, f in figures.items()
     ]
+
     return Summary(
         metrics={"figures": figures},
         tables=[Table(title=title, columns=columns, rows=table)],

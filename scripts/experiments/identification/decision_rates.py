@@ -38,16 +38,17 @@ def surface_of(name: str) -> ModelSurface:
 
 
 def run(task: DecisionCase) -> Row:
-    """The decisions of one scene: on the identified pose first, then on the poses that are forced
-    wrong.
-    """
+    """Decisions of one scene: on the identified pose, then on the poses that are forced wrong."""
     scene = draw(task.name, task.kind, task.seed, task.sensor)
     surface = surface_of(task.name)
     found = identify(
         scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model
     )
     position, angle = scene.error(found.X_sensor_target)
+
+    # Neither another object nor an empty place has a right pose.
     there = task.kind not in ("other", "absent")
+
     rows = [
         {
             "object": task.name,
@@ -65,12 +66,15 @@ def run(task: DecisionCase) -> Row:
             "reason": found.reason,
         }
     ]
+
+    # The same evidence must not carry a pose that is known to be wrong.
     if KINDS[task.kind] and found.evidence is not None:
         for name, X in wrong_poses(scene.X_CT, surface.target, Streams(task.seed)).items():
             verdict = check(found.evidence, surface, X)
             q_m = published_criterion(found.evidence, surface, X).q_m
             wrong = {"kind": name, "decision": str(verdict.decision), "right": False, "q_m": q_m}
             rows.append({**rows[0], **wrong, "reason": verdict.reason})
+
     return {"decisions": rows}
 
 
@@ -80,7 +84,9 @@ def summarise(scenes: list[Row]) -> Summary:
         (row for scene in scenes for row in scene["decisions"]), key=lambda row: row["seed"]
     )
     table, found = counts_of(rows), rates(rows)
+
     false = [row for row in rows if row["decision"] == Decision.ACCEPT and not row["right"]]
+
     return Summary(
         metrics={"rates": found, "table": table},
         tables=[
@@ -111,7 +117,9 @@ def counts_of(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     table = {}
     for kind in kinds:
         of = [row for row in rows if row["kind"] == kind]
+
         right = [row for row in of if row["right"]]
+
         table[kind] = {
             "scenes": len(of),
             "found": len(right),
@@ -121,16 +129,16 @@ def counts_of(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
                 for d in Decision
             },
         }
+
     return table
 
 
 def rates(rows: Sequence[Row]) -> dict[str, float]:
-    """Rates [%]: false accepts over all decisions and over wrong poses, false refusals and rescans
-    over found poses.
-    """
+    """Rates [%]: false accepts over all and wrong poses; refusals and rescans over found poses."""
     right = [row for row in rows if row["right"] and KINDS.get(row["kind"], False)]
     accepts = sum(row["decision"] == Decision.ACCEPT and not row["right"] for row in rows)
     wrong = sum(not row["right"] for row in rows)
+
     return {
         "false accepts of all": 100.0 * accepts / len(rows),
         "false accepts of wrong poses": 100.0 * accepts / max(1, wrong),
@@ -154,9 +162,11 @@ def picture(table: dict[str, dict[str, int]]) -> "Figure":
             count = np.array([row[f"{of}, {decision}"] for row in table.values()])
             axes.barh(list(table), count, left=left, color=colour, label=str(decision))
             left += count
+
         axes.set_title(f"pose {of}")
         axes.set_xlabel("decisions")
         axes.invert_yaxis()
+
     figure.axes[0].legend()
     figure.axes[0].invert_yaxis()
     return figure

@@ -49,6 +49,7 @@ def main() -> int:
         DecisionCase(name, kind, sensor, options.seed + i)
         for i, (kind, name, sensor) in enumerate(islice(cycle(combined), options.runs))
     ]
+
     study = Study(cases=cases, run_one=run, summarise=summarise)
     return study.carry_out("study_decisions", options, f"Decisions on {options.runs} scenes")
 

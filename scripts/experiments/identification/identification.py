@@ -59,26 +59,34 @@ def main() -> int:
     options = parse(Options)
     for name in options.objects:
         target_of(name)  # refuses an unknown name
+
     start = Start(options.start, options.start_error, options.ranges, options.gap)
+
     cases = [
         SceneCase(name, sensor, options.seed + k, start)
         for name in options.objects
         for sensor in options.sensors
         for k in range(options.runs)
     ]
+
+    # The object is not given: which of them it is must be found too.
     if options.recognise:
         asked = [
             recognition.RecognitionCase(c.name, options.objects, c.sensor, c.seed, c.start)
             for c in cases
         ]
         title = f"{start}: which of {len(options.objects)} objects is it?"
+
         study = Study(
             cases=asked,
             run_one=recognition.run,
             summarise=partial(recognition.summarise, title=title),
             line=recognition.line,
         )
+
         return study.carry_out("study_recognition", options, "Recognition on random scenes")
+
+    # The model is given as point clouds too.
     if options.points:
         study = Study(
             cases=[
@@ -89,7 +97,9 @@ def main() -> int:
             summarise=partial(cloud_models.summarise, title=f"{start}: models as clouds"),
             line=cloud_models.line,
         )
+
         return study.carry_out("study_cloud_models", options, "Models given as clouds")
+
     study = Study(
         cases=cases, run_one=run, summarise=partial(summarise, title=str(start)), line=line
     )

@@ -97,9 +97,11 @@ def whole(case: SceneInput) -> Array:
 def ours(case: SceneInput) -> Array:
     """Our search and fit on the segmented points; X_ST (4, 4)."""
     scene, evidence = case.scene, case.evidence
+
     expected = Expected(p=scene.approach, error=0.45, R=scene.orientation)
     starts = initial_poses(evidence.scan, evidence.mask, case.surface, evidence.sensor, expected)
     best = max(starts, key=lambda X: score(evidence, case.surface, X), default=case.X_start)
+
     return fine_fit(evidence, case.surface, best).X_ST
 
 
@@ -119,18 +121,25 @@ def open3d_icp(kind: str) -> Method:
 def fpfh(case: SceneInput) -> Array:
     """Open3D's RANSAC on FPFH features, refined by point-to-plane ICP; X_ST (4, 4)."""
     o3d = open3d_loader.load()
+
+    # The random generator of RANSAC is Open3D's own, global one.
     registration = o3d.pipelines.registration
     o3d.utility.random.seed(case.scene.seed % 2**31)
+
+    # Descriptors on thinned clouds.
     voxel = 2.0 * case.surface.spacing
     thin = [cloud.voxel_down_sample(voxel) for cloud in _clouds(case)]
     for cloud in thin:
         cloud.normalize_normals()
+
     features = [
         registration.compute_fpfh_feature(
             cloud, o3d.geometry.KDTreeSearchParamHybrid(5.0 * voxel, 100)
         )
         for cloud in thin
     ]
+
+    # The rough pose from matches of descriptors.
     rough = registration.registration_ransac_based_on_feature_matching(
         *thin,
         *features,
@@ -144,6 +153,7 @@ def fpfh(case: SceneInput) -> Array:
         ],
         registration.RANSACConvergenceCriteria(100_000, 0.999),
     )
+
     return inverse(
         _open3d_stage(registration, "plane", _clouds(case), case.stages[-1], rough.transformation)
     )
@@ -154,6 +164,7 @@ def small_gicp(case: SceneInput) -> Array:
     library = import_module("small_gicp")
     model, points = case.surface.points, case.evidence.points
     X_TS = inverse(case.X_start)
+
     for reach in case.stages:
         X_TS = library.align(
             model,
@@ -164,6 +175,7 @@ def small_gicp(case: SceneInput) -> Array:
             downsampling_resolution=case.surface.spacing,
             num_threads=1,
         ).T_target_source
+
     return inverse(X_TS)
 
 
@@ -220,8 +232,10 @@ def input_of(scene: ObjectScene, surface: ModelSurface) -> SceneInput | None:
     )
     if found.evidence is None:
         return None
+
     R = scene.orientation
     middle = found.evidence.points.mean(axis=0)
+
     return SceneInput(
         scene, surface, found.evidence, pose(R, middle - R @ surface.points.mean(axis=0))
     )
@@ -232,9 +246,11 @@ def fit_times(case: SceneInput, streams: Streams) -> dict[str, float]:
     Open3D's.
     """
     evidence, scene = case.evidence, case.scene
+
     points = evidence.scan.points[evidence.mask]
     few = len(points) < FIT_POINTS
     points = points[streams["points"].choice(len(points), FIT_POINTS, replace=few)]
+
     dense = replace(
         evidence,
         points=points,
@@ -242,16 +258,21 @@ def fit_times(case: SceneInput, streams: Streams) -> dict[str, float]:
         sigma=evidence.sensor.sigma(points[:, 2]),
         independent=np.ones(FIT_POINTS),
     )
+
+    # The start lies FIT_START off the truth, in a random direction.
     turn, aside = (streams[name].normal(size=3) for name in ("turn axis", "shift direction"))
     X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))
     X_near[:3, 3] += FIT_START[0] * aside / np.linalg.norm(aside)
+
     near = SceneInput(scene, case.surface, dense, X_near)
+
     registration, clouds = open3d_loader.load().pipelines.registration, _clouds(near)
     fits: dict[str, Callable[[], Any]] = {"ours": lambda: fine_fit(dense, case.surface, X_near)}
     for kind in ("point", "plane", "generalised"):
         fits[f"Open3D, {kind}"] = lambda kind=kind: _open3d_stage(
             registration, kind, clouds, 0.05, inverse(X_near)
         )
+
     return {name: _timed(fit)[0] for name, fit in fits.items()}
 
 
@@ -269,11 +290,13 @@ def run(case: RaceCase) -> Row:
     given = input_of(scene, surface)
     if given is None:
         return {"methods": [], "fits": None}
+
     rows = []
     for method, find in METHODS.items():
         spent, X = _timed(lambda find=find: find(given))
         position, angle = scene.error(X)
         degrees = float(np.rad2deg(angle))
+
         rows.append(
             {
                 "object": case.object,
@@ -285,6 +308,7 @@ def run(case: RaceCase) -> Row:
                 "process_s": spent,
             }
         )
+
     return {"methods": rows, "fits": fit_times(given, Streams(case.seed))}
 
 
@@ -294,18 +318,23 @@ def summarise(scenes: list[Row]) -> Summary:
     fits = [scene["fits"] for scene in scenes if scene["fits"]]
     objects = dict.fromkeys(row["object"] for row in rows)
     base = np.median([row["process_s"] for row in rows if row["method"] == "ours, search and fit"])
+
     lines = []
     for method in METHODS:
         cells = []
+
         for name in objects:
             of = [row for row in rows if row["method"] == method and row["object"] == name]
             found = [1e3 * row["position_m"] for row in of if row["found"]]
             error = f"{np.median(found):.2f} mm" if found else "-"
             cells.append(f"{len(found)}/{len(of)}, {error}")
+
         spent = float(np.median([row["process_s"] for row in rows if row["method"] == method]))
         lines.append((method, *cells, f"{1e3 * spent:.0f}", f"{spent / base:.2f}"))
+
     alone = {name: float(np.median([fit[name] for fit in fits])) for name in fits[0]}
     times = ", ".join(f"{name} {1e3 * spent:.0f} ms" for name, spent in alone.items())
+
     return Summary(
         metrics={"rows": rows, "fit_alone_s": alone},
         tables=[
@@ -323,11 +352,13 @@ def main() -> int:
     """Runs or resumes the benchmark and returns the exit code."""
     options = parse(Options)
     open3d_loader.load()
+
     cases = [
         RaceCase(name, options.seed + k, options.sensor)
         for name in options.objects
         for k in range(options.runs)
     ]
+
     study = Study(cases=cases, run_one=run, summarise=summarise)
     return study.carry_out(
         "bench_identification", options, "Identification against other libraries"

@@ -1,6 +1,4 @@
-"""Identification over random scenes: errors, decision and computing time of one scene, and figures
-over many.
-"""
+"""Identification over random scenes: errors, decision and time of one, and figures over many."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -57,6 +55,7 @@ def run(task: SceneCase) -> dict[str, Any]:
     """Row of one scene: errors, decision and computing time of identification."""
     start = task.start
     start_error = (start.error[0], float(np.deg2rad(start.error[1])))
+
     scene = object_scene(
         task.name,
         task.seed,
@@ -65,7 +64,9 @@ def run(task: SceneCase) -> dict[str, Any]:
         start_error=start_error,
         gap=start.gap,
     )
+
     scan, surface = scene.scan, surface_of(task.name)
+
     began = process_time()
     found = identify(
         scan,
@@ -75,7 +76,9 @@ def run(task: SceneCase) -> dict[str, Any]:
         sensor=scene.sensor.model,
     )
     spent = process_time() - began
+
     position, angle = scene.error(found.X_sensor_target)
+
     return {
         "object": task.name,
         "sensor": task.sensor,
@@ -95,6 +98,7 @@ def line(row: Row) -> str:
     """Line about a scene whose object was not found or not accepted; empty for others."""
     if row["found"] and row["accepted"]:
         return ""
+
     return (
         f"{row['object']}, {row['sensor']}, seed {row['seed']}: {1e3 * row['position_m']:.1f} mm,"
         f" {row['angle_deg']:.1f} deg, {'accepted' if row['accepted'] else row['reason']}"
@@ -110,12 +114,14 @@ def summarise(rows: list[Row], title: str) -> Summary:
     """
     pairs = dict.fromkeys((row["object"], row["sensor"]) for row in rows)
     rows = sorted(rows, key=lambda row: (row["object"], row["sensor"], row["seed"]))
+
     figures = {
         f"{name}, {sensor}": figures_of(
             [row for row in rows if (row["object"], row["sensor"]) == (name, sensor)]
         )
         for name, sensor in pairs
     }
+
     return Summary(
         metrics={"figures": figures}, tables=[table_of(figures, title)], pictures=_pictures(rows)
     )
@@ -137,6 +143,7 @@ def figures_of(rows: Sequence[Row]) -> dict[str, float]:
 
     position, angle = 1e3 * of("position_m"), of("angle_deg")
     found, accepted = of("found"), of("accepted")
+
     return {
         "scenes": len(rows),
         "found_percent": 100.0 * found.mean(),
@@ -166,6 +173,7 @@ def table_of(figures: dict[str, dict[str, float]], title: str) -> Table:
         "angle: median, p95 [deg]",
         "process time: median, p95 [ms]",
     )
+
     rows = [
         (
             name,
@@ -180,6 +188,7 @@ def table_of(figures: dict[str, dict[str, float]], title: str) -> Table:
         )
         for name, f in figures.items()
     ]
+
     return Table(title=title, columns=columns, rows=rows)
 
 
@@ -189,25 +198,33 @@ def picture(rows: Sequence[Row]) -> "Figure":
 
     names = list(dict.fromkeys(row["object"] for row in rows))
     sensors = list(dict.fromkeys(row["sensor"] for row in rows))
+
     figure = Figure(figsize=(3.2 * len(names), 5.5), layout="tight")
     panels = figure.subplots(2, len(names), sharex=True, sharey="row", squeeze=False)
+
     for column, name in enumerate(names):
         for sensor in sensors:
             part = [row for row in rows if row["object"] == name and row["sensor"] == sensor]
+
             x = [row["range_m"] for row in part]
             panels[0, column].semilogy(
                 x, [1e3 * row["position_m"] for row in part], ".", label=sensor
             )
             panels[1, column].semilogy(x, [max(row["angle_deg"], 1e-3) for row in part], ".")
+
         panels[0, column].set_title(name)
         panels[1, column].set_xlabel("range [m]")
+
+    # Bounds that the eye compares with.
     limit = np.array([min(row["range_m"] for row in rows), max(row["range_m"] for row in rows)])
     for panel in panels[0]:
         panel.semilogy(limit, 5.0 * limit, "k--", linewidth=0.8, label="0.5 % of range")
         panel.grid(alpha=0.3)
+
     for panel in panels[1]:
         panel.axhline(0.5, color="k", linestyle="--", linewidth=0.8)
         panel.grid(alpha=0.3)
+
     panels[0, 0].set_ylabel("position error [mm]")
     panels[1, 0].set_ylabel("angle error [deg]")
     panels[0, 0].legend(fontsize="small")

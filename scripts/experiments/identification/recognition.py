@@ -1,6 +1,4 @@
-"""Recognition over random scenes: which of several objects was named, and figures over many
-scenes.
-"""
+"""Recognition over random scenes: which of several objects was named, and figures over many."""
 
 from dataclasses import dataclass
 from time import process_time
@@ -29,6 +27,7 @@ def run(task: RecognitionCase) -> dict[str, Any]:
     """Row of one scene: which object was named, where, and how clearly."""
     start = task.start
     start_error = (start.error[0], float(np.deg2rad(start.error[1])))
+
     scene = object_scene(
         task.name,
         task.seed,
@@ -37,7 +36,9 @@ def run(task: RecognitionCase) -> dict[str, Any]:
         start_error=start_error,
         gap=start.gap,
     )
+
     surfaces = {name: surface_of(name) for name in task.among}
+
     began = process_time()
     made = recognise(
         scene.scan,
@@ -47,7 +48,10 @@ def run(task: RecognitionCase) -> dict[str, Any]:
         sensor=scene.sensor.model,
     )
     spent = process_time() - began
+
+    # The right object in the wrong place is not found.
     found = made.candidates[0].name == task.name and scene.is_found(made.found.X_sensor_target)
+
     return {
         "object": task.name,
         "sensor": task.sensor,
@@ -68,6 +72,7 @@ def line(row: Row) -> str:
     """Line about a scene whose object was not named; empty for others."""
     if row["right"] and row["found"]:
         return ""
+
     said = f"named {row['named']}" if row["named"] else row["reason"]
     return (
         f"{row['object']}, {row['sensor']}, seed {row['seed']}: {said}, pose "
@@ -84,7 +89,9 @@ def summarise(rows: list[Row], title: str) -> Summary:
     """
     names = sorted({row["object"] for row in rows})
     figures = {name: figures_of([row for row in rows if row["object"] == name]) for name in names}
+
     figures["all"] = figures_of(rows)
+
     columns = (
         "object",
         "scenes",
@@ -94,6 +101,7 @@ def summarise(rows: list[Row], title: str) -> Summary:
         "margin: least, median [nat]",
         "process time, median [s]",
     )
+
     table = [
         (
             name,
@@ -106,6 +114,7 @@ def summarise(rows: list[Row], title: str) -> Summary:
         )
         for name, f in figures.items()
     ]
+
     return Summary(
         metrics={"figures": figures},
         tables=[Table(title=title, columns=columns, rows=table)],

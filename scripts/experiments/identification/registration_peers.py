@@ -66,12 +66,11 @@ class RegistrationTask:
     def stages(self) -> tuple[float, float]:
         """Correspondence distances [m] of ICP: from a rough pose, and to the end."""
         last = max(3.0 * self.model.spacing, 2.0 * self.sigma)
+
         return max(ROUGH * self.model.radius, last), last
 
     def admits(self, X_ST: Array) -> bool:
-        """Whether the pose `X_ST` (4, 4) agrees with the expected position, with half its error to
-        spare.
-        """
+        """Whether `X_ST` (4, 4) lies within 1.5 times the error of the expected position."""
         off = transform_points(X_ST, self.model.center) - self.approach
         return bool(np.linalg.norm(off) < 1.5 * self.approach_error)
 
@@ -105,6 +104,7 @@ def _open3d() -> Any:
 def _cloud(points: Array, normals: Array) -> Any:
     """Open3D point cloud of points (n, 3) [m] with unit normals (n, 3)."""
     o3d = open3d_loader.load()
+
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.normals = o3d.utility.Vector3dVector(normals)
     return cloud
@@ -131,7 +131,9 @@ def _icp(scan: Any, model: Any, reaches: Iterable[float], X_TS: Array) -> Any:
     """
     registration = _open3d()
     criteria = registration.ICPConvergenceCriteria(max_iteration=ICP_STEPS)
+
     found = None
+
     for reach in reaches:
         found = registration.registration_icp(
             scan, model, reach, X_TS, registration.TransformationEstimationPointToPlane(), criteria
@@ -160,18 +162,24 @@ def _from_all_sides(task: RegistrationTask, model: Any) -> Array:
     scan = _cloud(task.points, task.normals)
     edge = FEATURE_VOXEL * task.model.radius
     thin, thin_model = _thinned(scan, edge), _thinned(model, edge)
+
     middle, reaches = (
         task.points.mean(axis=0),
         [share * task.model.radius for share in START_REACHES],
     )
+
+    # Rough: short runs on the thinned clouds.
     rough = []
     for R in Rotation.create_group("I").as_matrix():
         X_ST = pose(R, middle - R @ task.model.center)
         rough.append(_icp(thin, thin_model, reaches, inverse(X_ST)))
     rough.sort(key=lambda found: -found.fitness)
+
+    # Fine: the best of them on all points.
     finished = [
         _icp(scan, model, task.stages, found.transformation) for found in rough[:STARTS_KEPT]
     ]
+
     return inverse(np.array(max(finished, key=lambda found: found.fitness).transformation))
 
 
@@ -180,6 +188,7 @@ def _features(cloud: Any, radius: float) -> tuple[Any, Any]:
     o3d = open3d_loader.load()
     edge = FEATURE_VOXEL * radius
     thin = _thinned(cloud, edge)
+
     return thin, _open3d().compute_fpfh_feature(
         thin, o3d.geometry.KDTreeSearchParamHybrid(5.0 * edge, 100)
     )
@@ -193,10 +202,13 @@ def _ransac(task: RegistrationTask, prepared: tuple[Any, Any, Any]) -> Array:
     matches: 14; features of 8 cubes: 10; normals estimated anew: 9.
     """
     o3d, registration = open3d_loader.load(), _open3d()
+
     model, *of_model = prepared
     of_scan = _features(_cloud(task.points, task.normals), task.model.radius)
+
     o3d.utility.random.seed(task.seed % 2**31)
     near = 1.5 * FEATURE_VOXEL * task.model.radius  # [m] as in Open3D's tutorial
+
     found = registration.registration_ransac_based_on_feature_matching(
         of_scan[0],
         of_model[0],
@@ -212,6 +224,7 @@ def _ransac(task: RegistrationTask, prepared: tuple[Any, Any, Any]) -> Array:
         ],
         registration.RANSACConvergenceCriteria(100_000, 0.999),
     )
+
     return _refined(task, model, inverse(np.array(found.transformation)))
 
 
@@ -222,6 +235,7 @@ def _prepared_features(model: Model) -> tuple[Any, Any, Any]:
 
 def _prepared_small_gicp(model: Model) -> tuple[Any, Any]:
     library = import_module("small_gicp")
+
     return library.preprocess_points(
         model.points, downsampling_resolution=model.spacing, num_neighbors=20
     )
@@ -236,10 +250,12 @@ def _small_gicp(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
     fewer.
     """
     library = import_module("small_gicp")
+
     target, tree = prepared
     source, _ = library.preprocess_points(
         task.points, downsampling_resolution=task.model.spacing, num_neighbors=20
     )
+
     X_TS = inverse(task.X_near)
     for reach in task.stages:
         X_TS = library.align(
@@ -253,6 +269,7 @@ def _small_gicp(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
             rotation_epsilon=1e-4,  # [rad]
             translation_epsilon=1e-5,  # [m]
         ).T_target_source
+
     return inverse(X_TS)
 
 
@@ -261,9 +278,11 @@ def _views(model: Model) -> tuple[Any, list[tuple[Array, Array]]]:
     seen from it.
     """
     cloud, distance, views = _model_cloud(model), VIEW_DISTANCE * model.radius, []
+
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / np.sqrt(
         3.0
     )
+
     for way in np.vstack([np.eye(3), -np.eye(3), corners]):
         eye = model.center + distance * way
         # Open3D's tutorial has 100 too
@@ -272,10 +291,13 @@ def _views(model: Model) -> tuple[Any, list[tuple[Array, Array]]]:
         facing = (
             np.einsum("ni,ni->n", eye - np.asarray(part.points), np.asarray(part.normals)) > 0.0
         )
+
         thin = part.select_by_index(np.flatnonzero(facing)).voxel_down_sample(
             0.5 * KISS_VOXEL * model.radius
         )
+
         views.append((eye, np.asarray(thin.points) - eye))
+
     return cloud, views
 
 
@@ -291,18 +313,23 @@ def _kiss_matcher(task: RegistrationTask, prepared: tuple[Any, list[tuple[Array,
     scan: 1 or 2.
     """
     library = import_module("kiss_matcher")
+
     cloud, views = prepared
+
     scale = KISS_UNIT / (KISS_VOXEL * task.model.radius)
     scan = list((scale * task.points).astype(np.float32))
     most, X_TS = -1, np.eye(4)
+
     for eye, points in views:
         matcher = library.KISSMatcher(library.KISSMatcherConfig(KISS_UNIT))
         found = matcher.estimate(scan, list((scale * points).astype(np.float32)))
+
         if (count := matcher.get_num_final_inliers()) > most:
             most, X_TS = (
                 count,
                 pose(np.array(found.rotation), np.array(found.translation) / scale + eye),
             )
+
     return _refined(task, cloud, inverse(X_TS))
 
 
@@ -320,8 +347,10 @@ def _prepared_pairs(model: Model) -> tuple[Any, Any]:
         (step for step, count in zip(PPF_STEPS, counts, strict=True) if count <= PPF_POINTS),
         PPF_STEPS[-1],
     )
+
     detector = import_module("cv2").ppf_match_3d_PPF3DDetector(step, step, PPF_ANGLES)
     detector.trainModel(_oriented(model.points, model.normals))
+
     return _model_cloud(model), detector
 
 
@@ -335,12 +364,16 @@ def _point_pairs(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
     near on 2 scenes.
     """
     cloud, detector = prepared
+
     poses = detector.match(_oriented(task.points, task.normals), PPF_SCENE[0], PPF_SCENE[1])
     found = [X for X in (np.array(each.pose) for each in poses) if task.admits(X)][:PPF_KEPT]
+
     scan = _cloud(task.points, task.normals)
     finished = [_icp(scan, cloud, task.stages, inverse(X_ST)) for X_ST in found]
+
     if not finished:
         return np.eye(4)
+
     return inverse(np.array(max(finished, key=lambda each: each.fitness).transformation))
 
 

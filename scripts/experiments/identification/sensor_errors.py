@@ -85,9 +85,11 @@ def look(name: str, model: mujoco.MjModel, seed: int) -> DepthImage | SonarScan:
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+
     if name == SONAR:
         sonar = Sonar(model, "world", np.eye(4))
         return sonar.step(sonar.init(np.random.default_rng(seed)), data)[1]
+
     camera = DepthCamera(model, "world", np.eye(4), optics=CAMERAS[name])
     return camera.step(camera.init(np.random.default_rng(seed)), data)[1]
 
@@ -97,10 +99,12 @@ def depth_error(seen: DepthImage | SonarScan, model: mujoco.MjModel) -> Array:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     height, width = (seen.depth if isinstance(seen, DepthImage) else seen.points[..., 0]).shape
+
     if isinstance(seen, SonarScan):
         exact = Sonar(model, "world", np.eye(4), noise=None)
         true = exact.ping(data, np.random.default_rng(0))
         return np.linalg.norm(seen.points, axis=-1) - np.linalg.norm(true, axis=-1)
+
     optics = Optics(width=width, height=height, focal=float(seen.K[0, 0]))
     ideal = DepthCamera(model, "world", seen.X_BC, noise=None, optics=optics)
     true = ideal.step(ideal.init(np.random.default_rng(0)), data)[1].depth
@@ -112,6 +116,7 @@ def run(case: SensorCase) -> Row:
     streams, target = Streams(case.seed, case.run), barrel()
     model, X_ST = scene(streams["view"], target, case.ranges)
 
+    # The coarse start: a displaced position and a turned attitude.
     aside = streams["approach direction"].standard_normal(3)
     distance = streams["approach distance"].uniform(0.0, 0.3)
     approach = X_ST[:3, 3] + distance * aside / np.linalg.norm(aside)
@@ -127,12 +132,15 @@ def run(case: SensorCase) -> Row:
         else:
             cloud, X_BS = Scan.from_depth(seen), seen.X_BC
             sensor = SensorModel(focal=float(seen.K[0, 0]))
+
         shift = X_BS[:3, 3]
         found = identify(cloud, target, approach - shift, turn, sensor=sensor)
         off = found.X_sensor_target[:3, 3] + shift - X_ST[:3, 3]
         tilt = abs(float(found.X_sensor_target[:3, 0] @ X_ST[:3, 0]))
+
         off_depth = depth_error(seen, model)
         finite = np.abs(off_depth[np.isfinite(off_depth)])
+
         sensors[name] = {
             "range_m": float(np.linalg.norm(X_ST[:3, 3])),
             "depth_error_m": float(np.median(finite)) if len(finite) else None,
@@ -140,6 +148,7 @@ def run(case: SensorCase) -> Row:
             "axis_deg": float(np.degrees(np.arccos(min(1.0, tilt)))),
             "accepted": float(found.accepted),
         }
+
     return {"run": case.run, "sensors": sensors}
 
 
@@ -152,11 +161,13 @@ def summarise(rows: list[Row], seed: int, ranges: tuple[float, float]) -> Summar
         ranges: [m] bounds of the distance.
     """
     cells, metrics = [], {}
+
     for name in (*CAMERAS, SONAR):
         depth, position, axis, accepted = (
             np.array([row["sensors"][name][key] for row in rows], dtype=np.float64)
             for key in ("depth_error_m", "position_m", "axis_deg", "accepted")
         )
+
         metrics[name] = {
             "depth_error_median_m": float(np.nanmedian(depth)),
             "position_median_m": float(np.median(position)),
@@ -164,6 +175,7 @@ def summarise(rows: list[Row], seed: int, ranges: tuple[float, float]) -> Summar
             "axis_median_deg": float(np.median(axis)),
             "accepted": int(accepted.sum()),
         }
+
         cells.append(
             (
                 name,
@@ -173,6 +185,7 @@ def summarise(rows: list[Row], seed: int, ranges: tuple[float, float]) -> Summar
                 f"{accepted.sum():.0f} of {len(rows)}",
             )
         )
+
     table = Table(
         title=f"Barrel, {len(rows)} scenes at {ranges[0]} to {ranges[1]} m",
         columns=(
@@ -184,6 +197,7 @@ def summarise(rows: list[Row], seed: int, ranges: tuple[float, float]) -> Summar
         ),
         rows=cells,
     )
+
     return Summary(metrics={"sensors": metrics}, tables=[table], pictures=_pictures(seed, ranges))
 
 

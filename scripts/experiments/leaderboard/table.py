@@ -41,20 +41,25 @@ def read_result(file: Path) -> dict[str, Any]:
         ConfigurationError: It cannot be read, or is none.
     """
     path = file / METRICS if file.is_dir() else file
+
     content = json_of(path, "result")
+
     try:
         result = TableReader(path.name, passes_unknown=True).made(_Result, content)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: is no result file of uuv benchmark: {error}") from error
+
     for row in content["rows"]:
         if "class" not in row:  # no name of a field
             raise ConfigurationError(
                 f"{path}: is no result file of uuv benchmark: a row has no class"
             )
+
     if len(result.rows) != result.benchmark.cases:
         raise ConfigurationError(
             f"{path}: expected {result.benchmark.cases} rows, got {len(result.rows)}"
         )
+
     return content
 
 
@@ -111,7 +116,9 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
     """
     if not results:
         raise ConfigurationError("leaderboard: expected at least one result file, got none")
+
     first = results[0]["benchmark"]
+    # Only results of the same cases can be compared.
     for result in results:
         about = result["benchmark"]
         for name, (said, cure) in _SAME.items():
@@ -121,13 +128,16 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
                     f"{about['entry']!r} has {about[name]}: "
                     f"{cure}"
                 )
+
     scored = [
         (result["benchmark"], totals(result["rows"]), by_family(result["rows"]))
         for result in results
     ]
     scored.sort(key=lambda each: (-each[1]["kept"]["value"], each[0]["entry"]))
+
     families = list(dict.fromkeys(name for _, _, counts in scored for name in counts))
     kinds = "public cases" if first["public"] else f"cases of seed {first['seed']}"
+
     tables = (
         Table(
             title="Scores by the truth",
@@ -146,6 +156,7 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
             ],
         ),
     )
+
     return "\n\n".join(
         (
             f"# UUV contact, version {first['version']}: {first['cases']} {kinds}",

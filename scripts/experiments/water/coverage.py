@@ -43,15 +43,19 @@ def draw(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) 
     noisy log.
     """
     own = _replay(vehicle)
+
     streams = Streams(seed)
     parameters = own.water.parameters
     truth = streams["water"].standard_normal(len(parameters))
     believed = values_of(parameters, np.zeros(len(parameters)))
+
     flown = survey(own, believed, seconds, streams["survey"])
     log = simulated(own, values_of(parameters, truth), flown, rng=streams["log"], gust=gust)
+
     began = time.process_time()
     fit, _ = identify(own, [log], FitSettings(gust=gust))
     spent = time.process_time() - began
+
     n = len(parameters)
     return Draw(
         vehicle=vehicle,
@@ -77,10 +81,9 @@ class KeptWord:
 
 
 def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = GUST) -> KeptWord:
-    """Identify from a log of surge and yaw alone, plan the next manoeuvre, fly it, and identify
-    from both logs.
-    """
+    """Identify from surge and yaw, plan the next manoeuvre, fly it, and identify from both logs."""
     own, settings = _replay(vehicle), FitSettings(gust=gust)
+
     streams = Streams(seed)
     parameters = own.water.parameters
     n = len(parameters)
@@ -102,6 +105,7 @@ def kept_word(vehicle: str, seed: int, seconds: float = SECONDS, gust: float = G
         own, truth, manoeuvres[ranked[0].name], name="second", rng=streams["second log"], gust=gust
     )
     both, _ = identify(own, [first, second], settings)
+
     return KeptWord(
         vehicle=vehicle,
         seed=seed,
@@ -118,13 +122,16 @@ def coverage(draws: Sequence[Draw]) -> dict[str, tuple[float, float, float]]:
     """
     group = np.array([group_of(name) for name in draws[0].names])
     quantile = np.array([[each.quantile] for each in draws])
+
     errors, told = (
         np.array([each.errors for each in draws]),
         np.array([each.told for each in draws]),
     )
+
     masks = {name: group == name for name in GROUPS if np.any(group == name)} | {
         "all": np.ones(len(group), dtype=bool)
     }
+
     return {
         name: (
             float(np.mean((np.abs(errors) < quantile)[:, mask])),

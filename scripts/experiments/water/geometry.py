@@ -84,15 +84,19 @@ class Options:
 def main() -> int:
     """Prints the tables and returns the exit code."""
     options = parse(Options)
+
     console = Console(width=None if Console().is_terminal else 160)
     numbers: dict[str, Any] = {}
+
     counts = COUNTS[:2] if options.quick else COUNTS
     console.print(shapes(counts, numbers).printed())
+
     if not options.quick:
         for table in vehicle(numbers):
             console.print(table.printed())
         for table in robots(numbers):
             console.print(table.printed())
+
     if options.json is not None:
         write_whole(options.json, json.dumps(numbers, indent=2))
     return 0
@@ -107,7 +111,9 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
         corners = vertices[triangles]
         a, b, c = corners.transpose(1, 0, 2)
         volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
         cells, found, solved = [], {}, {}
+        # Largest error and seconds at each number of panels.
         for count in counts:
             begun = time.perf_counter()
             surface = union_surface(corners, volume, count)
@@ -116,19 +122,24 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
             error = _error(solved[count].added_mass.diagonal() / volume, expected)
             found[count] = {"panels": solved[count].panels, "error": error, "seconds": seconds}
             cells.append(f"{100 * error:.1f} % {seconds:.1f} s")
+
+        # Extrapolated from two of them.
         last = max(counts[:3])
         best = panel_method.extrapolated(solved[counts[0]], solved[last])
         diagonal = best.added_mass.diagonal() / volume
         error = _error(diagonal, expected)
         cells.append(f"{100 * error:.1f} %")
         found |= {"extrapolated": error, "asymmetry": best.asymmetry}
+
         if peer:
             surface = union_surface(corners, volume, last)
             theirs, seconds = _capytaine(surface.vertices, surface.triangles)
             found["capytaine"] = {"error": _error(theirs / volume, expected), "seconds": seconds}
             cells.append(f"{100 * found['capytaine']['error']:.1f} % {seconds:.1f} s")
+
         rows.append([name, source, *cells, f"{best.asymmetry:.0e}"])
         numbers.setdefault("shapes", {})[name] = found
+
     last = max(counts[:3])
     columns = [
         "shape",
@@ -137,6 +148,7 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
         f"{counts[0]} and {last}",
     ]
     columns += [f"Capytaine, {last}"] if peer else []
+
     return Table(
         title="(a) largest relative error of the added mass, and seconds",
         columns=[*columns, "asymmetry"],
@@ -146,10 +158,9 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
 
 
 def _known() -> list[tuple[str, str, tuple[float, float, float], Array, str]]:
-    """Shapes: name, kind, MuJoCo's size, added mass over displaced mass (NaN: not compared),
-    source.
-    """
+    """Shapes: name, kind, MuJoCo's size, added over displaced mass (NaN: not compared), source."""
     found = []
+    # Ellipsoids have a closed form.
     for a, b, c in (
         (1.0, 1.0, 1.0),
         (2.0, 1.0, 1.0),
@@ -166,8 +177,11 @@ def _known() -> list[tuple[str, str, tuple[float, float, float], Array, str]]:
         found.append(
             (f"ellipsoid {a:g} {b:g} {c:g}", "ellipsoid", (a, b, c), expected, "Lamb 1932")
         )
+
+    # Cubes and cylinders have published numbers.
     nothing = [np.nan] * 3
     found.append(("cube", "box", (0.5, 0.5, 0.5), np.array([CUBE] * 3 + nothing), "Sihvola 2004"))
+
     for slenderness, factor in CYLINDERS:
         expected = np.array([factor, factor, np.nan, *nothing])
         found.append(
@@ -179,6 +193,7 @@ def _known() -> list[tuple[str, str, tuple[float, float, float], Array, str]]:
                 "DNV 2010, 2 digits",
             )
         )
+
     return found
 
 
@@ -197,7 +212,9 @@ def _capytaine(vertices: Array, triangles: np.ndarray) -> tuple[Array, float]:
     body = capytaine.FloatingBody(
         mesh=mesh, dofs=capytaine.rigid_body_dofs(rotation_center=(0, 0, 0))
     )
+
     names = ("Surge", "Sway", "Heave", "Roll", "Pitch", "Yaw")
+
     begun = time.perf_counter()
     solver = capytaine.BEMSolver()
     found = []
@@ -211,14 +228,15 @@ def _capytaine(vertices: Array, triangles: np.ndarray) -> tuple[Array, float]:
             rho=1.0,
         )
         found.append(float(solver.solve(problem).added_mass[name]))
+
     return np.array(found), time.perf_counter() - begun
 
 
 def vehicle(numbers: dict[str, Any]) -> list[Table]:
-    """BlueROV2 Heavy: the stand-ins of its model, a sketch with its frame, and two published
-    sets.
-    """
+    """BlueROV2 Heavy: the stand-ins of its model, a sketch with its frame, two published sets."""
     made: dict[str, hydrodynamics.BodyHydrodynamics] = {}
+
+    # Three models of its shape: what is seen, a sketch of the parts, the box around all.
     spec = models.load("bluerov2_heavy_benzon2022")
     made["foam and housing"] = wet(spec, geoms="visual", density=1000.0).bodies["hull"]
     made["sketch of its parts"] = wet(mujoco.MjSpec.from_string(SKETCH), density=1000.0).bodies[
@@ -228,7 +246,9 @@ def vehicle(numbers: dict[str, Any]) -> list[Table]:
     made[f"solid box {LENGTH:g} {WIDTH:g} {HEIGHT:g} m"] = wet(
         spec, geoms="collision", density=1000.0
     ).bodies["hull"]
+
     added, drag = [], []
+
     for name, water in made.items():
         added.append(
             [name, f"{1e3 * water.volume:.1f}", *(f"{x:.3g}" for x in water.added_mass.diagonal())]
@@ -239,6 +259,8 @@ def vehicle(numbers: dict[str, Any]) -> list[Table]:
             "added_mass": water.added_mass.tolist(),
             "quadratic_damping": water.quadratic_damping.tolist(),
         }
+
+    # Two published sets, with linear drag.
     for name, hull in (("Benzon 2022", BENZON_2022), ("Wu 2018", WU_2018)):
         added.append(
             [
@@ -249,6 +271,7 @@ def vehicle(numbers: dict[str, Any]) -> list[Table]:
         )
         quadratic, linear = np.asarray(hull.quadratic_damping), np.asarray(hull.linear_damping)
         drag.append([name, *(f"{x:.3g}" for x in quadratic), *(f"{x:.3g}" for x in linear[:3])])
+
     return [
         Table(
             title="(b) BlueROV2 Heavy: added mass [kg, kg m^2]",
@@ -269,6 +292,7 @@ def robots(numbers: dict[str, Any]) -> list[Table]:
         files = importlib.metadata.files(PACKAGE) or []
     except importlib.metadata.PackageNotFoundError:
         return []
+
     tables = []
     for wanted in ROBOTS:
         place = next(
@@ -276,13 +300,17 @@ def robots(numbers: dict[str, Any]) -> list[Table]:
         )
         if place is None:
             continue
+
+        # Our reader and union, timed.
         begun = time.perf_counter()
         spec, _ = read_model(place)
         wetted = wet(spec)
         seconds = time.perf_counter() - begun
+
         theirs = _trimesh_volumes(spec)
         rows = _rows(wetted, theirs)
         numbers.setdefault("robots", {})[place.stem] = {"seconds": seconds, "rows": rows}
+
         total = sum(water.volume for water in wetted.bodies.values())
         tables.append(
             Table(
@@ -299,6 +327,7 @@ def robots(numbers: dict[str, Any]) -> list[Table]:
                 rows=rows,
             )
         )
+
     return tables
 
 
@@ -319,6 +348,7 @@ def _rows(wetted: Wetted, theirs: dict[str, tuple[float, str]]) -> list[list[str
                 f"{told['drag'].uncertainty}",
             ]
         )
+
     return rows
 
 
@@ -333,6 +363,7 @@ def _trimesh_volumes(spec: mujoco.MjSpec) -> dict[str, tuple[float, str]]:
     for body in moving_bodies(model):
         chosen = [g for g in geoms_of(model, body, "auto")[0] if model.geom_dataid[g] >= 0]
         meshes = []
+
         for g in chosen:
             at = int(model.geom_dataid[g])
             v, f = int(model.mesh_vertadr[at]), int(model.mesh_faceadr[at])
@@ -340,12 +371,14 @@ def _trimesh_volumes(spec: mujoco.MjSpec) -> dict[str, tuple[float, str]]:
             meshes.append(
                 trimesh.Trimesh(vertices, model.mesh_face[f : f + model.mesh_facenum[at]])
             )
+
         if meshes:
             closed = sum(bool(mesh.is_watertight) for mesh in meshes)
             found[model.body(body).name] = (
                 sum(float(m.volume) for m in meshes),
                 f"{closed} of {len(meshes)}",
             )
+
     return found
 
 

@@ -94,11 +94,13 @@ def main() -> int:
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
             screen.print(f"interrupted after {len(drawn)} draws and {len(kept)} plans")
+
     if drawn:
         screen.print(coverage_table(drawn))
         screen.print(single_table(drawn))
     if kept:
         screen.print(plan_table(kept))
+
     if options.pool is not None:
         read_pool(options.pool, screen)
     screen.print(f"in {folder}")
@@ -111,46 +113,54 @@ def coverage_table(drawn: list[Draw]) -> Table:
         title="95 % intervals that cover the truth; in brackets the share told",
         title_justify="left",
     )
+
     names = list(dict.fromkeys(each.vehicle for each in drawn))
     groups = list(
         dict.fromkeys(
             group for name in names for group in coverage([d for d in drawn if d.vehicle == name])
         )
     )
+
     for column in ("vehicle", "draws", *groups, "fit [s]"):
         table.add_column(column, justify="left" if column == "vehicle" else "right")
+
     for name in names:
         own = [each for each in drawn if each.vehicle == name]
         found = coverage(own)
+
         cells = [
             f"{100 * found[g][0]:.1f} % ({100 * found[g][2]:.0f})" if g in found else ""
             for g in groups
         ]
+
         table.add_row(
             name, str(len(own)), *cells, f"{np.median([each.seconds for each in own]):.1f}"
         )
+
     return table
 
 
 def single_table(drawn: list[Draw]) -> Table:
-    """Parameters whose intervals cover least, the worst draw, and what normal intervals would
-    cover, by vehicle.
-    """
+    """Parameters whose intervals cover least, the worst draw, and normal intervals, by vehicle."""
     table = Table(title="intervals of single parameters that cover least", title_justify="left")
     for column in ("vehicle", "least", "worst draw", "all, by normal intervals", "slowest fit [s]"):
         table.add_column(column, justify="left" if column in ("vehicle", "least") else "right")
+
     for name in dict.fromkeys(each.vehicle for each in drawn):
         own = [each for each in drawn if each.vehicle == name]
         covered = np.array([np.abs(each.errors) < each.quantile for each in own])
         by_name = covered.mean(axis=0)
+
         least = "; ".join(
             f"{own[0].names[i]} {100 * by_name[i]:.0f} %" for i in np.argsort(by_name)[:4]
         )
+
         normal = np.mean([np.abs(each.errors) < NORMAL for each in own])
         worst, slowest = covered.mean(axis=1).min(), max(each.seconds for each in own)
         table.add_row(
             name, least, f"{100 * worst:.0f} %", f"{100 * normal:.1f} %", f"{slowest:.1f}"
         )
+
     return table
 
 
@@ -159,8 +169,10 @@ def plan_table(kept: list[KeptWord]) -> Table:
     table = Table(
         title="intervals sharper by the planned manoeuvre, mean factor", title_justify="left"
     )
+
     for column in ("vehicle", "manoeuvre", "predicted", "found", "last of the list"):
         table.add_column(column, justify="left" if column in ("vehicle", "manoeuvre") else "right")
+
     for each in kept:
         table.add_row(
             each.vehicle,
@@ -169,6 +181,7 @@ def plan_table(kept: list[KeptWord]) -> Table:
             f"{each.found:.2f}",
             f"{each.worst:.2f}",
         )
+
     return table
 
 
@@ -177,9 +190,11 @@ def read_pool(folder: Path, screen: Console) -> None:
     spec = vehicle_spec("bluerov2_heavy_alpha5")
     published_hulls.ballast(spec, FRESH_WATER)
     own = ReplayVehicle(spec)
+
     logs = logs_of_trials(read_trials(folder))
     settings = FitSettings(noise={**FitSettings().noise, **POOL_NOISE}, rate=10.0, window=10.0)
     fit, _ = identify(own, logs, settings)
+
     n = len(own.water.parameters)
     found, combined = findings(fit.named, n, fit.quantile), together(fit.named, n)
     screen.print(table_of(found))

@@ -16,9 +16,11 @@ JOINTS = ("joint1", "joint2", "joint3", "joint4")
 def log_of_trial(trial: PoolTrial) -> WaterLog:
     """One trial as a log; its times begin at zero."""
     begin = trial.times[0]
+
     time = trial.times - begin
     quats = Rotation.from_euler("ZYX", trial.attitude[:, ::-1]).as_quat()
     at = trial.joint_times - begin
+
     return WaterLog(
         name=trial.name,
         time=time,

@@ -75,9 +75,12 @@ class Options:
 def main() -> int:
     """Fits, judges and reports; returns 0."""
     options, console = parse(Options), Console()
+
     trials = read_trials(options.data)
     folder = new_folder("pool", options.out)
     console.print(f"{len(trials)} trials, {sum(trial.duration for trial in trials):.0f} s")
+
+    # Other trials, judged by parameters that are there already.
     if options.fitted is not None:
         hull, values = read_fitted(options.fitted)
         found = scores(hull, trials, values)
@@ -85,15 +88,18 @@ def main() -> int:
             score_table("Simulation beside the pool: medians", {f"{hull}, as fitted": found}),
             trial_table(found),
         ]
+
         for table in tables:
             console.print(table.printed())
         write_whole(folder / "pool.md", "\n\n".join(table.markdown() for table in tables))
         console.print(f"in {folder}")
         return 0
+
     result = validate(options.hull, trials, workers=options.workers, leave_out=options.leave_out)
     values = result.fit.values
     buoyancies = buoyancy_by_group(options.hull, trials, values)
     own = with_own_buoyancy(options.hull, trials, values, buoyancies)
+
     tables = [
         score_table(
             "Simulation beside the pool: medians over the trials",
@@ -107,8 +113,10 @@ def main() -> int:
         parameter_table(result),
         trial_table(result.left_out),
     ]
+
     for table in tables:
         console.print(table.printed())
+
     write_json(folder / "pool.json", numbers_of(result))
     write_whole(folder / "pool.md", "\n\n".join(table.markdown() for table in tables))
     draw(folder / "pool.png", result, trials)

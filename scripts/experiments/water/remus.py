@@ -64,23 +64,30 @@ def ours(seconds: float, rudder: float, rpm: float) -> Array:
     plant = Plant(hydrodynamics.compile(models.load("remus100")), current=Current([0.0, 0.0, 0.0]))
     model, hull, fin, rows = plant.model, plant.model.body(HULL_BODY).id, 0.0, []
     follow = 1.0 - math.exp(-plant.timestep / remus100.FIN_TIME)
+
     command, none = np.array([rpm / remus100.MOST_RPM]), np.zeros(0)
     for k in range(round(seconds / plant.timestep) + 1):
+        # Pose and twist in the source's axes: forward, starboard, down.
         true = plant.observe()
         R, v_B = true.R_WB, true.R_WB.T @ true.v_WB_W
         twist = _FLIP * np.concatenate([v_B, true.w_WB_B])
         angles = math.atan2(R[2, 1], R[2, 2]), math.asin(R[2, 0]), -math.atan2(R[1, 0], R[0, 0])
         rows.append(np.concatenate([_FLIP[:3] * true.p_WB, angles, twist]))
+
+        # The fins' wrench about the hull's origin, applied at its centre of mass.
         wrench = remus100.fin_wrench(v_B, fin, 0.0)
         force = R @ wrench[:3]
         plant.data.xfrc_applied[hull, :3] = force  # at the centre of mass
         plant.data.xfrc_applied[hull, 3:] = R @ wrench[3:] - np.cross(
             R @ model.body_ipos[hull], force
         )
+
+        # The fin follows its command with a lag of first order.
         fin += (rudder - fin) * follow
         plant.step(
             Command(time=k * plant.timestep, joint_torque=none, thrusters=command, scan=False)
         )
+
     return np.array(rows)
 
 
@@ -91,6 +98,7 @@ def figures(options: Options, degrees: float) -> dict[str, float]:
         source.run(options.seconds, rudder, options.rpm, options.step),
         ours(options.seconds, rudder, options.rpm),
     )
+
     every = (len(mine) - 1) // (len(theirs) - 1)
     off = np.abs(mine[::every, 6:] - theirs[:, 6:12]).max(axis=0)
     largest = np.abs(theirs[:, 6:12]).max(axis=0)
@@ -117,15 +125,18 @@ def figures(options: Options, degrees: float) -> dict[str, float]:
 def main() -> int:
     """Runs the benchmark, prints its table and returns the exit code."""
     options = parse(Options)
+
     if not (options.seconds > 0.0 and options.step > 0.0 and abs(options.rpm) <= remus100.MOST_RPM):
         raise ConfigurationError(f"seconds and step must be > 0, rpm within {remus100.MOST_RPM:g}")
     if max(map(abs, options.rudder), default=0.0) > math.degrees(remus100.MOST_FIN):
         raise ConfigurationError(f"rudder: must be within {math.degrees(remus100.MOST_FIN):g} deg")
     if abs(options.step / 0.002 - round(options.step / 0.002)) > 1e-9:
         raise ConfigurationError(f"step: must be a multiple of 0.002 s, got {options.step:g}")
+
     found = [figures(options, degrees) for degrees in options.rudder]
     rows = []
     for run in found:
+        # At the end of the run.
         for name, unit in (("distance", "m"), ("speed", "ms"), ("heading", "deg")):
             own, their = run[f"our_{name}_{unit}"], run[f"their_{name}_{unit}"]
             shown = unit.replace("ms", "m/s")
@@ -138,6 +149,8 @@ def main() -> int:
                     _share(own, their),
                 ]
             )
+
+        # Over the whole run.
         for name, shown in (("u_ms", "u [m/s]"), ("v_ms", "v [m/s]"), ("r_rads", "r [rad/s]")):
             off, largest = run[f"off_{name}"], run[f"largest_{name}"]
             rows.append(
@@ -149,6 +162,7 @@ def main() -> int:
                     _share(off + largest, largest),
                 ]
             )
+
     columns = (
         "rudder [deg]",
         f"{options.rpm:g} rpm, {options.seconds:g} s",
@@ -156,10 +170,12 @@ def main() -> int:
         "source",
         "off",
     )
+
     table = Table(title=f"REMUS 100, MuJoCo {mujoco.__version__}", columns=columns, rows=rows)
     Console().print(table.printed())
     if options.out is not None:
         write_whole(options.out, json.dumps(found, indent=1) + "\n")
+
     return 0
 
 

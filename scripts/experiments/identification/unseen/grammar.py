@@ -99,12 +99,16 @@ def unseen_shape(kind: str, rng: Rng, extent: tuple[float, float] = EXTENT) -> U
     """
     if kind not in KINDS:
         raise ConfigurationError(f"no class of shapes {kind!r}; there are {', '.join(KINDS)}")
+
     size = float(np.exp(rng.uniform(*np.log(extent))))
+
     solid = KINDS[kind](rng, THINNEST / size)
+
     if rng.random() < 0.5:
         solid = mirrored(solid)
     if rng.random() < 0.5:  # as a scanned model: its axes say nothing
         solid = moved(solid, pose(any_rotation(rng)))
+
     vertices, triangles = solid
     vertices = vertices * (size / np.ptp(vertices, axis=0).max())
     return UnseenShape(
@@ -133,21 +137,27 @@ def _about(axis: int, angle: float) -> Array:
 def _outline(rng: Rng) -> Array:
     """Outline of a plate, about 1 across."""
     form = _pick(rng, "rectangle", "rounded", "disc", "polygon", "angle")
+
     width = rng.uniform(0.4, 1.0)
+
     if form == "rectangle":
         return rectangle(1.0, width)
     if form == "rounded":
         return rectangle(1.0, width, rng.uniform(0.1, 0.45) * width)
     if form == "disc":
         return circle(0.5)
+
     if form == "polygon":
         count = int(rng.integers(3, 8))
         angle = (np.arange(count) + rng.uniform(-0.3, 0.3, count)) * (2.0 * np.pi / count)
         return 0.5 * np.column_stack([np.cos(angle), width**0.5 * np.sin(angle)])
+
+    # An angle with two arms.
     leg, foot = rng.uniform(0.25, 0.5, 2)
     corners = np.array(
         [[0, 0], [1, 0], [1, foot * width], [leg, foot * width], [leg, width], [0, width]]
     )
+
     return corners - 0.5 * np.array([1.0, width])
 
 
@@ -156,42 +166,53 @@ def _holes(rng: Rng, outline: Array, count: int, least: float) -> list[Array]:
     holes: list[Array] = []
     taken: list[tuple[Array, float]] = []
     low, high = outline.min(axis=0), outline.max(axis=0)
+
     for _ in range(12 * count):
         if len(holes) == count:
             break
+
         size = _spread(rng, max(0.03, 1.5 * least), max(0.2, 2.0 * least))
         place, margin = rng.uniform(low, high), 0.4 * size + 0.02
+
         free = all(np.linalg.norm(place - p) > size + s + 0.02 for p, s in taken)
         if not free or not inside(place + circle(size + margin, 24), [outline]).all():
             continue
+
         form = _pick(rng, "round", "round", "slot", "square")
         hole = circle(size, 24)
         if form == "slot":
             hole = rectangle(2.0 * size, 0.8 * size, 0.39 * size)
         elif form == "square":
             hole = rectangle(1.4 * size, 1.4 * size)
+
         c, s = np.cos(turn := rng.uniform(0.0, np.pi)), np.sin(turn)
         holes.append(place + hole @ np.array([[c, s], [-s, c]]))
         taken.append((place, size))
+
     return holes
 
 
 def _plate(rng: Rng, least: float) -> Shell:
     """Plate with holes, and sometimes ribs on one side."""
     outline = _outline(rng)
+
     thick = max(least, _spread(rng, 0.015, 0.12))
     parts = [extruded(outline, thick, _holes(rng, outline, int(rng.integers(1, 8)), least))]
+
+    # Ribs stand on one side, and only where the whole foot lies on the plate.
     for _ in range(_pick(rng, 0, 0, 1, 2)):
         length, height, middle = (
             rng.uniform(0.25, 0.5),
             _spread(rng, 0.04, 0.2),
             rng.uniform(-0.3, 0.3, 2),
         )
+
         turn = _about(2, rng.uniform(0.0, np.pi))
         foot = middle + np.linspace(-0.5, 0.5, 5)[:, None] * length * turn[:2, 0]
         if inside(foot, [outline]).all():
             rib = box([length, max(least, 0.03), height], [0.0, 0.0, 0.5 * (thick + height)])
             parts.append(moved(rib, _at(middle[0], middle[1], 0.0, turn)))
+
     return joined(parts)
 
 
@@ -199,6 +220,7 @@ def _pipe(rng: Rng, least: float) -> Shell:
     """Pipe, straight or bent, with branches and collars."""
     r = max(2.0 * least, rng.uniform(0.06, 0.17))
     bore, deep = r * rng.uniform(0.6, 0.85), rng.uniform(0.05, 0.1)
+
     if rng.random() < 0.4:
         path = _bend(rng, deep)
         branches = 0
@@ -207,7 +229,10 @@ def _pipe(rng: Rng, least: float) -> Shell:
             [[0, 0, -0.5], [0, 0, deep - 0.5], [0, 0, 0.5 - deep], [0, 0, 0.5]], dtype=float
         )
         branches = int(rng.integers(1, 4))
+
     parts = [tube(path, r, bore, 1)]
+
+    # Branches leave the straight pipe between its bores.
     free = 0.5 - deep - 1.6 * r
     for _ in range(branches):
         z, azimuth = (
@@ -219,10 +244,13 @@ def _pipe(rng: Rng, least: float) -> Shell:
         arm = np.array(
             [[0, 0, 0], [0, 0, 0.4 * length], [0, 0, length - 0.08], [0, 0, length]], dtype=float
         )
+
         X = _at(0.0, 0.0, z, _about(2, azimuth) @ _about(1, lean))
         parts.append(moved(tube(arm, small, 0.7 * small, 1), X))
         if rng.random() < 0.4:
             parts.append(moved(_collar(rng, small), X @ _at(0.0, 0.0, length - 0.03)))
+
+    # Collars around the ends.
     for end in (0, -1):
         if rng.random() < 0.6:
             way = path[end] - path[1 if end == 0 else -2]
@@ -230,6 +258,7 @@ def _pipe(rng: Rng, least: float) -> Shell:
             hint = np.eye(3)[np.argmin(np.abs(z))]
             p = path[end] - 0.03 * z
             parts.append(moved(_collar(rng, r), pose(rotation_from_z(z, hint), p)))
+
     return joined(parts)
 
 
@@ -238,23 +267,30 @@ def _bend(rng: Rng, deep: float) -> Array:
     are `deep`.
     """
     around = rng.uniform(0.22, 0.35)
+
+    # Directions of the straight parts, each bent from the one before.
     ways = [np.array([1.0, 0.0, 0.0])]
     for _ in range(_pick(rng, 1, 2)):
         axis = np.cross(ways[-1], any_rotation(rng)[0])
         ways.append(
             exp_so3(_pick(rng, 0.25, 0.5, 0.5) * np.pi * axis / np.linalg.norm(axis)) @ ways[-1]
         )
+
     points = [np.zeros(3), deep * ways[0], (deep + rng.uniform(0.1, 0.3)) * ways[0]]
+
+    # Each bend is an arc of a circle that touches both directions.
     for before, after in pairwise(ways):
         axis = np.cross(before, after)
         angle = float(np.arctan2(np.linalg.norm(axis), before @ after))
         middle = points[-1] + around * np.cross(axis / np.linalg.norm(axis), before)
         arm = points[-1] - middle
+
         points += [
             middle + exp_so3(share * angle * axis / np.linalg.norm(axis)) @ arm
             for share in np.linspace(0, 1, 13)[1:]
         ]
         points.append(points[-1] + rng.uniform(0.1, 0.3) * after)
+
     points.append(points[-1] + deep * ways[-1])
     return np.array(points)
 
@@ -271,13 +307,18 @@ def _flange(rng: Rng, least: float) -> Shell:
     count = int(rng.integers(4, 13))
     at = 0.5 * (0.5 + bore) + 0.02
     size = min(0.06, 0.55 * np.pi * at / count, 0.5 * (0.5 - bore) - 0.06)
+
+    # Missing bolts leave their holes behind.
     there = np.ones(count, dtype=bool)
     if rng.random() < 0.5:
         there[rng.choice(count, int(rng.integers(1, 3)), replace=False)] = False
+
     angle = np.arange(count) * (2.0 * np.pi / count)
     places = at * np.column_stack([np.cos(angle), np.sin(angle)])
     holes = [circle(bore), *(p + circle(0.7 * size, 20) for p in places[~there])]
     parts = [extruded(circle(0.5, 72), thick, holes)]
+
+    # Bolts: head above, shaft and nut below.
     head, nut = size * rng.uniform(0.6, 1.1), size * rng.uniform(0.6, 1.4)
     for p in places[there]:
         for part, z in (
@@ -286,6 +327,8 @@ def _flange(rng: Rng, least: float) -> Shell:
             (hexagon(size, nut), -0.5 * (thick + nut)),
         ):
             parts.append(moved(part, _at(p[0], p[1], z)))
+
+    # Hub.
     if rng.random() < 0.7:
         height, wide = rng.uniform(0.08, 0.5), bore + rng.uniform(0.3, 0.9) * (at - size - bore)
         low = 0.5 * thick - 0.01
@@ -295,9 +338,12 @@ def _flange(rng: Rng, least: float) -> Shell:
                 np.array([[bore, low], [wide, low], [slim, low + height], [bore, low + height]]), 72
             )
         )
+
+    # Lug.
     if rng.random() < 0.4:
         lug = box([0.12, rng.uniform(0.08, 0.2), thick], [0.53, 0.0, 0.0])
         parts.append(moved(lug, pose(_about(2, rng.uniform(0.0, 2.0 * np.pi)))))
+
     return joined(parts)
 
 
@@ -306,6 +352,7 @@ def _bar(a: Array, b: Array, width: float, is_round: bool) -> Shell:
     way = b - a
     z = way / np.linalg.norm(way)
     R = rotation_from_z(z, np.eye(3)[np.argmin(np.abs(z))])
+
     length = float(np.linalg.norm(way)) + (0.0 if is_round else width)
     bar = (
         cylinder(0.5 * width, length, 16) if is_round else box([width, width, length], np.zeros(3))
@@ -317,28 +364,37 @@ def _frame(rng: Rng, least: float) -> Shell:
     """Frame of bars along the edges of a box or wedge, with braces; some bars may be missing."""
     width = max(least, _spread(rng, 0.025, 0.09))
     is_round = bool(rng.random() < 0.5)
+
     size = np.array([1.0, rng.uniform(0.35, 1.0), rng.uniform(0.3, 0.9)]) - width
     corners = 0.5 * size * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     if rng.random() < 0.3:  # the upper side is smaller
         corners[1::2, :2] *= rng.uniform(0.4, 0.8, 2)
+
+    # The corners' numbers are bits of x, y and z: an edge changes one of them, a diagonal two.
     edges = [(i, j) for i in range(8) for j in range(i + 1, 8) if bin(i ^ j).count("1") == 1]
     gone = rng.choice(12, _pick(rng, 0, 0, 1, 2), replace=False)
     bars = [edge for k, edge in enumerate(edges) if k not in gone]
     diagonals = [(i, j) for i in range(8) for j in range(i + 1, 8) if bin(i ^ j).count("1") == 2]
     bars += [diagonals[k] for k in rng.choice(12, _pick(rng, 0, 1, 2, 3), replace=False)]
+
     parts = [_bar(corners[i], corners[j], width, is_round) for i, j in bars]
+
     for _ in range(_pick(rng, 0, 1, 2)):  # a bar between two parallel edges
         axis = int(rng.integers(3))
         first = [k for k, (i, j) in enumerate(edges) if (i ^ j) == 4 >> axis]
         (a, b), (c, d) = (edges[k] for k in rng.choice(first, 2, replace=False))
+
         share = _pick(rng, 0.5, rng.uniform(0.25, 0.75))
         ends = (
             corners[a] + share * (corners[b] - corners[a]),
             corners[c] + share * (corners[d] - corners[c]),
         )
         parts.append(_bar(*ends, width, is_round))
+
+    # Balls close the gaps that round bars leave in the corners.
     if is_round:
         parts += [moved(ball(0.5 * width), pose(p=corner)) for corner in corners]
+
     return joined(parts)
 
 
@@ -348,28 +404,33 @@ def _spring(rng: Rng, least: float) -> Shell:
     wire = max(0.6 * least, rng.uniform(0.1, 0.3) / coils)
     radius = max(rng.uniform(0.12, 0.4), 2.5 * wire)
     taper = _pick(rng, 1.0, 1.0, rng.uniform(0.5, 0.8))
+
     turns = np.linspace(0.0, coils, int(24 * coils) + 1)
     share = turns / coils
     around = radius * (1.0 + (taper - 1.0) * share)
     angle = 2.0 * np.pi * turns
     height = (1.0 - 2.0 * wire) * (share - 0.5)
+
     ends = _pick(rng, "open", "flat", "hooked")
     if ends == "flat":
         height = (0.5 - wire) * np.clip((share - 0.5) / (0.5 - min(0.3, 0.8 / coils)), -1.0, 1.0)
+
     path = np.column_stack([around * np.cos(angle), around * np.sin(angle), height])
     if ends == "hooked":
         inward = path[-1] * [0.0, 0.0, 1.0] + [0.0, 0.0, 0.3 * radius]
         path = np.vstack([path, inward, inward + np.array([0.0, 0.0, radius])])
+
     return swept(path, circle(wire, 12))
 
 
 def _grid(rng: Rng, least: float) -> Shell:
-    """Periodic object: grating, ladder, rack of fins, or stacked discs; an element may be
-    missing.
-    """
+    """Periodic object: grating, ladder, rack of fins, or stacked discs, perhaps with a gap."""
     form = _pick(rng, "grating", "ladder", "fins", "discs")
+
     missing = bool(rng.random() < 0.4)
     width = max(least, rng.uniform(0.02, 0.05))
+
+    # Two rails with rungs across.
     if form in ("grating", "ladder"):
         across = rng.uniform(0.4, 1.0) if form == "grating" else rng.uniform(0.2, 0.45)
         depth = max(least, width * rng.uniform(0.6, 2.0))
@@ -379,23 +440,30 @@ def _grid(rng: Rng, least: float) -> Shell:
             box([width, across, depth], [x, 0.0, 0.0])
             for x in np.linspace(-0.5, 0.5, count) * (1.0 - width)
         ]
+
         if form == "grating":
             more = int(rng.integers(1, 7))
             rails += [
                 box([1.0, width, depth], [0.0, y, 0.0])
                 for y in np.linspace(-0.5, 0.5, more + 2)[1:-1] * across
             ]
+
         if missing:
             rungs.pop(int(rng.integers(1, count - 1)))
+
         return joined([*rails, *rungs])
+
+    # Elements along z: discs on a rod, or fins on a base.
     count, thick = int(rng.integers(4, 10)), max(least, rng.uniform(0.015, 0.05))
     z = np.linspace(-0.5, 0.5, count) * (1.0 - thick)
     if missing:
         z = np.delete(z, int(rng.integers(1, count - 1)))
+
     wide = rng.uniform(0.2, 0.5)
     if form == "discs":
         rod = cylinder(max(0.6 * least, 0.2 * wide), 1.0)
         return joined([rod, *(moved(cylinder(wide, thick), _at(0.0, 0.0, h)) for h in z)])
+
     height = rng.uniform(0.15, 0.5)
     base = box([2.0 * wide, max(least, 0.04), 1.0], [0.0, 0.0, 0.0])
     return joined([base, *(box([2.0 * wide, height, thick], [0.0, 0.5 * height, h]) for h in z)])
@@ -408,6 +476,7 @@ def _pebble(rng: Rng, _least: float) -> Shell:
     for power, most in ((2, 0.2), (3, 0.25), (3, 0.25), (4, 0.2), (5, 0.2)):
         way = any_rotation(rng)[0]
         radius += rng.uniform(-most, most) * (directions @ way) ** power
+
     axes = np.array([1.0, rng.uniform(0.55, 0.95), rng.uniform(0.35, 0.85)])
     return scaled((np.maximum(radius, 0.3)[:, None] * directions, triangles), axes)
 
@@ -415,7 +484,9 @@ def _pebble(rng: Rng, _least: float) -> Shell:
 def _extrusion(rng: Rng, least: float) -> Shell:
     """Profile of constant section: angle, tee, channel, beam, gear, star or a smooth curve."""
     form = _pick(rng, "angle", "tee", "channel", "beam", "gear", "star", "curve")
+
     wall, width = max(0.08, 1.2 * least), rng.uniform(0.5, 1.0)
+
     if form in ("gear", "star"):
         teeth = int(rng.integers(4, 13)) if form == "gear" else int(rng.integers(3, 8))
         inner = rng.uniform(0.3, 0.42)
@@ -423,6 +494,8 @@ def _extrusion(rng: Rng, least: float) -> Shell:
         radius = np.array([inner, 0.5, 0.5, inner]) if form == "gear" else np.array([0.5, inner])
         angle = (np.arange(teeth)[:, None] + share).ravel() * (2.0 * np.pi / teeth)
         outline = np.tile(radius, teeth)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+
+    # A circle with four harmonics, whose largest amplitudes fall with their order.
     elif form == "curve":
         angle = np.arange(72) * (2.0 * np.pi / 72)
         radius = 0.4 * np.ones(72)
@@ -435,14 +508,17 @@ def _extrusion(rng: Rng, least: float) -> Shell:
                 / 1.5
             )
         outline = np.maximum(radius, 0.1)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+
     else:
         outline = np.column_stack(_section(form, wall, width))
+
     return extruded(outline, _spread(rng, 0.15, 2.5))
 
 
 def _section(form: str, wall: float, width: float) -> tuple[list[float], list[float]]:
     """Corners x, y of a rolled section of height 1, counter-clockwise."""
     a, b, c, d, m = 0.5 * width, 0.5 * width - wall, 0.5 - wall, 0.5, 0.5 * wall
+
     if form == "angle":
         return [-a, a, a, -b, -b, -a], [-d, -d, -c, -c, d, d]
     if form == "tee":
@@ -455,18 +531,21 @@ def _section(form: str, wall: float, width: float) -> tuple[list[float], list[fl
 def _union(rng: Rng, least: float) -> Shell:
     """Three to seven random primitives grown onto each other."""
     parts: list[Shell] = []
+
     for _ in range(int(rng.integers(3, 8))):
         part = moved(_primitive(rng, least), pose(any_rotation(rng)))
         if parts:
             place = _pick(rng, *parts)[0]
             part = moved(part, pose(p=place[int(rng.integers(len(place)))]))
         parts.append(part)
+
     return joined(parts)
 
 
 def _primitive(rng: Rng, least: float) -> Shell:
     a, b, c = np.maximum(rng.uniform(0.08, 0.5, 3), 1.5 * least)
     form = _pick(rng, "box", "box", "cylinder", "cone", "ball", "hoop", "hexagon")
+
     if form == "box":
         return box([a, b, c], np.zeros(3))
     if form == "cylinder":
@@ -477,6 +556,7 @@ def _primitive(rng: Rng, least: float) -> Shell:
         return ball(0.4 * a)
     if form == "hexagon":
         return hexagon(0.5 * a, b)
+
     wide = max(0.3, a)
     return ring(np.array([0.5 * wide, 0.0]) + circle(max(0.06, least), 16))
 
@@ -485,6 +565,7 @@ def _chiral(rng: Rng, least: float) -> Shell:
     """Object with a hand: propeller, twisted bar, screw, winding stair, or bent bracket."""
     form = _pick(rng, "propeller", "twisted", "screw", "stair", "bracket")
     thick = max(least, rng.uniform(0.02, 0.05))
+
     if form == "propeller":
         hub, count = rng.uniform(0.06, 0.12), int(rng.integers(2, 6))
         chord, span = rng.uniform(0.15, 0.3), 0.5 - 0.7 * hub
@@ -494,34 +575,42 @@ def _chiral(rng: Rng, least: float) -> Shell:
         blade = moved(blade, _at(0.7 * hub + 0.5 * span, 0.0, 0.0, R @ pitch))
         blades = [moved(blade, pose(_about(2, 2.0 * np.pi * k / count))) for k in range(count)]
         return joined([cylinder(hub, max(1.6 * hub, 1.2 * chord * np.sin(0.8))), *blades])
+
     if form == "twisted":
         profile = rectangle(0.3, max(thick, rng.uniform(0.08, 0.3)))
         return extruded(profile, 1.0, twist=rng.uniform(0.8, 4.0), layers=32)
+
     if form == "screw":
         shaft, wide, turns = rng.uniform(0.06, 0.12), rng.uniform(0.2, 0.35), rng.uniform(1.5, 4.0)
         angle = np.linspace(0.0, 2.0 * np.pi * turns, int(32 * turns) + 1)
         z = np.linspace(-0.5, 0.5 - thick, len(angle))
         corners = np.array([[0.5 * shaft, 0.0], [0.5 * shaft, thick], [wide, thick], [wide, 0.0]])
         r, rise = corners.T
+
         rings = np.stack(
             [np.outer(np.cos(angle), r), np.outer(np.sin(angle), r), z[:, None] + rise], axis=-1
         )
         return joined([skinned(rings), cylinder(shaft, 1.1)])
+
     if form == "stair":
         count, step = int(rng.integers(5, 11)), rng.uniform(0.35, 0.7)
         z = np.linspace(-0.45, 0.45, count)
         tread = box([0.4, 0.14, thick], [0.22, 0.0, 0.0])
         treads = [moved(tread, _at(0.0, 0.0, h, _about(2, k * step))) for k, h in enumerate(z)]
         return joined([cylinder(max(0.04, 0.5 * least), 1.0), *treads])
+
+    # Bracket: three bars along the axes in a random order, with a plate at each end.
     width = max(1.5 * least, rng.uniform(0.06, 0.16))
     ends = np.cumsum(
         [np.zeros(3), *(np.eye(3)[k] * rng.uniform(0.3, 0.8) for k in rng.permutation(3))], axis=0
     )
+
     parts = [_bar(a, b, width, False) for a, b in pairwise(ends)]
     parts += [
         box([3.0 * width, 3.0 * width, thick], ends[0]),
         box([thick, 2.0 * width, 3.0 * width], ends[-1]),
     ]
+
     return joined(parts)
 
 

@@ -48,6 +48,7 @@ def pose_error(scene: UnseenScene, X_CT: Array) -> PoseError:
         X_CT: (4, 4) identified pose.
     """
     position, angle = scene.likeness.symmetry.error(X_CT, scene.X_CT)
+
     degrees = float(np.rad2deg(angle))
     near = position < FOUND[0] + FOUND[1] * scene.range_m and degrees < FOUND[2]
     return PoseError(position_m=position, angle_deg=degrees, found=bool(near))
@@ -62,9 +63,7 @@ class ViewBounds:
     size: float  # [-] of the size, the pose being unknown
 
     def shows_pose(self, range_m: float) -> bool:
-        """Whether SURE standard deviations of the pose lie within FOUND at the range `range_m`
-        [m].
-        """
+        """Whether SURE standard deviations of the pose lie within FOUND at `range_m` [m]."""
         position = FOUND[0] + FOUND[1] * range_m
         return SURE * self.position_m < position and SURE * self.angle_deg < FOUND[2]
 
@@ -88,6 +87,7 @@ class ViewOfObject:
         """
         likeness, X_CT = self._scene.likeness, self._scene.X_CT
         seen_T = transform_points(inverse(X_CT), self.points_C)
+
         gains = [np.inf]
         for rival in likeness.rivals if len(seen_T) else ():
             S = likeness.settled(rival, seen_T)
@@ -96,17 +96,19 @@ class ViewOfObject:
         return min(gains)
 
     def _gain(self, X_CT: Array, sensor: SensorModel) -> float:
-        """Expected gain [nat] in log likelihood of the scene as it is over the model at `X_CT` (4,
-        4).
-        """
+        """Expected gain [nat] in log likelihood of the true scene over the model at `X_CT`."""
         t, exact = self._model_depth(X_CT), self._exact
         hit = np.isfinite(t)
+
         # also where the model would hide what is seen, or is missing
         off = np.full(t.shape, _OUTLIER)
         both = hit & self._seen
         off[both] = np.minimum(np.abs(t[both] - exact[both]) / sensor.sigma(exact[both]), _OUTLIER)
+
+        # Where the model would hide what lies behind it.
         hides = hit & ~self._seen
         hides[hides] = t[hides] < exact[hides] - _OUTLIER * sensor.sigma(t[hides])
+
         cost = 0.5 * np.square(off[self._seen | hides])
         return float(sensor.independent(_STEP * sensor.focal / FOCAL) * cost.sum())
 
@@ -124,6 +126,7 @@ class ViewOfObject:
         likeness, X_CT = self._scene.likeness, self._scene.X_CT
         mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
         seen_T = transform_points(mirror @ inverse(X_CT), self.points_C)
+
         shares = [1.0]
         for reflection in likeness.reflections:
             S = likeness.settled(reflection, seen_T)
@@ -131,15 +134,15 @@ class ViewOfObject:
         return min(shares)
 
     def contradicted(self, X_CT: Array) -> float:
-        """Share of the pixels with the object, or with the model at `X_CT` (4, 4), in which both
-        lie apart.
-        """
+        """Share of the pixels of object and model, posed at `X_CT` (4, 4), where both lie apart."""
         off = (
             self._scene.likeness.distance(transform_points(inverse(X_CT), self.points_C))
             > DIFFERENT
         )
+
         # it would hide what is seen there
         hides = (self._model_depth(X_CT) < self._exact - DIFFERENT) & ~self._seen
+
         total = len(off) + int(hides.sum())
         return float((off.sum() + hides.sum()) / max(1, total))
 
@@ -152,11 +155,14 @@ class ViewOfObject:
         """
         axis = self._scene.likeness.symmetry.axis
         turns = np.eye(3) if axis is None else np.linalg.svd(axis[None])[2][1:]
+
+        # Jacobian of the distance along the normal: shift, turns that are no symmetry, size.
         rows = []
         for p, n, sigma in (self._surface(sensor), self._outline(sensor)):
             J = np.column_stack([n, np.cross(p, n) @ turns.T, np.einsum("ni,ni->n", n, p)])
             rows.append(J / sigma[:, None])
         J = np.vstack(rows)
+
         H = J.T @ J + _PRIOR * np.eye(J.shape[1])
         pose_covariance, covariance = np.linalg.inv(H[:-1, :-1]), np.linalg.inv(H)
         return ViewBounds(
@@ -172,6 +178,7 @@ class ViewOfObject:
         shape = self._scene.there or self._scene.shape
         X_TC = inverse(self._scene.X_CT)
         rays = self._rays[self._seen] @ X_TC[:3, :3].T
+
         hit = RayScene(shape.vertices, shape.triangles).cast(X_TC[:3, 3], rays)
         n, z = hit["normal"].astype(np.float64), hit["t"].astype(np.float64)
         # cosine of incidence times the length of the ray
@@ -179,7 +186,9 @@ class ViewOfObject:
         good = np.isfinite(z) & (
             across > np.cos(sensor.max_incidence) * np.linalg.norm(rays, axis=1)
         )
+
         n, z, across, rays = n[good], z[good], across[good], rays[good]
+
         share = sensor.independent(_STEP * sensor.focal / FOCAL)
         return X_TC[:3, 3] + z[:, None] * rays, n, sensor.sigma(z) * across / np.sqrt(share)
 
@@ -194,13 +203,17 @@ class ViewOfObject:
                 beside = np.roll(depth, step, axis=axis)
                 edge |= seen & ~np.roll(seen, step, axis=axis) & (beside > depth + _BEHIND)
         edge[[0, -1]] = edge[:, [0, -1]] = False  # the border of the image
+
+        # Normal of the plane of ray and edge, from the slope of the smoothed image.
         smooth = ndimage.gaussian_filter(seen.astype(np.float64), _SMOOTH)
         gy, gx = (slope[edge] for slope in np.gradient(smooth))
         rays = pinhole(1)[edge]
         n = np.cross(rays, np.column_stack([-gy, gx, np.zeros_like(gx)]))
         length = np.linalg.norm(n, axis=1)
+
         good = length > 0.0
         n, rays, z = n[good] / length[good, None], rays[good], depth[edge][good].astype(np.float64)
+
         X_TC = inverse(self._scene.X_CT)
         share = min(1.0, sensor.focal / FOCAL / sensor.noise_length)
         sigma = sensor.edge_sigma * z / sensor.focal / np.sqrt(share)

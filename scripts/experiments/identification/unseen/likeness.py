@@ -62,6 +62,7 @@ class Likeness:
         """Points (n, 3) [m] in T, uniform over the surface that is visible from outside."""
         samples = SurfaceSamples(self.shape.vertices, self.shape.triangles)
         away = _EYES * self.shape.radius
+
         eyes = [
             pose(rotation_from_z(-d, np.eye(3)[np.argmin(np.abs(d))]), away * d)
             for d in sphere(1)[0]
@@ -73,9 +74,7 @@ class Likeness:
         return self._nearest.query(points).distance
 
     def share_apart(self, S: Array, points: Array | None = None, apart: float = DIFFERENT) -> float:
-        """Share (0..1) of points in T, by default of the whole surface, that `S` (4, 4) moves off
-        the surface.
-        """
+        """Share (0..1) of points in T, by default all, that `S` (4, 4) moves off the surface."""
         asked = self.points[::_THINNED] if points is None else points
         return (
             float(np.mean(self.distance(transform_points(S, asked)) > apart)) if len(asked) else 0.0
@@ -85,19 +84,27 @@ class Likeness:
     def symmetry(self) -> Symmetry:
         """Rotations about the origin of T that map the surface onto itself."""
         moments, axes = self._moments
+
+        # Axes of symmetry are axes of the second moments; equal moments leave them open.
         order = np.abs(np.diff(moments)) <= _EQUAL * moments[-1]
         if order.all():
             return self._by_search()
+
         if not order.any():
             turns = [exp_so3(np.pi * axis) for axis in axes.T]
             return Symmetry(rotations=np.array([np.eye(3), *(R for R in turns if self._maps(R))]))
+
+        # Two equal moments: the third axis may be one of revolution, or have a fold.
         axis = axes[:, 2] if order[0] else axes[:, 0]
+
         if all(self._maps(exp_so3(angle * axis)) for angle in _ANGLES):
             flips = [R for R in (exp_so3(np.pi * _across(axis)),) if self._maps(R)]
             return Symmetry(axis=axis, rotations=np.array([np.eye(3), *flips]))
+
         fold = next(
             (n for n in range(_FOLDS, 1, -1) if self._maps(exp_so3(2.0 * np.pi / n * axis))), 1
         )
+
         turns = [exp_so3(2.0 * np.pi * k / fold * axis) for k in range(fold)]
         flip = self._flip(axis, fold)
         return Symmetry(
@@ -106,9 +113,7 @@ class Likeness:
 
     @cached_property
     def mirror_share(self) -> float:
-        """Share (0..1) of the surface that differs from the mirror image, laid on it as well as
-        possible.
-        """
+        """Share (0..1) of the surface that differs from the mirror image at its best fit."""
         return min(self.share_apart(S) for S in self.reflections)
 
     def has_hand(self, least: float) -> bool:
@@ -119,9 +124,7 @@ class Likeness:
 
     @cached_property
     def reflections(self) -> tuple[Array, ...]:
-        """Reflections S (4, 4) with a rotation, in T, that map the surface nearly onto itself; the
-        best first.
-        """
+        """Reflections S (4, 4), rotated, that map the surface nearly onto itself, best first."""
         begun = [-R for R in self._turns()]
         return tuple(sorted(map(self.settled, begun), key=self.share_apart)[:_KEPT])
 
@@ -132,11 +135,13 @@ class Likeness:
         """
         axes = self._moments[1].T
         slides = [pose(p=share * self.shape.extent * axis) for axis in axes for share in _SLIDES]
+
         found: list[Array] = []
         for begun in (*map(pose, self._turns()), *slides):
             S = self.settled(begun)
             if self.are_rivals(S, np.eye(4)) and all(self.are_rivals(S, other) for other in found):
                 found.append(S)
+
         shares = [self.share_apart(S) for S in found]
         return tuple(found[k] for k in np.argsort(shares)[:_KEPT] if shares[k] < _RIVAL)
 
@@ -153,6 +158,7 @@ class Likeness:
         a, b, c = (self.shape.vertices - area_centroid(self.shape.vertices, self.shape.triangles))[
             self.shape.triangles
         ].transpose(1, 0, 2)
+
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         second = (
             sum(np.einsum("n,ni,nj->ij", area, v, v) for v in (a, b, c, a + b + c)) / area.sum()
@@ -160,10 +166,10 @@ class Likeness:
         return np.linalg.eigh(second)
 
     def _maps(self, R: Array) -> bool:
-        """Whether a rotation, or reflection, (3, 3) about the origin maps the surface onto
-        itself.
-        """
+        """Whether a rotation or reflection (3, 3) about the origin maps the surface onto itself."""
         apart = max(SAME * self.shape.radius, 0.0005)
+
+        # A few points first: they refuse most rotations.
         for part in (self.points[:: max(1, len(self.points) // _FEW)], self.points):
             if np.mean(self.distance(part @ R.T) > apart) > _STRAY + 1.0 / len(part):
                 return False
@@ -180,11 +186,13 @@ class Likeness:
             turns = [exp_so3(np.pi * (exp_so3(angle * axis) @ first)) for angle in angles]
             return float(angles[np.argmin([np.mean(self.distance(few @ R.T)) for R in turns])])
 
+        # By a grid over one period, then ever finer about the best angle.
         step = np.pi / fold / 60.0
         angle = best(np.arange(60) * step)
         for _ in range(3):
             angle = best(angle + step * np.linspace(-1.0, 1.0, 11))
             step *= 0.2
+
         R = exp_so3(np.pi * (exp_so3(angle * axis) @ first))
         return R if self._maps(R) else None
 
@@ -194,6 +202,7 @@ class Likeness:
         """
         found = [np.eye(3)]
         directions = sphere(2)[0]
+
         for axis in directions[directions @ [0.31, 0.53, 0.79] > 0.0]:
             for fold in (2, 3, 4, 5):
                 R = exp_so3(2.0 * np.pi / fold * axis)
@@ -203,6 +212,7 @@ class Likeness:
                         R = self.settled(R)[:3, :3]
                     if all(np.linalg.norm(R - known) > 0.05 for known in found) and self._maps(R):
                         found.append(R)
+
         return Symmetry(rotations=np.array(_closed(found)))
 
     def _turns(self) -> Iterator[Array]:
@@ -213,6 +223,7 @@ class Likeness:
         for axes in (self._moments[1].T, np.eye(3)):
             for k in range(3):
                 yield exp_so3(np.pi * axes[k])
+
         axes = self._moments[1].T
         for k in (0, 2):
             for angle in np.arange(1, _TURNS) * (2.0 * np.pi / _TURNS):
@@ -232,14 +243,18 @@ class Likeness:
         few = asked[:: max(1, len(asked) // _FEW)]
         S = pose(R) if R.shape == (3, 3) else R
         side = np.sign(np.linalg.det(S[:3, :3]))
+
         for _ in range(_SETTLING):
             near = self._nearest.query(transform_points(S, few))
             best = near.distance <= max(np.quantile(near.distance, 0.8), DIFFERENT)
             source, goal = few[best], near.point[best]
             a, b = source.mean(axis=0), goal.mean(axis=0)
+
+            # Rotation between the matched points [Kabsch 1976], with the hand of the start.
             U, _, V = np.linalg.svd((goal - b).T @ (source - a))
             turn = U @ np.diag([1.0, 1.0, side * np.sign(np.linalg.det(U @ V))]) @ V
             S = pose(turn, b - turn @ a)
+
         return S
 
 
@@ -252,9 +267,11 @@ def _across(axis: Array) -> Array:
 def _closed(rotations: list[Array]) -> list[Array]:
     """Group that `rotations` (3, 3) generate, identity first; at most that of an icosahedron."""
     group = list(rotations)
+
     for R in group:  # grows while it is walked
         for G in rotations:
             product = R @ G
             if len(group) < 60 and all(np.linalg.norm(product - known) > 0.05 for known in group):
                 group.append(product)
+
     return group

@@ -43,16 +43,21 @@ def recall_chart(rows: Sequence[Row]) -> "Figure":
         names = (
             [name for name in HIDDEN if name in there] if key == "hidden_class" else sorted(there)
         )
+
         low = np.zeros(len(names))
+
+        # Bars of the outcomes, one on top of the other.
         for outcome, (colour, belongs) in OUTCOMES.items():
             count = np.array(
                 [sum(belongs(row) for row in rows if row[key] == name) for name in names]
             )
             panel.bar(names, count, bottom=low, color=colour, label=outcome)
             low += count
+
         panel.tick_params(axis="x", rotation=30)
         panel.set_xlabel(label)
         panel.yaxis.set_major_locator(MaxNLocator(integer=True))
+
     axes[0].set_ylabel("scenes")
     axes[0].legend(fontsize="small", ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return figure
@@ -67,19 +72,26 @@ def gallery(cases: Sequence[UnseenCase]) -> "Figure":
 
     columns = 2
     lines = -(-len(cases) // columns)
+
     figure = Figure(figsize=(11.0, 2.15 * lines), layout="constrained")
     axes = figure.subplots(lines, 2 * columns, squeeze=False)
     colours = colormaps["viridis"].with_extremes(bad="0.85")
+
     for panel in axes.ravel():
         panel.set_axis_off()
+
     for k, case in enumerate(cases):
         scene = build(case)
+
+        # Left: the true depth, shaded.
         left, right = axes[k // columns, 2 * (k % columns) : 2 * (k % columns) + 2]
         grey = np.repeat(shaded(scene.exact)[..., None], 3, axis=2)
         left.imshow(np.where(scene.seen[..., None], grey * _TINT, grey))
         left.set_title(
             f"{scene.shape.kind}, {case.around}, {100 * scene.hidden:.0f} % hidden", fontsize=8
         )
+
+        # Right: what the sensor reads, about the object's distance.
         z = float(scene.X_CT[2, 3])
         right.imshow(
             scene.scan.depth,
@@ -89,17 +101,17 @@ def gallery(cases: Sequence[UnseenCase]) -> "Figure":
             interpolation="nearest",
         )
         right.set_title(case.sensor, fontsize=8)
+
     return figure
 
 
 def shaded(depth: np.ndarray) -> Array:
-    """Brightness (h, w) of the surface in a depth image (h, w) [m] under a lamp; 1 where there is
-    nothing.
-    """
+    """Brightness (h, w) of a depth image (h, w) [m] under a lamp; 1 where there is nothing."""
     step = 640 // depth.shape[1]
     with np.errstate(invalid="ignore"):
         points = pinhole(step) * depth[..., None]
         normal = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         light = np.clip(0.25 + 0.75 * normal @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.15, 1.0)
+
     return np.where(np.isfinite(light), light, np.where(np.isfinite(depth), 0.15, 1.0))

@@ -129,8 +129,10 @@ def present(seed: int, index: int, sensor: str | None = None) -> UnseenCase:
     turn.
     """
     kinds, block = tuple(KINDS), index // len(KINDS)
+
     k = index % len(kinds)
     names = tuple(DEPTH_SENSORS)
+
     return UnseenCase(
         content="present",
         kind=kinds[k],
@@ -157,6 +159,7 @@ def piled(seed: int, index: int) -> UnseenCase:
     pile, member = divmod(index, PILE)
     case = present(seed, PILE * pile)
     sensor = tuple(DEPTH_SENSORS)[pile % len(DEPTH_SENSORS)]
+
     return replace(
         case, content="pile", hidden="", around="pile", sensor=sensor, index=pile, member=member
     )
@@ -179,11 +182,13 @@ def build(case: UnseenCase) -> UnseenScene:
         raise ConfigurationError(
             f"no class of occlusion {case.hidden!r}; there are {', '.join(HIDDEN)}"
         )
+
     attempts = 1 if case.streams else _ATTEMPTS
     for attempt in range(attempts):
         drawn = _Draw(case, attempt).scene()
         if drawn is not None:
             return drawn
+
     raise ConfigurationError(f"{case}: none of {attempts} draws meets its conditions")
 
 
@@ -206,8 +211,10 @@ class _Draw:
         key = [case.seed, _CONTENTS.index(case.content), case.index, attempt]
         kinds = tuple(KINDS)
         self.case = case
+
         # Not every class has shapes with a hand; after some attempts the next class is tried.
         later = attempt // 4 if case.content == "mirrored" else 0
+
         self.kind = kinds[(kinds.index(case.kind) + later) % len(kinds)]
         self.streams = Streams(*key, states=case.streams)
 
@@ -219,10 +226,12 @@ class _Draw:
     def _single(self) -> _Layout | None:
         """An object, or what is in its place, with its surroundings."""
         case, streams = self.case, self.streams
+
         shape, there = self._shapes()
         likeness = Likeness(shape)
         if case.content == "mirrored" and not likeness.has_hand(_HAND):
             return None
+
         stand_in = there or shape  # where nothing is, it is as if the object were taken away
 
         rests = case.around == "touching" or streams["rests"].random() < _RESTS
@@ -230,7 +239,9 @@ class _Draw:
         R = resting_attitude(stand_in, turn) if rests else any_rotation(turn)
         gap = 0.0 if rests else float(streams["gap"].uniform(*_HANGS))
         body = Body.of((stand_in.vertices @ R.T, stand_in.triangles), streams["points"])
+
         ground = float(body.solid[0][:, 2].min()) - gap
+
         X_CF = self._camera(np.zeros(3), stand_in.radius, stand_in.extent)
         if not _in_view(X_CF, body.solid[0]):
             return None
@@ -242,6 +253,7 @@ class _Draw:
         occluders = veil(body, others, X_CF, HIDDEN[case.hidden], streams["veil"])
         if occluders is None:
             return None
+
         floor = [seabed(ground, streams["seabed"])] if on_ground else []
         return _Layout(
             likeness=likeness,
@@ -261,6 +273,7 @@ class _Draw:
         the most part.
         """
         streams = self.streams
+
         kinds = streams["kinds"].permutation(tuple(KINDS))[:PILE]
         shapes = [
             unseen_shape(str(kind), streams[f"shape {k}"], _OF_PILE) for k, kind in enumerate(kinds)
@@ -282,6 +295,7 @@ class _Draw:
             seen, hidden = hidden_by(body, [*bodies[:k], *bodies[k + 1 :]], X_CF)
             if len(seen) * COARSE**2 < _LEAST_PIXELS or hidden.mean() > HIDDEN["much"][1]:
                 return None
+
         k = self.case.member
         return _Layout(
             likeness=Likeness(shapes[k]),
@@ -313,10 +327,13 @@ class _Draw:
     def _camera(self, p_F: Array, radius: float, extent: float) -> Array:
         """X_CF (4, 4) of a camera that looks at `p_F` (3,) [m], or a little beside it."""
         rng, near = self.streams["camera"], max(RANGES[0], _VIEW * radius)
+
         range_m = rng.uniform(near, max(near + 0.1, min(RANGES[1], _NEAR_SMALL * extent)))
+
         up = rng.uniform(*np.sin(_CLIMB))
         heading, roll = rng.uniform([-np.pi, -_ROLL], [np.pi, _ROLL])
         flat = np.sqrt(1.0 - up**2)
+
         eye = p_F + range_m * np.array([flat * np.cos(heading), flat * np.sin(heading), up])
         return camera_pose(eye, p_F + rng.normal(0.0, _ASIDE * range_m, 3), roll)
 
@@ -325,20 +342,24 @@ class _Draw:
         stand clear.
         """
         touching = self.case.around == "touching"
+
         away = inverse(X_CF)[:2, 2]  # horizontally from the camera
         # Beside and behind rather than in front, unless much is to be hidden.
         spread = np.pi if self.case.hidden == "much" else 0.6 * np.pi
         bodies: list[Body] = []
+
         for k in range(int(self.streams["neighbours"].integers(1, 4 if touching else 5))):
             rng = self.streams[f"neighbour {k}"]
             kind = self.kind if rng.random() < _SIMILAR else str(rng.choice(tuple(KINDS)))
             size = float(np.clip(body.extent * rng.uniform(0.4, 1.0), 0.15, 0.8))
             shape = unseen_shape(kind, rng, (size, size))
+
             heading = float(np.arctan2(away[1], away[0]) + rng.uniform(-spread, spread))
             gap = 0.0 if touching else float(rng.uniform(0.02, 0.25))
             placed = beside(body, bodies, shape, heading, gap, ground, rng)
             if placed is not None:
                 bodies.append(placed)
+
         return bodies
 
     def _taken(self, layout: _Layout) -> UnseenScene | None:
@@ -346,11 +367,15 @@ class _Draw:
         case, X_CF, likeness, there = self.case, layout.X_CF, layout.likeness, layout.there
         if not layout.visible:  # the object is absent, and so is everything else
             return None
+
+        # Two renderings: the whole scene, and the object alone without what hides it.
         model = _compiled([moved(solid, X_CF) for solid in layout.visible])
         exact, alone = _depth(model), _depth(_compiled([moved(layout.body.solid, X_CF)]))
         image = np.isfinite(alone)
+
         if case.content != "pile" and image.sum() < _LEAST_PIXELS:
             return None
+
         seen, hidden = np.zeros_like(image), 0.0
         if there is not None:
             seen = image & (exact > alone - 1e-4)
@@ -358,8 +383,10 @@ class _Draw:
             low, high = HIDDEN.get(case.hidden, (0.0, 1.0))
             if not low <= hidden <= high:
                 return None
+
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
+
         sensor = UNSEEN_SENSORS[case.sensor]
         try:
             scan = sensor.look(model, data, self.streams["noise"])
@@ -369,10 +396,13 @@ class _Draw:
         X_CT = X_CF @ layout.X_FT
         declared = bool(self._start("declared").random() < _DECLARED)
         target = likeness.shape.target(likeness.symmetry if declared else Symmetry())
+
+        # The coarse start: a displaced position and a turned attitude.
         aside = self._start("approach direction").normal(size=3)
         axis = self._start("turn axis").normal(size=3)
         distance = self._start("approach distance").uniform() * _APPROACH
         angle = self._start("turn angle").uniform() * _TILT
+
         approach, orientation = coarse_pose(
             target,
             X_CT,
@@ -416,12 +446,14 @@ def _compiled(solids: Sequence[Shell]) -> mujoco.MjModel:
     """Model of visible meshes in C, fixed in the world."""
     spec = mujoco.MjSpec()
     vertices, triangles = joined(solids)
+
     spec.add_mesh(
         name="scene",
         uservert=vertices.astype(np.float32).ravel(),
         userface=triangles.astype(np.int32).ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
+
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_MESH, meshname="scene", contype=0, conaffinity=0
     )
@@ -432,5 +464,6 @@ def _depth(model: mujoco.MjModel) -> np.ndarray:
     """Depth (480, 640) [m] that an ideal camera sees, inf where there is nothing."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+
     camera = DepthCamera(model, "world", np.eye(4), optics=Optics(focal=FOCAL), noise=None)
     return camera.render(data.xpos, data.xmat)[0]

@@ -54,7 +54,9 @@ def run(trial: UnseenTrial) -> Row:
     built = process_time()
     surface = ModelSurface.of(scene.target)
     prepared = process_time()
+
     if case.content == "pile":
+        # The objects of a pile are sought together.
         found, spent = _of_pile(replace(case, member=0), known)[case.member]
     else:
         found = identify(
@@ -65,13 +67,17 @@ def run(trial: UnseenTrial) -> Row:
             sensor=scene.sensor.model,
         )
         spent = process_time() - prepared
+
+    # What the view could tell at all, from the truth.
     error = pose_error(scene, found.X_sensor_target)
     view = ViewOfObject(scene)
     there = case.content in _THERE
     contradicted = view.contradicted(found.X_sensor_target)
     bounds = view.bounds(scene.sensor.model) if scene.there is not None else None
     rival_nats = view.rival_nats(scene.sensor.model) if there else np.inf
+
     return {
+        # The scene.
         "content": case.content,
         "kind": scene.shape.kind,
         "hidden_class": case.hidden,
@@ -84,6 +90,7 @@ def run(trial: UnseenTrial) -> Row:
         "extent_m": scene.shape.extent,
         "hidden": scene.hidden,
         "pixels": int(scene.seen.sum()),
+        # What its view shows.
         "declared": scene.declared,
         "symmetric": scene.likeness.symmetry.axis is not None
         or len(scene.likeness.symmetry.rotations) > 1,
@@ -98,12 +105,14 @@ def run(trial: UnseenTrial) -> Row:
         "mirror_share": min(view.mirror_share(), contradicted)
         if case.content == "mirrored"
         else 1.0,
+        # What identification makes of it.
         "position_m": error.position_m,
         "angle_deg": error.angle_deg,
         "found": bool(there and error.found),
         **_doubt(found, scene, bool(there and error.found)),
         "decision": str(found.decision),
         "reason": found.reason,
+        # Processor times.
         "scene_s": built - began,
         "model_s": prepared - built,
         "identify_s": spent,
@@ -116,13 +125,16 @@ def _of_pile(first: UnseenCase, known: Known) -> list[tuple[Identification, floa
     time [s].
     """
     scenes = [build(replace(first, member=k)) for k in range(PILE)]
+
     began = process_time()
     surfaces = {str(k): ModelSurface.of(scene.target) for k, scene in enumerate(scenes)}
     approaches = (
         {} if known == "any" else {str(k): scene.approach for k, scene in enumerate(scenes)}
     )
+
     found = identify_together(scenes[0].scan, surfaces, approaches, sensor=scenes[0].sensor.model)
     spent = (process_time() - began) / PILE
+
     return [(found[str(k)], spent) for k in range(PILE)]
 
 
@@ -132,6 +144,7 @@ def _doubt(found: Identification, scene: UnseenScene, right: bool) -> Row:
     """
     if not right or found.covariance is None:
         return {"nees": None, "nees_degrees": None}
+
     X_CT = scene.likeness.symmetry.nearest_pose(scene.X_CT, found.X_sensor_target[:3, :3])
     nees = found.covariance.normalised_error(found.X_sensor_target, X_CT)
     return {"nees": nees, "nees_degrees": found.covariance.degrees}
@@ -144,6 +157,7 @@ def line(row: Row) -> str:
             return ""
     elif row["decision"] != Decision.ACCEPT:
         return ""
+
     reason = f": {row['reason']}" if row["reason"] else ""
     return (
         f"{row['content']} {row['index']}, {row['kind']}, {row['around']}, {row['sensor']}, "
@@ -160,25 +174,28 @@ def is_false_accept(row: Row) -> bool:
 def outcome(row: Row) -> str:
     """Kind of scene and pose in the confusion table."""
     content = row["content"]
+
     if content in _THERE:
         return f"{_TITLES[content]}, {'found' if row['found'] else 'not found'}"
+
     if content == "mirrored":
         return (
             f"mirrored, {'>=' if row['mirror_share'] >= TELLING else '<'} {100 * TELLING:.0f} "
             "% of the view differ"
         )
+
     if content == "resized":
         sigma = row["size_sigma"]
         return (
             f"resized, sigma of size {'<' if sigma is not None and sigma < SIZED else '>='} "
             f"{100 * SIZED:.1f} %"
         )
+
     return {"absent": "absent", "other": "another object of the class"}[content]
 
 
 def summarise(rows: list[Row], title: str) -> Summary:
-    """Recall, accepts and false accepts by condition and by class of shape, and the confusion
-    table.
+    """Recall, accepts and false accepts by condition and class of shape, and the confusion table.
 
     Args:
         rows: Rows of all scenes.
@@ -188,9 +205,12 @@ def summarise(rows: list[Row], title: str) -> Summary:
         [row for row in rows if (row["sensor"] == "sonar") is by_sonar]
         for by_sonar in (False, True)
     )
+
     there = [row for row in depth if row["content"] == "present"]
+
     tables: list[Table] = []
     metrics: dict[str, Any] = {}
+
     for name, part in (
         ("present", there),
         ("sonar", sonar),
@@ -201,23 +221,28 @@ def summarise(rows: list[Row], title: str) -> Summary:
                 label: figures_of(some) for label, some in _parts(part, name == "present")
             }
             tables.append(_recall_table(metrics[name], f"{name.capitalize()}: {title}"))
+
     metrics["confusion"] = confusion(depth)
     if depth:
         tables.append(_confusion_table(metrics["confusion"], "Verdicts"))
     if sonar:
         metrics["confusion_sonar"] = confusion(sonar)
         tables.append(_confusion_table(metrics["confusion_sonar"], "Verdicts, sonar"))
+
     metrics["covariance"] = doubts = consistency(depth)
+
     false = [row for row in depth if is_false_accept(row)]
     metrics["false_accepts"] = len(false)
     metrics["false_accept_percent"] = 100.0 * len(false) / max(1, len(depth))
     metrics["scene_s"] = float(np.mean([row["scene_s"] for row in rows]))
+
     said = [f"processor time of a scene {metrics['scene_s']:.2f} s (mean)"]
     if depth:
         share = metrics["false_accept_percent"]
         said.append(
             f"false accepts: {len(false)} of {len(depth)} verdicts ({share:.1f} %); sonar apart"
         )
+
     if doubts["poses"]:
         said.append(
             f"covariance of {doubts['poses']} poses found: squared error "
@@ -225,7 +250,9 @@ def summarise(rows: list[Row], title: str) -> Summary:
             f"(mean), {doubts['nees_median']:.2f} (median); {doubts['covered_percent']:.0f} % "
             "within the 95 % ellipsoid"
         )
+
     said += [f"false accept: {line(row)}" for row in false]
+
     return Summary(
         metrics=metrics, tables=tables, lines=said, pictures=_pictures(there) if there else ()
     )
@@ -234,6 +261,7 @@ def summarise(rows: list[Row], title: str) -> Summary:
 def _parts(rows: Sequence[Row], by_condition: bool) -> Iterator[tuple[str, list[Row]]]:
     """Rows by condition and by class, those that are there."""
     yield "all", list(rows)
+
     for key, label in (
         ("hidden_class", "hidden: {}"),
         ("sensor", "sensor: {}"),
@@ -243,6 +271,7 @@ def _parts(rows: Sequence[Row], by_condition: bool) -> Iterator[tuple[str, list[
         if by_condition or key == "kind":
             for value in dict.fromkeys(row[key] for row in rows):
                 yield label.format(value), [row for row in rows if row[key] == value]
+
     if by_condition:
         for label, chosen in (
             (f"smaller than {_SMALL} m", lambda row: row["extent_m"] < _SMALL),
@@ -288,6 +317,7 @@ def consistency(rows: Sequence[Row]) -> dict[str, float]:
         .reshape(-1, 2)
         .T
     )
+
     return {
         "poses": len(nees),
         "nees_mean": float(nees.sum() / degrees.sum()) if len(nees) else np.nan,
@@ -301,6 +331,7 @@ def consistency(rows: Sequence[Row]) -> dict[str, float]:
 def confusion(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     """Number of verdicts by kind of scene and pose."""
     table: dict[str, dict[str, int]] = {}
+
     for row in sorted(rows, key=outcome):
         counts = table.setdefault(outcome(row), {str(d): 0 for d in Decision})
         counts[row["decision"]] += 1
@@ -319,6 +350,7 @@ def _recall_table(figures: Mapping[str, Mapping[str, float]], title: str) -> Tab
         "[deg]",
         "time: median, p95 [ms]",
     )
+
     rows = [
         (
             name,
@@ -333,6 +365,7 @@ def _recall_table(figures: Mapping[str, Mapping[str, float]], title: str) -> Tab
         )
         for name, f in figures.items()
     ]
+
     return Table(
         title=title, columns=columns, rows=rows, caption="Errors are those of found poses."
     )
@@ -345,6 +378,7 @@ def _or_dash(value: float, digits: int) -> str:
 
 def _confusion_table(table: Mapping[str, Mapping[str, int]], title: str) -> Table:
     decisions = [str(d) for d in Decision]
+
     rows = [(name, *(str(counts[d]) for d in decisions)) for name, counts in table.items()]
     return Table(title=title, columns=("scene and pose", *decisions), rows=rows)
 
@@ -355,6 +389,7 @@ def _pictures(rows: Sequence[Row]) -> Iterator[tuple[str, str, "Figure"]]:
         "Scenes with the object, by class of shape and of occlusion.",
         recall_chart(rows),
     )
+
     cases = [present(row["seed"], row["index"]) for row in rows[:_SHOWN]]
     yield (
         "Scenes",

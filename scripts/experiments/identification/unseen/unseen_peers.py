@@ -82,18 +82,22 @@ class PeerCase:
 def run(case: PeerCase) -> Row:
     """Errors and times of all methods on one scene."""
     scene = build(case.scene)
+
     model_s, surface = _timed(lambda: ModelSurface.of(scene.target))
     find_s, found = _timed(
         lambda: identify(scene.scan, surface, scene.approach, sensor=scene.sensor.model)
     )
+
     ours = {
         **_judged(scene, found.X_sensor_target),
         "model_s": model_s,
         "find_s": find_s,
         "error": "",
     }
+
     task = task_of(scene, surface, found)
     methods = {OURS: ours, **{name: _raced(name, scene, task) for name in case.peers}}
+
     return {
         "kind": scene.shape.kind,
         "hidden_class": case.scene.hidden,
@@ -114,9 +118,12 @@ def task_of(scene: UnseenScene, surface: ModelSurface, found: Identification) ->
         near = near_any(scene.scan.points, scene.approach[None], surface.radius + APPROACH_ERROR)
         mask = near & without_flying_pixels(scene.scan)
         evidence = Evidence.of(scene.scan, mask, 0.8 * surface.spacing, scene.sensor.model)
+
+    # The start of ICP alone lies OFF off the true attitude, about a random axis.
     axis = np.random.default_rng([scene.case.seed, scene.case.index, 25]).normal(size=3)
     R = scene.X_CT[:3, :3] @ exp_so3(OFF * axis / np.linalg.norm(axis))
     center = transform_points(scene.X_CT, surface.center)
+
     return RegistrationTask(
         points=evidence.points,
         normals=evidence.normals,
@@ -138,12 +145,14 @@ def task_of(scene: UnseenScene, surface: ModelSurface, found: Identification) ->
 def _raced(name: str, scene: UnseenScene, task: RegistrationTask) -> dict[str, Any]:
     """Errors and times of a peer; if it raises an error, it has found nothing."""
     peer, error, model_s, find_s, X_ST = PEERS[name], "", np.nan, np.nan, np.eye(4)
+
     try:
         peer.load()
         model_s, prepared = _timed(lambda: peer.prepare(task.model))
         find_s, X_ST = _timed(lambda: peer.register(task, prepared))
     except Exception as raised:  # each library has its own
         error = f"{type(raised).__name__}: {raised}"
+
     return {**_judged(scene, X_ST), "model_s": model_s, "find_s": find_s, "error": error}
 
 
@@ -167,11 +176,15 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
         left_out: Lines about peers that do not take part.
     """
     metrics = {name: figures_of(rows, name) for name in rows[0]["methods"]}
+
     some = next(iter(metrics.values()))
     titles = {name: PEERS[name].title if name in PEERS else OURS for name in metrics}
+
     by_shape = [label for label in some["found_of"] if ":" not in label]
     by_condition = [label for label in some["found_of"] if label not in by_shape]
+
     tables = [
+        # All scenes, by condition.
         Table(
             title=f"Poses found of {len(rows)}, and time",
             columns=(
@@ -189,6 +202,7 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
                     titles[name],
                     str(each["found"]),
                     *(_of(each["found_of"][label]) for label in by_condition),
+                    # Errors are over found poses, times over all.
                     *(
                         _figure(each[key], digits)
                         for key, digits in (("median_mm", 2), ("median_deg", 2))
@@ -200,6 +214,7 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
             caption="Errors and times are medians, errors those of found poses; model: prepared "
             "once for each.",
         ),
+        # By class of shape.
         Table(
             title="Poses found, by class of shape",
             columns=("method", *by_shape),
@@ -209,7 +224,9 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
             ],
         ),
     ]
+
     found = [row for row in rows if row["methods"][OURS]["found"]]
+
     lines = [
         *left_out,
         f"ours: {sum(row['accepted'] for row in found)} of {len(found)} found poses accepted,"
@@ -221,12 +238,14 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
             if each["errors"]
         ),
     ]
+
     return Summary(metrics={"scenes": len(rows), "methods": metrics}, tables=tables, lines=lines)
 
 
 def figures_of(rows: Sequence[Row], name: str) -> dict[str, Any]:
     """Figures of the method `name` over the scenes."""
     of = [row["methods"][name] for row in rows]
+
     found = [each for each in of if each["found"]]
 
     def median(some: Sequence[Row], key: str) -> float:
@@ -234,6 +253,7 @@ def figures_of(rows: Sequence[Row], name: str) -> dict[str, Any]:
         return float(np.median(values)) if values else np.nan
 
     times = [each["find_s"] for each in of if each["find_s"] is not None]
+
     return {
         "found": len(found),
         "found_of": {

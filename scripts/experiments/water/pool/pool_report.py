@@ -25,6 +25,7 @@ def score_table(title: str, of: Mapping[str, Sequence[TrialScore]]) -> Table:
     for name, found in of.items():
         m = medians(found)
         worst = max(found, key=lambda each: max(each.rms))
+
         rows.append(
             [
                 name,
@@ -36,6 +37,7 @@ def score_table(title: str, of: Mapping[str, Sequence[TrialScore]]) -> Table:
                 f"{m['drift_error_m']:.2f}",
             ]
         )
+
     return Table(
         title=title,
         columns=(
@@ -87,8 +89,10 @@ def buoyancy_table(buoyancies: Mapping[str, float]) -> Table:
 def parameter_table(result: Validation) -> Table:
     """Each parameter with its nominal value, its interval, and what the trials tell of it."""
     rows = []
+
     for i, each in enumerate(PARAMETERS):
         low, high = result.interval(i)
+
         rows.append(
             [
                 each.name,
@@ -99,6 +103,7 @@ def parameter_table(result: Validation) -> Table:
                 f"{result.fit.told[i]:.0%}",
             ]
         )
+
     return Table(
         title=f"Parameters of the {result.hull} hull from the trials",
         columns=(
@@ -143,25 +148,31 @@ def draw(file: Path, result: Validation, trials: Sequence[PoolTrial]) -> None:
     with wanted():
         from matplotlib.figure import Figure
 
+    # From the best to the worst trial, at even steps of rank.
     order = sorted(result.left_out, key=lambda each: max(each.rms))
     chosen = [
         order[i].name
         for i in np.linspace(0, len(order) - 1, min(_SHOWN, len(order))).round().astype(int)
     ]
+
     by_name = {trial.name: trial for trial in trials}
+
     fitted = values_of(PARAMETERS, result.fit.deviations)
     models = {
         "fitted": (pool_model(result.hull, fitted), fitted, "C0"),
         "untuned": (pool_model(result.hull, NOMINAL), NOMINAL, "C1"),
     }
+
     figure = Figure(figsize=(10.0, 2.0 * len(chosen)), layout="constrained")
     axes = figure.subplots(len(chosen), 3, squeeze=False, sharex=False)
+
     for row, name in zip(axes, chosen, strict=True):
         trial = by_name[name]
         time = trial.times - trial.times[0]
         measured = (*_DEGREES * trial.attitude[:, :2].T, trial.position[:, 2])
         for panel, line in zip(row, measured, strict=True):
             panel.plot(time, line, color="0.2", linewidth=2.5, alpha=0.6, label="measured")
+
         for label, (model, values, color) in models.items():
             found = replay(model, trial, values)
             lines = (*_DEGREES * found.attitude[:, :2].T, found.position[:, 2])
@@ -169,12 +180,16 @@ def draw(file: Path, result: Validation, trials: Sequence[PoolTrial]) -> None:
                 panel.plot(time, line, color=color, linewidth=1.0, label=label)
                 middle, half = float(np.mean(real)), 1.6 * float(np.ptp(real)) + 0.2
                 panel.set_ylim(middle - half, middle + half)
+
         row[0].set_ylabel(name)
         for panel in row:
             panel.grid(alpha=0.3)
+
     for panel, title in zip(axes[0], ("roll [deg]", "pitch [deg]", "rise [m]"), strict=True):
         panel.set_title(title)
     axes[0][0].legend(fontsize="small", loc="upper right")
+
     for panel in axes[-1]:
         panel.set_xlabel("time [s]")
+
     figure.savefig(file, dpi=110)

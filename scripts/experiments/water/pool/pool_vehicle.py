@@ -100,6 +100,8 @@ def pool_model(hull: str, values: Mapping[str, float]) -> mujoco.MjModel:
     """
     if hull not in HULLS:
         raise ConfigurationError(f"unknown hull {shown(hull)}; there are {', '.join(HULLS)}")
+
+    # The model as its tables have it, with servos in place of motors.
     spec = published_hulls.new_spec(f"pool_{hull}")
     spec.option.timestep = TIMESTEP
     body = published_hulls.add_hull(spec, HULLS[hull])
@@ -107,18 +109,25 @@ def pool_model(hull: str, values: Mapping[str, float]) -> mujoco.MjModel:
     _load_jaw(spec, NOMINAL["jaw mass"])
     published_hulls.add_keys(spec, reach_alpha_5.HOME)
     published_hulls.ballast(spec, FRESH_WATER)
+
     for key in list(spec.keys):
         spec.delete(key)
     _servos(spec)
+
+    # Deviations of mass and its centre.
     water = hydrodynamics.attached(spec)
     shift = [values[f"center of mass {axis}"] for axis in "xyz"]
     body.ipos = np.array(body.ipos) + shift
     _load_jaw(spec, values["jaw mass"] - NOMINAL["jaw mass"])
+
+    # Deviations of the water: links first, for the hull's volume follows from theirs.
     for name in set(water) - {HULL_BODY}:
         water[name] = _scaled_link(water[name], values)
+
     total = sum(float(each.mass) for each in spec.bodies[1:])
     others = sum(water[name].volume for name in water if name != HULL_BODY)
     volume = (total + values["net buoyancy"] / GRAVITY) / FRESH_WATER - others
+
     water[HULL_BODY] = replace(_scaled_hull(water[HULL_BODY], values), volume=volume)
     hydrodynamics.attach(spec, water, FRESH_WATER)
     return wet.compile(spec)
@@ -157,9 +166,11 @@ def _scaled_hull(hull: BodyHydrodynamics, values: Mapping[str, float]) -> BodyHy
     drag = np.array(
         [1.0, 1.0, *(values[f"{axis} drag"] for axis in ("heave", "roll", "pitch", "yaw"))]
     )
+
     turning = [values[f"linear {axis} damping"] for axis in ("roll", "pitch", "yaw")]
     center = np.array(hull.center_of_buoyancy)
     center[:2] += values["center of buoyancy x"], values["center of buoyancy y"]
+
     return replace(
         hull,
         center_of_buoyancy=center,

@@ -43,22 +43,30 @@ def replay(model: mujoco.MjModel, trial: PoolTrial, values: Mapping[str, float])
     """
     dt = float(model.opt.timestep)
     begin, end = trial.times[0], trial.times[-1]
+
+    # Joint angles of the servos at each step.
     grid = begin + dt * np.arange(max(2, round((end - begin) / dt) + 1))
     joints = np.column_stack(
         [np.interp(grid, trial.joint_times, trial.joints[:, j]) for j in range(4)]
     )
     joints = joints + joint_zeros(values)
     on_hull = mount(values)
+
+    # The start as measured; the IMU's axes are turned to the hull's.
     data = mujoco.MjData(model)
     R_WB = trial.R_start @ on_hull.T
     data.qpos[3:7], data.qpos[7:] = quat_wxyz_from_rotation(R_WB), joints[0]
     data.qvel[:3], data.qvel[3:6] = trial.v_start, on_hull @ trial.w_start
     data.qvel[6:] = (joints[4] - joints[0]) / (4.0 * dt)
+
     start = np.empty(mujoco.mj_stateSize(model, _STATE))
     mujoco.mj_getState(model, data, start, _STATE)
     states = rollout.rollout(model, data, initial_state=start[None], control=joints[None])[0][0]
+
+    # The states nearest to the times of comparison.
     at = np.clip(np.round((trial.times - begin) / dt).astype(np.int64) - 1, 0, len(states) - 1)
     qpos = states[at, 1 : 1 + model.nq]
+
     turned = Rotation.from_quat(qpos[:, [4, 5, 6, 3]]) * Rotation.from_matrix(on_hull)
     return Replayed(np.unwrap(turned.as_euler("ZYX"), axis=0)[:, ::-1], qpos[:, :3])
 
@@ -76,6 +84,7 @@ class Residuals:
         there is no vehicle.
         """
         values = values_of(PARAMETERS, deviations)
+
         try:
             model = pool_model(self._hull, values)
         except UuvError:
@@ -85,9 +94,11 @@ class Residuals:
     @staticmethod
     def _of(model: mujoco.MjModel, trial: PoolTrial, values: Mapping[str, float]) -> Array:
         found = replay(model, trial, values)
+
         off = found.attitude - trial.attitude
         off[:, 2] -= off[0, 2]  # the IMU's heading has an origin of its own
         rise = found.position[:, 2] - trial.position[:, 2]
+
         weight = np.sqrt(SAMPLES / len(trial.times))
         return weight * np.concatenate(
             [off[:, 0] / ATTITUDE, off[:, 1] / ATTITUDE, off[:, 2] / HEADING, rise / HEIGHT]
@@ -115,7 +126,9 @@ def score_of(trial: PoolTrial, found: Replayed) -> TrialScore:
     both = [float(np.corrcoef(trial.attitude[:, i], found.attitude[:, i])[0, 1]) for i in (0, 1)]
     ratio = found.attitude[:, :2].std(axis=0) / spreads
     rms = np.sqrt(np.mean(off**2, axis=0))
+
     apart = found.position[-1] - trial.position[-1]
+
     return TrialScore(
         name=trial.name,
         rms=(float(rms[0]), float(rms[1])),

@@ -58,6 +58,7 @@ def names_in(folder: Path) -> tuple[str, ...]:
     """
     names = {path.name.partition("_joint_states")[0] for path in folder.glob("*_joint_states.csv*")}
     kept = tuple(sorted(name for name in names if name.startswith("traj") and name not in EXCLUDED))
+
     if not kept:
         raise ConfigurationError(
             f"--data {shown(str(folder))}: holds no pool trials (traj*_joint_states.csv.gz)"
@@ -79,25 +80,35 @@ def read_trial(folder: Path, name: str) -> PoolTrial:
     """One trial; as `read_trials`."""
     joints, imu, mocap = (_table(folder, f"{name}_{kind}") for kind in _KINDS)
     t_joints, t_imu, t_mocap = (_times(table, name) for table in (joints, imu, mocap))
+
     begin, end = (
         max(t[0] for t in (t_joints, t_imu, t_mocap)),
         min(t[-1] for t in (t_joints, t_imu, t_mocap)),
     )
+
     if end - begin < SHORTEST:
         raise ConfigurationError(
             f"pool trial {name}: its records have {end - begin:.1f} s in common, {SHORTEST} needed"
         )
+
     times = np.arange(begin, end, 1.0 / RATE)
+
+    # Attitude by the IMU, position and heading by motion capture.
     seen = Rotation.from_quat(_columns(imu, ("x_ori", "y_ori", "z_ori", "w_ori"), name))
     angles = np.unwrap(seen.as_euler("ZYX"), axis=0)[:, ::-1]  # roll, pitch, yaw
+
     p = _columns(mocap, ("x_pose", "y_pose", "z_pose"), name)
     yaw = np.unwrap(_columns(mocap, ("yaw",), name)[:, 0])
+
+    # The start: means over its first samples.
     first_imu, first_mocap = (_first(t, begin) for t in (t_imu, t_mocap))
     heading = float(yaw[first_mocap].mean())
     roll, pitch = angles[first_imu, :2].mean(axis=0)
+
     rates = _columns(imu, ("x_angvel", "y_angvel", "z_angvel"), name)
     origin = np.median(p[first_mocap], axis=0)
     moved = np.column_stack([np.interp(times, t_mocap, p[:, i]) for i in range(3)]) - origin
+
     return PoolTrial(
         name=name,
         group=name.partition("-")[0],
@@ -117,6 +128,7 @@ def _first(times: Array, begin: float) -> np.ndarray:
     least.
     """
     mask = (times >= begin) & (times <= begin + START)
+
     if mask.sum() < 5:
         mask[np.flatnonzero(times >= begin)[:5]] = True
     return mask
@@ -126,10 +138,12 @@ def _table(folder: Path, stem: str) -> dict[str, Array]:
     found = [
         path for ending in (".csv.gz", ".csv") if (path := folder / f"{stem}{ending}").exists()
     ]
+
     if not found:
         raise ConfigurationError(
             f"pool trial: there is no {stem}.csv or .csv.gz in {shown(str(folder))}"
         )
+
     path = found[0]
     try:
         with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
@@ -137,25 +151,31 @@ def _table(folder: Path, stem: str) -> dict[str, Array]:
             rows = np.loadtxt(file, delimiter=",", ndmin=2)
     except (OSError, ValueError, EOFError) as error:
         raise ConfigurationError(f"pool trial {path.name}: cannot be read: {error}") from error
+
     if rows.ndim != 2 or len(rows) < 10 or rows.shape[1] != len(head):
         raise ConfigurationError(
             f"pool trial {path.name}: expected ten rows of {len(head)} numbers at least"
         )
+
     return dict(zip(head, rows.T, strict=True))
 
 
 def _columns(table: dict[str, Array], names: tuple[str, ...], trial: str) -> Array:
     missing = [name for name in names if name not in table]
+
     if missing:
         raise ConfigurationError(
             f"pool trial {trial}: lacks the column {missing[0]!r}; it has {', '.join(table)}"
         )
+
     found = np.column_stack([table[name] for name in names])
+
     if not np.all(np.isfinite(found)):
         bad = names[int(np.flatnonzero(~np.isfinite(found).all(axis=0))[0])]
         raise ConfigurationError(
             f"pool trial {trial}: column {bad!r} holds numbers that are not finite"
         )
+
     return found
 
 

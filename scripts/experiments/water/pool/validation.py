@@ -48,6 +48,7 @@ class Validation:
 def groups_of(trials: Sequence[PoolTrial]) -> dict[str, list[PoolTrial]]:
     """Trials by trajectory number."""
     found: dict[str, list[PoolTrial]] = {}
+
     for trial in trials:
         found.setdefault(trial.group, []).append(trial)
     return found
@@ -77,6 +78,7 @@ def buoyancy_by_group(
         found[name] = float(
             minimize_scalar(missed, bounds=BUOYANCIES, method="bounded", options={"xatol": 5e-3}).x
         )
+
     return found
 
 
@@ -88,6 +90,7 @@ def with_own_buoyancy(
 ) -> tuple[TrialScore, ...]:
     """Scores of trials, each with the net buoyancy of its trajectory number."""
     found: list[TrialScore] = []
+
     for name, members in groups_of(trials).items():
         found += scores(hull, members, {**values, "net buoyancy": buoyancies[name]})
     return tuple(found)
@@ -141,7 +144,9 @@ def validate(
     """
     whole = fit(hull, trials, workers=workers)
     untuned = scores(hull, trials, NOMINAL)
+
     groups = groups_of(trials)
+
     if not leave_out or len(groups) < 2:
         return Validation(
             hull=hull,
@@ -150,14 +155,20 @@ def validate(
             untuned=untuned,
             left_out=scores(hull, trials, whole.values),
         )
+
+    # Each trajectory number is judged by a fit without it.
     found, without = [], []
     for name, members in groups.items():
         rest = [trial for trial in trials if trial.group != name]
         one = fit(hull, rest, workers=workers, start=whole.deviations)
+
         without.append(one.deviations)
         found += scores(hull, members, values_of(PARAMETERS, one.deviations))
+
+    # Jackknife over the trajectory numbers.
     apart = np.array(without) - np.mean(without, axis=0)
     spread = np.sqrt((len(groups) - 1) / len(groups) * np.sum(apart**2, axis=0))
+
     return Validation(hull=hull, fit=whole, spread=spread, untuned=untuned, left_out=tuple(found))
 
 
@@ -166,8 +177,10 @@ def fit(
 ) -> NamedFit:
     """Parameters of the vehicle from trials; `start` (n,) are deviations to begin with."""
     residuals = Residuals(hull, trials)
+
     if workers == 1:
         return fit_named(residuals, PARAMETERS, start=start)
+
     with ProcessPoolExecutor(workers, initializer=_begin, initargs=(residuals,)) as pool:
         return fit_named(
             residuals,

@@ -34,6 +34,8 @@ def information_of(
     log = simulated(
         own, values_of(parameters, deviations), manoeuvre, name=manoeuvre.name, channels=channels
     )
+
+    # The manoeuvre's own numbers, such as gusts, are fitted and marginalised as in a log.
     try:
         residuals = WaterResiduals(own, [log], settings)
     except ConfigurationError:  # nothing moves
@@ -67,6 +69,7 @@ def next_manoeuvres(
     parameters: Sequence[NamedParameter] = own.water.parameters
     flown = {each.name: each for each in menu(own, values_of(parameters, deviations))}
     planned(known, {}, parameters, aim)  # refuses the aim before anything is flown
+
     added = {
         name: information_of(own, deviations, each, settings, channels)
         for name, each in flown.items()

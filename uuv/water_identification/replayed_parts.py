@@ -11,6 +11,7 @@ def pushed_parts(model: mujoco.MjModel, vehicle: Vehicle) -> dict[int, str]:
         int(a): str(name)
         for a, name in zip(vehicle.thruster_actuators, vehicle.thruster_names, strict=True)
     }
+
     return {
         i: own.get(i, str(model.actuator(i).name).removeprefix("thruster_"))
         for i in range(model.nu)

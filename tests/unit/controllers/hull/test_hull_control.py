@@ -312,7 +312,7 @@ class Eager(ThrusterLead):
 @pytest.mark.parametrize("part", ["allocation", "lead"])
 def test_a_part_that_the_compiled_loop_would_not_call_is_refused(vehicle, part):
     model = models.load("uuv_puma").compile()
-    own = Halved(vehicle) if part == "allocation" else Eager(vehicle)
+    own: Any = Halved(vehicle) if part == "allocation" else Eager(vehicle)
     with pytest.raises(ConfigurationError, match=f"control of the hull: {type(own).__name__} over"):
         HullControl(model, **{part: own})
 

@@ -16,6 +16,8 @@ from uuv.experiment.declaration import experiments_in
 from uuv.experiment.drawn_cases import DrawnCase, write_cases
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 
+MISSPELT: Any = "meen"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Throw:
@@ -297,7 +299,7 @@ def test_shares_and_figures_of_a_function():
         (lambda: Page().table("T", by="grond", columns=["reach"]), "no column 'grond'"),
         (lambda: Page().histogram("x"), "a histogram of the page: no column 'x'"),
         (lambda: Page().table("T", columns=[stat("mean", lambda _: 1)]), "needs a label"),
-        (lambda: Page().table("T", columns=[stat("meen", "reach")]), "did you mean mean?"),
+        (lambda: Page().table("T", columns=[stat(MISSPELT, "reach")]), "did you mean mean?"),
     ],
 )
 def test_names_on_a_page_are_checked_where_it_is_declared(page, message):

@@ -83,6 +83,7 @@ def _range_fits(field: Callable[[str], Any], word: str, driven: bool) -> bool:
     limited = int(field(f"{word}limited"))
     is_limited = limited == mujoco.mjtLimited.mjLIMITED_TRUE
     is_limited = is_limited or (limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high)
+
     if word == "ctrl" and driven:
         return is_limited and (low, high) == (-1.0, 1.0)
     return not is_limited

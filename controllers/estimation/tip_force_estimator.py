@@ -124,14 +124,17 @@ class TorqueResidual:
     def __init__(
         self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float
     ) -> None:
-        self._arm, self._tuning, self._vehicle = arm, tuning, Vehicle.of(model)
+        self._arm = arm
+        self._tuning = tuning
+        self._vehicle = Vehicle.of(model)
 
         self.timing = SenseTiming(period, tuning.acceleration_filter, tuning.force_filter)
         self._slow_ticks = max(1, round(tuning.hover_period / period))
 
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction."""
-        n, own = self._arm.n, self._arm.parameters
+        n = self._arm.n
+        own = self._arm.parameters
 
         return ContactState(
             arm=own._replace(numbers=own.numbers.copy()),
@@ -153,7 +156,8 @@ class TorqueResidual:
         self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array
     ) -> float:
         """Force by torque sensors into `f_tip_W`, residual into `state.sensed`; its normal part."""
-        e, floor = estimate, state.floor
+        e = estimate
+        floor = state.floor
 
         # Doubt of a replaced sensor adds to the noise of its joint.
         if e.tau_doubt is not None:
@@ -288,7 +292,8 @@ class TorqueSensors(TorqueResidual):
             estimate: of the vehicle now.
             reference: says when the arm begins its work.
         """
-        sensed, payload = state.sensed, state.own
+        sensed = state.sensed
+        payload = state.own
         if reference.X_WG is not None:
             # At the first tool pose: adopt the payload.
             state.excess = self._payload.excess(payload)

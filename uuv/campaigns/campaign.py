@@ -168,7 +168,8 @@ class Campaign:
 
     def runs_of(self, drawn: Iterable[DrawnCase], version: str = "") -> list["CampaignRun"]:
         """Runs of drawn cases in a version of `versions`; "": as the campaign describes them."""
-        nested, changed = as_dict(self.base), self.versions[version] if version else {}
+        nested = as_dict(self.base)
+        changed = self.versions[version] if version else {}
         return [
             CampaignRun(
                 case=case.case,

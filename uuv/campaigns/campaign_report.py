@@ -99,7 +99,8 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
 
     # What came of the runs.
     verdicts = [outcome(row, campaign.bounds) for row in plain]
-    number, share = verdicts.count(KEPT), verdicts.count(KEPT) / len(plain)
+    number = verdicts.count(KEPT)
+    share = verdicts.count(KEPT) / len(plain)
     low, high = share_interval(number, len(plain))
     lines = [
         f"{number} of {len(plain)} runs kept: {share:.1%}, 95 % interval {low:.1%} to "
@@ -111,7 +112,8 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
 
     # What tells kept from missed, and what a version changes.
     found = sensitivities(plain, campaign)
-    bins, compared = reliability(plain, campaign), versions(rows, campaign)
+    bins = reliability(plain, campaign)
+    compared = versions(rows, campaign)
 
     return Summary(
         metrics={

@@ -147,7 +147,8 @@ def reliability(rows: Sequence[Row], campaign: Campaign) -> list[dict[str, Any]]
     for least, most in itertools.pairwise(CHANCES):
         inside = (chance >= least) & ((chance < most) | (most == 1.0))
         if inside.any():
-            mean, number = float(chance[inside].mean()), int(is_kept[inside].sum())
+            mean = float(chance[inside].mean())
+            number = int(is_kept[inside].sum())
             counts = {"runs": int(inside.sum()), "mean": mean, "kept": number}
             bins.append({"least": least, "most": most, **counts})
 

@@ -86,7 +86,8 @@ def compared(a: Finished, b: Finished) -> Summary:
     only_a, only_b, p = mcnemar(*kept)
 
     # Each metric, in the pairs that have it.
-    figures, found = _paired(a, b, cases), []
+    figures = _paired(a, b, cases)
+    found = []
     for name, (left, right) in figures.items():
         if len(left):
             found.append(PairedMetric.of(name, left, right, np.random.default_rng(len(cases))))

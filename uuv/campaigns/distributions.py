@@ -110,7 +110,9 @@ def _between(ends: Sequence[float], u: float) -> float:
 
 def _direction(ends: Sequence[float], u: Array) -> list[float]:
     """Vector of uniform length between `ends`, and uniform direction on the sphere."""
-    length, rise, azimuth = _between(ends, u[0]), 2.0 * u[1] - 1.0, 2.0 * np.pi * u[2]
+    length = _between(ends, u[0])
+    rise = 2.0 * u[1] - 1.0
+    azimuth = 2.0 * np.pi * u[2]
     level = math.sqrt(1.0 - rise * rise)
     return [
         float(length * each) for each in (level * np.cos(azimuth), level * np.sin(azimuth), rise)

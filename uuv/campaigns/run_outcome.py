@@ -67,7 +67,8 @@ def ending_by(error: Exception) -> tuple[str, str]:
 
 def surface_figures(outcome: "Run") -> dict[str, float | None]:
     """SURFACE_FIGURES of a run by name; empty for other work."""
-    task, recording = outcome.scenario.task, outcome.recording
+    task = outcome.scenario.task
+    recording = outcome.recording
     if not isinstance(task, SurfaceWorkTask):
         return {}
     promise = recording.promise

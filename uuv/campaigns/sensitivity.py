@@ -154,7 +154,8 @@ def sensitivity(
     # Ranks of the runs that have all values.
     columns = np.hstack([one.columns for one in factors])
     used = ~np.isnan(response) & ~np.isnan(columns).any(axis=1)
-    n, k = int(used.sum()), columns.shape[1]
+    n = int(used.sum())
+    k = columns.shape[1]
     if n < fewest_runs(factors) or len({*response[used].tolist()}) < 2:
         return None
     table = rankdata(np.column_stack([columns[used], response[used]]), axis=0)
@@ -163,7 +164,8 @@ def sensitivity(
     coefficients, explained = _coefficients(table, np.ones((1, n)), owner)
 
     # Bootstrap over the runs, with the ranks held.
-    drawn, at_once = np.empty((resamples, len(factors))), max(1, _PART // n)
+    drawn = np.empty((resamples, len(factors)))
+    at_once = max(1, _PART // n)
     for begin in range(0, resamples, at_once):
         here = drawn[begin : begin + at_once]
         here[:] = _coefficients(
@@ -173,7 +175,8 @@ def sensitivity(
     places = rankdata(-np.abs(drawn), axis=1, method="ordinal")
 
     # Degrees of freedom of the squared coefficient without an effect, halved.
-    sizes, left = np.bincount(owner) / 2.0, (n - 1 - k) / 2.0
+    sizes = np.bincount(owner) / 2.0
+    left = (n - 1 - k) / 2.0
     value = coefficients[0]
 
     # R^2 of the first parameters of the ranking alone.

@@ -201,7 +201,8 @@ class Study(Generic[Case]):
             folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
         )
         keyed = {key_of(case): case for case in self.cases}
-        began, made_by = time.perf_counter(), provenance(name, options)
+        began = time.perf_counter()
+        made_by = provenance(name, options)
         with RowLog.open(folder, anew=options.anew, of=self.of) as log:
             # Cases without a row yet.
             left = {key: case for key, case in keyed.items() if not log.has(key)}

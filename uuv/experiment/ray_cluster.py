@@ -122,13 +122,16 @@ def _carried_out(
     """The tasks with their results; `run` is the reference of a function that the cluster holds."""
     # again, if need be, by this loop: it counts the deaths
     remote: Any = ray.remote(num_cpus=1, max_retries=0)(_one)
-    waiting, deaths = deque(range(len(tasks))), [0] * len(tasks)
+    waiting = deque(range(len(tasks)))
+    deaths = [0] * len(tasks)
     under_way: dict[Any, int] = {}
-    room, looked = 0, -np.inf
+    room = 0
+    looked = -np.inf
 
     while waiting or under_way:
         if (now := time.monotonic()) > looked + _LOOK:
-            room, looked = max(1, int(_AHEAD * ray.cluster_resources().get("CPU", 1.0))), now
+            room = max(1, int(_AHEAD * ray.cluster_resources().get("CPU", 1.0)))
+            looked = now
 
         # As many tasks under way as the cluster has room for.
         while waiting and len(under_way) < room:

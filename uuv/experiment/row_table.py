@@ -105,7 +105,8 @@ class RowTable:
         if kinds == self._kinds:
             return
 
-        before, self._kinds = self._kinds, kinds
+        before = self._kinds
+        self._kinds = kinds
         try:
             self._write_all()
         except ConfigurationError:

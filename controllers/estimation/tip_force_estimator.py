@@ -134,7 +134,11 @@ class TorqueResidual:
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction."""
         n = self._arm.n
+<<<<<<< HEAD
         believed = self._arm.parameters
+=======
+        own = self._arm.parameters
+>>>>>>> air6
 
         return ContactState(
             arm=believed._replace(numbers=believed.numbers.copy()),

@@ -81,7 +81,8 @@ class WithoutCompensation:
 @cache
 def _all_but() -> Any:
     def leave_out(memory: Any, values: Any) -> int:
-        kept_B, wrenches_B = carray(memory, 6), carray(values, FEEDFORWARD_VALUES)
+        kept_B = carray(memory, 6)
+        wrenches_B = carray(values, FEEDFORWARD_VALUES)
         wrenches_B[LEFT_OUT_B:] = wrenches_B[WRENCH_B:LEFT_OUT_B] - kept_B
         return FINE
 
@@ -102,13 +103,16 @@ class WithoutTerms:
             acceleration_filter: [s] of the joint acceleration in the contact estimator.
             period: [s] of its steps.
         """
-        self._terms, self._without = WrenchTerms(arm), frozenset(terms)
+        self._terms = WrenchTerms(arm)
+        self._without = frozenset(terms)
         self._lag = max(acceleration_filter - period, period)
 
     def left_out(self, load: ArmLoad, contact: ContactState, estimate: StateEstimate) -> Array:
         """Sum of the terms."""
         left_out = load.contact_B.copy() if "contact" in self._without else np.zeros(6)
-        q, qd, sensed = estimate.q, estimate.qd, contact.sensed
+        q = estimate.q
+        qd = estimate.qd
+        sensed = contact.sensed
         qdd = (qd - sensed.qd_slow) / self._lag  # the estimator has moved qd_slow on by one period
         if "hydrodynamic" in self._without:
             left_out += self._terms.hydrodynamic(sensed.hull, q, qd, qdd)

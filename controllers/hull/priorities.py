@@ -45,7 +45,8 @@ def solve_levels(A, b, starts, effort, low, high, x):
         The number of active-set steps.
     """
     k, m = A.shape
-    rows, right = A.copy(), b.copy()
+    rows = A.copy()
+    right = b.copy()
 
     # Start within the bounds; constants move to the right sides.
     alive = 0
@@ -70,7 +71,8 @@ def solve_levels(A, b, starts, effort, low, high, x):
 
     # The effort decides what the levels leave open.
     if count < alive:
-        spare, none = np.zeros((m, m)), np.zeros(m)
+        spare = np.zeros((m, m))
+        none = np.zeros(m)
         for i in range(m):
             if low[i] != high[i]:
                 spare[i, i] = effort[i]
@@ -224,7 +226,11 @@ def _split(U, j, L):
 def _beside(A, low, high, factors, count, longest):
     """Factorise A over the free variables, beside `count` rows of U, into T V; returns the rank."""
     k, m = A.shape
-    at, U, V, T, G = factors.at, factors.U, factors.V, factors.T, np.empty((k, m))
+    at = factors.at
+    U = factors.U
+    V = factors.V
+    T = factors.T
+    G = np.empty((k, m))
 
     # Rows over the free variables, outside the span of U.
     for r in range(k):
@@ -276,7 +282,9 @@ def _beside(A, low, high, factors, count, longest):
 @kernel
 def _least(T, residual, k, rank, s):
     """Minimise |T s + residual| over s (rank,), T of full column rank, by modified Gram-Schmidt."""
-    Q, R, right = np.empty((rank, k)), np.empty((rank, rank)), residual.copy()
+    Q = np.empty((rank, k))
+    R = np.empty((rank, rank))
+    right = residual.copy()
 
     # Columns: each orthonormalised twice, against rounding.
     for c in range(rank):
@@ -317,9 +325,14 @@ def _wrong_way(A, residual, s, kept, factors, enough, in_order):
     1977]; -1 if none.
     """
     k, m = A.shape
-    rank, count = s.shape[0], kept.shape[0]
-    at, U, L, T = factors.at, factors.U, factors.L, factors.T
-    gradient, multiplier = np.zeros(m), np.zeros(m)
+    rank = s.shape[0]
+    count = kept.shape[0]
+    at = factors.at
+    U = factors.U
+    L = factors.L
+    T = factors.T
+    gradient = np.zeros(m)
+    multiplier = np.zeros(m)
 
     # Gradient of the cost.
     for r in range(k):

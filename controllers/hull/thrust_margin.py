@@ -67,7 +67,8 @@ class ThrustMargin:
         self._thrust = most[:, None] * np.linalg.pinv(vehicle.thruster_wrench * most)
 
         self._advance = np.array(vehicle.thruster_wrench[:3])
-        self._parameters, self._still = tuple(arm.parameters), np.zeros(arm.n)
+        self._parameters = tuple(arm.parameters)
+        self._still = np.zeros(arm.n)
 
         # Drag in a current.
         self._linear = np.zeros((6, 6)) if water is None else np.array(water.linear_damping)
@@ -80,7 +81,8 @@ class ThrustMargin:
     @classmethod
     def of(cls, model: mujoco.MjModel, *, drag: float = 0.6) -> Self:
         """Thrust margin of the vehicle in `model`, with its weights and drags; `drag` as above."""
-        arm, vehicle = ArmDynamics(model), Vehicle.of(model)
+        arm = ArmDynamics(model)
+        vehicle = Vehicle.of(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
         return cls(
             vehicle,

@@ -78,7 +78,8 @@ def follow(curves, balance_time, command, time, held):
         time: [s] of it.
         held: `HeldHull`; updated.
     """
-    estimated, wanted = np.isfinite(command.f_W.sum()), np.isfinite(held.set_force_W.sum())
+    estimated = np.isfinite(command.f_W.sum())
+    wanted = np.isfinite(held.set_force_W.sum())
 
     # First-order means; the first command is taken as it is.
     share = 1.0
@@ -113,7 +114,8 @@ class BlindDeparture:
         Raises:
             ConfigurationError: the thrusters do not span all six directions.
         """
-        self._arm, self._allocation = arm, Allocation(vehicle)
+        self._arm = arm
+        self._allocation = Allocation(vehicle)
         self._B = np.array(vehicle.thruster_wrench)
         self._q_home = np.array(vehicle.q_home)
         self._mass = float(model.body_subtreemass[vehicle.hull])
@@ -141,7 +143,8 @@ class BlindDeparture:
 
         # Near the object: without the thrust against the contact, and first off the surface.
         if self._arm is not None and np.abs(sound.q - self._q_home).max() > _FOLDED:
-            X_BG, force_B = self._arm.tip(sound.q)[0], R_BW @ held.force_W
+            X_BG = self._arm.tip(sound.q)[0]
+            force_B = R_BW @ held.force_W
             held_B += np.append(force_B, np.cross(X_BG[:3, 3], force_B))
             off_W = -R_BW.T @ X_BG[:3, 2]
             up_W = ascent_direction(off_W)

@@ -87,7 +87,9 @@ def guard_tick(box, estimate):
         FINE or STOPPED; UNSOUND, BROKEN, or what the wrapped controller answered.
     """
     guard = box.record
-    limits, command, numbers = guard.limits, guard.command, guard.numbers
+    limits = guard.limits
+    command = guard.command
+    numbers = guard.numbers
     e = estimate.record
     sound = finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time[0])
     if not sound or e.ages[2] > limits.old_imu:
@@ -136,12 +138,14 @@ def guard_tick(box, estimate):
 @kernel
 def _balance(guard, e, stepped):
     """Balance of the hull, if it has `stepped`; True where it needs a verdict."""
-    numbers, command = guard.numbers, guard.command
+    numbers = guard.numbers
+    command = guard.command
     numbers[BALANCE_DT], numbers[ACCUSED] = np.nan, NOBODY
     if not stepped or np.isnan(command.arm_wrench_B[0]):
         return stepped and numbers[PROBING] != 0.0
 
-    load_W, load_B = command.current_W, command.arm_wrench_B
+    load_W = command.current_W
+    load_B = command.arm_wrench_B
     seen = HullSeen(e.time[0], e.X_WB, e.v_WB_B, e.w_WB_B, load_W, load_B)
     numbers[BALANCE_DT], suspect = balance_hull(guard.hull_model, seen, guard.hull)
     numbers[ACCUSED] = suspect

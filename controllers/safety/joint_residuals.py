@@ -74,12 +74,23 @@ def update_residuals(model, seen, age, warm, residuals):
         warm: True once the initial learning is over.
         residuals: `JointResiduals`; updated.
     """
-    model, r = JointResidualModel(*model), JointResiduals(*residuals)
+    model = JointResidualModel(*model)
+    r = JointResiduals(*residuals)
     q, qd, tau = seen
-    dt, torque_time, encoder_time = model.period, model.torque_time, model.encoder_time
+    dt = model.period
+    torque_time = model.torque_time
+    encoder_time = model.encoder_time
     learning_time = model.learning_time
-    q_last, qd_last, tau_last, same, longest, slip = r.q, r.qd, r.tau, r.same, r.longest, r.slip
-    gear, excess, usual, qd_slow = r.gear, r.excess, r.usual, r.qd_slow
+    q_last = r.q
+    qd_last = r.qd
+    tau_last = r.tau
+    same = r.same
+    longest = r.longest
+    slip = r.slip
+    gear = r.gear
+    excess = r.excess
+    usual = r.usual
+    qd_slow = r.qd_slow
 
     lag, leak, learn = (
         min(1.0, dt / torque_time),

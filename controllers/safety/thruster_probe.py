@@ -50,7 +50,10 @@ class ThrusterProbe:
             loss: (m,) [N s/m] of thrust by inflow.
             limits: size and time of the doublet.
         """
-        self._curves, self._lags, self._loss, self._limits = curves, lags, loss, limits
+        self._curves = curves
+        self._lags = lags
+        self._loss = loss
+        self._limits = limits
         self._least, self._most = (
             np.array([thrust_at(curve, end) for curve in curves]) for end in (-1.0, 1.0)
         )
@@ -63,7 +66,8 @@ class ThrusterProbe:
 
     def sent(self, state: ProbeState, thrusters: Array) -> Array:
         """Commands (m,) with the doublet, for `thrusters` (m,) of the controller."""
-        i, sent = state.thruster, np.array(thrusters)
+        i = state.thruster
+        sent = np.array(thrusters)
         curve = self._curves[i]
         sent[i] = np.clip(command_for(curve, thrust_at(curve, sent[i]) + state.added), -1.0, 1.0)
         return sent
@@ -93,7 +97,8 @@ class ThrusterProbe:
             The share of the added thrust that is missing, once it is known well enough; NaN where
             it is not to be known, None to go on.
         """
-        limits, i = self._limits, state.thruster
+        limits = self._limits
+        i = state.thruster
 
         # The propeller without the doublet, and what the doublet adds to its thrust.
         lag, slew = self._lags[i]

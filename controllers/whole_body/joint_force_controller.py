@@ -71,7 +71,8 @@ class JointForceController:
 
     def __init__(self, model: mujoco.MjModel, *, water_error: float = 0.0) -> None:
         """Set up for the believed `model`, with coefficients wrong by the share `water_error`."""
-        tuning, vehicle = ArmTuning(), Vehicle.of(model)
+        tuning = ArmTuning()
+        vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=water_error)
         self._contact = TorqueSensors(model, arm=self._arm, tuning=tuning)
         self._tool = ToolControl(model, self._arm, tuning, force_law=NoDisplacement())
@@ -107,7 +108,8 @@ class JointForceController:
             estimate: of the vehicle now.
             reference: hull pose, tool pose or joint angles, set force and mode.
         """
-        contact, motion = state.contact, state.tool.motion
+        contact = state.contact
+        motion = state.tool.motion
         drives = DriveState(tau=state.tau, qd_wanted=motion.qd, current_W=state.hull.current_W)
         self._contact.step(contact, estimate, reference, drives)
 
@@ -153,7 +155,8 @@ class JointForceController:
         else:
             state.extra = 0.0
 
-        rest, none = np.zeros(self._arm.n), np.zeros(6)
+        rest = np.zeros(self._arm.n)
+        none = np.zeros(6)
         tau, _ = self._arm.inverse(
             estimate.q,
             rest,

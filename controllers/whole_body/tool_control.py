@@ -215,7 +215,8 @@ class ToolControl:
         self.force_law: ForceLaw = force_law or ForceDisplacement()
         self.compliance: SideDisplacement = compliance or LateralCompliance()
         self.drift: DriftCorrection = drift or FromEstimate()
-        self._arm, self._tuning = arm, tuning
+        self._arm = arm
+        self._tuning = tuning
 
         passive = [
             model.joint(j).name
@@ -333,9 +334,11 @@ class ToolControl:
         values = np.zeros(compliance.VALUES)
 
         def displace() -> None:
-            reference, dt = inputs.reference, values.item(compliance.DT)
+            reference = inputs.reference
+            dt = values.item(compliance.DT)
             if reference.X_WG is not None and part.acts(reference):
-                f_W, z_WG = values[compliance.FORCE : compliance.AXIS].copy(), reference.X_WG[:3, 2]
+                f_W = values[compliance.FORCE : compliance.AXIS].copy()
+                z_WG = reference.X_WG[:3, 2]
                 how = {"gently": True} if reference.standing else {}
                 values[OFFSET:] = part.step(state.compliance, f_W, z_WG, dt, **how)
             else:
@@ -373,7 +376,8 @@ class ToolTick:
         self, control: ToolControl, state: ToolControlState, contact: ContactState
     ) -> None:
         n = len(state.motion.q)
-        self.inputs, self.slots = Inputs(estimate_record(n)), PythonSlots()
+        self.inputs = Inputs(estimate_record(n))
+        self.slots = PythonSlots()
         self.reference = reference_record(n)
         tool = control.record(state, self.inputs, self.slots, contact.sensed)
         self.box: Any = tool_box(as_annotated(ToolWork(tool, contact.record, self.reference)))

@@ -73,7 +73,9 @@ def move_tool(tool, contact, e, reference):
     Returns:
         FINE, NO_POSE, or the answer of a slot that failed.
     """
-    gains, motion, sensed = tool.gains, tool.motion, contact.sensed
+    gains = tool.gains
+    motion = tool.motion
+    sensed = contact.sensed
     age = e.time[0] - reference.time[0]
     answer = _displace(tool, contact, reference)
     if answer != FINE:
@@ -112,7 +114,9 @@ def move_tool(tool, contact, e, reference):
 @kernel
 def _displace(tool, contact, reference):
     """Displacement of the tool along its axis into `numbers`, across it into the slot's values."""
-    gains, numbers, dt = tool.gains, tool.numbers, tool.gains.tracking.period
+    gains = tool.gains
+    numbers = tool.numbers
+    dt = tool.gains.tracking.period
     follows = reference.flags[FOLLOWS]
     closed = follows and reference.flags[CONTROLLED]
     if closed and (numbers[SERVO_COMPLIANCE] == 0.0 or tool.ticks[0] % gains.compliance_ticks == 0):
@@ -121,8 +125,11 @@ def _displace(tool, contact, reference):
             return answer
 
     # Along the axis.
-    force, law = tool.force.values, tool.force.memory
-    asked, felt, soft = reference.set_force[0], contact.felt[0], numbers[SERVO_COMPLIANCE]
+    force = tool.force.values
+    law = tool.force.memory
+    asked = reference.set_force[0]
+    felt = contact.felt[0]
+    soft = numbers[SERVO_COMPLIANCE]
     force[position_force.ASKED] = asked
     force[position_force.MEASURED] = felt
     force[position_force.SOFT] = soft

@@ -58,7 +58,8 @@ class CompliantTouch:
             tuning: motion, stiffness and force of the touches.
             water_error: relative error of the believed hydrodynamic coefficients.
         """
-        self.period, self._clamped = period, clamped
+        self.period = period
+        self._clamped = clamped
         self._tuning = tuning or TouchTuning()
         self._vehicle, drives = Vehicle.of(model), self._tuning.drives
 
@@ -91,7 +92,9 @@ class CompliantTouch:
         Returns:
             The state and the command, with the estimated force at the tip.
         """
-        contact, servo, rest = state.contact, state.servo, np.zeros(len(estimate.q))
+        contact = state.contact
+        servo = state.servo
+        rest = np.zeros(len(estimate.q))
         self._contact.sense(
             contact, estimate, DriveState(tau=servo.tau, qd_wanted=rest, current_W=_STILL_WATER)
         )
@@ -106,7 +109,8 @@ class CompliantTouch:
                 JointTarget(reference.q, reference.qd, rest, age),
                 BorneLoad(np.zeros(6), contact.friction),
             )
-            state.p_WG_held, state.push = None, 0.0
+            state.p_WG_held = None
+            state.push = 0.0
         else:
             servo.tau = self._give_way(state, estimate, reference)
             servo.integral[:] = 0.0
@@ -129,7 +133,9 @@ class CompliantTouch:
         self, state: CompliantState, estimate: StateEstimate, reference: Reference
     ) -> Array:
         """Joint torques (n,) [N m] of compliant motion: weight, spring, push, friction, damping."""
-        tuning, vehicle, dt = self._tuning, self._vehicle, self.period
+        tuning = self._tuning
+        vehicle = self._vehicle
+        dt = self.period
         assert reference.X_WG is not None
 
         X_WG = estimate.X_WB @ state.contact.sensed.X_BG
@@ -143,7 +149,8 @@ class CompliantTouch:
             state.push += share * (reference.set_force - state.push)
             end = state.p_WG_held
         else:
-            state.p_WG_held, state.push = None, 0.0
+            state.p_WG_held = None
+            state.push = 0.0
 
         # Force and moment at the tip.
         f_W = (

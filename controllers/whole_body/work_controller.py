@@ -154,7 +154,9 @@ class WorkController:
 
     def init(self, estimate: StateEstimate) -> WorkControllerState:
         """Initial state: the arm held where it is, thrusters off."""
-        n, contact, tool = len(estimate.q), self.contact.init(estimate), self.tool.init(estimate)
+        n = len(estimate.q)
+        contact = self.contact.init(estimate)
+        tool = self.tool.init(estimate)
         command = commanded(n, len(self._vehicle.thruster_names))
 
         return WorkControllerState(
@@ -213,7 +215,8 @@ class WorkController:
         command = state.command
         if state.reported_steps != command.hull_steps[0]:
             state.reported_steps = int(command.hull_steps[0])
-            arm_wrench_B, current_W = command.arm_wrench_B.copy(), command.current_W.copy()
+            arm_wrench_B = command.arm_wrench_B.copy()
+            current_W = command.current_W.copy()
             state.hull_load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=current_W)
             state.log = _log(state)
         return state.hull_load
@@ -249,7 +252,8 @@ class WorkController:
 
         # Parts in Python.
         def feel() -> None:
-            tau, qd = state.command.tau, state.tool.motion.qd
+            tau = state.command.tau
+            qd = state.tool.motion.qd
             drives = DriveState(tau=tau, qd_wanted=qd, current_W=state.command.current_W)
             estimator.step(contact, inputs.seen(), inputs.reference, drives)
 
@@ -287,7 +291,8 @@ class WorkController:
         values = np.zeros(FEEDFORWARD_VALUES)
 
         def leave_out() -> None:
-            contact_B, wrench_B = values[CONTACT_B:WRENCH_B], values[WRENCH_B:LEFT_OUT_B]
+            contact_B = values[CONTACT_B:WRENCH_B]
+            wrench_B = values[WRENCH_B:LEFT_OUT_B]
             load = ArmLoad(contact_B=contact_B.copy(), wrench_B=wrench_B.copy())
             left_out_B = part.left_out(load, state.contact, inputs.seen())
             values[LEFT_OUT_B:] = 0.0 if left_out_B is None else left_out_B
@@ -301,8 +306,11 @@ class WorkTick:
     def __init__(
         self, controller: WorkController, state: WorkControllerState, inputs: Inputs
     ) -> None:
-        self._controller, self._state, self.inputs = controller, state, inputs
-        self.slots, self.command = PythonSlots(), state.command
+        self._controller = controller
+        self._state = state
+        self.inputs = inputs
+        self.slots = PythonSlots()
+        self.command = state.command
         record = controller.record(state, inputs, self.slots)
         self.slow = controller.slow
         self.box = drive_box(as_annotated(record))
@@ -345,7 +353,8 @@ def in_contact(reference: Reference) -> bool:
 
 def _log(state: WorkControllerState) -> dict[str, Array]:
     """What nobody decides on, by name."""
-    logged, excess = state.logged, state.contact.excess
+    logged = state.logged
+    excess = state.contact.excess
     log = {
         "displacement": logged.displacement.copy(),
         "compliance_W": logged.compliance_W.copy(),

@@ -33,11 +33,13 @@ def lengths(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     array = bounded(values, shape, name, LONGEST)
     if np.any(array <= 0.0):
         raise ConfigurationError(f"{name}: must be positive, got {array.tolist()}")
+
     if array.min() < max(SHORTEST, THINNEST * array.max()):
         raise ConfigurationError(
             f"{name}: must be at least {SHORTEST:g} and {THINNEST:g} of the longest, got "
             f"{array.tolist()}"
         )
+
     return array
 
 
@@ -79,6 +81,7 @@ def inertia_matrix(values: ArrayLike) -> Array:
     uneven = np.abs(matrix - matrix.T)
 
     i, j = np.unravel_index(np.argmax(uneven), (6, 6))
+
     if uneven[i, j] > 1e-9 * largest:
         fault = (
             f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}"
@@ -91,9 +94,7 @@ def inertia_matrix(values: ArrayLike) -> Array:
 
 
 def damping_matrix(values: ArrayLike) -> Array:
-    """Linear damping (6, 6) of a diagonal (6,) or a matrix that takes energy; else
-    ConfigurationError.
-    """
+    """Linear damping (6, 6) that takes energy, of (6,) or (6, 6) values; or ConfigurationError."""
     try:
         shape = np.shape(values)
     except ValueError as error:

@@ -1,5 +1,4 @@
-"""Campaign: a base scenario, distributions of its parameters, and the metrics of each run; as a
-value and as a file.
+"""Campaign: a base scenario, distributions of its parameters, and the metrics of each run.
 
     name = "contact_quick"
     base = "clean-barrel"           # or a scenario file, relative to this one
@@ -86,14 +85,18 @@ class Campaign:
             raise ConfigurationError(
                 f"design: allowed {', '.join(DESIGNS)}, got {shown(self.design)}"
             )
+
         if self.kept is not None:
             finite_number(self.kept, "kept", least=0.0, most=1.0)
         if self.version_cases is not None:
             whole_number(self.version_cases, "version_cases", least=1)
+
         self._check_metrics()
         for name in self.distributions:
             _checked_key(self.base, name)
         self._check_grid()
+
+        # Each version must give a scenario.
         for version in ("", *self.versions):
             try:
                 self.runs_of(self.drawn(1), version)[0].scenario()
@@ -113,6 +116,7 @@ class Campaign:
                 if key in taken:
                     raise ConfigurationError(f"grid: {key} is drawn or taken twice")
                 taken.add(key)
+
             for value in values:
                 if keys[1:] and not (isinstance(value, list) and len(value) == len(keys)):
                     raise ConfigurationError(
@@ -163,10 +167,9 @@ class Campaign:
         return self.runs_of(self.drawn(cases))
 
     def runs_of(self, drawn: Iterable[DrawnCase], version: str = "") -> list["CampaignRun"]:
-        """Runs of cases that were drawn, by this campaign or elsewhere, in a version of `versions`;
-        "": as the campaign describes them.
-        """
-        nested, changed = as_dict(self.base), self.versions[version] if version else {}
+        """Runs of drawn cases in a version of `versions`; "": as the campaign describes them."""
+        nested = as_dict(self.base)
+        changed = self.versions[version] if version else {}
         return [
             CampaignRun(
                 case=case.case,
@@ -233,6 +236,7 @@ def read_campaign(
     what = named(path, "campaign")
     document = _document(path)
     refuse_code(document, what, trust=trust)
+
     try:
         content = _READER.made(_CampaignFile, document)
         return _campaign(content, path, assigned(changed), trust=trust)
@@ -287,16 +291,16 @@ def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:
             found += _numbers(entry["properties"], f"{before}{name}.")
         elif {"number", "integer", "boolean"} & set(np.atleast_1d(entry.get("type", ())).tolist()):
             found.append(before + name)
+
     # Timings differ between repetitions; the format is no figure.
     return [name for name in found if name != FORMAT_KEY and not name.startswith("timings.")]
 
 
 def _checked_key(base: Scenario, name: str) -> None:
-    """Refuses a parameter that the campaign sets itself, or that lies in no table of the
-    scenario.
-    """
+    """Refuses a parameter that the campaign sets itself, or that is in no table of the scenario."""
     if name in (*_SEEDS, "name"):
         raise ConfigurationError(f"{name!r} cannot be drawn: the campaign's seed gives it")
+
     put(as_dict(base), name, None)
 
 
@@ -351,6 +355,7 @@ def _document(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     like = document.pop(_LIKE, None)
     if like is None:
         return document
+
     what = named(path, "campaign")
     if not isinstance(like, str):
         raise ConfigurationError(f"{what}: {_LIKE}: must be a campaign file, got {shown(like)}")
@@ -398,6 +403,7 @@ def _campaign(
             distributions[key] = Distribution.of(value)
         except ConfigurationError as error:
             raise ConfigurationError(f"{inside('distributions', key)}: {error}") from error
+
     return Campaign(
         name=name,
         base=replace(from_dict(nested), name=name),

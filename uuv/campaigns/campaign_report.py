@@ -1,6 +1,4 @@
-"""Summary of a campaign: share kept with its interval, outcomes with their replay commands,
-distributions.
-"""
+"""Summary of a campaign: share kept, outcomes with their replay commands, distributions."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
@@ -53,9 +51,7 @@ _SHOWN = 3  # cases of an outcome that the table names
 
 
 def sensitivities(rows: Sequence[Row], campaign: Campaign) -> SensitivityReport:
-    """Sensitivity of the worst ratio to a bound, of kept or missed, and of each metric, to all that
-    was drawn.
-    """
+    """Sensitivities to all draws: of the worst ratio to a bound, of missed, and of each metric."""
     # Of values that change together the first stands for all: a regression cannot part them.
     together = {key for names in campaign.grid for key in keys_of(names)[1:]}
     done = [is_done(row) for row in rows]
@@ -64,6 +60,7 @@ def sensitivities(rows: Sequence[Row], campaign: Campaign) -> SensitivityReport:
         for row, ended in zip(rows, done, strict=True)
     ]
     missed = np.array([outcome(row, campaign.bounds) != KEPT for row in rows], dtype=np.float64)
+
     figures = {
         name: np.array(
             [np.nan if (value := row["metrics"].get(name)) is None else value for row in rows],
@@ -71,6 +68,7 @@ def sensitivities(rows: Sequence[Row], campaign: Campaign) -> SensitivityReport:
         )
         for name in campaign.names
     }
+
     return SensitivityReport.of(
         [_draws(row, together) for row in rows],
         {**({WORST: np.array(ratios)} if campaign.bounds else {}), MISSED: missed, **figures},
@@ -101,7 +99,8 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
 
     # What came of the runs.
     verdicts = [outcome(row, campaign.bounds) for row in plain]
-    number, share = verdicts.count(KEPT), verdicts.count(KEPT) / len(plain)
+    number = verdicts.count(KEPT)
+    share = verdicts.count(KEPT) / len(plain)
     low, high = share_interval(number, len(plain))
     lines = [
         f"{number} of {len(plain)} runs kept: {share:.1%}, 95 % interval {low:.1%} to "
@@ -113,7 +112,9 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
 
     # What tells kept from missed, and what a version changes.
     found = sensitivities(plain, campaign)
-    bins, compared = reliability(plain, campaign), versions(rows, campaign)
+    bins = reliability(plain, campaign)
+    compared = versions(rows, campaign)
+
     return Summary(
         metrics={
             "runs": len(plain),
@@ -134,6 +135,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
             "versions": compared,
             "sensitivity": found.metrics,
         },
+        # The page.
         tables=[
             _outcomes(plain, verdicts, replay),
             *group_tables(plain, campaign),
@@ -158,6 +160,7 @@ def _outcomes(rows: Sequence[Row], verdicts: Sequence[str], replay: str) -> Tabl
         share = f"{len(cases) / len(rows):.1%}"
         of_all = interval(len(cases), len(rows))
         cells.append((verdict, str(len(cases)), share, of_all, named, f"{replay} {cases[0]}"))
+
     columns = ("outcome", "runs", "share", "95 % interval", "cases", "replay")
     return Table(title="Outcomes", columns=columns, rows=cells)
 
@@ -199,6 +202,7 @@ def _distributions(rows: Sequence[Row], campaign: Campaign) -> list[Table]:
             count = sum(within(row, name, bounds[name]) for row in rows)
             bound, inside = f"{bounds[name]:g}", f"{count / len(rows):.1%}"
         lines.append((name, str(quantiles["runs"]), *figures, bound, inside))
+
     shares = ("least", "5 %", "median", "95 %", "99 %", "largest")
     columns = ("metric", "runs", *shares, "bound", "within")
     caption = "Within: of all runs; one that ended before it gave the metric is not."
@@ -240,8 +244,7 @@ def _parts(
 def histogram_figure(
     values: Mapping[str, Mapping[str, Sequence[float]]], bounds: Mapping[str, float]
 ) -> Figure:
-    """Histogram of each metric with its bound; logarithmic where the largest values are far above
-    the median.
+    """Histogram of each metric with its bound; logarithmic where a tail is far above the median.
 
     Args:
         values: Of each metric, by the part of the runs that they are of.
@@ -265,8 +268,10 @@ def histogram_figure(
             edgecolor="white",
             linewidth=0.4,
         )
+
         if name in bounds:
             axes.axvline(bounds[name], color=VERMILION, linewidth=1.1, linestyle="--")
+
         axes.set_xlabel(f"{name}, {sum(map(len, parts.values()))} runs", fontsize=8)
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
@@ -328,6 +333,7 @@ def scatter_figure(
         axes.set_xlabel(label(factor.name), fontsize=7)
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=7)
+
     if single:
         panels[0, 0].legend(frameon=False, fontsize=7)
     return figure

@@ -83,6 +83,7 @@ def group_tables(rows: Sequence[Row], campaign: Campaign) -> Iterator[Table]:
     """Runs kept by each value of a key of the grid, and by the values of the first two."""
     also = ("and within [also]",) if campaign.also else ()
     named = list(groups(rows, campaign))
+
     for name, parts in named:
         cells = []
         for value, part in parts.items():
@@ -92,6 +93,7 @@ def group_tables(rows: Sequence[Row], campaign: Campaign) -> Iterator[Table]:
             cells.append(
                 (value, str(len(part)), str(number), share, interval(number, len(part)), *extra)
             )
+
         columns = (label(name), "runs", "kept", "share", "95 % interval", *also)
         yield Table(title=f"By {label(name)}", columns=columns, rows=cells)
 
@@ -107,10 +109,12 @@ def _map(
     """Kept of all by the values of two keys, with medians of the first two metrics."""
     shown = campaign.metrics[:2]
     cells = []
+
     for value, part in down[1].items():
         columns = by_value(part, across[0])
         line = [_cell(columns.get(header, []), shown, campaign) for header in across[1]]
         cells.append((value, *line))
+
     return Table(
         title=f"Kept of all, by {label(down[0])} and {label(across[0])}",
         columns=(label(down[0]), *across[1]),
@@ -125,6 +129,7 @@ def _cell(rows: Sequence[Row], shown: Sequence[str], campaign: Campaign) -> str:
         for name in shown
         if len(values := [v for row in rows if (v := row["metrics"].get(name)) is not None])
     ]
+
     return f"{kept(rows, campaign)}/{len(rows)}  {', '.join(medians)}".rstrip()
 
 
@@ -132,19 +137,21 @@ def _cell(rows: Sequence[Row], shown: Sequence[str], campaign: Campaign) -> str:
 
 
 def reliability(rows: Sequence[Row], campaign: Campaign) -> list[dict[str, Any]]:
-    """Runs by the probability to keep the path that was stated before contact: how many, its mean,
-    and how many were kept.
-    """
+    """Runs by the probability stated before contact: how many, its mean, how many were kept."""
     stated = [row for row in rows if row["metrics"].get(CHANCE) is not None]
     chance = np.array([row["metrics"][CHANCE] for row in stated])
     is_kept = np.array([outcome(row, campaign.bounds) == KEPT for row in stated])
+
+    # Bins by the stated probability; empty ones are left out.
     bins = []
     for least, most in itertools.pairwise(CHANCES):
         inside = (chance >= least) & ((chance < most) | (most == 1.0))
         if inside.any():
-            mean, number = float(chance[inside].mean()), int(is_kept[inside].sum())
+            mean = float(chance[inside].mean())
+            number = int(is_kept[inside].sum())
             counts = {"runs": int(inside.sum()), "mean": mean, "kept": number}
             bins.append({"least": least, "most": most, **counts})
+
     return bins
 
 
@@ -172,11 +179,10 @@ def reliability_table(bins: Sequence[Mapping[str, Any]]) -> Iterator[Table]:
 
 
 def versions(rows: Sequence[Row], campaign: Campaign) -> dict[str, dict[str, Any]]:
-    """Each version against the campaign's own runs of the same draws: runs kept in both, and each
-    metric.
-    """
+    """Each version against the campaign's runs of the same draws: runs kept, and each metric."""
     plain = {row["case"]: row for row in rows if not row.get("version")}
     compared = {}
+
     for name in campaign.versions:
         pairs = [
             (plain[row["case"]], row)
@@ -185,9 +191,12 @@ def versions(rows: Sequence[Row], campaign: Campaign) -> dict[str, dict[str, Any
         ]
         if not pairs:
             continue
+
+        # Runs kept; McNemar's test is on those that one of both alone kept.
         sides = [list(side) for side in zip(*pairs, strict=True)]
         verdicts = [[outcome(row, campaign.bounds) == KEPT for row in side] for side in sides]
         only_plain, only_version, p = mcnemar(*verdicts)
+
         compared[name] = {
             "pairs": len(pairs),
             "kept_plain": sum(verdicts[0]),
@@ -197,6 +206,7 @@ def versions(rows: Sequence[Row], campaign: Campaign) -> dict[str, dict[str, Any
             "p": p,
             "metrics": {m: _paired(m, pairs) for m in campaign.names},
         }
+
     return compared
 
 
@@ -206,9 +216,11 @@ def _paired(name: str, pairs: Sequence[tuple[Row, Row]]) -> dict[str, Any]:
     values: Array = np.array([pair for pair in both if None not in pair], dtype=np.float64)
     if not len(values):
         return {"pairs": 0}
+
     plain, version = values.T
     metric = PairedMetric.of(name, plain, version, np.random.default_rng(len(plain)))
     ratios = np.sort(version[plain > 0.0] / plain[plain > 0.0])
+
     return {
         "pairs": metric.pairs,
         "median_plain": metric.median_a,
@@ -225,6 +237,7 @@ def version_tables(compared: Mapping[str, Mapping[str, Any]]) -> Iterator[Table]
     """Runs kept in each version, and its metrics beside those of the same draws without it."""
     if not compared:
         return
+
     yield Table(
         title="Versions on the same draws: runs kept",
         columns=("version", "pairs", "kept without it", "kept", "only without", "only with", "p"),
@@ -234,11 +247,13 @@ def version_tables(compared: Mapping[str, Mapping[str, Any]]) -> Iterator[Table]
         ],
         caption="p of McNemar's exact test on the runs that one of both alone kept.",
     )
+
     cells = []
     for name, of in compared.items():
         for metric, figures in of["metrics"].items():
             if figures["pairs"]:
                 cells.append((name, metric, str(figures["pairs"]), *_figures(figures)))
+
     if cells:
         yield Table(
             title="Versions on the same draws: metrics",

@@ -1,6 +1,4 @@
-"""Comparison of two campaigns of the same draws, run by run: metrics, share kept, changed
-verdicts.
-"""
+"""Comparison of two campaigns of the same draws, run by run: metrics, kept runs, verdicts."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -42,6 +40,7 @@ class Finished:
         rows = read_rows(folder)
         if not rows:
             raise ConfigurationError(f"{folder}: holds no rows of a campaign")
+
         try:
             for row in rows:
                 checked_row(row)
@@ -53,6 +52,7 @@ class Finished:
             raise ConfigurationError(
                 f"{folder}: holds no campaign that came to its end: {error}"
             ) from error
+
         rows = [row for row in rows if not row.get("version")]
         by_case = {row["case"]: row for row in rows}
         if len(by_case) < len(rows):
@@ -80,15 +80,23 @@ def compared(a: Finished, b: Finished) -> Summary:
     outcomes = {
         case: (outcome(a.rows[case], a.bounds), outcome(b.rows[case], b.bounds)) for case in cases
     }
+
+    # Kept in A and in B; McNemar's test is on the runs that one alone kept.
     kept = [[said[i] == KEPT for said in outcomes.values()] for i in (0, 1)]
     only_a, only_b, p = mcnemar(*kept)
-    figures, found = _paired(a, b, cases), []
+
+    # Each metric, in the pairs that have it.
+    figures = _paired(a, b, cases)
+    found = []
     for name, (left, right) in figures.items():
         if len(left):
             found.append(PairedMetric.of(name, left, right, np.random.default_rng(len(cases))))
+
+    # Verdicts that changed, and runs without a partner.
     changed = [case for case, (one, other) in outcomes.items() if (one == KEPT) != (other == KEPT)]
     alone = [len(each.rows) - len(cases) for each in (a, b)]
     unpaired = [f"without a partner: {alone[0]} runs of A, {alone[1]} of B"] if any(alone) else []
+
     return Summary(
         metrics={
             "a": str(a.folder),
@@ -107,6 +115,7 @@ def compared(a: Finished, b: Finished) -> Summary:
                 {"case": case, "a": outcomes[case][0], "b": outcomes[case][1]} for case in changed
             ],
         },
+        # The page.
         tables=[*_tables(found), *_changes(a, b, changed, outcomes)],
         lines=[
             f"kept: {sum(kept[0])} of {len(cases)} in A, {sum(kept[1])} in B; {only_a} in A "
@@ -124,6 +133,8 @@ def _checked(a: Finished, b: Finished) -> list[int]:
     cases = sorted(a.rows.keys() & b.rows.keys())
     if not cases:
         raise ConfigurationError(f"{a.folder} and {b.folder}: no case is in both")
+
+    # The draws must be the same, and so must metrics and bounds.
     for case in cases:
         left, right = a.rows[case]["values"], b.rows[case]["values"]
         for name in dict.fromkeys((*left, *right)):
@@ -132,6 +143,7 @@ def _checked(a: Finished, b: Finished) -> list[int]:
                 raise ConfigurationError(
                     f"the draws differ: case {case}, {name}: {here} in A, {there} in B"
                 )
+
     if missing := _metrics_of(a, cases) ^ _metrics_of(b, cases):
         raise ConfigurationError(
             f"metrics that one campaign alone has: {', '.join(sorted(missing))}"
@@ -140,6 +152,7 @@ def _checked(a: Finished, b: Finished) -> list[int]:
         raise ConfigurationError(
             f"the bounds differ: {shown(dict(a.bounds))} in A, {shown(dict(b.bounds))} in B"
         )
+
     return cases
 
 
@@ -150,6 +163,7 @@ def _metrics_of(campaign: Finished, cases: Sequence[int]) -> set[str]:
 def _paired(a: Finished, b: Finished, cases: Sequence[int]) -> dict[str, tuple[Array, Array]]:
     """Values of each metric in A and B, of the runs with a value in both."""
     names = dict.fromkeys(name for case in cases for name in a.rows[case]["metrics"])
+
     found = {}
     for name in names:
         both = [
@@ -176,6 +190,7 @@ def _tables(found: Sequence[PairedMetric]) -> Iterator[Table]:
                 "p",
                 "less/equal/more",
             ),
+            # A row for each metric.
             rows=[
                 (
                     one.name,
@@ -227,9 +242,11 @@ def _dots(figures: Mapping[str, tuple[Array, Array]]) -> Figure:
     panels = figure.subplots(lines, columns, squeeze=False)
     for axes in panels.flat[len(figures) :]:
         axes.set_visible(False)
+
     for axes, (name, (left, right)) in zip(panels.flat, figures.items(), strict=False):
         low, high = min(left.min(), right.min()), max(left.max(), right.max())
         ends = np.array([low, high]) + (0.05 * (high - low) or 1.0) * np.array([-1.0, 1.0])
+
         axes.plot(ends, ends, color=FAINT, linewidth=0.8)
         axes.scatter(left, right, s=12, color=BLUE, linewidths=0, alpha=0.8)
         axes.set(xlim=ends, ylim=ends, box_aspect=1.0)
@@ -238,6 +255,7 @@ def _dots(figures: Mapping[str, tuple[Array, Array]]) -> Figure:
         axes.spines[["top", "right"]].set_visible(False)
         axes.locator_params(nbins=4)
         axes.tick_params(labelsize=7)
+
     for axes in panels[:, 0]:
         axes.set_ylabel("B", fontsize=8)
     return figure

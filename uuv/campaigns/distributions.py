@@ -1,6 +1,4 @@
-"""Distributions of a campaign's parameters, drawn at random or from a Sobol or Latin hypercube
-design.
-"""
+"""Distributions of a campaign's parameters, and draws: at random, Sobol, or Latin hypercube."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -34,6 +32,7 @@ class Distribution:
         if self.kind not in KINDS:
             known = ", ".join(KINDS) + did_you_mean(self.kind, KINDS)
             raise ConfigurationError(f"no distribution {shown(self.kind)}; there are {known}")
+
         if self.step is not None:
             finite_number(self.step, STEP, above=0.0)
             largest = max(
@@ -43,16 +42,21 @@ class Distribution:
                 raise ConfigurationError(
                     f"{STEP}: at most {_MOST_STEPS:g} of them in a value, got {shown(self.step)}"
                 )
+
+        # Categories; all others have two ends.
         if self.kind == "categorical":
             if not self.values or self.step is not None:
                 raise ConfigurationError(
                     f"categorical: needs values and no {STEP}, got {shown(list(self.values))}"
                 )
             return
+
         if len(self.values) != 2:
             raise ConfigurationError(
                 f"{self.kind}: must be two numbers, got {shown(list(self.values))}"
             )
+
+        # The ends rise, and are positive where the kind asks for it.
         low, high = (finite_number(value, self.kind) for value in self.values)
         if (
             low > high
@@ -74,6 +78,7 @@ class Distribution:
         if not isinstance(given, Mapping) or len(kinds := [*given.keys() - {STEP}]) != 1:
             allowed = ", ".join(f"{{ {kind} = [...] }}" for kind in KINDS)
             raise ConfigurationError(f"must be one of {allowed}, got {shown(given)}")
+
         values = given[kinds[0]]
         if not isinstance(values, list):
             raise ConfigurationError(f"{kinds[0]}: must be a list, got {shown(values)}")
@@ -105,7 +110,9 @@ def _between(ends: Sequence[float], u: float) -> float:
 
 def _direction(ends: Sequence[float], u: Array) -> list[float]:
     """Vector of uniform length between `ends`, and uniform direction on the sphere."""
-    length, rise, azimuth = _between(ends, u[0]), 2.0 * u[1] - 1.0, 2.0 * np.pi * u[2]
+    length = _between(ends, u[0])
+    rise = 2.0 * u[1] - 1.0
+    azimuth = 2.0 * np.pi * u[2]
     level = math.sqrt(1.0 - rise * rise)
     return [
         float(length * each) for each in (level * np.cos(azimuth), level * np.sin(azimuth), rise)
@@ -151,6 +158,7 @@ def drawn(
         sum(each.dimensions for each in distributions.values()),
         np.random.default_rng([seed, _DRAWS]),
     )
+
     if not d:
         return [{} for _ in range(cases)]
     from scipy.stats import qmc  # costs a second
@@ -163,6 +171,8 @@ def drawn(
         points = qmc.Sobol(d, rng=rng).random_base2(max(0, math.ceil(math.log2(cases))))[:cases]
     else:
         points = qmc.LatinHypercube(d, rng=rng).random(cases)
+
+    # A point has the coordinates of all parameters, one after the other.
     ends = np.cumsum([each.dimensions for each in distributions.values()])[:-1]
     return [
         {

@@ -48,9 +48,7 @@ class PairedMetric:
 
 
 def mcnemar(a: Iterable[bool], b: Iterable[bool]) -> tuple[int, int, float]:
-    """Pairs that are true in A alone, in B alone, and the exact two-sided p that they differ by
-    chance only.
-    """
+    """Pairs true in A alone, in B alone, and the exact two-sided p that they differ by chance."""
     pairs = list(zip(a, b, strict=True))
     only_a, only_b = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
     p = float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0

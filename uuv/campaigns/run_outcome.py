@@ -67,7 +67,8 @@ def ending_by(error: Exception) -> tuple[str, str]:
 
 def surface_figures(outcome: "Run") -> dict[str, float | None]:
     """SURFACE_FIGURES of a run by name; empty for other work."""
-    task, recording = outcome.scenario.task, outcome.recording
+    task = outcome.scenario.task
+    recording = outcome.recording
     if not isinstance(task, SurfaceWorkTask):
         return {}
     promise = recording.promise
@@ -84,18 +85,14 @@ def figure_names(scenario: Scenario) -> tuple[str, ...]:
 
 
 def force_over_set(recording: Recording, first: float) -> float:
-    """Greatest ratio of the true normal force to the set force; before the work the set force is
-    `first` [N].
-    """
+    """Greatest ratio of true normal to set force; before the work the latter is `first` [N]."""
     before = np.where(recording.within(WorkState.WORK), 0.0, first)
     set_force = np.maximum(recording["set_force"].scalar, before)
     return float((recording["contact_most"].scalar / np.maximum(set_force, 1.0)).max())
 
 
 def unfolding(recording: Recording) -> float | None:
-    """Largest distance [m] of the hull from its constant reference while the arm moves to its
-    work; None if it never does.
-    """
+    """Largest distance [m] of the hull from a constant reference while the arm unfolds, or None."""
     resting = np.all(np.diff(recording["p_WB_reference"].value, axis=0) == 0.0, axis=1)
     still = np.append(resting, True) & recording.within(WorkState.CLOSE_IN, WorkState.TARE)
     if not still.any():

@@ -1,6 +1,4 @@
-"""Sensitivity of results to drawn parameters: partial rank correlations, their intervals, and
-failures by parameter.
-"""
+"""Sensitivity of results to drawn parameters: partial rank correlations, failures by parameter."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -91,6 +89,8 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
     for name in dict.fromkeys(name for draw in draws for name in draw if name not in SEEDS):
         values = [draw.get(name) for draw in draws]
         given = [value for value in values if value is not None]
+
+        # A vector: its length and each component.
         if given and all(
             isinstance(value, list) and len(value) == len(given[0]) for value in given
         ):
@@ -105,6 +105,7 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
         ):
             found.append(Factor(name, np.array(values, dtype=np.float64)[:, None]))
         else:
+            # A column for each category but the first.
             words = [None if value is None else str(value) for value in values]
             kinds = sorted({word for word in words if word is not None})
             columns = [
@@ -115,6 +116,8 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
             found.append(
                 Factor(label, np.array(columns, dtype=np.float64).reshape(-1, len(draws)).T)
             )
+
+    # Of these, the columns that vary.
     return [
         one
         for one in found
@@ -123,9 +126,7 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
 
 
 def fewest_runs(factors: Sequence[Factor]) -> int:
-    """Runs that `sensitivity` needs: a resample holds 63 % of them, and must still determine all
-    columns.
-    """
+    """Runs that `sensitivity` needs: 63 % of them, a resample, must still determine all columns."""
     return 2 * (sum(one.columns.shape[1] for one in factors) + 1)
 
 
@@ -149,15 +150,22 @@ def sensitivity(
     """
     if not factors:
         return None
+
+    # Ranks of the runs that have all values.
     columns = np.hstack([one.columns for one in factors])
     used = ~np.isnan(response) & ~np.isnan(columns).any(axis=1)
-    n, k = int(used.sum()), columns.shape[1]
+    n = int(used.sum())
+    k = columns.shape[1]
     if n < fewest_runs(factors) or len({*response[used].tolist()}) < 2:
         return None
     table = rankdata(np.column_stack([columns[used], response[used]]), axis=0)
     owner = np.repeat(np.arange(len(factors)), [one.columns.shape[1] for one in factors])
+
     coefficients, explained = _coefficients(table, np.ones((1, n)), owner)
-    drawn, at_once = np.empty((resamples, len(factors))), max(1, _PART // n)
+
+    # Bootstrap over the runs, with the ranks held.
+    drawn = np.empty((resamples, len(factors)))
+    at_once = max(1, _PART // n)
     for begin in range(0, resamples, at_once):
         here = drawn[begin : begin + at_once]
         here[:] = _coefficients(
@@ -165,13 +173,19 @@ def sensitivity(
         )[0]
     low, high = middle(drawn)
     places = rankdata(-np.abs(drawn), axis=1, method="ordinal")
-    sizes, left = np.bincount(owner) / 2.0, (n - 1 - k) / 2.0
+
+    # Degrees of freedom of the squared coefficient without an effect, halved.
+    sizes = np.bincount(owner) / 2.0
+    left = (n - 1 - k) / 2.0
     value = coefficients[0]
+
+    # R^2 of the first parameters of the ranking alone.
     first = np.argsort(-np.abs(value), kind="stable")[:FIRST]
     alone = np.isin(owner, first)
     _, by_first = _coefficients(
         table[:, [*np.flatnonzero(alone), k]], np.ones((1, n)), np.arange(alone.sum())
     )
+
     return Sensitivity(
         names=tuple(one.name for one in factors),
         runs=n,
@@ -190,8 +204,7 @@ def sensitivity(
 def _coefficients(
     table: Array, weights: NDArray[Any], owner: NDArray[np.int_]
 ) -> tuple[Array, Array]:
-    """Partial correlations (samples, parameters) and R^2 (samples,), from inverses of correlation
-    matrices.
+    """Partial correlations (samples, parameters) and R^2 (samples,), from inverse correlations.
 
     Args:
         table: (n, k + 1) columns and response.
@@ -200,11 +213,15 @@ def _coefficients(
     """
     centred = table - (weights @ table / weights.sum(axis=1)[:, None])[:, None, :]
     covariance = np.matmul((centred * weights[:, :, None]).transpose(0, 2, 1), centred)
+
+    # Correlations; a column that is constant in a sample keeps the scale 1.
     scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     scale[scale == 0.0] = 1.0
     correlation = covariance / scale[:, :, None] / scale[:, None, :]
     inverse = np.linalg.inv(correlation + _RIDGE * np.eye(table.shape[1]))
     last = inverse[:, -1, -1]
+
+    # Partial correlation of each parameter with the response, which is the last column.
     found = np.empty((len(weights), owner.max() + 1))
     for number in range(found.shape[1]):
         own = np.flatnonzero(owner == number)
@@ -214,6 +231,7 @@ def _coefficients(
         else:
             solved = np.linalg.solve(inverse[:, own[:, None], own], across[:, :, None])[:, :, 0]
             found[:, number] = np.sqrt(np.maximum(0.0, (across * solved).sum(axis=1) / last))
+
     return np.clip(found, -1.0, 1.0), np.clip(1.0 - 1.0 / last, 0.0, 1.0)
 
 
@@ -227,6 +245,7 @@ def worst_ratio(values: Mapping[str, float | None], bounds: Mapping[str, float])
         if value is None:
             return np.inf
         ratios.append(value / most if most > 0.0 else (np.inf if value > most else 0.0))
+
     return max(ratios)
 
 
@@ -256,11 +275,13 @@ def shifts(factors: Sequence[Factor], reasons: Sequence[Sequence[str]]) -> list[
         having = np.array(
             [bool(several) if reason == ANY else reason in several for several in reasons]
         )
+
         for one in factors:
             known = ~np.isnan(one.columns).any(axis=1)
             inside = having[known]
             if one.columns.shape[1] > 1 or inside.sum() < FEWEST_FAILED or inside.all():
                 continue
+
             value = one.columns[known, 0]
             rank = (rankdata(value) - 1.0) / (len(value) - 1.0)
             found.append(
@@ -272,4 +293,5 @@ def shifts(factors: Sequence[Factor], reasons: Sequence[Sequence[str]]) -> list[
                     p=float(mannwhitneyu(value[inside], value[~inside]).pvalue),
                 )
             )
+
     return found

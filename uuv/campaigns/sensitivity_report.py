@@ -1,6 +1,4 @@
-"""Sensitivity on a page: which parameters explain the failures and each figure, in tables and
-pictures.
-"""
+"""Sensitivity on a page: which parameters explain the failures and each figure."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -57,14 +55,18 @@ class SensitivityReport:
         """
         factors = factors_of(draws)
         found = {}
+
         for name, values in responses.items():
             one = sensitivity(factors, values, np.random.default_rng(len(draws)))
             if one is not None:
                 found[name] = one
+
+        # The first parameters of the ranking, against the reasons of the failures.
         first: list[Factor] = []
         if found:
             first = [factors[i] for i in next(iter(found.values())).ranking[:FIRST]]
         moved = shifts(first, reasons)
+
         return cls(
             found=found, factors=factors, shifts=moved, runs=len(draws), needed=fewest_runs(factors)
         )
@@ -93,8 +95,10 @@ class SensitivityReport:
         """The ranking, and the reasons of failures against it."""
         if not self.found:
             return
+
         name, main = next(iter(self.found.items()))
         second = self.found.get(MISSED) if name != MISSED else None
+
         yield Table(
             title=f"Parameters that explain: {name}",
             columns=(
@@ -116,18 +120,21 @@ class SensitivityReport:
                 )
                 for i in main.ranking[:FIRST]
             ],
+            # How much of the variance they explain.
             caption=f"Partial rank correlation over {main.runs} runs, {len(main.names)} "
             "parameters. These "
             f"{min(FIRST, len(main.names))} explain {main.explained_by_first:.0%} of the variance "
             "of the ranks, all "
             f"{main.explained:.0%}, adjusted for their number {main.adjusted:.0%}.",
         )
+
         if self.shifts:
             yield self._reasons()
 
     def _reasons(self) -> Table:
         parameters = list(dict.fromkeys(one.parameter for one in self.shifts))
         rows = []
+
         for reason in dict.fromkeys(one.reason for one in self.shifts):
             own = {one.parameter: one for one in self.shifts if one.reason == reason}
             cells = [
@@ -135,6 +142,7 @@ class SensitivityReport:
                 for each in parameters
             ]
             rows.append((reason, str(max(one.runs for one in own.values())), *cells))
+
         return Table(
             title="Reasons of the failures against these parameters",
             columns=("reason", "runs", *map(label, parameters)),
@@ -157,6 +165,7 @@ class SensitivityReport:
                 "would leave it.",
                 bar_figure(ranked),
             )
+
         if self.found:
             yield (
                 "Sensitivity of all figures",
@@ -184,12 +193,16 @@ def bar_figure(found: Mapping[str, Sensitivity]) -> Figure:
     place = np.arange(len(order))
     figure = Figure(figsize=(WIDTH, 1.0 + 0.27 * len(order)), layout="constrained")
     panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+
     for axes, (name, one) in zip(panels, found.items(), strict=True):
         value = one.coefficient[order]
         beyond = np.abs(value) > one.null[order]
+
+        # Band without an effect, then the coefficient with its interval.
         axes.barh(place, 2.0 * one.null[order], left=-one.null[order], height=1.0, color="#eeeeee")
         axes.barh(place, value, height=0.62, color=[BLUE if each else "#a9c7de" for each in beyond])
         axes.hlines(place, one.low[order], one.high[order], color=INK, linewidth=1.1)
+
         axes.axvline(0.0, color=FAINT, linewidth=0.8)
         axes.set_xlim(-1.0, 1.0)
         axes.set_ylim(-0.5, len(order) - 0.5)
@@ -197,6 +210,7 @@ def bar_figure(found: Mapping[str, Sensitivity]) -> Figure:
         axes.set_xlabel("partial rank correlation", fontsize=9)
         axes.spines[["top", "right", "left"]].set_visible(False)
         axes.tick_params(labelsize=8, left=False)
+
     panels[0].set_yticks(place, [label(main.names[i]) for i in order])
     return figure
 
@@ -206,9 +220,12 @@ def matrix_figure(found: Mapping[str, Sensitivity]) -> Figure:
     names = next(iter(found.values())).names
     matrix = np.array([one.coefficient for one in found.values()])
     beyond = np.array([np.abs(one.coefficient) > one.null for one in found.values()])
+
     figure = Figure(figsize=(WIDTH, 2.2 + 0.34 * len(found)), layout="constrained")
     axes = figure.subplots()
     axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
+
+    # Coefficients in the cells; bold: beyond the null level.
     for (i, j), value in np.ndenumerate(matrix):
         strong = "white" if abs(value) > 0.6 else INK
         weight = "bold" if beyond[i, j] else "normal"
@@ -216,6 +233,7 @@ def matrix_figure(found: Mapping[str, Sensitivity]) -> Figure:
         axes.text(
             j, i, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color, weight=weight
         )
+
     axes.set_xticks(range(len(names)), list(map(label, names)), rotation=40, ha="right", fontsize=8)
     axes.set_yticks(range(len(found)), list(found), fontsize=8)
     axes.tick_params(length=0)

@@ -1,6 +1,4 @@
-"""Options of an experiment: a class of options made of the fields of its case, and the cases that
-they ask for.
-"""
+"""Options of an experiment: a class made of the fields of its case, and the cases it asks for."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, make_dataclass

@@ -1,5 +1,4 @@
-"""Keeper of a Ray cluster: a process that outlives the study and ends what the cluster of the study
-has left.
+"""Keeper of a Ray cluster: a process that outlives the study and ends what its cluster left.
 
 The kernel ends a cluster's head with the process that has started it. The two agents of a node go
 on for 60 s (`ray._private.utils.publish_error_to_driver`): they report the death of their node to a

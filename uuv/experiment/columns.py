@@ -1,5 +1,4 @@
-"""Columns of the rows of an experiment: name, label, unit and format, declared once beside the
-field.
+"""Columns of the rows of an experiment: name, label, unit and format, declared at the field.
 
     force_rms: float = column("force RMS", "N", digits=2)
 

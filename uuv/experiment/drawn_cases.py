@@ -1,5 +1,4 @@
-"""Drawn cases in a file: what an experiment drew for each case, by name, to run the same cases
-again.
+"""Drawn cases in a file: what an experiment drew for each case, to run the same cases again.
 
     {"experiment": "contact", "cases": [{"case": 0, "values": {"seed": 7, "site.gust": 0.02}}]}
 

@@ -1,6 +1,4 @@
-"""Study harness: runs the cases of an experiment in worker processes, resumes, sums up and reports
-them.
-"""
+"""Study harness: runs the cases of an experiment in worker processes, resumes, and sums up."""
 
 import hashlib
 import json
@@ -62,6 +60,7 @@ class Table:
         table = RichTable(
             title=self.title or None, caption=self.caption or None, title_justify="left"
         )
+
         for i, column in enumerate(self.columns):
             table.add_column(column, justify="left" if i < self.labels else "right", no_wrap=i == 0)
         for row in self.rows:
@@ -158,8 +157,7 @@ class _Done:
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Generic[Case]):
-    """Experiment over many cases: `run_one` gives the row of a case, `summarise` the summary of all
-    rows.
+    """Experiment over many cases: `run_one` gives the row of a case, `summarise` sums all rows up.
 
     A case holds everything that its row depends on besides the code, and is picklable: a number, a
     tuple, or a frozen dataclass. `run_one` must be importable by a fresh Python under its module's
@@ -180,8 +178,7 @@ class Study(Generic[Case]):
     def carry_out(
         self, name: str, options: PoolOptions, title: str, limits: Limits = NO_LIMITS
     ) -> int:
-        """Runs the cases that are missing in the study's folder, then prints and writes the results
-        of all.
+        """Runs the cases missing in the study's folder, then prints and writes the results of all.
 
         The folder gets rows/ with the rows as Parquet, study.json with what they depend on,
         metrics.json and report.html.
@@ -204,18 +201,23 @@ class Study(Generic[Case]):
             folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
         )
         keyed = {key_of(case): case for case in self.cases}
-        began, made_by = time.perf_counter(), provenance(name, options)
+        began = time.perf_counter()
+        made_by = provenance(name, options)
         with RowLog.open(folder, anew=options.anew, of=self.of) as log:
+            # Cases without a row yet.
             left = {key: case for key, case in keyed.items() if not log.has(key)}
             if len(left) < len(keyed):
                 console.print(
                     f"{len(keyed) - len(left)} of {len(keyed)} runs are there already",
                     highlight=False,
                 )
+
             log.made_with(made_by["options"])
             engine = engine_for(options.engine, options.workers, len(left), limits)
             if left:
                 self._fill(log, left, engine, limits, console)
+
+            # Results of all cases, old and new.
             rows = [log.rows[key_of(case)] for case in self.cases]
             pace = _pace(rows, len(left), engine.place, time.perf_counter() - began)
             if lost := sum(not log.has(key) for key in keyed):
@@ -223,8 +225,7 @@ class Study(Generic[Case]):
             return self._told(folder, rows, title, made_by, pace, console)
 
     def sum_up(self, name: str, options: PoolOptions, title: str) -> int:
-        """Prints and writes the results of the rows that are there, without a run, whichever code
-        has made them.
+        """Prints and writes the results of the rows that are there, without a run, of any code.
 
         Args:
             name: Name of the study, and of its folder in runs/.
@@ -240,10 +241,12 @@ class Study(Generic[Case]):
         folder = (
             folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
         )
+
         there = by_case(read_rows(folder), folder)
         rows = [there[key] for case in self.cases if (key := key_of(case)) in there]
         if not rows:
             raise ConfigurationError(f"{folder} holds no row of this study")
+
         pace = f"{len(rows)} of {len(self.cases)} runs; {_pace(rows, 0, '', 0.0)}"
         return self._told(folder, rows, title, provenance(name, options), pace, _console())
 
@@ -262,6 +265,7 @@ class Study(Generic[Case]):
         write_json(
             folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by})
         )
+
         summary.print_to(console)
         console.print(pace, highlight=False)
         summary.write_page(folder / PAGE, title, made_by["options"], pace)
@@ -286,17 +290,22 @@ class Study(Generic[Case]):
             console=console,
             disable=not console.is_terminal,
         )
+
         log.depends_on({**digests(loaded_files()), **self.code})
         run = partial(_timed, self.run_one, limits.time_s)
         with progress:
             bar = progress.add_task("runs", total=len(left))
+
+            # One message of results after the other; its rows are on the disk before the next one.
             for found in engine.results(list(left.values()), run, _died):
                 rows, error = self._rows_of(found)
                 for _, done in found:
                     log.depends_on(done.code)
                 log.add([(key_of(case), row, timing) for case, row, timing in rows])
+
                 if error:
                     raise ConfigurationError(error)
+
                 progress.advance(bar, len(rows))
                 for _, row, _ in rows:
                     if said := self.line(row):
@@ -305,22 +314,24 @@ class Study(Generic[Case]):
     def _rows_of(
         self, found: Sequence[tuple[Case, _Done]]
     ) -> tuple[list[tuple[Case, Row, Timing]], str]:
-        """Cases with rows and times of those that have a row; and the error of the first one that
-        has none, or "".
-        """
+        """Rows and times of the cases that have a row, and the first error of the others, or ""."""
         rows: list[tuple[Case, Row, Timing]] = []
         error = ""
+
         for case, done in found:
             row = done.row
             if row is None and self.failed is None:
                 error = error or (f"{case}: {DIED}" if done.error == DIED else done.error)
                 continue
+
+            # A failed case has the row that the study gives it.
             row = (
                 as_json(self.failed(case, done.error))
                 if row is None and self.failed is not None
                 else row
             )
             assert row is not None
+
             rows.append((case, row, {"wall_s": done.wall_s, "cpu_s": done.cpu_s}))
         return rows, error
 
@@ -336,9 +347,7 @@ def key_of(case: Any) -> str:
 
 
 def as_json(value: Any) -> Any:
-    """`value` in JSON types, as they are read back from a file: numbers that are not finite become
-    None.
-    """
+    """`value` in JSON types, as read back from a file: numbers that are not finite become None."""
     return _finite(json.loads(json.dumps(_plain(value))))
 
 

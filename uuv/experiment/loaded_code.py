@@ -1,6 +1,4 @@
-"""Files that a result depends on: source of all loaded modules that belong to no installed package,
-and their data.
-"""
+"""Files that a result depends on: sources of loaded modules outside packages, and their data."""
 
 import hashlib
 import os

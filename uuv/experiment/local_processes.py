@@ -1,6 +1,4 @@
-"""Local processes by loky: each run in a fresh worker's memory, and a worker that dies costs its
-own runs only.
-"""
+"""Local processes by loky: fresh memory for each run; a worker that dies costs its own only."""
 
 import os
 import warnings

@@ -1,6 +1,4 @@
-"""Ray engine: runs of a study on a Ray cluster, one that exists or one started on this machine for
-the study.
-"""
+"""Ray engine: runs of a study on a Ray cluster, an existing one or one started here."""
 
 import os
 import signal
@@ -47,8 +45,7 @@ _HANDED_ON = (store.FOLDER, store.LIMIT)  # variables of this process that worke
 
 @dataclass(frozen=True, slots=True)
 class RayCluster:
-    """Carries out runs on the cluster of RAY_ADDRESS, or on one that is started here and ends with
-    the study.
+    """Carries out runs on the cluster of RAY_ADDRESS, or on one started here for the study.
 
     A task takes one processor and is a message of a few kB; results come back the same way. A run
     whose worker or node is lost is done again as often as `Limits.retries` says, wherever there is
@@ -93,6 +90,7 @@ def _connected(workers: int, folder: str | None) -> Iterator[None]:
     settings = {_THREADS: "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     handlers = {number: signal.getsignal(number) for number in _SIGNALS}
     settings |= {name: value for name in _HANDED_ON if (value := os.environ.get(name))}
+
     try:
         ray.init(
             address=exists or "local",
@@ -108,6 +106,8 @@ def _connected(workers: int, folder: str | None) -> Iterator[None]:
         raise ConfigurationError(
             f"--engine ray: no cluster{where}: {one_line(str(error))}"
         ) from error
+
+    # Ray has put its own handlers of signals there.
     for number, handler in handlers.items():
         signal.signal(number, handler)
     try:
@@ -122,18 +122,27 @@ def _carried_out(
     """The tasks with their results; `run` is the reference of a function that the cluster holds."""
     # again, if need be, by this loop: it counts the deaths
     remote: Any = ray.remote(num_cpus=1, max_retries=0)(_one)
-    waiting, deaths = deque(range(len(tasks))), [0] * len(tasks)
+    waiting = deque(range(len(tasks)))
+    deaths = [0] * len(tasks)
     under_way: dict[Any, int] = {}
-    room, looked = 0, -np.inf
+    room = 0
+    looked = -np.inf
+
     while waiting or under_way:
         if (now := time.monotonic()) > looked + _LOOK:
-            room, looked = max(1, int(_AHEAD * ray.cluster_resources().get("CPU", 1.0))), now
+            room = max(1, int(_AHEAD * ray.cluster_resources().get("CPU", 1.0)))
+            looked = now
+
+        # As many tasks under way as the cluster has room for.
         while waiting and len(under_way) < room:
             number = waiting.popleft()
             under_way[remote.remote(run, tasks[number], limits)] = number
+
+        # Results that are there, at least one.
         ray.wait(list(under_way), num_returns=1)
         done, _ = ray.wait(list(under_way), num_returns=len(under_way), timeout=0.0)
         found: list[tuple[Task, Result]] = []
+
         for reference in done:
             number = under_way.pop(reference)
             try:
@@ -153,6 +162,7 @@ def _carried_out(
                     continue
                 result = died(tasks[number])
             found.append((tasks[number], result))
+
         if found:
             yield found
 

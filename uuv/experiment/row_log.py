@@ -1,6 +1,4 @@
-"""Rows of a study on disk, and what they depend on: one process writes, and rows of other code are
-refused.
-"""
+"""Rows of a study on disk, and what they depend on: one process writes, one code."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -26,9 +24,7 @@ _NAMED = 4  # changed files that a message names
 
 
 class RowLog:
-    """Rows of a study by case, beside study.json: settings, versions, and digests of the files that
-    rows depend on.
-    """
+    """Rows of a study by case, and study.json: settings, versions, and digests of the code."""
 
     def __init__(
         self, folder: Path, *, anew: bool = False, of: Mapping[str, Any] | None = None
@@ -53,6 +49,8 @@ class RowLog:
             for path in folder.iterdir()
             if path.is_file() and not path.name.startswith(".")
         ]
+
+        # Rows need their study.json, and a folder of other files is left alone.
         if not self._about.exists() and has_rows(folder) and not anew:
             raise ConfigurationError(
                 f"{folder} holds rows, but {ABOUT} is gone, without which nobody knows by what "
@@ -63,24 +61,29 @@ class RowLog:
             raise ConfigurationError(
                 f"{folder} is in use by something else than a study ({', '.join(sorted(foreign))})"
             )
+
         for part in folder.glob(".*.parquet.*"):  # of a process that was killed
             part.unlink()
         if anew:
             delete_rows(folder)
             for name in (METRICS, PAGE, _EARLIER):
                 (folder / name).unlink(missing_ok=True)
+
         if (folder / _EARLIER).exists():
             raise ConfigurationError(
                 f"{folder} holds rows of an earlier version ({_EARLIER}); --anew throws them "
                 "away, or take another "
                 "--out"
             )
+
+        # Old rows must be of the same options and the same code.
         self._code: dict[str, str] = {}
         self._settings: Mapping[str, Any] = {}
         if has_rows(folder):
             about = _read_about(self._about)
             self._code, self._settings = dict(about.code), about.settings
             before = about.of
+
             if other := [name for name, value in self._of.items() if before.get(name) != value]:
                 there, asked = (
                     ", ".join(f"{name} {of.get(name)}" for name in other)
@@ -91,6 +94,7 @@ class RowLog:
                     "throws them away, or take "
                     "another --out"
                 )
+
             if changed := self._changed(about):
                 more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
                 raise ConfigurationError(
@@ -100,6 +104,7 @@ class RowLog:
                 )
         else:
             self._write_about()
+
         self._table = RowTable(folder)
         self.rows: dict[str, Row] = by_case(self._table.rows, folder)
         # in the table
@@ -130,9 +135,7 @@ class RowLog:
             yield cls(folder, anew=anew, of=of)
 
     def has(self, key: str) -> bool:
-        """True if there is a row of that case from a run that came to an end; one whose process
-        died is done again.
-        """
+        """True if that case has a row of a run that ended; one whose process died is done again."""
         return key in self.rows and self.rows[key][TIMING]["wall_s"] is not None
 
     def depends_on(self, code: Mapping[str, str]) -> None:
@@ -152,6 +155,7 @@ class RowLog:
                 "another machine; the "
                 "rows that are there are of the earlier content"
             )
+
         if code.keys() - self._code.keys():
             self._code |= code
             self._write_about()
@@ -172,6 +176,8 @@ class RowLog:
             ConfigurationError: A file cannot be written.
         """
         rows = {key: {**row, KEY: key, TIMING: dict(timing)} for key, row, timing in done}
+
+        # Rows of known cases are replaced, the others follow.
         self._table.replace(
             {self._numbers[key]: row for key, row in rows.items() if key in self._numbers}
         )
@@ -179,6 +185,7 @@ class RowLog:
         start = len(self._table.rows)
         self._table.extend([rows[key] for key in new])
         self._numbers |= {key: start + k for k, key in enumerate(new)}
+
         self.rows |= rows
 
     def _write_about(self) -> None:

@@ -1,6 +1,4 @@
-"""Rows of a study as Parquet files: typed columns with dotted names, whole at every moment, read
-back bit for bit.
-"""
+"""Rows of a study as Parquet files: typed columns, dotted names, whole at every moment."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -50,23 +48,26 @@ class RowTable:
         self.rows: list[Row] = []
         self._kinds: dict[str, pa.DataType | None] = {}  # type of each column; None: JSON as text
         self._last = pa.table({})  # content of the file that is not full
+
         uneven = False
         for file in _files(self._home):
             table = _read(file)
             self.rows += _decoded(table, file)
+
             kinds = _kinds_of(table.schema)
             uneven |= bool(self._kinds) and kinds != self._kinds
             for name, kind in kinds.items():
                 self._kinds[name] = _wider(self._kinds[name], kind) if name in self._kinds else kind
             self._last = table
+
         if uneven:  # a kill between two files of a change of columns
             self._write_all()
+
         if len(self.rows) % CHUNK == 0:
             self._last = pa.table({})
 
     def extend(self, rows: Sequence[Row]) -> None:
-        """Adds rows; they are on the disk when this returns. Each file that they go to is written
-        once.
+        """Adds rows; they are on the disk when this returns. Each file is written once.
 
         Raises:
             ConfigurationError: A file cannot be written, or two values of a row have one name.
@@ -76,8 +77,7 @@ class RowTable:
             self._append(rows[start : start + CHUNK])
 
     def replace(self, rows: Mapping[int, Row]) -> None:
-        """Puts rows in the places of those with the numbers that are their keys; each file is
-        written once.
+        """Puts rows in place of those with the numbers that are their keys; writes each file once.
 
         They are on the disk when this returns. Raises as `extend`.
         """
@@ -101,9 +101,12 @@ class RowTable:
         for row in rows:
             for name, value in _flat(row):
                 kinds[name] = _wider(kinds[name], _kind(value)) if name in kinds else _kind(value)
+
         if kinds == self._kinds:
             return
-        before, self._kinds = self._kinds, kinds
+
+        before = self._kinds
+        self._kinds = kinds
         try:
             self._write_all()
         except ConfigurationError:
@@ -116,17 +119,17 @@ class RowTable:
         for part in (rows[:room], rows[room:]):
             if not part:
                 continue
+
             last = self._table(part)
             if self._last.num_rows:
                 last = pa.concat_tables([self._last, last]).combine_chunks()
+
             self._write(len(self.rows) // CHUNK, last)
             self.rows += part
             self._last = last if last.num_rows < CHUNK else pa.table({})
 
     def _write_all(self) -> None:
-        """Writes all files anew with the columns of now, the first one first: pandas takes the
-        columns from it.
-        """
+        """Writes all files anew with the present columns, the first one first: pandas reads it."""
         for number in range(-(-len(self.rows) // CHUNK)):
             self._last = self._table(self.rows[number * CHUNK : (number + 1) * CHUNK])
             self._write(number, self._last)
@@ -144,6 +147,7 @@ class RowTable:
             raise ConfigurationError(
                 f"{self._home}: cannot be made a folder ({error.strerror})"
             ) from error
+
         content = pa.BufferOutputStream()
         pq.write_table(table, content, compression="zstd")
         write_whole(
@@ -155,18 +159,19 @@ class RowTable:
     def _table(self, rows: Iterable[Row]) -> pa.Table:
         flat = [dict(_flat(row)) for row in rows]
         fields, columns = [], []
+
         for name, kind in self._kinds.items():
             values = [row.get(name) for row in flat]
             if kind is None:
                 values = [json.dumps(row[name]) if name in row else None for row in flat]
             fields.append(pa.field(name, kind or pa.string(), metadata=None if kind else _JSON))
             columns.append(pa.array(values, fields[-1].type))
+
         return pa.table(columns, pa.schema(fields, {_VERSION_KEY: str(SCHEMA_VERSION).encode()}))
 
 
 def read_rows(folder: str | Path) -> list[Row]:
-    """Rows of a study or campaign as they were made, nested; for tables, read the folder `rows`
-    with pandas instead.
+    """Rows of a study or campaign as they were made, nested; for tables, read `rows` with pandas.
 
     Args:
         folder: Folder of the study.
@@ -198,6 +203,7 @@ def _read(file: Path) -> pa.Table:
         stored = pq.ParquetFile(pa.BufferReader(raw))
         told = stored.metadata
         unpacked = sum(told.row_group(i).total_byte_size for i in range(told.num_row_groups))
+
         if told.num_rows > CHUNK or unpacked > _MOST_BYTES:
             raise ConfigurationError(
                 f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; take it out"
@@ -210,6 +216,7 @@ def _read(file: Path) -> pa.Table:
         raise ConfigurationError(
             f"{file}: is no whole Parquet file ({said}); mend it or take it out"
         ) from error
+
     version = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
     if version != str(SCHEMA_VERSION):
         raise ConfigurationError(
@@ -217,6 +224,7 @@ def _read(file: Path) -> pa.Table:
             "the rows away, or take "
             "another --out"
         )
+
     return table
 
 
@@ -277,6 +285,7 @@ def _nested_rows(table: pa.Table) -> list[Row]:
     for name, kind in _kinds_of(table.schema).items():
         if kind is None:
             columns[name] = [None if each is None else json.loads(each) for each in columns[name]]
+
     layouts = columns.pop(LAYOUT)
     rows = [{name: values[i] for name, values in columns.items()} for i in range(table.num_rows)]
     return [_nested(json.loads(layout), "", row) for layout, row in zip(layouts, rows, strict=True)]
@@ -306,6 +315,7 @@ def _kind(value: Any) -> pa.DataType | None:
         kind: pa.DataType | None = pa.null()
         for each in value:
             kind = _wider(kind, None if isinstance(each, list | Mapping) else _kind(each))
+
         # the layout has one letter for a list
         mixed = len({type(each) for each in value} - {type(None)}) > 1
         return None if kind is None or mixed else pa.list_(kind)

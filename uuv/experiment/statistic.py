@@ -1,5 +1,4 @@
-"""Statistics of the rows of an experiment: one number, or a few, of a group of rows, as a cell of a
-table.
+"""Statistics of the rows of an experiment: a number, or a few, of a group of rows, as a cell.
 
     stat("mean", "looks", none=8)
     stat("share", lambda row: row["looks"] == 2, "second look sufficed")

@@ -1,6 +1,4 @@
-"""What happens inside a worker process: its start, its end with the study, and the limits of a
-run.
-"""
+"""Worker process: its start, its end with the study, and the limits of a run."""
 
 import faulthandler
 import os

@@ -1,6 +1,4 @@
-"""Check of kept rows: the quick subset of an experiment, run again by its command, compared by
-column.
-"""
+"""Check of kept rows: the quick subset of an experiment, run again, compared by column."""
 
 import subprocess
 import sys

@@ -1,5 +1,4 @@
-"""Kept rows: those of a whole experiment, in a small file of the checkout, and what they depend
-on.
+"""Kept rows: those of a whole experiment, in a small file, and what they depend on.
 
 docs/results/rows/NAME.json holds the rows by column, the command, commit and date, and the last
 check: when, what deviated, and digests of the code that the rows depended on.

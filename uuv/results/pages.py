@@ -1,6 +1,4 @@
-"""Pages of results: one table an experiment in docs/results.md, and a page an experiment with the
-rest.
-"""
+"""Pages of results: a table an experiment in docs/results.md, and a page with the rest."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -81,6 +79,7 @@ def all_experiments() -> list[Experiment[Any, Any]]:
         raise ConfigurationError(
             "results: the experiments are in a checkout of the project alone, in scripts/"
         )
+
     experiments: dict[str, Experiment[Any, Any]] = {}
     for file in sorted(EXPERIMENTS.rglob("[!_]*.py")):
         if _DECLARES not in file.read_text(encoding="utf-8"):

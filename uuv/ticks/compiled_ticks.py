@@ -230,8 +230,7 @@ class CompiledTicks:
         return self._worlds[control.address]
 
     def advance(self, run: Rollout, tick: int, end: int) -> int:
-        """Run ticks from `tick` up to `end` as far as possible: up to a frame, a fault, or the end
-        of the work.
+        """Run ticks from `tick` to `end` as far as possible: to a frame, fault, or the work's end.
 
         Args:
             run: its states and messages change as if its own step had run these ticks.
@@ -263,15 +262,14 @@ class CompiledTicks:
         return tick
 
     def _stretch(self, run: Rollout, tick: int, end: int) -> tuple[int, int]:
-        """Number of ticks from `tick` on that may run at once, and the stage of the one after
-        them.
-        """
+        """Number of ticks from `tick` on that may run at once, and the stage of the one after."""
         observed = (-tick % every for every in self._slow_ticks)
         planned = run.planner_ticks - tick % run.planner_ticks
         most = min(min(run.next_due(tick + 1), end) - tick, self._plant.ready())
         ticks = min(most, planned, *observed)
         if ticks == 0:  # `run` completes the tick after its command, with plant and observers
             return 0, COMMANDED
+
         # Where the planner comes next, its estimate is made in the same call.
         return ticks, PLANNED if planned == ticks < most else NEW
 

@@ -72,11 +72,13 @@ class PythonSensors:
         m = measurement
         joints = self._navigation.joints
         sample = self._navigation.sample
+
         if not isinstance(m, MEASURED[channel]):
             raise ConfigurationError(
                 f"sensor of channel {channel!r}: must send {MEASURED[channel].__name__}, sent "
                 f"{type(m).__name__}"
             )
+
         if isinstance(m, EncoderMeasurement):
             joints.q[:] = m.q
             joints.qd[:] = m.qd

@@ -93,6 +93,7 @@ def run_ticks(box, first, ticks, begun, onward):
     control = world.control
     estimate = world.estimate
     stage = begun
+
     for done in range(ticks + 1):
         wanted = onward if done == ticks else COMMANDED
 
@@ -116,6 +117,7 @@ def run_ticks(box, first, ticks, begun, onward):
                 if not (np.isfinite(command.tau).all() and np.isfinite(command.thrusters).all()):
                     return done, COMMANDED, REFUSED
             stage = COMMANDED
+
         if done == ticks:
             break
 
@@ -126,6 +128,7 @@ def run_ticks(box, first, ticks, begun, onward):
             answer = call_at(world.observers, 0, 0)
             if answer != FINE:
                 return done, COMMANDED, answer
+
         _copy(estimate, world.sound)
         advance(plant, command.tau, command.thrusters)
         stage = NEW
@@ -138,6 +141,8 @@ def perceive(world):
     s = world.sensed
     joints = world.joints
     sample = world.sample
+
+    # Compiled sensors.
     if world.sampled[0]:
         encode(s.encoders, s.q, s.qd, joints.q, joints.qd)
     if world.sampled[1]:
@@ -149,11 +154,16 @@ def perceive(world):
         w_B = sample.w_WB_B
         R_WB = sample.R_WB
         sense_motion(s.imu, s.R_WB, s.acceleration, s.w_WB_B, force_B, w_B, R_WB)
+
     sample.time[0] = world.plant.watch.time[0]
+
+    # Other sensors, in Python.
     if world.sensors:
         answer = call_at(world.sensors, 0, 0)
         if answer != FINE:
             return answer
+
+    # Navigation.
     take_sample(world.filter, sample)
     put_out(world.filter, joints, world.estimate)
     return FINE
@@ -177,14 +187,14 @@ def record_row(world):
 
 @kernel(**_WITHIN)
 def _copy(one, other):
-    """Copy one EstimateRecord into another, by loops: numba compiles them in a tenth of the time of
-    slices.
-    """
+    """Copy one EstimateRecord into another by loops, which compile ten times as fast as slices."""
     other.time[0] = one.time[0]
     other.attitude_sigma[0] = one.attitude_sigma[0]
+
     for i in range(4):
         for j in range(4):
             other.X_WB[i, j] = one.X_WB[i, j]
+
     for i in range(3):
         other.v_WB_B[i] = one.v_WB_B[i]
         other.w_WB_B[i] = one.w_WB_B[i]
@@ -194,6 +204,7 @@ def _copy(one, other):
         other.object_moved_W[i] = one.object_moved_W[i]
         other.gyro_off_B[i] = one.gyro_off_B[i]
         other.attitude_off_B[i] = one.attitude_off_B[i]
+
     for j in range(one.q.shape[0]):
         other.q[j] = one.q[j]
         other.qd[j] = one.qd[j]

@@ -134,14 +134,10 @@ class TorqueResidual:
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction."""
         n = self._arm.n
-<<<<<<< HEAD
-        believed = self._arm.parameters
-=======
         own = self._arm.parameters
->>>>>>> air6
 
         return ContactState(
-            arm=believed._replace(numbers=believed.numbers.copy()),
+            arm=own._replace(numbers=own.numbers.copy()),
             record=ContactRecord(
                 sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
                 tare=Tare.start(n),

@@ -71,6 +71,7 @@ def arms(streams: Streams) -> Iterator[tuple[str, PublishedArm]]:
         arm = published_arms.load(name)
         for degrees in RANGES:
             yield f"{name}, +-{degrees} deg", limited(arm, np.radians([-degrees, degrees]))
+
     for name in UNEVEN:
         arm = published_arms.load(name)
         n = len(arm.joint_types)
@@ -102,15 +103,20 @@ def misses(arm: PublishedArm, targets: Array, version: str) -> int:
     """
     method, options = VERSIONS[version]
     start = np.clip(np.resize(HOME, len(arm.limits)), arm.limits[:, 0], arm.limits[:, 1])
+
     starts = np.tile(start, (len(targets), 1))
+
     q = solve_many(
         Chain.from_arm(arm), targets, starts, POSITION, ANGLE, method=method, options=options
     ).q
+
+    # Checked by textbook DH matrices, apart from the solver's kinematics.
     X = dh_forward(arm, q)
     chord = np.linalg.norm(X[:, :3, :3] - targets[:, :3, :3], axis=(1, 2)) / math.sqrt(2.0)
     solved = np.linalg.norm(X[:, :3, 3] - targets[:, :3, 3], axis=1) <= 1.01 * POSITION
     solved &= 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) <= 1.01 * ANGLE
     solved &= np.all((q >= arm.limits[:, 0] - 1e-9) & (q <= arm.limits[:, 1] + 1e-9), axis=1)
+
     return int(np.count_nonzero(~solved))
 
 

@@ -102,7 +102,6 @@ def fit_speed(case: FitSpeedCase) -> FitSpeedRow:
 
         calls = None
         seconds: dict[str, list[float]] = {}
-
         cost: dict[str, float] = {}
         for _ in range(case.rounds):
             for label, fit in fits.items():

@@ -19,7 +19,6 @@ def arm_folders(data: Path, names: tuple[str, ...] = ()) -> list[Path]:
         ConfigurationError: There is none.
     """
     folders = [data / name for name in names] if names else _folders_in(data)
-
     if not folders:
         raise ConfigurationError(f"--data {data}: must be a folder with one for each arm")
     return folders
@@ -32,7 +31,6 @@ def positions_of(folder: Path) -> tuple[str, ...]:
         ConfigurationError: There are fewer than two.
     """
     names = tuple(entry.name for entry in _folders_in(folder))
-
     if len(names) < 2:
         raise ConfigurationError(
             f"--data: {folder} needs at least two folders of touches, got {len(names)}"

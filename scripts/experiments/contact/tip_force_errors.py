@@ -170,7 +170,6 @@ def run(case: ForceCase) -> Row:
     wrong, doubt = sources(case)[case.source]
     streams = Streams(case.seed, len(case.form), arm.n)
     sliding = SLIDING * np.array(LIMITS[case.arm], dtype=np.float64)
-
     low, high = np.maximum(arm.limits[:, 0], -np.pi), np.minimum(arm.limits[:, 1], np.pi)
 
     rows = []
@@ -227,7 +226,6 @@ def run(case: ForceCase) -> Row:
         rows.append((weakest, float(error @ error), squared, *error**2, *stated))
 
     table = np.array(rows)
-
     near = table[:, 0] <= np.quantile(table[:, 0], 0.1)
 
     return {

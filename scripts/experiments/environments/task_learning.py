@@ -108,7 +108,6 @@ def main() -> int:
     errors.
     """
     options, console = parse(Options), Console()
-
     folder = new_folder("task_learning", options.out, options.seed)
 
     setting, rng = (

@@ -73,7 +73,6 @@ def run(task: CloudCase) -> dict[str, Any]:
     for count in task.points:
         for with_normals in (True, False):
             found = found_by(cloud_surface(task.name, count, with_normals))
-
             off, angle = _between(scene, found.X_sensor_target, by_mesh.X_sensor_target)
             said = {
                 "off_m": off,

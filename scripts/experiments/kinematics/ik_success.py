@@ -103,9 +103,7 @@ def misses(arm: PublishedArm, targets: Array, version: str) -> int:
     """
     method, options = VERSIONS[version]
     start = np.clip(np.resize(HOME, len(arm.limits)), arm.limits[:, 0], arm.limits[:, 1])
-
     starts = np.tile(start, (len(targets), 1))
-
     q = solve_many(
         Chain.from_arm(arm), targets, starts, POSITION, ANGLE, method=method, options=options
     ).q

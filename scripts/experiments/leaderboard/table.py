@@ -43,7 +43,6 @@ def read_result(file: Path) -> dict[str, Any]:
     path = file / METRICS if file.is_dir() else file
 
     content = json_of(path, "result")
-
     try:
         result = TableReader(path.name, passes_unknown=True).made(_Result, content)
     except ConfigurationError as error:

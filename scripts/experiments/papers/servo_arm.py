@@ -367,7 +367,6 @@ def main() -> int:
     }
 
     write_json(folder / "metrics.json", metrics)
-
     draw_single(dict(single), folder / "single_solution.png")
     draw_motions(runs, folder / "motions.png")
 

@@ -237,7 +237,6 @@ def main() -> int:
     }
 
     write_json(folder / "metrics.json", metrics)
-
     console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]")
     console.print(f"written to {folder}/", highlight=False)
     return 0 if accepted else 1

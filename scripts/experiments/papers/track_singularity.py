@@ -276,7 +276,6 @@ def main() -> int:
         options.reach, options.period = 0.5 * options.reach, 2.0 * options.period
 
     folder = new_folder("track_singularity", options.out)
-
     arm = published_arms.load("era")
     chain = Chain.from_arm(arm)
     q_lock = lock(arm)

@@ -214,7 +214,6 @@ def _capytaine(vertices: Array, triangles: np.ndarray) -> tuple[Array, float]:
     )
 
     names = ("Surge", "Sway", "Heave", "Roll", "Pitch", "Yaw")
-
     begun = time.perf_counter()
     solver = capytaine.BEMSolver()
     found = []
@@ -248,7 +247,6 @@ def vehicle(numbers: dict[str, Any]) -> list[Table]:
     ).bodies["hull"]
 
     added, drag = [], []
-
     for name, water in made.items():
         added.append(
             [name, f"{1e3 * water.volume:.1f}", *(f"{x:.3g}" for x in water.added_mass.diagonal())]

@@ -48,7 +48,6 @@ def pose_error(scene: UnseenScene, X_CT: Array) -> PoseError:
         X_CT: (4, 4) identified pose.
     """
     position, angle = scene.likeness.symmetry.error(X_CT, scene.X_CT)
-
     degrees = float(np.rad2deg(angle))
     near = position < FOUND[0] + FOUND[1] * scene.range_m and degrees < FOUND[2]
     return PoseError(position_m=position, angle_deg=degrees, found=bool(near))
@@ -186,7 +185,6 @@ class ViewOfObject:
         good = np.isfinite(z) & (
             across > np.cos(sensor.max_incidence) * np.linalg.norm(rays, axis=1)
         )
-
         n, z, across, rays = n[good], z[good], across[good], rays[good]
 
         share = sensor.independent(_STEP * sensor.focal / FOCAL)

@@ -44,9 +44,8 @@ def recall_chart(rows: Sequence[Row]) -> "Figure":
             [name for name in HIDDEN if name in there] if key == "hidden_class" else sorted(there)
         )
 
-        low = np.zeros(len(names))
-
         # Bars of the outcomes, one on top of the other.
+        low = np.zeros(len(names))
         for outcome, (colour, belongs) in OUTCOMES.items():
             count = np.array(
                 [sum(belongs(row) for row in rows if row[key] == name) for name in names]

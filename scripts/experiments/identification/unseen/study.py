@@ -207,7 +207,6 @@ def summarise(rows: list[Row], title: str) -> Summary:
     )
 
     there = [row for row in depth if row["content"] == "present"]
-
     tables: list[Table] = []
     metrics: dict[str, Any] = {}
 
@@ -230,7 +229,6 @@ def summarise(rows: list[Row], title: str) -> Summary:
         tables.append(_confusion_table(metrics["confusion_sonar"], "Verdicts, sonar"))
 
     metrics["covariance"] = doubts = consistency(depth)
-
     false = [row for row in depth if is_false_accept(row)]
     metrics["false_accepts"] = len(false)
     metrics["false_accept_percent"] = 100.0 * len(false) / max(1, len(depth))

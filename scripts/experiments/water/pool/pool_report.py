@@ -156,7 +156,6 @@ def draw(file: Path, result: Validation, trials: Sequence[PoolTrial]) -> None:
     ]
 
     by_name = {trial.name: trial for trial in trials}
-
     fitted = values_of(PARAMETERS, result.fit.deviations)
     models = {
         "fitted": (pool_model(result.hull, fitted), fitted, "C0"),

@@ -169,7 +169,6 @@ def _columns(table: dict[str, Array], names: tuple[str, ...], trial: str) -> Arr
         )
 
     found = np.column_stack([table[name] for name in names])
-
     if not np.all(np.isfinite(found)):
         bad = names[int(np.flatnonzero(~np.isfinite(found).all(axis=0))[0])]
         raise ConfigurationError(

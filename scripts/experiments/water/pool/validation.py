@@ -146,7 +146,6 @@ def validate(
     untuned = scores(hull, trials, NOMINAL)
 
     groups = groups_of(trials)
-
     if not leave_out or len(groups) < 2:
         return Validation(
             hull=hull,

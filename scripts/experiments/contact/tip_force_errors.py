@@ -81,9 +81,7 @@ SOURCES = (
 
 
 def sources(case: ForceCase) -> dict[str, tuple[Errors, Doubt]]:
-    """Error model of each torque source, and the standard deviations that the estimator assumes for
-    it.
-    """
+    """Error model of each torque source, and the standard deviations that the estimator assumes."""
     bias = case.bias * SIZE.get(case.arm, 1.0)
 
     def of_sensors(bias: float) -> Callable[[Array, Array], Array]:

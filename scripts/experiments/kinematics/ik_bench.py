@@ -92,9 +92,7 @@ def dh_forward(arm: SerialArm, q: Array) -> Array:
 
 
 def reached(drawn: IkTargets, q: Array) -> np.ndarray:
-    """(N,) bool: joint values (N, n) bring the tip within the bar and keep the limits; False for
-    NaN.
-    """
+    """(N,) bool: joint values (N, n) bring the tip within the bar and the limits; False for NaN."""
     X, bar = dh_forward(drawn.arm, q), BARS[drawn.bar]
     D = np.swapaxes(X[:, :3, :3], 1, 2) @ drawn.targets[:, :3, :3]
     twice = np.stack(

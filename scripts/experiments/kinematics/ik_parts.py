@@ -144,9 +144,7 @@ def errors(X: Array, target: Array) -> dict[str, Array]:
 
 
 def met(chain: Chain, kind: str, q: Array, targets: Array) -> np.ndarray:
-    """(N,) bool: joint values (N, n) are within the limits, and every error that counts within its
-    tolerance.
-    """
+    """(N,) bool: joint values (N, n) keep the limits, and every error that counts its tolerance."""
     tolerances = {"position_tolerance": POSITION, "orientation_tolerance": ANGLE} | KINDS[kind]
     if "axis_tolerance" in tolerances:
         del tolerances["orientation_tolerance"]

@@ -64,9 +64,7 @@ class ArmRow:
 
 
 def arms(streams: Streams) -> Iterator[tuple[str, PublishedArm]]:
-    """Arms with the limits of their hinges: even ones, then uneven ones of 90 to 300 deg that are
-    drawn.
-    """
+    """Arms with limits of their hinges: even ones, then uneven ones, drawn from 90 to 300 deg."""
     for name in published_arms.available():
         arm = published_arms.load(name)
         for degrees in RANGES:
@@ -98,9 +96,7 @@ def joint_values(limits: Array, kind: str, count: int, rng: np.random.Generator)
 
 
 def misses(arm: PublishedArm, targets: Array, version: str) -> int:
-    """Number of `targets` (N, 4, 4) that a version of VERSIONS does not solve from the cold
-    start.
-    """
+    """Number of `targets` (N, 4, 4) that a version of VERSIONS misses from the cold start."""
     method, options = VERSIONS[version]
     start = np.clip(np.resize(HOME, len(arm.limits)), arm.limits[:, 0], arm.limits[:, 1])
     starts = np.tile(start, (len(targets), 1))

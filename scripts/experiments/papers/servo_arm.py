@@ -141,9 +141,7 @@ def goals_of(result: IkResult) -> Array:
 
 
 def draw_single(results: dict[str, IkResult], file: Path) -> None:
-    """Plots joint values and goals over iterations, one column for each method [Danilov 2021, fig.
-    9].
-    """
+    """Plots joint values and goals over iterations, a column a method [Danilov 2021, fig. 9]."""
     figure = Figure(figsize=(13, 7), layout="constrained")
     grid = figure.subplots(2, len(results), sharey="row", squeeze=False)
 

@@ -71,8 +71,7 @@ class Options:
 
 
 def lock(arm: SerialArm) -> Array:
-    """Joint values (7,) [rad] in the gimbal lock: `AT_LOCK`, the wrist's pitch refined by
-    bisection.
+    """Joint values (7,) [rad] in the gimbal lock: `AT_LOCK`, the wrist's pitch by bisection.
 
     The yaw axis passes through the shoulder (joint 2) where the link before it is perpendicular to
     the line to the shoulder.

@@ -127,9 +127,7 @@ class Stopwatch:
         return 1e-9 * sum(self.spent)
 
     def typical(self, overhead: float) -> float:
-        """Mean duration [us] of a call without the slowest ones, less `overhead` [us] of reading
-        the clock.
-        """
+        """Mean duration [us] of a call, the slowest left out, less `overhead` [us] of the clock."""
         spent = np.sort(self.spent)[: max(1, int((1.0 - SLOWEST) * len(self.spent)))]
         return max(0.0, 1e-3 * float(spent.mean()) - overhead)
 

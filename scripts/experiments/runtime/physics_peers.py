@@ -118,9 +118,7 @@ def fossen_loop(
 
 
 def auv_sim_bench(timestep: float) -> Stepper | None:
-    """Dynamics of auv-sim-bench (one body, diagonal drag, no added mass); None if it is not
-    installed.
-    """
+    """Dynamics of auv-sim-bench (one body, diagonal drag, no added mass); None if not installed."""
     if find_spec("auv_sim_bench") is None:
         return None
 

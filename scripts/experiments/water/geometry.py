@@ -351,9 +351,7 @@ def _rows(wetted: Wetted, theirs: dict[str, tuple[float, str]]) -> list[list[str
 
 
 def _trimesh_volumes(spec: mujoco.MjSpec) -> dict[str, tuple[float, str]]:
-    """Sum of the volumes of a body's meshes by trimesh, without union, and how many of them are
-    closed.
-    """
+    """Sum of a body's mesh volumes by trimesh, without union, and how many meshes are closed."""
     import trimesh
 
     model = spec.copy().compile()

@@ -78,8 +78,7 @@ class ViewOfObject:
         self.points_C = self._rays[self._seen] * self._exact[self._seen][:, None]  # (n, 3) [m]
 
     def rival_nats(self, sensor: SensorModel) -> float:
-        """Expected gain [nat] in log likelihood of the true pose over the best rival; inf if there
-        is no rival.
+        """Expected gain [nat] in log likelihood of the true pose over the best rival; inf without one.
 
         Args:
             sensor: Noise of the depth readings.
@@ -191,9 +190,7 @@ class ViewOfObject:
         return X_TC[:3, 3] + z[:, None] * rays, n, sensor.sigma(z) * across / np.sqrt(share)
 
     def _outline(self, sensor: SensorModel) -> tuple[Array, Array, Array]:
-        """As `_surface`, for the pixels at the edge of the image, where something farther lies
-        beside them.
-        """
+        """As `_surface`, for the pixels at the object's edge with something farther beside them."""
         seen, depth = self._scene.seen, self._scene.exact
         edge = np.zeros_like(seen)
         for axis in (0, 1):

@@ -30,9 +30,7 @@ OUTCOMES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
 
 
 def recall_chart(rows: Sequence[Row]) -> "Figure":
-    """Bar chart of what became of the scenes with the object, by class of shape and of
-    occlusion.
-    """
+    """Bar chart of what became of the scenes with the object, by class of shape and occlusion."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 

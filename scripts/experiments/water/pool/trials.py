@@ -124,9 +124,7 @@ def read_trial(folder: Path, name: str) -> PoolTrial:
 
 
 def _first(times: Array, begin: float) -> np.ndarray:
-    """Mask of the samples from which the start is taken: those of the first START, five at
-    least.
-    """
+    """Mask of the samples that give the start: those of the first START, five at least."""
     mask = (times >= begin) & (times <= begin + START)
 
     if mask.sum() < 5:

@@ -65,9 +65,7 @@ def scores(
 def buoyancy_by_group(
     hull: str, trials: Sequence[PoolTrial], values: Mapping[str, float]
 ) -> dict[str, float]:
-    """Net buoyancy [N] of each trajectory number that its rises speak for, all else as in
-    `values`.
-    """
+    """Net buoyancy [N] of each trajectory number by its rises, all else as in `values`."""
     found = {}
     for name, members in groups_of(trials).items():
 

@@ -198,7 +198,6 @@ def plan_costs(campaign: Campaign) -> dict[str, float]:
     """Time [s] and memory [B] that a run takes before it begins: its values drawn, its key."""
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
     keyed = {key_of(run): run for run in campaign.runs(_PLANNED)}
-
     took = time.perf_counter() - began
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     return {"plan": took / len(keyed), "plan_memory": grown / len(keyed)}

@@ -78,7 +78,8 @@ class ViewOfObject:
         self.points_C = self._rays[self._seen] * self._exact[self._seen][:, None]  # (n, 3) [m]
 
     def rival_nats(self, sensor: SensorModel) -> float:
-        """Expected gain [nat] in log likelihood of the true pose over the best rival; inf without one.
+        """Expected gain [nat] in log likelihood of the true pose over the best rival; inf if there
+        is no rival.
 
         Args:
             sensor: Noise of the depth readings.

@@ -164,7 +164,6 @@ class HullController:
 
         # The felt force has a bias that stays.
         self._bias = FELT_BIAS * rng.standard_normal(3)
-
         self._home = self._arm.wrench_at_rest(np.array(vehicle.q_home))
         self.felt_W, self._w_last_B = np.zeros(3), np.zeros(3)
 
@@ -486,9 +485,8 @@ class _Judge:
                 self._push.dead = case.lost
                 if inside >= 0.5 * case.push + case.noticed:
                     self._keeper.exclude(case.lost)
-
-        # Before the first push: how much the commands change.
         elif since > -5.0 and moment.tick % 10 == 0:
+            # Before the first push: how much the commands change.
             thrust = np.array(moment.command.thrusters)
             if len(self._last):
                 self._rates.append(np.mean((thrust - self._last) ** 2) / PERIOD**2)

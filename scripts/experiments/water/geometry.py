@@ -112,8 +112,8 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
         a, b, c = corners.transpose(1, 0, 2)
         volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
-        cells, found, solved = [], {}, {}
         # Largest error and seconds at each number of panels.
+        cells, found, solved = [], {}, {}
         for count in counts:
             begun = time.perf_counter()
             surface = union_surface(corners, volume, count)
@@ -159,8 +159,8 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
 
 def _known() -> list[tuple[str, str, tuple[float, float, float], Array, str]]:
     """Shapes: name, kind, MuJoCo's size, added over displaced mass (NaN: not compared), source."""
-    found = []
     # Ellipsoids have a closed form.
+    found = []
     for a, b, c in (
         (1.0, 1.0, 1.0),
         (2.0, 1.0, 1.0),

@@ -89,10 +89,8 @@ def buoyancy_table(buoyancies: Mapping[str, float]) -> Table:
 def parameter_table(result: Validation) -> Table:
     """Each parameter with its nominal value, its interval, and what the trials tell of it."""
     rows = []
-
     for i, each in enumerate(PARAMETERS):
         low, high = result.interval(i)
-
         rows.append(
             [
                 each.name,

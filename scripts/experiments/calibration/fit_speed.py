@@ -99,6 +99,7 @@ def fit_speed(case: FitSpeedCase) -> FitSpeedRow:
     with one_core(), tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_task(folder / "task.npz", series, np.array(source.arm.table[:, :4]), tcp)
+
         calls = None
         seconds: dict[str, list[float]] = {}
         cost: dict[str, float] = {}

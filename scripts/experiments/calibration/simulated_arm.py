@@ -40,6 +40,7 @@ def touched_arm(
         rng=np.random.default_rng(seed),
         real=real or RealEffects(),
     )
+
     assert case.truth is not None  # it is simulated
     return case, case.truth
 

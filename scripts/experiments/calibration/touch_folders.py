@@ -57,6 +57,7 @@ def sockets_in_rows(
     """
     series: list[Array] = []
     pairs: list[Pair] = []
+
     for position in positions:
         first = len(series)
         series += sockets(folder, position, arm)

@@ -141,6 +141,7 @@ def _apart(arm: SerialArm, other: SerialArm, touched: Array) -> float:
     """RMS difference [m] of moves of the flange over the joint ranges that were touched."""
     ranges = touched.min(axis=0), touched.max(axis=0)
     q = np.random.default_rng(5).uniform(*ranges, (_MOVES, touched.shape[1]))
+
     p, p_other = (entry.tips(q, np.zeros(3)) for entry in (arm, other))
     off = p - transform_points(kabsch(p_other, p), p_other)
     return float(np.sqrt((off**2).sum(axis=1).mean()))

@@ -72,6 +72,7 @@ class VerdictCase:
 def cases(arms: JudgedArms) -> Iterator[VerdictCase]:
     """The input of each arm."""
     count = arms.right_arms if arms.kind in RIGHT_LENGTHS else arms.wrong_arms
+
     for k in range(count):
         yield VerdictCase(
             kind=arms.kind,

@@ -115,7 +115,6 @@ def figures_of(stiffness: float, true: Array, low: float, high: float) -> dict[s
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
     """Formatted cells of a row of the table."""
     scaled = (("rise_s", 1.0), ("overshoot", 100.0), ("settling_s", 1.0), ("spread_n", 1.0))
-
     numbers = ("–" if row[name] is None else f"{scale * row[name]:.2f}" for name, scale in scaled)
     return f"{row['stiffness_n_m']:.3g}", str(row["steps"]), *numbers
 

@@ -112,7 +112,6 @@ def figures(
     """
     step, t = (response - low) / (high - low), times()
     after = t >= 0.0
-
     step, t = step[after], t[after]
 
     def first(level: float) -> float | None:

@@ -74,7 +74,6 @@ def main() -> int:
     ]
 
     hydrodynamics.install()  # compiled once here, else by every worker
-
     summary = partial(summarise, low=options.low, high=options.high)
 
     study = Study(cases=tasks, run_one=responses, summarise=summary, failed=failed, line=line)

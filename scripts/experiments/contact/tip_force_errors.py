@@ -81,9 +81,7 @@ SOURCES = (
 
 
 def sources(case: ForceCase) -> dict[str, tuple[Errors, Doubt]]:
-    """Error model of each torque source, and the standard deviations that the estimator assumes for
-    it.
-    """
+    """Error model of each torque source, and the standard deviations that the estimator assumes."""
     bias = case.bias * SIZE.get(case.arm, 1.0)
 
     def of_sensors(bias: float) -> Callable[[Array, Array], Array]:
@@ -170,7 +168,6 @@ def run(case: ForceCase) -> Row:
     wrong, doubt = sources(case)[case.source]
     streams = Streams(case.seed, len(case.form), arm.n)
     sliding = SLIDING * np.array(LIMITS[case.arm], dtype=np.float64)
-
     low, high = np.maximum(arm.limits[:, 0], -np.pi), np.minimum(arm.limits[:, 1], np.pi)
 
     rows = []
@@ -227,7 +224,6 @@ def run(case: ForceCase) -> Row:
         rows.append((weakest, float(error @ error), squared, *error**2, *stated))
 
     table = np.array(rows)
-
     near = table[:, 0] <= np.quantile(table[:, 0], 0.1)
 
     return {

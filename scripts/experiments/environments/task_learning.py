@@ -108,7 +108,6 @@ def main() -> int:
     errors.
     """
     options, console = parse(Options), Console()
-
     folder = new_folder("task_learning", options.out, options.seed)
 
     setting, rng = (
@@ -147,7 +146,6 @@ def main() -> int:
 
     # The mean and the policy of the start, in the same fresh episodes.
     fresh = rng.integers(2**31, size=FRESH)
-
     before, after = totals(np.zeros((FRESH, size)), fresh), totals(np.tile(mean, (FRESH, 1)), fresh)
     error = float(np.hypot(before.std(ddof=1), after.std(ddof=1)) / np.sqrt(FRESH))
     gain = float(after.mean() - before.mean())
@@ -187,7 +185,6 @@ def _draw(file: Path, curve: list[dict[str, float]], task: str) -> None:
         alpha=0.6,
         label="best of a generation",
     )
-
     axes.plot(times, [each["mean"] for each in curve], label="mean of a generation")
     axes.set(xlabel="time [s]", ylabel="return of an episode", title=task)
     axes.grid(alpha=0.3)

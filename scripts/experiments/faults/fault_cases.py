@@ -102,9 +102,7 @@ class CaseDoneError(Exception):
 
 @dataclass(slots=True, eq=False)
 class Trace:
-    """Time series of a run from its fault on, at the loop's rate; times [s] are relative to the
-    fault.
-    """
+    """Time series of a run from its fault on, at the loop's rate; times [s] from the fault."""
 
     fault: str
     phase: str  # SETTLE or one of PHASES, in which the fault began

@@ -43,7 +43,6 @@ def run(task: BungCase) -> dict[str, Any]:
         scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model
     )
     position, axis = scene.error(found.X_sensor_target)
-
     cosine = 0.5 * (np.trace(found.X_sensor_target[:3, :3].T @ scene.X_CT[:3, :3]) - 1.0)
 
     return {
@@ -74,6 +73,7 @@ def bung_in_view(scene: ObjectScene, surface: ModelSurface, place: int) -> str:
     on_it = (np.hypot(points[:, 0], points[:, 1]) < 1.01 * radius) & (
         points[:, 2] > 0.5 * BARREL_DIAMETER
     )
+
     # The face is the outer tenth of the bung's height.
     middle = on_it & (np.hypot(points[:, 0], points[:, 1]) < 0.3 * radius)
     middle &= points[:, 2] > 0.5 * BARREL_DIAMETER + 0.9 * height
@@ -102,8 +102,8 @@ def summarise(rows: list[Row]) -> Summary:
 
 def table_of(rows: Sequence[Row]) -> Table:
     """Table of the rows by sensor and visibility of the bung."""
-    cells = []
     # Errors of the rotation count only where identification determined it.
+    cells = []
     for sensor, bung in dict.fromkeys((row["sensor"], row["bung"]) for row in rows):
         of = [row for row in rows if (row["sensor"], row["bung"]) == (sensor, bung)]
         turns = [row["turn_deg"] for row in of if row["told"]]

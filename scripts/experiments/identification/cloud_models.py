@@ -30,9 +30,7 @@ class CloudCase:
 
 
 def sampled_cloud(target: TargetModel, count: int, seed: int = 0) -> tuple[Array, Array]:
-    """Points (n, 3) [m] drawn evenly from the mesh of `target`, and its outward normals (n, 3)
-    there.
-    """
+    """Points (n, 3) [m] drawn evenly from the mesh of `target`, and outward normals (n, 3)."""
     mesh = trimesh.Trimesh(target.vertices, target.triangles, process=False)
     points, faces = trimesh.sample.sample_surface(mesh, count, seed=seed)[:2]
     return np.asarray(points), np.asarray(mesh.face_normals)[faces]
@@ -73,7 +71,6 @@ def run(task: CloudCase) -> dict[str, Any]:
     for count in task.points:
         for with_normals in (True, False):
             found = found_by(cloud_surface(task.name, count, with_normals))
-
             off, angle = _between(scene, found.X_sensor_target, by_mesh.X_sensor_target)
             said = {
                 "off_m": off,
@@ -94,9 +91,7 @@ def run(task: CloudCase) -> dict[str, Any]:
 
 
 def _between(scene: ObjectScene, A: Array, B: Array) -> tuple[float, float]:
-    """Distance [m] of the object's centres at two poses (4, 4), and angle [deg] modulo the declared
-    symmetry.
-    """
+    """Distance [m] of the object's centres at two poses (4, 4), and angle [deg] modulo symmetry."""
     symmetry, center = scene.target.symmetry, scene.target.center
 
     A = symmetry.nearest_pose(A, B[:3, :3])

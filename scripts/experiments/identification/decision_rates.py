@@ -67,7 +67,7 @@ def run(task: DecisionCase) -> Row:
         }
     ]
 
-    # The same evidence must not carry a pose that is known to be wrong.
+    # The same evidence, with poses that are known to be wrong.
     if KINDS[task.kind] and found.evidence is not None:
         for name, X in wrong_poses(scene.X_CT, surface.target, Streams(task.seed)).items():
             verdict = check(found.evidence, surface, X)
@@ -84,7 +84,6 @@ def summarise(scenes: list[Row]) -> Summary:
         (row for scene in scenes for row in scene["decisions"]), key=lambda row: row["seed"]
     )
     table, found = counts_of(rows), rates(rows)
-
     false = [row for row in rows if row["decision"] == Decision.ACCEPT and not row["right"]]
 
     return Summary(
@@ -117,7 +116,6 @@ def counts_of(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     table = {}
     for kind in kinds:
         of = [row for row in rows if row["kind"] == kind]
-
         right = [row for row in of if row["right"]]
 
         table[kind] = {

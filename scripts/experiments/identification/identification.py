@@ -61,7 +61,6 @@ def main() -> int:
         target_of(name)  # refuses an unknown name
 
     start = Start(options.start, options.start_error, options.ranges, options.gap)
-
     cases = [
         SceneCase(name, sensor, options.seed + k, start)
         for name in options.objects
@@ -76,14 +75,12 @@ def main() -> int:
             for c in cases
         ]
         title = f"{start}: which of {len(options.objects)} objects is it?"
-
         study = Study(
             cases=asked,
             run_one=recognition.run,
             summarise=partial(recognition.summarise, title=title),
             line=recognition.line,
         )
-
         return study.carry_out("study_recognition", options, "Recognition on random scenes")
 
     # The model is given as point clouds too.
@@ -97,7 +94,6 @@ def main() -> int:
             summarise=partial(cloud_models.summarise, title=f"{start}: models as clouds"),
             line=cloud_models.line,
         )
-
         return study.carry_out("study_cloud_models", options, "Models given as clouds")
 
     study = Study(

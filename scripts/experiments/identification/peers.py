@@ -122,8 +122,8 @@ def fpfh(case: SceneInput) -> Array:
     """Open3D's RANSAC on FPFH features, refined by point-to-plane ICP; X_ST (4, 4)."""
     o3d = open3d_loader.load()
 
-    # The random generator of RANSAC is Open3D's own, global one.
     registration = o3d.pipelines.registration
+    # RANSAC draws from Open3D's global generator.
     o3d.utility.random.seed(case.scene.seed % 2**31)
 
     # Descriptors on thinned clouds.
@@ -265,7 +265,6 @@ def fit_times(case: SceneInput, streams: Streams) -> dict[str, float]:
     X_near[:3, 3] += FIT_START[0] * aside / np.linalg.norm(aside)
 
     near = SceneInput(scene, case.surface, dense, X_near)
-
     registration, clouds = open3d_loader.load().pipelines.registration, _clouds(near)
     fits: dict[str, Callable[[], Any]] = {"ours": lambda: fine_fit(dense, case.surface, X_near)}
     for kind in ("point", "plane", "generalised"):
@@ -322,7 +321,6 @@ def summarise(scenes: list[Row]) -> Summary:
     lines = []
     for method in METHODS:
         cells = []
-
         for name in objects:
             of = [row for row in rows if row["method"] == method and row["object"] == name]
             found = [1e3 * row["position_m"] for row in of if row["found"]]

@@ -66,7 +66,6 @@ def run(task: SceneCase) -> dict[str, Any]:
     )
 
     scan, surface = scene.scan, surface_of(task.name)
-
     began = process_time()
     found = identify(
         scan,
@@ -76,7 +75,6 @@ def run(task: SceneCase) -> dict[str, Any]:
         sensor=scene.sensor.model,
     )
     spent = process_time() - began
-
     position, angle = scene.error(found.X_sensor_target)
 
     return {
@@ -205,7 +203,6 @@ def picture(rows: Sequence[Row]) -> "Figure":
     for column, name in enumerate(names):
         for sensor in sensors:
             part = [row for row in rows if row["object"] == name and row["sensor"] == sensor]
-
             x = [row["range_m"] for row in part]
             panels[0, column].semilogy(
                 x, [1e3 * row["position_m"] for row in part], ".", label=sensor
@@ -215,7 +212,7 @@ def picture(rows: Sequence[Row]) -> "Figure":
         panels[0, column].set_title(name)
         panels[1, column].set_xlabel("range [m]")
 
-    # Bounds that the eye compares with.
+    # Bounds to compare with.
     limit = np.array([min(row["range_m"] for row in rows), max(row["range_m"] for row in rows)])
     for panel in panels[0]:
         panel.semilogy(limit, 5.0 * limit, "k--", linewidth=0.8, label="0.5 % of range")

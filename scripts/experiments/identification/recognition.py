@@ -38,7 +38,6 @@ def run(task: RecognitionCase) -> dict[str, Any]:
     )
 
     surfaces = {name: surface_of(name) for name in task.among}
-
     began = process_time()
     made = recognise(
         scene.scan,
@@ -89,7 +88,6 @@ def summarise(rows: list[Row], title: str) -> Summary:
     """
     names = sorted({row["object"] for row in rows})
     figures = {name: figures_of([row for row in rows if row["object"] == name]) for name in names}
-
     figures["all"] = figures_of(rows)
 
     columns = (

@@ -133,7 +133,6 @@ def _icp(scan: Any, model: Any, reaches: Iterable[float], X_TS: Array) -> Any:
     criteria = registration.ICPConvergenceCriteria(max_iteration=ICP_STEPS)
 
     found = None
-
     for reach in reaches:
         found = registration.registration_icp(
             scan, model, reach, X_TS, registration.TransformationEstimationPointToPlane(), criteria
@@ -295,7 +294,6 @@ def _views(model: Model) -> tuple[Any, list[tuple[Array, Array]]]:
         thin = part.select_by_index(np.flatnonzero(facing)).voxel_down_sample(
             0.5 * KISS_VOXEL * model.radius
         )
-
         views.append((eye, np.asarray(thin.points) - eye))
 
     return cloud, views
@@ -315,7 +313,6 @@ def _kiss_matcher(task: RegistrationTask, prepared: tuple[Any, list[tuple[Array,
     library = import_module("kiss_matcher")
 
     cloud, views = prepared
-
     scale = KISS_UNIT / (KISS_VOXEL * task.model.radius)
     scan = list((scale * task.points).astype(np.float32))
     most, X_TS = -1, np.eye(4)

@@ -39,12 +39,15 @@ def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A
     """
     n = dh.shape[0]
     for start in range(STARTS):
+        # Restarts are drawn within the limits by a hash of start and joint.
         if start:
             for i in range(n):
                 share = math.sin(12.9898 * (start * n + i)) * 43758.5453 % 1.0
                 q[i] = limits[i, 0] + share * (limits[i, 1] - limits[i, 0])
+
         for _ in range(STEPS):
             forward(dh, slides, tool, q, J, X)
+
             px, py, pz = target[0, 3] - X[0, 3], target[1, 3] - X[1, 3], target[2, 3] - X[2, 3]
             # Rotation vector of target R_tip^T from sin(angle) times the axis, and the cosine.
             wx = wy = wz = 0.0
@@ -56,12 +59,16 @@ def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A
                 cosine += 0.5 * (
                     X[0, m] * target[0, m] + X[1, m] * target[1, m] + X[2, m] * target[2, m]
                 )
+
             sine = math.sqrt(wx * wx + wy * wy + wz * wz)
             angle = math.atan2(sine, cosine)
             gain = angle / sine if sine > 1e-9 else 1.0
             square = px * px + py * py + pz * pz
+
             if square <= tol_p * tol_p and angle <= tol_r:
                 return True
+
+            # dq = J^T (J J^T + lambda^2 I)^-1 e.
             A[0, 6], A[1, 6], A[2, 6] = px, py, pz
             A[3, 6], A[4, 6], A[5, 6] = gain * wx, gain * wy, gain * wz
             damping = DAMPING * (square + angle * angle) + 1e-12
@@ -73,14 +80,18 @@ def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A
                     A[k, m] = total
                     A[m, k] = total
             eliminate(A)
+
             for i in range(n):
                 step = 0.0
                 for k in range(6):
                     step += J[i, k] * A[k, 6]
+
+                # Within the limits; a hinge with a range of a whole turn wraps.
                 value, lower, upper = q[i] + step, limits[i, 0], limits[i, 1]
                 if slides[i] == 0.0 and upper - lower >= 2.0 * math.pi - 1e-9:
                     value = lower + (value - lower) % (2.0 * math.pi)
                 q[i] = min(max(value, lower), upper)
+
     return False
 
 
@@ -99,14 +110,18 @@ def forward(dh, slides, tool, q, J, X):
     n = dh.shape[0]
     X[:] = 0.0
     X[0, 0] = X[1, 1] = X[2, 2] = X[3, 3] = 1.0
+
+    # Along the chain, with origin and axis of each joint in its row of the Jacobian.
     for i in range(n):
         for r in range(3):
             J[i, r], J[i, 3 + r] = X[r, 3], X[r, 2]
+
         theta, d, a = dh[i, 0], dh[i, 1], dh[i, 2]
         if slides[i] != 0.0:
             d += q[i]
         else:
             theta += q[i]
+
         c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(dh[i, 3]), math.sin(dh[i, 3])
         for r in range(3):
             x, y, z = X[r, 0], X[r, 1], X[r, 2]
@@ -114,11 +129,15 @@ def forward(dh, slides, tool, q, J, X):
             v = c * y - s * x
             X[r, 1], X[r, 2] = ca * v + sa * z, ca * z - sa * v
             X[r, 3] += a * X[r, 0] + d * z
+
+    # The tip, by the tool.
     for r in range(3):
         x, y, z = X[r, 0], X[r, 1], X[r, 2]
         for k in range(3):
             X[r, k] = x * tool[0, k] + y * tool[1, k] + z * tool[2, k]
         X[r, 3] += x * tool[0, 3] + y * tool[1, 3] + z * tool[2, 3]
+
+    # Rows of the Jacobian: e x (p - p_joint) and e for a hinge, e and 0 for a slide.
     for i in range(n):
         ex, ey, ez = J[i, 3], J[i, 4], J[i, 5]
         if slides[i] != 0.0:
@@ -131,15 +150,16 @@ def forward(dh, slides, tool, q, J, X):
 
 @kernel(nogil=True, error_model="numpy")
 def eliminate(A):
-    """Solves a positive definite 6 x 6 system in place; right side and solution are the last column
-    of `A` (6, 7).
-    """
+    """Solves a positive definite 6 x 6 system in place, in the last column of `A` (6, 7)."""
+    # Elimination below the diagonal.
     for k in range(6):
         pivot = 1.0 / A[k, k]
         for r in range(k + 1, 6):
             f = A[r, k] * pivot
             for m in range(k + 1, 7):
                 A[r, m] -= f * A[k, m]
+
+    # Back substitution.
     for k in range(5, -1, -1):
         for m in range(k + 1, 6):
             A[k, 6] -= A[k, m] * A[m, 6]

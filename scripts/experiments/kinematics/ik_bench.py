@@ -69,6 +69,7 @@ def dh_forward(arm: SerialArm, q: Array) -> Array:
         turn, lift = (
             (theta + 0.0 * value, d + value) if kind == "p" else (theta + value, d + 0.0 * value)
         )
+
         c, s, ca, sa, zero = (
             np.cos(turn),
             np.sin(turn),
@@ -76,6 +77,7 @@ def dh_forward(arm: SerialArm, q: Array) -> Array:
             math.sin(alpha),
             0.0 * value,
         )
+
         rows = [
             [c, -s * ca, s * sa, a * c],
             [s, c * ca, -c * sa, a * s],
@@ -90,16 +92,16 @@ def dh_forward(arm: SerialArm, q: Array) -> Array:
 
 
 def reached(drawn: IkTargets, q: Array) -> np.ndarray:
-    """(N,) bool: joint values (N, n) bring the tip within the bar and keep the limits; False for
-    NaN.
-    """
+    """(N,) bool: joint values (N, n) bring the tip within the bar and the limits; False for NaN."""
     X, bar = dh_forward(drawn.arm, q), BARS[drawn.bar]
     D = np.swapaxes(X[:, :3, :3], 1, 2) @ drawn.targets[:, :3, :3]
     twice = np.stack(
         [D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1
     )
+
     angle = np.arctan2(np.linalg.norm(twice, axis=1), np.trace(D, axis1=1, axis2=2) - 1.0)
     distance = np.linalg.norm(X[:, :3, 3] - drawn.targets[:, :3, 3], axis=1)
+
     kept = np.all((q >= drawn.limits[:, 0] - 1e-9) & (q <= drawn.limits[:, 1] + 1e-9), axis=1)
     return (distance <= SLACK * bar[0]) & (angle <= SLACK * bar[1]) & kept
 

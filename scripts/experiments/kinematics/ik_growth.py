@@ -58,6 +58,7 @@ def ik_growth(case: GrowthCase) -> GrowthRow:
     streams = Streams(case.seed, case.links)
     bend = min(1.0, 2.4 / math.sqrt(case.links))
     size = (case.targets, case.links)
+
     drawn = IkTargets(
         arm=arm,
         bar="A",
@@ -81,6 +82,7 @@ def snake(links: int) -> PublishedArm:
     rows = np.column_stack(
         [np.zeros(links), np.zeros(links), np.full(links, LENGTH / links), alpha]
     )
+
     limits = np.tile([-math.pi, math.pi], (links, 1))
     return replace(
         PublishedArm.from_dh(rows), title=f"{links} links", limits=limits, source="made up"
@@ -92,6 +94,7 @@ def exponents(rows: list[Row]) -> dict[str, float]:
     rows = [row for row in rows if row["links"] >= LONG]
     if len(rows) < 2:
         return {}
+
     links = np.log([row["links"] for row in rows])
     return {
         name: float(np.polyfit(links, np.log([row["median"][name] for row in rows]), 1)[0])
@@ -103,6 +106,7 @@ def growth(rows: list[Row]) -> list[str | dict | tuple[str, str, Figure]]:
     """Exponents, and the times as a picture."""
     exponent = exponents(rows)
     links = np.array([row["links"] for row in rows], dtype=float)
+
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     axes = figure.subplots()
 
@@ -110,6 +114,7 @@ def growth(rows: list[Row]) -> list[str | dict | tuple[str, str, Figure]]:
         label = f"{name}: n^{exponent[name]:.2f} from {LONG}" if exponent else name
         times = [1e6 * row["median"][name] for row in rows]
         axes.loglog(links, times, marker="o", color=COLORS.get(name), label=label)
+
     first = 1e6 * rows[0]["median"]["hybrid"]
     axes.loglog(links, first * links / links[0], "--", color="0.6", lw=1.0, label="linear")
 
@@ -118,6 +123,7 @@ def growth(rows: list[Row]) -> list[str | dict | tuple[str, str, Figure]]:
     axes.set(xlabel="links", ylabel="median time of a solve [us]")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="upper left")
+
     lines = [f"{name}: exponent {value:.2f} from {LONG} links" for name, value in exponent.items()]
     return [*lines, {"exponent": exponent}, ("Growth with the number of links", "", figure)]
 

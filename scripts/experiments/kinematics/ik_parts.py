@@ -106,6 +106,7 @@ def drawn(n: int, limit: float, rng: np.random.Generator) -> Chain:
     dh = np.column_stack(
         [rng.uniform(-3.0, 3.0, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0.1, 0.6, n), twist]
     )
+
     tool = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.uniform(-0.1, 0.1, 3))
     return Chain.from_dh(dh, limits=np.tile([-limit, limit], (n, 1)), tool=tool)
 
@@ -113,6 +114,7 @@ def drawn(n: int, limit: float, rng: np.random.Generator) -> Chain:
 def forward(chain: Chain, q: Array) -> Array:
     """Tip poses (N, 4, 4) at joint values (N, n): the product of exponentials of their twists."""
     X = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+
     for kind, axis, point, value in zip(
         chain.joint_types, chain.axes, chain.points, q.T, strict=True
     ):
@@ -121,6 +123,7 @@ def forward(chain: Chain, q: Array) -> Array:
         step[:, :3, :3] = Rotation.from_rotvec(
             np.outer(0.0 * value if kind == "p" else value, axis)
         ).as_matrix()
+
         step[:, :3, 3] = np.outer(value, axis) if kind == "p" else point - step[:, :3, :3] @ point
         X = X @ step
     return X @ chain.X_base_tip0
@@ -131,6 +134,7 @@ def errors(X: Array, target: Array) -> dict[str, Array]:
     of the tolerance.
     """
     off = X[:, :3, 3] - target[:, :3, 3]
+
     R = np.swapaxes(X[:, :3, :3], 1, 2) @ target[:, :3, :3]
     return {
         "position_tolerance": np.linalg.norm(off, axis=1),
@@ -140,14 +144,14 @@ def errors(X: Array, target: Array) -> dict[str, Array]:
 
 
 def met(chain: Chain, kind: str, q: Array, targets: Array) -> np.ndarray:
-    """(N,) bool: joint values (N, n) are within the limits, and every error that counts within its
-    tolerance.
-    """
+    """(N,) bool: joint values (N, n) keep the limits, and every error that counts its tolerance."""
     tolerances = {"position_tolerance": POSITION, "orientation_tolerance": ANGLE} | KINDS[kind]
     if "axis_tolerance" in tolerances:
         del tolerances["orientation_tolerance"]
+
     deviations = errors(forward(chain, q), targets)
     within = np.all((q >= chain.limits[:, 0]) & (q <= chain.limits[:, 1]), axis=1)
+
     for name, error in deviations.items():
         within &= error <= tolerances.get(name, math.inf) + ROUNDING
     return within
@@ -156,14 +160,18 @@ def met(chain: Chain, kind: str, q: Array, targets: Array) -> np.ndarray:
 def reachable(chain: Chain, kind: str, count: int, rng: np.random.Generator) -> Array:
     """Targets (count, 4, 4) of joint values within the limits; what does not count is drawn."""
     bounds = np.clip(chain.limits, -math.pi, math.pi)
+
     targets = forward(chain, rng.uniform(bounds[:, 0], bounds[:, 1], (count, chain.n)))
     if kind == "position":
         targets[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
+
     if "axis" in kind:
         turns = Rotation.from_euler("z", rng.uniform(-math.pi, math.pi, (count, 1))).as_matrix()
         targets[:, :3, :3] = targets[:, :3, :3] @ turns
+
     if kind == "tool axis":
         targets[:, :3, 3] = rng.uniform(-9.0, 9.0, (count, 3))
+
     return targets
 
 
@@ -171,8 +179,11 @@ def anywhere(chain: Chain, count: int, rng: np.random.Generator) -> Array:
     """Targets (count, 4, 4) of any attitude in the ball that the stretched arm reaches."""
     path = np.vstack([chain.points, chain.X_base_tip0[:3, 3]])
     reach = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
     targets = np.broadcast_to(np.eye(4), (count, 4, 4)).copy()
     targets[:, :3, :3] = Rotation.random(count, random_state=rng).as_matrix()
+
+    # Uniform in the ball: a direction, and the cube root of a uniform share.
     way = rng.normal(size=(count, 3))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     targets[:, :3, 3] = chain.points[0] + reach * np.cbrt(rng.random((count, 1))) * way

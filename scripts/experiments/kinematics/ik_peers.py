@@ -165,9 +165,7 @@ def _hinges(arm: SerialArm) -> np.ndarray:
 
 
 def folded(q: Array, task: SolverTask) -> Array:
-    """Joint values with hinges moved by whole turns to within half a turn of the middle of their
-    limits.
-    """
+    """Joint values, hinges moved by whole turns to within half a turn of the limits' middle."""
     middle = np.where(np.isfinite(task.limits).all(axis=1), 0.5 * task.limits.sum(axis=1), 0.0)
     return np.where(
         _hinges(task.arm), (q - middle + math.pi) % (2.0 * math.pi) - math.pi + middle, q
@@ -238,9 +236,7 @@ def _toolbox(task: SolverTask) -> Solver:
 
 
 def _kdl(task: SolverTask) -> Solver:
-    """KDL's Levenberg-Marquardt, which has no limits; restarted where it fails or ends beyond
-    them.
-    """
+    """KDL's Levenberg-Marquardt, without limits; restarted where it fails or ends beyond them."""
     kdl, rng = import_module("PyKDL"), np.random.default_rng(0)
     chain = kdl.Chain()
     frames, kinds = task.arm.origins(), {"r": kdl.Joint.RotZ, "p": kdl.Joint.TransZ}

@@ -64,13 +64,12 @@ class ArmRow:
 
 
 def arms(streams: Streams) -> Iterator[tuple[str, PublishedArm]]:
-    """Arms with the limits of their hinges: even ones, then uneven ones of 90 to 300 deg that are
-    drawn.
-    """
+    """Arms with limits of their hinges: even ones, then uneven ones, drawn from 90 to 300 deg."""
     for name in published_arms.available():
         arm = published_arms.load(name)
         for degrees in RANGES:
             yield f"{name}, +-{degrees} deg", limited(arm, np.radians([-degrees, degrees]))
+
     for name in UNEVEN:
         arm = published_arms.load(name)
         n = len(arm.joint_types)
@@ -97,20 +96,21 @@ def joint_values(limits: Array, kind: str, count: int, rng: np.random.Generator)
 
 
 def misses(arm: PublishedArm, targets: Array, version: str) -> int:
-    """Number of `targets` (N, 4, 4) that a version of VERSIONS does not solve from the cold
-    start.
-    """
+    """Number of `targets` (N, 4, 4) that a version of VERSIONS misses from the cold start."""
     method, options = VERSIONS[version]
     start = np.clip(np.resize(HOME, len(arm.limits)), arm.limits[:, 0], arm.limits[:, 1])
     starts = np.tile(start, (len(targets), 1))
     q = solve_many(
         Chain.from_arm(arm), targets, starts, POSITION, ANGLE, method=method, options=options
     ).q
+
+    # Checked by textbook DH matrices, apart from the solver's kinematics.
     X = dh_forward(arm, q)
     chord = np.linalg.norm(X[:, :3, :3] - targets[:, :3, :3], axis=(1, 2)) / math.sqrt(2.0)
     solved = np.linalg.norm(X[:, :3, 3] - targets[:, :3, 3], axis=1) <= 1.01 * POSITION
     solved &= 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) <= 1.01 * ANGLE
     solved &= np.all((q >= arm.limits[:, 0] - 1e-9) & (q <= arm.limits[:, 1] + 1e-9), axis=1)
+
     return int(np.count_nonzero(~solved))
 
 

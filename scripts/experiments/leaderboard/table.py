@@ -41,9 +41,7 @@ def read_result(file: Path) -> dict[str, Any]:
         ConfigurationError: It cannot be read, or is none.
     """
     path = file / METRICS if file.is_dir() else file
-
     content = json_of(path, "result")
-
     try:
         result = TableReader(path.name, passes_unknown=True).made(_Result, content)
     except ConfigurationError as error:
@@ -117,8 +115,8 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
     if not results:
         raise ConfigurationError("leaderboard: expected at least one result file, got none")
 
-    first = results[0]["benchmark"]
     # Only results of the same cases can be compared.
+    first = results[0]["benchmark"]
     for result in results:
         about = result["benchmark"]
         for name, (said, cure) in _SAME.items():

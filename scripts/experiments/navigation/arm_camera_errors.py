@@ -215,9 +215,7 @@ def _motion(camera: SmallStereo, range_m: float, rng: np.random.Generator) -> Ar
 
 
 def _hits(scene: RayScene, camera: SmallStereo, X_TC: Array, tool: Tool) -> tuple[Array, Array]:
-    """Exact depth and cosine of the angle of incidence (height, width); the tool is before the
-    object.
-    """
+    """Exact depth and cosine of incidence (height, width); the tool is before the object."""
     ways = camera.rays().reshape(-1, 3) @ X_TC[:3, :3].T
     hit = scene.cast(np.broadcast_to(X_TC[:3, 3], ways.shape), ways)
     cosine = np.abs(np.sum(hit["normal"] * ways, axis=1)) / np.linalg.norm(ways, axis=1)

@@ -134,9 +134,7 @@ def _whitened(pair: Pair, parameters: Array) -> Array:
 
 
 def _deviance(parameters: Array, pairs: list[Pair]) -> float:
-    """Twice the negative logarithm of the likelihood, over the observed directions, with a weak
-    prior.
-    """
+    """Twice the negative log likelihood, over the observed directions, with a weak prior."""
     total = float(np.sum(parameters**2)) / 4.0
     for pair in pairs:
         values, axes = np.linalg.eigh(_information(pair, parameters))

@@ -72,6 +72,7 @@ def main() -> int:
     kept: dict[str, dict[str, str]] = (
         json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
     )
+
     figures: dict[str, dict[str, str]] = {}
     for command in dict.fromkeys(row.command for row in rows if row.command):
         wanted = [row for row in rows if row.command == command]
@@ -81,8 +82,10 @@ def main() -> int:
             console.print(f"[bold]{command}[/]")
             known = _figures(command, wanted)
         figures[command] = {row.ours: known[row.ours] for row in wanted if row.ours in known}
+
     FIGURES.write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     PAGE.write_text("\n".join(_page(papers, figures)) + "\n", encoding="utf-8")
+
     lacking = [row for row in rows if row.command and row.ours not in figures[row.command]]
     for row in lacking:
         console.print(f"no figure: {row.place}: {row.ours}", style="red")
@@ -109,8 +112,11 @@ def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
         )
         file = out / "metrics.json"
         metrics = dict(_flat(json.loads(file.read_text(encoding="utf-8")))) if file.exists() else {}
+
     if done.returncode not in _LOST:
         Console(stderr=True).print(done.stderr[-2000:], markup=False)
+
+    # What was printed, without colours.
     printed = re.sub(r"\x1b\[[0-9;]*m", "", done.stdout)
     texts: dict[str, str] = {}
     for row in rows:
@@ -120,6 +126,7 @@ def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
             texts[row.ours] = _filled(row.ours, groups, metrics)
         except (KeyError, IndexError):
             continue
+
     return texts
 
 
@@ -140,6 +147,7 @@ def _value(field: str, groups: tuple[str, ...], metrics: Mapping[str, Any]) -> s
         return groups[int(field)].strip()
     name, _, form = field.partition(":")
     name, _, factor = name.partition("*")
+
     value = metrics[name]
     if value is None:
         return "none"

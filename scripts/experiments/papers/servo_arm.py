@@ -86,6 +86,7 @@ def row_of(X: Array) -> Array:
     """
     R = np.column_stack([X[:3, 2], np.cross(X[:3, 0], X[:3, 2]), X[:3, 0]])
     course, roll = math.atan2(-R[2, 0], R[0, 0]), math.atan2(-R[1, 2], R[1, 1])
+
     return np.array(
         [
             *(1e3 * X[:3, 3]),
@@ -129,6 +130,7 @@ def motion(chain: Chain, rows: Array, q: Array, method: Method) -> list[IkResult
     for row in rows:
         found.append(solved(chain, row, q, method, track=True))
         q = np.array(found[-1].q)
+
     return found
 
 
@@ -139,33 +141,39 @@ def goals_of(result: IkResult) -> Array:
 
 
 def draw_single(results: dict[str, IkResult], file: Path) -> None:
-    """Plots joint values and goals over iterations, one column for each method [Danilov 2021, fig.
-    9].
-    """
+    """Plots joint values and goals over iterations, a column a method [Danilov 2021, fig. 9]."""
     figure = Figure(figsize=(13, 7), layout="constrained")
     grid = figure.subplots(2, len(results), sharey="row", squeeze=False)
+
     for column, (method, result) in zip(grid.T, results.items(), strict=True):
         assert result.history is not None
         marker = "o" if len(result.history) < 40 else ""
+
         for i, values in enumerate(np.degrees(result.history.T)):
             column[0].plot(values, color=_CURVES[i], marker=marker, ms=3, label=f"joint {i + 1}")
+
         for k, (goal, values) in enumerate(zip(GOALS, goals_of(result).T, strict=True)):
             column[1].semilogy(
                 np.maximum(values, 1e-7), color=_CURVES[k], marker=marker, ms=3, label=goal
             )
+
         column[1].axhline(POSITION, color=_CURVES[0], ls="--", lw=0.8)
         column[1].axhline(ANGLE, color=_CURVES[1], ls="--", lw=0.8)
+
         column[1].xaxis.set_major_locator(MaxNLocator(integer=True))
         column[0].xaxis.set_major_locator(MaxNLocator(integer=True))
         column[0].set_title(f"{method}: {result.iterations} iterations")
         column[1].set_xlabel("iteration")
+
         for axes in column:
             axes.grid(alpha=0.3)
+
     grid[0, 0].set_ylabel("joint values [deg]")
     grid[1, 0].set_ylabel("goals (dashed: their accuracies)")
     grid[0, -1].legend(fontsize=8, ncols=2)
     grid[1, -1].legend(fontsize=8)
     grid[1, 0].set_ylim(bottom=1e-5)
+
     figure.suptitle("Experiment 1: a single solution")
     figure.savefig(file, dpi=100)
 
@@ -176,14 +184,18 @@ def draw_motions(runs: Runs, file: Path) -> None:
     """
     figure = Figure(figsize=(12, 9), layout="constrained")
     grid = figure.subplots(3, len(runs), sharey="row", squeeze=False)
+
     for column, (label, values, by_method) in zip(grid.T, runs.values(), strict=True):
         default = by_method["hybrid"]
+
         for i, joint in enumerate(np.degrees([result.q for result in default]).T):
             column[0].plot(values, joint, color=_CURVES[i], label=f"joint {i + 1}")
+
         for k, goal in enumerate(np.array([goals_of(result)[-1] for result in default]).T):
             column[1].semilogy(values, np.maximum(goal, 1e-7), color=_CURVES[k], label=GOALS[k])
         column[1].axhline(POSITION, color=_CURVES[0], ls="--", lw=0.8)
         column[1].axhline(ANGLE, color=_CURVES[1], ls="--", lw=0.8)
+
         for k, (method, results) in enumerate(by_method.items()):
             column[2].semilogy(
                 values,
@@ -191,6 +203,7 @@ def draw_motions(runs: Runs, file: Path) -> None:
                 color=_CURVES[k],
                 label=method,
             )
+
             lost = np.array([not result.converged for result in results])
             if lost.any():
                 column[2].plot(
@@ -200,16 +213,19 @@ def draw_motions(runs: Runs, file: Path) -> None:
                     color=_CURVES[k],
                     label=f"{method}: not reached",
                 )
+
         column[2].set_xlabel(label)
         for axes in column:
             axes.grid(alpha=0.3)
             axes.set_xlim(values[0], values[-1])
+
     for axes, label in zip(
         grid[:, 0],
         ("joint values [deg], hybrid", "goals, hybrid", "iterations a pose"),
         strict=True,
     ):
         axes.set_ylabel(label)
+
     for axes, columns in zip(grid[:, 0], (4, 3, 4), strict=True):
         axes.legend(fontsize=8, ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     for axes, title in zip(grid[0], runs, strict=True):
@@ -255,12 +271,15 @@ def main() -> int:
     table = Table(title="1. A single solution ([Danilov 2021], table 1)", title_justify="left")
     for heading in ("", "X mm", "Y mm", "Z mm", "course deg", "trim deg", "roll deg", "iterations"):
         table.add_column(heading, justify="right" if heading else "left")
+
     rows = {"initial": row_of(chain.forward(q_initial)), "given": GIVEN}
     rows |= {method: row_of(chain.forward(result.q)) for method, result in single.items()}
+
     drives = servo_model(arm, Servo(), UP)
     measured = {method: rest(drives, result.q) for method, result in single.items()}
     rows |= {f"measured, {method}": row_of(chain.forward(q)) for method, q in measured.items()}
     rows |= {"published: solved": SOLVED, "published: measured": MEASURED}
+
     for name, row in rows.items():
         counted = str(single[name].iterations) if name in single else ""
         table.add_row(
@@ -269,6 +288,7 @@ def main() -> int:
             *(f"{value:.3f}" for value in row[3:]),
             counted,
         )
+
     console.print(table)
 
     x, trim = np.linspace(*ALONG_X, count), np.linspace(*IN_TRIM, count)
@@ -276,18 +296,22 @@ def main() -> int:
     motions = {"2. motion along x": ("x [mm]", x, 0), "3. motion in trim": ("trim [deg]", trim, 4)}
     runs: Runs = {}
     told: dict[str, Any] = {}
+
     for title, (label, values, index) in motions.items():
         poses = np.tile(GIVEN, (count, 1))
         poses[:, index] = values
+
         runs[title] = (
             label,
             values,
             {method: motion(chain, poses, q_given, method) for method in METHODS},
         )
+
         told[title] = {
             method: figures(results, q_given) | at_rest(chain, drives, results)
             for method, results in runs[title][2].items()
         }
+
         table = Table(title=title, title_justify="left")
         for heading in (
             "",
@@ -301,6 +325,7 @@ def main() -> int:
             "at rest deg",
         ):
             table.add_column(heading, justify="right" if heading else "left")
+
         for method, found in told[title].items():
             table.add_row(
                 method,
@@ -313,11 +338,13 @@ def main() -> int:
                 f"{1e3 * found['largest_static_error_m']:.1f}",
                 f"{math.degrees(found['largest_static_error_rad']):.1f}",
             )
+
         console.print(table)
 
     accepted = all(result.converged for result in single.values()) and all(
         by_method["hybrid"]["reached"] == 1.0 for by_method in told.values()
     )
+
     metrics = {
         "scenario": "servo_arm",
         "poses": count,
@@ -336,9 +363,11 @@ def main() -> int:
         "motions": told,
         "provenance": provenance("servo_arm", options),
     }
+
     write_json(folder / "metrics.json", metrics)
     draw_single(dict(single), folder / "single_solution.png")
     draw_motions(runs, folder / "motions.png")
+
     console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]")
     console.print(f"written to {folder}/", highlight=False)
     return 0 if accepted else 1

@@ -85,10 +85,12 @@ def crossings(options: Options) -> Iterator[Crossing]:
     """Three paths of the ERA through gimbal lock, four of each of the others."""
     era = published_arms.load("era")
     q, y, z = lock(era), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
     for beside in BESIDE_ERA:
         yield crossing(
             f"era, {1e3 * beside:.0f} mm", era, q, lines(y, beside * z, 1.0, options), 0.4
         )
+
     for name, (q, along, across) in WRISTS.items():
         arm = published_arms.load(name)
         ways = fast_first(Chain.from_arm(arm), q)
@@ -120,12 +122,16 @@ def crossing(name: str, arm: PublishedArm, q: Array, line: Array, slow: float | 
     X = chain.forward(q)
     path = np.array([pose(X[:3, :3], X[:3, 3] + offset) for offset in line])
     back = path[: len(path) // 2 + 1][::-1]
+
+    # Back from the middle: beside the singularity, or through it with passing.
     if slow is None:
         run = track(chain, back, q + NEAR, 0.01, passing="off")
     else:
         run = track(chain, back, q, 0.01, passing="limit", speed_limits=slow)
+
     if not run.converged[-1]:
         raise ConfigurationError(f"{name}: the arm does not reach the beginning of the path")
+
     return Crossing(name=name, arm=arm, path=path[1:], q0=np.array(run.q[-1]))
 
 
@@ -142,6 +148,7 @@ def narrowed(arm: PublishedArm, q0: Array) -> PublishedArm:
     for joint in (4, 5):
         most = max(NARROW, abs(float(q0[joint])))
         limits[joint] = np.clip(limits[joint], -most, most)
+
     return replace(arm, limits=limits)
 
 
@@ -175,19 +182,23 @@ def main() -> int:
     options, console = parse(Options), Console()
     folder = new_folder("singular_crossings", options.out)
     given = list(crossings(options))
+
     told = {
         name: {one.name: figures(passed(one, recipe, options)) for one in given}
         for name, recipe in RECIPES.items()
     }
+
     table = Table(title=f"{len(given)} crossings: the worst (the mean)", title_justify="left")
     for heading in ("", "deviation mm", "deg", "share off the path %", "joint speed rad/s"):
         table.add_column(heading, justify="right" if heading else "left")
+
     keys = {
         "position_error_m": 1e3,
         "orientation_error_rad": 180.0 / np.pi,
         "share_off": 100.0,
         "joint_speed_rad_s": 1.0,
     }
+
     means = {
         name: {key: float(np.mean([run[key] for run in runs.values()])) for key in keys}
         for name, runs in told.items()
@@ -196,13 +207,17 @@ def main() -> int:
         name: {key: max(run[key] for run in runs.values()) for key in keys}
         for name, runs in told.items()
     }
+
     for name in told:
         cells = (
             f"{factor * worst[name][key]:.3g} ({factor * means[name][key]:.3g})"
             for key, factor in keys.items()
         )
         table.add_row(name, *cells)
+
     console.print(table)
+
+    # The recipes that pass keep the speed limit, and the default one leaves the path least.
     limit = options.speed_limit * (1.0 + 1e-9)
     slow = all(
         run["joint_speed_rad_s"] <= limit
@@ -212,6 +227,7 @@ def main() -> int:
     )
     least = min(means[name]["share_off"] for name in told if name != WITHOUT)
     accepted = slow and means[DEFAULT]["share_off"] <= least
+
     metrics = {
         "crossings": told,
         "worst": worst,
@@ -219,6 +235,7 @@ def main() -> int:
         "accepted": accepted,
         "provenance": provenance("singular_crossings", options),
     }
+
     write_json(folder / "metrics.json", metrics)
     console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]")
     console.print(f"written to {folder}/", highlight=False)

@@ -71,8 +71,7 @@ class Options:
 
 
 def lock(arm: SerialArm) -> Array:
-    """Joint values (7,) [rad] in the gimbal lock: `AT_LOCK`, the wrist's pitch refined by
-    bisection.
+    """Joint values (7,) [rad] in the gimbal lock: `AT_LOCK`, the wrist's pitch by bisection.
 
     The yaw axis passes through the shoulder (joint 2) where the link before it is perpendicular to
     the line to the shoulder.
@@ -84,6 +83,7 @@ def lock(arm: SerialArm) -> Array:
         return float(link @ (frames[5, :3, 3] - frames[1, :3, 3]))
 
     low, high = AT_LOCK[4] - 0.2, AT_LOCK[4] + 0.2
+
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if along(low) * along(middle) > 0.0 else (low, middle)
@@ -107,6 +107,7 @@ def start(chain: Chain, q_lock: Array, path: Array, options: Options) -> Array:
     run = track(
         chain, back, q_lock, options.period, speed_limits=4.0 * options.speed_limit, passing="limit"
     )
+
     if not run.converged[-1]:
         raise ConfigurationError(
             f"--reach {options.reach} at --speed {options.speed}: the arm does not come back to "
@@ -145,12 +146,14 @@ def write_log(
     import rerun.blueprint as rrb
 
     names = list(runs)
+
     curves = [
         rrb.TimeSeriesView(
             name=f"joint speeds {name} passing [rad/s]", origin=f"series/speed_{name}"
         )
         for name in names
     ]
+
     blueprint = rrb.Horizontal(
         rrb.Spatial3DView(name="arm", origin="world"),
         rrb.Vertical(
@@ -160,12 +163,15 @@ def write_log(
         ),
         column_shares=[3, 2],
     )
+
     with ArmLog(file, f"{arm.title}: gimbal lock", blueprint, view=view) as log:
         log.line("path", path[:, :3, 3], (240, 228, 66), 0.02)
+
         time = runs[names[0]].time
         for (name, run), color in zip(runs.items(), (rgb(ORANGE), rgb(BLUE)), strict=True):
             log.arm(name, arm, time, run.q, color, stride=2)
             log.series(f"speed_{name}", [f"joint {i + 1}" for i in range(arm.n)], time, run.qd)
+
         log.series(
             "error",
             names,
@@ -188,22 +194,30 @@ def draw(runs: dict[str, Track], options: Options, file: Path) -> None:
     """
     figure = Figure(figsize=(12, 10), layout="constrained")
     grid = figure.subplots(4, len(runs), sharex=True, sharey="row", squeeze=False)
+
     for column, (name, run) in zip(grid.T, runs.items(), strict=True):
         for i in range(run.q.shape[1]):
             style = {"color": _CURVES[i % len(_CURVES)], "lw": 1.3, "label": f"joint {i + 1}"}
             column[0].plot(run.time, np.degrees(run.q[:, i]), **style)
             column[1].plot(run.time, run.qd[:, i], **style)
+
         column[0].set_title(f"{name} passing")
         column[1].set_yscale("symlog", linthresh=options.speed_limit)
         for sign in (-1.0, 1.0):
             column[1].axhline(sign * options.speed_limit, color="0.4", lw=0.8, ls="--")
+
+        # Both tool errors in one panel, each with an axis.
         column[2].plot(run.time, 1e3 * run.position_error, color=_CURVES[0])
         turned = column[2].twinx()
         turned.plot(run.time, np.degrees(run.orientation_error), "--", color=_CURVES[3])
         turned.set_ylabel("orientation error [deg]", color=_CURVES[3])
+
         column[3].semilogy(run.time, run.nearness, color=_CURVES[2])
+
+        # Shaded where joints are clamped or held.
         held = np.array([way == "hold" for way in run.way])
         clamped = np.array([way == "limit" for way in run.way])
+
         for axes in column:
             axes.grid(alpha=0.3)
             for active, color in ((clamped, _CURVES[1]), (held, _CURVES[4])):
@@ -217,52 +231,65 @@ def draw(runs: dict[str, Track], options: Options, file: Path) -> None:
                     alpha=0.15,
                     lw=0,
                 )
+
         column[3].set_xlabel("time [s]")
         turn = math.degrees(max(float(each.orientation_error.max()) for each in runs.values()))
         turned.set_ylim(0.0, 1.1 * max(turn, 1e-3))
+
     labels = (
         "joint values [deg]",
         "joint speeds [rad/s]\n(dashed: the limit)",
         "position error [mm]",
         "nearness (0: locked)",
     )
+
     for axes, label in zip(grid[:, 0], labels, strict=True):
         axes.set_ylabel(label)
+
     grid[2, 0].set_ylim(bottom=0.0)
     figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
     figure.suptitle(
         "European Robotic Arm: wrist along y0 through the gimbal lock (orange: clamped, pink: a "
         "joint held)"
     )
+
     figure.savefig(file, dpi=100)
 
 
 def main() -> int:
     """Runs both tracks and writes their files; exit code as in the module's docstring."""
     options = parse(Options)
+
     for name in ("reach", "speed", "speed_limit", "period"):
         if not (math.isfinite(value := getattr(options, name)) and value > 0.0):
             raise ConfigurationError(
                 f"--{name.replace('_', '-')}: must be positive and finite, got {value}"
             )
+
     if options.passing == "off":
         raise ConfigurationError(
             "--passing: one run passes the lock; allowed auto, limit, hold, got 'off'"
         )
+
     if options.quick:
         options.reach, options.period = 0.5 * options.reach, 2.0 * options.period
+
     folder = new_folder("track_singularity", options.out)
     arm = published_arms.load("era")
     chain = Chain.from_arm(arm)
     q_lock = lock(arm)
     X_lock = arm.joint_frames(q_lock)[-1]
+
+    # The path along y0, the lock in its middle.
     steps = 2 * round(options.reach / (options.speed * options.period))
     y = np.linspace(-options.reach, options.reach, steps + 1)
     path = np.array([pose(X_lock[:3, :3], X_lock[:3, 3] + [0.0, s, 0.0]) for s in y])
     q0 = start(chain, q_lock, path, options)
+
     console = Console()
     runs: dict[str, Track] = {}
     ways: dict[str, Passing] = {"without": "off", "with": options.passing}
+
     for name, passing in ways.items():
         with console.status(f"{name} passing"):
             runs[name] = track(
@@ -274,6 +301,7 @@ def main() -> int:
                 passing=passing,
                 method=options.method,
             )
+
     told = {name: figures(run, options) for name, run in runs.items()}
     for name, run in runs.items():  # by the arm's own forward kinematics, independent of the solver
         tips = np.array([arm.joint_frames(row)[-1] for row in run.q])
@@ -282,6 +310,7 @@ def main() -> int:
         )
         turned = [rotation_angle(a[:3, :3], b[:3, :3]) for a, b in zip(tips, path[1:], strict=True)]
         told[name]["checked_orientation_error_rad"] = float(max(turned))
+
     table = Table(
         title=f"{arm.title}, {2 * options.reach:g} m along y0 at {options.speed:g} m/s",
         title_justify="left",
@@ -289,6 +318,7 @@ def main() -> int:
     table.add_column("")
     table.add_column("without passing", justify="right")
     table.add_column(f"with passing ({options.passing})", justify="right")
+
     rows = {
         "largest joint speed [rad/s]": ("largest_joint_speed", 1.0),
         "largest position error [mm]": ("checked_position_error_m", 1e3),
@@ -298,24 +328,30 @@ def main() -> int:
         "time passing [s]": ("passing_s", 1.0),
         "least nearness": ("nearness", 1.0),
     }
+
     for label, (key, factor) in rows.items():
         table.add_row(escape(label), *(f"{factor * values[key]:.4g}" for values in told.values()))
     console.print(table)
+
     without, with_passing = told.values()
     accepted = (
         without["largest_joint_speed"] > options.speed_limit
         and with_passing["largest_joint_speed"] <= options.speed_limit * (1.0 + 1e-9)
         and with_passing["position_error_at_the_end_m"] <= 1e-5
     )
+
     metrics = {
         "runs": told,
         "accepted": accepted,
         "provenance": provenance("track_singularity", options),
     }
+
     write_json(folder / "metrics.json", metrics)
     draw(runs, options, folder / "track_singularity.png")
+
     if options.record or options.view:
         write_log(folder / "run.rrd", arm, runs, path, options.view)
+
     console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]")
     console.print(f"written to {folder}/", highlight=False)
     return 0 if accepted else 1

@@ -112,10 +112,12 @@ def campaign_engines(case: EnginesCase) -> EnginesRow:
     rows: dict[str, list[Row]] = {}
     with tempfile.TemporaryDirectory() as name:
         home = Path(name)
+
         for engine in case.engines:
             costs[engine] = empty_tasks(engine, tasks, case.processes)
             rows[engine], more = real_runs(engine, campaign, case, home / engine)
             costs[engine] |= more
+
         files = (home / case.engines[0] / ROWS).iterdir()
         disk = sum(file.stat().st_size for file in files) / case.campaign_runs
 
@@ -151,8 +153,10 @@ def empty_tasks(engine: Any, tasks: Sequence[CampaignRun], workers: int) -> dict
     """
     times = [time.perf_counter()]
     workers_of = engine_for(engine, workers, len(tasks), Limits())
+
     for results in workers_of.results(tasks, nothing, no_task):
         times += [time.perf_counter()] * len(results)
+
     return {
         "first": times[1] - times[0],
         "task": (times[-1] - times[1]) / (len(tasks) - 1),
@@ -179,10 +183,12 @@ def real_runs(
         summarise=lambda rows: Summary(metrics={"runs": len(rows)}),
         failed=crashed_row,
     )
+
     began = time.perf_counter()
     how = StudyOptions(workers=case.processes, out=folder, engine=engine)
     study.carry_out(campaign.name, how, f"Campaign {campaign.name} by {engine}", campaign.limits)
     wall = time.perf_counter() - began
+
     rows = sorted(read_rows(folder), key=lambda row: row["case"])
     spent = sum(row[TIMING]["wall_s"] for row in rows)
     return rows, {"wall": wall, "own": spent, "overhead": case.processes * wall / spent - 1.0}
@@ -207,6 +213,7 @@ def row_costs(rows: Sequence[Row]) -> dict[str, Any]:
     plain = [
         {name: value for name, value in row.items() if name not in (KEY, TIMING)} for row in rows
     ]
+
     added: dict[str, float] = {}
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with tempfile.TemporaryDirectory() as name, RowLog.open(Path(name)) as log:
@@ -218,6 +225,7 @@ def row_costs(rows: Sequence[Row]) -> dict[str, Any]:
                 (str(k), {**plain[k % len(plain)], "case": k}, {"wall_s": 1.0, "cpu_s": 1.0})
                 for k in numbers
             ]
+
             began = time.perf_counter()
             log.add(more)
             return (time.perf_counter() - began) / count
@@ -226,10 +234,13 @@ def row_costs(rows: Sequence[Row]) -> dict[str, Any]:
             while len(log.rows) < size:
                 add(CHUNK)
             added[f"alone, after {size}"] = float(np.median([add(1) for _ in range(_ADDED)]))
+
         added[f"{_BATCH} at once"] = float(np.median([add(_BATCH) for _ in range(_ADDED)]))
+
         began = time.perf_counter()
         count = len(read_rows(name))
         read = (time.perf_counter() - began) / count
+
         grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
         return {"add": added, "read": read, "memory": grown / len(log.rows)}
 

@@ -1,5 +1,4 @@
-"""Lists anew which kernels a contact job compiles, into first_start.json: after a change of
-kernels.
+"""Lists the kernels that a contact job compiles in first_start.json, after a change of kernels.
 
     ./uvw run scripts/experiments/runtime/list_kernels.py
 
@@ -38,9 +37,11 @@ class _Stopwatch(event.Listener):
     def on_end(self, event: event.Event) -> None:
         began, inner = self._open.pop()
         data: Any = event.data
+
         whole, kernel = time.process_time() - began, data["dispatcher"]
         ours = kernel.py_func.__module__.partition(".")[0] == PACKAGE
         self.spent[id(kernel), data["args"]] = whole - sum(inner)
+
         if self._open:
             self._open[-1][1].extend([whole] if ours else inner)
 
@@ -58,10 +59,12 @@ def _can_be_told(args: Any) -> bool:
 def listed() -> list[KernelJob]:
     """What a job of clean_barrel.py compiles; slow, and it needs an empty cache."""
     watch = _Stopwatch()
+
     with event.install_listener("numba:compile", watch):
         for name, given, *_ in CALLS:
             KernelJob(name, None, given, (), 0.0).do()
         run_through(assemble(jobs.clean_barrel(quick=True)))
+
     made = [
         (name, args, kernel)
         for name, kernel in kernels()
@@ -84,15 +87,18 @@ def listed() -> list[KernelJob]:
         order += [
             row for row in range(len(made)) if row not in order and after[row].issubset(order)
         ]
+
     found: list[KernelJob] = []
     for row in order:
         name, args, kernel = made[row]
         before = tuple(sorted(order.index(each) for each in after[row]))
         seconds = round(watch.spent.get((id(kernel), args), 0.0), 2)
         found.append(KernelJob(name, [encoded(each) for each in args], (), before, seconds))
+
     for name, given, seconds, needs in CALLS:
         before = tuple(row for row, job in enumerate(found) if job.kernel.startswith(needs))
         found.append(KernelJob(name, None, given, before, seconds))
+
     return found
 
 
@@ -101,6 +107,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as empty:
         os.environ[store.FOLDER] = empty
         rows = [json.dumps(asdict(job)) for job in listed()]
+
     LIST.write_text("[\n" + ",\n".join(rows) + "\n]\n", encoding="utf-8")
     print(f"{len(rows)} kernels listed in {LIST}")
     return 0

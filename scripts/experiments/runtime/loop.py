@@ -127,9 +127,7 @@ class Stopwatch:
         return 1e-9 * sum(self.spent)
 
     def typical(self, overhead: float) -> float:
-        """Mean duration [us] of a call without the slowest ones, less `overhead` [us] of reading
-        the clock.
-        """
+        """Mean duration [us] of a call, the slowest left out, less `overhead` [us] of the clock."""
         spent = np.sort(self.spent)[: max(1, int((1.0 - SLOWEST) * len(self.spent)))]
         return max(0.0, 1e-3 * float(spent.mean()) - overhead)
 
@@ -146,9 +144,7 @@ class Part:
 
 
 class PlannerPart:
-    """Proxy of a planner; the one long call, the placement of the hull, has a stopwatch of its
-    own.
-    """
+    """Proxy of a planner; its one long call, the placement of the hull, has its own stopwatch."""
 
     def __init__(self, part: Any, watch: Stopwatch, placing: Stopwatch) -> None:
         self.period, self.init = part.period, part.init
@@ -158,6 +154,7 @@ class PlannerPart:
     def step(self, state: Any, *values: Any) -> Any:
         """Step of the planner; a step that ends the scan counts as placement."""
         state, reference = self._step(state, *values)
+
         if self._state is WorkState.SCAN and reference.state is not WorkState.SCAN:
             self._placing.append(self._spent.pop())
         self._state = reference.state
@@ -174,9 +171,11 @@ class Rest:
     def observe(self, moment: Moment) -> None:
         """Records the rest of one step and resets the tallies."""
         moment_ns = time.perf_counter_ns()
+
         inside = sum(watch.tally for watch in self._watches.values())
         if moment.tick:
             self.watch.spent.append(moment_ns - self._last - inside)
+
         for watch in self._watches.values():
             watch.tally = 0
         self._last = time.perf_counter_ns()
@@ -197,16 +196,16 @@ class Instants:
             self.copies.append(copy.copy(self._data))
 
     def step_us(self) -> float:
-        """Time [us] of MuJoCo's own step: best of ten at each instant, averaged over the
-        instants.
-        """
+        """Time [us] of MuJoCo's own step: best of ten at each instant, mean over the instants."""
         best = []
+
         for data in self.copies:
             spent = []
             for _ in range(10):
                 began = time.perf_counter_ns()
                 mujoco.mj_step(self._model, data)
                 spent.append(time.perf_counter_ns() - began)
+
             best.append(min(spent))
         return 1e-3 * float(np.mean(best))
 
@@ -214,6 +213,7 @@ class Instants:
 def fresh(case: LoopCase) -> Assembly:
     """The job assembled from the seed, with its code loaded."""
     scenario = case.scenario()
+
     rehearse(assemble(to_rehearse(scenario), full=case.record))
     return assemble(scenario, full=case.record)
 
@@ -221,8 +221,10 @@ def fresh(case: LoopCase) -> Assembly:
 def digest(outcome: Run) -> str:
     """Hash of the recording, twelve hexadecimal digits."""
     word = hashlib.sha256()
+
     for name, series in sorted(outcome.recording.series.items()):
         word.update(name.encode() + series.value.tobytes())
+
     return word.hexdigest()[:12]
 
 
@@ -231,6 +233,7 @@ def as_it_is(case: LoopCase) -> tuple[Run, dict[str, float], Instants]:
     placement) and instants.
     """
     built = fresh(case)
+
     seeing, placing, planning = (Stopwatch(time.process_time_ns) for _ in range(3))
     parts = built.parts
     parts = replace(
@@ -241,6 +244,7 @@ def as_it_is(case: LoopCase) -> tuple[Run, dict[str, float], Instants]:
         finder=Part(parts.finder, "step", seeing),
         planner=PlannerPart(parts.planner, planning, placing),
     )
+
     instants = Instants(built)
     began = time.process_time()
     outcome = run(replace(built, loop=replace(built.loop, parts=parts)), observers=[instants])
@@ -267,13 +271,16 @@ def by_part(case: LoopCase) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
         planner=PlannerPart(parts.planner, watch("planner"), watch("placement")),
         controller=Part(parts.controller, "step", watch("controller")),
     )
+
     stepped = Part(
         Part(plant, "observe", watch("plant, up to the sensors")),
         "step",
         watch("plant, from the commands"),
     )
+
     rest = Rest(watches)
     recorder_part: Any = Part(recorder, "observe", watch("recorder"))
+
     timed_loop: Any = replace(built.loop, parts=timed, plant=stepped)
     outcome = run(replace(built, loop=timed_loop), recorder=recorder_part, observers=[rest])
     return outcome, watches, rest.watch

@@ -169,9 +169,7 @@ def vehicle(links: int, integrator: str, *, branched: bool = False) -> mujoco.Mj
 
 
 def with_water(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The vehicle compiled with the exact hydrodynamics: full 6x6 added masses, drag, strips on the
-    links.
-    """
+    """The vehicle with the exact hydrodynamics: full added masses, drag, strips on the links."""
     link = water.cylinder(0.05, np.zeros(3), LINK)
     hull = water.box([1.4, 0.8, 0.6])
     water.attach(

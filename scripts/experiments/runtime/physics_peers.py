@@ -80,6 +80,7 @@ def fossen_loop(
     def run(steps: int) -> None:
         nonlocal nu, eta
         for _ in range(steps):
+            # Rotation, and rates of the Euler angles.
             phi, theta, psi = eta[3:].tolist()
             cf, sf, ct, st, cp, sp = (
                 math.cos(phi),
@@ -89,6 +90,7 @@ def fossen_loop(
                 math.cos(psi),
                 math.sin(psi),
             )
+
             R = np.array(
                 [
                     [cp * ct, cp * st * sf - sp * cf, sp * sf + cp * cf * st],
@@ -99,6 +101,8 @@ def fossen_loop(
             T = np.array(
                 [[1.0, sf * st / ct, cf * st / ct], [0.0, cf, -sf], [0.0, sf / ct, cf / ct]]
             )
+
+            # Equation of motion, and a step of Euler with the new velocity.
             nu_r = nu - nu_c
             up = R.T @ np.array([0.0, 0.0, 1.0])
             restoring = np.concatenate([(lift - 9.81 * mass) * up, np.cross(r_b, lift * up)])
@@ -106,6 +110,7 @@ def fossen_loop(
             nudot = Minv @ (
                 restoring - damping - coriolis(M_RB, nu) @ nu - coriolis(M_A, nu_r) @ nu_r
             )
+
             nu = nu + timestep * nudot
             eta = eta + timestep * np.concatenate([R @ nu[:3], T @ nu[3:]])
 
@@ -113,11 +118,10 @@ def fossen_loop(
 
 
 def auv_sim_bench(timestep: float) -> Stepper | None:
-    """Dynamics of auv-sim-bench (one body, diagonal drag, no added mass); None if it is not
-    installed.
-    """
+    """Dynamics of auv-sim-bench (one body, diagonal drag, no added mass); None if not installed."""
     if find_spec("auv_sim_bench") is None:
         return None
+
     vehicle = import_module("auv_sim_bench.dynamics").AUVDynamics()
     vehicle.s.v = np.array([0.3, 0.1, 0.0])
     force, torque = np.zeros(3), np.zeros(3)

@@ -111,9 +111,7 @@ def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def _errors(scene: Any, starts: Array, ground: Seabed, at: Array) -> tuple[float, float]:
-    """95 % quantile of the vertical error [m] at places `at`, and the share of rays without a
-    hit.
-    """
+    """95 % quantile of the vertical error [m] at places `at`, and the share of rays that miss."""
     t = scene.cast(starts, np.broadcast_to([0.0, 0.0, -1.0], starts.shape))["t"]
     hit = np.isfinite(t)
     error = np.abs(at[hit, 2] - t[hit] - ground.height(at[hit]))

@@ -116,6 +116,7 @@ class PushedPlant:
     def step(self, command: Command) -> None:
         """Applies the push, zeroes a stopped thruster, and steps the plant."""
         plant, push = self.plant, self.push
+
         plant.data.qfrc_applied[:] = 0.0
         if push.force_W.any():
             body = int(plant.model.site_bodyid[plant.vehicle.tip])
@@ -123,10 +124,12 @@ class PushedPlant:
             mujoco.mj_applyFT(
                 plant.model, plant.data, push.force_W, np.zeros(3), plant.truth.p_WG, body, applied
             )
+
         if push.dead is not None:
             thrust = command.thrusters.copy()
             thrust[push.dead] = 0.0
             command = replace(command, thrusters=thrust)
+
         plant.step(command)
 
 
@@ -151,11 +154,15 @@ class HullController:
         self, case: PushCase, model: mujoco.MjModel, push: TipPush, rng: np.random.Generator
     ) -> None:
         self._case, self._push, self._rng = case, push, rng
+
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=case.water_error)
         self._model = model
+
         self._hull = self._control(Allocation(vehicle, priorities=case.priorities))
         self.state = self._hull.init()
+
+        # The felt force has a bias that stays.
         self._bias = FELT_BIAS * rng.standard_normal(3)
         self._home = self._arm.wrench_at_rest(np.array(vehicle.q_home))
         self.felt_W, self._w_last_B = np.zeros(3), np.zeros(3)
@@ -198,11 +205,16 @@ class HullController:
         case, truth = self._case, self._push.truth
         assert truth is not None
         R_WB = estimate.X_WB[:3, :3]
+
+        # The felt force lags, and its noise grows with it.
         share = 1.0 - np.exp(-PERIOD / FELT_LAG)
         self.felt_W += share * (self._push.force_W - self.felt_W)
         noise = FELT_NOISE * np.abs(self.felt_W) * self._rng.standard_normal(3)
+
         turning = (estimate.w_WB_B - self._w_last_B) / PERIOD
         self._w_last_B = np.array(estimate.w_WB_B)
+
+        # Wrench of the arm on the hull by its model, and of the felt force at the tip.
         arm_B = self._arm.inverse(
             estimate.q,
             estimate.qd,
@@ -213,11 +225,14 @@ class HullController:
             v_current_W=self.state.current_W,
             wrench_tip_G=np.zeros(6),
         )[1]
+
         tip_B = truth.R_WB.T @ (np.array(truth.p_WG) - truth.p_WB)
         f_B = R_WB.T @ (self.felt_W + noise + (self._bias if self.felt_W.any() else 0.0))
         arm_B += np.concatenate([f_B, skew(tip_B) @ f_B])
+
         fed = arm_B if case.compensation else self._home
         command = self._hull.step(self.state, estimate, reference, fed)
+
         rest = np.zeros(len(estimate.q))
         return state, Command(time=estimate.time, joint_torque=rest, thrusters=command, scan=False)
 
@@ -286,6 +301,7 @@ def holdable_directions(
     """
     rest = np.zeros(len(q))
     still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
+
     held = []
     for direction in directions_B:
         pushed = []
@@ -295,10 +311,12 @@ def holdable_directions(
                     0
                 ]
             )
+
         free = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
         R_BG = arm.tip(q)[0][:3, :3]
         tau = free + force * (np.array(pushed) - free).T @ (R_BG.T @ direction)
         held.append(bool(np.all(np.abs(tau) <= vehicle.torque_limits)))
+
     return np.array(held)
 
 
@@ -354,10 +372,12 @@ class PlacedPush(PlacedTask):
             joint = vehicle.joint(name)
             joint.stiffness[0], joint.damping[0] = inertia * HOLD**2, 2.0 * inertia * HOLD
             joint.springref = home.qpos[address] = q
+
         for actuator in vehicle.actuators:
             if thrusters.carries(np.array(actuator.userdata)):
                 row = np.array(actuator.userdata)
                 actuator.userdata = thrusters.changed(row, **case.thruster)
+
         return vehicle
 
     def planner(self) -> StayPut:
@@ -384,6 +404,7 @@ def run(case: PushCase) -> PushFigures:
     # a stream of its own beside the felt force's
     assembly = replace(assemble(scenario), noise=sensors)
     assert isinstance(assembly.placed, PlacedPush)
+
     k, every = len(case.directions_B), case.push + case.rest
     pushed = PushFigures(
         excursion=np.zeros(k),
@@ -394,10 +415,12 @@ def run(case: PushCase) -> PushFigures:
         current_error=np.zeros((k, 3)),
         command_rate=0.0,
     )
+
     seen = _Judge(case, assembly.plant, push, assembly.placed.keeper, pushed)
     run_through(
         assembly, observers=[seen], longest=round((case.settle + k * every) / PERIOD) * PERIOD
     )
+
     return seen.done()
 
 
@@ -419,6 +442,7 @@ class _Judge:
             keeper,
             pushed,
         )
+
         self._start = (np.zeros(3), np.eye(3))
         self._at = -1
         self._B = plant.vehicle.thruster_wrench
@@ -432,34 +456,42 @@ class _Judge:
         at, inside = divmod(since, case.push + case.rest)
         at = int(at)
         rising = 0.0
+
         if since >= 0.0 and at < len(case.directions_B):
             if at != self._at:
                 self._next(at, truth)
             rising = float(np.clip(min(inside, case.push - inside) / case.rise, 0.0, 1.0))
+
             p, R = self._start
             pushed.excursion[at] = max(pushed.excursion[at], float(np.linalg.norm(truth.p_WB - p)))
             pushed.turn[at] = max(pushed.turn[at], rotation_angle(R, truth.R_WB))
             pushed.tilt[at] = max(
                 pushed.tilt[at], float(np.arccos(np.clip(R[:, 2] @ truth.R_WB[:, 2], -1.0, 1.0)))
             )
+
             if inside < case.push:
                 pushed.saturated[at] += truth.saturated * self._plant.timestep / case.push
                 error_W = self._keeper.state.current_W - truth.current_W
                 self._current.append((truth.R_WB.T @ error_W) ** 2)
+
             if inside < 1.0:
                 given_B = self._B[:3] @ truth.thrust - self._before_B
                 self._force.append(
                     np.sum((given_B + rising * case.force * case.directions_B[at]) ** 2)
                 )
+
+            # The controller learns of a lost thruster some time after the loss.
             if case.lost is not None and at == 0 and inside >= 0.5 * case.push:
                 self._push.dead = case.lost
                 if inside >= 0.5 * case.push + case.noticed:
                     self._keeper.exclude(case.lost)
         elif since > -5.0 and moment.tick % 10 == 0:
+            # Before the first push: how much the commands change.
             thrust = np.array(moment.command.thrusters)
             if len(self._last):
                 self._rates.append(np.mean((thrust - self._last) ** 2) / PERIOD**2)
             self._last = thrust
+
         direction = case.directions_B[min(max(at, 0), len(case.directions_B) - 1)]
         self._push.force_W = rising * case.force * (truth.R_WB @ direction)
 

@@ -112,8 +112,8 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
         a, b, c = corners.transpose(1, 0, 2)
         volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
-        cells, found, solved = [], {}, {}
         # Largest error and seconds at each number of panels.
+        cells, found, solved = [], {}, {}
         for count in counts:
             begun = time.perf_counter()
             surface = union_surface(corners, volume, count)
@@ -159,8 +159,8 @@ def shapes(counts: tuple[int, ...], numbers: dict[str, Any]) -> Table:
 
 def _known() -> list[tuple[str, str, tuple[float, float, float], Array, str]]:
     """Shapes: name, kind, MuJoCo's size, added over displaced mass (NaN: not compared), source."""
-    found = []
     # Ellipsoids have a closed form.
+    found = []
     for a, b, c in (
         (1.0, 1.0, 1.0),
         (2.0, 1.0, 1.0),
@@ -214,7 +214,6 @@ def _capytaine(vertices: Array, triangles: np.ndarray) -> tuple[Array, float]:
     )
 
     names = ("Surge", "Sway", "Heave", "Roll", "Pitch", "Yaw")
-
     begun = time.perf_counter()
     solver = capytaine.BEMSolver()
     found = []
@@ -248,7 +247,6 @@ def vehicle(numbers: dict[str, Any]) -> list[Table]:
     ).bodies["hull"]
 
     added, drag = [], []
-
     for name, water in made.items():
         added.append(
             [name, f"{1e3 * water.volume:.1f}", *(f"{x:.3g}" for x in water.added_mass.diagonal())]
@@ -353,9 +351,7 @@ def _rows(wetted: Wetted, theirs: dict[str, tuple[float, str]]) -> list[list[str
 
 
 def _trimesh_volumes(spec: mujoco.MjSpec) -> dict[str, tuple[float, str]]:
-    """Sum of the volumes of a body's meshes by trimesh, without union, and how many of them are
-    closed.
-    """
+    """Sum of a body's mesh volumes by trimesh, without union, and how many meshes are closed."""
     import trimesh
 
     model = spec.copy().compile()

@@ -101,9 +101,7 @@ def unseen_shape(kind: str, rng: Rng, extent: tuple[float, float] = EXTENT) -> U
         raise ConfigurationError(f"no class of shapes {kind!r}; there are {', '.join(KINDS)}")
 
     size = float(np.exp(rng.uniform(*np.log(extent))))
-
     solid = KINDS[kind](rng, THINNEST / size)
-
     if rng.random() < 0.5:
         solid = mirrored(solid)
     if rng.random() < 0.5:  # as a scanned model: its axes say nothing
@@ -137,7 +135,6 @@ def _about(axis: int, angle: float) -> Array:
 def _outline(rng: Rng) -> Array:
     """Outline of a plate, about 1 across."""
     form = _pick(rng, "rectangle", "rounded", "disc", "polygon", "angle")
-
     width = rng.uniform(0.4, 1.0)
 
     if form == "rectangle":
@@ -378,7 +375,6 @@ def _frame(rng: Rng, least: float) -> Shell:
     bars += [diagonals[k] for k in rng.choice(12, _pick(rng, 0, 1, 2, 3), replace=False)]
 
     parts = [_bar(corners[i], corners[j], width, is_round) for i, j in bars]
-
     for _ in range(_pick(rng, 0, 1, 2)):  # a bar between two parallel edges
         axis = int(rng.integers(3))
         first = [k for k, (i, j) in enumerate(edges) if (i ^ j) == 4 >> axis]
@@ -484,7 +480,6 @@ def _pebble(rng: Rng, _least: float) -> Shell:
 def _extrusion(rng: Rng, least: float) -> Shell:
     """Profile of constant section: angle, tee, channel, beam, gear, star or a smooth curve."""
     form = _pick(rng, "angle", "tee", "channel", "beam", "gear", "star", "curve")
-
     wall, width = max(0.08, 1.2 * least), rng.uniform(0.5, 1.0)
 
     if form in ("gear", "star"):
@@ -494,9 +489,8 @@ def _extrusion(rng: Rng, least: float) -> Shell:
         radius = np.array([inner, 0.5, 0.5, inner]) if form == "gear" else np.array([0.5, inner])
         angle = (np.arange(teeth)[:, None] + share).ravel() * (2.0 * np.pi / teeth)
         outline = np.tile(radius, teeth)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-
-    # A circle with four harmonics, whose largest amplitudes fall with their order.
     elif form == "curve":
+        # A circle with four harmonics, whose largest amplitudes fall with their order.
         angle = np.arange(72) * (2.0 * np.pi / 72)
         radius = 0.4 * np.ones(72)
         for n in range(1, 5):
@@ -508,7 +502,6 @@ def _extrusion(rng: Rng, least: float) -> Shell:
                 / 1.5
             )
         outline = np.maximum(radius, 0.1)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-
     else:
         outline = np.column_stack(_section(form, wall, width))
 

@@ -48,7 +48,6 @@ def pose_error(scene: UnseenScene, X_CT: Array) -> PoseError:
         X_CT: (4, 4) identified pose.
     """
     position, angle = scene.likeness.symmetry.error(X_CT, scene.X_CT)
-
     degrees = float(np.rad2deg(angle))
     near = position < FOUND[0] + FOUND[1] * scene.range_m and degrees < FOUND[2]
     return PoseError(position_m=position, angle_deg=degrees, found=bool(near))
@@ -186,16 +185,13 @@ class ViewOfObject:
         good = np.isfinite(z) & (
             across > np.cos(sensor.max_incidence) * np.linalg.norm(rays, axis=1)
         )
-
         n, z, across, rays = n[good], z[good], across[good], rays[good]
 
         share = sensor.independent(_STEP * sensor.focal / FOCAL)
         return X_TC[:3, 3] + z[:, None] * rays, n, sensor.sigma(z) * across / np.sqrt(share)
 
     def _outline(self, sensor: SensorModel) -> tuple[Array, Array, Array]:
-        """As `_surface`, for the pixels at the edge of the image, where something farther lies
-        beside them.
-        """
+        """As `_surface`, for the pixels at the object's edge with something farther beside them."""
         seen, depth = self._scene.seen, self._scene.exact
         edge = np.zeros_like(seen)
         for axis in (0, 1):

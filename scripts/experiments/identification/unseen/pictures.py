@@ -30,9 +30,7 @@ OUTCOMES: Mapping[str, tuple[str, Callable[[Row], bool]]] = {
 
 
 def recall_chart(rows: Sequence[Row]) -> "Figure":
-    """Bar chart of what became of the scenes with the object, by class of shape and of
-    occlusion.
-    """
+    """Bar chart of what became of the scenes with the object, by class of shape and occlusion."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
@@ -44,9 +42,8 @@ def recall_chart(rows: Sequence[Row]) -> "Figure":
             [name for name in HIDDEN if name in there] if key == "hidden_class" else sorted(there)
         )
 
-        low = np.zeros(len(names))
-
         # Bars of the outcomes, one on top of the other.
+        low = np.zeros(len(names))
         for outcome, (colour, belongs) in OUTCOMES.items():
             count = np.array(
                 [sum(belongs(row) for row in rows if row[key] == name) for name in names]

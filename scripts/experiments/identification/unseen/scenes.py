@@ -129,7 +129,6 @@ def present(seed: int, index: int, sensor: str | None = None) -> UnseenCase:
     turn.
     """
     kinds, block = tuple(KINDS), index // len(KINDS)
-
     k = index % len(kinds)
     names = tuple(DEPTH_SENSORS)
 
@@ -233,13 +232,11 @@ class _Draw:
             return None
 
         stand_in = there or shape  # where nothing is, it is as if the object were taken away
-
         rests = case.around == "touching" or streams["rests"].random() < _RESTS
         turn = streams["attitude"]
         R = resting_attitude(stand_in, turn) if rests else any_rotation(turn)
         gap = 0.0 if rests else float(streams["gap"].uniform(*_HANGS))
         body = Body.of((stand_in.vertices @ R.T, stand_in.triangles), streams["points"])
-
         ground = float(body.solid[0][:, 2].min()) - gap
 
         X_CF = self._camera(np.zeros(3), stand_in.radius, stand_in.extent)
@@ -273,7 +270,6 @@ class _Draw:
         the most part.
         """
         streams = self.streams
-
         kinds = streams["kinds"].permutation(tuple(KINDS))[:PILE]
         shapes = [
             unseen_shape(str(kind), streams[f"shape {k}"], _OF_PILE) for k, kind in enumerate(kinds)
@@ -327,7 +323,6 @@ class _Draw:
     def _camera(self, p_F: Array, radius: float, extent: float) -> Array:
         """X_CF (4, 4) of a camera that looks at `p_F` (3,) [m], or a little beside it."""
         rng, near = self.streams["camera"], max(RANGES[0], _VIEW * radius)
-
         range_m = rng.uniform(near, max(near + 0.1, min(RANGES[1], _NEAR_SMALL * extent)))
 
         up = rng.uniform(*np.sin(_CLIMB))
@@ -342,12 +337,11 @@ class _Draw:
         stand clear.
         """
         touching = self.case.around == "touching"
-
         away = inverse(X_CF)[:2, 2]  # horizontally from the camera
         # Beside and behind rather than in front, unless much is to be hidden.
         spread = np.pi if self.case.hidden == "much" else 0.6 * np.pi
-        bodies: list[Body] = []
 
+        bodies: list[Body] = []
         for k in range(int(self.streams["neighbours"].integers(1, 4 if touching else 5))):
             rng = self.streams[f"neighbour {k}"]
             kind = self.kind if rng.random() < _SIMILAR else str(rng.choice(tuple(KINDS)))

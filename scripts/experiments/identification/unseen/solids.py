@@ -132,7 +132,6 @@ def _lofted(
     flat = np.vstack(loops)
 
     count = len(flat)
-
     vertices = []
     for share in np.linspace(-0.5, 0.5, layers + 1):
         c, s = np.cos(share * twist), np.sin(share * twist)

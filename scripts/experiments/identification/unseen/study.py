@@ -68,7 +68,7 @@ def run(trial: UnseenTrial) -> Row:
         )
         spent = process_time() - prepared
 
-    # What the view could tell at all, from the truth.
+    # Judged by the truth: errors, and what the view can tell at all.
     error = pose_error(scene, found.X_sensor_target)
     view = ViewOfObject(scene)
     there = case.content in _THERE
@@ -90,10 +90,10 @@ def run(trial: UnseenTrial) -> Row:
         "extent_m": scene.shape.extent,
         "hidden": scene.hidden,
         "pixels": int(scene.seen.sum()),
-        # What its view shows.
         "declared": scene.declared,
         "symmetric": scene.likeness.symmetry.axis is not None
         or len(scene.likeness.symmetry.rotations) > 1,
+        # What its view tells.
         "sigma_mm": None if bounds is None else 1e3 * bounds.position_m,
         "sigma_deg": None if bounds is None else bounds.angle_deg,
         "size_sigma": None if bounds is None else bounds.size,
@@ -105,7 +105,7 @@ def run(trial: UnseenTrial) -> Row:
         "mirror_share": min(view.mirror_share(), contradicted)
         if case.content == "mirrored"
         else 1.0,
-        # What identification makes of it.
+        # The result of identification.
         "position_m": error.position_m,
         "angle_deg": error.angle_deg,
         "found": bool(there and error.found),
@@ -207,7 +207,6 @@ def summarise(rows: list[Row], title: str) -> Summary:
     )
 
     there = [row for row in depth if row["content"] == "present"]
-
     tables: list[Table] = []
     metrics: dict[str, Any] = {}
 
@@ -230,7 +229,6 @@ def summarise(rows: list[Row], title: str) -> Summary:
         tables.append(_confusion_table(metrics["confusion_sonar"], "Verdicts, sonar"))
 
     metrics["covariance"] = doubts = consistency(depth)
-
     false = [row for row in depth if is_false_accept(row)]
     metrics["false_accepts"] = len(false)
     metrics["false_accept_percent"] = 100.0 * len(false) / max(1, len(depth))
@@ -378,7 +376,6 @@ def _or_dash(value: float, digits: int) -> str:
 
 def _confusion_table(table: Mapping[str, Mapping[str, int]], title: str) -> Table:
     decisions = [str(d) for d in Decision]
-
     rows = [(name, *(str(counts[d]) for d in decisions)) for name, counts in table.items()]
     return Table(title=title, columns=("scene and pose", *decisions), rows=rows)
 

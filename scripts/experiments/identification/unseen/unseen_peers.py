@@ -226,7 +226,6 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
     ]
 
     found = [row for row in rows if row["methods"][OURS]["found"]]
-
     lines = [
         *left_out,
         f"ours: {sum(row['accepted'] for row in found)} of {len(found)} found poses accepted,"
@@ -245,7 +244,6 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
 def figures_of(rows: Sequence[Row], name: str) -> dict[str, Any]:
     """Figures of the method `name` over the scenes."""
     of = [row["methods"][name] for row in rows]
-
     found = [each for each in of if each["found"]]
 
     def median(some: Sequence[Row], key: str) -> float:

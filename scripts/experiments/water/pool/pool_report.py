@@ -89,10 +89,8 @@ def buoyancy_table(buoyancies: Mapping[str, float]) -> Table:
 def parameter_table(result: Validation) -> Table:
     """Each parameter with its nominal value, its interval, and what the trials tell of it."""
     rows = []
-
     for i, each in enumerate(PARAMETERS):
         low, high = result.interval(i)
-
         rows.append(
             [
                 each.name,
@@ -156,7 +154,6 @@ def draw(file: Path, result: Validation, trials: Sequence[PoolTrial]) -> None:
     ]
 
     by_name = {trial.name: trial for trial in trials}
-
     fitted = values_of(PARAMETERS, result.fit.deviations)
     models = {
         "fitted": (pool_model(result.hull, fitted), fitted, "C0"),

@@ -126,7 +126,6 @@ def score_of(trial: PoolTrial, found: Replayed) -> TrialScore:
     both = [float(np.corrcoef(trial.attitude[:, i], found.attitude[:, i])[0, 1]) for i in (0, 1)]
     ratio = found.attitude[:, :2].std(axis=0) / spreads
     rms = np.sqrt(np.mean(off**2, axis=0))
-
     apart = found.position[-1] - trial.position[-1]
 
     return TrialScore(

@@ -124,9 +124,7 @@ def read_trial(folder: Path, name: str) -> PoolTrial:
 
 
 def _first(times: Array, begin: float) -> np.ndarray:
-    """Mask of the samples from which the start is taken: those of the first START, five at
-    least.
-    """
+    """Mask of the samples that give the start: those of the first START, five at least."""
     mask = (times >= begin) & (times <= begin + START)
 
     if mask.sum() < 5:
@@ -169,7 +167,6 @@ def _columns(table: dict[str, Array], names: tuple[str, ...], trial: str) -> Arr
         )
 
     found = np.column_stack([table[name] for name in names])
-
     if not np.all(np.isfinite(found)):
         bad = names[int(np.flatnonzero(~np.isfinite(found).all(axis=0))[0])]
         raise ConfigurationError(

@@ -65,9 +65,7 @@ def scores(
 def buoyancy_by_group(
     hull: str, trials: Sequence[PoolTrial], values: Mapping[str, float]
 ) -> dict[str, float]:
-    """Net buoyancy [N] of each trajectory number that its rises speak for, all else as in
-    `values`.
-    """
+    """Net buoyancy [N] of each trajectory number by its rises, all else as in `values`."""
     found = {}
     for name, members in groups_of(trials).items():
 
@@ -146,7 +144,6 @@ def validate(
     untuned = scores(hull, trials, NOMINAL)
 
     groups = groups_of(trials)
-
     if not leave_out or len(groups) < 2:
         return Validation(
             hull=hull,

@@ -134,10 +134,10 @@ class TorqueResidual:
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction."""
         n = self._arm.n
-        own = self._arm.parameters
+        believed = self._arm.parameters
 
         return ContactState(
-            arm=own._replace(numbers=own.numbers.copy()),
+            arm=believed._replace(numbers=believed.numbers.copy()),
             record=ContactRecord(
                 sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
                 tare=Tare.start(n),

@@ -36,7 +36,7 @@ class ResultsOptions:
     workers: int = 0
     """Number of processes of a check; 0: one for each core."""
     json: bool = False
-    """Print the status of each experiment as JSON alone."""
+    """Print the status of these experiments as JSON alone."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -60,7 +60,10 @@ def main(verb: str, args: Sequence[str]) -> int:
     entries = pages.results(experiments, data=options.data is not None)
     for path, text in pages.pages(entries).items():
         pages.write_page(path, text)
-    statuses = {entry.experiment.name: entry.status for entry in entries}
+    names = {experiment.name for experiment in chosen}
+    statuses = {
+        entry.experiment.name: entry.status for entry in entries if entry.experiment.name in names
+    }
     if options.json:
         print_json(statuses)
     else:

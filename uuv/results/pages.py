@@ -26,8 +26,8 @@ _HEAD = """\
 One table for each experiment, printed from kept rows by `./uvw run uuv results`. Each names the
 commit and date of the run that gave its rows, and its status:
 
-- verified: the code that the rows depend on is that of the last check, in which a subset gave the
-  same values.
+- verified: the code that the rows depend on is that of their run, or of the last check, in which a
+  subset gave the same values.
 - *unverified*: that code has changed since.
 - *changed*: the subset gave other values.
 - *no data here*: the experiment needs measured data, which the last check did not have.

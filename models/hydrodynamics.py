@@ -438,8 +438,8 @@ def trim(
         The coefficients now attached to `body`.
 
     Raises:
-        ConfigurationError: no MjSpec or no number, no coefficients on `body`, zero gravity, a wrong
-            shape of `qpos`, or other bodies that alone displace more than the tree weighs.
+        ConfigurationError: not an MjSpec or number, no coefficients on `body`, zero gravity, a
+            wrong shape of `qpos`, or other bodies that alone displace more than the tree weighs.
     """
     _check_spec(spec)
     here = attached(spec)

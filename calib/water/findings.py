@@ -1,4 +1,4 @@
-"""Verdict on each parameter of a fit: told, partly or not told, and what is told only together."""
+"""Observability of the parameters of a fit: identified, partly, not, or only in combination."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

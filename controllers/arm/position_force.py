@@ -34,10 +34,8 @@ from uuv.sim.interfaces.kernels.slots import FINE, Slot, empty_slot, slot_functi
 from uuv.sim.interfaces.spatial import Array
 
 # Entries of `ForceDisplacementState.numbers`
-K, INTEGRAL = (
-    0,
-    1,
-)  # [m] displacement along the tool axis, into the surface; its part from the error
+# [m] displacement along the tool axis, into the surface; its part from the error
+K, INTEGRAL = 0, 1
 ERROR, SET_FORCE, EXPECTED = 2, 3, 4  # [N] at the last step; NaN set force: the loop was open
 FELT, DISPLACED = 5, 6  # measured normal force [N] and displacement [m], smoothed for the slope
 COMPLIANCE = 7  # [m/N] of the surface, as identified

@@ -77,7 +77,7 @@ def predicted_sigma(found: Identification, X_SN: Array) -> float:
     known = np.zeros((6, 6)) if found.covariance is None else found.covariance.information
     same = turn_of_symmetry(found.surface, np.asarray(found.X_sensor_target))
 
-    # Information of both views, along the twists that change what is seen
+    # Information of both views, along the observable twists
     total = known + predicted_information(found, X_SN) + _FREE * np.eye(6)
     held = np.linalg.svd(np.vstack([same, np.zeros((1, 6))]))[2][len(same) :]
     return float(1.0 / np.sqrt(np.linalg.eigvalsh(held @ total @ held.T)[0]))

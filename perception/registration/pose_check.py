@@ -370,7 +370,7 @@ def _unobserved(
         ),
         (
             free > 0,
-            "this view does not hold the whole pose: the model can slide or turn on what is seen",
+            "this view does not hold the whole pose: the model can slide or turn on the scan",
         ),
         (abs(figures.margin) <= MIN_MARGIN, "another pose fits as well"),
         (

@@ -15,6 +15,7 @@ from uuv.sim.interfaces.spatial import Array
 
 LEVEL = 0.95  # of every interval
 TAILS = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
+SIGMAS = 1.959963984540054  # standard deviations to either side of a normal interval
 RESAMPLES = 9999  # of a bootstrap
 _AT_ONCE = 1_000_000  # values drawn at a time: bounds the memory
 

@@ -43,8 +43,9 @@ from uuv.controllers.mkps import solve_many
 from uuv.experiment import Page, column, experiment, stat
 from uuv.experiment.options import at_least
 from uuv.models.arms import published_arms
+from uuv.sim.evaluation.intervals import Bootstrap, bootstrap_interval, ratio_interval
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.streams import Streams
 
 LIMITS = (180, 150)  # [deg]
 LEAST_SOLVED = {"hybrid": 0.999, "jacobian_free": 0.995}  # goals
@@ -134,10 +135,9 @@ def ik(case: IkCase) -> IkRow:
     few = targets_of(case.arm, count=case.targets, **shared)
     times = race(few, contenders(few, with_peers=case.peers), case.repeats)
     medians = {name: float(np.median(entry.call)) for name, entry in times.items()}
-    picks = np.random.default_rng(case.seed).integers(case.targets, size=(RESAMPLES, case.targets))
-    hybrid = np.log(np.median(times["hybrid"].call[picks], axis=1))
+    streams = Streams(case.seed)
     sigmas = {
-        name: float(np.std(np.log(np.median(entry.call[picks], axis=1)) - hybrid))
+        name: _sigma(ratio_interval(entry.call, times["hybrid"].call, streams[name], RESAMPLES))
         for name, entry in times.items()
     }
 
@@ -162,14 +162,18 @@ def ik(case: IkCase) -> IkRow:
             for name, rounds in zip(("hybrid", BASELINE), kernel, strict=True)
         },
         kernel_ratio=kernel and float(np.median(kernel[1] / kernel[0])),
-        kernel_sigma=kernel and _sigma_of_median(np.log(kernel[1] / kernel[0])),
+        kernel_sigma=kernel
+        and _sigma(
+            bootstrap_interval(
+                np.median, kernel[1] / kernel[0], rng=streams["kernels"], resamples=RESAMPLES
+            )
+        ),
     )
 
 
-def _sigma_of_median(values: Array) -> float:
-    """Standard deviation of the median of values (n,), by bootstrap."""
-    picks = np.random.default_rng(0).integers(len(values), size=(RESAMPLES, len(values)))
-    return float(np.std(np.median(values[picks], axis=1)))
+def _sigma(bootstrap: Bootstrap) -> float:
+    """Standard deviation of the logarithm of a ratio's median."""
+    return float(np.std(np.log(bootstrap.resampled)))
 
 
 def _share(row: Mapping[str, int]) -> float:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from experiments.kinematics.ik_bench import BASELINE, COLD, METHODS, WARM
 from uuv.experiment import Row, Table
+from uuv.sim.evaluation.intervals import SIGMAS
 from uuv.sim.interfaces.spatial import Array
 
 GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # of the mean ratios
@@ -23,7 +24,6 @@ RATIO_GOALS = {
 }
 KERNEL_GOALS = {("puma560", COLD): 8.0, ("puma560", WARM): 3.0}  # [us]
 STARTS = (COLD, WARM)
-NORMAL_95 = 1.96  # standard deviations to either side
 BLUE, ORANGE, GREEN, VERMILION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"
 COLORS = {
     "hybrid": BLUE,
@@ -51,7 +51,7 @@ def mean_ratio(rows: Sequence[Row], solver: str) -> tuple[float, float, float] |
 
     log = float(np.mean([math.log(row["ratio"][solver]) for row in rows]))
     sigma = math.sqrt(sum(row["ratio_sigma"][solver] ** 2 for row in rows)) / len(rows)
-    low, high = log - NORMAL_95 * sigma, log + NORMAL_95 * sigma
+    low, high = log - SIGMAS * sigma, log + SIGMAS * sigma
     return math.exp(log), math.exp(low), math.exp(high)
 
 
@@ -152,7 +152,7 @@ def arms_picture(rows: list[Row]) -> tuple[str, str, Figure]:
     for k, (start, color) in enumerate(zip(STARTS, (BLUE, ORANGE), strict=True)):
         chosen = [row for row in rows if row["start"] == start]
         log = np.log([row["kernel_ratio"] for row in chosen])
-        off = NORMAL_95 * np.array([row["kernel_sigma"] for row in chosen])
+        off = SIGMAS * np.array([row["kernel_sigma"] for row in chosen])
         values = np.exp(np.stack([log, log - off, log + off], axis=1))
         places = [names.index(row["arm"]) + 0.2 * (k - 0.5) for row in chosen]
         style = {"fmt": "o", "color": color, "capsize": 3, "label": start}

@@ -106,7 +106,7 @@ def campaign_engines(case: EnginesCase) -> EnginesRow:
     """Measures all engines."""
     campaign = read_campaign(Path(case.campaign))
     tasks = campaign.runs(case.tasks)
-    of_plan = plan_costs(replace(campaign, cases=_PLANNED))  # first: memory is told by its peak
+    of_plan = plan_costs(replace(campaign, cases=_PLANNED))  # first: memory is measured by its peak
 
     costs: dict[str, dict[str, float]] = {}
     rows: dict[str, list[Row]] = {}

@@ -27,6 +27,7 @@ from uuv.calib.water.findings import findings, together
 from uuv.experiment.options import at_least
 from uuv.models.vehicles import published_hulls
 from uuv.own_vehicle import vehicle_spec
+from uuv.sim.evaluation.intervals import SIGMAS
 from uuv.sim.runs.saving import write_json
 from uuv.sim.runs.terminal import console
 from uuv.water_identification.command import table_of, words
@@ -34,7 +35,6 @@ from uuv.water_identification.log_residuals import identify
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
 
-NORMAL = 1.96  # standard deviations of half a 95 % interval
 POOL_NOISE = {"attitude": 0.005, "depth": 0.005}  # [rad], [m]
 
 
@@ -155,7 +155,7 @@ def single_table(drawn: list[Draw]) -> Table:
             f"{own[0].names[i]} {100 * by_name[i]:.0f} %" for i in np.argsort(by_name)[:4]
         )
 
-        normal = np.mean([np.abs(each.errors) < NORMAL for each in own])
+        normal = np.mean([np.abs(each.errors) < SIGMAS for each in own])
         worst, slowest = covered.mean(axis=1).min(), max(each.seconds for each in own)
         table.add_row(
             name, least, f"{100 * worst:.0f} %", f"{100 * normal:.1f} %", f"{slowest:.1f}"

@@ -99,7 +99,7 @@ class ViewOfObject:
         t, exact = self._model_depth(X_CT), self._exact
         hit = np.isfinite(t)
 
-        # also where the model would hide what is seen, or is missing
+        # Also where the model would occlude measured points, or is missing.
         off = np.full(t.shape, _OUTLIER)
         both = hit & self._seen
         off[both] = np.minimum(np.abs(t[both] - exact[both]) / sensor.sigma(exact[both]), _OUTLIER)
@@ -139,7 +139,7 @@ class ViewOfObject:
             > DIFFERENT
         )
 
-        # it would hide what is seen there
+        # It would occlude points that were measured there.
         hides = (self._model_depth(X_CT) < self._exact - DIFFERENT) & ~self._seen
 
         total = len(off) + int(hides.sum())

@@ -14,6 +14,7 @@ from experiments.water.pool.pool_vehicle import NOMINAL, PARAMETERS, pool_model
 from experiments.water.pool.replay import Residuals, TrialScore, replay, score_of
 from experiments.water.pool.trials import PoolTrial
 from uuv.calib.water.named_fit import NamedFit, fit_named, values_of
+from uuv.sim.evaluation.intervals import SIGMAS
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
@@ -40,7 +41,7 @@ class Validation:
         each, x, half = (
             PARAMETERS[index],
             float(self.fit.deviations[index]),
-            1.96 * float(self.spread[index]),
+            SIGMAS * float(self.spread[index]),
         )
         return each.value(x - half), each.value(x + half)
 

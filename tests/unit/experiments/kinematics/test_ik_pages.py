@@ -29,7 +29,7 @@ def test_a_mean_ratio_is_geometric_and_its_error_shrinks_with_the_arms():
     ratio = mean_ratio(rows, "TRAC-IK")
     sigma = 0.1 / math.sqrt(2.0)
     assert ratio == pytest.approx(
-        [40.0, 40.0 * math.exp(-1.96 * sigma), 40.0 * math.exp(1.96 * sigma)]
+        [40.0, 40.0 * math.exp(-1.959964 * sigma), 40.0 * math.exp(1.959964 * sigma)]
     )
     assert mean_ratio(rows, "EAIK") is None
 

@@ -215,7 +215,7 @@ def test_spread_and_left_out_scores_are_those_of_the_fits_without_a_group(monkey
     )
     assert told.spread == pytest.approx(np.full(n, np.sqrt(2.0 / 3.0 * 14.0)))
     assert told.left_out == tuple((group, value) for group, value in each.items() for _ in range(2))
-    least = PARAMETERS[0].value(0.5 - 1.96 * np.sqrt(28.0 / 3.0))
+    least = PARAMETERS[0].value(0.5 - 1.959964 * np.sqrt(28.0 / 3.0))
     assert told.interval(0)[0] == pytest.approx(least)
 
 

@@ -161,6 +161,7 @@ class HullController:
 
         self._hull = self._control(Allocation(vehicle, priorities=case.priorities))
         self.state = self._hull.init()
+        self._lost: tuple[int, ...] = ()  # thrusters that the controller knows to be lost
 
         # The felt force has a bias that stays.
         self._bias = FELT_BIAS * rng.standard_normal(3)
@@ -182,9 +183,7 @@ class HullController:
 
     def exclude(self, thruster: int) -> None:
         """Leaves a lost thruster out of the allocation from now on."""
-        allocation = self._hull.allocation(())
-        if allocation.available[thruster]:
-            self._hull = self._control(allocation.without(thruster))
+        self._lost = (thruster,)
 
     def init(self, estimate: StateEstimate):
         """Resets the state of the hull's loop."""
@@ -231,6 +230,7 @@ class HullController:
         arm_B += np.concatenate([f_B, skew(tip_B) @ f_B])
 
         fed = arm_B if case.compensation else self._home
+        reference = replace(reference, lost_thrusters=self._lost)
         command = self._hull.step(self.state, estimate, reference, fed)
 
         rest = np.zeros(len(estimate.q))

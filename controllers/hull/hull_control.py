@@ -49,7 +49,7 @@ _PUSHES = 0.3
 
 @dataclass(slots=True, eq=False)
 class HullControlState:
-    """State of the loop; arrays, changed in place."""
+    """State of the loop; its arrays are bound at the first step: write into them, assign none."""
 
     station: StationKeepingState
     propellers: ThrusterLeadState

@@ -165,13 +165,13 @@ class StationKeeping:
                 "the hull has no hydrodynamics: call uuv.models.hydrodynamics.attach on its spec"
             )
         of_hull = hull_inertia(model, vehicle.hull, 1.0 + water_error)
-        self.inertia = of_hull.copy()  # (6, 6) of `StationGains`
+        inertia = of_hull.copy()
         if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(
             model.body_mass[vehicle.hull]
         ):
             arm = ArmDynamics(model, water_error=water_error)
         if arm is not None:
-            self.inertia += _arm_inertia(arm, vehicle.q_home)
+            inertia += _arm_inertia(arm, vehicle.q_home)
 
         # Drag of the hull.
         water = hydrodynamics.without_forms(
@@ -186,10 +186,15 @@ class StationKeeping:
         self.gains = StationGains(
             stiffness=float(frequency**2),
             damping=float(2.0 * damping * frequency),
-            inertia=self.inertia,
+            inertia=inertia,
             static=_static(model, vehicle.hull),
             hull=self._observer.hull,
         )
+
+    @property
+    def inertia(self) -> Array:
+        """Inertia (6, 6) of `StationGains`, as the kernel reads it."""
+        return self.gains.inertia
 
     def init(self) -> StationKeepingState:
         """Initial state: no current known, no thrust given."""

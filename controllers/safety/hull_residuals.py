@@ -184,7 +184,7 @@ def find_missing(model, seen, dt, r):
         dt: [s] since the last balance.
         r: `HullResiduals`; updated.
     """
-    R_WB = seen.X_WB
+    R_WB = seen.X_WB  # (4, 4), of which the rotation is used
     v_B = seen.v_B
     w_B = seen.w_B
     current_W = seen.current_W

@@ -3,7 +3,7 @@
 Each row of `SENSOR_CHECKS` is one check. Navigation has every sample, so it makes the statistic,
 applies the limit, and goes on without the sensor. The estimate says by how much the sensor is off;
 here that becomes a fault with its figures. A new check is a field of the estimate, zero while its
-sensor is sound, and a row.
+sensor is sound, a row, and a condition in `guard_tick`, which decides when the rows are asked.
 
 | sensor | field | statistic | limit |
 |---|---|---|---|

@@ -29,14 +29,16 @@ class HullStepRecord(NamedTuple):
     """Step of the hull; arrays, changed in place."""
 
     hull: HullRecord
-    feedforward: Slot  # what is not fed forward; empty: nothing, `ArmWrench`
+    feedforward: Slot  # answers with what is left out; empty: all is fed forward, `ArmWrench`
     log: LoggedStep
 
 
 @kernel
 def step_hull(step, contact, tool, e, reference, command):
-    """Thrusters: the arm's wrench C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e of [Konoplin 2022]
-    is cancelled.
+    """Command the thrusters against the arm's wrench, less what `feedforward` leaves out.
+
+    The wrench is that of the arm's motion and weight and of the felt force, C_F_M = C_F_D + A f_e
+    and C_M_M = C_M_D + C_M_e of [Konoplin 2022].
 
     Args:
         step: `HullStepRecord`; updated.
@@ -81,10 +83,10 @@ def step_hull(step, contact, tool, e, reference, command):
 
     # Log.
     log = step.log
-    motion = tool.motion
+    tool_motion = tool.motion
     side = tool.side.values
     log.displacement[0] = tool.numbers[K]
     log.compliance_W[:] = side[compliance.OFFSET : compliance.OFFSET + 3]
-    log.q_wanted[:] = motion.q
-    log.ik_error[:] = motion.ik_error
+    log.q_wanted[:] = tool_motion.q
+    log.ik_error[:] = tool_motion.ik_error
     return FINE

@@ -70,7 +70,10 @@ from uuv.sim.interfaces.spatial import Array
 
 @dataclass(slots=True, eq=False)
 class WorkControllerState:
-    """State of the controller: that of its parts, and the arrays that they share; in place."""
+    """State of the controller: that of its parts, and the arrays that they share.
+
+    The arrays are bound at the first step: write into them, assign none.
+    """
 
     contact: ContactState
     tool: ToolControlState

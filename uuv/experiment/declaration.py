@@ -15,7 +15,7 @@ Workers, resume and engines are those of `uuv.experiment.harness.Study`.
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -29,7 +29,7 @@ from uuv.experiment.drawn_cases import made_cases
 from uuv.experiment.harness import Study, Summary, key_of
 from uuv.experiment.local_processes import NO_LIMITS
 from uuv.experiment.page import Page
-from uuv.experiment.row_log import KEY, TIMING
+from uuv.experiment.row_log import without_log
 from uuv.experiment.row_table import Row, read_rows
 from uuv.experiment.worker import Limits
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError, did_you_mean
@@ -137,9 +137,18 @@ class Experiment(Generic[Case, Outcome]):
         """Options with some values, by name, and the others by default.
 
         Raises:
-            ConfigurationError: There is no such option.
+            ConfigurationError: There is no such option, or one without a default is left out.
         """
         self.check_options(values)
+        lacking = [
+            entry.name
+            for entry in fields(self.options)
+            if entry.name not in values
+            and entry.default is MISSING
+            and entry.default_factory is MISSING
+        ]
+        if lacking:
+            raise ConfigurationError(f"experiment {self.name}: needs {', '.join(lacking)}")
         return self.options(**values)
 
     def check_options(self, names: Iterable[str]) -> None:
@@ -299,11 +308,6 @@ def experiments_in(module: ModuleType) -> list[Experiment[Any, Any]]:
         for entry in vars(module).values()
         if isinstance(entry, Experiment) and entry.__module__ == module.__name__
     ]
-
-
-def without_log(row: Row) -> Row:
-    """A row without what the log adds to it."""
-    return {name: value for name, value in row.items() if name not in (KEY, TIMING)}
 
 
 def vars_of(part: Any) -> dict[str, Any]:

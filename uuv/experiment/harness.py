@@ -25,7 +25,7 @@ from uuv.experiment.engines import Engine, engine_for
 from uuv.experiment.loaded_code import digests, loaded_files, new_digests
 from uuv.experiment.local_processes import NO_LIMITS
 from uuv.experiment.options import PoolOptions
-from uuv.experiment.row_log import KEY, METRICS, PAGE, TIMING, RowLog, Timing, by_case
+from uuv.experiment.row_log import METRICS, PAGE, TIMING, RowLog, Timing, by_case, without_log
 from uuv.experiment.row_table import Row, read_rows
 from uuv.experiment.worker import Limits, TimeLimitError, within_time
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
@@ -260,7 +260,7 @@ class Study(Generic[Case]):
         console: Console,
     ) -> int:
         """Prints and writes the summary of `rows`; returns the exit code."""
-        summary = self.summarise([_without_log(row) for row in rows])
+        summary = self.summarise([without_log(row) for row in rows])
         works_in(folder)
         write_json(
             folder / METRICS, as_json({**summary.metrics, **summary.verdict, "provenance": made_by})
@@ -376,10 +376,6 @@ def _pace(rows: Sequence[Row], done: int, place: str, wall_s: float) -> str:
     cpu = sum(row[TIMING]["cpu_s"] or 0.0 for row in rows)
     now = f"; {done} of them now, in {wall_s:.0f} s on {place}" if done else ""
     return f"{len(rows)} runs in {cpu:.0f} s of one core{now}."
-
-
-def _without_log(row: Row) -> Row:
-    return {name: value for name, value in row.items() if name not in (KEY, TIMING)}
 
 
 def _plain(value: Any) -> Any:

@@ -406,10 +406,12 @@ def _bars(
     """Labels of the bars, and their heights by group: whole numbers one by one, others in bins."""
     # whole numbers have a bar each, others one for each bin
     known = [value for values in groups.values() for value in values if value is not None]
-    if all(isinstance(value, int) for value in known) and len(set(known)) <= _MOST_WHOLE:
-        labels = list(map(str, range(min(known), max(known) + 1))) if known else []
+    whole = all(isinstance(value, int) for value in known) and column.factor == 1.0
+    if whole and (not known or max(known) - min(known) < _MOST_WHOLE):
+        bars = range(min(known), max(known) + 1) if known else range(0)
+        labels = list(map(str, bars))
         counts = {
-            name: [sum(str(value) == label for value in values) for label in labels]
+            name: [sum(value == bar for value in values) for bar in bars]
             for name, values in groups.items()
         }
     else:

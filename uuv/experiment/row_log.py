@@ -258,3 +258,8 @@ def _read_about(file: Path) -> RowsAbout:
         return TableReader(ABOUT).made(RowsAbout, json_of(file, "study"))
     except ConfigurationError as error:
         raise ConfigurationError(f"{error} ({file}); --anew throws the rows away") from error
+
+
+def without_log(row: Row) -> Row:
+    """A row without what the log adds to it."""
+    return {name: value for name, value in row.items() if name not in (KEY, TIMING)}

@@ -110,18 +110,20 @@ class Statistic:
         """Values of the quantity, lists flattened, those that are None left out or replaced."""
         values: list[Any] = []
         for record in records:
-            item = self.of(record) if callable(self.of) else record[self.of]
-            values += flattened(item)
+            values += flattened(self._item(record))
 
         return [self.none if item is None else item for item in values if not self._left_out(item)]
+
+    def _item(self, record: Record) -> Any:
+        """The quantity in a record."""
+        return self.of(record) if callable(self.of) else record[self.of]
 
     def _left_out(self, item: Any) -> bool:
         return item is None and self.none is None
 
     def missing(self, records: Sequence[Record]) -> int:
         """Number of records without a value, which are left out."""
-        items = [self.of(row) if callable(self.of) else row[self.of] for row in records]
-        return sum(self._left_out(item) for item in items)
+        return sum(self._left_out(self._item(row)) for row in records)
 
     def numbers(self, records: Sequence[Record]) -> dict[str, Any]:
         """The statistic as numbers by name, in the units of the rows; empty without a value."""
@@ -135,7 +137,11 @@ class Statistic:
             return {"value": values[0] if len(values) == 1 else values}
 
         if self.kind == "share":
-            trials = [record[self.among] for record in records] if self.among else [1] * len(values)
+            trials = [1] * len(values)
+            if self.among:
+                # Of the records that have a value.
+                trials = [row[self.among] for row in records if not self._left_out(self._item(row))]
+
             good = round(sum(values))
             of = round(sum(trials))
             low, high = share_interval(good, of)

@@ -9,8 +9,8 @@ from math import isclose
 from pathlib import Path
 from typing import Any
 
-from uuv.experiment.declaration import Experiment, without_log
-from uuv.experiment.row_log import about_of
+from uuv.experiment.declaration import Experiment
+from uuv.experiment.row_log import about_of, without_log
 from uuv.experiment.row_table import Row, read_rows
 from uuv.results.kept_rows import KeptRows, checked, file_of, words_of
 from uuv.sim.interfaces.errors import ConfigurationError

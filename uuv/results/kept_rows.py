@@ -14,9 +14,9 @@ from typing import Any
 from uuv.catalogue import CHECKOUT, EXPERIMENTS
 from uuv.experiment.case_options import ExperimentOptions
 from uuv.experiment.columns import check_names
-from uuv.experiment.declaration import Experiment, without_log
+from uuv.experiment.declaration import Experiment
 from uuv.experiment.loaded_code import digests
-from uuv.experiment.row_log import METRICS, about_of
+from uuv.experiment.row_log import METRICS, about_of, without_log
 from uuv.experiment.row_table import Row, read_rows
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError

@@ -23,14 +23,16 @@ _DECLARES = "@experiment("
 _HEAD = """\
 # Results
 
-One table for each experiment, printed from kept rows by `./uvw run uuv results`. Each names the
-commit and date of the run that gave its rows, and its status:
+An entry for each experiment, printed by `./uvw run uuv results`: a table where the rows of a run
+are kept, with the commit and date of that run, else the command that makes them. The status:
 
 - verified: the code that the rows depend on is that of their run, or of the last check, in which a
   subset gave the same values.
 - *unverified*: that code has changed since.
 - *changed*: the subset gave other values.
-- *no data here*: the experiment needs measured data, which the last check did not have.
+- *no rows kept*: nothing is stated, and `--check` leaves it out.
+- *no data here*: the experiment needs a folder of measured data, which was not given; what follows
+  is of the last check.
 
 Intervals of shares are of 95 % [Wilson 1927]. The page of an experiment has its command,
 conditions and other tables. Tables that are not yet printed so are on

@@ -216,7 +216,7 @@ def sensed_by(plant: Plant, memories: Sequence[np.ndarray]) -> Sensed:
 
     Args:
         plant: of the run.
-        memories: of the sensors of _CHANNELS, (1,) each.
+        memories: of encoders, torque sensors and IMU, (1,) each.
     """
     truth = plant.truth
     return Sensed(

@@ -151,6 +151,7 @@ def ik(case: IkCase) -> IkRow:
         converged={
             method: int(np.count_nonzero(answer.converged)) for method, answer in answers.items()
         },
+        # Times, and their ratios to those of hybrid.
         solved={name: entry.solved for name, entry in times.items()},
         median=medians,
         p95={name: float(np.quantile(entry.call, 0.95)) for name, entry in times.items()},

@@ -275,6 +275,17 @@ def test_a_histogram_counts_whole_numbers_bins_and_missing_values():
     assert sum(map(int, numbers[1:])) == 6
 
 
+def test_a_histogram_counts_what_is_true():
+    (table,) = summary_of(Page().histogram("good")).tables
+    assert sorted(map(int, table.rows[0][1:])) == [2, 4]
+
+
+def test_a_share_is_among_the_trials_of_rows_that_have_a_value():
+    share = stat("share", lambda row: row["good"], "good", among="tried")
+    rows = [{"good": 8, "tried": 10}, {"good": None, "tried": 10}]
+    assert share.numbers(rows)["of"] == 10
+
+
 def test_bounds_make_it_accepted_or_not():
     within = Page().accept(stat("largest", "reach"), most=7.5)
     assert summary_of(within).accepted
